@@ -1,0 +1,125 @@
+//! Two causes that cannot both be, and the chains of bonds that carried them together.
+
+use super::Cause;
+use super::propagate::Assignment;
+use crate::model::{BondId, ElementId, Kind};
+use bond_grammar::diagnostic::Diagnostic;
+
+/// Where two causes met, each with the bonds that carried it there, nearest first.
+pub(super) struct Conflict {
+    place: Option<ElementId>,
+    chains: Vec<(Vec<BondId>, Cause)>,
+    what: &'static str,
+}
+
+impl Conflict {
+    /// A bond that has a stroke and is asked for the other.
+    pub(super) fn new(a: &Assignment, bond: BondId, cause: Cause) -> Self {
+        let mut first = chain(a, bond);
+        let mut second = (vec![bond], cause);
+        if let Cause::Rule(_, from) = cause {
+            let rest = chain(a, from);
+            second.0.extend(rest.0);
+            second.1 = rest.1;
+        }
+        let place = match cause {
+            Cause::Rule(junction, _) => Some(junction),
+            Cause::Source(_) | Cause::Asserted | Cause::Law(_) | Cause::Hold | Cause::Storage(_) | Cause::Free => {
+                let b = a.model.bond(bond);
+                [b.tail, b.head].into_iter().find(|e| matches!(a.model.element(*e).kind, Kind::Zero | Kind::One | Kind::Tf | Kind::Gy))
+            }
+        };
+        let what = match place.map(|p| a.model.element(p).kind) {
+            Some(Kind::Zero) => "gets two efforts",
+            Some(Kind::One) => "gets two flows",
+            _ => "is asked for both causalities",
+        };
+        first.0.truncate(64);
+        second.0.truncate(64);
+        Self { place, chains: vec![first, second], what }
+    }
+
+    /// A junction that gets its common variable twice.
+    pub(super) fn two_givers(a: &Assignment, junction: ElementId, bond: BondId) -> Self {
+        let kind = a.model.element(junction).kind;
+        let wanted = if kind == Kind::Zero { crate::model::Variable::Flow } else { crate::model::Variable::Effort };
+        let mut chains = Vec::new();
+        for b in a.graph.bonds_of[junction.at()].iter().filter(|b| a.gives(**b, junction) == Some(wanted)) {
+            chains.push(chain(a, *b));
+        }
+        let _ = bond;
+        let what = if kind == Kind::Zero { "gets two efforts" } else { "gets two flows" };
+        Self { place: Some(junction), chains, what }
+    }
+
+    /// A junction all of whose bonds take and none gives.
+    pub(super) fn no_giver(a: &Assignment, junction: ElementId, _: BondId) -> Self {
+        let chains = a.graph.bonds_of[junction.at()].iter().take(8).map(|b| chain(a, *b)).collect();
+        let what = if a.model.element(junction).kind == Kind::Zero {
+            "gets no effort: every bond of it brings a flow"
+        } else {
+            "gets no flow: every bond of it brings an effort"
+        };
+        Self { place: Some(junction), chains, what }
+    }
+
+    /// In words.
+    pub(super) fn diagnose(&self, a: &Assignment) -> Diagnostic {
+        let model = a.model;
+        let origin = |cause: &Cause, bonds: &[BondId]| -> (String, Option<ElementId>) {
+            match cause {
+                Cause::Source(e) | Cause::Law(e) | Cause::Storage(e) => (format!("`{}`", model.element(*e).name), Some(*e)),
+                Cause::Asserted => ("an asserted stroke".into(), None),
+                Cause::Hold => ("a double bar".into(), None),
+                Cause::Free | Cause::Rule(..) => {
+                    (bonds.last().map(|b| format!("the bond {}", model.bond(*b).name)).unwrap_or_default(), None)
+                }
+            }
+        };
+        let first = self.chains.first();
+        let span = self
+            .place
+            .map(|p| model.element(p).span)
+            .or_else(|| first.and_then(|c| c.0.first()).map(|b| model.bond(*b).span))
+            .unwrap_or(model.span);
+        let who = match self.place {
+            Some(p) => format!("`{}`", model.element(p).name),
+            None => first.and_then(|c| c.0.first()).map(|b| format!("the bond {}", model.bond(*b).name)).unwrap_or_default(),
+        };
+        let from: Vec<String> = self.chains.iter().map(|(bonds, cause)| origin(cause, bonds).0).collect();
+        let mut d = Diagnostic::error(
+            "causality::conflict",
+            span,
+            format!("causal conflict: {who} {}, from {}", self.what, from.join(" and from ")),
+        );
+        for (bonds, cause) in &self.chains {
+            let (name, element) = origin(cause, bonds);
+            if let Some(e) = element {
+                d = d.label(model.element(e).span, "is one cause");
+            }
+            for b in bonds.iter().rev() {
+                let stroke = if *cause == Cause::Asserted && Some(b) == bonds.last() { " (its stroke is asserted)" } else { "" };
+                d = d.label(model.bond(*b).span, format!("carries what {name} gives, along {}{stroke}", model.bond(*b).name));
+            }
+        }
+        d.help(match self.place.map(|p| model.element(p).kind) {
+            Some(Kind::Zero) => "take one of them out, or put a 1-junction with an R, or a C, between them: efforts add up there",
+            Some(Kind::One) => "take one of them out, or put a 0-junction with an R, or an I, between them: flows add up there",
+            _ => "take one of them out, or put an R between them",
+        })
+    }
+}
+
+/// The bonds along which the stroke of a bond came, nearest first, and what began it.
+fn chain(a: &Assignment, bond: BondId) -> (Vec<BondId>, Cause) {
+    let (mut bonds, mut at) = (vec![bond], bond);
+    loop {
+        match a.causes[at.at()] {
+            Cause::Rule(_, from) if bonds.len() < 64 => {
+                bonds.push(from);
+                at = from;
+            }
+            cause => return (bonds, cause),
+        }
+    }
+}

@@ -1,0 +1,226 @@
+//! Sequential assignment of causality (SCAP: Karnopp, Margolis, Rosenberg, System Dynamics).
+//!
+//! Order: sources and detectors, asserted strokes, one-way laws, sample-and-hold bonds and open ports, storages in integral
+//! causality, laws that are explicit one way, resistors, and what is left. Each choice is propagated at once through junctions,
+//! TF and GY. Everything runs in declaration order, and the cost is linear in the number of bonds.
+
+mod conflict;
+mod propagate;
+
+use crate::expression::{Pool, Sign};
+use crate::graph::BondGraph;
+use crate::model::{BondId, ElementId, Kind, Law, Model, Resistor, Variable};
+use bond_grammar::ast::Stroke;
+use bond_grammar::diagnostic::Diagnostic;
+use propagate::Assignment;
+
+/// Why a bond has its stroke.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// The element can do no other.
+    Source(ElementId),
+    /// The user asserted it.
+    Asserted,
+    /// The law of a resistor is explicit this way.
+    Law(ElementId),
+    /// A sample-and-hold bond or open port.
+    Hold,
+    /// A storage in integral causality.
+    Storage(ElementId),
+    /// Free to choose.
+    Free,
+    /// The rule of the element, given the stroke of another bond of it.
+    Rule(ElementId, BondId),
+}
+
+/// The causal stroke of every bond. The end with the stroke receives the effort and gives the flow.
+#[derive(Clone, Debug)]
+pub struct Causality {
+    /// By bond.
+    pub strokes: Vec<Stroke>,
+    /// By bond.
+    pub causes: Vec<Cause>,
+    /// Storages in derivative causality, in order of declaration.
+    pub dependent: Vec<ElementId>,
+    /// Resistors whose law runs the other way than causality asks for, so that it is solved.
+    pub implicit: Vec<ElementId>,
+}
+
+impl Causality {
+    /// Whether an end of a bond receives its effort.
+    pub fn receives_effort(&self, model: &Model, bond: BondId, end: ElementId) -> bool {
+        let b = model.bond(bond);
+        match self.strokes[bond.at()] {
+            Stroke::Head => b.head == end,
+            Stroke::Tail => b.tail == end,
+        }
+    }
+
+    /// What the element at an end gives to a bond.
+    pub fn gives(&self, model: &Model, bond: BondId, end: ElementId) -> Variable {
+        if self.receives_effort(model, bond, end) { Variable::Flow } else { Variable::Effort }
+    }
+}
+
+/// What a 1-port element must give, whatever else.
+fn forced(kind: Kind) -> Option<Variable> {
+    match kind {
+        Kind::Se | Kind::Df => Some(Variable::Effort),
+        Kind::Sf | Kind::De => Some(Variable::Flow),
+        Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port => None,
+    }
+}
+
+/// What a storage gives in integral causality.
+pub fn integral(kind: Kind) -> Option<Variable> {
+    match kind {
+        Kind::C => Some(Variable::Effort),
+        Kind::I => Some(Variable::Flow),
+        Kind::Se | Kind::Sf | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::De | Kind::Df | Kind::Port => None,
+    }
+}
+
+/// Whether a law cannot be run backwards: its slope is not seen to be positive everywhere.
+fn one_way(pool: &mut Pool, r: &Resistor) -> bool {
+    let slope = pool.derivative(r.output, r.argument);
+    if pool.sign(slope, &|_| Sign::Unknown) == Sign::Positive {
+        return false;
+    }
+    if pool.symbols(r.output).iter().any(|s| *s != r.argument) {
+        return true;
+    }
+    // Strictly monotone at every point that was tried will do: the solution is checked in each step.
+    let points = [1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6];
+    !points.iter().flat_map(|x| [*x, -*x]).all(|x| {
+        let k = pool.eval(slope, &|_| x);
+        k > 0.0 || k.is_nan() || (k == 0.0 && x.abs() > 1e2)
+    })
+}
+
+/// Assigns causality to every bond.
+///
+/// # Errors
+/// Conflicts, with the chain of bonds, and junctions that nothing determines.
+pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Diagnostic>> {
+    let mut pool = std::mem::take(&mut model.pool);
+    let one_way: Vec<bool> =
+        model.elements.iter().map(|e| matches!(&e.law, Law::Resistor(r) if one_way(&mut pool, r))).collect();
+    model.pool = pool;
+    let model = &*model;
+    let mut a = Assignment::new(model, graph);
+    let mut errors = Vec::new();
+    let one_ports = |kinds: &[Kind]| -> Vec<(ElementId, BondId)> {
+        model
+            .ids()
+            .filter(|(_, e)| kinds.contains(&e.kind))
+            .filter_map(|(id, _)| graph.bonds_of[id.at()].first().map(|b| (id, *b)))
+            .collect()
+    };
+    for (id, bond) in one_ports(&[Kind::Se, Kind::Sf, Kind::De, Kind::Df]) {
+        let Some(gives) = forced(model.element(id).kind) else { continue };
+        if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), Cause::Source(id)) {
+            errors.push(c.diagnose(&a));
+        }
+    }
+    for (i, bond) in model.bonds.iter().enumerate() {
+        let Some(stroke) = bond.stroke else { continue };
+        if let Err(c) = a.attempt(BondId(i as u32), stroke, Cause::Asserted) {
+            errors.push(c.diagnose(&a));
+        }
+    }
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let resistors = one_ports(&[Kind::R]);
+    let law = |id: ElementId| match &model.element(id).law {
+        Law::Resistor(r) => Some(r),
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+    };
+    for &(id, bond) in resistors.iter().filter(|(id, _)| one_way[id.at()]) {
+        if let Some(r) = law(id) {
+            a.prefer(bond, a.stroke_for(bond, id, r.gives), Cause::Law(id));
+        }
+    }
+    let storages = one_ports(&[Kind::C, Kind::I]);
+    for (i, bond) in model.bonds.iter().enumerate() {
+        let id = BondId(i as u32);
+        if bond.sampled && a.strokes[i].is_none() {
+            let holder = holder(model, id);
+            choose(&mut a, model, &storages, id, holder);
+        }
+    }
+    for (id, bond) in one_ports(&[Kind::Port]) {
+        // The outside of an open port is met as a moving thing: it takes an effort and shows a flow.
+        if a.strokes[bond.at()].is_none() {
+            choose(&mut a, model, &storages, bond, model.bond(bond).other(id));
+        }
+    }
+    for &(id, bond) in &storages {
+        if let Some(gives) = integral(model.element(id).kind) {
+            a.prefer(bond, a.stroke_for(bond, id, gives), Cause::Storage(id));
+        }
+    }
+    for linear in [false, true] {
+        for &(id, bond) in &resistors {
+            let Some(r) = law(id).filter(|r| r.linear.is_some() == linear) else { continue };
+            a.prefer(bond, a.stroke_for(bond, id, r.gives), if linear { Cause::Free } else { Cause::Law(id) });
+        }
+    }
+    for i in 0..model.bonds.len() {
+        if a.strokes[i].is_none() {
+            a.prefer(BondId(i as u32), Stroke::Head, Cause::Free);
+        }
+    }
+    errors.extend(a.undetermined());
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let given = |a: &Assignment, id: ElementId, bond: BondId, gives: Variable| a.strokes[bond.at()] == Some(a.stroke_for(bond, id, gives));
+    let dependent = storages
+        .iter()
+        .filter(|(id, bond)| integral(model.element(*id).kind).is_some_and(|g| !given(&a, *id, *bond, g)))
+        .map(|s| s.0)
+        .collect();
+    let implicit = resistors
+        .iter()
+        .filter(|(id, bond)| law(*id).is_some_and(|r| r.linear.is_none() && !given(&a, *id, *bond, r.gives)))
+        .map(|s| s.0)
+        .collect();
+    let strokes = a.strokes.iter().map(|s| s.unwrap_or(Stroke::Head)).collect();
+    Ok(Causality { strokes, causes: a.causes, dependent, implicit })
+}
+
+/// The end of a double bar that holds its variable: the sampled one; of two, the slower; of two alike, the head.
+pub fn holder(model: &Model, bond: BondId) -> ElementId {
+    let b = model.bond(bond);
+    let period = |id: ElementId| model.element(id).sampling.map_or(0.0, |s| model.samplings[s].period);
+    if period(b.tail) > period(b.head) { b.tail } else { b.head }
+}
+
+/// Settles a double bar: the holder gives effort, unless fewer storages are dependent when it gives flow.
+fn choose(a: &mut Assignment, model: &Model, storages: &[(ElementId, BondId)], bond: BondId, holder: ElementId) {
+    let mut best: Option<(usize, Stroke)> = None;
+    for gives in [Variable::Effort, Variable::Flow] {
+        let stroke = a.stroke_for(bond, holder, gives);
+        let mark = a.mark();
+        if a.attempt(bond, stroke, Cause::Hold).is_ok() {
+            let mut lost = 0;
+            for &(id, b) in storages {
+                let Some(gives) = integral(model.element(id).kind) else { continue };
+                let wanted = a.stroke_for(b, id, gives);
+                a.prefer(b, wanted, Cause::Storage(id));
+                lost += usize::from(a.strokes[b.at()] != Some(wanted));
+            }
+            if best.is_none_or(|(n, _)| lost < n) {
+                best = Some((lost, stroke));
+            }
+        }
+        a.undo(mark);
+        if best.is_some_and(|(n, _)| n == 0) {
+            break;
+        }
+    }
+    if let Some((_, stroke)) = best {
+        a.prefer(bond, stroke, Cause::Hold);
+    }
+}

@@ -1,0 +1,206 @@
+//! Strokes as they are assigned, and the rules that carry them on.
+
+use super::conflict::Conflict;
+use super::{Cause, forced};
+use crate::graph::BondGraph;
+use crate::model::{BondId, ElementId, Kind, Model, Variable};
+use bond_grammar::ast::Stroke;
+use bond_grammar::diagnostic::Diagnostic;
+
+/// A partial assignment, with a trail so that attempts can be undone.
+pub(super) struct Assignment<'a> {
+    pub(super) model: &'a Model,
+    pub(super) graph: &'a BondGraph,
+    pub(super) strokes: Vec<Option<Stroke>>,
+    pub(super) causes: Vec<Cause>,
+    /// For each junction the bonds that give it its common variable, counted.
+    giving: Vec<u32>,
+    assigned: Vec<u32>,
+    trail: Vec<BondId>,
+}
+
+impl<'a> Assignment<'a> {
+    pub(super) fn new(model: &'a Model, graph: &'a BondGraph) -> Self {
+        Self {
+            model,
+            graph,
+            strokes: vec![None; model.bonds.len()],
+            causes: vec![Cause::Free; model.bonds.len()],
+            giving: vec![0; model.elements.len()],
+            assigned: vec![0; model.elements.len()],
+            trail: Vec::new(),
+        }
+    }
+
+    /// The stroke with which the element at `end` gives `variable`.
+    pub(super) fn stroke_for(&self, bond: BondId, end: ElementId, variable: Variable) -> Stroke {
+        let head = self.model.bond(bond).head == end;
+        if head == (variable == Variable::Flow) { Stroke::Head } else { Stroke::Tail }
+    }
+
+    /// What the element at `end` gives to an assigned bond.
+    pub(super) fn gives(&self, bond: BondId, end: ElementId) -> Option<Variable> {
+        self.strokes[bond.at()].map(|s| if s == self.stroke_for(bond, end, Variable::Flow) { Variable::Flow } else { Variable::Effort })
+    }
+
+    pub(super) fn mark(&self) -> usize {
+        self.trail.len()
+    }
+
+    pub(super) fn undo(&mut self, mark: usize) {
+        while self.trail.len() > mark {
+            let Some(bond) = self.trail.pop() else { break };
+            self.count(bond, false);
+            self.strokes[bond.at()] = None;
+        }
+    }
+
+    /// Assigns a stroke and all that follows from it; on conflict nothing is changed.
+    pub(super) fn attempt(&mut self, bond: BondId, stroke: Stroke, cause: Cause) -> Result<(), Conflict> {
+        let mark = self.mark();
+        let result = self.assign_all(bond, stroke, cause);
+        if result.is_err() {
+            self.undo(mark);
+        }
+        result
+    }
+
+    /// Assigns a stroke if the bond is free and this leads to no conflict; else the other one, if that does not either.
+    pub(super) fn prefer(&mut self, bond: BondId, stroke: Stroke, cause: Cause) {
+        if self.strokes[bond.at()].is_none() && self.attempt(bond, stroke, cause).is_err() {
+            let other = match stroke {
+                Stroke::Head => Stroke::Tail,
+                Stroke::Tail => Stroke::Head,
+            };
+            let _ = self.attempt(bond, other, Cause::Free);
+        }
+    }
+
+    fn assign_all(&mut self, bond: BondId, stroke: Stroke, cause: Cause) -> Result<(), Conflict> {
+        let mut queue = std::collections::VecDeque::from([(bond, stroke, cause)]);
+        while let Some((bond, stroke, cause)) = queue.pop_front() {
+            match self.strokes[bond.at()] {
+                Some(s) if s == stroke => continue,
+                Some(_) => return Err(Conflict::new(self, bond, cause)),
+                None => {}
+            }
+            self.strokes[bond.at()] = Some(stroke);
+            self.causes[bond.at()] = cause;
+            self.trail.push(bond);
+            self.count(bond, true);
+            let b = self.model.bond(bond);
+            for end in [b.tail, b.head] {
+                self.follow(end, bond, &mut queue)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What a bond into a junction may give it: the common variable.
+    fn common(kind: Kind) -> Option<Variable> {
+        match kind {
+            Kind::Zero => Some(Variable::Effort),
+            Kind::One => Some(Variable::Flow),
+            Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df | Kind::Port => None,
+        }
+    }
+
+    /// Whether a bond gives its end, a junction, the common variable: the junction itself then gives the other one.
+    fn is_giver(&self, bond: BondId, junction: ElementId) -> bool {
+        let common = Self::common(self.model.element(junction).kind);
+        common.is_some() && self.gives(bond, junction) == common.map(Variable::other)
+    }
+
+    fn count(&mut self, bond: BondId, up: bool) {
+        let b = self.model.bond(bond);
+        for end in [b.tail, b.head] {
+            let giver = u32::from(self.is_giver(bond, end));
+            let (g, n) = (&mut self.giving[end.at()], &mut self.assigned[end.at()]);
+            if up {
+                *g += giver;
+                *n += 1;
+            } else {
+                *g -= giver;
+                *n -= 1;
+            }
+        }
+    }
+
+    /// The rule of the element at `end`, after `bond` got its stroke.
+    fn follow(&self, end: ElementId, bond: BondId, queue: &mut std::collections::VecDeque<(BondId, Stroke, Cause)>) -> Result<(), Conflict> {
+        let bonds = &self.graph.bonds_of[end.at()];
+        let kind = self.model.element(end).kind;
+        let given = self.gives(bond, end);
+        match kind {
+            Kind::Zero | Kind::One => {
+                let Some(common) = Self::common(kind) else { return Ok(()) };
+                let giving = self.giving[end.at()];
+                if giving > 1 {
+                    return Err(Conflict::two_givers(self, end, bond));
+                }
+                let missing = bonds.len() as u32 - self.assigned[end.at()];
+                if self.is_giver(bond, end) {
+                    for &other in bonds.iter().filter(|b| self.strokes[b.at()].is_none()) {
+                        queue.push_back((other, self.stroke_for(other, end, common), Cause::Rule(end, bond)));
+                    }
+                } else if giving == 0 && missing == 1 {
+                    for &other in bonds.iter().filter(|b| self.strokes[b.at()].is_none()) {
+                        queue.push_back((other, self.stroke_for(other, end, common.other()), Cause::Rule(end, bond)));
+                    }
+                } else if giving == 0 && missing == 0 {
+                    return Err(Conflict::no_giver(self, end, bond));
+                }
+            }
+            Kind::Tf | Kind::Gy => {
+                let Some(&other) = bonds.iter().find(|b| **b != bond) else { return Ok(()) };
+                let Some(given) = given else { return Ok(()) };
+                let gives = if kind == Kind::Tf { given.other() } else { given };
+                queue.push_back((other, self.stroke_for(other, end, gives), Cause::Rule(end, bond)));
+            }
+            Kind::Se | Kind::Sf | Kind::De | Kind::Df => {
+                if given != forced(kind) {
+                    return Err(Conflict::new(self, bond, Cause::Source(end)));
+                }
+            }
+            Kind::C | Kind::I | Kind::R | Kind::Port => {}
+        }
+        Ok(())
+    }
+
+    /// Junctions that no bond gives their common variable, and bonds that no choice fitted.
+    pub(super) fn undetermined(&self) -> Vec<Diagnostic> {
+        let mut errors = Vec::new();
+        for (id, e) in self.model.ids() {
+            let bonds = &self.graph.bonds_of[id.at()];
+            let free: Vec<BondId> = bonds.iter().copied().filter(|b| self.strokes[b.at()].is_none()).collect();
+            let lacks = Self::common(e.kind).filter(|_| self.giving[id.at()] == 0);
+            if let Some(common) = lacks {
+                let what = if common == Variable::Effort { "effort" } else { "flow" };
+                let list: Vec<&str> = if free.is_empty() { bonds } else { &free }.iter().map(|b| self.model.bond(*b).name.as_str()).collect();
+                let mut error = Diagnostic::error(
+                    "causality::undetermined",
+                    e.span,
+                    format!("the graph is not determined: nothing gives the {what} of `{}`", e.name),
+                );
+                for b in bonds {
+                    error = error.label(self.model.bond(*b).span, format!("is the bond {}", self.model.bond(*b).name));
+                }
+                errors.push(error.help(format!(
+                    "the bonds {} leave it free; bond an element that gives {what}, such as a {}",
+                    list.join(", "),
+                    if common == Variable::Effort { "C or R" } else { "I or R" }
+                )));
+            }
+        }
+        if errors.is_empty() {
+            for (i, bond) in self.model.bonds.iter().enumerate().filter(|(i, _)| self.strokes[*i].is_none()) {
+                let _ = i;
+                errors.push(
+                    Diagnostic::error("causality::undetermined", bond.span, format!("the graph is not determined: the bond {} is free", bond.name))
+                        .help("no causal stroke fits it; check the elements at its ends"),
+                );
+            }
+        }
+        errors
+    }
+}

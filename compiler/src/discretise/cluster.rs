@@ -1,0 +1,480 @@
+//! A cluster in the making: regions that step as one, and everything about them as expressions.
+
+use super::{Method, exact, explicit, gonzalez, hold, instant, is_time, ray, unfit};
+use crate::expression::{Expr, Pool, Symbol};
+use crate::graph::RegionId;
+use crate::model::{Hold, Model, Signal};
+use crate::structure::{ColumnId, Form, Output, Role};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir::{Builder, Program};
+use bond_runtime::scene::{self, Entries};
+use petgraph::Graph;
+use petgraph::graph::NodeIndex;
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// An energy state.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    pub(super) symbol: Symbol,
+    pub(super) name: String,
+    pub(super) column: ColumnId,
+    pub(super) initial: f64,
+    /// dx/dt in terms of outputs.
+    pub(super) rate: Expr,
+}
+
+/// Storages with one energy; states by their place in the cluster.
+#[derive(Clone, Debug)]
+pub(super) struct Group {
+    pub(super) region: RegionId,
+    pub(super) states: Vec<usize>,
+    pub(super) energy: Expr,
+    pub(super) coenergy: Vec<Expr>,
+}
+
+/// A source or resistor: an output that is computed.
+#[derive(Clone, Debug)]
+pub(super) struct Node {
+    pub(super) column: ColumnId,
+    pub(super) out: Symbol,
+    pub(super) how: Output,
+    pub(super) is_source: bool,
+}
+
+/// An integral of a probe.
+#[derive(Clone, Debug)]
+pub(super) struct Integral {
+    pub(super) symbol: Symbol,
+    pub(super) rate: Expr,
+    pub(super) start: f64,
+}
+
+/// Regions that step as one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Cluster {
+    pub(super) regions: Vec<RegionId>,
+    pub(super) sampling: Option<usize>,
+    pub(super) states: Vec<State>,
+    pub(super) groups: Vec<Group>,
+    pub(super) integrals: Vec<Integral>,
+    /// Sources and resistors, those first on which others depend.
+    pub(super) nodes: Vec<Node>,
+    /// Outputs that an iteration has to find, in order.
+    pub(super) loops: Vec<Symbol>,
+    /// Double bars and open ports.
+    pub(super) ports: Vec<ColumnId>,
+    /// Signals of other clusters.
+    pub(super) foreign: Vec<Symbol>,
+    pub(super) time: Option<Symbol>,
+    pub(super) h: Option<Symbol>,
+    /// Change of each state over a step.
+    pub(super) delta: Vec<Symbol>,
+}
+
+/// The input of a column as an expression of outputs.
+pub(super) fn input(pool: &mut Pool, form: &Form, column: ColumnId) -> Expr {
+    let terms: Vec<Expr> = form
+        .column(column)
+        .row
+        .iter()
+        .map(|(j, k)| {
+            let z = pool.var(form.column(*j).out);
+            pool.mul(*k, z)
+        })
+        .collect();
+    pool.sum(&terms)
+}
+
+/// All clusters: sampled regions alone, continuous ones with those whose signals they read or that read theirs.
+pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
+    let mut owner: FxHashMap<Symbol, usize> = FxHashMap::default();
+    for (i, r) in form.regions.iter().enumerate() {
+        owner.extend(r.states.iter().map(|s| (s.symbol, i)));
+    }
+    owner.extend(form.columns.iter().map(|c| (c.out, c.region.at())));
+    let continuous = |i: usize| form.regions[i].sampling.is_none();
+    let mut sets = petgraph::unionfind::UnionFind::<usize>::new(form.regions.len());
+    let mut pool = std::mem::take(&mut model.pool);
+    for (i, r) in form.regions.iter().enumerate().filter(|(i, _)| continuous(*i)) {
+        let mut read: Vec<Expr> = Vec::new();
+        for (_, how) in &r.resistors {
+            let (Output::Explicit(e) | Output::Implicit(e)) = how;
+            read.push(*e);
+        }
+        for c in form.columns.iter().filter(|c| c.region.at() == i) {
+            read.extend(c.row.iter().map(|t| t.1));
+            if let Role::Source(v) = c.role {
+                read.push(v);
+            }
+        }
+        for e in read {
+            for s in pool.symbols(e) {
+                if let Some(&j) = owner.get(&s)
+                    && continuous(j)
+                {
+                    sets.union(i, j);
+                }
+            }
+        }
+    }
+    // An integral belongs with the regions it reads.
+    let mut homes: Vec<usize> = Vec::new();
+    for &e in &form.integrals {
+        let mut read: Vec<usize> = pool.symbols(e).iter().filter_map(|s| owner.get(s).copied()).collect();
+        read.sort_unstable();
+        let home = read.iter().copied().find(|r| continuous(*r)).or(read.first().copied());
+        let home = home.or_else(|| (0..form.regions.len()).find(|r| continuous(*r))).unwrap_or(0);
+        for r in read {
+            if continuous(r) && continuous(home) {
+                sets.union(r, home);
+            }
+        }
+        homes.push(home);
+    }
+    let mut clusters: Vec<(usize, Cluster)> = Vec::new();
+    for i in 0..form.regions.len() {
+        let root = sets.find(i);
+        let at = match clusters.iter().position(|c| c.0 == root) {
+            Some(at) => at,
+            None => {
+                clusters.push((root, Cluster { sampling: form.regions[i].sampling, ..Cluster::default() }));
+                clusters.len() - 1
+            }
+        };
+        let c = &mut clusters[at].1;
+        c.regions.push(RegionId(i as u32));
+        c.add(&mut pool, form, i);
+    }
+    for (i, &home) in homes.iter().enumerate() {
+        let root = sets.find(home);
+        if let Some((_, c)) = clusters.iter_mut().find(|c| c.0 == root) {
+            let integral = &model.integrals[i];
+            c.integrals.push(Integral { symbol: integral.symbol, rate: form.integrals[i], start: integral.start });
+        }
+    }
+    let mut clusters: Vec<Cluster> = clusters.into_iter().map(|c| c.1).collect();
+    let time = model.signals.iter().find(|(_, s)| **s == Signal::Time).map(|s| *s.0);
+    for c in &mut clusters {
+        c.time = Some(time.unwrap_or_else(|| pool.symbol("t")));
+        c.h = Some(pool.symbol("h"));
+        c.delta = c.states.iter().map(|s| pool.symbol(&format!("d({})", s.name))).collect();
+        c.order(&pool);
+    }
+    model.pool = pool;
+    for c in &mut clusters {
+        c.find_foreign(model, form);
+    }
+    clusters
+}
+
+impl Cluster {
+    fn add(&mut self, pool: &mut Pool, form: &Form, region: usize) {
+        let r = &form.regions[region];
+        let base = self.states.len();
+        for s in &r.states {
+            let rate = input(pool, form, s.column);
+            self.states.push(State { symbol: s.symbol, name: s.name.clone(), column: s.column, initial: s.initial, rate });
+        }
+        for g in &r.groups {
+            self.groups.push(Group {
+                region: RegionId(region as u32),
+                states: g.states.iter().map(|s| base + s).collect(),
+                energy: g.energy,
+                coenergy: g.coenergy.clone(),
+            });
+        }
+        for &c in &r.inputs {
+            match form.column(c).role {
+                Role::Source(v) => {
+                    self.nodes.push(Node { column: c, out: form.column(c).out, how: Output::Explicit(v), is_source: true });
+                }
+                Role::Bar | Role::Open(_) => self.ports.push(c),
+                Role::Storage | Role::Resistor | Role::Dependent => {}
+            }
+        }
+        for (c, how) in &r.resistors {
+            self.nodes.push(Node { column: *c, out: form.column(*c).out, how: *how, is_source: false });
+        }
+    }
+
+    /// Sorts the nodes, and finds those that form loops.
+    fn order(&mut self, pool: &Pool) {
+        let index: FxHashMap<Symbol, usize> = self.nodes.iter().enumerate().map(|(i, n)| (n.out, i)).collect();
+        let mut graph: Graph<(), ()> = Graph::new();
+        for _ in &self.nodes {
+            graph.add_node(());
+        }
+        let mut own = vec![false; self.nodes.len()];
+        for (i, n) in self.nodes.iter().enumerate() {
+            let (Output::Explicit(e) | Output::Implicit(e)) = n.how;
+            for s in pool.symbols(e) {
+                if let Some(&j) = index.get(&s) {
+                    graph.add_edge(NodeIndex::new(i), NodeIndex::new(j), ());
+                    own[i] |= i == j;
+                }
+            }
+        }
+        let mut order = Vec::new();
+        let mut looped = vec![false; self.nodes.len()];
+        for component in petgraph::algo::kosaraju_scc(&graph) {
+            let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
+            members.sort_unstable();
+            for &m in &members {
+                looped[m] = members.len() > 1 || own[m] || matches!(self.nodes[m].how, Output::Implicit(_));
+            }
+            order.extend(members);
+        }
+        self.loops = order.iter().filter(|i| looped[**i]).map(|i| self.nodes[*i].out).collect();
+        self.nodes = order.iter().map(|i| self.nodes[*i].clone()).collect();
+    }
+
+    fn all_expressions(&self) -> Vec<Expr> {
+        let mut all: Vec<Expr> = self.states.iter().map(|s| s.rate).collect();
+        for n in &self.nodes {
+            let (Output::Explicit(e) | Output::Implicit(e)) = n.how;
+            all.push(e);
+        }
+        all.extend(self.integrals.iter().map(|i| i.rate));
+        all
+    }
+
+    /// Symbols that this cluster has values for.
+    pub(super) fn owned(&self, form: &Form) -> Vec<Symbol> {
+        let states = self.states.iter().flat_map(|s| [s.symbol, form.column(s.column).out]);
+        let ports = self.ports.iter().map(|c| form.column(*c).out);
+        states.chain(self.nodes.iter().map(|n| n.out)).chain(ports).chain(self.integrals.iter().map(|i| i.symbol)).collect()
+    }
+
+    fn find_foreign(&mut self, model: &mut Model, form: &Form) {
+        let own: FxHashSet<Symbol> = self.owned(form).into_iter().collect();
+        let mut all = self.all_expressions();
+        let columns: Vec<ColumnId> = self.nodes.iter().map(|n| n.column).chain(self.ports.iter().copied()).collect();
+        for c in columns {
+            all.push(input(&mut model.pool, form, c));
+        }
+        let mut foreign: Vec<Symbol> = Vec::new();
+        for e in all {
+            for s in model.pool.symbols(e) {
+                if !own.contains(&s) && !is_time(model, s) && !foreign.contains(&s) {
+                    foreign.push(s);
+                }
+            }
+        }
+        self.foreign = foreign;
+    }
+
+    /// Expressions of all outputs in terms of states, ports, time, foreign signals and loops. `start` says what the states and
+    /// the storages' outputs are; it may move time.
+    pub(super) fn flat(&self, pool: &mut Pool, mut map: FxHashMap<Symbol, Expr>) -> FxHashMap<Symbol, Expr> {
+        for n in &self.nodes {
+            if self.loops.contains(&n.out) {
+                continue;
+            }
+            if let Output::Explicit(e) = n.how {
+                let value = pool.substitute(e, &map);
+                map.insert(n.out, value);
+            }
+        }
+        map
+    }
+
+    /// The map for [`Self::flat`] at one instant: co-energies at the states.
+    pub(super) fn at_instant(&self, form: &Form) -> FxHashMap<Symbol, Expr> {
+        let mut map = FxHashMap::default();
+        for g in &self.groups {
+            for (s, z) in g.states.iter().zip(&g.coenergy) {
+                map.insert(form.column(self.states[*s].column).out, *z);
+            }
+        }
+        map
+    }
+
+    /// Residuals of the loops, in order, in terms of outputs.
+    pub(super) fn loop_residuals(&self, pool: &mut Pool) -> Vec<Expr> {
+        self.loops
+            .iter()
+            .filter_map(|z| self.nodes.iter().find(|n| n.out == *z))
+            .map(|n| match n.how {
+                Output::Implicit(e) => e,
+                Output::Explicit(e) => {
+                    let z = pool.var(n.out);
+                    pool.sub(z, e)
+                }
+            })
+            .collect()
+    }
+
+    /// H of a region of the cluster.
+    pub(super) fn energy(&self, pool: &mut Pool, region: RegionId) -> Expr {
+        let terms: Vec<Expr> = self.groups.iter().filter(|g| g.region == region).map(|g| g.energy).collect();
+        pool.sum(&terms)
+    }
+
+    /// The finished cluster.
+    pub(super) fn build(
+        &mut self,
+        model: &mut Model,
+        form: &Form,
+        method: Option<Method>,
+        shows: &[Symbol],
+        foreign: Vec<(usize, usize)>,
+    ) -> Result<scene::Cluster, Vec<Diagnostic>> {
+        let sampling = self.sampling.map(|s| model.samplings[s].clone());
+        let mut own = None;
+        if let Some(name) = sampling.as_ref().and_then(|s| s.method.as_ref()) {
+            own = Some(Method::named(name).ok_or_else(|| unknown_method(name, sampling.as_ref().map_or(model.span, |s| s.span)))?);
+        }
+        let (step, entries, is_linear) = match &sampling {
+            None => {
+                let wanted = method.filter(|m| *m != Method::Ray);
+                let (step, entries) = match wanted {
+                    None => match exact::write(self, model, form)? {
+                        Some(found) => found,
+                        None => gonzalez::write(self, model, form)?,
+                    },
+                    Some(Method::Exact) => exact::write(self, model, form)?
+                        .ok_or_else(|| unfit(model, self, form, Method::Exact, "it is not linear with a quadratic energy, or too large"))?,
+                    Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
+                    Some(m @ (Method::Euler | Method::Rk4)) => explicit::write(self, model, form, m)?,
+                    Some(Method::Ray) => gonzalez::write(self, model, form)?,
+                };
+                let is_linear = step.linear.is_some();
+                (step, entries, is_linear)
+            }
+            Some(_) => {
+                let wanted = own.or(method.filter(|m| *m == Method::Ray));
+                let (step, entries) = match wanted {
+                    None | Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
+                    Some(Method::Ray) => ray::write(self, model, form)?,
+                    Some(m @ (Method::Exact | Method::Euler | Method::Rk4)) => {
+                        return Err(unfit(model, self, form, m, "a sampled region takes `gonzalez` or `ray`"));
+                    }
+                };
+                (step, entries, false)
+            }
+        };
+        let is_ray = step.name == "ray";
+        let holds = hold::held_ports(self, form);
+        let hold = match &sampling {
+            Some(s) if is_ray && !s.hold_given => Some(Hold::Lagged),
+            Some(s) => Some(s.hold),
+            None => None,
+        };
+        let respond = match hold {
+            Some(hold) => hold::write(self, model, form, hold, &holds, is_ray)?,
+            None => None,
+        };
+        let (instant, layout) = instant::write(self, model, form, shows)?;
+        let ports = self
+            .ports
+            .iter()
+            .enumerate()
+            .map(|(i, c)| scene::Port {
+                name: form.column(*c).name.clone(),
+                region: form.column(*c).region.at(),
+                input: 2 + i,
+                mean: i,
+                instant: layout.ports + i,
+            })
+            .collect();
+        let mut initial: Vec<f64> = self.states.iter().map(|s| s.initial).collect();
+        initial.extend(self.integrals.iter().map(|i| i.start));
+        initial.extend(self.loops.iter().map(|_| 0.0));
+        let mut names: Vec<String> = self.states.iter().map(|s| s.name.clone()).collect();
+        names.extend(self.integrals.iter().map(|i| model.pool.name(i.symbol).to_string()));
+        names.extend(self.loops.iter().map(|z| model.pool.name(*z).to_string()));
+        Ok(scene::Cluster {
+            period: sampling.as_ref().map(|s| s.period),
+            hold: hold.map_or("", Hold::name),
+            budget: sampling.as_ref().is_some_and(|s| s.budget),
+            states: self.states.len(),
+            integrals: self.integrals.len(),
+            guesses: self.loops.len(),
+            initial,
+            names,
+            step,
+            respond,
+            instant,
+            energies: self.regions.iter().enumerate().map(|(i, r)| (r.at(), layout.energies + i)).collect(),
+            curvatures: (0..self.states.len()).map(|i| layout.curvatures + i).collect(),
+            ports,
+            holds,
+            foreign,
+            foreign_at: 2 + self.ports.len(),
+            entries,
+            is_linear,
+        })
+    }
+
+    /// Names of the ledger's entries, with the outputs reserved in a builder: means first, then for each region H, sources and
+    /// ports, resistors.
+    pub(super) fn reserve(&self, b: &mut Builder, form: &Form) -> Vec<Entries> {
+        use bond_runtime::ir::Array;
+        for c in &self.ports {
+            b.named(Array::Output, format!("mean({})", form.column(*c).name));
+        }
+        let mut list = Vec::new();
+        for r in &self.regions {
+            let name = &form.regions[r.at()].name;
+            let mut e = Entries { region: r.at(), ..Entries::default() };
+            e.energy = b.named(Array::Output, format!("H({name})")).index as usize;
+            let here = |c: &ColumnId| form.column(*c).region == *r;
+            let sources = self.nodes.iter().filter(|n| n.is_source).map(|n| n.column);
+            let mut inputs: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
+            inputs.sort_unstable();
+            for c in inputs {
+                let name = form.column(c).name.clone();
+                let slot = b.named(Array::Output, format!("supplied({name})"));
+                e.supplied.push((name, slot.index as usize));
+            }
+            let mut resistors: Vec<ColumnId> = self.nodes.iter().filter(|n| !n.is_source).map(|n| n.column).filter(here).collect();
+            resistors.sort_unstable();
+            for c in resistors {
+                let name = form.column(c).name.clone();
+                let slot = b.named(Array::Output, format!("dissipated({name})"));
+                e.dissipated.push((name, slot.index as usize));
+            }
+            list.push(e);
+        }
+        list
+    }
+
+    /// The columns of a region's entries, in the order in which [`Self::reserve`] lists them.
+    pub(super) fn entry_columns(&self, form: &Form, region: usize) -> (Vec<ColumnId>, Vec<ColumnId>) {
+        let here = |c: &ColumnId| form.column(*c).region.at() == region;
+        let sources = self.nodes.iter().filter(|n| n.is_source).map(|n| n.column);
+        let mut inputs: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
+        inputs.sort_unstable();
+        let mut resistors: Vec<ColumnId> = self.nodes.iter().filter(|n| !n.is_source).map(|n| n.column).filter(here).collect();
+        resistors.sort_unstable();
+        (inputs, resistors)
+    }
+
+    /// Name of the cluster's programs.
+    pub(super) fn title(&self, form: &Form, what: &str) -> String {
+        let names: Vec<&str> = self.regions.iter().take(3).map(|r| form.regions[r.at()].name.as_str()).collect();
+        format!("{what} of {}{}", names.join(", "), if self.regions.len() > 3 { ", ..." } else { "" })
+    }
+}
+
+pub(super) fn unknown_method(name: &str, span: bond_grammar::source::Span) -> Vec<Diagnostic> {
+    let known: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
+    let e = Diagnostic::error("discretise::method", span, format!("unknown method `{name}`"));
+    vec![match crate::elaborate::nearest(name, known.iter().copied()) {
+        Some(n) => e.help(format!("did you mean `{n}`?")),
+        None => e.help(format!("the methods are {}", known.join(", "))),
+    }]
+}
+
+/// An expression that a program could not be written for: a symbol without value. That is a mistake of this crate's.
+pub(super) fn missing(model: &Model, s: Symbol) -> Vec<Diagnostic> {
+    vec![Diagnostic::error("discretise::internal", model.span, format!("`{}` has no value in the step; please report this model", model.pool.name(s)))]
+}
+
+/// Checks a program before it leaves.
+pub(super) fn verified(model: &Model, program: Program) -> Result<Program, Vec<Diagnostic>> {
+    match program.verify() {
+        Ok(()) => Ok(program),
+        Err(e) => Err(vec![Diagnostic::error("discretise::internal", model.span, format!("the program `{}` is not sound: {e}; please report this model", program.name))]),
+    }
+}

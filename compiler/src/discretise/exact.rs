@@ -1,0 +1,559 @@
+//! The exact step of a linear cluster: the matrix exponential, inputs held, energies integrated exactly.
+//!
+//! With w = (x, xi), where xi are what drives the sources (constants, powers of t, sines, exponentials; anything else as its
+//! cubic through four Gauss nodes of the step), dw/dt = A w; x+ = E w, means and energies are linear and quadratic forms in w.
+
+use super::cluster::{Cluster, missing, verified};
+use super::write;
+use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
+use crate::model::Model;
+use crate::structure::{ColumnId, Form, Output, gain};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::exponential::{Layout, Linear};
+use bond_runtime::ir::{Array, Builder, Inst, Slot, Unary};
+use bond_runtime::scene::{Entries, Stepper};
+use nalgebra::{DMatrix, DVector};
+use rustc_hash::FxHashMap;
+
+/// Largest number of states and drives.
+const LARGEST: usize = 128;
+
+/// Something that drives, as a state of its own.
+#[derive(Clone, Debug, PartialEq)]
+enum Drive {
+    /// 1
+    One,
+    /// Held over the step: a port's variable or an expression without time.
+    Held(Expr),
+    /// sin or cos (true: cos) of `rate t + phase`
+    Wave(f64, f64, bool),
+    /// exp(rate t + phase)
+    Growth(f64, f64),
+    /// t^n
+    Power(u32),
+    /// The k-th derivative at the start of the step of the cubic through an expression.
+    Cubic(Expr, u32),
+}
+
+/// Nodes of the Gauss-Legendre rule of four points on [0, 1].
+const NODES: [f64; 4] = [0.069_431_844_202_973_71, 0.330_009_478_207_571_87, 0.669_990_521_792_428_1, 0.930_568_155_797_026_3];
+
+struct System {
+    n: usize,
+    drives: Vec<Drive>,
+    /// Coefficients of each drive's derivative.
+    moves: Vec<Vec<(usize, f64)>>,
+}
+
+impl System {
+    fn drive(&mut self, d: Drive) -> usize {
+        if let Some(i) = self.drives.iter().position(|x| *x == d) {
+            return i;
+        }
+        let i = self.drives.len();
+        self.drives.push(d.clone());
+        self.moves.push(Vec::new());
+        let moves = match d {
+            Drive::One | Drive::Held(_) => vec![],
+            Drive::Wave(rate, phase, cos) => {
+                let other = self.drive(Drive::Wave(rate, phase, !cos));
+                vec![(other, if cos { -rate } else { rate })]
+            }
+            Drive::Growth(rate, _) => vec![(i, rate)],
+            Drive::Power(0) => vec![],
+            Drive::Power(k) => {
+                let lower = if k == 1 { self.drive(Drive::One) } else { self.drive(Drive::Power(k - 1)) };
+                vec![(lower, f64::from(k))]
+            }
+            Drive::Cubic(_, 3) => vec![],
+            Drive::Cubic(e, k) => {
+                let next = self.drive(Drive::Cubic(e, k + 1));
+                vec![(next, 1.0)]
+            }
+        };
+        self.moves[i] = moves;
+        i
+    }
+
+    /// A source's value as a combination of drives.
+    fn source(&mut self, pool: &mut Pool, value: Expr, time: Symbol) -> Vec<(usize, f64)> {
+        if !pool.contains(value, time) {
+            return match pool.constant(value) {
+                Some(x) => vec![(self.drive(Drive::One), x)],
+                None => vec![(self.drive(Drive::Held(value)), 1.0)],
+            };
+        }
+        let before = (self.drives.len(), self.drives.clone(), self.moves.clone());
+        if let Some(found) = self.terms(pool, value, time) {
+            return found;
+        }
+        (self.drives, self.moves) = (before.1, before.2);
+        vec![(self.drive(Drive::Cubic(value, 0)), 1.0)]
+    }
+
+    fn terms(&mut self, pool: &mut Pool, value: Expr, time: Symbol) -> Option<Vec<(usize, f64)>> {
+        if let Some(x) = pool.constant(value) {
+            return Some(vec![(self.drive(Drive::One), x)]);
+        }
+        match pool.node(value).clone() {
+            Node::Sum(constant, pairs) => {
+                let mut all = Vec::new();
+                if !constant.is_zero() {
+                    all.push((self.drive(Drive::One), constant.to_f64()));
+                }
+                for &(e, k) in pairs.iter() {
+                    all.extend(self.terms(pool, e, time)?.into_iter().map(|(d, c)| (d, c * k.to_f64())));
+                }
+                Some(all)
+            }
+            Node::Product(k, pairs) => {
+                let mut factor = k.to_f64();
+                let mut moving: Option<(Expr, Number)> = None;
+                for &(e, n) in pairs.iter() {
+                    match pool.constant(e) {
+                        Some(x) => factor *= pool_pow(x, n),
+                        None if moving.is_none() => moving = Some((e, n)),
+                        None => return None,
+                    }
+                }
+                let (e, n) = moving?;
+                let found = match n.integer() {
+                    Some(1) => self.terms_of_factor(pool, e, time)?,
+                    Some(n) if (2..=6).contains(&n) && matches!(pool.node(e), Node::Symbol(s) if *s == time) => {
+                        vec![(self.drive(Drive::Power(n as u32)), 1.0)]
+                    }
+                    _ => return None,
+                };
+                Some(found.into_iter().map(|(d, c)| (d, c * factor)).collect())
+            }
+            Node::Number(_) | Node::Symbol(_) | Node::Power(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => {
+                self.terms_of_factor(pool, value, time)
+            }
+        }
+    }
+
+    fn terms_of_factor(&mut self, pool: &mut Pool, e: Expr, time: Symbol) -> Option<Vec<(usize, f64)>> {
+        match pool.node(e).clone() {
+            Node::Symbol(s) if s == time => Some(vec![(self.drive(Drive::Power(1)), 1.0)]),
+            Node::Unary(f @ (Unary::Sin | Unary::Cos | Unary::Exp), arg) => {
+                let (rate, phase) = pool.linear(arg, time)?;
+                let (rate, phase) = (pool.constant(rate)?, pool.constant(phase)?);
+                let drive = match f {
+                    Unary::Exp => Drive::Growth(rate, phase),
+                    _ => Drive::Wave(rate, phase, f == Unary::Cos),
+                };
+                Some(vec![(self.drive(drive), 1.0)])
+            }
+            Node::Sum(..) | Node::Product(..) => self.terms(pool, e, time),
+            Node::Number(_) | Node::Symbol(_) | Node::Power(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => None,
+        }
+    }
+}
+
+fn pool_pow(x: f64, n: Number) -> f64 {
+    match n.integer() {
+        Some(i) if i.unsigned_abs() < 64 => x.powi(i as i32),
+        _ => x.powf(n.to_f64()),
+    }
+}
+
+/// Rows over w of everything in a linear cluster.
+struct Rows {
+    linear: Linear,
+    system: System,
+    /// Rows of outputs' and inputs' columns.
+    outputs: FxHashMap<Symbol, Vec<f64>>,
+    inputs: FxHashMap<ColumnId, Vec<f64>>,
+    /// Each integral: row of its linear part, or the full form.
+    integrals: Vec<Result<Vec<f64>, Vec<f64>>>,
+}
+
+/// The numeric rows; `None` where the cluster is not linear or too large.
+fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
+    let time = c.time?;
+    let n = c.states.len();
+    if n > LARGEST {
+        return None;
+    }
+    let state_symbols: Vec<Symbol> = c.states.iter().map(|s| s.symbol).collect();
+    let mut system = System { n, drives: Vec::new(), moves: Vec::new() };
+    // Each output as a sparse row: states by index, drives by n + index.
+    let mut sparse: FxHashMap<Symbol, Vec<(usize, f64)>> = FxHashMap::default();
+    for g in &c.groups {
+        for (s, z) in g.states.iter().zip(&g.coenergy) {
+            let (linear, rest) = model.pool.affine(*z, &state_symbols)?;
+            let mut row = linear.into_iter().map(|(i, k)| Some((i, model.pool.constant(k)?))).collect::<Option<Vec<_>>>()?;
+            let rest = model.pool.constant(rest)?;
+            if rest != 0.0 {
+                row.push((n + system.drive(Drive::One), rest));
+            }
+            // An energy with a kink may have an affine slope in each piece; `affine` refuses those.
+            sparse.insert(form.column(c.states[*s].column).out, row);
+        }
+    }
+    for p in &c.ports {
+        let v = model.pool.var(form.column(*p).out);
+        let d = system.drive(Drive::Held(v));
+        sparse.insert(form.column(*p).out, vec![(n + d, 1.0)]);
+    }
+    let mut resistors: Vec<(Symbol, Expr)> = Vec::new();
+    for node in &c.nodes {
+        let Output::Explicit(e) = node.how else { return None };
+        if node.is_source {
+            let mut symbols = model.pool.symbols(e);
+            symbols.retain(|s| *s != time && !c.foreign.contains(s));
+            if !symbols.is_empty() {
+                return None;
+            }
+            let row = system.source(&mut model.pool, e, time);
+            sparse.insert(node.out, row.into_iter().map(|(d, k)| (n + d, k)).collect());
+        } else {
+            let g = gain(model, form, node.column, node.how)?;
+            model.pool.constant(g)?;
+            resistors.push((node.out, e));
+        }
+    }
+    // The integrals may need drives of their own, so that the sizes are known only after them.
+    let mut rates = Vec::new();
+    let all: Vec<Symbol> = sparse
+        .keys()
+        .copied()
+        .chain(resistors.iter().map(|r| r.0))
+        .chain(state_symbols.iter().copied())
+        .chain([time])
+        .collect();
+    let mut all = all;
+    all.sort_unstable();
+    for i in &c.integrals {
+        let (square, linear, constant) = model.pool.quadratic(i.rate, &all)?;
+        for s in square.iter().flat_map(|t| [t.0, t.1]).chain(linear.iter().map(|t| t.0)) {
+            if all[s] == time {
+                system.drive(Drive::Power(1));
+            }
+        }
+        let number = |k: &Expr| model.pool.constant(*k);
+        let square = square.iter().map(|(a, b, k)| Some((all[*a], all[*b], number(k)?))).collect::<Option<Vec<_>>>()?;
+        let linear = linear.iter().map(|(a, k)| Some((all[*a], number(k)?))).collect::<Option<Vec<_>>>()?;
+        let constant = number(&constant)?;
+        if constant != 0.0 || !square.is_empty() {
+            system.drive(Drive::One);
+        }
+        rates.push((square, linear, constant));
+    }
+    let size = n + system.drives.len();
+    if size > LARGEST {
+        return None;
+    }
+    let dense = |row: &[(usize, f64)]| {
+        let mut v = vec![0.0; size];
+        for &(i, k) in row {
+            v[i] += k;
+        }
+        v
+    };
+    let mut outputs: FxHashMap<Symbol, Vec<f64>> = sparse.iter().map(|(s, row)| (*s, dense(row))).collect();
+    // Resistors, loops and all, as one linear system.
+    let r = resistors.len();
+    let place: FxHashMap<Symbol, usize> = resistors.iter().enumerate().map(|(i, t)| (t.0, i)).collect();
+    let mut matrix = DMatrix::<f64>::identity(r, r);
+    let mut right = DMatrix::<f64>::zeros(r, size);
+    for (i, (_, e)) in resistors.iter().enumerate() {
+        let (linear, rest) = model.pool.affine(*e, &all)?;
+        if model.pool.constant(rest)? != 0.0 {
+            return None;
+        }
+        for (s, k) in linear {
+            let (s, k) = (all[s], model.pool.constant(k)?);
+            if let Some(&j) = place.get(&s) {
+                matrix[(i, j)] -= k;
+            } else {
+                let row = outputs.get(&s)?;
+                for (t, x) in row.iter().enumerate() {
+                    right[(i, t)] += k * x;
+                }
+            }
+        }
+    }
+    if r > 0 {
+        let acyclic = c.loops.is_empty();
+        let solved = if acyclic { forward(&matrix, &right, &c.nodes.iter().filter_map(|n| place.get(&n.out).copied()).collect::<Vec<_>>()) } else { matrix.lu().solve(&right)? };
+        if solved.iter().any(|x| !x.is_finite()) {
+            return None;
+        }
+        for (i, (s, _)) in resistors.iter().enumerate() {
+            outputs.insert(*s, solved.row(i).iter().copied().collect());
+        }
+    }
+    let mut input_rows = FxHashMap::default();
+    let columns = c.states.iter().map(|s| s.column).chain(c.nodes.iter().map(|n| n.column)).chain(c.ports.iter().copied());
+    for column in columns.collect::<Vec<_>>() {
+        let mut v = vec![0.0; size];
+        for (j, k) in &form.column(column).row {
+            let k = model.pool.constant(*k)?;
+            for (t, x) in outputs.get(&form.column(*j).out)?.iter().enumerate() {
+                v[t] += k * x;
+            }
+        }
+        input_rows.insert(column, v);
+    }
+    let mut a = vec![0.0; size * size];
+    for (i, s) in c.states.iter().enumerate() {
+        a[i * size..(i + 1) * size].copy_from_slice(input_rows.get(&s.column)?);
+    }
+    for (i, moves) in system.moves.iter().enumerate() {
+        for &(j, k) in moves {
+            a[(n + i) * size + n + j] += k;
+        }
+    }
+    let row_of = |s: Symbol, system: &mut System| -> Option<Vec<f64>> {
+        if s == time {
+            return Some(dense(&[(n + system.drive(Drive::Power(1)), 1.0)]));
+        }
+        match state_symbols.iter().position(|x| *x == s) {
+            Some(i) => Some(dense(&[(i, 1.0)])),
+            None => outputs.get(&s).cloned(),
+        }
+    };
+    let mut integrals = Vec::new();
+    for (square, linear, constant) in rates {
+        let mut row = vec![0.0; size];
+        for (s, k) in &linear {
+            for (t, x) in row_of(*s, &mut system)?.iter().enumerate() {
+                row[t] += k * x;
+            }
+        }
+        if constant != 0.0 {
+            row[n + system.drive(Drive::One)] += constant;
+        }
+        if square.is_empty() {
+            integrals.push(Ok(row));
+            continue;
+        }
+        let mut m = vec![0.0; size * size];
+        for (s, t, k) in &square {
+            add_product(&mut m, &row_of(*s, &mut system)?, &row_of(*t, &mut system)?, *k);
+        }
+        let one = dense(&[(n + system.drive(Drive::One), 1.0)]);
+        add_product(&mut m, &row, &one, 1.0);
+        integrals.push(Err(m));
+    }
+    if a.iter().any(|x| !x.is_finite()) {
+        return None;
+    }
+    let linear = Linear { n, m: size - n, a, means: vec![], forms: vec![] };
+    Some(Rows { linear, system, outputs, inputs: input_rows, integrals })
+}
+
+/// Solves a system whose unknowns, taken in order, depend on earlier ones only.
+fn forward(matrix: &DMatrix<f64>, right: &DMatrix<f64>, order: &[usize]) -> DMatrix<f64> {
+    let mut x = right.clone();
+    for (k, &i) in order.iter().enumerate() {
+        for &j in &order[..k] {
+            let f = -matrix[(i, j)];
+            if f != 0.0 {
+                let row = x.row(j).clone_owned();
+                let mut target = x.row_mut(i);
+                target += row * f;
+            }
+        }
+    }
+    x
+}
+
+/// `m += k (a b^T + b a^T) / 2`
+fn add_product(m: &mut [f64], a: &[f64], b: &[f64], k: f64) {
+    let n = a.len();
+    for i in 0..n {
+        for j in 0..n {
+            m[i * n + j] += 0.5 * k * (a[i] * b[j] + a[j] * b[i]);
+        }
+    }
+}
+
+/// Writes the step; `None` where the cluster cannot be stepped so.
+pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<(Stepper, Vec<Entries>)>, Vec<Diagnostic>> {
+    let Some(mut rows) = rows(c, model, form) else { return Ok(None) };
+    let size = rows.linear.n + rows.linear.m;
+    let forms = c.nodes.len() + rows.integrals.iter().filter(|i| i.is_err()).count();
+    if forms * size * size > 2_000_000 || forms * size * size * size > 60_000_000 {
+        return Ok(None);
+    }
+    let time = c.time.ok_or_else(Vec::new)?;
+    let cubic = rows.system.drives.iter().any(|d| matches!(d, Drive::Cubic(..)));
+    let (program, linear, entries) = program(c, model, form, &mut rows, time, true)?;
+    let (glance, glance_linear, _) = self::program(c, model, form, &mut rows, time, false)?;
+    let name = "exact";
+    let order = if cubic { 4 } else { 0 };
+    let glance = Stepper { name, order, passive: true, program: glance, linear: Some(glance_linear), glance: None };
+    Ok(Some((Stepper { name, order, passive: true, program, linear: Some(linear), glance: Some(Box::new(glance)) }, entries)))
+}
+
+fn program(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    rows: &mut Rows,
+    time: Symbol,
+    with_ledger: bool,
+) -> Result<(bond_runtime::ir::Program, Linear, Vec<Entries>), Vec<Diagnostic>> {
+    let mut linear = rows.linear.clone();
+    let size = linear.n + linear.m;
+    let mut b = Builder::new(c.title(form, if with_ledger { "exact step" } else { "exact glance" }));
+    let entries = c.reserve(&mut b, form);
+    let inputs = write::inputs(&mut b, c, form, model);
+    let mut lowering = Lowering::new(inputs.env.iter().copied());
+    let w = b.slots(Array::Local, size);
+    let at = |k: usize| Slot { array: Array::Local, index: w.index + k as u32 };
+    for (i, x) in inputs.states.iter().enumerate() {
+        b.store(at(i), *x);
+    }
+    for (i, d) in rows.system.drives.clone().iter().enumerate() {
+        let e = drive_value(model, d, time, c.h.unwrap_or(time));
+        let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
+        b.store(at(rows.system.n + i), v);
+    }
+    // Means: ports, then linear integrals.
+    linear.means = c.ports.iter().filter_map(|p| rows.inputs.get(p).cloned()).collect();
+    let first_integral = linear.means.len();
+    linear.means.extend(rows.integrals.iter().filter_map(|i| i.as_ref().ok().cloned()));
+    let (inputs_of, resistors_of): (Vec<_>, Vec<_>) = entries.iter().map(|e| c.entry_columns(form, e.region)).unzip();
+    let mut quads: Vec<Slot> = Vec::new();
+    if with_ledger {
+        for ((e, ins), res) in entries.iter().zip(&inputs_of).zip(&resistors_of) {
+            let sources = e.supplied.iter().map(|s| s.1).zip(ins).filter(|(_, c_)| !c.ports.contains(c_)).map(|(s, c)| (s, c, -1.0));
+            let all = sources.chain(e.dissipated.iter().map(|d| d.1).zip(res).map(|(s, c)| (s, c, 1.0)));
+            for (slot, column, sign) in all {
+                let mut m = vec![0.0; size * size];
+                if let (Some(z), Some(i)) = (rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)) {
+                    add_product(&mut m, z, i, sign);
+                }
+                linear.forms.push(m);
+                quads.push(Slot::new(Array::Output, slot));
+            }
+        }
+    }
+    let ledger_forms = linear.forms.len();
+    linear.forms.extend(rows.integrals.iter().filter_map(|i| i.as_ref().err().cloned()));
+    let layout = Layout::of(&linear);
+    b.slots(Array::Table, layout.size());
+    let n = linear.n;
+    let next = b.slots(Array::Local, n);
+    if n > 0 {
+        let inst = Inst::MatVec { to: next, table: layout.exponential() as u32, from: w, rows: n as u32, cols: size as u32, low: true };
+        b.push(inst, next, n);
+    }
+    let means = b.slots(Array::Local, linear.means.len());
+    if !linear.means.is_empty() {
+        let inst = Inst::MatVec {
+            to: means,
+            table: layout.mean(0) as u32,
+            from: w,
+            rows: linear.means.len() as u32,
+            cols: size as u32,
+            low: false,
+        };
+        b.push(inst, means, linear.means.len());
+    }
+    for (k, slot) in quads.iter().enumerate() {
+        b.push(Inst::Quad { to: *slot, table: layout.form(k) as u32, from: w, n: size as u32 }, *slot, 1);
+    }
+    let mean = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: means.index + k as u32 });
+    for (i, _) in c.ports.iter().enumerate() {
+        let m = mean(&mut b, i);
+        b.store(Slot::new(Array::Output, i), m);
+    }
+    if with_ledger {
+        for (e, ins) in entries.iter().zip(&inputs_of) {
+            for ((_, slot), column) in e.supplied.iter().zip(ins) {
+                let Some(i) = c.ports.iter().position(|p| p == column) else { continue };
+                // What comes in is held, so that the energy is it times the integral of what goes out.
+                let out = model.pool.var(form.column(*column).out);
+                let v = lowering.lower(&model.pool, &mut b, out).map_err(|s| missing(model, s))?;
+                let m = mean(&mut b, i);
+                let q = b.mul(inputs.h, m);
+                let e = b.mul(v, q);
+                let e = b.unary(Unary::Neg, e);
+                b.store(Slot::new(Array::Output, *slot), e);
+            }
+        }
+    }
+    b.slots(Array::Next, n + c.integrals.len() + c.loops.len());
+    let mut values = Vec::new();
+    for i in 0..n {
+        let v = b.load(Slot { array: Array::Local, index: next.index + i as u32 });
+        b.store(Slot::new(Array::Next, i), v);
+        values.push(v);
+    }
+    let (mut straight, mut squares) = (first_integral, ledger_forms);
+    for (i, (start, kind)) in inputs.integrals.iter().zip(&rows.integrals).enumerate() {
+        let change = match kind {
+            Ok(_) => {
+                let m = mean(&mut b, straight);
+                straight += 1;
+                b.mul(inputs.h, m)
+            }
+            Err(_) => {
+                let slot = b.slot(Array::Local);
+                b.push(Inst::Quad { to: slot, table: layout.form(squares) as u32, from: w, n: size as u32 }, slot, 1);
+                squares += 1;
+                b.load(slot)
+            }
+        };
+        let v = b.add(*start, change);
+        b.store(Slot::new(Array::Next, n + i), v);
+    }
+    for (i, z) in inputs.guesses.iter().enumerate() {
+        b.store(Slot::new(Array::Next, n + c.integrals.len() + i), *z);
+    }
+    if with_ledger {
+        write::energies(c, model, &mut b, &values, &entries)?;
+    }
+    Ok((verified(model, b.finish())?, linear, entries))
+}
+
+/// The value of a drive at the start of a step.
+fn drive_value(model: &mut Model, d: &Drive, time: Symbol, h: Symbol) -> Expr {
+    let pool = &mut model.pool;
+    let t = pool.var(time);
+    match d {
+        Drive::One => pool.int(1),
+        Drive::Held(e) => *e,
+        Drive::Wave(rate, phase, cos) => {
+            let arg = affine(pool, *rate, *phase, t);
+            pool.unary(if *cos { Unary::Cos } else { Unary::Sin }, arg)
+        }
+        Drive::Growth(rate, phase) => {
+            let arg = affine(pool, *rate, *phase, t);
+            pool.unary(Unary::Exp, arg)
+        }
+        Drive::Power(n) => pool.powi(t, i64::from(*n)),
+        Drive::Cubic(e, k) => {
+            let vandermonde = DMatrix::from_fn(4, 4, |i, j| NODES[i].powi(j as i32));
+            let unit = |j: usize| DVector::from_fn(4, |i, _| if i == j { 1.0 } else { 0.0 });
+            let lu = vandermonde.lu();
+            let h = pool.var(h);
+            let factorial = [1.0, 1.0, 2.0, 6.0][*k as usize & 3];
+            let mut terms = Vec::new();
+            for (j, node) in NODES.iter().enumerate() {
+                let weight = lu.solve(&unit(j)).map_or(0.0, |v| v[*k as usize & 3]) * factorial;
+                let c = pool.float(*node);
+                let ahead = pool.mul(c, h);
+                let at = pool.add(t, ahead);
+                let map: FxHashMap<Symbol, Expr> = std::iter::once((time, at)).collect();
+                let sample = pool.substitute(*e, &map);
+                let weight = pool.float(weight);
+                terms.push(pool.mul(weight, sample));
+            }
+            let sum = pool.sum(&terms);
+            let scale = pool.powi(h, i64::from(*k));
+            pool.div(sum, scale)
+        }
+    }
+}
+
+fn affine(pool: &mut Pool, rate: f64, phase: f64, t: Expr) -> Expr {
+    let rate = pool.float(rate);
+    let phase = pool.float(phase);
+    let x = pool.mul(rate, t);
+    pool.add(x, phase)
+}

@@ -1,0 +1,103 @@
+//! What a sampled region holds at its ports (mathematics, section 4): `lagged`, `predicted`, `matched`.
+
+use super::cluster::{Cluster, input, missing, verified};
+use super::write::{self, System};
+use super::{gonzalez, instant};
+use crate::expression::{Expr, Lowering, Symbol};
+use crate::model::{Hold, Model};
+use crate::structure::{ColumnId, Form, Role};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir::{Array, Builder, Slot, Unary};
+use bond_runtime::scene::Respond;
+use rustc_hash::FxHashMap;
+
+/// The ports, by index, whose outgoing variable the cluster holds.
+pub(super) fn held_ports(c: &Cluster, form: &Form) -> Vec<usize> {
+    if c.sampling.is_none() {
+        return Vec::new();
+    }
+    let holds = |p: &ColumnId| match form.column(*p).role {
+        Role::Bar => form.bars.iter().any(|b| b.holder == *p),
+        Role::Open(_) => true,
+        Role::Source(_) | Role::Storage | Role::Resistor | Role::Dependent => false,
+    };
+    c.ports.iter().enumerate().filter(|(_, p)| holds(p)).map(|(i, _)| i).collect()
+}
+
+/// Writes the program that finds the held variables; `None` where there are none.
+pub(super) fn write(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    hold: Hold,
+    holds: &[usize],
+    is_ray: bool,
+) -> Result<Option<Respond>, Vec<Diagnostic>> {
+    if holds.is_empty() {
+        return Ok(None);
+    }
+    let mut b = Builder::new(c.title(form, &format!("{} hold", hold.name())));
+    let inputs = write::inputs(&mut b, c, form, model);
+    let mut lowering = Lowering::new(inputs.env.iter().copied());
+    let outs: Vec<Expr> = holds.iter().map(|p| input(&mut model.pool, form, c.ports[*p])).collect();
+    // What the step will call for: with a discrete gradient over the step, or at its start (the paper's).
+    let over_step = hold != Hold::Lagged && !is_ray;
+    let map = if over_step { gonzalez::midpoint(c, &mut model.pool, form) } else { c.at_instant(form) };
+    let flat = c.flat(&mut model.pool, map);
+    let (mut unknowns, mut residuals, mut start, mut weight, mut scale) = if over_step {
+        let (unknowns, residuals) = gonzalez::system(c, &mut model.pool, &flat);
+        let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
+        let zero = b.number(0.0);
+        let start = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
+        (unknowns, residuals, start, weight, scale)
+    } else {
+        let residuals = c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
+        let zero = b.number(0.0);
+        let scale = inputs.guesses.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
+        (c.loops.clone(), residuals, inputs.guesses.clone(), vec![zero; c.loops.len()], scale)
+    };
+    let matched = hold == Hold::Matched;
+    if matched {
+        // The answer is q = alpha - beta v, and a port's own variable is -q/T: u T + alpha - beta v = 0.
+        let n = holds.len();
+        let alpha: Vec<Symbol> = (0..n).map(|i| model.pool.symbol(&format!("alpha[{i}]"))).collect();
+        let beta: Vec<Symbol> = (0..n * n).map(|i| model.pool.symbol(&format!("beta[{}][{}]", i / n, i % n))).collect();
+        for s in alpha.iter().chain(&beta) {
+            let slot = b.named(Array::Input, model.pool.name(*s));
+            let v = b.load(slot);
+            lowering.bind(*s, v);
+        }
+        let h = c.h.map(|h| model.pool.var(h)).unwrap_or_else(|| model.pool.int(1));
+        let flat_outs: Vec<Expr> = outs.iter().map(|e| model.pool.substitute(*e, &flat)).collect();
+        let env: FxHashMap<Symbol, _> = inputs.env.iter().copied().collect();
+        for (i, p) in holds.iter().enumerate() {
+            let own = form.column(c.ports[*p]).out;
+            let u = model.pool.var(own);
+            let mut terms = vec![model.pool.mul(u, h), model.pool.var(alpha[i])];
+            for (j, v) in flat_outs.iter().enumerate() {
+                let b_ij = model.pool.var(beta[i * n + j]);
+                let t = model.pool.mul(b_ij, *v);
+                terms.push(model.pool.neg(t));
+            }
+            residuals.push(model.pool.sum(&terms));
+            unknowns.push(own);
+            let begin = env.get(&own).copied().unwrap_or(inputs.t);
+            start.push(begin);
+            scale.push(b.unary(Unary::Abs, begin));
+            let square = model.pool.powi(h, 2);
+            let b_ii = model.pool.var(beta[i * n + i]);
+            let w = model.pool.div(square, b_ii);
+            weight.push(lowering.lower(&model.pool, &mut b, w).map_err(|s| missing(model, s))?);
+        }
+    }
+    write::solve(model, &mut b, &mut lowering, System { unknowns: &unknowns, start, residuals, weight, scale, flag: None })?;
+    for (i, e) in outs.iter().enumerate() {
+        let e = model.pool.substitute(*e, &flat);
+        let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
+        let slot = b.named(Array::Output, format!("held({})", form.column(c.ports[holds[i]]).name));
+        b.store(Slot::new(Array::Output, slot.index as usize), v);
+    }
+    let _ = instant::Layout { ports: 0, energies: 0, curvatures: 0 };
+    let program = verified(model, b.finish())?;
+    Ok(Some(if matched { Respond::Matched(program) } else { Respond::Last(program) }))
+}

@@ -1,0 +1,77 @@
+//! Observation: what signals are at one instant, from the states and what comes in.
+
+use super::cluster::{Cluster, input, missing, verified};
+use super::write::{self, System};
+use crate::expression::{Expr, Lowering, Symbol};
+use crate::model::Model;
+use crate::structure::Form;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir::{Array, Builder, Program, Slot, Unary};
+use rustc_hash::FxHashMap;
+
+/// Where things are among the outputs: the signals shown come first.
+pub(super) struct Layout {
+    pub(super) ports: usize,
+    pub(super) energies: usize,
+    pub(super) curvatures: usize,
+}
+
+/// Solves the loops at one instant, and gives all outputs' expressions.
+pub(super) fn outputs(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    guesses: &[bond_runtime::ir::Value],
+) -> Result<FxHashMap<Symbol, Expr>, Vec<Diagnostic>> {
+    let map = c.at_instant(form);
+    let flat = c.flat(&mut model.pool, map);
+    let residuals: Vec<Expr> = c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
+    let zero = b.number(0.0);
+    let scale = guesses.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
+    let system = System {
+        unknowns: &c.loops,
+        start: guesses.to_vec(),
+        residuals,
+        weight: vec![zero; c.loops.len()],
+        scale,
+        flag: None,
+    };
+    write::solve(model, b, lowering, system)?;
+    Ok(flat)
+}
+
+/// Writes the observation of the signals `shows`.
+pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form, shows: &[Symbol]) -> Result<(Program, Layout), Vec<Diagnostic>> {
+    let mut b = Builder::new(c.title(form, "observation"));
+    let inputs = write::inputs(&mut b, c, form, model);
+    let mut lowering = Lowering::new(inputs.env.iter().copied());
+    let flat = outputs(c, model, form, &mut b, &mut lowering, &inputs.guesses)?;
+    let mut list: Vec<(String, Expr)> = Vec::new();
+    for s in shows {
+        let e = model.pool.var(*s);
+        list.push((model.pool.name(*s).to_string(), model.pool.substitute(e, &flat)));
+    }
+    let layout = Layout { ports: list.len(), energies: list.len() + c.ports.len(), curvatures: list.len() + c.ports.len() + c.regions.len() };
+    for p in &c.ports {
+        let e = input(&mut model.pool, form, *p);
+        list.push((format!("out({})", form.column(*p).name), model.pool.substitute(e, &flat)));
+    }
+    for r in &c.regions {
+        list.push((format!("H({})", form.regions[r.at()].name), c.energy(&mut model.pool, *r)));
+    }
+    for (s, k) in c.states.iter().zip(write::curvatures(c, model)) {
+        list.push((format!("curvature({})", s.name), k));
+    }
+    for (name, e) in list {
+        let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
+        let slot = b.named(Array::Output, name);
+        b.store(Slot::new(Array::Output, slot.index as usize), v);
+    }
+    // An observation leaves the states alone.
+    let n = c.states.len() + c.integrals.len() + c.loops.len();
+    b.slots(Array::Next, 0);
+    let _ = n;
+    Ok((verified(model, b.finish())?, layout))
+}

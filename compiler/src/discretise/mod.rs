@@ -1,0 +1,154 @@
+//! From the port-Hamiltonian form to step programs: one file a stepper, one for the holds.
+
+mod cluster;
+mod exact;
+mod explicit;
+mod gonzalez;
+mod hold;
+mod instant;
+mod probes;
+mod ray;
+mod write;
+
+use crate::Options;
+use crate::expression::Symbol;
+use crate::model::{Model, Signal};
+use crate::structure::{ColumnId, Form, Role};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::scene::{self, Scene};
+use cluster::Cluster;
+use rustc_hash::FxHashMap;
+
+/// A stepper that can be asked for by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// The matrix exponential, for linear regions.
+    Exact,
+    /// The discrete gradient.
+    Gonzalez,
+    /// The paper's own, for sampled regions.
+    Ray,
+    /// Explicit Euler.
+    Euler,
+    /// The classical Runge-Kutta method.
+    Rk4,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Method; 5] = [Method::Exact, Method::Gonzalez, Method::Ray, Method::Euler, Method::Rk4];
+
+    /// As it is written.
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::Exact => "exact",
+            Method::Gonzalez => "gonzalez",
+            Method::Ray => "ray",
+            Method::Euler => "euler",
+            Method::Rk4 => "rk4",
+        }
+    }
+
+    /// The method of this name.
+    pub fn named(name: &str) -> Option<Method> {
+        Method::ALL.into_iter().find(|m| m.name() == name)
+    }
+}
+
+/// The method that the user or the model names.
+///
+/// # Errors
+/// A name that there is not.
+pub fn method(model: &Model, options: &Options) -> Result<Option<Method>, Vec<Diagnostic>> {
+    let (name, span) = match (&options.method, &model.settings.method) {
+        (Some(name), _) => (name, model.span),
+        (None, Some((name, span))) => (name, *span),
+        (None, None) => return Ok(None),
+    };
+    Method::named(name).map(Some).ok_or_else(|| cluster::unknown_method(name, span))
+}
+
+/// Writes the programs of a scene. `method` is for all regions that can take it.
+///
+/// # Errors
+/// A method that a region cannot take.
+pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Result<Scene, Vec<Diagnostic>> {
+    let mut clusters = cluster::gather(model, form);
+    let wanted = probes::wanted(model, form);
+    // Which signals does each cluster have to show to the others and to the probes?
+    let mut shows: Vec<Vec<Symbol>> = vec![Vec::new(); clusters.len()];
+    let owner: FxHashMap<Symbol, usize> =
+        clusters.iter().enumerate().flat_map(|(i, c)| c.owned(form).into_iter().map(move |s| (s, i))).collect();
+    for s in clusters.iter().flat_map(|c| c.foreign.iter().copied()).chain(wanted) {
+        if let Some(&i) = owner.get(&s)
+            && !shows[i].contains(&s)
+        {
+            shows[i].push(s);
+        }
+    }
+    let place = |s: Symbol| {
+        let i = *owner.get(&s)?;
+        Some((i, shows[i].iter().position(|t| *t == s)?))
+    };
+    let mut scene = Scene { name: model.name.clone(), excluded: excluded(model, form), ..Scene::default() };
+    for (i, c) in clusters.iter_mut().enumerate() {
+        let foreign: Vec<(usize, usize)> = c.foreign.iter().filter_map(|s| place(*s)).collect();
+        scene.clusters.push(c.build(model, form, method, &shows[i], foreign)?);
+    }
+    for (i, r) in form.regions.iter().enumerate() {
+        scene.regions.push(scene::Region {
+            name: r.name.clone(),
+            period: r.sampling.map(|s| model.samplings[s].period),
+            states: r.states.len(),
+            cluster: clusters.iter().position(|c| c.regions.iter().any(|x| x.at() == i)).unwrap_or(0),
+            pseudo: r.pseudo,
+        });
+    }
+    let port_of = |column: ColumnId| {
+        clusters.iter().enumerate().find_map(|(i, c)| c.ports.iter().position(|p| *p == column).map(|p| (i, p)))
+    };
+    for bar in &form.bars {
+        let (Some(holder), Some(other)) = (port_of(bar.holder), port_of(bar.held)) else { continue };
+        let answer = form.column(bar.holder).gives;
+        let sign = if answer == crate::model::Variable::Flow { 1.0 } else { -1.0 };
+        scene.bars.push(scene::Bar { name: model.bond(bar.bond).name.clone(), holder, other, sign });
+    }
+    for (i, c) in form.columns.iter().enumerate() {
+        if let Role::Open(inertia) = c.role
+            && let Some(port) = port_of(ColumnId(i as u32))
+        {
+            let sign = if c.gives == crate::model::Variable::Flow { 1.0 } else { -1.0 };
+            scene.open.push(scene::Open { name: c.name.clone(), port, inertia, sign });
+        }
+    }
+    scene.probes = probes::build(model, form, &place);
+    Ok(scene)
+}
+
+/// Elements for which no passivity can be claimed.
+fn excluded(model: &Model, form: &Form) -> Vec<String> {
+    let mut list: Vec<String> = model.elements.iter().filter(|e| e.active).map(|e| format!("active `{}`", e.name)).collect();
+    for r in &form.regions {
+        for g in r.groups.iter().filter(|g| !g.bounded) {
+            for s in &g.states {
+                list.push(format!("`{}`, whose energy has no lower bound", r.states[*s].name));
+            }
+        }
+    }
+    list
+}
+
+/// Whether a symbol is time.
+fn is_time(model: &Model, s: Symbol) -> bool {
+    model.signals.get(&s) == Some(&Signal::Time)
+}
+
+/// Makes the error for a method that a region cannot take.
+fn unfit(model: &Model, cluster: &Cluster, form: &Form, method: Method, why: &str) -> Vec<Diagnostic> {
+    let span = model.settings.method.as_ref().map_or(model.span, |m| m.1);
+    let region = cluster.regions.first().map(|r| form.regions[r.at()].name.as_str()).unwrap_or("");
+    vec![
+        Diagnostic::error("discretise::method", span, format!("the method `{}` cannot step the region `{region}`: {why}", method.name()))
+            .help("take `gonzalez`, which steps every region, or leave the method out"),
+    ]
+}

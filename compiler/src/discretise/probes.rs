@@ -1,0 +1,109 @@
+//! Probes and expectations: a program over signals of all clusters.
+
+use super::cluster::verified;
+use super::is_time;
+use crate::expression::{Expr, Lowering, Symbol};
+use crate::model::{ExpectationKind, Model};
+use crate::structure::Form;
+use bond_runtime::ir::{Array, Builder, Program};
+use bond_runtime::scene::{self, Probes};
+
+/// All symbols that probes and expectations read, in a fixed order, without time.
+pub(super) fn wanted(model: &Model, form: &Form) -> Vec<Symbol> {
+    let mut list = Vec::new();
+    for e in form.probes.iter().chain(form.expectations.iter().flatten()) {
+        for s in model.pool.symbols(*e) {
+            if !is_time(model, s) && !is_extreme(model, s) && !list.contains(&s) {
+                list.push(s);
+            }
+        }
+    }
+    list
+}
+
+fn is_extreme(model: &Model, s: Symbol) -> bool {
+    model.expectations.iter().any(|x| match &x.kind {
+        ExpectationKind::Holds { extremes, .. } => extremes.iter().any(|e| e.0 == s),
+        ExpectationKind::Passive | ExpectationKind::At { .. } => false,
+    })
+}
+
+/// Writes the program. `place` says which cluster shows a symbol, and as which output of its observation.
+pub(super) fn build(model: &mut Model, form: &Form, place: &dyn Fn(Symbol) -> Option<(usize, usize)>) -> Probes {
+    let mut b = Builder::new("probes");
+    let t = b.named(Array::Input, "t");
+    let t = b.load(t);
+    let mut lowering = Lowering::new([]);
+    let mut gather = Vec::new();
+    for s in wanted(model, form) {
+        let Some(at) = place(s) else { continue };
+        gather.push(at);
+        let slot = b.named(Array::Input, model.pool.name(s));
+        let v = b.load(slot);
+        lowering.bind(s, v);
+    }
+    let time: Vec<Symbol> =
+        model.signals.iter().filter(|(_, s)| **s == crate::model::Signal::Time).map(|(s, _)| *s).collect();
+    for s in time {
+        lowering.bind(s, t);
+    }
+    let put = |model: &Model, b: &mut Builder, lowering: &mut Lowering, name: &str, e: Expr| -> usize {
+        let slot = b.named(Array::Output, name);
+        let v = match lowering.lower(&model.pool, b, e) {
+            Ok(v) => v,
+            Err(_) => b.number(f64::NAN),
+        };
+        b.store(slot, v);
+        slot.index as usize
+    };
+    let mut probes = Probes::default();
+    for (p, e) in model.probes.iter().zip(&form.probes) {
+        put(model, &mut b, &mut lowering, &p.name, *e);
+        probes.names.push(p.name.clone());
+        probes.units.push(p.unit.map(|u| u.to_string()));
+    }
+    for (x, list) in model.expectations.iter().zip(&form.expectations) {
+        let kind = match &x.kind {
+            ExpectationKind::Passive => scene::ExpectationKind::Passive,
+            ExpectationKind::At { time, target, tolerance, .. } => {
+                let output = list.first().map_or(0, |e| put(model, &mut b, &mut lowering, &x.text, *e));
+                scene::ExpectationKind::At { output, time: *time, target: *target, tolerance: *tolerance }
+            }
+            ExpectationKind::Holds { extremes, .. } => {
+                let outputs: Vec<(usize, bool)> = extremes
+                    .iter()
+                    .zip(list.iter().skip(1))
+                    .map(|((_, _, largest), e)| (put(model, &mut b, &mut lowering, &x.text, *e), *largest))
+                    .collect();
+                let Some(&condition) = list.first() else { continue };
+                if outputs.is_empty() {
+                    let output = put(model, &mut b, &mut lowering, &x.text, condition);
+                    scene::ExpectationKind::Holds { extremes: outputs, output, program: None }
+                } else {
+                    let symbols: Vec<Symbol> = extremes.iter().map(|e| e.0).collect();
+                    let program = of_extremes(model, condition, &symbols);
+                    scene::ExpectationKind::Holds { extremes: outputs, output: 0, program }
+                }
+            }
+        };
+        probes.expectations.push(scene::Expectation { text: x.text.clone(), kind });
+    }
+    probes.gather = gather;
+    probes.program = verified(model, b.finish()).ok();
+    probes
+}
+
+/// The condition as a program of the extremes alone; `None` where it reads other signals too.
+fn of_extremes(model: &Model, condition: Expr, symbols: &[Symbol]) -> Option<Program> {
+    let mut b = Builder::new("expectation");
+    let mut lowering = Lowering::new([]);
+    for s in symbols {
+        let slot = b.named(Array::Input, model.pool.name(*s));
+        let v = b.load(slot);
+        lowering.bind(*s, v);
+    }
+    let v = lowering.lower(&model.pool, &mut b, condition).ok()?;
+    let slot = b.named(Array::Output, "holds");
+    b.store(slot, v);
+    verified(model, b.finish()).ok()
+}

@@ -1,0 +1,223 @@
+//! What the steppers share: inputs of a program, iterations, the ledger's terms.
+
+use super::cluster::{Cluster, input, missing};
+use crate::expression::{Expr, Lowering, Pool, Symbol};
+use crate::model::Model;
+use crate::structure::{Form, gain};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir::{Array, Builder, Newton, Slot, Unary, Value};
+use bond_runtime::scene::Entries;
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// The values that a program starts from.
+pub(super) struct Inputs {
+    pub(super) t: Value,
+    pub(super) h: Value,
+    pub(super) states: Vec<Value>,
+    pub(super) integrals: Vec<Value>,
+    pub(super) guesses: Vec<Value>,
+    pub(super) env: Vec<(Symbol, Value)>,
+}
+
+/// Declares a program's inputs and state, and loads them.
+pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -> Inputs {
+    let t = b.named(Array::Input, "t");
+    let h = b.named(Array::Input, "h");
+    let mut env = Vec::new();
+    for p in &c.ports {
+        let slot = b.named(Array::Input, form.column(*p).name.clone());
+        env.push((form.column(*p).out, slot));
+    }
+    for s in &c.foreign {
+        env.push((*s, b.named(Array::Input, model.pool.name(*s))));
+    }
+    let states: Vec<Slot> = c.states.iter().map(|s| b.named(Array::State, s.name.clone())).collect();
+    let integrals: Vec<Slot> = c.integrals.iter().map(|i| b.named(Array::State, model.pool.name(i.symbol))).collect();
+    let guesses: Vec<Slot> = c.loops.iter().map(|z| b.named(Array::State, model.pool.name(*z))).collect();
+    let (t, h) = (b.load(t), b.load(h));
+    let mut env: Vec<(Symbol, Value)> = env.into_iter().map(|(s, slot)| (s, b.load(slot))).collect();
+    if let (Some(time), Some(step)) = (c.time, c.h) {
+        env.push((time, t));
+        env.push((step, h));
+    }
+    let load = |b: &mut Builder, list: &[Slot]| -> Vec<Value> { list.iter().map(|s| b.load(*s)).collect() };
+    let (states, integrals, guesses) = (load(b, &states), load(b, &integrals), load(b, &guesses));
+    env.extend(c.states.iter().map(|s| s.symbol).zip(states.iter().copied()));
+    env.extend(c.integrals.iter().map(|i| i.symbol).zip(integrals.iter().copied()));
+    Inputs { t, h, states, integrals, guesses, env }
+}
+
+/// A system of equations to be solved in a program.
+pub(super) struct System<'a> {
+    pub(super) unknowns: &'a [Symbol],
+    pub(super) start: Vec<Value>,
+    pub(super) residuals: Vec<Expr>,
+    pub(super) weight: Vec<Value>,
+    pub(super) scale: Vec<Value>,
+    pub(super) flag: Option<Slot>,
+}
+
+/// Solves a system; afterwards `lowering` has the values of the unknowns.
+pub(super) fn solve(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: System) -> Result<(), Vec<Diagnostic>> {
+    let n = system.unknowns.len();
+    if n == 0 {
+        return Ok(());
+    }
+    let slots = b.slots(Array::Local, n);
+    let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
+    for (i, v) in system.start.iter().enumerate() {
+        b.store(slot(i), *v);
+    }
+    let place: FxHashMap<Symbol, u32> = system.unknowns.iter().enumerate().map(|(i, s)| (*s, i as u32)).collect();
+    let mut jacobian: Vec<(u32, u32, Expr)> = Vec::new();
+    for (i, r) in system.residuals.iter().enumerate() {
+        let mut by: Vec<(u32, Symbol)> = model.pool.symbols(*r).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
+        by.sort_unstable();
+        for (j, s) in by {
+            let d = model.pool.derivative(*r, s);
+            if !model.pool.is_zero(d) {
+                jacobian.push((i as u32, j, d));
+            }
+        }
+    }
+    // What does not change in the iteration is computed before it.
+    let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().collect();
+    for e in fixed_parts(&model.pool, system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)), &unknown) {
+        lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
+    }
+    let mut inside = lowering.clone();
+    b.open(slots, n);
+    for (i, s) in system.unknowns.iter().enumerate() {
+        let v = b.load(slot(i));
+        inside.bind(*s, v);
+    }
+    let mut residual = Vec::with_capacity(n);
+    for r in &system.residuals {
+        residual.push(inside.lower(&model.pool, b, *r).map_err(|s| missing(model, s))?);
+    }
+    let mut entries = Vec::with_capacity(jacobian.len());
+    for (i, j, d) in jacobian {
+        entries.push((i, j, inside.lower(&model.pool, b, d).map_err(|s| missing(model, s))?));
+    }
+    b.close(Newton {
+        unknowns: slots.index,
+        body: Vec::new(),
+        residual,
+        jacobian: entries,
+        weight: system.weight,
+        scale: system.scale,
+        limit: 60,
+        flag: system.flag,
+    });
+    for (i, s) in system.unknowns.iter().enumerate() {
+        let v = b.load(slot(i));
+        lowering.bind(*s, v);
+    }
+    Ok(())
+}
+
+/// The largest parts of expressions that hold none of the unknowns (and are more than a number or a symbol).
+fn fixed_parts(pool: &Pool, all: impl IntoIterator<Item = Expr>, unknown: &FxHashSet<Symbol>) -> Vec<Expr> {
+    let mut seen: FxHashSet<Expr> = FxHashSet::default();
+    let mut stack: Vec<Expr> = all.into_iter().collect();
+    let mut parts = Vec::new();
+    while let Some(e) = stack.pop() {
+        if !seen.insert(e) {
+            continue;
+        }
+        let node = pool.node(e);
+        if pool.contains_any(e, &|s| unknown.contains(&s)) {
+            node.each_child(&mut |c| stack.push(c));
+        } else if pool.constant(e).is_none() && !matches!(node, crate::expression::Node::Symbol(_)) {
+            parts.push(e);
+        }
+    }
+    parts.sort_unstable();
+    parts
+}
+
+/// |d2H/dx2| of each state, the weights of an iteration.
+pub(super) fn curvatures(c: &Cluster, model: &mut Model) -> Vec<Expr> {
+    let mut list = vec![model.pool.int(0); c.states.len()];
+    for g in &c.groups {
+        for (s, z) in g.states.iter().zip(&g.coenergy) {
+            let k = model.pool.derivative(*z, c.states[*s].symbol);
+            list[*s] = model.pool.unary(Unary::Abs, k);
+        }
+    }
+    list
+}
+
+/// Energy per square of each loop's unknown: h over its resistor's gain, 0 where that is not constant.
+pub(super) fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Expr> {
+    let mut list = Vec::new();
+    for z in &c.loops {
+        let node = c.nodes.iter().find(|n| n.out == *z).cloned();
+        let gain = node.as_ref().and_then(|n| gain(model, form, n.column, n.how)).filter(|g| model.pool.constant(*g).is_some());
+        list.push(match gain {
+            Some(g) => {
+                let w = model.pool.div(h, g);
+                model.pool.unary(Unary::Abs, w)
+            }
+            None => model.pool.int(0),
+        });
+    }
+    list
+}
+
+/// Stores the ledger's terms of a step whose outputs are all given by `flat` (means over the step) and the port means.
+#[expect(clippy::too_many_arguments, reason = "the pieces of one step")]
+pub(super) fn ledger(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    flat: &FxHashMap<Symbol, Expr>,
+    entries: &[Entries],
+    h: Value,
+) -> Result<(), Vec<Diagnostic>> {
+    let value = |model: &mut Model, b: &mut Builder, lowering: &mut Lowering, column, is_output: bool| {
+        let e = if is_output { model.pool.var(form.column(column).out) } else { input(&mut model.pool, form, column) };
+        let e = model.pool.substitute(e, flat);
+        lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
+    };
+    for (i, p) in c.ports.iter().enumerate() {
+        let v = value(model, b, lowering, *p, false)?;
+        b.store(Slot::new(Array::Output, i), v);
+    }
+    for e in entries {
+        let (inputs, resistors) = c.entry_columns(form, e.region);
+        for ((_, slot), column) in e.supplied.iter().zip(&inputs) {
+            let (z, i) = (value(model, b, lowering, *column, true)?, value(model, b, lowering, *column, false)?);
+            let p = b.mul(z, i);
+            let w = b.mul(h, p);
+            let w = b.unary(Unary::Neg, w);
+            b.store(Slot::new(Array::Output, *slot), w);
+        }
+        for ((_, slot), column) in e.dissipated.iter().zip(&resistors) {
+            let (z, i) = (value(model, b, lowering, *column, true)?, value(model, b, lowering, *column, false)?);
+            let p = b.mul(z, i);
+            let w = b.mul(h, p);
+            b.store(Slot::new(Array::Output, *slot), w);
+        }
+    }
+    Ok(())
+}
+
+/// Stores H of each region at given values of the states.
+pub(super) fn energies(
+    c: &Cluster,
+    model: &mut Model,
+    b: &mut Builder,
+    states: &[Value],
+    entries: &[Entries],
+) -> Result<(), Vec<Diagnostic>> {
+    let mut at = Lowering::new(c.states.iter().map(|s| s.symbol).zip(states.iter().copied()));
+    for (e, r) in entries.iter().zip(&c.regions) {
+        let h = c.energy(&mut model.pool, *r);
+        let v = at.lower(&model.pool, b, h).map_err(|s| missing(model, s))?;
+        b.store(Slot::new(Array::Output, e.energy), v);
+    }
+    Ok(())
+}

@@ -1,0 +1,592 @@
+//! First walk: makes the instances, expands `for` and `if`, declares every name, and notes the bonds.
+
+use super::suggest::nearest;
+use super::{Decl, Elaborator, Entity, Let, Param, ParamState, PortDecl, RawBond, RawEnd, ScopeId};
+use crate::element;
+use crate::model::{ElementId, Hold, Kind, Sampling};
+use bond_grammar::ast::{
+    Chain, Clock, Element as Decl_, End, Expr, Field, Model as ModelDecl, Name, Path, Sampled, Segment, Statement,
+    StatementKind,
+};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
+
+/// No model may have more elements and bonds than this.
+const MOST_ELEMENTS: usize = 2_000_000;
+/// No `for` may run longer than this, nor all of them together.
+const MOST_ROUNDS: u64 = 4_000_000;
+/// Instances may not be nested deeper than this.
+const DEEPEST: usize = 64;
+
+impl<'a> Elaborator<'a> {
+    /// Makes an instance of a model: its scope, its parameters, its names, its children, its bonds.
+    pub(super) fn instantiate(
+        &mut self,
+        model: super::load::ModelRef,
+        path: String,
+        args: Option<(&'a [Field], ScopeId)>,
+        sampling: Option<usize>,
+        at: Span,
+    ) -> Option<usize> {
+        let decl = self.files.model(model)?;
+        if let Some(i) = self.stack.iter().position(|m| *m == model) {
+            let names: Vec<&str> = self.stack[i..].iter().filter_map(|m| self.files.model(*m)).map(|m| m.name.text.as_str()).collect();
+            self.errors.push(
+                Diagnostic::error(
+                    "elaborate::recursion",
+                    at,
+                    format!("recursive model: `{}` contains itself ({} -> {})", decl.name.text, names.join(" -> "), decl.name.text),
+                )
+                .label(decl.name.span, "is declared here")
+                .help("a model cannot be a part of itself; take this instance out, or use `for` to repeat a part"),
+            );
+            return None;
+        }
+        if self.stack.len() >= DEEPEST {
+            self.errors.push(Diagnostic::error("elaborate::limit", at, format!("instances are nested more than {DEEPEST} deep")));
+            return None;
+        }
+        self.stack.push(model);
+        let instance = self.instances.len();
+        let scope = self.new_scope(instance, None, None);
+        self.instances.push(super::Instance { model, path, scope, names: Default::default() });
+        self.declare_params(instance, decl, args);
+        // A `let` of the model may be used by a `for` above it.
+        for s in &decl.body {
+            if let StatementKind::Let(name, value) = &s.kind {
+                self.declare_let(scope, name, value);
+            }
+        }
+        let mut chains = Vec::new();
+        self.block(&decl.body, scope, sampling, false, &mut chains);
+        for (chain, scope) in chains {
+            self.chain(chain, scope);
+        }
+        self.stack.pop();
+        Some(instance)
+    }
+
+    fn declare_params(&mut self, instance: usize, decl: &'a ModelDecl, args: Option<(&'a [Field], ScopeId)>) {
+        let (args, caller) = args.unwrap_or((&[], 0));
+        for arg in args {
+            let name = &arg.path[0];
+            if arg.path.len() != 1 || !decl.params.iter().any(|p| p.name.text == name.text) {
+                let known: Vec<&str> = decl.params.iter().map(|p| p.name.text.as_str()).collect();
+                let mut error = Diagnostic::error(
+                    "elaborate::parameter",
+                    arg.span,
+                    format!("`{}` has no parameter `{}`", decl.name.text, join(&arg.path)),
+                )
+                .label(decl.name.span, "is the model");
+                error = match nearest(&name.text, known.iter().copied()) {
+                    Some(n) => error.help(format!("did you mean `{n}`?")),
+                    None if known.is_empty() => error.help("it has no parameters"),
+                    None => error.help(format!("its parameters are {}", known.join(", "))),
+                };
+                self.errors.push(error);
+            }
+        }
+        for p in &decl.params {
+            let full = self.full_name(instance, &p.name.text);
+            let given: Vec<&Field> = args.iter().filter(|a| a.path.len() == 1 && a.path[0].text == p.name.text).collect();
+            if let [first, second, ..] = given[..] {
+                self.errors.push(
+                    Diagnostic::error("elaborate::twice", second.span, format!("the parameter `{}` is given twice", p.name.text))
+                        .label(first.span, "is the first"),
+                );
+            }
+            let value = match (given.first(), &p.default) {
+                (Some(field), _) => Some((&field.value, caller)),
+                (None, Some(default)) => Some((default, self.instances[instance].scope)),
+                (None, None) => None,
+            };
+            let index = self.params.len();
+            let overridden = self.overrides.get(&full).copied();
+            self.params.push(Param { name: full, span: p.name.span, value, state: ParamState::New, overridden, symbol: None });
+            self.declare(instance, p.name.text.clone(), Entity::Param(index), p.name.span);
+        }
+    }
+
+    /// `wall.k` for `k` in the instance `wall`.
+    pub(super) fn full_name(&self, instance: usize, name: &str) -> String {
+        let path = &self.instances[instance].path;
+        if path.is_empty() { name.to_string() } else { format!("{path}.{name}") }
+    }
+
+    fn declare(&mut self, instance: usize, key: String, entity: Entity, span: Span) -> bool {
+        if let Some((_, first)) = self.instances[instance].names.get(&key) {
+            if *first == span {
+                return false; // the same declaration, walked before
+            }
+            let first = *first;
+            self.errors.push(
+                Diagnostic::error("elaborate::twice", span, format!("`{key}` is declared twice"))
+                    .label(first, "is the first declaration")
+                    .help("a name is declared once in its model; rename one of them"),
+            );
+            return false;
+        }
+        self.instances[instance].names.insert(key, (entity, span));
+        true
+    }
+
+    fn declare_let(&mut self, scope: ScopeId, name: &'a Name, value: &'a Expr) {
+        let index = self.lets.len();
+        let entity = Entity::Let(index);
+        if self.scopes[scope].loop_variable.is_some() {
+            self.scopes[scope].locals.insert(name.text.clone(), entity);
+        } else if !self.declare(self.scopes[scope].instance, name.text.clone(), entity, name.span) {
+            return;
+        }
+        self.lets.push(Let { value, scope, state: super::LetState::New, name: name.text.clone() });
+    }
+
+    fn block(
+        &mut self,
+        body: &'a [Statement],
+        scope: ScopeId,
+        sampling: Option<usize>,
+        inner: bool,
+        chains: &mut Vec<(&'a Chain, ScopeId)>,
+    ) {
+        for s in body {
+            if self.too_big(s.span) {
+                return;
+            }
+            let instance = self.scopes[scope].instance;
+            let scene = instance == 0;
+            match &s.kind {
+                StatementKind::Element(e) => self.element(e, scope, sampling),
+                StatementKind::Chain(c) => {
+                    for end in c.groups.iter().flatten() {
+                        if let End::Declare(e) = end {
+                            self.element(e, scope, sampling);
+                        }
+                    }
+                    chains.push((c, scope));
+                }
+                StatementKind::Port(name, fields) => self.port(name, fields, scope, sampling),
+                StatementKind::Sampled(block) => self.sampled(block, s.span, scope, sampling, chains),
+                StatementKind::For(f) => {
+                    let Some((from, to)) = self.integer(&f.from, scope).zip(self.integer(&f.to, scope)) else { continue };
+                    let rounds = if to < from { 0 } else { (to as i128 - from as i128 + 1) as u128 };
+                    if rounds > u128::from(MOST_ROUNDS.saturating_sub(self.rounds)) {
+                        self.rounds = MOST_ROUNDS;
+                        self.errors.push(
+                            Diagnostic::error(
+                                "elaborate::limit",
+                                f.from.span.to(f.to.span),
+                                format!("this `for` runs {rounds} times: too many (all loops together may run {MOST_ROUNDS} times)"),
+                            )
+                            .help("lower the bound"),
+                        );
+                        continue;
+                    }
+                    self.rounds += rounds as u64;
+                    for i in from..=to {
+                        if self.rounds >= MOST_ROUNDS || self.elements.len() > MOST_ELEMENTS || self.errors.len() > 200 {
+                            break;
+                        }
+                        let inner_scope = self.new_scope(instance, Some(scope), Some((f.variable.text.clone(), i)));
+                        self.block(&f.body, inner_scope, sampling, true, chains);
+                    }
+                }
+                StatementKind::If(c) => match self.truth(&c.condition, scope) {
+                    Some(true) => self.block(&c.body, scope, sampling, true, chains),
+                    Some(false) => self.block(c.otherwise.as_deref().unwrap_or(&[]), scope, sampling, true, chains),
+                    None => {}
+                },
+                StatementKind::Input(name, _) => {
+                    self.declare(instance, name.text.clone(), Entity::Missing, name.span);
+                    self.not_yet(s.span, "`input`", "use a source with a value that depends on `t`");
+                }
+                StatementKind::State(name, ..) => {
+                    self.declare(instance, name.text.clone(), Entity::Missing, name.span);
+                    self.not_yet(s.span, "a signal `state`", "`integral(expr, start)` gives an integral");
+                }
+                StatementKind::Let(name, value) => {
+                    if inner || self.scopes[scope].loop_variable.is_some() {
+                        self.declare_let(scope, name, value);
+                    }
+                }
+                StatementKind::Probe(name, value) => {
+                    let key = if self.scopes[scope].loop_variable.is_some() { None } else { Some(name.text.clone()) };
+                    if let Some(key) = key {
+                        self.declare(instance, key, Entity::Probe, name.span);
+                    }
+                    let full = self.full_name(instance, &self.looped(scope, &name.text));
+                    // A part's probes are for those who run the part alone.
+                    if scene {
+                        self.probes.push((full, name.span, value, scope));
+                    }
+                }
+                StatementKind::Simulate(fields) => {
+                    if scene {
+                        self.simulate.push((fields, scope));
+                    }
+                }
+                StatementKind::Expect(e) => {
+                    if scene {
+                        self.expects.push((e, s.span, scope));
+                    }
+                }
+            }
+        }
+    }
+
+    /// A probe in a loop carries the loop's numbers: `x[3]`.
+    fn looped(&self, scope: ScopeId, name: &str) -> String {
+        let mut numbers = Vec::new();
+        let mut at = Some(scope);
+        while let Some(s) = at {
+            if let Some((_, i)) = &self.scopes[s].loop_variable {
+                numbers.insert(0, i.to_string());
+            }
+            at = self.scopes[s].parent;
+        }
+        if numbers.is_empty() { name.to_string() } else { format!("{name}[{}]", numbers.join(",")) }
+    }
+
+    fn too_big(&mut self, span: Span) -> bool {
+        let over = self.elements.len() + self.raw_bonds.len() > MOST_ELEMENTS;
+        if over && !self.errors.iter().any(|e| e.code == "elaborate::limit") {
+            self.errors.push(
+                Diagnostic::error("elaborate::limit", span, format!("the model has more than {MOST_ELEMENTS} elements and bonds"))
+                    .help("lower the bounds of the loops"),
+            );
+        }
+        over
+    }
+
+    fn not_yet(&mut self, span: Span, what: &str, help: &str) {
+        self.errors.push(
+            Diagnostic::error("elaborate::not_yet", span, format!("{what} is not there yet: this version of bond reads it but cannot run it"))
+                .help(help),
+        );
+    }
+
+    fn element(&mut self, e: &'a Decl_, scope: ScopeId, sampling: Option<usize>) {
+        let instance = self.scopes[scope].instance;
+        let Some(key) = self.key(&e.name.text, &e.index, scope) else { return };
+        let name = self.full_name(instance, &key);
+        if !e.ports.is_empty() {
+            self.declare(instance, key, Entity::Missing, e.name.span);
+            self.not_yet(e.span, &format!("the multiport field `{}`", e.kind.text), "build it from 1-port elements and junctions where that is possible");
+            return;
+        }
+        if matches!(e.kind.text.as_str(), "RS" | "IC") {
+            self.declare(instance, key, Entity::Missing, e.name.span);
+            self.not_yet(e.span, &format!("`{}`", e.kind.text), "an `R` dissipates without a thermal port");
+            return;
+        }
+        let Some(kind) = element::ALL.iter().find(|(n, _)| *n == e.kind.text).map(|k| k.1) else {
+            self.instance_or_unknown(e, &e.kind.text, key, name, scope, sampling);
+            return;
+        };
+        if !e.args.is_empty() {
+            self.errors.push(
+                Diagnostic::error("elaborate::arguments", e.span, format!("`{name}` is an element, and takes no arguments in parentheses"))
+                    .help(format!("write `{}:{} = value` or `{{ field = value }}`", e.kind.text, e.name.text)),
+            );
+        }
+        if e.active && kind != Kind::R {
+            self.errors.push(
+                Diagnostic::error("elaborate::active", e.span, format!("`{name}` cannot be active: only an `R` can"))
+                    .help("a source may inject energy as it is; take `active` away"),
+            );
+        }
+        let id = ElementId(self.elements.len() as u32);
+        if self.declare(instance, key, Entity::Element(id), e.name.span) {
+            self.elements.push(Decl { name, kind, ast: Some(e), scope, sampling, span: e.kind.span.to(e.name.span) });
+        }
+    }
+
+    fn instance_or_unknown(&mut self, e: &'a Decl_, kind: &str, key: String, name: String, scope: ScopeId, sampling: Option<usize>) {
+        let instance = self.scopes[scope].instance;
+        let file = self.instances[instance].model.0;
+        let Some(&model) = self.files.visible[file].get(kind) else {
+            self.declare(instance, key, Entity::Missing, e.name.span);
+            let mut known: Vec<&str> = element::ALL.iter().map(|k| k.0).collect();
+            known.extend(self.files.visible[file].keys().map(String::as_str));
+            known.sort_unstable();
+            let mut error = Diagnostic::error("elaborate::kind", e.kind.span, format!("unknown element kind `{kind}` (of `{name}`)"));
+            error = match nearest(kind, known) {
+                Some(n) => error.help(format!("did you mean `{n}:{}`?", e.name.text)),
+                None => error.help("the kinds are Se, Sf, C, I, R, TF, GY, 0, 1, De, Df; a model of another file needs `use`"),
+            };
+            self.errors.push(error);
+            return;
+        };
+        if e.value.is_some() || e.fields.is_some() || e.active {
+            self.errors.push(
+                Diagnostic::error("elaborate::arguments", e.span, format!("`{name}` is an instance of the model `{kind}`"))
+                    .help(format!("give parameters in parentheses: `{kind}:{}(parameter = value)`", e.name.text)),
+            );
+        }
+        let index = self.instances.len();
+        if !self.declare(instance, key, Entity::Instance(index), e.name.span) {
+            return;
+        }
+        if self.instantiate(model, name, Some((&e.args, scope)), sampling, e.span).is_none() {
+            let key = self.key(&e.name.text, &e.index, scope).unwrap_or_default();
+            self.instances[instance].names.insert(key, (Entity::Missing, e.name.span));
+        }
+    }
+
+    fn port(&mut self, name: &'a Name, fields: &'a [Field], scope: ScopeId, sampling: Option<usize>) {
+        let instance = self.scopes[scope].instance;
+        let full = self.full_name(instance, &name.text);
+        if instance == 0 {
+            // An open port of the scene is an element of its own.
+            let id = ElementId(self.elements.len() as u32);
+            if self.declare(instance, name.text.clone(), Entity::Element(id), name.span) {
+                self.elements.push(Decl { name: full, kind: Kind::Port, ast: None, scope, sampling, span: name.span });
+                self.open_ports.push((id, fields, scope));
+            }
+            return;
+        }
+        let port = self.ports.len();
+        if self.declare(instance, name.text.clone(), Entity::Port(port), name.span) {
+            self.ports.push(PortDecl { name: full, span: name.span, inside: Vec::new(), outside: Vec::new() });
+        }
+    }
+
+    fn sampled(
+        &mut self,
+        block: &'a Sampled,
+        span: Span,
+        scope: ScopeId,
+        outer: Option<usize>,
+        chains: &mut Vec<(&'a Chain, ScopeId)>,
+    ) {
+        if let Some(outer) = outer {
+            self.errors.push(
+                Diagnostic::error("elaborate::sampled", span, "a `sampled` block stands inside another one")
+                    .label(self.samplings[outer].span, "is the outer one")
+                    .help("place them beside each other and join them by `||>`"),
+            );
+            return;
+        }
+        let period = match &block.clock {
+            Clock::At(e) => self.constant(e, scope, crate::units::Dimension::SECOND.pow(-1, 1), "the rate").map(|x| 1.0 / x),
+            Clock::Every(e) => self.constant(e, scope, crate::units::Dimension::SECOND, "the period"),
+        };
+        let clock = match &block.clock {
+            Clock::At(e) | Clock::Every(e) => e.span,
+        };
+        let period = match period {
+            Some(p) if p > 0.0 && p.is_finite() => p,
+            Some(p) => {
+                self.errors.push(
+                    Diagnostic::error("elaborate::period", clock, format!("a period of {p} s cannot be run"))
+                        .help("give a positive rate or period, such as `at 1 kHz` or `every 40 ms`"),
+                );
+                1.0
+            }
+            None => 1.0,
+        };
+        let hold = match &block.hold {
+            None => Hold::default(),
+            Some(n) => match Hold::ALL.iter().find(|h| h.name() == n.text) {
+                Some(h) => *h,
+                None => {
+                    self.errors.push(
+                        Diagnostic::error("elaborate::hold", n.span, format!("unknown hold `{}`", n.text))
+                            .help("the holds are lagged, predicted and matched"),
+                    );
+                    Hold::default()
+                }
+            },
+        };
+        let id = self.samplings.len();
+        self.samplings.push(Sampling {
+            period,
+            hold,
+            hold_given: block.hold.is_some(),
+            budget: block.budget.unwrap_or(true),
+            method: block.method.as_ref().map(|n| n.text.clone()),
+            span: clock,
+        });
+        self.block(&block.body, scope, Some(id), true, chains);
+    }
+
+    /// The key of a name with its indices, `c[3]`.
+    pub(super) fn key(&mut self, name: &str, index: &'a [Expr], scope: ScopeId) -> Option<String> {
+        if index.is_empty() {
+            return Some(name.to_string());
+        }
+        let numbers = index.iter().map(|e| self.integer(e, scope).map(|i| i.to_string())).collect::<Option<Vec<_>>>()?;
+        Some(format!("{name}[{}]", numbers.join(",")))
+    }
+
+    fn chain(&mut self, chain: &'a Chain, scope: ScopeId) {
+        let groups: Vec<Vec<Option<(RawEnd, String)>>> =
+            chain.groups.iter().map(|g| g.iter().map(|e| self.end(e, scope)).collect()).collect();
+        for (i, arrow) in chain.arrows.iter().enumerate() {
+            let (tails, heads) = (&groups[i], &groups[i + 1]);
+            if tails.len() > 1 && heads.len() > 1 {
+                self.errors.push(
+                    Diagnostic::error("elaborate::fan", arrow.span, "this arrow joins several ends with several ends")
+                        .help("write the bonds one by one, or put a junction between"),
+                );
+                continue;
+            }
+            let name = match &arrow.name {
+                Some((n, index)) => {
+                    if tails.len() * heads.len() > 1 {
+                        self.errors.push(
+                            Diagnostic::error("elaborate::name", n.span, format!("the bond `{}` is several bonds", n.text))
+                                .help("name a bond that has one tail and one head"),
+                        );
+                    }
+                    self.key(&n.text, index, scope).map(|k| (k, n.span))
+                }
+                None => None,
+            };
+            for tail in tails {
+                for head in heads {
+                    let (Some((tail, tail_name)), Some((head, head_name))) = (tail, head) else { continue };
+                    let index = self.raw_bonds.len();
+                    let instance = self.scopes[scope].instance;
+                    let mut shown = format!("{tail_name} -> {head_name}");
+                    if let Some((key, span)) = &name {
+                        shown = self.full_name(instance, key);
+                        self.declare(instance, key.clone(), Entity::Bond(index), *span);
+                    }
+                    for (end, out) in [(tail, true), (head, false)] {
+                        if let RawEnd::Port(p, inside) = *end {
+                            let list = if inside { &mut self.ports[p].inside } else { &mut self.ports[p].outside };
+                            list.push((index, out));
+                        }
+                    }
+                    self.raw_bonds.push(RawBond {
+                        tail: *tail,
+                        head: *head,
+                        sampled: arrow.sampled,
+                        stroke: arrow.stroke,
+                        name: shown,
+                        span: arrow.span,
+                    });
+                }
+            }
+        }
+    }
+
+    /// The end of a bond, and its name for messages.
+    fn end(&mut self, end: &'a End, scope: ScopeId) -> Option<(RawEnd, String)> {
+        let instance = self.scopes[scope].instance;
+        let path = match end {
+            End::Declare(e) => {
+                let key = self.key(&e.name.text, &e.index, scope)?;
+                return match self.instances[instance].names.get(&key)?.0 {
+                    Entity::Element(id) => Some((RawEnd::Element(id), self.full_name(instance, &key))),
+                    Entity::Instance(_) => {
+                        self.errors.push(
+                            Diagnostic::error("elaborate::end", e.span, format!("`{key}` is an instance, and a bond ends at a port of it"))
+                                .help("declare the instance by itself, and bond to `name.port`"),
+                        );
+                        None
+                    }
+                    Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Probe | Entity::Bond(_) | Entity::Missing => None,
+                };
+            }
+            End::Path(path) => path,
+        };
+        let (at, last, entity, span) = self.walk(path, scope)?;
+        let shown = self.full_name(at, &last);
+        let wrong = |what: &str, help: String| Diagnostic::error("elaborate::end", path.span, what.to_string()).label(span, "is declared here").help(help);
+        match entity {
+            Entity::Element(id) => Some((RawEnd::Element(id), shown)),
+            Entity::Port(p) => Some((RawEnd::Port(p, at == instance), shown)),
+            Entity::Instance(i) => {
+                let ports = self.port_names(i);
+                let help = match ports.first() {
+                    Some(p) => format!("name a port of it: `{shown}.{p}`"),
+                    None => "the model has no ports; declare one with `port name`".to_string(),
+                };
+                self.errors.push(wrong(&format!("`{shown}` is an instance, and a bond ends at a port of it"), help));
+                None
+            }
+            Entity::Param(_) | Entity::Let(_) | Entity::Probe => {
+                self.errors.push(wrong(&format!("`{shown}` is a value, and a bond joins elements"), format!("did you mean an element, such as `R:{last}`?")));
+                None
+            }
+            Entity::Bond(_) => {
+                self.errors.push(wrong(&format!("`{shown}` is a bond, and a bond joins elements"), "put a junction there".into()));
+                None
+            }
+            Entity::Missing => None,
+        }
+    }
+
+    fn port_names(&self, instance: usize) -> Vec<String> {
+        let mut list: Vec<String> =
+            self.instances[instance].names.iter().filter(|(_, (e, _))| matches!(e, Entity::Port(_))).map(|(k, _)| k.clone()).collect();
+        list.sort();
+        list
+    }
+
+    /// Follows all segments of a path: the instance its last name stands in, that name with its indices, what it is, and where
+    /// it was declared.
+    pub(super) fn walk(&mut self, path: &'a Path, scope: ScopeId) -> Option<(usize, String, Entity, Span)> {
+        let mut at = self.scopes[scope].instance;
+        for (i, segment) in path.segments.iter().enumerate() {
+            let (key, entity, span) = self.find(at, segment, scope, i > 0)?;
+            if i + 1 == path.segments.len() {
+                return Some((at, key, entity, span));
+            }
+            match entity {
+                Entity::Instance(inner) => at = inner,
+                Entity::Missing => return None,
+                Entity::Element(_) | Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Probe | Entity::Bond(_) => {
+                    let next = &path.segments[i + 1].name;
+                    self.errors.push(
+                        Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.text))
+                            .label(span, "is declared here")
+                            .help(format!("bond to `{key}` itself")),
+                    );
+                    return None;
+                }
+            }
+        }
+        None
+    }
+
+    /// Looks a segment up in an instance.
+    pub(super) fn find(&mut self, at: usize, segment: &'a Segment, scope: ScopeId, inside: bool) -> Option<(String, Entity, Span)> {
+        let key = self.key(&segment.name.text, &segment.index, scope)?;
+        if let Some((entity, span)) = self.instances[at].names.get(&key) {
+            return Some((key, *entity, *span));
+        }
+        let names = &self.instances[at].names;
+        let span = segment.name.span;
+        let mut error = if inside {
+            let model = self.files.model(self.instances[at].model);
+            let what = model.map(|m| m.name.text.as_str()).unwrap_or("");
+            let ports = self.port_names(at);
+            let mut e = Diagnostic::error("elaborate::unknown", span, format!("`{}` (a `{what}`) has no port or part `{key}`", self.instances[at].path));
+            if let Some(m) = model {
+                e = e.label(m.name.span, "is the model");
+            }
+            if !ports.is_empty() && nearest(&key, names.keys().map(String::as_str)).is_none() {
+                e = e.help(format!("its ports are {}", ports.join(", ")));
+            }
+            e
+        } else {
+            Diagnostic::error("elaborate::unknown", span, format!("there is no `{key}` here"))
+        };
+        let mut known: Vec<&str> = names.keys().map(String::as_str).collect();
+        known.sort_unstable();
+        if let Some(n) = nearest(&key, known) {
+            error = error.help(format!("did you mean `{n}`?"));
+        } else if error.help.is_none() {
+            error = error.help(format!("declare it, for instance as `1:{key}`, or check the spelling"));
+        }
+        self.errors.push(error);
+        None
+    }
+}
+
+fn join(path: &[Name]) -> String {
+    path.iter().map(|n| n.text.as_str()).collect::<Vec<_>>().join(".")
+}

@@ -1,0 +1,195 @@
+//! Second walk: laws, outputs, settings, units.
+
+use super::{Elaborator, Inference, Mode, Typed, Unit};
+use crate::Options;
+use crate::expression::Expr;
+use crate::model::{BondId, Element, ElementId, Kind, Law, Model, Parameter, Probe, Signal};
+use bond_grammar::ast;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
+
+impl<'a> Elaborator<'a> {
+    pub(super) fn finish(mut self, decl: &'a ast::Model) -> Result<Model, Vec<Diagnostic>> {
+        let joined = self.errors.is_empty();
+        self.domain_of = self.domains();
+        let domains = self.domain_of.iter().max().map_or(0, |d| d + 1);
+        self.energies = vec![None; self.elements.len()];
+        self.mode = Mode::Signals;
+        // A wrong value is worth saying even where bonds are missing; but signals of such bonds are not.
+        let laws = self.laws();
+        if !joined {
+            return Err(self.errors);
+        }
+        let probes = self.make_probes();
+        let expectations = self.make_expectations();
+        let settings = self.make_settings();
+        for p in 0..self.params.len() {
+            let span = self.params[p].span;
+            self.param_value(p, span);
+        }
+        let mut inference = Inference::new(domains);
+        for e in std::mem::take(&mut self.equations) {
+            inference.equate(e);
+        }
+        let units = inference.solve(&mut self.errors);
+        if !self.errors.is_empty() {
+            return Err(self.errors);
+        }
+        let known = |u: &Unit| units.system.known(u);
+        let parameters = self
+            .params
+            .iter()
+            .filter_map(|p| match &p.state {
+                super::ParamState::Done(Some(t)) => {
+                    let value = self.pool.constant(t.expr)?;
+                    let symbol = p.symbol?;
+                    Some(Parameter { name: p.name.clone(), symbol, value, unit: known(&t.unit) })
+                }
+                super::ParamState::Done(None) | super::ParamState::New | super::ParamState::Open => None,
+            })
+            .collect();
+        let probes =
+            probes.into_iter().map(|(name, span, t)| Probe { name, value: t.expr, unit: known(&t.unit), span }).collect();
+        let bond_units =
+            self.domain_of.iter().map(|&d| (known(&Inference::effort(d)), known(&Inference::flow(d)))).collect();
+        let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
+        Ok(Model {
+            name: decl.name.text.clone(),
+            docs: decl.docs.clone(),
+            span: decl.span,
+            pool: self.pool,
+            elements: laws.into_iter().flatten().collect(),
+            bonds: self.bonds,
+            samplings: self.samplings,
+            integrals: self.integrals,
+            probes,
+            expectations,
+            settings,
+            parameters,
+            signals: self.signals,
+            units: bond_units,
+            pseudo,
+        })
+    }
+
+    /// Bonds that meet at junctions share their units: the domain of each bond.
+    fn domains(&self) -> Vec<usize> {
+        let mut sets = petgraph::unionfind::UnionFind::<usize>::new(self.bonds.len());
+        for (i, decl) in self.elements.iter().enumerate() {
+            if matches!(decl.kind, Kind::Zero | Kind::One) {
+                for pair in self.bonds_of.get(i).map(Vec::as_slice).unwrap_or(&[]).windows(2) {
+                    sets.union(pair[0].at(), pair[1].at());
+                }
+            }
+        }
+        let mut number = vec![usize::MAX; self.bonds.len()];
+        let mut count = 0;
+        (0..self.bonds.len())
+            .map(|b| {
+                let root = sets.find(b);
+                if number[root] == usize::MAX {
+                    number[root] = count;
+                    count += 1;
+                }
+                number[root]
+            })
+            .collect()
+    }
+
+    /// The element with its law; `None` where that cannot be made (which is said).
+    pub(super) fn law(&mut self, id: ElementId) -> Option<Element> {
+        let decl = &self.elements[id.at()];
+        let (kind, ast, scope, span) = (decl.kind, decl.ast, decl.scope, decl.span);
+        let bonds = self.bonds_of.get(id.at()).cloned().unwrap_or_default();
+        let law = match (kind, ast) {
+            (Kind::Zero | Kind::One, Some(ast)) => {
+                self.no_value(ast, "a junction");
+                Law::Junction
+            }
+            (Kind::De | Kind::Df, Some(ast)) => {
+                self.no_value(ast, "a detector");
+                Law::Source(self.pool.int(0))
+            }
+            (Kind::Port, _) => {
+                let fields = self.open_ports.iter().find(|p| p.0 == id).map(|p| (p.1, p.2));
+                let (fields, scope) = fields?;
+                Law::Port(self.open_port(fields, scope, bonds.first().copied()?)?)
+            }
+            (Kind::Se | Kind::Sf, Some(ast)) => Law::Source(self.source(ast, scope, kind, bonds.first().copied()?)?),
+            (Kind::C | Kind::I, Some(ast)) => Law::Storage(self.storage(id, ast, scope, kind, bonds.first().copied()?)?),
+            (Kind::R, Some(ast)) => Law::Resistor(self.resistor(id, ast, scope, bonds.first().copied()?)?),
+            (Kind::Tf | Kind::Gy, Some(ast)) => {
+                let into = bonds.iter().copied().find(|b| self.bonds[b.at()].head == id)?;
+                let out = bonds.iter().copied().find(|b| self.bonds[b.at()].tail == id)?;
+                Law::Ratio(self.ratio(ast, scope, kind, into, out)?)
+            }
+            (Kind::Zero | Kind::One | Kind::De | Kind::Df | Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy, None) => {
+                return None;
+            }
+        };
+        let decl = &self.elements[id.at()];
+        let active = ast.is_some_and(|a| a.active);
+        Some(Element { name: decl.name.clone(), kind, law, sampling: decl.sampling, active, span })
+    }
+
+    fn no_value(&mut self, ast: &ast::Element, what: &str) {
+        if ast.value.is_some() || ast.fields.is_some() || !ast.args.is_empty() {
+            self.errors.push(
+                Diagnostic::error("elaborate::value", ast.span, format!("`{}` is {what}, and takes no value", ast.name.text))
+                    .help("take the value away"),
+            );
+        }
+    }
+
+    /// H of a storage, made now if it was not before.
+    pub(crate) fn energy(&mut self, id: ElementId) -> Option<Expr> {
+        if let Some(e) = self.energies[id.at()] {
+            return Some(e);
+        }
+        let (before, asked) = (self.errors.len(), self.equations.len());
+        let (mode, locals) = (self.mode, std::mem::take(&mut self.locals));
+        let law = self.law(id);
+        self.mode = mode;
+        self.locals = locals;
+        self.errors.truncate(before); // said when its turn comes
+        self.equations.truncate(asked);
+        match law?.law {
+            Law::Storage(s) => {
+                self.energies[id.at()] = Some(s.energy);
+                Some(s.energy)
+            }
+            Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+        }
+    }
+
+    fn make_probes(&mut self) -> Vec<(String, Span, Typed)> {
+        let list = std::mem::take(&mut self.probes);
+        list.into_iter().filter_map(|(name, span, ast, scope)| Some((name, span, self.output(ast, scope)?))).collect()
+    }
+
+    /// Says which `--set` met no parameter.
+    pub(super) fn unknown_overrides(&mut self, options: &Options, at: Span) {
+        for (path, ..) in &options.set {
+            if self.params.iter().any(|p| p.name == *path) {
+                continue;
+            }
+            let names: Vec<String> = self.params.iter().map(|p| p.name.clone()).collect();
+            let mut error = Diagnostic::error("elaborate::set", at, format!("--set {path}: there is no parameter `{path}`"));
+            error = match super::nearest(path, names.iter().map(String::as_str)) {
+                Some(n) => error.help(format!("did you mean `{n}`?")),
+                None if names.is_empty() => error.help("the scene has no parameters"),
+                None => error.help(format!("the parameters are {}", names.join(", "))),
+            };
+            self.errors.push(error);
+        }
+    }
+
+    /// A symbol for the argument of an element's law.
+    pub(crate) fn argument(&mut self, id: ElementId) -> crate::expression::Symbol {
+        self.signal(Signal::Argument(id))
+    }
+
+    pub(crate) fn bond_domain(&self, bond: BondId) -> usize {
+        self.domain_of[bond.at()]
+    }
+}

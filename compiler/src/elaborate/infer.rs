@@ -1,0 +1,268 @@
+//! Unit inference. Each domain of the graph (bonds joined by junctions) has two unknown units, effort and flow; every
+//! expression's unit is a product of powers of them and of a known dimension. Equating two units is a linear equation in
+//! the exponents, so that all of them are one linear system, solved by elimination as the equations come.
+
+use crate::units::Dimension;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
+use rustc_hash::FxHashMap;
+
+/// A rational exponent, den > 0, in lowest terms.
+type Ratio = (i32, i32);
+
+fn reduce((n, d): Ratio) -> Ratio {
+    fn gcd(a: i32, b: i32) -> i32 {
+        if b == 0 { a.abs().max(1) } else { gcd(b, a % b) }
+    }
+    let g = gcd(n, d) * d.signum();
+    (n / g, d / g)
+}
+
+fn plus(a: Ratio, b: Ratio) -> Ratio {
+    reduce((a.0.saturating_mul(b.1).saturating_add(b.0.saturating_mul(a.1)), a.1.saturating_mul(b.1)))
+}
+
+fn times(a: Ratio, b: Ratio) -> Ratio {
+    reduce((a.0.saturating_mul(b.0), a.1.saturating_mul(b.1)))
+}
+
+/// An unknown unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Unknown(pub u32);
+
+/// The unit of an expression.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Unit {
+    /// The literal 0 has every unit.
+    Any,
+    /// A dimension times powers of unknowns.
+    Form(Dimension, Vec<(Unknown, Ratio)>),
+}
+
+impl Unit {
+    /// A known one.
+    pub fn known(d: Dimension) -> Unit {
+        Unit::Form(d, Vec::new())
+    }
+
+    /// A bare number.
+    pub fn one() -> Unit {
+        Unit::known(Dimension::DIMENSIONLESS)
+    }
+
+    /// An unknown.
+    pub fn unknown(v: Unknown) -> Unit {
+        Unit::Form(Dimension::DIMENSIONLESS, vec![(v, (1, 1))])
+    }
+
+    /// `self * other^n`
+    pub fn times(&self, other: &Unit, n: Ratio) -> Unit {
+        match (self, other) {
+            (Unit::Any, _) | (_, Unit::Any) => Unit::Any,
+            (Unit::Form(a, x), Unit::Form(b, y)) => {
+                let mut terms = x.clone();
+                for &(v, c) in y {
+                    add_term(&mut terms, v, times(c, n));
+                }
+                Unit::Form(a.mul(b.pow(n.0, n.1)), terms)
+            }
+        }
+    }
+
+    /// `self * other`
+    pub fn mul(&self, other: &Unit) -> Unit {
+        self.times(other, (1, 1))
+    }
+
+    /// `self / other`
+    pub fn div(&self, other: &Unit) -> Unit {
+        self.times(other, (-1, 1))
+    }
+
+    /// `self^n`
+    pub fn pow(&self, n: Ratio) -> Unit {
+        match self {
+            Unit::Any => Unit::Any,
+            Unit::Form(..) => Unit::one().times(self, n),
+        }
+    }
+}
+
+fn add_term(terms: &mut Vec<(Unknown, Ratio)>, v: Unknown, c: Ratio) {
+    match terms.binary_search_by_key(&v, |t| t.0) {
+        Ok(i) => {
+            terms[i].1 = plus(terms[i].1, c);
+            if terms[i].1.0 == 0 {
+                terms.remove(i);
+            }
+        }
+        Err(i) => {
+            if c.0 != 0 {
+                terms.insert(i, (v, c));
+            }
+        }
+    }
+}
+
+/// Two units that must be the same, and where that was asked.
+#[derive(Clone, Debug)]
+pub struct Equation {
+    /// What was found.
+    pub found: (Unit, Span),
+    /// What is needed.
+    pub needed: (Unit, Option<Span>),
+    /// What it is about: "resistance of `damper`".
+    pub about: String,
+    /// Equations of lower rank are believed first.
+    pub rank: u8,
+}
+
+/// The solved part of the system.
+#[derive(Default)]
+pub struct System {
+    /// unknown = dimension times powers of others
+    rows: FxHashMap<Unknown, (Dimension, Vec<(Unknown, Ratio)>)>,
+}
+
+impl System {
+    /// Replaces all solved unknowns.
+    pub fn reduce(&self, unit: &Unit) -> Unit {
+        let Unit::Form(d, terms) = unit else { return Unit::Any };
+        let (mut d, mut terms) = (*d, terms.clone());
+        while let Some(i) = terms.iter().position(|(v, _)| self.rows.contains_key(v)) {
+            let (v, c) = terms.remove(i);
+            let (dim, row) = &self.rows[&v];
+            d = d.mul(dim.pow(c.0, c.1));
+            for &(w, k) in row {
+                add_term(&mut terms, w, times(k, c));
+            }
+        }
+        Unit::Form(d, terms)
+    }
+
+    /// The dimension of a unit, where it is determined.
+    pub fn known(&self, unit: &Unit) -> Option<Dimension> {
+        match self.reduce(unit) {
+            Unit::Form(d, terms) if terms.is_empty() => Some(d),
+            Unit::Form(..) | Unit::Any => None,
+        }
+    }
+
+    /// Adds `unit = 1`; false where it contradicts what is known.
+    pub fn require_one(&mut self, unit: &Unit) -> bool {
+        let Unit::Form(d, mut terms) = self.reduce(unit) else { return true };
+        let Some((v, c)) = terms.pop() else { return d.is_one() };
+        // v^c * rest * d = 1, so v = (rest * d)^(-1/c)
+        let k = reduce((-c.1, c.0));
+        let row = terms.into_iter().map(|(w, x)| (w, times(x, k))).collect();
+        self.rows.insert(v, (d.pow(k.0, k.1), row));
+        true
+    }
+}
+
+/// Effort and flow units that belong together although their product is no power.
+fn is_pseudo_pair(e: Dimension, f: Dimension) -> bool {
+    use Dimension as D;
+    let kelvin = D::KELVIN;
+    let flow_of_mass = D::KILOGRAM.div(D::SECOND);
+    let volume_flow = D::METRE.pow(3, 1).div(D::SECOND);
+    [
+        (kelvin, D::WATT),                                          // heat
+        (D::PASCAL, flow_of_mass),                                  // hydraulics by mass
+        (D::METRE, volume_flow),                                    // hydraulics by head
+        (D::MOLE.div(D::METRE.pow(3, 1)), D::MOLE.div(D::SECOND)), // diffusion
+    ]
+    .contains(&(e, f))
+}
+
+/// The units of a whole model.
+pub struct Inference {
+    equations: Vec<Equation>,
+    domains: u32,
+}
+
+/// What inference found.
+pub struct Units {
+    /// The solved system.
+    pub system: System,
+    /// For each domain, whether it is a pseudo bond graph.
+    pub pseudo: Vec<bool>,
+}
+
+impl Inference {
+    /// For a number of domains.
+    pub fn new(domains: usize) -> Self {
+        Self { equations: Vec::new(), domains: domains as u32 }
+    }
+
+    /// Effort of a domain.
+    pub fn effort(domain: usize) -> Unit {
+        Unit::unknown(Unknown(2 * domain as u32))
+    }
+
+    /// Flow of a domain.
+    pub fn flow(domain: usize) -> Unit {
+        Unit::unknown(Unknown(2 * domain as u32 + 1))
+    }
+
+    /// Asks for two units to be the same.
+    pub fn equate(&mut self, equation: Equation) {
+        self.equations.push(equation);
+    }
+
+    /// Solves; contradictions become diagnostics at the place of the equation that did not fit any more.
+    pub fn solve(mut self, errors: &mut Vec<Diagnostic>) -> Units {
+        self.equations.sort_by_key(|e| e.rank);
+        // What do the elements say by themselves? Only then is a pair of units taken for a pseudo bond.
+        let mut free = System::default();
+        for e in &self.equations {
+            free.require_one(&e.found.0.div(&e.needed.0));
+        }
+        let mut system = System::default();
+        let mut pseudo = Vec::new();
+        for d in 0..self.domains as usize {
+            let (e, f) = (Self::effort(d), Self::flow(d));
+            let odd = match (free.known(&e), free.known(&f)) {
+                (Some(e), Some(f)) => is_pseudo_pair(e, f),
+                _ => false,
+            };
+            pseudo.push(odd);
+            if !odd {
+                system.require_one(&e.mul(&f).div(&Unit::known(Dimension::WATT)));
+            }
+        }
+        for e in &self.equations {
+            if system.require_one(&e.found.0.div(&e.needed.0)) {
+                continue;
+            }
+            let name = |u: &Unit| match system.reduce(u) {
+                Unit::Form(d, terms) if terms.is_empty() => Some(d.to_string()),
+                Unit::Form(..) | Unit::Any => None,
+            };
+            let found = match name(&e.found.0) {
+                Some(u) if u == "1" => "a bare number, without a unit".to_string(),
+                Some(u) => format!("in {u}"),
+                None => "of another unit".to_string(),
+            };
+            let needed = match name(&e.needed.0) {
+                Some(u) if u == "1" => "a bare number, without a unit,".to_string(),
+                Some(u) => u,
+                None => "another unit".to_string(),
+            };
+            let mut error = Diagnostic::error(
+                "units::mismatch",
+                e.found.1,
+                format!("wrong unit: {} is {found} where {needed} is needed", e.about),
+            )
+            .here(format!("this is {found}"));
+            if let Some(span) = e.needed.1 {
+                error = error.label(span, format!("this asks for {needed}"));
+            }
+            errors.push(error.help(match name(&e.found.0.div(&e.needed.0)) {
+                Some(off) => format!("the unit is off by a factor of {off}: give the value in {needed}, or mend the expression"),
+                None => format!("give the value in {needed}"),
+            }));
+        }
+        Units { system, pseudo }
+    }
+}

@@ -1,0 +1,200 @@
+//! Takes the ports of instances out: the bond inside and the bond outside become one.
+
+use super::{Elaborator, RawEnd};
+use crate::model::{Bond, BondId, ElementId, Kind};
+use bond_grammar::diagnostic::Diagnostic;
+
+impl Elaborator<'_> {
+    /// Makes the flat bonds, and checks that everything is bonded as its kind asks for.
+    pub(super) fn join_ports(&mut self) {
+        let mut sound = vec![true; self.ports.len()];
+        for (p, sound) in sound.iter_mut().enumerate() {
+            *sound = self.port_is_sound(p);
+        }
+        // Follow each chain of ports from its tail element to its head element.
+        self.merged = vec![None; self.raw_bonds.len()];
+        for start in 0..self.raw_bonds.len() {
+            let RawEnd::Element(tail) = self.raw_bonds[start].tail else { continue };
+            let mut members = vec![start];
+            let mut at = start;
+            let head = loop {
+                match self.raw_bonds[at].head {
+                    RawEnd::Element(id) => break Some(id),
+                    RawEnd::Port(p, inside) => {
+                        if !sound[p] {
+                            break None;
+                        }
+                        let next = if inside { self.ports[p].outside[0] } else { self.ports[p].inside[0] };
+                        at = next.0;
+                        members.push(at);
+                    }
+                }
+            };
+            let Some(head) = head else { continue };
+            let id = BondId(self.bonds.len() as u32);
+            let bars: Vec<usize> = members.iter().copied().filter(|&m| self.raw_bonds[m].sampled).collect();
+            if let [first, second, ..] = bars[..] {
+                self.errors.push(
+                    Diagnostic::error("elaborate::bars", self.raw_bonds[second].span, "two double bars follow one another on one bond")
+                        .label(self.raw_bonds[first].span, "is the other")
+                        .help("write `||>` on one side of the port and `->` on the other"),
+                );
+            }
+            for &m in &members {
+                self.merged[m] = Some(id);
+            }
+            let raw = |m: &usize| &self.raw_bonds[*m];
+            let named = members.iter().map(raw).find(|b| !b.name.contains("->"));
+            let name = match named {
+                Some(b) => b.name.clone(),
+                None => format!("{} -> {}", self.elements[tail.at()].name, self.elements[head.at()].name),
+            };
+            // The outermost arrow is the one that a reader of the scene sees.
+            let span = members.iter().map(raw).map(|b| b.span).next_back().unwrap_or(self.raw_bonds[start].span);
+            let span = bars.first().map(|&m| self.raw_bonds[m].span).unwrap_or(span);
+            self.bonds.push(Bond {
+                tail,
+                head,
+                sampled: !bars.is_empty(),
+                stroke: members.iter().map(raw).find_map(|b| b.stroke),
+                name,
+                span,
+            });
+        }
+        self.bonds_of = vec![Vec::new(); self.elements.len()];
+        for (i, bond) in self.bonds.iter().enumerate() {
+            self.bonds_of[bond.tail.at()].push(BondId(i as u32));
+            self.bonds_of[bond.head.at()].push(BondId(i as u32));
+        }
+        if !self.errors.is_empty() {
+            // Complaints about missing bonds would only repeat what was said of the bonds that could not be made.
+            return;
+        }
+        for i in 0..self.elements.len() {
+            self.check_bonds(ElementId(i as u32));
+        }
+        self.check_borders();
+    }
+
+    fn port_is_sound(&mut self, p: usize) -> bool {
+        let port = &self.ports[p];
+        let (name, span) = (&port.name, port.span);
+        for (side, bonds) in [("inside its model", &port.inside), ("outside", &port.outside)] {
+            if let [first, second, ..] = bonds[..] {
+                self.errors.push(
+                    Diagnostic::error(
+                        "elaborate::port_twice",
+                        self.raw_bonds[second.0].span,
+                        format!("the port `{name}` is bonded twice {side}"),
+                    )
+                    .label(self.raw_bonds[first.0].span, "is the first bond")
+                    .label(span, "is the port")
+                    .help("a port takes one bond on each side; put a junction there to join several"),
+                );
+                return false;
+            }
+        }
+        match (&port.inside[..], &port.outside[..]) {
+            ([inside], [outside]) => {
+                // The port is the tail of one and the head of the other, if the half arrows run the same way.
+                if inside.1 == outside.1 {
+                    let how = if inside.1 { "both point away from it" } else { "both point at it" };
+                    self.errors.push(
+                        Diagnostic::error(
+                            "elaborate::head_on",
+                            self.raw_bonds[outside.0].span,
+                            format!("the half arrows on the two sides of the port `{name}` meet head on: {how}"),
+                        )
+                        .label(self.raw_bonds[inside.0].span, "is the bond inside")
+                        .label(span, "is the port")
+                        .help("turn one of the two around, so that power runs through the port in one direction"),
+                    );
+                    return false;
+                }
+                true
+            }
+            ([], _) => {
+                self.errors.push(
+                    Diagnostic::error("elaborate::port", span, format!("the port `{name}` is not bonded inside its model"))
+                        .help("bond it to what it leads to, as in `tip -> 1:contact`"),
+                );
+                false
+            }
+            (_, []) => {
+                self.errors.push(
+                    Diagnostic::error("elaborate::port", span, format!("the port `{name}` is not connected"))
+                        .help(format!("bond it outside, as in `x -> {name}`")),
+                );
+                false
+            }
+            _ => false,
+        }
+    }
+
+    fn check_bonds(&mut self, id: ElementId) {
+        let decl = &self.elements[id.at()];
+        let bonds = &self.bonds_of[id.at()];
+        let (name, span) = (&decl.name, decl.span);
+        let arrows = |error: Diagnostic| bonds.iter().fold(error, |e, b| e.label(self.bonds[b.at()].span, "is a bond of it"));
+        let error = match (decl.kind, bonds.len()) {
+            (_, 0) => Some(
+                Diagnostic::error("elaborate::unconnected", span, format!("`{name}` is not connected to anything"))
+                    .help(format!("bond it, as in `1:v -> {name}`, or take it out")),
+            ),
+            (Kind::Zero | Kind::One, _) => None,
+            (Kind::Tf | Kind::Gy, _) => {
+                let into = bonds.iter().filter(|b| self.bonds[b.at()].head == id).count();
+                (bonds.len() != 2 || into != 1).then(|| {
+                    let out = bonds.len() - into;
+                    arrows(Diagnostic::error(
+                        "elaborate::two_port",
+                        span,
+                        format!("`{name}` needs one bond in and one bond out; it has {into} in and {out} out"),
+                    ))
+                    .help(format!("bond it as in `a -> {name} -> b`"))
+                })
+            }
+            (Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port, 1) => None,
+            (Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port, n) => Some(
+                arrows(Diagnostic::error("elaborate::one_port", span, format!("`{name}` has {n} bonds, and takes one")))
+                    .help(format!("join them at a junction, as in `a, b -> 0:node -> {name}`")),
+            ),
+        };
+        self.errors.extend(error);
+    }
+
+    /// Plain bonds stay on one side of the border of a sampled region; double bars cross one.
+    fn check_borders(&mut self) {
+        for bond in &self.bonds {
+            let (tail, head) = (&self.elements[bond.tail.at()], &self.elements[bond.head.at()]);
+            let side = |d: &super::Decl| match d.sampling {
+                Some(s) => format!("sampled every {} s", self.samplings[s].period),
+                None => "continuous".to_string(),
+            };
+            if !bond.sampled && tail.sampling != head.sampling {
+                self.errors.push(
+                    Diagnostic::error(
+                        "elaborate::border",
+                        bond.span,
+                        format!("a plain bond crosses the border of a sampled region: `{}` is {}, `{}` is {}", tail.name, side(tail), head.name, side(head)),
+                    )
+                    .label(tail.span, format!("is {}", side(tail)))
+                    .label(head.span, format!("is {}", side(head)))
+                    .help("write `||>`, which samples and holds, or move one of them to the other side"),
+                );
+            }
+            if bond.sampled && tail.sampling.is_none() && head.sampling.is_none() {
+                self.errors.push(
+                    Diagnostic::error(
+                        "elaborate::border",
+                        bond.span,
+                        format!("`||>` joins `{}` and `{}`, and neither is in a sampled region", tail.name, head.name),
+                    )
+                    .label(tail.span, "is continuous")
+                    .label(head.span, "is continuous")
+                    .help("write `->`, or put one of them into `sampled at 1 kHz { ... }`"),
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! Follows `use`: from one source to all files that it needs.
+
+use bond_grammar::ast::{File, Item, Name, UseTarget};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::{SourceId, Sources, Span};
+use rustc_hash::FxHashMap;
+
+/// Gives the text of a used file. The compiler itself opens no files.
+pub trait Loader {
+    /// Name (as it is to be shown, and told apart) and text of `path`, which the file called `from` uses.
+    ///
+    /// # Errors
+    /// A few words about why it can't be had.
+    fn load(&mut self, from: &str, path: &str) -> Result<(String, String), String>;
+}
+
+/// A loader for models that use no files.
+pub struct NoFiles;
+
+impl Loader for NoFiles {
+    fn load(&mut self, _: &str, _: &str) -> Result<(String, String), String> {
+        Err("this model was not read from a file".into())
+    }
+}
+
+/// Bundled library files, by name.
+const LIBRARY: [(&str, &str); 2] = [
+    ("contact", include_str!("../../../models/library/contact.bond")),
+    ("mechanics", include_str!("../../../models/library/mechanics.bond")),
+];
+
+/// A model, by its file and its place among the file's items.
+pub type ModelRef = (usize, usize);
+
+/// All files of a compilation; the first is the one asked for.
+#[derive(Debug, Default)]
+pub struct Files {
+    /// Their trees.
+    pub list: Vec<File>,
+    /// For each file the models that can be named in it: its own and those of the files it uses.
+    pub visible: Vec<FxHashMap<String, ModelRef>>,
+}
+
+impl Files {
+    /// The model with this reference.
+    pub fn model(&self, (file, item): ModelRef) -> Option<&bond_grammar::ast::Model> {
+        match self.list.get(file)?.items.get(item)? {
+            Item::Model(m) => Some(m),
+            Item::Use(_) => None,
+        }
+    }
+}
+
+struct Loading<'a> {
+    sources: &'a mut Sources,
+    loader: &'a mut dyn Loader,
+    errors: &'a mut Vec<Diagnostic>,
+    files: Files,
+    known: FxHashMap<String, usize>,
+    open: Vec<String>,
+}
+
+/// Parses a source and everything it uses.
+pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader, errors: &mut Vec<Diagnostic>) -> Files {
+    let name = sources.get(main).name.clone();
+    let mut loading = Loading { sources, loader, errors, files: Files::default(), known: FxHashMap::default(), open: vec![] };
+    loading.file(main, name);
+    loading.files
+}
+
+impl Loading<'_> {
+    fn file(&mut self, id: SourceId, name: String) -> usize {
+        let (file, mut wrong) = bond_grammar::parse(self.sources, id);
+        self.errors.append(&mut wrong);
+        let at = self.files.list.len();
+        self.known.insert(name.clone(), at);
+        self.files.list.push(file.clone());
+        self.files.visible.push(FxHashMap::default());
+        self.open.push(name);
+        let mut visible: FxHashMap<String, ModelRef> = FxHashMap::default();
+        for item in &file.items {
+            let Item::Use(u) = item else { continue };
+            let Some(used) = self.used(id, &u.target, u.span) else { continue };
+            for (i, item) in self.files.list[used].items.iter().enumerate() {
+                if let Item::Model(m) = item {
+                    visible.insert(m.name.text.clone(), (used, i));
+                }
+            }
+        }
+        let mut own: FxHashMap<&str, Span> = FxHashMap::default();
+        for (i, item) in file.items.iter().enumerate() {
+            let Item::Model(m) = item else { continue };
+            if let Some(first) = own.insert(&m.name.text, m.name.span) {
+                self.errors.push(
+                    Diagnostic::error("elaborate::twice", m.name.span, format!("the model `{}` is declared twice", m.name.text))
+                        .label(first, "is the first one")
+                        .help("rename one of them"),
+                );
+            }
+            visible.insert(m.name.text.clone(), (at, i));
+        }
+        self.files.visible[at] = visible;
+        self.open.pop();
+        at
+    }
+
+    fn used(&mut self, from: SourceId, target: &UseTarget, span: Span) -> Option<usize> {
+        let (name, text) = match target {
+            UseTarget::Library(path) => library(path, span).map_err(|e| self.errors.push(e)).ok()?,
+            UseTarget::File(path) => {
+                let from = self.sources.get(from).name.clone();
+                match self.loader.load(&from, path) {
+                    Ok(found) => found,
+                    Err(why) => {
+                        self.errors.push(
+                            Diagnostic::error("elaborate::use", span, format!("cannot use \"{path}\": {why}"))
+                                .help("the path is relative to the file that says `use`"),
+                        );
+                        return None;
+                    }
+                }
+            }
+        };
+        if let Some(i) = self.open.iter().position(|o| *o == name) {
+            let chain: Vec<&str> = self.open[i..].iter().map(String::as_str).chain([name.as_str()]).collect();
+            self.errors.push(
+                Diagnostic::error("elaborate::cycle", span, format!("cyclic use: {}", chain.join(" uses ")))
+                    .help("move what both need into a third file"),
+            );
+            return None;
+        }
+        if let Some(&at) = self.known.get(&name) {
+            return Some(at);
+        }
+        if self.open.len() >= 64 {
+            self.errors.push(Diagnostic::error("elaborate::limit", span, "`use` is nested more than 64 deep"));
+            return None;
+        }
+        let id = self.sources.add(name.clone(), text);
+        Some(self.file(id, name))
+    }
+}
+
+/// Name and text of a bundled library.
+fn library(path: &[Name], span: Span) -> Result<(String, String), Diagnostic> {
+    let words: Vec<&str> = path.iter().map(|n| n.text.as_str()).collect();
+    let known = || LIBRARY.iter().map(|l| format!("`use std.{}`", l.0)).collect::<Vec<_>>().join(", ");
+    if let ["std", name] = words[..]
+        && let Some((name, text)) = LIBRARY.iter().find(|l| l.0 == name)
+    {
+        return Ok((format!("std/{name}.bond"), (*text).to_string()));
+    }
+    Err(Diagnostic::error("elaborate::use", span, format!("there is no library `{}`", words.join(".")))
+        .help(format!("the bundled ones are {}; a file is used by its path in quotes", known())))
+}

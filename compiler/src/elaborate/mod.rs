@@ -1,0 +1,280 @@
+//! From syntax trees to the flat [`Model`]: instances, loops, names, units, values.
+//!
+//! Two walks. The first ([`expand`]) makes instances and notes names and bonds; only constants are evaluated in it. Then ports
+//! are joined ([`join`]) and, with every bond known, the second turns values into expressions ([`express`], [`crate::element`]),
+//! and units are solved ([`infer`]).
+
+mod expand;
+mod express;
+mod finish;
+mod infer;
+mod join;
+mod load;
+mod settings;
+mod suggest;
+
+pub use infer::{Equation, Inference, Unit};
+pub use load::{Files, Loader, NoFiles, load};
+pub use suggest::nearest;
+
+use crate::Options;
+use crate::expression::{Expr, Pool, Symbol};
+use crate::model::{Bond, BondId, Element, ElementId, Integral, Kind, Model, Sampling, Signal};
+use crate::units::Dimension;
+use bond_grammar::ast::{self, Stroke};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::{SourceId, Sources, Span};
+use rustc_hash::FxHashMap;
+
+type ScopeId = usize;
+
+/// An expression and its unit.
+#[derive(Clone, Debug)]
+pub(crate) struct Typed {
+    /// The expression.
+    pub expr: Expr,
+    /// Its unit.
+    pub unit: Unit,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Entity {
+    Element(ElementId),
+    Instance(usize),
+    Port(usize),
+    Param(usize),
+    Let(usize),
+    Probe,
+    /// An index of `raw_bonds`.
+    Bond(usize),
+    /// Declared, but wrong: said already.
+    Missing,
+}
+
+struct Instance {
+    model: load::ModelRef,
+    path: String,
+    scope: ScopeId,
+    names: FxHashMap<String, (Entity, Span)>,
+}
+
+struct Scope {
+    instance: usize,
+    parent: Option<ScopeId>,
+    loop_variable: Option<(String, i64)>,
+    locals: FxHashMap<String, Entity>,
+}
+
+#[derive(Clone)]
+enum ParamState {
+    New,
+    Open,
+    Done(Option<Typed>),
+}
+
+struct Param<'a> {
+    name: String,
+    span: Span,
+    value: Option<(&'a ast::Expr, ScopeId)>,
+    state: ParamState,
+    overridden: Option<(f64, Option<Dimension>)>,
+    symbol: Option<Symbol>,
+}
+
+#[derive(Clone)]
+enum LetState {
+    New,
+    Open,
+    Done(Option<Typed>),
+}
+
+struct Let<'a> {
+    value: &'a ast::Expr,
+    scope: ScopeId,
+    state: LetState,
+    name: String,
+}
+
+/// A declared element whose law is not made yet.
+pub(crate) struct Decl<'a> {
+    pub(crate) name: String,
+    pub(crate) kind: Kind,
+    pub(crate) ast: Option<&'a ast::Element>,
+    pub(crate) scope: usize,
+    pub(crate) sampling: Option<usize>,
+    pub(crate) span: Span,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum RawEnd {
+    Element(ElementId),
+    /// A port of an instance; true for its inside.
+    Port(usize, bool),
+}
+
+struct RawBond {
+    tail: RawEnd,
+    head: RawEnd,
+    sampled: bool,
+    stroke: Option<Stroke>,
+    name: String,
+    span: Span,
+}
+
+struct PortDecl {
+    name: String,
+    span: Span,
+    /// Raw bonds on the inside, and whether the port is their tail.
+    inside: Vec<(usize, bool)>,
+    /// The same on the outside.
+    outside: Vec<(usize, bool)>,
+}
+
+/// The elaboration in progress.
+pub(crate) struct Elaborator<'a> {
+    files: &'a Files,
+    sources: &'a Sources,
+    pub(crate) pool: Pool,
+    pub(crate) errors: Vec<Diagnostic>,
+    stack: Vec<load::ModelRef>,
+    instances: Vec<Instance>,
+    scopes: Vec<Scope>,
+    params: Vec<Param<'a>>,
+    lets: Vec<Let<'a>>,
+    elements: Vec<Decl<'a>>,
+    open_ports: Vec<(ElementId, &'a [ast::Field], ScopeId)>,
+    ports: Vec<PortDecl>,
+    raw_bonds: Vec<RawBond>,
+    samplings: Vec<Sampling>,
+    probes: Vec<(String, Span, &'a ast::Expr, ScopeId)>,
+    simulate: Vec<(&'a [ast::Field], ScopeId)>,
+    expects: Vec<(&'a ast::Expect, Span, ScopeId)>,
+    rounds: u64,
+    // known after the bonds are joined
+    bonds: Vec<Bond>,
+    /// The flat bond of each raw one.
+    merged: Vec<Option<BondId>>,
+    bonds_of: Vec<Vec<BondId>>,
+    domain_of: Vec<usize>,
+    pub(crate) equations: Vec<Equation>,
+    signals: FxHashMap<Symbol, Signal>,
+    symbol_of: FxHashMap<Signal, Symbol>,
+    integrals: Vec<Integral>,
+    /// Names that mean something only in the law that is being read: `q`, `f`.
+    pub(crate) locals: Vec<(&'static str, Typed)>,
+    mode: Mode,
+    extremes: Vec<(Symbol, Expr, bool)>,
+    energies: Vec<Option<Expr>>,
+    /// `--set`, by path.
+    overrides: FxHashMap<String, (f64, Option<Dimension>)>,
+}
+
+/// What an expression may name.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    /// Parameters and numbers only; the structure is not there yet.
+    Constant,
+    /// Signals too.
+    Signals,
+    /// Signals and `integral`.
+    Outputs,
+    /// Signals, and `max(x)`, `min(x)` over the run.
+    Expect,
+}
+
+/// Elaborates the scene of a source.
+///
+/// # Errors
+/// All that is wrong with the text, the names, the values and the units.
+pub fn elaborate(
+    sources: &Sources,
+    main: SourceId,
+    files: &Files,
+    options: &Options,
+    mut errors: Vec<Diagnostic>,
+) -> Result<Model, Vec<Diagnostic>> {
+    let at = Span { source: main, start: 0, end: 0 };
+    let scene = match scene(files, options, at) {
+        Ok(scene) => scene,
+        Err(e) => {
+            // A file that could not be read to its end may well lack its model.
+            if errors.is_empty() {
+                errors.push(e);
+            }
+            return Err(errors);
+        }
+    };
+    let e = Elaborator {
+        files,
+        sources,
+        pool: Pool::new(),
+        errors,
+        stack: vec![],
+        instances: vec![],
+        scopes: vec![],
+        params: vec![],
+        lets: vec![],
+        elements: vec![],
+        open_ports: vec![],
+        ports: vec![],
+        raw_bonds: vec![],
+        samplings: vec![],
+        probes: vec![],
+        simulate: vec![],
+        expects: vec![],
+        rounds: 0,
+        bonds: vec![],
+        merged: vec![],
+        bonds_of: vec![],
+        domain_of: vec![],
+        equations: vec![],
+        signals: FxHashMap::default(),
+        symbol_of: FxHashMap::default(),
+        integrals: vec![],
+        locals: vec![],
+        mode: Mode::Constant,
+        extremes: vec![],
+        energies: vec![],
+        overrides: FxHashMap::default(),
+    };
+    e.scene(scene, options)
+}
+
+fn scene(files: &Files, options: &Options, at: Span) -> Result<load::ModelRef, Diagnostic> {
+    let first = files.list.first().map(|f| f.items.as_slice()).unwrap_or(&[]);
+    let models = || first.iter().enumerate().filter_map(|(i, item)| match item {
+        ast::Item::Model(m) => Some((i, m)),
+        ast::Item::Use(_) => None,
+    });
+    match &options.model {
+        None => models().last().map(|(i, _)| (0, i)).ok_or_else(|| {
+            Diagnostic::error("elaborate::empty", at, "there is no model in this file").help("write `model Name { ... }`")
+        }),
+        Some(name) => models().filter(|(_, m)| m.name.text == *name).last().map(|(i, _)| (0, i)).ok_or_else(|| {
+            let known: Vec<&str> = models().map(|(_, m)| m.name.text.as_str()).collect();
+            Diagnostic::error("elaborate::model", at, format!("there is no model `{name}` in this file"))
+                .help(format!("its models are {}", known.join(", ")))
+        }),
+    }
+}
+
+impl<'a> Elaborator<'a> {
+    fn new_scope(&mut self, instance: usize, parent: Option<ScopeId>, loop_variable: Option<(String, i64)>) -> ScopeId {
+        self.scopes.push(Scope { instance, parent, loop_variable, locals: FxHashMap::default() });
+        self.scopes.len() - 1
+    }
+
+    fn scene(mut self, scene: load::ModelRef, options: &Options) -> Result<Model, Vec<Diagnostic>> {
+        let Some(decl) = self.files.model(scene) else { return Err(self.errors) };
+        self.pending_overrides(options);
+        self.instantiate(scene, String::new(), None, None, decl.name.span);
+        self.unknown_overrides(options, decl.name.span);
+        self.join_ports();
+        self.finish(decl)
+    }
+
+    /// All elements that could be made, with their laws.
+    fn laws(&mut self) -> Vec<Option<Element>> {
+        (0..self.elements.len()).map(|i| self.law(ElementId(i as u32))).collect()
+    }
+}

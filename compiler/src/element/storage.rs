@@ -1,0 +1,203 @@
+//! Storages. `C`: dq/dt = f, e = dH/dq. `I`: dp/dt = e, f = dH/dp.
+
+use super::fields::Fields;
+use crate::elaborate::{Elaborator, Inference, Typed, Unit};
+use crate::expression::{Expr, Sign, Symbol};
+use crate::model::{BondId, ElementId, Kind, Signal, Storage};
+use crate::units::Dimension;
+use bond_grammar::ast;
+use bond_grammar::diagnostic::Diagnostic;
+
+impl<'a> Elaborator<'a> {
+    /// A storage's energy and initial state.
+    pub(crate) fn storage(&mut self, id: ElementId, ast: &'a ast::Element, scope: usize, kind: Kind, bond: BondId) -> Option<Storage> {
+        let c = kind == Kind::C;
+        let (state_name, law_name) = if c { ("q", "e") } else { ("p", "f") };
+        let (short, laws, others): (_, &[&str], &[&str]) = if c {
+            ("compliance", &["compliance", "stiffness", "H", "e"], &["q0", "e0"])
+        } else {
+            ("inertia", &["inertia", "H", "f"], &["p0", "f0"])
+        };
+        let name = ast.name.text.clone();
+        let fields = Fields::read(self, ast, short, laws, others)?;
+        let d = self.bond_domain(bond);
+        let (effort, flow) = (Inference::effort(d), Inference::flow(d));
+        let second = Unit::known(Dimension::SECOND);
+        // Unit of the state, of the co-energy variable, and of their ratio.
+        let (state_unit, co_unit) = if c { (flow.mul(&second), effort) } else { (effort.mul(&second), flow) };
+        let state = self.signal(Signal::State(id));
+        let x = self.pool.var(state);
+        let local = Typed { expr: x, unit: state_unit.clone() };
+        let (energy, coenergy, linear) = if let Some(value) = fields.get(short).or_else(|| fields.get("stiffness")) {
+            let stiff = fields.get(short).is_none();
+            let typed = self.with_signals(value, scope)?;
+            let needed = if stiff { co_unit.div(&state_unit) } else { state_unit.div(&co_unit) };
+            let what = if stiff { "stiffness" } else { short };
+            self.require((&typed.unit, value.span), needed, None, format!("the {what} of `{name}`"), 1);
+            self.positive_constant(typed.expr, value, &name, what)?;
+            let k = if stiff { typed.expr } else { let one = self.pool.int(1); self.pool.div(one, typed.expr) };
+            self.own_state_only(k, state, value, &name)?;
+            let co = self.pool.mul(k, x);
+            let half = self.pool.ratio(1, 2);
+            let square = self.pool.powi(x, 2);
+            (self.pool.product(&[half, k, square]), co, Some(k))
+        } else {
+            let (field, energy_given) = if fields.get("H").is_some() { ("H", true) } else { (law_name, false) };
+            let value = fields.get(field)?;
+            self.locals.push((state_name, local));
+            let typed = self.with_signals(value, scope);
+            self.locals.pop();
+            let typed = typed?;
+            let needed = if energy_given { self.energy_unit(bond) } else { co_unit.clone() };
+            let what = if energy_given { "energy" } else { "law" };
+            self.require((&typed.unit, value.span), needed, None, format!("the {what} of `{name}`"), 2);
+            self.own_state_only(typed.expr, state, value, &name)?;
+            let (h, co) = if energy_given {
+                (typed.expr, self.pool.derivative(typed.expr, state))
+            } else {
+                let h = self.energy_of_law(typed.expr, state);
+                (h, self.pool.derivative(h, state))
+            };
+            let linear = self.pool.linear(co, state).filter(|(_, rest)| self.pool.is_zero(*rest)).map(|l| l.0);
+            if let Some(k) = linear {
+                self.positive_constant(k, value, &name, "stiffness")?;
+            }
+            (h, co, linear)
+        };
+        self.energies_set(id, energy);
+        let bounded = self.is_bounded(energy, state);
+        let mut storage = Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded };
+        let start = [(if c { "q0" } else { "p0" }, true), (if c { "e0" } else { "f0" }, false)];
+        let given: Vec<_> = start.iter().filter_map(|(f, is_state)| Some((fields.get(f)?, *is_state, *f))).collect();
+        if let [first, second, ..] = given[..] {
+            self.errors.push(
+                Diagnostic::error("elaborate::twice", second.0.span, format!("`{name}` starts twice, by `{}` and `{}`", first.2, second.2))
+                    .label(first.0.span, "is the first")
+                    .help("keep one of them"),
+            );
+            return None;
+        }
+        if let Some((value, is_state, field)) = given.first().copied() {
+            let typed = self.with_constants(value, scope)?;
+            let needed = if is_state { state_unit } else { co_unit };
+            self.require((&typed.unit, value.span), needed, None, format!("`{field}` of `{name}`"), 2);
+            let number = self.number(&typed, value)?;
+            self.finite(typed.expr, value, &name)?;
+            storage.explicit = true;
+            storage.initial = if is_state { number } else { self.state_at(&storage, number, value, &name)? };
+        }
+        Some(storage)
+    }
+
+    /// Linear storages and resistors have positive values.
+    pub(super) fn positive_constant(&mut self, v: Expr, ast: &ast::Expr, name: &str, what: &str) -> Option<()> {
+        let Some(x) = self.pool.constant(v) else { return Some(()) };
+        if x > 0.0 && x.is_finite() && (1.0 / x).is_finite() {
+            return Some(());
+        }
+        let help = if x < 0.0 && what == "resistance" {
+            format!("a resistor that gives power must say so: `active R:{name}`")
+        } else {
+            "give a positive number".to_string()
+        };
+        let how = if x < 0.0 { format!("negative {what}: that of `{name}` is {x}") } else { format!("the {what} of `{name}` is {x}, and must be positive") };
+        self.errors.push(Diagnostic::error("elaborate::value", ast.span, how).help(help));
+        None
+    }
+
+    fn own_state_only(&mut self, e: Expr, state: Symbol, ast: &ast::Expr, name: &str) -> Option<()> {
+        let others: Vec<Symbol> = self.pool.symbols(e).into_iter().filter(|s| *s != state).collect();
+        let Some(first) = others.first() else { return Some(()) };
+        let other = self.pool.name(*first).to_string();
+        self.errors.push(
+            Diagnostic::error("elaborate::energy", ast.span, format!("the energy of `{name}` depends on `{other}`, through which power would flow without a bond"))
+                .help("a storage's energy depends on its own state and on parameters; model the other influence as a port of a multiport field"),
+        );
+        None
+    }
+
+    /// H with dH/dx the law and H(0) = 0: in closed form where there is one, else by Gauss-Legendre quadrature of 20 nodes, the
+    /// law then being the exact derivative of that H.
+    fn energy_of_law(&mut self, law: Expr, state: Symbol) -> Expr {
+        if let Some(h) = self.pool.antiderivative(law, state) {
+            return h;
+        }
+        let x = self.pool.var(state);
+        let mut terms = Vec::new();
+        for (node, weight) in GAUSS_20 {
+            for s in [0.5 + 0.5 * node, 0.5 - 0.5 * node] {
+                let s = self.pool.float(s);
+                let at = self.pool.mul(s, x);
+                let map: rustc_hash::FxHashMap<Symbol, Expr> = std::iter::once((state, at)).collect();
+                let value = self.pool.substitute(law, &map);
+                let w = self.pool.float(0.5 * weight);
+                terms.push(self.pool.product(&[w, x, value]));
+            }
+        }
+        self.pool.sum(&terms)
+    }
+
+    /// Whether H has a lower bound, as far as can be seen: by its sign, else by looking far out and near 0.
+    fn is_bounded(&self, energy: Expr, state: Symbol) -> bool {
+        if matches!(self.pool.sign(energy, &|_| Sign::Unknown), Sign::Zero | Sign::Positive | Sign::NonNegative) {
+            return true;
+        }
+        let at = |x: f64| self.pool.eval(energy, &|s| if s == state { x } else { f64::NAN });
+        let least = |xs: &[f64]| xs.iter().flat_map(|x| [at(*x), at(-*x)]).filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min);
+        let near = least(&[0.0, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3]);
+        let far = least(&[1e-30, 1e-12, 1e-8, 1e5, 1e8, 1e12, 1e30]);
+        far >= near - 1e3 * (1.0 + near.abs())
+    }
+
+    /// The state at which the co-energy variable has a value.
+    fn state_at(&mut self, s: &Storage, target: f64, ast: &ast::Expr, name: &str) -> Option<f64> {
+        if let Some(k) = s.linear.and_then(|k| self.pool.constant(k)) {
+            return Some(target / k);
+        }
+        let slope = self.pool.derivative(s.coenergy, s.state);
+        let at = |e: Expr, x: f64| self.pool.eval(e, &|_| x);
+        let mut x = 0.0f64;
+        for _ in 0..200 {
+            let r = at(s.coenergy, x) - target;
+            if r == 0.0 {
+                break;
+            }
+            let k = at(slope, x);
+            let mut d = r / k;
+            if !d.is_finite() {
+                x += if target > 0.0 { 1e-3 } else { -1e-3 };
+                continue;
+            }
+            while (at(s.coenergy, x - d) - target).abs() > r.abs() && d.abs() > 1e-300 {
+                d *= 0.5;
+            }
+            x -= d;
+            if d.abs() <= 1e-16 * x.abs() {
+                break;
+            }
+        }
+        let r = at(s.coenergy, x) - target;
+        if r.abs() <= 1e-12 * target.abs().max(f64::MIN_POSITIVE) {
+            return Some(x);
+        }
+        self.errors.push(
+            Diagnostic::error("elaborate::initial", ast.span, format!("no state of `{name}` was found that gives {target}"))
+                .help("give the state itself, `q0` or `p0`"),
+        );
+        None
+    }
+}
+
+/// Nodes (the positive half) and weights of the Gauss-Legendre rule of 20 points on [-1, 1] (Abramowitz and Stegun, table 25.4).
+const GAUSS_20: [(f64, f64); 10] = [
+    (0.076_526_521_133_497_33, 0.152_753_387_130_725_85),
+    (0.227_785_851_141_645_08, 0.149_172_986_472_603_75),
+    (0.373_706_088_715_419_56, 0.142_096_109_318_382_05),
+    (0.510_867_001_950_827_1, 0.131_688_638_449_176_63),
+    (0.636_053_680_726_515, 0.118_194_531_961_518_42),
+    (0.746_331_906_460_150_8, 0.101_930_119_817_240_44),
+    (0.839_116_971_822_218_8, 0.083_276_741_576_704_75),
+    (0.912_234_428_251_325_9, 0.062_672_048_334_109_06),
+    (0.963_971_927_277_913_8, 0.040_601_429_800_386_94),
+    (0.993_128_599_185_094_9, 0.017_614_007_139_152_118),
+];

@@ -1,0 +1,212 @@
+//! Antiderivatives: energies from laws.
+
+mod product;
+
+use super::{Expr, Node, Number, Pool, Symbol};
+use bond_runtime::ir::{Binary, Unary};
+use rustc_hash::FxHashMap;
+
+/// How many rules may follow each other.
+const DEPTH: usize = 100;
+
+impl Pool {
+    /// `F` with `dF/ds = e` and `F = 0` at `s = 0`, continuous where `e` jumps. `None` where no rule applies, or `F` has no
+    /// value at 0.
+    pub fn antiderivative(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
+        let primitive = self.primitive(e, s, 0)?;
+        let zero = self.zero();
+        let at_zero = self.at(primitive, s, zero);
+        if self.constant(at_zero).is_some_and(|x| !x.is_finite()) {
+            return None;
+        }
+        Some(self.sub(primitive, at_zero))
+    }
+
+    /// The expression with a number or another expression in the place of `s`.
+    pub(super) fn at(&mut self, e: Expr, s: Symbol, value: Expr) -> Expr {
+        let map: FxHashMap<_, _> = [(s, value)].into_iter().collect();
+        self.substitute(e, &map)
+    }
+
+    /// Some antiderivative.
+    fn primitive(&mut self, e: Expr, s: Symbol, depth: usize) -> Option<Expr> {
+        if depth > DEPTH {
+            return None;
+        }
+        let x = self.var(s);
+        if !self.contains(e, s) {
+            return Some(self.mul(e, x));
+        }
+        match self.node(e).clone() {
+            Node::Number(_) => None,
+            Node::Symbol(_) => {
+                let square = self.powi(x, 2);
+                Some(self.scale(square, Number::HALF))
+            }
+            Node::Sum(c, terms) => {
+                let mut all = Vec::with_capacity(terms.len() + 1);
+                for &(t, n) in terms.iter() {
+                    all.push((self.primitive(t, s, depth + 1)?, n));
+                }
+                all.push((x, c));
+                Some(self.combine(&all))
+            }
+            Node::Product(c, factors) => {
+                let (inside, outside): (Vec<_>, Vec<_>) = factors.iter().partition(|&&(f, _)| self.contains(f, s));
+                let primitive = self.primitive_product(&inside, s, depth)?;
+                let outside = self.powers(&outside);
+                let product = self.mul(outside, primitive);
+                Some(self.scale(product, c))
+            }
+            Node::Power(base, exponent) => {
+                if self.contains(exponent, s) {
+                    // a^u = exp(u log a)
+                    if self.contains(base, s) || !self.is_positive(base) {
+                        return None;
+                    }
+                    let log = self.unary(Unary::Log, base);
+                    let exponent = self.mul(exponent, log);
+                    let exp = self.unary(Unary::Exp, exponent);
+                    return self.primitive(exp, s, depth + 1);
+                }
+                let (slope, _) = self.linear(base, s)?;
+                let one = self.one();
+                let next = self.add(exponent, one);
+                let power = self.pow(base, next);
+                let below = self.mul(slope, next);
+                (self.constant(exponent) != Some(-1.0)).then(|| self.div(power, below))
+            }
+            Node::Unary(f, u) => self.primitive_function(f, u, e, s),
+            Node::Binary(f, a, b) => {
+                let choice = self.as_choice(f, (a, b), e)?;
+                self.primitive(choice, s, depth + 1)
+            }
+            Node::Select(c, a, b) => self.primitive_choice(c, a, b, s, depth),
+        }
+    }
+
+    /// A function as a choice: `min`, `max`, and truth values that stand as numbers.
+    fn as_choice(&mut self, f: Binary, (a, b): (Expr, Expr), e: Expr) -> Option<Expr> {
+        match f {
+            Binary::Min | Binary::Max => {
+                let less = self.binary(Binary::Lt, a, b);
+                Some(if f == Binary::Min { self.select(less, a, b) } else { self.select(less, b, a) })
+            }
+            Binary::Lt | Binary::Le => {
+                let (one, zero) = (self.one(), self.zero());
+                Some(self.select(e, one, zero))
+            }
+            Binary::Atan2
+            | Binary::Eq
+            | Binary::And
+            | Binary::Or
+            | Binary::Add
+            | Binary::Sub
+            | Binary::Mul
+            | Binary::Div
+            | Binary::Pow => None,
+        }
+    }
+
+    /// A function of an affine argument, by its slope.
+    fn primitive_function(&mut self, f: Unary, u: Expr, e: Expr, s: Symbol) -> Option<Expr> {
+        let (slope, _) = self.linear(u, s)?;
+        let log_square = |pool: &mut Pool| {
+            let one = pool.one();
+            let square = pool.powi(u, 2);
+            let sum = pool.add(one, square);
+            let log = pool.unary(Unary::Log, sum);
+            pool.scale(log, Number::HALF)
+        };
+        let above = match f {
+            Unary::Sin => {
+                let cos = self.unary(Unary::Cos, u);
+                self.neg(cos)
+            }
+            Unary::Cos => self.unary(Unary::Sin, u),
+            Unary::Tan => {
+                let cos = self.unary(Unary::Cos, u);
+                let size = self.unary(Unary::Abs, cos);
+                let log = self.unary(Unary::Log, size);
+                self.neg(log)
+            }
+            Unary::Exp => e,
+            Unary::Sinh => self.unary(Unary::Cosh, u),
+            Unary::Cosh => self.unary(Unary::Sinh, u),
+            Unary::Tanh => {
+                let cosh = self.unary(Unary::Cosh, u);
+                self.unary(Unary::Log, cosh)
+            }
+            Unary::Log => {
+                let product = self.mul(u, e);
+                self.sub(product, u)
+            }
+            Unary::Atan => {
+                let product = self.mul(u, e);
+                let log = log_square(self);
+                self.sub(product, log)
+            }
+            Unary::Asin | Unary::Acos => {
+                let product = self.mul(u, e);
+                let one = self.one();
+                let square = self.powi(u, 2);
+                let inside = self.sub(one, square);
+                let root = self.sqrt(inside);
+                if f == Unary::Asin { self.add(product, root) } else { self.sub(product, root) }
+            }
+            Unary::Abs => {
+                let product = self.mul(u, e);
+                self.scale(product, Number::HALF)
+            }
+            Unary::Sign => self.unary(Unary::Abs, u),
+            Unary::Sqrt | Unary::Neg | Unary::Not => return None,
+        };
+        Some(self.div(above, slope))
+    }
+
+    /// A choice by a comparison of something affine in `s` with something free of it, continued across the threshold.
+    fn primitive_choice(&mut self, c: Expr, a: Expr, b: Expr, s: Symbol, depth: usize) -> Option<Expr> {
+        if !self.contains(c, s) {
+            let (a, b) = (self.primitive(a, s, depth + 1)?, self.primitive(b, s, depth + 1)?);
+            return Some(self.select(c, a, b));
+        }
+        let threshold = self.threshold(c, s)?;
+        let (a, b) = (self.primitive(a, s, depth + 1)?, self.primitive(b, s, depth + 1)?);
+        let (end_a, end_b) = (self.at(a, s, threshold), self.at(b, s, threshold));
+        let jump = self.sub(end_a, end_b);
+        if self.constant(jump).is_some_and(|x| !x.is_finite()) {
+            return None;
+        }
+        // the constant goes to the branch that does not hold at 0, so that nothing is left over there
+        let zero = self.zero();
+        let at_zero = self.at(c, s, zero);
+        let to_b = self.select(at_zero, jump, zero);
+        let to_a = self.sub(to_b, jump);
+        let (a, b) = (self.add(a, to_a), self.add(b, to_b));
+        Some(self.select(c, a, b))
+    }
+
+    /// Where a comparison changes, if it does so once.
+    pub(super) fn threshold(&mut self, c: Expr, s: Symbol) -> Option<Expr> {
+        match *self.node(c) {
+            Node::Binary(Binary::Lt | Binary::Le, l, r) => {
+                let difference = self.sub(l, r);
+                let (slope, constant) = self.linear(difference, s)?;
+                if self.is_zero(slope) {
+                    return None;
+                }
+                let at = self.div(constant, slope);
+                Some(self.neg(at))
+            }
+            Node::Unary(Unary::Not, c) => self.threshold(c, s),
+            Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Sum(..)
+            | Node::Product(..)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => None,
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Derivatives.
+
+use super::{Expr, Node, Number, Pool, Symbol};
+use bond_runtime::ir::{Binary, Unary};
+use rustc_hash::FxHashMap;
+
+impl Pool {
+    /// The derivative with respect to a variable, piecewise at kinks: that of a sign or a comparison is 0.
+    /// Derivatives are remembered for as long as the pool lives.
+    pub fn derivative(&mut self, e: Expr, s: Symbol) -> Expr {
+        if let Some(&known) = self.derivatives.get(&(e, s)) {
+            return known;
+        }
+        let zero = self.zero();
+        if !self.contains(e, s) {
+            return zero;
+        }
+        for e in self.dependents(e, &|x| x == s) {
+            if !self.derivatives.contains_key(&(e, s)) {
+                let d = self.differentiate(e, s);
+                self.derivatives.insert((e, s), d);
+            }
+        }
+        self.derivatives.get(&(e, s)).copied().unwrap_or(zero)
+    }
+
+    /// The derivatives with respect to several variables that are not 0, in the order of the list. A long sum is gone
+    /// through once, not once for each variable.
+    pub fn gradient(&mut self, e: Expr, all: &[Symbol]) -> Vec<(usize, Expr)> {
+        let Node::Sum(_, terms) = self.node(e).clone() else {
+            let mut found = Vec::new();
+            for s in self.symbols(e) {
+                found.extend(all.iter().position(|&x| x == s));
+            }
+            found.sort_unstable();
+            let all: Vec<_> = found.into_iter().map(|i| (i, self.derivative(e, all[i]))).collect();
+            return all.into_iter().filter(|&(_, d)| !self.is_zero(d)).collect();
+        };
+        let index: FxHashMap<Symbol, usize> = all.iter().enumerate().map(|(i, &s)| (s, i)).collect();
+        let mut parts: Vec<Vec<(Expr, Number)>> = vec![Vec::new(); all.len()];
+        for &(t, n) in terms.iter() {
+            for s in self.symbols(t) {
+                if let Some(&i) = index.get(&s) {
+                    let d = self.derivative(t, s);
+                    parts[i].push((d, n));
+                }
+            }
+        }
+        let mut result = Vec::new();
+        for (i, part) in parts.into_iter().enumerate() {
+            let d = self.combine(&part);
+            if !self.is_zero(d) {
+                result.push((i, d));
+            }
+        }
+        result
+    }
+
+    /// The derivative of a node whose children's are known.
+    fn differentiate(&mut self, e: Expr, s: Symbol) -> Expr {
+        let zero = self.zero();
+        let known = |pool: &Pool, c: Expr| pool.derivatives.get(&(c, s)).copied().unwrap_or(zero);
+        match self.node(e).clone() {
+            Node::Number(_) => zero,
+            Node::Symbol(x) => self.int(i64::from(x == s)),
+            Node::Sum(_, terms) => {
+                let parts: Vec<_> =
+                    terms.iter().map(|&(t, n)| (known(self, t), n)).filter(|&(d, _)| d != zero).collect();
+                self.combine(&parts)
+            }
+            Node::Product(c, factors) => {
+                let mut parts = Vec::new();
+                for (i, &(f, n)) in factors.iter().enumerate() {
+                    let d = known(self, f);
+                    if d == zero {
+                        continue;
+                    }
+                    let mut all = factors.to_vec();
+                    all[i].1 = n + Number::MINUS_ONE;
+                    all.push((d, Number::ONE));
+                    parts.push((self.powers(&all), c * n));
+                }
+                self.combine(&parts)
+            }
+            Node::Power(a, b) => {
+                let (da, db) = (known(self, a), known(self, b));
+                let one = self.one();
+                let lower = self.sub(b, one);
+                let lower = self.pow(a, lower);
+                let base = self.product(&[b, lower, da]);
+                if db == zero {
+                    return base;
+                }
+                let log = self.unary(Unary::Log, a);
+                let exponent = self.product(&[db, log, e]);
+                self.add(base, exponent)
+            }
+            Node::Unary(f, a) => {
+                let d = known(self, a);
+                let slope = self.slope(f, a, e);
+                self.mul(slope, d)
+            }
+            Node::Binary(f, a, b) => {
+                let (da, db) = (known(self, a), known(self, b));
+                self.differentiate_binary(f, (a, da), (b, db))
+            }
+            Node::Select(c, a, b) => {
+                let (da, db) = (known(self, a), known(self, b));
+                self.select(c, da, db)
+            }
+        }
+    }
+
+    /// The derivative of a function at `a`, where its value is `e`.
+    pub(super) fn slope(&mut self, f: Unary, a: Expr, e: Expr) -> Expr {
+        let one = self.one();
+        let square = |pool: &mut Pool, x: Expr, n: Number| {
+            let square = pool.powi(x, 2);
+            pool.combine(&[(one, Number::ONE), (square, n)])
+        };
+        match f {
+            Unary::Neg => self.int(-1),
+            Unary::Abs => self.unary(Unary::Sign, a),
+            Unary::Sign | Unary::Not => self.zero(),
+            Unary::Sqrt => {
+                let e = self.powers(&[(a, Number::ratio(-1, 2))]);
+                self.scale(e, Number::HALF)
+            }
+            Unary::Exp => e,
+            Unary::Log => self.powi(a, -1),
+            Unary::Sin => self.unary(Unary::Cos, a),
+            Unary::Cos => {
+                let sin = self.unary(Unary::Sin, a);
+                self.neg(sin)
+            }
+            Unary::Tan => square(self, e, Number::ONE),
+            Unary::Asin | Unary::Acos => {
+                let inside = square(self, a, Number::MINUS_ONE);
+                let d = self.power(inside, Number::ratio(-1, 2));
+                if f == Unary::Asin { d } else { self.neg(d) }
+            }
+            Unary::Atan => {
+                let inside = square(self, a, Number::ONE);
+                self.powi(inside, -1)
+            }
+            Unary::Sinh => self.unary(Unary::Cosh, a),
+            Unary::Cosh => self.unary(Unary::Sinh, a),
+            Unary::Tanh => square(self, e, Number::MINUS_ONE),
+        }
+    }
+
+    fn differentiate_binary(&mut self, f: Binary, (a, da): (Expr, Expr), (b, db): (Expr, Expr)) -> Expr {
+        match f {
+            Binary::Min | Binary::Max => {
+                let less = self.binary(Binary::Lt, a, b);
+                let (first, second) = if f == Binary::Min { (da, db) } else { (db, da) };
+                self.select(less, first, second)
+            }
+            Binary::Atan2 => {
+                let (left, right) = (self.mul(da, b), self.mul(a, db));
+                let above = self.sub(left, right);
+                let (a2, b2) = (self.powi(a, 2), self.powi(b, 2));
+                let below = self.add(a2, b2);
+                self.div(above, below)
+            }
+            Binary::Lt | Binary::Le | Binary::Eq | Binary::And | Binary::Or => self.zero(),
+            // arithmetic is never a node of this kind
+            Binary::Add | Binary::Sub | Binary::Mul | Binary::Div | Binary::Pow => self.zero(),
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Divided differences without cancellation: the discrete gradients of energies.
+
+mod function;
+mod power;
+
+use super::{Expr, Node, Number, Pool, Symbol};
+use rustc_hash::FxHashMap;
+
+const TWO: Number = Number::Ratio(2, 1);
+
+/// An expression along the step: at its start, at its end, and the divided difference between.
+#[derive(Clone, Copy)]
+struct Along {
+    from: Expr,
+    to: Expr,
+    slope: Expr,
+}
+
+/// What a divided difference is taken over.
+struct Step {
+    symbol: Symbol,
+    delta: Expr,
+    /// `from + delta/2`
+    middle: Expr,
+}
+
+impl Pool {
+    /// `(e[s := from + delta] - e[s := from]) / delta`, without cancellation, and the derivative where `delta` is 0.
+    ///
+    /// Sums, products, powers and the smooth functions by their own addition formulas; a choice by the difference of the
+    /// branch where both ends take the same one, else by the quotient; steps such as `sign` by the quotient. An angle
+    /// `atan2(y, x)` is taken the short way round, without a jump.
+    pub fn difference(&mut self, e: Expr, s: Symbol, from: Expr, delta: Expr) -> Expr {
+        let half = self.scale(delta, Number::HALF);
+        let to = self.add(from, delta);
+        let middle = self.add(from, half);
+        let step = Step { symbol: s, delta, middle };
+        let mut known: FxHashMap<Expr, Along> = FxHashMap::default();
+        let (start, end): (FxHashMap<_, _>, FxHashMap<_, _>) =
+            ([(s, from)].into_iter().collect(), [(s, to)].into_iter().collect());
+        let (mut at_start, mut at_end) = (FxHashMap::default(), FxHashMap::default());
+        for node in self.dependents(e, &|x| x == s) {
+            let from = self.substitute_with(&mut at_start, node, &start);
+            let to = self.substitute_with(&mut at_end, node, &end);
+            let slope = self.difference_of(node, &step, from, to, &known);
+            known.insert(node, Along { from, to, slope });
+        }
+        known.get(&e).map_or_else(|| self.zero(), |along| along.slope)
+    }
+
+    /// The divided difference of a node whose children's are known.
+    fn difference_of(&mut self, e: Expr, step: &Step, from: Expr, to: Expr, known: &FxHashMap<Expr, Along>) -> Expr {
+        let zero = self.zero();
+        let along = |e: Expr| known.get(&e).copied().unwrap_or(Along { from: e, to: e, slope: zero });
+        match self.node(e).clone() {
+            Node::Number(_) => zero,
+            Node::Symbol(_) => self.one(),
+            Node::Sum(_, terms) => {
+                let all: Vec<_> = terms.iter().map(|&(t, n)| (along(t).slope, n)).collect();
+                self.combine(&all)
+            }
+            Node::Product(c, factors) => {
+                let (inside, outside): (Vec<_>, Vec<_>) = factors.iter().partition(|(f, _)| known.contains_key(f));
+                let mut total: Option<Along> = None;
+                for (f, n) in inside {
+                    let base = along(f);
+                    let power = self.along_power(base, n, step);
+                    total = Some(match total {
+                        None => power,
+                        Some(other) => self.along_product(other, power),
+                    });
+                }
+                let slope = total.map_or(zero, |t| t.slope);
+                let outside = self.powers(&outside);
+                let slope = self.mul(outside, slope);
+                self.scale(slope, c)
+            }
+            Node::Power(a, b) => self.along_general_power(e, (along(a), along(b)), (from, to), step),
+            Node::Unary(f, a) => self.along_function(f, along(a), Along { from, to, slope: zero }, step),
+            Node::Binary(f, a, b) => self.along_binary(f, along(a), along(b), (from, to), step),
+            Node::Select(c, a, b) => {
+                let (c, a, b) = (along(c), along(a), along(b));
+                if c.from == c.to {
+                    return self.select(c.from, a.slope, b.slope);
+                }
+                self.along_choice((c.from, c.to), a, b, step)
+            }
+        }
+    }
+
+    /// A choice whose condition may change within the step.
+    fn along_choice(&mut self, (start, end): (Expr, Expr), a: Along, b: Along, step: &Step) -> Expr {
+        let down = self.sub(b.to, a.from);
+        let down = self.div(down, step.delta);
+        let up = self.sub(a.to, b.from);
+        let up = self.div(up, step.delta);
+        let held = self.select(end, a.slope, down);
+        let free = self.select(end, up, b.slope);
+        self.select(start, held, free)
+    }
+
+    /// `slope * delta`, the change without cancellation.
+    fn change(&mut self, y: Along, step: &Step) -> Expr {
+        self.mul(y.slope, step.delta)
+    }
+
+    fn mean(&mut self, y: Along) -> Expr {
+        self.combine(&[(y.from, Number::HALF), (y.to, Number::HALF)])
+    }
+
+    fn along_product(&mut self, a: Along, b: Along) -> Along {
+        let (mean_a, mean_b) = (self.mean(a), self.mean(b));
+        let left = self.mul(a.slope, mean_b);
+        let right = self.mul(mean_a, b.slope);
+        Along { from: self.mul(a.from, b.from), to: self.mul(a.to, b.to), slope: self.add(left, right) }
+    }
+
+    fn half_change(&mut self, y: Along, step: &Step) -> Expr {
+        let change = self.change(y, step);
+        self.scale(change, Number::HALF)
+    }
+}

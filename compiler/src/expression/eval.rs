@@ -1,0 +1,63 @@
+//! Values of expressions.
+
+use super::{Expr, Node, Number, Pool, Symbol};
+use bond_runtime::eval;
+use bond_runtime::ir::Binary;
+use rustc_hash::FxHashMap;
+
+impl Pool {
+    /// The value where each variable has the value `at` gives it; parameters have their own.
+    pub fn eval(&self, e: Expr, at: &dyn Fn(Symbol) -> f64) -> f64 {
+        self.eval_all(&[e], at)[0]
+    }
+
+    /// The values of several expressions at one place; what they share is computed once.
+    pub fn eval_all(&self, all: &[Expr], at: &dyn Fn(Symbol) -> f64) -> Vec<f64> {
+        let mut values: FxHashMap<Expr, f64> = FxHashMap::default();
+        let get = |values: &FxHashMap<Expr, f64>, e: Expr| {
+            self.constant(e).or_else(|| values.get(&e).copied()).unwrap_or(f64::NAN)
+        };
+        for e in self.ascending(all, &|e| self.constant(e).is_none()) {
+            let x = self.evaluate(self.node(e), &|c| get(&values, c), at);
+            values.insert(e, x);
+        }
+        all.iter().map(|&e| get(&values, e)).collect()
+    }
+
+    /// The value of one node from those of its children.
+    pub(super) fn evaluate(&self, node: &Node, of: &dyn Fn(Expr) -> f64, at: &dyn Fn(Symbol) -> f64) -> f64 {
+        match node {
+            Node::Number(n) => n.to_f64(),
+            Node::Symbol(s) => self.value(*s).unwrap_or_else(|| at(*s)),
+            Node::Sum(c, terms) => {
+                let mut sum = c.to_f64();
+                for &(e, n) in terms.iter() {
+                    sum += if n.is_one() { of(e) } else { n.to_f64() * of(e) };
+                }
+                sum
+            }
+            Node::Product(c, factors) => {
+                let (mut above, mut below) = (c.to_f64(), 1.0);
+                for &(e, n) in factors.iter() {
+                    let side = if n.is_negative() { &mut below } else { &mut above };
+                    *side *= raise(of(e), n.abs());
+                }
+                if below == 1.0 { above } else { above / below }
+            }
+            Node::Power(a, b) => eval::binary(Binary::Pow, of(*a), of(*b)),
+            Node::Unary(f, a) => eval::unary(*f, of(*a)),
+            Node::Binary(f, a, b) => eval::binary(*f, of(*a), of(*b)),
+            Node::Select(c, a, b) => {
+                if of(*c) != 0.0 {
+                    of(*a)
+                } else {
+                    of(*b)
+                }
+            }
+        }
+    }
+}
+
+fn raise(x: f64, n: Number) -> f64 {
+    if n.is_one() { x } else { eval::binary(Binary::Pow, x, n.to_f64()) }
+}

@@ -1,0 +1,258 @@
+//! Expressions as instructions of a step program.
+
+use super::{Expr, Node, Number, Pool, Symbol};
+use bond_runtime::ir::{Binary, Builder, Unary, Value};
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// Writes expressions into a program; what was written once is not written again.
+///
+/// Use one of these as long as the values of its symbols and of what was lowered are in scope in the builder.
+#[derive(Clone)]
+pub struct Lowering {
+    env: FxHashMap<Symbol, Value>,
+    memo: FxHashMap<Expr, Value>,
+}
+
+impl Lowering {
+    /// Symbols with their values. A parameter that is not among them is its number.
+    pub fn new(env: impl IntoIterator<Item = (Symbol, Value)>) -> Self {
+        Lowering { env: env.into_iter().collect(), memo: FxHashMap::default() }
+    }
+
+    /// Gives a symbol its value. What was lowered with another one keeps that.
+    pub fn bind(&mut self, s: Symbol, value: Value) {
+        self.env.insert(s, value);
+    }
+
+    /// The value of an expression. Parameters and constant parts become one number each.
+    ///
+    /// # Errors
+    /// A variable that has no value.
+    pub fn lower(&mut self, pool: &Pool, builder: &mut Builder, e: Expr) -> Result<Value, Symbol> {
+        // parameters that were given a value make constants variable
+        let given = self.env.keys().any(|&s| pool.value(s).is_some());
+        let folded = |e: Expr| if given { None } else { pool.constant(e) };
+        for e in self.needed(pool, e, &|e| !self.memo.contains_key(&e) && folded(e).is_none()) {
+            let value = self.node(pool, builder, e, &folded)?;
+            self.memo.insert(e, value);
+        }
+        Ok(self.child(builder, e, &folded))
+    }
+
+    /// What is to be written, in order. A product that is a term of a sum is written there, with its coefficient.
+    fn needed(&self, pool: &Pool, root: Expr, enter: &dyn Fn(Expr) -> bool) -> Vec<Expr> {
+        let mut seen = FxHashSet::default();
+        let mut stack = Vec::new();
+        if enter(root) {
+            seen.insert(root);
+            stack.push(root);
+        }
+        let mut all = stack.clone();
+        while let Some(e) = stack.pop() {
+            let mut visit = |c: Expr| {
+                if enter(c) && seen.insert(c) {
+                    stack.push(c);
+                    all.push(c);
+                }
+            };
+            if let Node::Sum(_, terms) = pool.node(e) {
+                for &(t, _) in terms.iter() {
+                    match pool.node(t) {
+                        Node::Product(_, factors) if enter(t) => factors.iter().for_each(|&(f, _)| visit(f)),
+                        Node::Number(_)
+                        | Node::Symbol(_)
+                        | Node::Sum(..)
+                        | Node::Product(..)
+                        | Node::Power(..)
+                        | Node::Unary(..)
+                        | Node::Binary(..)
+                        | Node::Select(..) => visit(t),
+                    }
+                }
+            } else {
+                pool.node(e).each_child(&mut visit);
+            }
+        }
+        all.sort_unstable();
+        all
+    }
+
+    fn child(&self, builder: &mut Builder, e: Expr, folded: &dyn Fn(Expr) -> Option<f64>) -> Value {
+        match (self.memo.get(&e), folded(e)) {
+            (Some(&value), _) => value,
+            (None, x) => builder.number(x.unwrap_or(f64::NAN)),
+        }
+    }
+
+    fn node(
+        &mut self,
+        pool: &Pool,
+        builder: &mut Builder,
+        e: Expr,
+        folded: &dyn Fn(Expr) -> Option<f64>,
+    ) -> Result<Value, Symbol> {
+        Ok(match pool.node(e) {
+            Node::Number(n) => builder.number(n.to_f64()),
+            Node::Symbol(s) => match (self.env.get(s), pool.value(*s)) {
+                (Some(&value), _) => value,
+                (None, Some(x)) => builder.number(x),
+                (None, None) => return Err(*s),
+            },
+            Node::Sum(c, terms) => self.sum(pool, builder, *c, terms, folded),
+            Node::Product(c, factors) => self.product(builder, *c, factors, folded),
+            Node::Power(a, b) => {
+                let (a, b) = (self.child(builder, *a, folded), self.child(builder, *b, folded));
+                builder.binary(Binary::Pow, a, b)
+            }
+            Node::Unary(f, a) => {
+                let a = self.child(builder, *a, folded);
+                builder.unary(*f, a)
+            }
+            Node::Binary(f, a, b) => {
+                let (a, b) = (self.child(builder, *a, folded), self.child(builder, *b, folded));
+                builder.binary(*f, a, b)
+            }
+            Node::Select(c, a, b) => {
+                let [c, a, b] = [c, a, b].map(|&x| self.child(builder, x, folded));
+                builder.select(c, a, b)
+            }
+        })
+    }
+
+    /// Positive terms first, then the others are taken off; all constants are one summand.
+    fn sum(
+        &mut self,
+        pool: &Pool,
+        builder: &mut Builder,
+        c: Number,
+        terms: &[(Expr, Number)],
+        folded: &dyn Fn(Expr) -> Option<f64>,
+    ) -> Value {
+        let mut constant = c.to_f64();
+        let mut total: Option<Value> = None;
+        let mut minus = Vec::new();
+        for &(t, n) in terms {
+            if let Some(x) = folded(t) {
+                constant += n.to_f64() * x;
+            } else if n.is_negative() {
+                minus.push((t, n));
+            } else {
+                let value = self.times(pool, builder, (t, n), folded);
+                total = Some(total.map_or(value, |sum| builder.add(sum, value)));
+            }
+        }
+        if constant != 0.0 && (constant > 0.0 || total.is_none() || constant.is_nan()) {
+            let value = builder.number(constant);
+            total = Some(total.map_or(value, |sum| builder.add(sum, value)));
+        } else if constant < 0.0 {
+            let value = builder.number(-constant);
+            total = total.map(|sum| builder.sub(sum, value));
+        }
+        for (t, n) in minus {
+            total = Some(match total {
+                Some(sum) => {
+                    let value = self.times(pool, builder, (t, n.abs()), folded);
+                    builder.sub(sum, value)
+                }
+                None => self.times(pool, builder, (t, n), folded),
+            });
+        }
+        total.unwrap_or_else(|| builder.number(constant))
+    }
+
+    fn times(
+        &mut self,
+        pool: &Pool,
+        builder: &mut Builder,
+        (t, n): (Expr, Number),
+        folded: &dyn Fn(Expr) -> Option<f64>,
+    ) -> Value {
+        if let Node::Product(_, factors) = pool.node(t)
+            && !self.memo.contains_key(&t)
+        {
+            return self.product(builder, n, factors, folded);
+        }
+        let value = self.child(builder, t, folded);
+        scaled(builder, value, n.to_f64())
+    }
+
+    /// One number, the factors above, the factors below: at most one division.
+    fn product(
+        &mut self,
+        builder: &mut Builder,
+        c: Number,
+        factors: &[(Expr, Number)],
+        folded: &dyn Fn(Expr) -> Option<f64>,
+    ) -> Value {
+        let mut constant = c.to_f64();
+        let mut divisor = 1.0;
+        let (mut above, mut below): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
+        for &(f, n) in factors {
+            if let Some(x) = folded(f) {
+                let side = if n.is_negative() { &mut divisor } else { &mut constant };
+                *side *= bond_runtime::eval::binary(Binary::Pow, x, n.abs().to_f64());
+            } else {
+                let value = self.child(builder, f, folded);
+                let power = raise(builder, value, n.abs());
+                if n.is_negative() { &mut below } else { &mut above }.push(power);
+            }
+        }
+        // a number that got lost in folding is put back as it stands
+        let quotient = constant / divisor;
+        if quotient.is_normal() || constant == 0.0 {
+            constant = quotient;
+        } else if divisor != 1.0 {
+            let divisor = builder.number(divisor);
+            below.push(divisor);
+        }
+        let multiply = |builder: &mut Builder, all: Vec<Value>| all.into_iter().reduce(|a, b| builder.mul(a, b));
+        let (above, below) = (multiply(builder, above), multiply(builder, below));
+        match (above, below) {
+            (None, None) => builder.number(constant),
+            (Some(a), None) => scaled(builder, a, constant),
+            (None, Some(b)) => {
+                let c = builder.number(constant);
+                builder.div(c, b)
+            }
+            (Some(a), Some(b)) => {
+                let a = scaled(builder, a, constant);
+                builder.div(a, b)
+            }
+        }
+    }
+}
+
+fn scaled(builder: &mut Builder, value: Value, by: f64) -> Value {
+    if by == 1.0 {
+        value
+    } else if by == -1.0 {
+        builder.unary(Unary::Neg, value)
+    } else {
+        let by = builder.number(by);
+        builder.mul(by, value)
+    }
+}
+
+/// A positive power: products and roots where the exponent is a whole or half number up to 64.
+fn raise(builder: &mut Builder, x: Value, n: Number) -> Value {
+    let Number::Ratio(above, below @ (1 | 2)) = n else {
+        let n = builder.number(n.to_f64());
+        return builder.binary(Binary::Pow, x, n);
+    };
+    if above > 64 {
+        let n = builder.number(n.to_f64());
+        return builder.binary(Binary::Pow, x, n);
+    }
+    let (mut whole, mut square) = (above / below, x);
+    let mut result = if below == 2 { Some(builder.unary(Unary::Sqrt, x)) } else { None };
+    while whole > 0 {
+        if whole % 2 == 1 {
+            result = Some(result.map_or(square, |r| builder.mul(r, square)));
+        }
+        whole /= 2;
+        if whole > 0 {
+            square = builder.mul(square, square);
+        }
+    }
+    result.unwrap_or(x)
+}

@@ -1,0 +1,73 @@
+//! From a syntax tree to step programs: elaboration, graph, causality, port-Hamiltonian structure, discretisation.
+//!
+//! [`compile`] is the whole way. The stages are the modules, in the order of its lines; each gives a type of its own that can be
+//! shown and checked.
+
+pub mod causality;
+pub mod discretise;
+pub mod elaborate;
+pub mod element;
+pub mod expression;
+pub mod graph;
+pub mod linearize;
+pub mod model;
+pub mod show;
+pub mod structure;
+pub mod units;
+
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::{SourceId, Sources};
+use bond_runtime::scene::Scene;
+use causality::Causality;
+use elaborate::Loader;
+use graph::BondGraph;
+use model::Model;
+use structure::Form;
+use units::Dimension;
+
+/// What the user asks for besides the text.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// The scene; the last model of the file where absent.
+    pub model: Option<String>,
+    /// Parameters by path: a number with its unit, or without one in SI.
+    pub set: Vec<(String, f64, Option<Dimension>)>,
+    /// The stepper, in the place of the one that `simulate` names.
+    pub method: Option<String>,
+}
+
+/// A compiled model, with all that was made on the way.
+#[derive(Clone, Debug)]
+pub struct Compiled {
+    /// The flat model, which holds the expressions of everything below.
+    pub model: Model,
+    /// The bond graph.
+    pub graph: BondGraph,
+    /// Its strokes.
+    pub causality: Causality,
+    /// Its port-Hamiltonian form.
+    pub form: Form,
+    /// Its step programs.
+    pub scene: Scene,
+}
+
+/// Compiles a source: text to step programs.
+///
+/// # Errors
+/// All that is wrong with it, in order of place.
+pub fn compile(
+    sources: &mut Sources,
+    main: SourceId,
+    loader: &mut dyn Loader,
+    options: &Options,
+) -> Result<Compiled, Vec<Diagnostic>> {
+    let mut errors = Vec::new();
+    let files = elaborate::load(sources, main, loader, &mut errors);
+    let mut model = elaborate::elaborate(sources, main, &files, options, errors)?;
+    let graph = graph::build(&model);
+    let causality = causality::assign(&mut model, &graph)?;
+    let form = structure::build(&mut model, &graph, &causality)?;
+    let method = discretise::method(&model, options)?;
+    let scene = discretise::discretise(&mut model, &form, method)?;
+    Ok(Compiled { model, graph, causality, form, scene })
+}

@@ -1,0 +1,393 @@
+//! The flat model: every instance made, every name resolved, every value an expression. Elaboration makes it; the graph,
+//! causality and structure read it and never change it.
+//!
+//! Invariants: a bond's ends are elements (ports of instances are gone); every element has the bonds its kind asks for;
+//! all parameters have values. Absent: causality, regions, matrices.
+
+use crate::expression::{Expr, Pool, Symbol};
+use crate::units::Dimension;
+use bond_grammar::ast::Stroke;
+use bond_grammar::source::Span;
+use rustc_hash::FxHashMap;
+
+/// An element of the flat model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ElementId(pub u32);
+
+/// A bond of the flat model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct BondId(pub u32);
+
+impl ElementId {
+    /// As an index.
+    pub fn at(self) -> usize {
+        self.0 as usize
+    }
+}
+
+impl BondId {
+    /// As an index.
+    pub fn at(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// What an element is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Kind {
+    /// Effort source.
+    Se,
+    /// Flow source.
+    Sf,
+    /// Compliance.
+    C,
+    /// Inertia.
+    I,
+    /// Resistor.
+    R,
+    /// Transformer.
+    Tf,
+    /// Gyrator.
+    Gy,
+    /// Junction of common effort.
+    Zero,
+    /// Junction of common flow.
+    One,
+    /// Effort detector.
+    De,
+    /// Flow detector.
+    Df,
+    /// An open port of the scene.
+    Port,
+}
+
+/// One of the pair of power variables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Variable {
+    /// e
+    Effort,
+    /// f
+    Flow,
+}
+
+impl Variable {
+    /// The other one.
+    pub fn other(self) -> Self {
+        match self {
+            Variable::Effort => Variable::Flow,
+            Variable::Flow => Variable::Effort,
+        }
+    }
+
+    /// `e` or `f`.
+    pub fn letter(self) -> char {
+        match self {
+            Variable::Effort => 'e',
+            Variable::Flow => 'f',
+        }
+    }
+}
+
+/// The law of an element, in its own variables, power counted into it.
+#[derive(Clone, Debug)]
+pub enum Law {
+    /// The value of a source; 0 for a detector.
+    Source(Expr),
+    /// A storage.
+    Storage(Storage),
+    /// A resistor.
+    Resistor(Resistor),
+    /// The modulus of a transformer or gyrator.
+    Ratio(Expr),
+    /// A junction.
+    Junction,
+    /// An open port, with the least inertia that the outside shows there (SI), if told.
+    Port(Option<f64>),
+}
+
+/// A storage: state x, energy H(x), co-energy variable dH/dx.
+#[derive(Clone, Debug)]
+pub struct Storage {
+    /// The state, q or p.
+    pub state: Symbol,
+    /// H, in joule.
+    pub energy: Expr,
+    /// dH/dx: the effort of a C, the flow of an I.
+    pub coenergy: Expr,
+    /// k where dH/dx = k x.
+    pub linear: Option<Expr>,
+    /// Initial state, SI.
+    pub initial: f64,
+    /// Whether the user gave it.
+    pub explicit: bool,
+    /// Whether H could be seen to have a lower bound.
+    pub bounded: bool,
+}
+
+/// A resistor: one variable of its bond as a function of the other.
+#[derive(Clone, Debug)]
+pub struct Resistor {
+    /// The other variable, as the law names it.
+    pub argument: Symbol,
+    /// The law.
+    pub output: Expr,
+    /// What the law gives.
+    pub gives: Variable,
+    /// r where the law is r times its argument; r may depend on signals.
+    pub linear: Option<Expr>,
+    /// Whether e f >= 0 is proved; `None` where it is not known.
+    pub dissipative: Option<bool>,
+}
+
+/// An element.
+#[derive(Clone, Debug)]
+pub struct Element {
+    /// Its path, `wall.spring` or `c[3]`.
+    pub name: String,
+    /// What it is.
+    pub kind: Kind,
+    /// Its law.
+    pub law: Law,
+    /// The sampled block it stands in.
+    pub sampling: Option<usize>,
+    /// Written `active`.
+    pub active: bool,
+    /// Its declaration.
+    pub span: Span,
+}
+
+/// A bond; positive power flows from tail to head.
+#[derive(Clone, Debug)]
+pub struct Bond {
+    /// Where the half arrow starts.
+    pub tail: ElementId,
+    /// Where it points.
+    pub head: ElementId,
+    /// `||>`
+    pub sampled: bool,
+    /// An asserted stroke.
+    pub stroke: Option<Stroke>,
+    /// Its name where it has one, else `tail -> head`.
+    pub name: String,
+    /// Its arrow.
+    pub span: Span,
+}
+
+impl Bond {
+    /// The end that is not `end`.
+    pub fn other(&self, end: ElementId) -> ElementId {
+        if self.tail == end { self.head } else { self.tail }
+    }
+}
+
+/// How a sampled region couples to its surroundings (mathematics, section 4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Hold {
+    /// The held value from the last interval's flow.
+    Lagged,
+    /// The effort the next step would call for at the last flow.
+    Predicted,
+    /// Solved against the response of the other side.
+    #[default]
+    Matched,
+}
+
+impl Hold {
+    /// All of them.
+    pub const ALL: [Hold; 3] = [Hold::Lagged, Hold::Predicted, Hold::Matched];
+
+    /// As it is written.
+    pub fn name(self) -> &'static str {
+        match self {
+            Hold::Lagged => "lagged",
+            Hold::Predicted => "predicted",
+            Hold::Matched => "matched",
+        }
+    }
+}
+
+/// A `sampled` block.
+#[derive(Clone, Debug)]
+pub struct Sampling {
+    /// Period in seconds.
+    pub period: f64,
+    /// Its hold.
+    pub hold: Hold,
+    /// Whether the block names it.
+    pub hold_given: bool,
+    /// Whether the energy budget is on.
+    pub budget: bool,
+    /// The stepper, where the block names one.
+    pub method: Option<String>,
+    /// Its head.
+    pub span: Span,
+}
+
+/// What a symbol of the pool stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Signal {
+    /// Time.
+    Time,
+    /// Effort of a bond.
+    Effort(BondId),
+    /// Flow of a bond, along its half arrow.
+    Flow(BondId),
+    /// State of a storage.
+    State(ElementId),
+    /// An `integral(...)`.
+    Integral(usize),
+    /// The argument of a resistor's law.
+    Argument(ElementId),
+}
+
+/// `integral(expr, start)`.
+#[derive(Clone, Debug)]
+pub struct Integral {
+    /// Its symbol.
+    pub symbol: Symbol,
+    /// What is integrated.
+    pub rate: Expr,
+    /// Value at the start, SI.
+    pub start: f64,
+    /// Where it stands.
+    pub span: Span,
+}
+
+/// A named output.
+#[derive(Clone, Debug)]
+pub struct Probe {
+    /// Its name.
+    pub name: String,
+    /// What it shows, in SI.
+    pub value: Expr,
+    /// Its unit, where it is determined.
+    pub unit: Option<Dimension>,
+    /// Where it stands.
+    pub span: Span,
+}
+
+/// An `expect`.
+#[derive(Clone, Debug)]
+pub struct Expectation {
+    /// As written.
+    pub text: String,
+    /// What it asks.
+    pub kind: ExpectationKind,
+    /// Where it stands.
+    pub span: Span,
+}
+
+/// What an `expect` asks.
+#[derive(Clone, Debug)]
+pub enum ExpectationKind {
+    /// The ledger shows a passive run.
+    Passive,
+    /// A value at an instant.
+    At {
+        /// What is looked at.
+        value: Expr,
+        /// When, s.
+        time: f64,
+        /// What it should be.
+        target: f64,
+        /// By how much it may be off.
+        tolerance: f64,
+    },
+    /// A comparison that holds at every row; extremes over the run were replaced by symbols.
+    Holds {
+        /// The comparison.
+        condition: Expr,
+        /// Each symbol, the expression it is an extreme of, and whether it is the largest.
+        extremes: Vec<(Symbol, Expr, bool)>,
+    },
+}
+
+/// What `simulate` says; `None` where it says nothing.
+#[derive(Clone, Debug, Default)]
+pub struct Settings {
+    /// End of the run, s.
+    pub stop: Option<f64>,
+    /// Fixed step, s.
+    pub step: Option<f64>,
+    /// Stepper.
+    pub method: Option<(String, Span)>,
+    /// Error allowed in a step, relative.
+    pub tolerance: Option<f64>,
+    /// Distance of the rows of output, s.
+    pub every: Option<f64>,
+}
+
+/// A parameter of the scene or of an instance.
+#[derive(Clone, Debug)]
+pub struct Parameter {
+    /// Its path.
+    pub name: String,
+    /// Its symbol in the pool.
+    pub symbol: Symbol,
+    /// Its value, SI.
+    pub value: f64,
+    /// Its unit; `None` for the literal 0, which has every unit.
+    pub unit: Option<Dimension>,
+}
+
+/// A flat model.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// Name of the scene.
+    pub name: String,
+    /// Doc of the scene.
+    pub docs: Vec<String>,
+    /// Its declaration.
+    pub span: Span,
+    /// All expressions.
+    pub pool: Pool,
+    /// Elements in order of declaration.
+    pub elements: Vec<Element>,
+    /// Bonds in order of declaration.
+    pub bonds: Vec<Bond>,
+    /// `sampled` blocks.
+    pub samplings: Vec<Sampling>,
+    /// Integrals.
+    pub integrals: Vec<Integral>,
+    /// Probes in order of declaration.
+    pub probes: Vec<Probe>,
+    /// Expectations in order of declaration.
+    pub expectations: Vec<Expectation>,
+    /// What `simulate` says.
+    pub settings: Settings,
+    /// Parameters.
+    pub parameters: Vec<Parameter>,
+    /// What the symbols stand for.
+    pub signals: FxHashMap<Symbol, Signal>,
+    /// Unit of each bond's effort and flow, where determined.
+    pub units: Vec<(Option<Dimension>, Option<Dimension>)>,
+    /// For each bond, whether effort times flow is no power.
+    pub pseudo: Vec<bool>,
+}
+
+impl Model {
+    /// The element with this id.
+    pub fn element(&self, id: ElementId) -> &Element {
+        &self.elements[id.at()]
+    }
+
+    /// The bond with this id.
+    pub fn bond(&self, id: BondId) -> &Bond {
+        &self.bonds[id.at()]
+    }
+
+    /// The bonds of each element, in order of declaration.
+    pub fn bonds_of(&self) -> Vec<Vec<BondId>> {
+        let mut list = vec![Vec::new(); self.elements.len()];
+        for (i, bond) in self.bonds.iter().enumerate() {
+            list[bond.tail.at()].push(BondId(i as u32));
+            list[bond.head.at()].push(BondId(i as u32));
+        }
+        list
+    }
+
+    /// Elements with their ids.
+    pub fn ids(&self) -> impl Iterator<Item = (ElementId, &Element)> {
+        self.elements.iter().enumerate().map(|(i, e)| (ElementId(i as u32), e))
+    }
+}

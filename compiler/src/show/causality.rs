@@ -1,0 +1,78 @@
+//! `causality` as text: every bond with its stroke, and why it stands there.
+
+use super::{Shown, name, table};
+use crate::causality::{Cause, integral};
+use crate::model::{BondId, Kind};
+use bond_grammar::ast::Stroke;
+use std::fmt::Write;
+
+/// Why a bond has its stroke, in words.
+pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
+    let model = &*shown.model;
+    let Some(cause) = shown.causality.causes.get(bond.at()) else { return String::new() };
+    match *cause {
+        Cause::Source(id) => {
+            let e = model.element(id);
+            let what = match e.kind {
+                Kind::Se | Kind::Df => "gives effort",
+                Kind::Sf | Kind::De => "gives flow",
+                Kind::C
+                | Kind::I
+                | Kind::R
+                | Kind::Tf
+                | Kind::Gy
+                | Kind::Zero
+                | Kind::One
+                | Kind::Port => "can do no other",
+            };
+            format!("{} {what}", name::element(e))
+        }
+        Cause::Asserted => "asserted".into(),
+        Cause::Law(id) => format!("the law of {} is explicit this way", name::element(model.element(id))),
+        Cause::Hold if model.bond(bond).sampled => "the hold of the double bar".into(),
+        Cause::Hold => "an open port".into(),
+        Cause::Storage(id) => {
+            let e = model.element(id);
+            let gives = integral(e.kind).map(|g| shown.causality.gives(model, bond, id) == g);
+            let how = if gives == Some(false) { "derivative" } else { "preferred integral" };
+            format!("{how} causality of {}", name::element(e))
+        }
+        Cause::Free => "free to choose".into(),
+        Cause::Rule(id, from) => {
+            let other = name::bond(model, from, shown.causality.strokes.get(from.at()).copied());
+            format!("the rule of {}, from {other}", name::element(model.element(id)))
+        }
+    }
+}
+
+/// The strokes with their reasons, dependent storages, laws that are run backwards.
+pub(super) fn text(shown: &Shown<'_>) -> String {
+    let model = &*shown.model;
+    let rows: Vec<Vec<String>> = model
+        .bonds
+        .iter()
+        .enumerate()
+        .map(|(i, b)| {
+            let stroke = shown.causality.strokes.get(i).copied();
+            let ends = (model.element(b.tail).name.clone(), model.element(b.head).name.clone());
+            let giver = match stroke {
+                Some(Stroke::Head) => &ends.0,
+                Some(Stroke::Tail) | None => &ends.1,
+            };
+            let gives = format!("effort from {giver}");
+            vec![ends.0.clone(), name::arrow(model, b, stroke), ends.1.clone(), gives, reason(shown, BondId(i as u32))]
+        })
+        .collect();
+    let mut text = format!("{}: {} bonds; the stroke is at the end that receives the effort\n\n", model.name, model.bonds.len());
+    text.push_str(&table::lines(2, &rows));
+    let list = |ids: &[crate::model::ElementId]| ids.iter().map(|id| name::element(model.element(*id))).collect::<Vec<_>>().join(", ");
+    let dependent = &shown.causality.dependent;
+    let _ = match dependent.len() {
+        0 => writeln!(text, "\nall storages are in integral causality"),
+        _ => writeln!(text, "\nin derivative causality (dependent): {}", list(dependent)),
+    };
+    if !shown.causality.implicit.is_empty() {
+        let _ = writeln!(text, "laws run backwards (implicit): {}", list(&shown.causality.implicit));
+    }
+    text
+}

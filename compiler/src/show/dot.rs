@@ -1,0 +1,74 @@
+//! The bond graph for Graphviz: half arrows, causal strokes, regions as clusters, double bars bold.
+
+use super::{Shown, What, name, region};
+use crate::model::{BondId, ElementId, Kind};
+use bond_grammar::ast::Stroke;
+use std::fmt::Write;
+
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+/// The graph; `graph` without causal strokes.
+pub(super) fn text(shown: &Shown<'_>, what: What) -> String {
+    let model = &*shown.model;
+    let mut text = format!("digraph {} {{\n", quoted(&model.name));
+    text.push_str("  graph [rankdir=LR, overlap=false, splines=line, nodesep=0.3];\n");
+    text.push_str("  node [shape=plaintext, fontname=\"Helvetica\", margin=0.05, width=0, height=0];\n");
+    text.push_str("  edge [fontname=\"Helvetica\", fontsize=10, arrowsize=0.9];\n");
+    for (i, r) in shown.graph.regions.iter().enumerate() {
+        // A cluster is drawn where there is something to tell apart.
+        let cluster = shown.graph.regions.len() > 1 || r.sampling.is_some();
+        let indent = if cluster { "    " } else { "  " };
+        if cluster {
+            let label = format!("{}\\n{}", r.name.replace('"', "\\\""), region::kind(shown, r));
+            let _ = writeln!(text, "  subgraph cluster_{i} {{\n    label=\"{label}\"; fontname=\"Helvetica\"; fontsize=10;");
+            let style = if r.sampling.is_some() { "style=\"rounded,filled\"; fillcolor=\"#e8eef7\"; color=\"#8aa4c8\";" } else { "style=\"rounded,dashed\"; color=\"#bbbbbb\";" };
+            let _ = writeln!(text, "    {style}");
+        }
+        for &id in &r.elements {
+            let _ = writeln!(text, "{indent}{}", node(shown, id));
+        }
+        if cluster {
+            text.push_str("  }\n");
+        }
+    }
+    for (i, b) in model.bonds.iter().enumerate() {
+        let stroke = if what == What::Graph { b.stroke } else { shown.causality.strokes.get(i).copied() };
+        let (mut head, mut tail) = ("lnormal", "none");
+        match stroke {
+            Some(Stroke::Head) => head = "teelnormal",
+            Some(Stroke::Tail) => tail = "tee",
+            None => {}
+        }
+        let mut more = String::new();
+        if b.sampled {
+            more.push_str(", penwidth=2.5, color=\"black:white:black\"");
+        }
+        if let Some(n) = name::own_name(model, b) {
+            let _ = write!(more, ", label={}", quoted(n));
+        }
+        let _ = writeln!(
+            text,
+            "  n{} -> n{} [dir=both, arrowhead={head}, arrowtail={tail}{more}, tooltip={}];",
+            b.tail.0,
+            b.head.0,
+            quoted(&name::bond(model, BondId(i as u32), stroke))
+        );
+    }
+    text.push_str("}\n");
+    text
+}
+
+fn node(shown: &Shown<'_>, id: ElementId) -> String {
+    let e = shown.model.element(id);
+    let more = match e.kind {
+        Kind::Zero | Kind::One => ", fontname=\"Helvetica-Bold\"",
+        Kind::Se | Kind::Sf | Kind::Port => ", fontcolor=\"#9a3412\"",
+        Kind::C | Kind::I => ", fontcolor=\"#1d4ed8\"",
+        Kind::R => ", fontcolor=\"#15803d\"",
+        Kind::Tf | Kind::Gy => ", fontcolor=\"#6b21a8\"",
+        Kind::De | Kind::Df => ", fontcolor=\"#57534e\"",
+    };
+    format!("n{} [label={}{more}];", id.0, quoted(&name::element(e)))
+}

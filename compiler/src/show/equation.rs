@@ -1,0 +1,175 @@
+//! The differential equations of a region, written out: what each state's rate is, in states, inputs and time.
+
+use super::name;
+use crate::expression::{Expr, Pool, Symbol};
+use crate::model::{Model, Variable};
+use crate::structure::{ColumnId, Form, Output, Region};
+use petgraph::Graph;
+use petgraph::graph::NodeIndex;
+use rustc_hash::FxHashMap;
+
+/// Loops of more resistors are not solved on paper.
+const LARGEST: usize = 6;
+
+/// An output that no formula was found for.
+pub(super) struct Unknown {
+    /// `pipe.f`
+    pub(super) name: String,
+    /// What it equals, or what is 0.
+    pub(super) law: Expr,
+    /// True where `law` is what must be 0.
+    pub(super) root: bool,
+}
+
+/// The equations of a region.
+pub(super) struct Equations {
+    /// dx/dt of each state.
+    pub(super) rates: Vec<Expr>,
+    /// The conjugates of the inputs: name and value, as a signal of the bond.
+    pub(super) outputs: Vec<(String, Expr)>,
+    /// Unknowns that stand in them.
+    pub(super) unknowns: Vec<Unknown>,
+    /// Resistors that depend on one another, loop by loop, and whether the loop was solved.
+    pub(super) loops: Vec<(Vec<ColumnId>, bool)>,
+}
+
+/// Writes out the equations of a region.
+pub(super) fn equations(model: &mut Model, form: &Form, region: &Region, names: &[String]) -> Equations {
+    let pool = &mut model.pool;
+    let mut known: FxHashMap<Symbol, Expr> = FxHashMap::default();
+    for &c in &region.inputs {
+        let port = name::port(form, names, c);
+        let u = pool.symbol(&port.input);
+        let u = pool.var(u);
+        let z = if port.turned { pool.neg(u) } else { u };
+        known.insert(form.column(c).out, z);
+    }
+    for g in &region.groups {
+        for (s, z) in g.states.iter().zip(&g.coenergy) {
+            known.insert(form.column(region.states[*s].column).out, *z);
+        }
+    }
+    let (unknowns, loops) = resistors(pool, form, region, names, &mut known);
+    let mut input = |c: ColumnId| {
+        let terms: Vec<Expr> = form
+            .column(c)
+            .row
+            .iter()
+            .map(|(j, k)| {
+                let z = pool.var(form.column(*j).out);
+                pool.mul(*k, z)
+            })
+            .collect();
+        let all = pool.sum(&terms);
+        pool.substitute(all, &known)
+    };
+    let rates = region.states.iter().map(|s| input(s.column)).collect();
+    let inputs: Vec<Expr> = region.inputs.iter().map(|c| input(*c)).collect();
+    let outputs = region
+        .inputs
+        .iter()
+        .zip(inputs)
+        .map(|(c, e)| {
+            let column = form.column(*c);
+            let name = format!("{}.{}", names[c.at()], column.gives.other().letter());
+            // A flow is counted into the element, but along the half arrow in its signal.
+            let against = column.sign < 0 && column.gives == Variable::Effort;
+            (name, if against { pool.neg(e) } else { e })
+        })
+        .collect();
+    Equations { rates, outputs, unknowns, loops }
+}
+
+/// Adds the outputs of the resistors to what is known, those first on which others depend.
+fn resistors(
+    pool: &mut Pool,
+    form: &Form,
+    region: &Region,
+    names: &[String],
+    known: &mut FxHashMap<Symbol, Expr>,
+) -> (Vec<Unknown>, Vec<(Vec<ColumnId>, bool)>) {
+    let place: FxHashMap<Symbol, usize> =
+        region.resistors.iter().enumerate().map(|(i, (c, _))| (form.column(*c).out, i)).collect();
+    let mut needs: Graph<(), ()> = Graph::with_capacity(region.resistors.len(), 0);
+    for _ in &region.resistors {
+        needs.add_node(());
+    }
+    let law = |i: usize| match region.resistors[i].1 {
+        Output::Explicit(e) | Output::Implicit(e) => e,
+    };
+    for i in 0..region.resistors.len() {
+        for s in pool.symbols(law(i)) {
+            if let Some(&j) = place.get(&s) {
+                needs.add_edge(NodeIndex::new(i), NodeIndex::new(j), ());
+            }
+        }
+    }
+    let (mut unknowns, mut loops) = (Vec::new(), Vec::new());
+    for component in petgraph::algo::kosaraju_scc(&needs) {
+        let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
+        members.sort_unstable();
+        let outs: Vec<Symbol> = members.iter().map(|i| form.column(region.resistors[*i].0).out).collect();
+        let laws: Vec<Expr> = members.iter().map(|i| pool.substitute(law(*i), known)).collect();
+        let explicit = members.iter().all(|i| matches!(region.resistors[*i].1, Output::Explicit(_)));
+        if let (&[law], &[out], true) = (&laws[..], &outs[..], explicit)
+            && !pool.contains(law, out)
+        {
+            known.insert(out, law);
+            continue;
+        }
+        let solved = if explicit && members.len() <= LARGEST { solve(pool, &laws, &outs) } else { None };
+        loops.push((members.iter().map(|i| region.resistors[*i].0).collect(), solved.is_some()));
+        match solved {
+            Some(values) => known.extend(outs.into_iter().zip(values)),
+            None => {
+                for (i, law) in members.iter().zip(laws) {
+                    let (c, how) = region.resistors[*i];
+                    let name = format!("{}.{}", names[c.at()], form.column(c).gives.letter());
+                    unknowns.push(Unknown { name, law, root: matches!(how, Output::Implicit(_)) });
+                }
+            }
+        }
+    }
+    (unknowns, loops)
+}
+
+/// The solution of `z = laws(z)` where the laws are affine in `z`; `None` where they are not, or the system is singular.
+fn solve(pool: &mut Pool, laws: &[Expr], outs: &[Symbol]) -> Option<Vec<Expr>> {
+    let n = outs.len();
+    let (zero, one) = (pool.zero(), pool.one());
+    let size = |pool: &Pool, e: Expr| {
+        let x = pool.eval(e, &|s| 0.37 + 0.21 * f64::from(s.0 % 11)).abs();
+        if x.is_finite() { x } else { 0.0 }
+    };
+    let mut w: Vec<Vec<Expr>> = Vec::new();
+    for (i, law) in laws.iter().enumerate() {
+        let (linear, rest) = pool.affine(*law, outs)?;
+        let mut row = vec![zero; n + 1];
+        for (j, a) in linear {
+            row[j] = pool.neg(a);
+        }
+        row[i] = pool.add(row[i], one);
+        row[n] = rest;
+        w.push(row);
+    }
+    for k in 0..n {
+        let pivot = (k..n).max_by(|i, j| size(pool, w[*i][k]).total_cmp(&size(pool, w[*j][k])))?;
+        if size(pool, w[pivot][k]) == 0.0 {
+            return None;
+        }
+        w.swap(k, pivot);
+        let p = w[k][k];
+        for x in &mut w[k][k..] {
+            *x = pool.div(*x, p);
+        }
+        let row = w[k].clone();
+        for (_, other) in w.iter_mut().enumerate().filter(|(i, _)| *i != k) {
+            let f = other[k];
+            for (x, y) in other.iter_mut().zip(&row).skip(k) {
+                let t = pool.mul(f, *y);
+                *x = pool.sub(*x, t);
+            }
+        }
+    }
+    Some(w.into_iter().map(|row| row[n]).collect())
+}

@@ -1,0 +1,266 @@
+//! Everything as JSON; `phs` in the shape that the command's reference fixes.
+
+use super::matrix::{self, LARGE, Matrix};
+use super::{Shown, What, causality, fact, name, phs, region};
+use crate::expression::Pool;
+use crate::model::{BondId, Law, Model};
+use crate::structure::{Form, Region};
+use bond_grammar::ast::Stroke;
+use serde_json::{Map, Value, json};
+
+/// An object with its keys in this order.
+macro_rules! object {
+    ($($key:literal: $value:expr),* $(,)?) => {{
+        let mut map = Map::new();
+        $(map.insert($key.to_string(), json!($value));)*
+        map
+    }};
+}
+
+/// What is asked for, as indented JSON with a line end.
+pub(super) fn text(shown: &mut Shown<'_>, what: What) -> String {
+    let value = match what {
+        What::All => {
+            let mut all = object! { "model": shown.model.name, "docs": shown.model.docs };
+            all.insert("graph".into(), graph(shown));
+            all.insert("causality".into(), strokes(shown));
+            all.insert("regions".into(), regions(shown)["regions"].take());
+            all.insert("phs".into(), forms(shown));
+            all.insert("probes".into(), probes(shown));
+            all.insert("programs".into(), programs(shown)["programs"].take());
+            Value::Object(all)
+        }
+        What::Graph => graph(shown),
+        What::Causality => strokes(shown),
+        What::Phs => forms(shown),
+        What::Regions => regions(shown),
+        What::Program => programs(shown),
+    };
+    let mut text = String::new();
+    write(&value, 0, &mut text);
+    text.push('\n');
+    text
+}
+
+/// Indented, with lists of plain values on one line.
+fn write(value: &Value, depth: usize, text: &mut String) {
+    let plain = |v: &Value| !v.is_array() && !v.is_object();
+    let indent = |d: usize| format!("\n{}", "  ".repeat(d));
+    match value {
+        Value::Array(all) if !all.iter().all(plain) => {
+            text.push('[');
+            for (i, v) in all.iter().enumerate() {
+                text.push_str(if i == 0 { "" } else { "," });
+                text.push_str(&indent(depth + 1));
+                write(v, depth + 1, text);
+            }
+            text.push_str(&indent(depth));
+            text.push(']');
+        }
+        Value::Array(all) => {
+            let all: Vec<String> = all.iter().map(Value::to_string).collect();
+            text.push_str(&format!("[{}]", all.join(", ")));
+        }
+        Value::Object(map) if !map.is_empty() => {
+            text.push('{');
+            for (i, (k, v)) in map.iter().enumerate() {
+                text.push_str(if i == 0 { "" } else { "," });
+                text.push_str(&format!("{}{}: ", indent(depth + 1), Value::from(k.as_str())));
+                write(v, depth + 1, text);
+            }
+            text.push_str(&indent(depth));
+            text.push('}');
+        }
+        Value::Object(_) | Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {
+            text.push_str(&value.to_string());
+        }
+    }
+}
+
+fn graph(shown: &Shown<'_>) -> Value {
+    let model = &*shown.model;
+    let elements: Vec<Value> = model
+        .ids()
+        .map(|(id, e)| {
+            let region = &shown.graph.regions[shown.graph.region_of[id.at()].at()];
+            let mut o = object! { "name": e.name, "kind": name::kind(e.kind), "law": name::law(shown, id), "region": region.name };
+            if let Law::Storage(s) = &e.law {
+                let unit = shown.graph.bonds_of[id.at()].first().and_then(|b| super::graph::state_unit(shown, id, *b));
+                o.insert("state".into(), json!(model.pool.name(s.state)));
+                o.insert("unit".into(), unit.map_or(Value::Null, |u| json!(u.to_string())));
+                o.insert("initial".into(), json!(s.initial));
+            }
+            if e.active {
+                o.insert("active".into(), json!(true));
+            }
+            Value::Object(o)
+        })
+        .collect();
+    let bonds: Vec<Value> = model.bonds.iter().enumerate().map(|(i, b)| {
+        let unit = |v| name::bond_unit(model, BondId(i as u32), v).map(|u| u.to_string());
+        let units = [unit(crate::model::Variable::Effort), unit(crate::model::Variable::Flow)];
+        json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": model.element(b.head).name,
+            "sampled": b.sampled, "asserted": b.stroke.map(stroke), "effort": units[0], "flow": units[1] })
+    }).collect();
+    let parameters: Vec<Value> = model
+        .parameters
+        .iter()
+        .map(|p| json!(object! { "name": p.name, "value": p.value, "unit": p.unit.map(|u| u.to_string()) }))
+        .collect();
+    json!(object! { "elements": elements, "bonds": bonds, "parameters": parameters })
+}
+
+fn stroke(s: Stroke) -> &'static str {
+    match s {
+        Stroke::Head => "head",
+        Stroke::Tail => "tail",
+    }
+}
+
+fn strokes(shown: &Shown<'_>) -> Value {
+    let model = &*shown.model;
+    let bonds: Vec<Value> = model.bonds.iter().enumerate().map(|(i, b)| {
+        let s = shown.causality.strokes.get(i).copied().map(stroke);
+        json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": model.element(b.head).name, "stroke": s,
+            "cause": causality::reason(shown, BondId(i as u32)) })
+    }).collect();
+    let list = |ids: &[crate::model::ElementId]| ids.iter().map(|id| model.element(*id).name.clone()).collect::<Vec<_>>();
+    json!(object! { "bonds": bonds, "dependent": list(&shown.causality.dependent), "implicit": list(&shown.causality.implicit) })
+}
+
+/// Name, kind, and period of a region.
+fn head(shown: &Shown<'_>, at: usize) -> Map<String, Value> {
+    let r = &shown.form.regions[at];
+    let sampling = r.sampling.and_then(|s| shown.model.samplings.get(s));
+    let mut o = object! { "name": r.name, "kind": if sampling.is_some() { "sampled" } else { "continuous" } };
+    if let Some(s) = sampling {
+        o.insert("period".into(), json!(s.period));
+    }
+    o
+}
+
+fn regions(shown: &Shown<'_>) -> Value {
+    let model = &*shown.model;
+    let name = |id: crate::model::ElementId| model.element(id).name.clone();
+    let regions: Vec<Value> = (0..shown.form.regions.len().min(shown.graph.regions.len()))
+        .map(|i| {
+            let r = &shown.graph.regions[i];
+            let mut o = head(shown, i);
+            if let Some(s) = r.sampling.and_then(|s| model.samplings.get(s)) {
+                o.extend(object! { "hold": s.hold.name(), "budget": s.budget, "method": s.method });
+            }
+            o.insert("elements".into(), json!(r.elements.iter().map(|e| name(*e)).collect::<Vec<_>>()));
+            o.insert("pseudo".into(), json!(shown.form.regions[i].pseudo));
+            Value::Object(o)
+        })
+        .collect();
+    let bars: Vec<Value> = region::bars(shown).iter().map(|b| {
+        json!(object! { "bond": model.bond(b.bond).name, "holder": name(b.holder), "holds": region::word(b.held),
+            "answers": name(b.other), "with": region::word(b.held.other()), "hold": b.hold.map(|h| h.name()) })
+    }).collect();
+    json!(object! { "regions": regions, "bars": bars })
+}
+
+fn probes(shown: &Shown<'_>) -> Value {
+    let pool = &shown.model.pool;
+    let list = shown.model.probes.iter();
+    list.map(|p| json!(object! { "name": p.name, "value": name::expression(pool, p.value), "unit": p.unit.map(|u| u.to_string()) })).collect()
+}
+
+fn programs(shown: &Shown<'_>) -> Value {
+    let list: Vec<Value> = shown.programs.iter().map(|p| json!(object! { "name": p.name, "text": p.to_string() })).collect();
+    json!(object! { "programs": list })
+}
+
+fn forms(shown: &mut Shown<'_>) -> Value {
+    let names = name::columns(shown.model, shown.form);
+    let mut list = Vec::new();
+    for at in 0..shown.form.regions.len() {
+        let mut o = head(shown, at);
+        o.extend(form(shown.model, shown.form, &shown.form.regions[at], &names));
+        list.push(Value::Object(o));
+    }
+    json!(object! { "regions": list })
+}
+
+fn form(model: &mut Model, form: &Form, r: &Region, names: &[String]) -> Map<String, Value> {
+    let explicit = matrix::explicit_form(model, form, r, names);
+    let d = matrix::dirac(form, r, names);
+    let h = matrix::energy(&mut model.pool, r);
+    let skew = fact::not_skew(&mut model.pool, &d).is_empty();
+    let semidefinite = fact::semidefinite(model, form, r, explicit.as_ref()).0;
+    let ports: Vec<name::Port> = r.inputs.iter().map(|c| name::port(form, names, *c)).collect();
+    let states: Vec<Value> = r
+        .states
+        .iter()
+        .map(|s| json!(object! { "name": s.name, "unit": s.unit.map(|u| u.to_string()), "initial": s.initial }))
+        .collect();
+    let large = r.states.len() > LARGE;
+    let mut o = object! {
+        "states": states,
+        "dependent": r.dependent.iter().map(|d| model.element(d.element).name.clone()).collect::<Vec<_>>(),
+        "inputs": ports.iter().map(|p| p.input.clone()).collect::<Vec<_>>(),
+        "outputs": ports.iter().map(|p| p.output.clone()).collect::<Vec<_>>(),
+        "H": name::expression(&model.pool, h),
+    };
+    let laws: Vec<Value> = r.inputs.iter().map(|c| phs::source(model, form, names, *c)).map(|(_, right)| json!(right)).collect();
+    let resistive = resistive(model, form, r);
+    let pool = &model.pool;
+    match &explicit {
+        Some(e) => {
+            let u = e.real;
+            for (key, m) in [("J", &e.j), ("R", &e.r)] {
+                o.insert(key.into(), table(pool, m, large));
+            }
+            for (key, m) in [("G", &e.g), ("P", &e.p)] {
+                o.insert(key.into(), table(pool, &m.columns(0..u), large));
+            }
+            for (key, m) in [("M", &e.m), ("S", &e.s)] {
+                o.insert(key.into(), table(pool, &m.top(u).columns(0..u), large));
+            }
+            if u < e.inputs.len() {
+                let rest = |m: &Matrix| table(pool, &m.columns(u..e.inputs.len()), large);
+                // G and P: the further columns; M and S: the further columns, their rows those of all outputs.
+                let more = object! { "names": e.inputs[u..], "outputs": e.outputs[u..], "G": rest(&e.g), "P": rest(&e.p),
+                    "M": rest(&e.m), "S": rest(&e.s) };
+                o.insert("nonlinear".into(), Value::Object(more));
+            }
+        }
+        None => {
+            for key in ["J", "R", "G", "P", "M", "S"] {
+                o.insert(key.into(), Value::Null);
+            }
+        }
+    }
+    let dirac = object! { "rows": d.rows, "columns": d.columns, "D": table(pool, &d, large || d.rows.len() > 2 * LARGE),
+        "sources": laws, "resistive": resistive };
+    o.insert("dirac".into(), Value::Object(dirac));
+    o.extend(object! { "skew": skew, "semidefinite": semidefinite.decided(), "unbounded": fact::unbounded(r), "pseudo": r.pseudo });
+    o
+}
+
+fn resistive(model: &mut Model, form: &Form, r: &Region) -> Vec<Value> {
+    let mut list = Vec::new();
+    for (c, _) in &r.resistors {
+        let id = form.column(*c).element;
+        let Some((left, right)) = name::resistor(model, id) else { continue };
+        let e = model.element(id);
+        let Law::Resistor(law) = &e.law else { continue };
+        let text = format!("{left} = {}", name::expression(&model.pool, right));
+        list.push(json!(object! { "name": e.name, "law": text, "linear": law.linear.is_some(), "proved": law.dissipative }));
+    }
+    list
+}
+
+/// A matrix as rows of expressions, or sparse where it is large.
+fn table(pool: &Pool, m: &Matrix, large: bool) -> Value {
+    if large {
+        let entries: Vec<Value> = m.entries.iter().map(|(i, j, e)| json!([i, j, name::expression(pool, *e)])).collect();
+        return json!(object! { "sparse": entries, "shape": [m.rows.len(), m.columns.len()] });
+    }
+    let mut rows = vec![vec!["0".to_string(); m.columns.len()]; m.rows.len()];
+    for (i, j, e) in &m.entries {
+        rows[*i][*j] = name::expression(pool, *e);
+    }
+    json!(rows)
+}

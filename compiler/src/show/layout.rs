@@ -1,0 +1,308 @@
+//! Places for the elements of a graph: stress majorisation over all-pairs distances (Gansner, Koren, North 2004), begun from
+//! classical scaling, turned so that most bonds lie level or upright, and pushed apart where labels meet.
+
+/// A point, in pixels.
+pub(super) type Point = [f64; 2];
+
+/// A drawing to be made.
+pub(super) struct Drawing<'a> {
+    /// Half width and half height of each node's label.
+    pub(super) sizes: &'a [Point],
+    /// Ends and length (1 for a plain one) of each bond.
+    pub(super) bonds: &'a [(usize, usize, f64)],
+    /// The part each node belongs to; parts are kept from overlapping.
+    pub(super) parts: &'a [usize],
+}
+
+/// Pixels from one element to the next.
+const UNIT: f64 = 92.0;
+
+/// The least length of a bond that is to be seen.
+const SEEN: f64 = 36.0;
+
+/// Where the nodes go.
+pub(super) fn place(drawing: &Drawing<'_>) -> Vec<Point> {
+    let n = drawing.sizes.len();
+    let distance = distances(n, drawing.bonds);
+    let mut x = scaling(&distance);
+    for _ in 0..200 {
+        x = majorise(&distance, &x, (&[], 0.0));
+    }
+    turn(&mut x, drawing.bonds);
+    for weight in [1.5, 40.0] {
+        for _ in 0..100 {
+            let pulls = axes(&x, drawing.bonds);
+            x = majorise(&distance, &x, (&pulls, weight));
+        }
+    }
+    for p in &mut x {
+        *p = [p[0] * UNIT, p[1] * UNIT * 0.92];
+    }
+    for round in 0..400 {
+        let moved = part_labels(&mut x, drawing)
+            | stretch(&mut x, drawing)
+            | (round % 2 == 0 && clear_bonds(&mut x, drawing));
+        if !moved {
+            break;
+        }
+    }
+    x
+}
+
+/// All-pairs distances along the bonds; pieces that nothing joins stand a little apart.
+fn distances(n: usize, bonds: &[(usize, usize, f64)]) -> Vec<Vec<f64>> {
+    let mut near: Vec<Vec<(usize, f64)>> = vec![Vec::new(); n];
+    for &(a, b, length) in bonds {
+        near[a].push((b, length));
+        near[b].push((a, length));
+    }
+    // Two lengths of bond only: a queue over half units visits in order of distance.
+    let from = |start: usize| {
+        let mut d = vec![f64::INFINITY; n];
+        d[start] = 0.0;
+        let mut layers: Vec<Vec<usize>> = vec![vec![start]];
+        let mut k = 0;
+        while k < layers.len() {
+            for i in std::mem::take(&mut layers[k]) {
+                if (d[i] * 2.0).round() as usize != k {
+                    continue;
+                }
+                for &(j, length) in &near[i] {
+                    let new = d[i] + length;
+                    if new < d[j] {
+                        d[j] = new;
+                        let at = (new * 2.0).round() as usize;
+                        if layers.len() <= at {
+                            layers.resize(at + 1, Vec::new());
+                        }
+                        layers[at].push(j);
+                    }
+                }
+            }
+            k += 1;
+        }
+        d
+    };
+    let mut all: Vec<Vec<f64>> = (0..n).map(from).collect();
+    let largest = all.iter().flatten().copied().filter(|d| d.is_finite()).fold(1.0, f64::max);
+    for d in all.iter_mut().flatten() {
+        if !d.is_finite() {
+            *d = 0.6 * largest + 1.5;
+        }
+    }
+    all
+}
+
+/// The two main directions of the centred squares of the distances, by power iteration.
+fn scaling(distance: &[Vec<f64>]) -> Vec<Point> {
+    let n = distance.len();
+    let mean = |row: &[f64]| row.iter().map(|d| d * d).sum::<f64>() / n.max(1) as f64;
+    let rows: Vec<f64> = distance.iter().map(|r| mean(r)).collect();
+    let all = rows.iter().sum::<f64>() / n.max(1) as f64;
+    let b = |i: usize, j: usize| -0.5 * (distance[i][j] * distance[i][j] - rows[i] - rows[j] + all);
+    let mut axes: Vec<Vec<f64>> = Vec::new();
+    for axis in 0..2 {
+        let mut v: Vec<f64> = (0..n).map(|i| ((i as f64 + 1.0) * (0.71 + 0.53 * axis as f64)).sin() + 0.01).collect();
+        let mut size = 0.0;
+        for _ in 0..80 {
+            for earlier in &axes {
+                let norm: f64 = earlier.iter().map(|x| x * x).sum();
+                if norm > 0.0 {
+                    let along = v.iter().zip(earlier).map(|(a, b)| a * b).sum::<f64>() / norm;
+                    v.iter_mut().zip(earlier).for_each(|(a, b)| *a -= along * b);
+                }
+            }
+            let next: Vec<f64> = (0..n).map(|i| (0..n).map(|j| b(i, j) * v[j]).sum()).collect();
+            size = next.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if size < 1e-9 {
+                break;
+            }
+            v = next.into_iter().map(|x| x / size).collect();
+        }
+        axes.push(v.into_iter().map(|x| x * size.sqrt()).collect());
+    }
+    // A little of the index keeps nodes apart that have the same distances to all others.
+    (0..n).map(|i| [axes[0][i] + 0.013 * (i as f64).cos(), axes[1][i] + 0.013 * (i as f64 * 1.7).sin()]).collect()
+}
+
+/// A bond that wants to lie along a vector.
+type Pull = (usize, usize, Point);
+
+/// One step that lowers the stress, the pulls counting with their weight.
+fn majorise(distance: &[Vec<f64>], x: &[Point], (pulls, weight): (&[Pull], f64)) -> Vec<Point> {
+    let n = x.len();
+    let mut sums: Vec<([f64; 2], f64)> = vec![([0.0, 0.0], 0.0); n];
+    for i in 0..n {
+        for j in 0..n {
+            if i == j {
+                continue;
+            }
+            let d = distance[i][j].max(0.1);
+            let w = 1.0 / (d * d);
+            let delta = [x[i][0] - x[j][0], x[i][1] - x[j][1]];
+            let length = delta[0].hypot(delta[1]).max(1e-6);
+            for k in 0..2 {
+                sums[i].0[k] += w * (x[j][k] + d * delta[k] / length);
+            }
+            sums[i].1 += w;
+        }
+    }
+    for &(a, b, v) in pulls {
+        let w = weight;
+        for k in 0..2 {
+            sums[a].0[k] += w * (x[b][k] - v[k]);
+            sums[b].0[k] += w * (x[a][k] + v[k]);
+        }
+        sums[a].1 += w;
+        sums[b].1 += w;
+    }
+    sums.iter().zip(x).map(|((s, w), x)| if *w > 0.0 { [s[0] / w, s[1] / w] } else { *x }).collect()
+}
+
+/// Turns the drawing so that most bonds lie level or upright and it is wider than high; the first bonds run to the right.
+fn turn(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
+    let (mut c, mut s) = (0.0, 0.0);
+    for &(a, b, _) in bonds {
+        let angle = 4.0 * (x[b][1] - x[a][1]).atan2(x[b][0] - x[a][0]);
+        c += angle.cos();
+        s += angle.sin();
+    }
+    let rotate = |x: &mut [Point], by: f64| {
+        for p in x.iter_mut() {
+            *p = [p[0] * by.cos() - p[1] * by.sin(), p[0] * by.sin() + p[1] * by.cos()];
+        }
+    };
+    rotate(x, -s.atan2(c) / 4.0);
+    let extent = |x: &[Point], k: usize| {
+        let (low, high) = x.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[k]), h.max(p[k])));
+        high - low
+    };
+    if extent(x, 1) > extent(x, 0) {
+        rotate(x, std::f64::consts::FRAC_PI_2);
+    }
+    let right: f64 = bonds.iter().map(|(a, b, _)| x[*b][0] - x[*a][0]).sum();
+    if right < 0.0 {
+        for p in x.iter_mut() {
+            p[0] = -p[0];
+        }
+    }
+    if bonds.iter().map(|(a, b, _)| x[*b][1] - x[*a][1]).sum::<f64>() < 0.0 {
+        for p in x.iter_mut() {
+            p[1] = -p[1];
+        }
+    }
+}
+
+/// For each bond that is the nearest of its ends' bonds to a level or upright direction, that direction.
+fn axes(x: &[Point], bonds: &[(usize, usize, f64)]) -> Vec<Pull> {
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let angle = |a: usize, b: usize| (x[b][1] - x[a][1]).atan2(x[b][0] - x[a][0]);
+    let nearest = |angle: f64| (angle / quarter).round();
+    // For each node and quarter, the deviation of the bond that is nearest to it.
+    let mut best = vec![[f64::MAX; 4]; x.len()];
+    let side = |q: f64| (q.rem_euclid(4.0)) as usize % 4;
+    for &(a, b, _) in bonds {
+        for (from, to) in [(a, b), (b, a)] {
+            let t = angle(from, to);
+            let q = nearest(t);
+            let off = (t - q * quarter).abs();
+            let slot = &mut best[from][side(q)];
+            *slot = slot.min(off);
+        }
+    }
+    let mut pulls = Vec::new();
+    for &(a, b, length) in bonds {
+        let t = angle(a, b);
+        let q = nearest(t);
+        let off = (t - q * quarter).abs();
+        let back = nearest(angle(b, a));
+        let chosen = off <= best[a][side(q)] + 1e-12 && off <= best[b][side(back)] + 1e-12;
+        if chosen && off < 0.6 {
+            pulls.push((a, b, [length * (q * quarter).cos(), length * (q * quarter).sin()]));
+        }
+    }
+    pulls
+}
+
+/// Pushes labels apart that touch, and labels out of parts they are not of.
+fn part_labels(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
+    let mut moved = false;
+    for i in 0..x.len() {
+        for j in i + 1..x.len() {
+            let apart = if drawing.parts[i] == drawing.parts[j] { [10.0, 14.0] } else { [30.0, 44.0] };
+            let need = [0, 1].map(|k| drawing.sizes[i][k] + drawing.sizes[j][k] + apart[k]);
+            let delta = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
+            let over = [need[0] - delta[0].abs(), need[1] - delta[1].abs()];
+            if over[0] <= 0.0 || over[1] <= 0.0 {
+                continue;
+            }
+            moved = true;
+            let k = usize::from(over[1] < over[0]);
+            let sign = if delta[k] < 0.0 { -1.0 } else { 1.0 };
+            x[i][k] -= sign * (0.5 * over[k] + 0.5);
+            x[j][k] += sign * (0.5 * over[k] + 0.5);
+        }
+    }
+    moved
+}
+
+/// Lengthens bonds of which the labels leave too little to be seen.
+fn stretch(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
+    let mut moved = false;
+    for &(a, b, length) in drawing.bonds {
+        let d = [x[b][0] - x[a][0], x[b][1] - x[a][1]];
+        let full = d[0].hypot(d[1]);
+        if full < 1e-6 {
+            continue;
+        }
+        let u = [d[0] / full, d[1] / full];
+        let hidden: f64 = [a, b]
+            .iter()
+            .map(|i| {
+                let half = drawing.sizes[*i];
+                let reach = |k: usize| if u[k].abs() < 1e-9 { f64::INFINITY } else { (half[k] + 4.0) / u[k].abs() };
+                reach(0).min(reach(1))
+            })
+            .sum();
+        let short = hidden + SEEN * length - full;
+        if short > 0.5 {
+            moved = true;
+            for k in 0..2 {
+                x[a][k] -= 0.5 * short * u[k];
+                x[b][k] += 0.5 * short * u[k];
+            }
+        }
+    }
+    moved
+}
+
+/// Pushes labels off bonds that are not theirs.
+fn clear_bonds(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
+    let mut moved = false;
+    for &(a, b, _) in drawing.bonds {
+        for i in (0..x.len()).filter(|i| *i != a && *i != b) {
+            let d = [x[b][0] - x[a][0], x[b][1] - x[a][1]];
+            let length = d[0].hypot(d[1]);
+            if length < 1e-6 {
+                continue;
+            }
+            let normal = [-d[1] / length, d[0] / length];
+            let p = [x[i][0] - x[a][0], x[i][1] - x[a][1]];
+            let (along, across) = ((p[0] * d[0] + p[1] * d[1]) / length, p[0] * normal[0] + p[1] * normal[1]);
+            let reach = |v: Point| v[0].abs() * drawing.sizes[i][0] + v[1].abs() * drawing.sizes[i][1] + 6.0;
+            let (half, far) = (reach(normal), reach([d[0] / length, d[1] / length]));
+            if across.abs() >= half || along < -far || along > length + far {
+                continue;
+            }
+            moved = true;
+            let sign = if across < 0.0 { -1.0 } else { 1.0 };
+            let push = sign * (0.5 * (half - across.abs()) + 0.5);
+            for k in 0..2 {
+                x[i][k] += push * normal[k];
+                x[a][k] -= 0.25 * push * normal[k];
+                x[b][k] -= 0.25 * push * normal[k];
+            }
+        }
+    }
+    moved
+}

@@ -1,0 +1,141 @@
+//! The printed forms of a compiled model: text, JSON, Graphviz, SVG, LaTeX.
+//!
+//! Everything here reads the stages before it and changes nothing but the pool, in which it makes the expressions that it
+//! prints. The same model gives the same bytes on every run.
+
+mod arrow;
+mod causality;
+mod dot;
+mod equation;
+mod fact;
+mod graph;
+mod json;
+mod latex;
+mod layout;
+mod matrix;
+mod name;
+mod phs;
+mod region;
+mod summary;
+mod svg;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use crate::causality::Causality;
+use crate::graph::BondGraph;
+use crate::model::Model;
+use crate::structure::Form;
+use bond_runtime::ir::Program;
+
+/// What is to be shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum What {
+    /// A readable summary of all.
+    All,
+    /// Elements, bonds, parameters.
+    Graph,
+    /// The causal strokes, and why each stands where it does.
+    Causality,
+    /// The port-Hamiltonian form of each region.
+    Phs,
+    /// The regions and the double bars between them.
+    Regions,
+    /// The step programs.
+    Program,
+}
+
+impl What {
+    /// All of them.
+    pub const ALL: [What; 6] =
+        [What::All, What::Graph, What::Causality, What::Phs, What::Regions, What::Program];
+
+    /// As it is written on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            What::All => "all",
+            What::Graph => "graph",
+            What::Causality => "causality",
+            What::Phs => "phs",
+            What::Regions => "regions",
+            What::Program => "program",
+        }
+    }
+}
+
+/// A format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum As {
+    /// For people, in a terminal.
+    Text,
+    /// For programs.
+    Json,
+    /// For Graphviz.
+    Dot,
+    /// A picture.
+    Svg,
+    /// Formulas.
+    Latex,
+}
+
+impl As {
+    /// All of them.
+    pub const ALL: [As; 5] = [As::Text, As::Json, As::Dot, As::Svg, As::Latex];
+
+    /// As it is written on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            As::Text => "text",
+            As::Json => "json",
+            As::Dot => "dot",
+            As::Svg => "svg",
+            As::Latex => "latex",
+        }
+    }
+}
+
+/// Everything that can be shown of a compiled model.
+pub struct Shown<'a> {
+    /// The flat model; its pool takes the expressions that are made for printing.
+    pub model: &'a mut Model,
+    /// Its graph.
+    pub graph: &'a BondGraph,
+    /// Its strokes.
+    pub causality: &'a Causality,
+    /// Its port-Hamiltonian form.
+    pub form: &'a Form,
+    /// Its step programs.
+    pub programs: &'a [Program],
+}
+
+/// Shows a part of a compiled model in a format.
+///
+/// `dot` and `svg` draw `graph` (without strokes), `causality` and `regions`, and take `all` for `causality`; `latex` sets
+/// `phs`, and takes `all` for it.
+///
+/// # Errors
+/// A combination that makes no sense, or a picture that would be too large, in words.
+pub fn show(mut shown: Shown<'_>, what: What, format: As) -> Result<String, String> {
+    let refuse = |what: &str| Err(format!("`{}` shows only {what}", format.name()));
+    match (format, what) {
+        (As::Text, What::All) => Ok(summary::text(&mut shown)),
+        (As::Text, What::Graph) => Ok(graph::text(&shown)),
+        (As::Text, What::Causality) => Ok(causality::text(&shown)),
+        (As::Text, What::Phs) => Ok(phs::text(&mut shown)),
+        (As::Text, What::Regions) => Ok(region::text(&shown)),
+        (As::Text, What::Program) => Ok(programs(shown.programs)),
+        (As::Json, _) => Ok(json::text(&mut shown, what)),
+        (As::Dot, What::All | What::Graph | What::Causality | What::Regions) => Ok(dot::text(&shown, what)),
+        (As::Svg, What::All | What::Graph | What::Causality | What::Regions) => svg::text(&shown, what),
+        (As::Dot | As::Svg, What::Phs | What::Program) => refuse("`graph`, `causality` and `regions`"),
+        (As::Latex, What::All | What::Phs) => Ok(latex::text(&mut shown)),
+        (As::Latex, What::Graph | What::Causality | What::Regions | What::Program) => refuse("`phs`"),
+    }
+}
+
+fn programs(all: &[Program]) -> String {
+    if all.is_empty() {
+        return "no programs\n".into();
+    }
+    all.iter().map(Program::to_string).collect::<Vec<_>>().join("\n")
+}

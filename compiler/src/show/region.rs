@@ -1,0 +1,101 @@
+//! `regions` as text: each region, and the double bars between them.
+
+use super::{Shown, name, table};
+use crate::causality::holder;
+use crate::graph::Region;
+use crate::model::{BondId, ElementId, Hold, Variable};
+use std::fmt::Write;
+
+/// `sampled every 0.04 s, hold matched, budget on`, or `continuous`.
+pub(super) fn kind(shown: &Shown<'_>, region: &Region) -> String {
+    let Some(s) = region.sampling.and_then(|s| shown.model.samplings.get(s)) else { return "continuous".into() };
+    let budget = if s.budget { "on" } else { "off" };
+    let method = s.method.as_ref().map(|m| format!(", method {m}")).unwrap_or_default();
+    format!("sampled every {} s, hold {}, budget {budget}{method}", name::number(s.period), s.hold.name())
+}
+
+/// A double bar: who holds what, and who answers.
+pub(super) struct Bar {
+    pub(super) bond: BondId,
+    pub(super) holder: ElementId,
+    pub(super) other: ElementId,
+    /// What is held.
+    pub(super) held: Variable,
+    pub(super) hold: Option<Hold>,
+}
+
+/// All double bars, in order of declaration.
+pub(super) fn bars(shown: &Shown<'_>) -> Vec<Bar> {
+    let model = &*shown.model;
+    let sampled = model.bonds.iter().enumerate().filter(|(_, b)| b.sampled);
+    sampled
+        .map(|(i, b)| {
+            let bond = BondId(i as u32);
+            let holder = holder(model, bond);
+            let hold = model.element(holder).sampling.and_then(|s| model.samplings.get(s)).map(|s| s.hold);
+            Bar { bond, holder, other: b.other(holder), held: shown.causality.gives(model, bond, holder), hold }
+        })
+        .collect()
+}
+
+/// `effort` or `flow`.
+pub(super) fn word(v: Variable) -> &'static str {
+    match v {
+        Variable::Effort => "effort",
+        Variable::Flow => "flow",
+    }
+}
+
+/// Regions and double bars.
+pub(super) fn text(shown: &Shown<'_>) -> String {
+    let model = &*shown.model;
+    let regions = &shown.graph.regions;
+    let bars = bars(shown);
+    let mut text = format!("{}: {} region{}, {} double bar{}\n", model.name, regions.len(), plural(regions.len()), bars.len(), plural(bars.len()));
+    for r in regions {
+        let _ = writeln!(text, "\nregion {}: {}", r.name, kind(shown, r));
+        let elements: Vec<String> = r.elements.iter().map(|e| name::element(model.element(*e))).collect();
+        text.push_str(&wrap("  ", &elements.join(", ")));
+    }
+    if !bars.is_empty() {
+        text.push_str("\ndouble bars\n");
+        let rows: Vec<Vec<String>> = bars.iter().map(|b| bar(shown, b)).collect();
+        text.push_str(&table::lines(2, &rows));
+    }
+    text
+}
+
+fn bar(shown: &Shown<'_>, b: &Bar) -> Vec<String> {
+    let (name, of) = (|id: ElementId| shown.model.element(id).name.clone(), |id: ElementId| shown.graph.region_of[id.at()].at());
+    let region = |id: ElementId| shown.graph.regions[of(id)].name.clone();
+    vec![
+        name::bond(shown.model, b.bond, None),
+        format!("{} holds its {}", name(b.holder), word(b.held)),
+        format!("{} answers with the mean {}", name(b.other), word(b.held.other())),
+        format!("({} | {})", region(b.holder), region(b.other)),
+    ]
+}
+
+/// `s` where there is not one.
+pub(super) fn plural(n: usize) -> &'static str {
+    if n == 1 { "" } else { "s" }
+}
+
+/// Breaks text at spaces.
+pub(super) fn wrap(indent: &str, text: &str) -> String {
+    let (mut all, mut line) = (String::new(), String::new());
+    for word in text.split(' ') {
+        if !line.is_empty() && line.chars().count() + word.chars().count() > 98 {
+            all.push_str(&format!("{indent}{line}\n"));
+            line.clear();
+        }
+        if !line.is_empty() {
+            line.push(' ');
+        }
+        line.push_str(word);
+    }
+    if !line.is_empty() {
+        all.push_str(&format!("{indent}{line}\n"));
+    }
+    all
+}

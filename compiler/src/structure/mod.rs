@@ -1,0 +1,303 @@
+//! The port-Hamiltonian form of a model: from bonds with strokes to the Dirac structure and the energy of each region.
+//!
+//! Every element that is no junction, TF or GY is a *column*: it gives one variable to the network, its output z, and receives
+//! the other, its input. Power is counted into the element, so that the inputs are D(x) z with D skew.
+
+mod dependent;
+mod explicit;
+mod junction;
+mod resolve;
+
+pub(crate) use explicit::gain;
+pub use explicit::{Explicit, explicit};
+
+use crate::causality::{Causality, holder};
+use crate::expression::{Expr, Pool, Symbol};
+use crate::graph::{BondGraph, RegionId};
+use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
+use crate::units::Dimension;
+use bond_grammar::diagnostic::Diagnostic;
+use rustc_hash::FxHashMap;
+use std::fmt;
+
+/// A column of the Dirac structure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ColumnId(pub u32);
+
+impl ColumnId {
+    /// As an index.
+    pub fn at(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// Coefficients of outputs, sorted by column, none of them 0.
+pub type Row = Vec<(ColumnId, Expr)>;
+
+/// What a column stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Role {
+    /// A source with its value.
+    Source(Expr),
+    /// The other side of a double bar, seen from this region.
+    Bar,
+    /// An open port of the scene, with the least inertia of the outside.
+    Open(Option<f64>),
+    /// A storage in integral causality; the output is its co-energy variable.
+    Storage,
+    /// A resistor.
+    Resistor,
+    /// A storage in derivative causality; gone after the elimination.
+    Dependent,
+}
+
+/// An element (or the far side of a double bar) as the network sees it.
+#[derive(Clone, Debug)]
+pub struct Column {
+    /// The element's name; of a double bar, the name of the element at its far end.
+    pub name: String,
+    /// The element; of a double bar, the one at the far end.
+    pub element: ElementId,
+    /// Its bond.
+    pub bond: BondId,
+    /// 1 where the bond points at it: its own flow is this times the bond's.
+    pub sign: i64,
+    /// The region.
+    pub region: RegionId,
+    /// What it is.
+    pub role: Role,
+    /// Which variable it gives.
+    pub gives: Variable,
+    /// The symbol of its output.
+    pub out: Symbol,
+    /// Its input as a combination of outputs.
+    pub row: Row,
+}
+
+/// A resistor's output.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Output {
+    /// As an expression of its input and of signals.
+    Explicit(Expr),
+    /// As the root of a residual.
+    Implicit(Expr),
+}
+
+/// A state of a region.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// Its symbol.
+    pub symbol: Symbol,
+    /// `spring.q`
+    pub name: String,
+    /// Its column; the output is dH/dx, the input dx/dt.
+    pub column: ColumnId,
+    /// Its unit, where determined.
+    pub unit: Option<Dimension>,
+    /// Initial value, SI.
+    pub initial: f64,
+}
+
+/// Storages with one energy: one alone, or those that dependent ones tie together.
+#[derive(Clone, Debug)]
+pub struct Group {
+    /// Indices into the region's states.
+    pub states: Vec<usize>,
+    /// H, an expression of their symbols.
+    pub energy: Expr,
+    /// dH/dx of each.
+    pub coenergy: Vec<Expr>,
+    /// Whether H was seen to have a lower bound.
+    pub bounded: bool,
+}
+
+/// A storage in derivative causality that was merged into others.
+#[derive(Clone, Debug)]
+pub struct Dependent {
+    /// The storage.
+    pub element: ElementId,
+    /// Its state as an expression of the region's states.
+    pub state: Expr,
+    /// The states that it was merged into.
+    pub into: Vec<String>,
+}
+
+/// A region's part of the form.
+#[derive(Clone, Debug)]
+pub struct Region {
+    /// Its name.
+    pub name: String,
+    /// The `sampled` block it stands in.
+    pub sampling: Option<usize>,
+    /// Sources, bars and open ports, in order of declaration.
+    pub inputs: Vec<ColumnId>,
+    /// States, in order of declaration.
+    pub states: Vec<State>,
+    /// Energies.
+    pub groups: Vec<Group>,
+    /// Resistors and how their outputs are had.
+    pub resistors: Vec<(ColumnId, Output)>,
+    /// Storages that were merged into others.
+    pub dependent: Vec<Dependent>,
+    /// Effort times flow is no power here.
+    pub pseudo: bool,
+}
+
+/// The form of a whole model.
+#[derive(Clone, Debug)]
+pub struct Form {
+    /// All columns.
+    pub columns: Vec<Column>,
+    /// Regions, as in the graph.
+    pub regions: Vec<Region>,
+    /// For each double bar, the column on the holder's far side (in the region that sees the held variable), and the one in
+    /// the holder's region.
+    pub bars: Vec<Bar>,
+    /// The column whose output a symbol is.
+    pub column_of: FxHashMap<Symbol, ColumnId>,
+    /// Probes, integrals and conditions in terms of states, outputs and time.
+    pub probes: Vec<Expr>,
+    /// Rates of the integrals.
+    pub integrals: Vec<Expr>,
+    /// The expressions of `expect`, in order: value, or condition and what its extremes are of.
+    pub expectations: Vec<Vec<Expr>>,
+}
+
+/// A double bar.
+#[derive(Clone, Copy, Debug)]
+pub struct Bar {
+    /// The bond.
+    pub bond: BondId,
+    /// The column in the holder's region: its output is the mean of what the other side reports.
+    pub holder: ColumnId,
+    /// The column in the other region: its output is the held variable.
+    pub held: ColumnId,
+}
+
+/// Builds the form.
+///
+/// # Errors
+/// Structures that cannot be made explicit, with the elements.
+pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Result<Form, Vec<Diagnostic>> {
+    let mut columns = columns(model, graph, causality);
+    let rows = junction::rows(model, graph, causality, &mut columns)?;
+    let mut form = Form {
+        column_of: columns.iter().enumerate().map(|(i, c)| (c.out, ColumnId(i as u32))).collect(),
+        columns,
+        regions: Vec::new(),
+        bars: Vec::new(),
+        probes: Vec::new(),
+        integrals: Vec::new(),
+        expectations: Vec::new(),
+    };
+    resolve::rows(model, graph, &rows, &mut form)?;
+    let eliminated = dependent::eliminate(model, graph, causality, &mut form)?;
+    resolve::outputs(model, graph, causality, &rows, &eliminated, &mut form)?;
+    form.bars = bars(model, &form);
+    form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;
+    Ok(form)
+}
+
+/// A column for each 1-port element, and one on each side of each double bar.
+fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<Column> {
+    let mut columns = Vec::new();
+    let mut pool = std::mem::take(&mut model.pool);
+    for (id, e) in model.ids() {
+        let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
+        let region = graph.region_of[id.at()];
+        let role = match &e.law {
+            Law::Source(v) => Role::Source(*v),
+            Law::Port(inertia) => Role::Open(*inertia),
+            Law::Storage(_) if causality.dependent.contains(&id) => Role::Dependent,
+            Law::Storage(_) => Role::Storage,
+            Law::Resistor(_) => Role::Resistor,
+            Law::Ratio(_) | Law::Junction => continue,
+        };
+        let gives = causality.gives(model, bond, id);
+        let sign = if model.bond(bond).head == id { 1 } else { -1 };
+        let out = pool.symbol(&format!("{}.{}", e.name, gives.letter()));
+        columns.push(Column { name: e.name.clone(), element: id, bond, sign, region, role, gives, out, row: Vec::new() });
+    }
+    for (i, b) in model.bonds.iter().enumerate().filter(|(_, b)| b.sampled) {
+        let bond = BondId(i as u32);
+        for far in [b.head, b.tail] {
+            let gives = causality.gives(model, bond, far);
+            let near = b.other(far);
+            let name = model.element(if is_junction(model, far) { near } else { far }).name.clone();
+            let sign = if far == b.head { 1 } else { -1 };
+            let out = pool.symbol(&format!("{}.{}", name, gives.letter()));
+            let region = graph.region_of[near.at()];
+            columns.push(Column { name, element: far, bond, sign, region, role: Role::Bar, gives, out, row: Vec::new() });
+        }
+    }
+    model.pool = pool;
+    columns
+}
+
+fn is_junction(model: &Model, id: ElementId) -> bool {
+    matches!(model.element(id).kind, Kind::Zero | Kind::One)
+}
+
+fn bars(model: &Model, form: &Form) -> Vec<Bar> {
+    let mut bars = Vec::new();
+    for (i, b) in model.bonds.iter().enumerate().filter(|(_, b)| b.sampled) {
+        let bond = BondId(i as u32);
+        let holding = holder(model, bond);
+        // The column whose far end is the holder lives in the other region, and gives the held variable.
+        let with_far = |far: ElementId| {
+            form.columns.iter().position(|c| c.role == Role::Bar && c.bond == bond && c.element == far).map(|i| ColumnId(i as u32))
+        };
+        if let (Some(held), Some(holder)) = (with_far(holding), with_far(b.other(holding))) {
+            bars.push(Bar { bond, holder, held });
+        }
+    }
+    bars
+}
+
+impl Form {
+    /// The column with this id.
+    pub fn column(&self, id: ColumnId) -> &Column {
+        &self.columns[id.at()]
+    }
+
+    /// The coefficient of an output in the input of a column.
+    pub fn entry(&self, row: ColumnId, column: ColumnId) -> Option<Expr> {
+        let row = &self.column(row).row;
+        row.binary_search_by_key(&column, |t| t.0).ok().map(|i| row[i].1)
+    }
+
+    /// Checks that D is skew: symbolically, and where that does not decide, at points.
+    ///
+    /// # Errors
+    /// Names the two elements whose entries do not cancel.
+    pub fn validate(&self, pool: &Pool) -> Result<(), String> {
+        for (i, c) in self.columns.iter().enumerate().filter(|(_, c)| c.role != Role::Dependent) {
+            for &(j, a) in &c.row {
+                let b = self.entry(j, ColumnId(i as u32));
+                let cancels = (0..3).all(|k| {
+                    let at = |s: Symbol| 0.3 + 0.17 * f64::from(s.0 % 7) + 0.41 * f64::from(k);
+                    let x = pool.eval(a, &at);
+                    let y = b.map_or(0.0, |b| pool.eval(b, &at));
+                    !x.is_finite() || !y.is_finite() || (x + y).abs() <= 1e-9 * (x.abs() + y.abs())
+                });
+                if !cancels {
+                    return Err(format!("the Dirac structure is not skew between `{}` and `{}`", c.name, self.column(j).name));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Form {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for c in &self.columns {
+            write!(f, "{}:", c.name)?;
+            for (j, _) in &c.row {
+                write!(f, " {}", self.column(*j).name)?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}

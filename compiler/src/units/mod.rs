@@ -1,0 +1,50 @@
+//! Units: their dimensions and their factors to SI.
+//!
+//! `of` reads the unit of a literal, [`Dimension`] is what the checker works on and prints in messages.
+
+mod dimension;
+mod factor;
+mod name;
+mod suggest;
+mod table;
+
+pub use dimension::Dimension;
+
+use bond_grammar::ast;
+use bond_grammar::source::Span;
+
+/// A symbol that is no unit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnknownSymbol {
+    /// As written.
+    pub symbol: String,
+    /// Where.
+    pub span: Span,
+    /// What may have been meant.
+    pub suggestion: Option<String>,
+}
+
+/// The factor to SI and the dimension of a symbol, with or without a prefix; `None` if it is no unit.
+pub fn lookup(symbol: &str) -> Option<(f64, Dimension)> {
+    table::find(symbol).map(|(factor, dimension)| (factor.round(), dimension))
+}
+
+/// The factor to SI, rounded once, and the dimension of a unit.
+///
+/// # Errors
+/// The first symbol that is no unit.
+pub fn of(unit: &ast::Unit) -> Result<(f64, Dimension), UnknownSymbol> {
+    let (mut above, mut below) = (factor::Factor::whole(1), factor::Factor::whole(1));
+    let mut dimension = Dimension::DIMENSIONLESS;
+    for (symbol, (n, d), span) in &unit.factors {
+        let Some((factor, of)) = table::find(symbol) else {
+            return Err(UnknownSymbol { symbol: symbol.clone(), span: *span, suggestion: suggest::suggest(symbol) });
+        };
+        let (n, d) = if *d < 0 { (n.saturating_neg(), d.saturating_neg()) } else { (*n, *d) };
+        let power = factor.pow(n.saturating_abs(), d);
+        let side = if n < 0 { &mut below } else { &mut above };
+        *side = side.mul(power);
+        dimension = dimension.mul(of.pow(n, d));
+    }
+    Ok((above.div(below).round(), dimension))
+}

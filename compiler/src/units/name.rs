@@ -1,0 +1,61 @@
+//! Familiar names of dimensions.
+
+use super::Dimension as D;
+
+/// Named units first, then the combinations that modellers use; the first that fits is taken.
+const FAMILIAR: &[(&str, D)] = &[
+    ("N", D::NEWTON),
+    ("J", D::JOULE),
+    ("W", D::WATT),
+    ("Pa", D::PASCAL),
+    ("V", D::VOLT),
+    ("A", D::AMPERE),
+    ("Ohm", D::OHM),
+    ("S", D::SIEMENS),
+    ("F", D::FARAD),
+    ("H", D::HENRY),
+    ("C", D::COULOMB),
+    ("Wb", D::WEBER),
+    ("T", D::TESLA),
+];
+
+/// Combinations as products of powers of named units.
+const COMBINED: &[(&str, &[(D, i32)])] = &[
+    ("N*s", &[(D::NEWTON, 1), (D::SECOND, 1)]),
+    ("N/m", &[(D::NEWTON, 1), (D::METRE, -1)]),
+    ("m/N", &[(D::METRE, 1), (D::NEWTON, -1)]),
+    ("N*s/m", &[(D::NEWTON, 1), (D::SECOND, 1), (D::METRE, -1)]),
+    ("m/N/s", &[(D::METRE, 1), (D::NEWTON, -1), (D::SECOND, -1)]),
+    ("N/m^2", &[(D::NEWTON, 1), (D::METRE, -2)]),
+    ("N*m^2", &[(D::NEWTON, 1), (D::METRE, 2)]),
+    ("J*s", &[(D::JOULE, 1), (D::SECOND, 1)]),
+    ("J/K", &[(D::JOULE, 1), (D::KELVIN, -1)]),
+    ("W/K", &[(D::WATT, 1), (D::KELVIN, -1)]),
+    ("K/W", &[(D::KELVIN, 1), (D::WATT, -1)]),
+    ("W/m/K", &[(D::WATT, 1), (D::METRE, -1), (D::KELVIN, -1)]),
+    ("J/kg/K", &[(D::JOULE, 1), (D::KILOGRAM, -1), (D::KELVIN, -1)]),
+    ("J/mol", &[(D::JOULE, 1), (D::MOLE, -1)]),
+    ("J/mol/K", &[(D::JOULE, 1), (D::MOLE, -1), (D::KELVIN, -1)]),
+    ("Pa*s", &[(D::PASCAL, 1), (D::SECOND, 1)]),
+    ("Pa*s/m^3", &[(D::PASCAL, 1), (D::SECOND, 1), (D::METRE, -3)]),
+    ("Pa/m^3", &[(D::PASCAL, 1), (D::METRE, -3)]),
+    ("m^3/Pa", &[(D::METRE, 3), (D::PASCAL, -1)]),
+    ("Pa*s^2/m^3", &[(D::PASCAL, 1), (D::SECOND, 2), (D::METRE, -3)]),
+    ("m^3/Pa/s", &[(D::METRE, 3), (D::PASCAL, -1), (D::SECOND, -1)]),
+    ("V/m", &[(D::VOLT, 1), (D::METRE, -1)]),
+    ("A/m", &[(D::AMPERE, 1), (D::METRE, -1)]),
+    ("V/K", &[(D::VOLT, 1), (D::KELVIN, -1)]),
+    ("T*m", &[(D::TESLA, 1), (D::METRE, 1)]),
+    ("N/A", &[(D::NEWTON, 1), (D::AMPERE, -1)]),
+    ("H/m", &[(D::HENRY, 1), (D::METRE, -1)]),
+    ("F/m", &[(D::FARAD, 1), (D::METRE, -1)]),
+];
+
+/// The familiar name of a dimension, if it has one.
+pub(super) fn familiar(of: D) -> Option<&'static str> {
+    if let Some((name, _)) = FAMILIAR.iter().find(|(_, d)| *d == of) {
+        return Some(name);
+    }
+    let product = |factors: &[(D, i32)]| factors.iter().fold(D::DIMENSIONLESS, |d, &(f, n)| d.mul(f.pow(n, 1)));
+    COMBINED.iter().find(|(_, factors)| product(factors) == of).map(|(name, _)| *name)
+}

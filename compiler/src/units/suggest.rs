@@ -1,0 +1,120 @@
+//! What a misspelt unit may have meant.
+
+use super::table;
+
+/// Names that people write for units.
+const NAMES: &[(&str, &str)] = &[
+    ("sec", "s"),
+    ("second", "s"),
+    ("seconds", "s"),
+    ("msec", "ms"),
+    ("usec", "us"),
+    ("minute", "min"),
+    ("minutes", "min"),
+    ("hr", "h"),
+    ("hour", "h"),
+    ("hours", "h"),
+    ("day", "d"),
+    ("meter", "m"),
+    ("metre", "m"),
+    ("meters", "m"),
+    ("gram", "g"),
+    ("kilogram", "kg"),
+    ("newton", "N"),
+    ("newtons", "N"),
+    ("joule", "J"),
+    ("joules", "J"),
+    ("watt", "W"),
+    ("watts", "W"),
+    ("pascal", "Pa"),
+    ("volt", "V"),
+    ("volts", "V"),
+    ("amp", "A"),
+    ("amps", "A"),
+    ("ampere", "A"),
+    ("ohms", "Ohm"),
+    ("siemens", "S"),
+    ("mho", "S"),
+    ("farad", "F"),
+    ("henry", "H"),
+    ("coulomb", "C"),
+    ("weber", "Wb"),
+    ("tesla", "T"),
+    ("hertz", "Hz"),
+    ("kelvin", "K"),
+    ("degC", "K"),
+    ("°C", "K"),
+    ("celsius", "K"),
+    ("degree", "deg"),
+    ("degrees", "deg"),
+    ("radian", "rad"),
+    ("radians", "rad"),
+    ("turn", "rev"),
+    ("liter", "L"),
+    ("litre", "L"),
+    ("ton", "t"),
+    ("tonne", "t"),
+    ("percent", "%"),
+    ("lit", "L"),
+    ("cc", "cm^3"),
+    ("RPM", "rpm"),
+];
+
+/// Products that are often run together.
+const JOINED: &[(&str, &str)] = &[
+    ("Nm", "N*m"),
+    ("Ns", "N*s"),
+    ("Nms", "N*m*s"),
+    ("Js", "J*s"),
+    ("Pas", "Pa*s"),
+    ("VA", "V*A"),
+    ("As", "A*s"),
+    ("Vs", "V*s"),
+    ("Ws", "W*s"),
+];
+
+/// The unit that an unknown symbol may have meant.
+pub(super) fn suggest(symbol: &str) -> Option<String> {
+    if let Some((_, product)) = JOINED.iter().find(|(joined, _)| *joined == symbol) {
+        return Some((*product).to_string());
+    }
+    if let Some((_, unit)) = NAMES.iter().find(|(name, _)| *name == symbol || name.eq_ignore_ascii_case(symbol)) {
+        return Some((*unit).to_string());
+    }
+    if let Some(unit) = prefixed(symbol, &|a, b| a.to_lowercase() == b.to_lowercase()) {
+        return Some(unit);
+    }
+    if symbol.chars().count() > 2 {
+        return prefixed(symbol, &|a, b| a.chars().count() > 1 && distance(a, b) == 1);
+    }
+    None
+}
+
+/// A unit, or a prefix and a unit, whose text is like the symbol's.
+fn prefixed(symbol: &str, like: &dyn Fn(&str, &str) -> bool) -> Option<String> {
+    if let Some(unit) = table::symbols().find(|u| like(u, symbol)) {
+        return Some(unit.to_string());
+    }
+    symbol.char_indices().nth(1).and_then(|(at, _)| {
+        let (prefix, rest) = symbol.split_at(at);
+        let unit = table::symbols().find(|u| like(u, rest))?;
+        let whole = format!("{prefix}{unit}");
+        table::find(&whole).is_some().then_some(whole)
+    })
+}
+
+/// How many letters to put in, take out or change.
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut corner = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let change = corner + usize::from(x != *y);
+            corner = row[j + 1];
+            row[j + 1] = change.min(row[j] + 1).min(corner + 1);
+        }
+    }
+    row[b.len()]
+}

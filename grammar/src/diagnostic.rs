@@ -1,0 +1,92 @@
+//! What is wrong with a model, where, and how to mend it.
+
+use crate::source::{Sources, Span};
+use std::fmt;
+
+/// A place and what is to be said of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Label {
+    /// Where.
+    pub span: Span,
+    /// A few words; may be empty.
+    pub text: String,
+}
+
+/// One error or warning. The first label is the place it is reported at.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// Stable name, `stage::what`, such as `causality::conflict`.
+    pub code: &'static str,
+    /// True where the model still means something.
+    pub warning: bool,
+    /// What is wrong, in a modeller's words, naming the element or bond.
+    pub message: String,
+    /// The places.
+    pub labels: Vec<Label>,
+    /// The mend.
+    pub help: Option<String>,
+}
+
+impl Diagnostic {
+    /// An error at a place.
+    pub fn error(code: &'static str, span: Span, message: impl Into<String>) -> Self {
+        let labels = vec![Label { span, text: String::new() }];
+        Self { code, warning: false, message: message.into(), labels, help: None }
+    }
+
+    /// A warning at a place.
+    pub fn warning(code: &'static str, span: Span, message: impl Into<String>) -> Self {
+        Self { warning: true, ..Self::error(code, span, message) }
+    }
+
+    /// Gives the words of the first label.
+    pub fn here(mut self, text: impl Into<String>) -> Self {
+        if let Some(first) = self.labels.first_mut() {
+            first.text = text.into();
+        }
+        self
+    }
+
+    /// Adds a further place.
+    pub fn label(mut self, span: Span, text: impl Into<String>) -> Self {
+        self.labels.push(Label { span, text: text.into() });
+        self
+    }
+
+    /// Adds the mend.
+    pub fn help(mut self, text: impl Into<String>) -> Self {
+        self.help = Some(text.into());
+        self
+    }
+
+    /// Plain text: `file:line:column: error[code]: message`, then a line for each label, then the help.
+    pub fn render(&self, sources: &Sources) -> String {
+        struct Show<'a>(&'a Diagnostic, &'a Sources);
+        impl fmt::Display for Show<'_> {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                let Show(d, sources) = self;
+                let kind = if d.warning { "warning" } else { "error" };
+                for (i, label) in d.labels.iter().enumerate() {
+                    let (line, column) = sources.position(label.span);
+                    let name = &sources.get(label.span.source).name;
+                    if i == 0 {
+                        writeln!(f, "{name}:{line}:{column}: {kind}[{}]: {}", d.code, d.message)?;
+                    }
+                    if i > 0 || !label.text.is_empty() {
+                        writeln!(
+                            f,
+                            "  {name}:{line}:{column}: `{}` {}",
+                            sources.slice(label.span).lines().next().unwrap_or(""),
+                            label.text
+                        )?;
+                    }
+                }
+                match &d.help {
+                    Some(help) => writeln!(f, "  help: {help}"),
+                    None => Ok(()),
+                }
+            }
+        }
+        Show(self, sources).to_string()
+    }
+}

@@ -1,0 +1,244 @@
+//! Why a slice was refused, in a modeller's words, and the mend.
+
+use crate::diagnostic::Diagnostic;
+use crate::parse::Refused;
+use crate::scan::{Kind, Scan, is_symbol_start};
+use std::ops::Range;
+
+mod notation;
+mod statement;
+
+/// What a slice was read as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Piece {
+    /// `use ...`
+    Use,
+    /// `model Name(params)`
+    ModelHead,
+    /// A statement without a body of statements.
+    Statement,
+    /// `for i in 1..n`
+    ForHead,
+    /// `if condition`
+    IfHead,
+    /// `sampled at 25 Hz`
+    SampledHead,
+    /// An expression alone.
+    Value,
+}
+
+/// Words that begin a statement.
+const STATEMENTS: &[&str] =
+    &["let", "probe", "input", "state", "port", "for", "if", "sampled", "simulate", "expect", "active"];
+
+/// A refused slice and the place where it was refused.
+struct Wreck<'a> {
+    scan: &'a Scan<'a>,
+    piece: Piece,
+    range: Range<usize>,
+    /// The token that did not fit; the end of the range where the slice ended too early.
+    at: usize,
+}
+
+/// The grammar's call limit was reached.
+pub(crate) fn limit_reached(scan: &Scan, at: usize) -> Diagnostic {
+    let span = scan.span_of(scan.token_at(at));
+    let error = Diagnostic::error("syntax::too_deep", span, "this text is too large or nested too deep to be read");
+    error.help("split it into several models or files")
+}
+
+/// `for`, `if`, `else` or `sampled` without `{ ... }`.
+pub(crate) fn no_body(scan: &Scan, head: Range<usize>) -> Diagnostic {
+    let word = scan.word(head.start);
+    let span = scan.span_of(head.end.max(head.start + 1) - 1);
+    let message = format!("after this `{word}` its body is missing");
+    Diagnostic::error("syntax::body", span, message).help("write its statements between `{` and `}`")
+}
+
+/// Text that stands in no model.
+pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
+    let found = scan.word(range.start);
+    let span = scan.span_of(range.start);
+    if near(found, &["model", "use"]).is_some_and(|word| word != found) {
+        let word = near(found, &["model", "use"]).unwrap_or("model");
+        let message = format!("`{found}` begins nothing that a file may hold");
+        return Diagnostic::error("syntax::outside", span, message).help(format!("did you mean `{word}`?"));
+    }
+    let message = format!("`{found}` stands outside of any model");
+    let help = "a file holds `use` lines and models; write the statement inside `model Name { ... }`";
+    Diagnostic::error("syntax::outside", span, message).help(help)
+}
+
+/// Says why a slice was refused.
+pub(crate) fn refused(scan: &Scan, piece: Piece, range: Range<usize>, refused: Refused) -> Diagnostic {
+    if refused.limit {
+        return limit_reached(scan, refused.at);
+    }
+    let at = scan.token_at(refused.at).clamp(range.start, range.end);
+    let wreck = Wreck { scan, piece, range, at };
+    let checks = [
+        Wreck::strange,
+        Wreck::glued_unit,
+        Wreck::reserved_name,
+        Wreck::arrow,
+        Wreck::operator,
+        Wreck::colon,
+        Wreck::spaced_unit,
+        Wreck::equals,
+        Wreck::chain_value,
+        Wreck::positional,
+        Wreck::declaration_first,
+        Wreck::head,
+        Wreck::misspelt,
+        Wreck::operand,
+        Wreck::parts,
+    ];
+    checks.iter().find_map(|check| check(&wreck)).unwrap_or_else(|| wreck.unexpected())
+}
+
+impl<'a> Wreck<'a> {
+    fn word(&self, index: usize) -> &'a str {
+        if self.range.contains(&index) { self.scan.word(index) } else { "" }
+    }
+
+    fn kind(&self, index: usize) -> Option<Kind> {
+        if self.range.contains(&index) { self.scan.kind(index) } else { None }
+    }
+
+    /// The token before the one that did not fit.
+    fn before(&self) -> usize {
+        self.at.max(self.range.start + 1) - 1
+    }
+
+    /// Tokens follow one another without a gap.
+    fn adjacent(&self, index: usize) -> bool {
+        let end = self.scan.tokens.get(index).map(|token| token.end);
+        end.is_some() && end == self.scan.tokens.get(index + 1).map(|token| token.start)
+    }
+
+    fn error(&self, code: &'static str, index: usize, message: impl Into<String>) -> Diagnostic {
+        let last = self.range.end.max(1) - 1;
+        Diagnostic::error(code, self.scan.span_of(index.min(last)), message)
+    }
+
+    /// What stands at the place, for a message.
+    fn found(&self) -> String {
+        match self.word(self.at) {
+            "" => "the statement ends".to_string(),
+            word => format!("`{word}` stands there"),
+        }
+    }
+
+    /// The token lies behind an `=` or in a bracket, so it belongs to an expression.
+    fn in_value(&self, index: usize) -> bool {
+        (self.range.start..index).any(|index| matches!(self.word(index), "=" | "(" | "{"))
+            || matches!(self.word(self.range.start), "let" | "probe" | "input" | "state" | "expect")
+    }
+
+    /// The innermost bracket that is open at the place.
+    fn open_bracket(&self) -> Option<&'a str> {
+        let mut closed = 0;
+        for index in (self.range.start..self.at).rev() {
+            match self.word(index) {
+                ")" | "]" | "}" => closed += 1,
+                word @ ("(" | "[" | "{") => {
+                    if closed == 0 {
+                        return Some(word);
+                    }
+                    closed -= 1;
+                }
+                _ => {}
+            }
+        }
+        None
+    }
+
+    /// A value is missing.
+    fn operand(&self) -> Option<Diagnostic> {
+        let before = self.before();
+        if self.at == self.range.start {
+            let message = format!("a value is expected, but {}", self.found());
+            return (self.piece == Piece::Value).then(|| self.error("syntax::value", self.at, message));
+        }
+        let word = self.word(before);
+        let what = match word {
+            "->" | "||>" | "->|" | "|->" => "an element, a junction or a port",
+            "+" | "-" | "*" | "/" | "^" | "<" | ">" | "<=" | ">=" | "==" | "!=" | "=" | "(" | "[" | "and" | "or"
+            | "not" | "if" | "then" | "else" | "at" | "every" | "within" | ".." | "expect" => "a value",
+            "," => "a further entry",
+            "." => "a name",
+            "hold" | "method" => "a name",
+            "budget" => "`on` or `off`",
+            _ => return None,
+        };
+        let message = format!("{what} is expected after `{word}`, but {}", self.found());
+        let error = self.error("syntax::value", self.at, message);
+        Some(match self.word(self.at) {
+            "" => error.here(format!("nothing follows `{word}`")),
+            _ => error,
+        })
+    }
+
+    /// `if` without `then`, without `else`.
+    fn parts(&self) -> Option<Diagnostic> {
+        let mut open = Vec::new();
+        for index in self.range.start..self.at {
+            match self.word(index) {
+                "if" if self.piece != Piece::IfHead || index > self.range.start => open.push("then"),
+                "then" | "else" => {
+                    open.pop();
+                    if self.word(index) == "then" {
+                        open.push("else");
+                    }
+                }
+                _ => {}
+            }
+        }
+        let wanted = open.last()?;
+        let message = format!("`{wanted}` is expected here, but {}", self.found());
+        let error = self.error("syntax::if", self.at, message);
+        Some(error.help("a choice is written `if condition then value else value`"))
+    }
+
+    fn unexpected(&self) -> Diagnostic {
+        let what = match self.piece {
+            Piece::Use => "`use` line",
+            Piece::ModelHead => "head of a model",
+            Piece::Statement => "statement",
+            Piece::ForHead => "head of a `for`",
+            Piece::IfHead => "condition",
+            Piece::SampledHead => "head of a sampled region",
+            Piece::Value => "expression",
+        };
+        let before = self.word(self.before());
+        let message = match self.word(self.at) {
+            "" => format!("this {what} is incomplete: something is missing after `{before}`"),
+            word if self.at == self.range.start => format!("`{word}` begins no {what}"),
+            word => format!("`{word}` does not fit after `{before}` in this {what}"),
+        };
+        let error = self.error("syntax::unexpected", self.at, message);
+        let operand = |index| self.scan.ends_operand(index) && self.range.contains(&index);
+        let starts = self.word(self.at).starts_with(|c: char| is_symbol_start(c) || c.is_ascii_digit() || c == '(');
+        if self.at > self.range.start && operand(self.before()) && starts && self.in_value(self.at) {
+            return error.help(format!("an operator is missing between `{before}` and `{}`", self.word(self.at)));
+        }
+        error
+    }
+}
+
+/// The word of a list that differs from this one by one letter added, dropped, changed or swapped.
+fn near<'w>(word: &str, list: &[&'w str]) -> Option<&'w str> {
+    let lower: Vec<char> = word.to_lowercase().chars().collect();
+    let close = |right: &str| {
+        let right: Vec<char> = right.chars().collect();
+        let head = lower.iter().zip(&right).take_while(|(a, b)| a == b).count();
+        let (a, b) = (&lower[head..], &right[head..]);
+        let tail = a.iter().rev().zip(b.iter().rev()).take_while(|(a, b)| a == b).count();
+        match (&a[..a.len() - tail], &b[..b.len() - tail]) {
+            ([] | [_], [] | [_]) => true,
+            ([x, y], [u, v]) => x == v && y == u,
+            _ => false,
+        }
+    };
+    list.iter().copied().find(|right| lower.len() > 3 && close(right))
+}

@@ -1,0 +1,214 @@
+//! What is wrong with the shape of a statement.
+
+use super::{Piece, STATEMENTS, Wreck, near};
+use crate::diagnostic::Diagnostic;
+use crate::scan::{Kind, is_reserved};
+
+impl Wreck<'_> {
+    /// `I mass = 1 kg`, `1 v -> mass`.
+    pub(super) fn colon(&self) -> Option<Diagnostic> {
+        if self.piece != Piece::Statement {
+            return None;
+        }
+        let start = self.range.start;
+        let statement = STATEMENTS.contains(&self.word(start)) && self.word(start) != "active";
+        for kind in [self.before(), self.at] {
+            let name = kind + 1;
+            let junction = matches!(self.word(kind), "0" | "1");
+            let begins = kind == start || matches!(self.word(kind - 1), "->" | "," | "||>" | "->|" | "|->" | "active");
+            let known = junction || self.kind(kind) == Some(Kind::Word) && kind_like(self.word(kind));
+            let follows = matches!(self.word(name + 1), "=" | "{" | "(" | "[" | "->" | "||>" | "," | "");
+            if begins && known && !statement && follows && self.kind(name) == Some(Kind::Word) {
+                let (kind_word, name_word) = (self.word(kind), self.word(name));
+                let span = self.scan.span_of(kind).to(self.scan.span_of(name));
+                let message = format!("`{kind_word} {name_word}`: the colon between kind and name is missing");
+                let error = Diagnostic::error("syntax::colon", span, message);
+                return Some(error.help(format!("write `{kind_word}:{name_word}`")));
+            }
+        }
+        let lacks_name = self.word(self.before()) == ":" && self.at > start;
+        lacks_name.then(|| {
+            let message = format!("a name is expected after `:`, but {}", self.found());
+            self.error("syntax::name", self.at, message).help("an element is written `KIND:name`, such as `I:mass`")
+        })
+    }
+
+    /// `let x 5`.
+    pub(super) fn equals(&self) -> Option<Diagnostic> {
+        let start = self.range.start;
+        let word = self.word(start);
+        let named = self.piece == Piece::Statement && matches!(word, "let" | "probe" | "input" | "state");
+        if named && self.scan.is_name(start + 1) && self.at == start + 2 {
+            let name = self.word(start + 1);
+            let message = format!("`=` is expected after `{word} {name}`, but {}", self.found());
+            let help = format!("write `{word} {name} = ...`");
+            return Some(self.error("syntax::equals", self.at, message).help(help));
+        }
+        let name = self.before();
+        let element = name >= start + 2 && self.word(name - 1) == ":" && self.at > name && name == start + 2;
+        if element && matches!(self.kind(self.at), Some(Kind::Number)) {
+            let head = self.scan.slice(self.scan.span_of(start).to(self.scan.span_of(name)));
+            let message = format!("`=` is expected between `{head}` and its value");
+            return Some(self.error("syntax::equals", self.at, message).help(format!("write `{head} = ...`")));
+        }
+        let field = self.open_bracket() == Some("{") && matches!(self.word(self.before()), w if !w.is_empty());
+        let starts = matches!(self.word(self.before().saturating_sub(1)), "{" | ";" | ",");
+        if field && starts && self.kind(self.before()) == Some(Kind::Word) && self.at > self.before() {
+            let name = self.word(self.before());
+            let message = format!("`=` is expected after the field `{name}`, but {}", self.found());
+            return Some(self.error("syntax::equals", self.at, message).help(format!("write `{name} = ...`")));
+        }
+        None
+    }
+
+    /// `let if = 1`.
+    pub(super) fn reserved_name(&self) -> Option<Diagnostic> {
+        let named = |index: usize| {
+            let before = self.word(index.max(1) - 1);
+            matches!(before, "let" | "probe" | "input" | "state" | "port" | "model" | ":" | "for")
+        };
+        let wrong = |index: &usize| is_reserved(self.word(*index)) && named(*index);
+        let index = [self.at, self.before()].into_iter().find(wrong)?;
+        let message = format!("`{}` is a word of the language and cannot be a name", self.word(index));
+        Some(self.error("syntax::reserved", index, message).help("choose another name"))
+    }
+
+    /// `a -> R:r = 5 Ohm`.
+    pub(super) fn chain_value(&self) -> Option<Diagnostic> {
+        let arrow = |word: &str| matches!(word, "->" | "||>" | "->|" | "|->");
+        let start = self.range.start;
+        let statement = self.piece == Piece::Statement && !self.in_value(self.at);
+        let word = self.word(self.at);
+        if statement && matches!(word, "=" | "{" | "(") && (start..self.at).any(|index| arrow(self.word(index))) {
+            let mut head = self.before();
+            while head > start && !arrow(self.word(head - 1)) && self.word(head - 1) != "," {
+                head -= 1;
+            }
+            let end = self.scan.slice(self.scan.span_of(head).to(self.scan.span_of(self.before())));
+            let name = end.split_once(':').map_or(end, |(_, name)| name);
+            let message = format!("`{end}` cannot be given a value within a chain of bonds");
+            let help = if end.contains(':') {
+                format!("declare it in a statement of its own, `{end} {word} ...`, and write `{name}` here")
+            } else {
+                "give the value where the element is declared".to_string()
+            };
+            return Some(self.error("syntax::chain", self.at, message).help(help));
+        }
+        let later = self.piece == Piece::Statement && self.scan.starts_element(start) && arrow(word);
+        (later && self.open_bracket().is_none()).then(|| {
+            let head = self.scan.slice(self.scan.span_of(start).to(self.scan.span_of(start + 2)));
+            let name = self.word(start + 2);
+            let message = format!("`{head}` is given a value and bonded in the same statement");
+            let help =
+                format!("end the declaration first, then write the bond on a line of its own: `{name} {word} ...`");
+            self.error("syntax::chain", self.at, message).help(help)
+        })
+    }
+
+    /// `Wall:w(500 N/m)`.
+    pub(super) fn positional(&self) -> Option<Diagnostic> {
+        let open = (self.range.start..=self.before()).rev().find(|&index| self.word(index) == "(")?;
+        let head = open >= 2 && self.word(open - 2) == ":" && self.scan.starts_element(self.range.start);
+        let place = matches!(self.word(self.before()), "(" | ",") || matches!(self.word(self.at), "," | ")" | ".");
+        (head && place && self.piece == Piece::Statement).then(|| {
+            let message = "an argument of an instance needs its parameter's name";
+            let help = format!("write `{}(parameter = ...)`", self.word(open - 1));
+            self.error("syntax::argument", open + 1, message).help(help)
+        })
+    }
+
+    /// `0:a, 0:b` without a bond.
+    pub(super) fn declaration_first(&self) -> Option<Diagnostic> {
+        let start = self.range.start;
+        let arrow = self.range.clone().any(|index| matches!(self.word(index), "->" | "||>" | "->|" | "|->" | "]"));
+        if self.piece != Piece::Statement || arrow || STATEMENTS.contains(&self.word(start)) {
+            return None;
+        }
+        let comma = (start + 1..=self.at).any(|index| self.word(index) == ",") && self.open_bracket().is_none();
+        if comma && self.scan.starts_element(start) {
+            let error = self.error("syntax::chain", self.at, "this list of elements is bonded to nothing");
+            return Some(error.help("separate declarations by a space or `;`, or bond the list with `->`"));
+        }
+        None
+    }
+
+    /// Parts of `use`, `model`, `for`, `sampled`, `expect`.
+    pub(super) fn head(&self) -> Option<Diagnostic> {
+        let first = self.word(self.range.start);
+        let found = self.found();
+        let start = self.at <= self.range.start + 1;
+        let (message, help) = match (self.piece, first) {
+            (Piece::Use, _) => {
+                ("what is used is missing or unreadable", "write `use \"path/file.bond\"` or `use std.mechanics`")
+            }
+            (Piece::ModelHead, _) if start => ("a model's name is expected here", "write `model Name { ... }`"),
+            (Piece::ForHead, _) if !self.range.clone().any(|index| self.word(index) == "..") => {
+                ("this `for` has no range", "write `for i in 1..n { ... }`")
+            }
+            (Piece::ForHead, _) if start => ("a loop variable is expected here", "write `for i in 1..n { ... }`"),
+            (Piece::SampledHead, _) if start => {
+                ("`at` and a rate, or `every` and a period, is expected here", "write `sampled at 1 kHz { ... }`")
+            }
+            (Piece::Statement, "sampled") if start => {
+                ("`at` and a rate, or `every` and a period, is expected here", "write `sampled at 1 kHz { ... }`")
+            }
+            (Piece::Statement, "for") => ("this `for` is incomplete", "write `for i in 1..n { ... }`"),
+            (Piece::Statement, "let" | "probe" | "input" | "state" | "port") if start => {
+                let help = match first {
+                    "port" => "write `port name`".to_string(),
+                    "state" => "write `state name = start { dname = ... }`".to_string(),
+                    _ => format!("write `{first} name = ...`"),
+                };
+                let message = format!("a name is expected after `{first}`, but {found}");
+                return Some(self.error("syntax::name", self.at, message).help(help));
+            }
+            (Piece::Statement, "state") if self.word(self.at).is_empty() && self.scan.ends_operand(self.before()) => {
+                ("this state has no law", "write `state z = start { dz = ... }`, in a sampled region `{ next = ... }`")
+            }
+            (Piece::Statement, "use" | "model") => {
+                ("`use` lines and models do not stand inside a model", "move it out of the model")
+            }
+            (Piece::Statement, "simulate") if start => ("`{` is expected here", "write `simulate { stop = 10 s }`"),
+            (Piece::Statement, "expect")
+                if (self.range.clone()).any(|index| self.word(index) == "at")
+                    && self.scan.ends_operand(self.before()) =>
+            {
+                ("this expectation is incomplete", "write `expect x at 5 s = 0.005 m within 1e-6 m`")
+            }
+            _ => return None,
+        };
+        Some(self.error("syntax::statement", self.at, message).help(help))
+    }
+
+    /// `prob x = 1`, and whatever begins no statement.
+    pub(super) fn misspelt(&self) -> Option<Diagnostic> {
+        let start = self.range.start;
+        if self.piece != Piece::Statement || self.at > start + 1 {
+            return None;
+        }
+        let word = self.word(start);
+        if self.kind(start) == Some(Kind::Word) && !STATEMENTS.contains(&word) {
+            if self.word(self.at) == "=" {
+                let message = format!("`{word} = ...` is no statement");
+                let help = format!("write `let {word} = ...`, or `KIND:{word} = ...` for an element");
+                return Some(self.error("syntax::statement", start, message).help(help));
+            }
+            if let Some(right) = near(word, STATEMENTS) {
+                let error = self.error("syntax::statement", start, format!("`{word}` begins no statement"));
+                return Some(error.help(format!("did you mean `{right}`?")));
+            }
+        }
+        let names = self.kind(start + 1) == Some(Kind::Word) && self.kind(start) == Some(Kind::Word);
+        (self.at == start || names || self.word(self.at).is_empty()).then(|| {
+            let help = "a statement declares (`KIND:name = value`), bonds (`a -> b`), or begins with `let`, `probe`, \
+                        `input`, `state`, `port`, `for`, `if`, `sampled`, `simulate` or `expect`";
+            let message = format!("`{word}` begins no statement");
+            self.error("syntax::statement", start, message).help(help)
+        })
+    }
+}
+
+/// A word that is spelt like the kind of an element.
+fn kind_like(word: &str) -> bool {
+    word.starts_with(|c: char| c.is_ascii_uppercase()) || matches!(word, "0" | "1")
+}

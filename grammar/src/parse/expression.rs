@@ -1,0 +1,175 @@
+//! Expressions, paths and units.
+
+use super::{Reader, Rule, children, inner, next};
+use crate::ast::*;
+use crate::diagnostic::Diagnostic;
+use crate::source::Span;
+use pest::iterators::Pair;
+use pest::pratt_parser::{Assoc, Op, PrattParser};
+use std::sync::LazyLock;
+
+impl Reader<'_> {
+    pub(super) fn indices<'p>(&mut self, pairs: impl Iterator<Item = Pair<'p, Rule>>) -> Vec<Expr> {
+        pairs.flat_map(children).map(|pair| self.expr(pair)).collect()
+    }
+
+    pub(super) fn path(&mut self, pair: Pair<Rule>) -> Path {
+        let span = self.span(&pair);
+        let mut segments: Vec<Segment> = Vec::new();
+        for pair in children(pair) {
+            if pair.as_rule() == Rule::index {
+                for pair in children(pair) {
+                    let index = self.expr(pair);
+                    if let Some(segment) = segments.last_mut() {
+                        segment.index.push(index);
+                    }
+                }
+            } else {
+                segments.push(Segment { name: self.name(&pair), index: Vec::new() });
+            }
+        }
+        Path { segments, span }
+    }
+
+    pub(super) fn expr(&mut self, pair: Pair<Rule>) -> Expr {
+        let pairs = pair.into_inner();
+        let reader = std::cell::RefCell::new(self);
+        PRECEDENCE
+            .map_primary(|pair| reader.borrow_mut().primary(pair))
+            .map_prefix(|sign, operand| {
+                let span = reader.borrow().span(&sign).to(operand.span);
+                let sign = if sign.as_rule() == Rule::neg { Unary::Neg } else { Unary::Not };
+                Expr { kind: ExprKind::Unary(sign, Box::new(operand)), span }
+            })
+            .map_infix(|left, sign, right| reader.borrow_mut().binary(left, sign, right))
+            .parse(pairs)
+    }
+
+    fn binary(&mut self, left: Expr, sign: Pair<Rule>, right: Expr) -> Expr {
+        let span = left.span.to(right.span);
+        let operator = match sign.as_rule() {
+            Rule::add => Binary::Add,
+            Rule::sub => Binary::Sub,
+            Rule::mul => Binary::Mul,
+            Rule::div => Binary::Div,
+            Rule::pow => Binary::Pow,
+            Rule::lt => Binary::Lt,
+            Rule::le => Binary::Le,
+            Rule::gt => Binary::Gt,
+            Rule::ge => Binary::Ge,
+            Rule::eq => Binary::Eq,
+            Rule::ne => Binary::Ne,
+            Rule::and_op => Binary::And,
+            _ => Binary::Or,
+        };
+        if is_comparison(operator)
+            && let ExprKind::Binary(first, _, middle) = &left.kind
+            && is_comparison(*first)
+        {
+            let slice = |span| self.scan.slice(span);
+            let (sign, middle) = (sign.as_str().trim(), slice(middle.span));
+            let help =
+                format!("write two, joined by `and`: `{} and {middle} {sign} {}`", slice(left.span), slice(right.span));
+            let message = "comparisons cannot be chained";
+            self.errors.push(Diagnostic::error("syntax::comparison", span, message).help(help));
+        }
+        Expr { kind: ExprKind::Binary(operator, Box::new(left), Box::new(right)), span }
+    }
+
+    fn primary(&mut self, pair: Pair<Rule>) -> Expr {
+        let span = self.span(&pair);
+        let kind = match pair.as_rule() {
+            Rule::quantity => return self.quantity(pair),
+            Rule::boolean => ExprKind::Bool(pair.as_str() == "true"),
+            Rule::path => ExprKind::Path(self.path(pair)),
+            Rule::paren => ExprKind::Paren(Box::new(self.expr(inner(pair)))),
+            Rule::list => ExprKind::List(children(pair).map(|pair| self.expr(pair)).collect()),
+            Rule::call => {
+                let mut parts = children(pair);
+                let name = self.name(&next(&mut parts));
+                ExprKind::Call(name, parts.map(|pair| self.expr(pair)).collect())
+            }
+            _ => {
+                let mut parts = children(pair);
+                let condition = Box::new(self.expr(next(&mut parts)));
+                let then = Box::new(self.expr(next(&mut parts)));
+                ExprKind::If(condition, then, Box::new(self.expr(next(&mut parts))))
+            }
+        };
+        Expr { kind, span }
+    }
+
+    pub(super) fn quantity(&mut self, pair: Pair<Rule>) -> Expr {
+        let span = self.span(&pair);
+        let mut parts = children(pair);
+        let digits = next(&mut parts).as_str().to_string();
+        let unit = parts.next().map(|pair| {
+            let span = self.span(&pair);
+            let mut factors = Vec::new();
+            self.factors(pair, 1, &mut factors);
+            Unit { factors, span }
+        });
+        Expr { kind: ExprKind::Number { digits, unit }, span }
+    }
+
+    /// Factors of a unit or of a group in it, each to the power `sign`.
+    fn factors(&mut self, pair: Pair<Rule>, sign: i32, factors: &mut Vec<(String, (i32, i32), Span)>) {
+        let mut present = sign;
+        for pair in children(pair) {
+            match pair.as_rule() {
+                Rule::unit_op => present = if pair.as_str() == "/" { -sign } else { sign },
+                Rule::unit_group => self.factors(pair, present, factors),
+                _ => {
+                    let mut parts = children(pair);
+                    let symbol = next(&mut parts);
+                    let (above, below) = parts.next().map_or((1, 1), |pair| self.exponent(pair));
+                    factors.push((symbol.as_str().to_string(), (present * above, below), self.span(&symbol)));
+                }
+            }
+        }
+    }
+
+    /// `^2`, `^-1`, `^(1/2)` as a reduced fraction.
+    fn exponent(&mut self, pair: Pair<Rule>) -> (i32, i32) {
+        const LARGEST: i32 = 1000;
+        let digits = pair.as_str().trim_matches(['^', '(', ')']);
+        let (above, below) = digits.split_once('/').unwrap_or((digits, "1"));
+        match (above.parse::<i32>(), below.parse::<i32>()) {
+            (Ok(above), Ok(below)) if above.abs() <= LARGEST && (1..=LARGEST).contains(&below) => {
+                let (mut a, mut b) = (above.abs(), below);
+                while a != 0 {
+                    (a, b) = (b % a, a);
+                }
+                (above / b, below / b)
+            }
+            _ => {
+                let message = format!("`{}` is no exponent of a unit", pair.as_str().trim_start_matches('^'));
+                let help = format!("an exponent is a whole number or a fraction such as `^(1/2)`, at most {LARGEST}");
+                let error = Diagnostic::error("syntax::exponent", self.span(&pair), message);
+                self.errors.push(error.help(help));
+                (1, 1)
+            }
+        }
+    }
+}
+
+fn is_comparison(operator: Binary) -> bool {
+    match operator {
+        Binary::Lt | Binary::Le | Binary::Gt | Binary::Ge | Binary::Eq | Binary::Ne => true,
+        Binary::Add | Binary::Sub | Binary::Mul | Binary::Div | Binary::Pow | Binary::And | Binary::Or => false,
+    }
+}
+
+/// From the loosest operators to the tightest.
+static PRECEDENCE: LazyLock<PrattParser<Rule>> = LazyLock::new(|| {
+    let left = |rule| Op::infix(rule, Assoc::Left);
+    PrattParser::new()
+        .op(left(Rule::or_op))
+        .op(left(Rule::and_op))
+        .op(Op::prefix(Rule::not_op))
+        .op(left(Rule::lt) | left(Rule::le) | left(Rule::gt) | left(Rule::ge) | left(Rule::eq) | left(Rule::ne))
+        .op(left(Rule::add) | left(Rule::sub))
+        .op(left(Rule::mul) | left(Rule::div))
+        .op(Op::prefix(Rule::neg))
+        .op(Op::infix(Rule::pow, Assoc::Right))
+});

@@ -1,0 +1,277 @@
+//! Reads a text that the grammar refused: item by item, statement by statement.
+//!
+//! Cutting goes by brackets, by words that only begin statements, and by line starts. Each slice is then read by the
+//! strict grammar, so a text is never accepted here that the grammar would refuse.
+
+use crate::ast::{If, Item, Sampled, Statement, StatementKind};
+use crate::bracket::{Brackets, is_strong_start};
+use crate::diagnostic::Diagnostic;
+use crate::explain::{self, Piece};
+use crate::parse::{Reader, Refused};
+use crate::scan::{Kind, Scan};
+use std::ops::Range;
+
+/// At most this many errors of one text are told.
+const MANY: usize = 100;
+
+/// Reads the items of a file.
+pub(crate) fn file(reader: &mut Reader) -> Vec<Item> {
+    let brackets = Brackets::guess(reader.scan);
+    let count = reader.scan.tokens.len();
+    reader.errors.extend(brackets.errors(reader.scan, 0..count));
+    let mut recovery = Recovery { scan: reader.scan, reader, brackets };
+    let items = recovery.items(count);
+    let errors = &mut reader.errors;
+    errors.sort_by_key(|error| error.labels.first().map_or(0, |label| label.span.start));
+    errors.dedup();
+    errors.truncate(MANY);
+    if errors.is_empty() {
+        let message = "this text cannot be read";
+        errors.push(Diagnostic::error("syntax::unreadable", reader.scan.span_of(0), message));
+    }
+    items
+}
+
+struct Recovery<'r, 'a> {
+    scan: &'a Scan<'a>,
+    reader: &'r mut Reader<'a>,
+    brackets: Brackets,
+}
+
+impl Recovery<'_, '_> {
+    fn items(&mut self, count: usize) -> Vec<Item> {
+        let mut items = Vec::new();
+        let mut start = 0;
+        while start < count {
+            let mut end = self.step(start, count);
+            while end < count && !self.starts_item(end) {
+                end = self.step(end, count);
+            }
+            self.item(start..end, &mut items);
+            start = end;
+        }
+        items
+    }
+
+    /// The token after this one, or after the bracket that it opens.
+    fn step(&self, index: usize, end: usize) -> usize {
+        (self.brackets.closing(index).unwrap_or(index) + 1).min(end)
+    }
+
+    fn starts_item(&self, index: usize) -> bool {
+        let first = self.scan.tokens[index].first || matches!(self.scan.word(index - 1), "}" | ";");
+        match self.scan.word(index) {
+            "model" => first || is_strong_start(self.scan, index),
+            "use" => first && self.scan.word(index + 1) != "=",
+            _ => false,
+        }
+    }
+
+    fn bytes(&self, range: &Range<usize>) -> (usize, usize) {
+        let start = self.scan.span_of(range.start).start as usize;
+        let end = if range.is_empty() { start } else { self.scan.span_of(range.end - 1).end as usize };
+        (start, end)
+    }
+
+    /// Keeps what was read, or says why it was not.
+    fn keep<T>(&mut self, piece: Piece, range: Range<usize>, read: Result<T, Refused>) -> Option<T> {
+        match read {
+            Ok(value) => Some(value),
+            Err(refused) => {
+                self.reader.errors.push(explain::refused(self.scan, piece, range, refused));
+                None
+            }
+        }
+    }
+
+    fn item(&mut self, range: Range<usize>, items: &mut Vec<Item>) {
+        let (start, end) = self.bytes(&range);
+        match self.scan.word(range.start) {
+            "use" if !self.brackets.broken(range.clone()) => {
+                let read = self.reader.one_use(start, end);
+                items.extend(self.keep(Piece::Use, range, read));
+            }
+            "model" => {
+                let mut open = range.start;
+                while open < range.end && self.scan.word(open) != "{" {
+                    open = self.step(open, range.end);
+                }
+                let head = range.start..open;
+                let mut model = None;
+                if !self.brackets.broken(head.clone()) {
+                    let (start, end) = self.bytes(&head);
+                    let read = self.reader.one_model_head(start, end);
+                    model = self.keep(Piece::ModelHead, head, read);
+                    if open == range.end && model.is_some() {
+                        let span = self.scan.span_of(range.end - 1);
+                        let error = Diagnostic::error("syntax::body", span, "this model has no body");
+                        self.reader.errors.push(error.help("write its statements between `{` and `}`"));
+                    }
+                }
+                let close = self.brackets.closing(open).unwrap_or(range.end).max(open);
+                let body = self.statements((open + 1).min(close)..close);
+                if let Some(mut model) = model {
+                    model.body = body;
+                    model.span = self.scan.span(start, self.scan.span_of(close.min(range.end - 1)).end as usize);
+                    items.push(Item::Model(model));
+                }
+                self.outside(close + 1..range.end);
+            }
+            _ => self.outside(range),
+        }
+    }
+
+    /// Text that is in no model.
+    fn outside(&mut self, mut range: Range<usize>) {
+        while range.start < range.end && self.scan.word(range.start) == ";" {
+            range.start += 1;
+        }
+        if range.start >= range.end || self.brackets.broken(range.clone()) {
+            return;
+        }
+        self.reader.errors.push(explain::outside(self.scan, range));
+    }
+
+    fn statements(&mut self, range: Range<usize>) -> Vec<Statement> {
+        let mut statements = Vec::new();
+        let mut start = range.start;
+        while start < range.end {
+            if self.scan.word(start) == ";" {
+                start += 1;
+                continue;
+            }
+            let mut end = self.step(start, range.end);
+            while end < range.end && self.scan.word(end) != ";" && !self.starts_statement(end) {
+                end = self.step(end, range.end);
+            }
+            statements.extend(self.statement(start..end));
+            start = end;
+        }
+        statements
+    }
+
+    /// A new statement begins here, as far as one can tell. Not called for the first one of a body.
+    fn starts_statement(&self, index: usize) -> bool {
+        let scan = self.scan;
+        let (word, before) = (scan.word(index), scan.word(index - 1));
+        let first = scan.tokens[index].first;
+        let joined = matches!(before, "," | "->" | "||>" | "->|" | "|->" | "active");
+        let operand = scan.ends_operand(index - 1);
+        if scan.starts_element(index) {
+            return !joined && (first || operand);
+        }
+        if is_strong_start(scan, index) {
+            let unit = scan.kind(index - 1) == Some(Kind::Number) && !first;
+            return (first || operand) && !(unit && word == "expect");
+        }
+        let connects = matches!(
+            word,
+            "and" | "or" | "then" | "else" | "within" | "at" | "hold" | "budget" | "method" | "every" | "in"
+        );
+        if scan.kind(index) == Some(Kind::Number) || word == ":" {
+            return first && operand;
+        }
+        if scan.kind(index) != Some(Kind::Word) || connects {
+            return false;
+        }
+        if word == "if" {
+            return operand && !matches!(before, "let" | "probe" | "input" | "state" | "port");
+        }
+        let arrow = matches!(scan.word(index + 1), "->" | "||>" | "->|" | "|->" | "|-");
+        before == "}" || first && operand || first && arrow && !joined
+    }
+
+    fn statement(&mut self, range: Range<usize>) -> Option<Statement> {
+        let first = self.scan.word(range.start);
+        let (start, end) = self.bytes(&range);
+        let block = matches!(first, "for" | "if") || first == "sampled" && is_strong_start(self.scan, range.start);
+        if block {
+            let kind = self.block(range)?;
+            let span = self.scan.span(start, end);
+            return Some(Statement { docs: self.scan.docs_before(start), kind, span });
+        }
+        if self.brackets.broken(range.clone()) {
+            return None;
+        }
+        let read = self.reader.one_statement(start, end);
+        self.keep(Piece::Statement, range, read)
+    }
+
+    /// `for`, `if` and `sampled` with their bodies.
+    fn block(&mut self, range: Range<usize>) -> Option<StatementKind> {
+        let scan = self.scan;
+        let word = scan.word(range.start);
+        let mut open = range.start;
+        while open < range.end && scan.word(open) != "{" {
+            open = self.step(open, range.end);
+        }
+        let head = range.start..open;
+        let (start, end) = self.bytes(&head);
+        let close = self.brackets.closing(open).unwrap_or(range.end);
+        let body = (open + 1).min(range.end)..close;
+        if open == range.end {
+            if !self.brackets.broken(head.clone()) {
+                self.reader.errors.push(explain::no_body(scan, head));
+            }
+            return None;
+        }
+        let broken = self.brackets.broken(head.clone());
+        let kind = match word {
+            "for" => {
+                let read = (!broken).then(|| self.reader.one_for_head(start, end));
+                let head = read.and_then(|read| self.keep(Piece::ForHead, head, read));
+                let body = self.statements(body);
+                head.map(|head| StatementKind::For(crate::ast::For { body, ..head }))
+            }
+            "sampled" => {
+                let read = (!broken).then(|| self.reader.one_sampled_head(start, end));
+                let head = read.and_then(|read| self.keep(Piece::SampledHead, head, read));
+                let body = self.statements(body);
+                head.map(|head| StatementKind::Sampled(Sampled { body, ..head }))
+            }
+            _ => {
+                let read = (!broken).then(|| self.reader.one_if_head(start, end));
+                let condition = read.and_then(|read| self.keep(Piece::IfHead, head, read));
+                let body = self.statements(body);
+                if scan.word(close + 1) == "else" && close + 1 < range.end {
+                    return self.otherwise(close + 2..range.end, condition.map(|condition| (condition, body)));
+                }
+                condition.map(|condition| StatementKind::If(If { condition, body, otherwise: None }))
+            }
+        };
+        self.after(close + 1..range.end);
+        kind
+    }
+
+    /// What follows `else`.
+    fn otherwise(
+        &mut self,
+        range: Range<usize>,
+        start: Option<(crate::ast::Expr, Vec<Statement>)>,
+    ) -> Option<StatementKind> {
+        let otherwise = if self.scan.word(range.start) == "if" && !range.is_empty() {
+            let (start, end) = self.bytes(&range);
+            let kind = self.block(range)?;
+            vec![Statement { docs: Vec::new(), kind, span: self.scan.span(start, end) }]
+        } else if self.scan.word(range.start) == "{" && !range.is_empty() {
+            let close = self.brackets.closing(range.start).unwrap_or(range.end);
+            let body = self.statements(range.start + 1..close);
+            self.after(close + 1..range.end);
+            body
+        } else {
+            self.reader.errors.push(explain::no_body(self.scan, range.start - 1..range.start));
+            return None;
+        };
+        let (condition, body) = start?;
+        Some(StatementKind::If(If { condition, body, otherwise: Some(otherwise) }))
+    }
+
+    /// Text between a body and the next statement, where none may be.
+    fn after(&mut self, range: Range<usize>) {
+        if range.start < range.end && !self.brackets.broken(range.clone()) {
+            let at = self.scan.span_of(range.start).start as usize;
+            let refused = Refused { at, limit: false };
+            self.reader.errors.push(explain::refused(self.scan, Piece::Statement, range, refused));
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Closed forms, balances and bad input.
+
+use super::twice::Twice;
+use super::*;
+
+fn system(n: usize, m: usize, a: &[f64]) -> Linear {
+    Linear { n, m, a: a.to_vec(), ..Linear::default() }
+}
+
+/// `v^T Q v` from the packed triangle.
+fn value(packed: &[f64], v: &[f64]) -> f64 {
+    let mut k = 0;
+    let mut sum = 0.0;
+    for i in 0..v.len() {
+        for j in i..v.len() {
+            sum += packed[k] * v[i] * v[j];
+            k += 1;
+        }
+    }
+    sum
+}
+
+/// The table, and its exponential with both parts added.
+fn both(linear: &Linear, h: f64) -> (Vec<f64>, Vec<f64>) {
+    let table = table(linear, h).unwrap();
+    let layout = Layout::of(linear);
+    let sums = (0..layout.low()).map(|k| table[k] + table[layout.low() + k]).collect();
+    (table, sums)
+}
+
+fn close(a: f64, b: f64, bound: f64) {
+    assert!((a - b).abs() <= bound, "{a:e} instead of {b:e}, off by {:e}", a - b);
+}
+
+#[test]
+fn damped_oscillator() {
+    for (w, c, h) in [(1.0f64, 0.1, 0.3), (30.0, 2.0, 1.0), (1.0, 1.9, 10.0), (1e3, 1e-3, 0.125)] {
+        // x'' = -w² x - c x', in units that are far apart
+        let unit = 1e12;
+        let linear = system(2, 0, &[0.0, unit, -w * w / unit, -c]);
+        let (_, table) = both(&linear, h);
+        let (s, q) = (c / 2.0, (w * w - c * c / 4.0).sqrt());
+        let decay = (-s * h).exp();
+        let (sin, cos) = (q * h).sin_cos();
+        let bound = 1e-14 * (1.0 + 0.02 * q * h); // the closed form's own argument is rounded
+        close(table[0], decay * (cos + s / q * sin), bound);
+        close(table[1] / unit, decay * sin / q, bound / q);
+        close(table[2] * unit, -decay * w * w / q * sin, bound * w);
+        close(table[3], decay * (cos - s / q * sin), bound);
+    }
+}
+
+#[test]
+fn undamped_oscillators_keep_volume_to_twice_the_digits() {
+    for wh in [1e-3, 0.7, 31.0, 1e3] {
+        let (table, sums) = both(&system(2, 0, &[0.0, 2.0, -0.5, 0.0]), wh);
+        let at = |i: usize| Twice::new(table[i]).add(Twice::new(table[4 + i]));
+        let minus = at(1).mul(at(2)).scale(-1.0);
+        let volume = at(0).mul(at(3)).add(minus).add(Twice::new(-1.0));
+        assert!(volume.high.abs() < 1e-23, "{wh}: {volume:?}");
+        close(sums[0], f64::cos(wh), 2e-16);
+    }
+}
+
+#[test]
+fn undamped_energy_does_not_drift() {
+    for wh in [1e-3, 0.7, 1e3] {
+        let t = table(&system(2, 0, &[0.0, 1.0, -1.0, 0.0]), wh).unwrap();
+        let mut v = [1.0, 0.25];
+        let energy = |v: [f64; 2]| v[0] * v[0] + v[1] * v[1];
+        let start = energy(v);
+        for _ in 0..1_000_000 {
+            let row = |i: usize| (t[2 * i] * v[0] + t[2 * i + 1] * v[1]) + (t[4 + 2 * i] * v[0] + t[5 + 2 * i] * v[1]);
+            v = [row(0), row(1)];
+        }
+        close(energy(v) / start, 1.0, 1e-12);
+    }
+}
+
+#[test]
+fn stiff_and_rotated() {
+    // Rates 1 and 1e12 along the diagonals of the plane, every entry exact.
+    let (slow, fast) = (1.0, 1e12);
+    let (p, q) = (-(slow + fast) / 2.0, (fast - slow) / 2.0);
+    let mut linear = system(2, 0, &[p, q, q, p]);
+    linear.means = vec![vec![1.0, 0.0]];
+    linear.forms = vec![vec![1.0, 0.0, 0.0, 1.0]];
+    let (t, e) = both(&linear, 1.0);
+    let layout = Layout::of(&linear);
+    let half = f64::exp(-1.0) / 2.0;
+    for x in &e {
+        close(*x, half, 1e-16);
+    }
+    // Twice the digits: e^-1 = 0.367879441171442321595523770161460867...
+    let reference = Twice::new(0.36787944117144233).add(Twice::new(-1.2428753672788363e-17));
+    let error = Twice::new(t[0]).add(Twice::new(t[layout.low()])).scale(2.0).add(reference.scale(-1.0));
+    assert!(error.high.abs() < 1e-18, "{error:?}");
+    let mean = (1.0 - f64::exp(-1.0)) / 2.0;
+    close(t[layout.mean(0)], mean + 0.5e-12, 1e-15);
+    close(t[layout.mean(0) + 1], mean - 0.5e-12, 1e-15);
+    // In the frame of the modes the form is (1 - e^-2)/2 and 1/(2e12).
+    let s = (1.0 - f64::exp(-2.0)) / 2.0;
+    close(t[layout.form(0)], (s + 0.5e-12) / 2.0, 1e-15);
+    close(t[layout.form(0) + 1], s - 0.5e-12, 2e-15);
+}
+
+#[test]
+fn stiff_and_apart() {
+    let (_, t) = both(&system(2, 0, &[-1.0, 0.0, 0.0, -1e12]), 1.0);
+    close(t[0], f64::exp(-1.0), 1e-16);
+    assert_eq!(&t[1..3], [0.0, 0.0]);
+    close(t[3], 0.0, 1e-30);
+    let (_, t) = both(&system(2, 0, &[-1e-3, 5.0, 0.0, -1e9]), 1.0);
+    close(t[1], 5.0 * f64::exp(-1e-3) / (1e9 - 1e-3), 1e-24);
+}
+
+#[test]
+fn driven_by_constants_ramps_and_sines() {
+    // x' = -2 x + u + v + s with u constant, v' = r, r constant, (s, c) turning at 3 rad/s
+    let mut a = vec![0.0; 36];
+    a[..6].copy_from_slice(&[-2.0, 1e9, 1.0, 0.0, 1.0, 0.0]);
+    a[2 * 6 + 3] = 1.0;
+    a[4 * 6 + 5] = 3.0;
+    a[5 * 6 + 4] = -3.0;
+    let mut linear = system(1, 5, &a);
+    linear.means = vec![vec![1.0, 0.0, 0.0, 0.0, 0.0, 0.0], vec![0.0, 0.0, 1.0, 0.0, 0.0, 0.0]];
+    let h = 0.75;
+    let (table, t) = both(&linear, h);
+    let e = f64::exp(-2.0 * h);
+    close(t[0], e, 1e-16);
+    close(t[1], 1e9 * (1.0 - e) / 2.0, 1e-15 * 1e9);
+    close(t[2], (1.0 - e) / 2.0, 1e-15);
+    close(t[3], h / 2.0 - (1.0 - e) / 4.0, 1e-15);
+    // s(0) = 1, c(0) = 0: s = cos 3t; the response to it.
+    close(t[4], (2.0 * f64::cos(3.0 * h) + 3.0 * f64::sin(3.0 * h) - 2.0 * e) / 13.0, 1e-15);
+    let layout = Layout::of(&linear);
+    close(table[layout.mean(0)], (1.0 - e) / 2.0 / h, 1e-15);
+    close(table[layout.mean(1) + 2], 1.0, 1e-15);
+    close(table[layout.mean(1) + 3], h / 2.0, 1e-15);
+    assert_eq!(table.len(), layout.size());
+}
+
+#[test]
+fn what_is_lost_is_dissipated() {
+    // Two masses, three springs, dampers across; H = (q² k + p² / m) / 2, dissipated b v².
+    for (k, b, h) in [(1.0, 0.1, 0.1), (1.0, 1e-9, 1e3), (1e6, 3.0, 1.0), (1.0, 1e9, 1.0)] {
+        // q1 q2 p1 p2; masses 1 and 2
+        let a = [
+            0.0,
+            0.0,
+            1.0,
+            0.0, //
+            0.0,
+            0.0,
+            0.0,
+            0.5, //
+            -2.0 * k,
+            k,
+            -b,
+            0.5 * b, //
+            k,
+            -2.0 * k,
+            b,
+            -0.5 * b,
+        ];
+        let mut linear = system(4, 0, &a);
+        let mut m = vec![0.0; 16];
+        // b (p1 - p2 / 2)²
+        m[2 * 4 + 2] = b;
+        m[2 * 4 + 3] = -0.5 * b;
+        m[3 * 4 + 2] = -0.5 * b;
+        m[3 * 4 + 3] = 0.25 * b;
+        linear.forms = vec![m];
+        let t = table(&linear, h).unwrap();
+        let layout = Layout::of(&linear);
+        let energy = |w: &[f64]| {
+            let (q1, q2) = (w[0], w[1]);
+            (k * (q1 * q1 + q2 * q2 + (q1 - q2) * (q1 - q2)) + w[2] * w[2] + 0.5 * w[3] * w[3]) / 2.0
+        };
+        let mut w = [0.3 / f64::sqrt(k), -0.2 / f64::sqrt(k), 0.5, 1.0];
+        for _ in 0..20 {
+            let next: Vec<f64> = (0..4)
+                .map(|i| {
+                    let dot = |at: usize| (0..4).map(|j| t[at + 4 * i + j] * w[j]).sum::<f64>();
+                    dot(layout.exponential()) + dot(layout.low())
+                })
+                .collect();
+            let lost = value(&t[layout.form(0)..], &w);
+            assert!(lost >= 0.0);
+            close(energy(&w) - energy(&next), lost, 1e-14 * energy(&w));
+            w.copy_from_slice(&next);
+        }
+    }
+}
+
+#[test]
+fn unfit_systems_are_told() {
+    let one = system(1, 0, &[1.0]);
+    assert_eq!(table(&one, 0.0), Err(Unfit::Step(0.0)));
+    assert!(matches!(table(&one, f64::NAN), Err(Unfit::Step(_))));
+    assert_eq!(table(&one, 1e4), Err(Unfit::Overflow(1e4)));
+    assert_eq!(table(&one, 1e300), Err(Unfit::Overflow(1e300)));
+    assert_eq!(table(&system(1, 0, &[f64::NAN]), 1.0), Err(Unfit::Coefficient));
+    assert_eq!(table(&system(2, 0, &[1.0]), 1.0), Err(Unfit::Shape));
+    assert_eq!(table(&system(0, 0, &[]), 1.0), Ok(vec![]));
+}

@@ -1,0 +1,160 @@
+//! Numbers of twice the digits, as unevaluated sums of two, and matrices of them.
+//!
+//! After Dekker, A floating-point technique for extending the available precision, 1971, and Knuth's two-sum.
+
+/// `high + low`, `low` below half a unit in the last place of `high`: some 32 decimal digits.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Twice {
+    pub high: f64,
+    pub low: f64,
+}
+
+/// `a + b` and what rounding it lost.
+#[inline]
+fn two_sum(a: f64, b: f64) -> Twice {
+    let high = a + b;
+    let t = high - a;
+    Twice { high, low: (a - (high - t)) + (b - t) }
+}
+
+/// The same where `a` is the larger.
+#[inline]
+fn quick_two_sum(a: f64, b: f64) -> Twice {
+    let high = a + b;
+    Twice { high, low: b - (high - a) }
+}
+
+/// `x` as a sum of two numbers of 26 bits.
+#[inline]
+fn split(x: f64) -> (f64, f64) {
+    let t = 134_217_729.0 * x;
+    let high = t - (t - x);
+    (high, x - high)
+}
+
+/// `a b` and what rounding it lost. Overflows from 2^996 on.
+#[inline]
+fn two_product(a: f64, b: f64) -> Twice {
+    let high = a * b;
+    let ((a1, a2), (b1, b2)) = (split(a), split(b));
+    Twice { high, low: ((a1 * b1 - high) + a1 * b2 + a2 * b1) + a2 * b2 }
+}
+
+impl Twice {
+    pub fn new(x: f64) -> Self {
+        Self { high: x, low: 0.0 }
+    }
+
+    #[inline]
+    pub fn add(self, other: Self) -> Self {
+        let s = two_sum(self.high, other.high);
+        let t = two_sum(self.low, other.low);
+        let s = quick_two_sum(s.high, s.low + t.high);
+        quick_two_sum(s.high, s.low + t.low)
+    }
+
+    #[inline]
+    pub fn mul(self, other: Self) -> Self {
+        let p = two_product(self.high, other.high);
+        quick_two_sum(p.high, p.low + (self.high * other.low + self.low * other.high))
+    }
+
+    /// Divided by a small whole number.
+    pub fn over(self, k: f64) -> Self {
+        let high = self.high / k;
+        let product = two_product(high, k);
+        let rest = ((self.high - product.high) - product.low) + self.low;
+        quick_two_sum(high, rest / k)
+    }
+
+    /// The same sum with a `high` of 26 bits, so that `low` weighs in whatever is rounded to 53.
+    pub fn uneven(self) -> Self {
+        let (high, rest) = split(self.high);
+        if high.is_finite() { Self { high, low: rest + self.low } } else { self }
+    }
+
+    /// Times a power of two.
+    pub fn scale(self, power: f64) -> Self {
+        Self { high: self.high * power, low: self.low * power }
+    }
+}
+
+/// A square matrix, row by row.
+#[derive(Clone, Debug)]
+pub(super) struct Matrix {
+    pub n: usize,
+    pub entries: Vec<Twice>,
+}
+
+impl Matrix {
+    pub fn zero(n: usize) -> Self {
+        Self { n, entries: vec![Twice::default(); n * n] }
+    }
+
+    pub fn get(&self, i: usize, j: usize) -> Twice {
+        self.entries[i * self.n + j]
+    }
+
+    pub fn product(&self, other: &Self) -> Self {
+        let n = self.n;
+        let mut product = Self::zero(n);
+        if n == 0 {
+            return product;
+        }
+        let rows = product.entries.chunks_exact_mut(n).zip(self.entries.chunks_exact(n));
+        for (to, row) in rows {
+            for (a, from) in row.iter().zip(other.entries.chunks_exact(n)) {
+                if a.high == 0.0 {
+                    continue;
+                }
+                for (to, b) in to.iter_mut().zip(from) {
+                    *to = to.add(a.mul(*b));
+                }
+            }
+        }
+        product
+    }
+
+    /// `self + other`
+    pub fn plus(mut self, other: &Self) -> Self {
+        for (a, b) in self.entries.iter_mut().zip(&other.entries) {
+            *a = a.add(*b);
+        }
+        self
+    }
+
+    /// Each entry by `f`.
+    pub fn map(mut self, f: impl Fn(Twice) -> Twice) -> Self {
+        self.entries.iter_mut().for_each(|x| *x = f(*x));
+        self
+    }
+
+    /// Adds the unit matrix.
+    pub fn plus_one(mut self) -> Self {
+        for i in 0..self.n {
+            let x = &mut self.entries[i * self.n + i];
+            *x = x.add(Twice::new(1.0));
+        }
+        self
+    }
+
+    pub fn is_finite(&self) -> bool {
+        self.entries.iter().all(|x| x.high.is_finite() && x.low.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thirds_and_squares() {
+        let third = Twice::new(1.0).over(3.0);
+        let one = third.mul(Twice::new(3.0)).add(Twice::new(-1.0));
+        assert!(one.high.abs() < 1e-31, "{one:?}");
+        let x = Twice::new(1.0 + f64::EPSILON);
+        let square = x.mul(x); // 1 + 2 eps + eps²
+        assert_eq!(square, Twice { high: 1.0 + 2.0 * f64::EPSILON, low: f64::EPSILON * f64::EPSILON });
+        assert_eq!(Twice::new(1e16).add(Twice::new(1.0)).add(Twice::new(-1e16)).high, 1.0);
+    }
+}

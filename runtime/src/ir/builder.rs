@@ -1,0 +1,216 @@
+//! Makes programs. Equal values of one block are made once.
+
+use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Unary, Value};
+use std::collections::HashMap;
+
+/// A block that is being written, and the loads and values known in it.
+#[derive(Default)]
+struct Scope {
+    body: Vec<Inst>,
+    known: HashMap<Key, Value>,
+    /// Loads apart, for they are forgotten one by one.
+    loads: HashMap<Slot, Value>,
+}
+
+/// An op by its bits, so that it can be looked up.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Key {
+    Const(u64),
+    Unary(Unary, Value),
+    Binary(Binary, Value, Value),
+    Select(Value, Value, Value),
+}
+
+/// Writes a [`Program`] instruction by instruction.
+pub struct Builder {
+    name: String,
+    sizes: [u32; 6],
+    names: Vec<(Slot, String)>,
+    scopes: Vec<Scope>,
+    values: u32,
+}
+
+impl Builder {
+    /// An empty program.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self { name: name.into(), sizes: [0; 6], names: Vec::new(), scopes: vec![Scope::default()], values: 0 }
+    }
+
+    /// Takes the next slot of an array.
+    pub fn slot(&mut self, array: Array) -> Slot {
+        self.slots(array, 1)
+    }
+
+    /// Takes the next `count` slots of an array; the first is returned.
+    pub fn slots(&mut self, array: Array, count: usize) -> Slot {
+        let index = self.sizes[array as usize];
+        self.sizes[array as usize] += count as u32;
+        Slot { array, index }
+    }
+
+    /// Takes the next slot of an array and names it.
+    pub fn named(&mut self, array: Array, name: impl Into<String>) -> Slot {
+        let slot = self.slot(array);
+        self.names.push((slot, name.into()));
+        slot
+    }
+
+    /// Size of an array so far.
+    pub fn size(&self, array: Array) -> usize {
+        self.sizes[array as usize] as usize
+    }
+
+    /// The value of an op, made once in its block.
+    pub fn op(&mut self, op: Op) -> Value {
+        let key = match op {
+            Op::Load(slot) => return self.load(slot),
+            Op::Const(x) => Key::Const(x.to_bits()),
+            Op::Unary(f, a) => Key::Unary(f, a),
+            Op::Binary(f, a, b) => Key::Binary(f, a, b),
+            Op::Select(c, a, b) => Key::Select(c, a, b),
+        };
+        for scope in self.scopes.iter().rev() {
+            if let Some(&v) = scope.known.get(&key) {
+                return v;
+            }
+        }
+        let v = self.define(op);
+        if let Some(scope) = self.scopes.last_mut() {
+            scope.known.insert(key, v);
+        }
+        v
+    }
+
+    /// A new value.
+    fn define(&mut self, op: Op) -> Value {
+        let v = Value(self.values);
+        self.values += 1;
+        if let Some(scope) = self.scopes.last_mut() {
+            scope.body.push(Inst::Let(v, op));
+        }
+        v
+    }
+
+    /// A number.
+    pub fn number(&mut self, x: f64) -> Value {
+        self.op(Op::Const(x))
+    }
+
+    /// What a slot holds now.
+    pub fn load(&mut self, slot: Slot) -> Value {
+        for scope in self.scopes.iter().rev() {
+            if let Some(&v) = scope.loads.get(&slot) {
+                return v;
+            }
+        }
+        let v = self.define(Op::Load(slot));
+        if let Some(scope) = self.scopes.last_mut() {
+            scope.loads.insert(slot, v);
+        }
+        v
+    }
+
+    /// A function of one value.
+    pub fn unary(&mut self, f: Unary, a: Value) -> Value {
+        self.op(Op::Unary(f, a))
+    }
+
+    /// A function of two values.
+    pub fn binary(&mut self, f: Binary, a: Value, b: Value) -> Value {
+        self.op(Op::Binary(f, a, b))
+    }
+
+    /// `a + b`
+    pub fn add(&mut self, a: Value, b: Value) -> Value {
+        self.binary(Binary::Add, a, b)
+    }
+
+    /// `a - b`
+    pub fn sub(&mut self, a: Value, b: Value) -> Value {
+        self.binary(Binary::Sub, a, b)
+    }
+
+    /// `a * b`
+    pub fn mul(&mut self, a: Value, b: Value) -> Value {
+        self.binary(Binary::Mul, a, b)
+    }
+
+    /// `a / b`
+    pub fn div(&mut self, a: Value, b: Value) -> Value {
+        self.binary(Binary::Div, a, b)
+    }
+
+    /// `if c then a else b`
+    pub fn select(&mut self, c: Value, a: Value, b: Value) -> Value {
+        self.op(Op::Select(c, a, b))
+    }
+
+    /// Writes a slot; later loads of it see the new value.
+    pub fn store(&mut self, slot: Slot, value: Value) {
+        self.forget(slot.array, slot.index, 1);
+        if let Some(scope) = self.scopes.last_mut() {
+            scope.body.push(Inst::Store(slot, value));
+        }
+    }
+
+    /// Adds a structured instruction that writes `count` slots from `slot` on.
+    pub fn push(&mut self, inst: Inst, writes: Slot, count: usize) {
+        self.forget(writes.array, writes.index, count as u32);
+        if let Some(scope) = self.scopes.last_mut() {
+            scope.body.push(inst);
+        }
+    }
+
+    /// Opens the body of an iteration on `n` unknowns that start at `unknowns`. Loads of `Local` are made anew inside:
+    /// the unknowns change from iteration to iteration, and so may whatever the body stores.
+    pub fn open(&mut self, unknowns: Slot, n: usize) {
+        let end = unknowns.index.saturating_add(n as u32);
+        self.forget(Array::Local, 0, end.max(self.sizes[Array::Local as usize]));
+        self.scopes.push(Scope::default());
+    }
+
+    /// Closes the body opened last and adds the iteration, whose `body` is filled in.
+    pub fn close(&mut self, mut newton: Newton) {
+        if self.scopes.len() < 2 {
+            return;
+        }
+        let body = self.scopes.pop().map(|s| s.body).unwrap_or_default();
+        let first = newton.unknowns;
+        let n = newton.residual.len() as u32;
+        let flag = newton.flag;
+        newton.body = body;
+        self.forget(Array::Local, first, n);
+        if let Some(f) = flag {
+            self.forget(f.array, f.index, 1);
+        }
+        if let Some(scope) = self.scopes.last_mut() {
+            scope.body.push(Inst::Newton(newton));
+        }
+    }
+
+    /// The finished program.
+    pub fn finish(mut self) -> Program {
+        while self.scopes.len() > 1 {
+            self.scopes.pop();
+        }
+        let body = self.scopes.pop().map(|s| s.body).unwrap_or_default();
+        Program { name: self.name, sizes: self.sizes, names: self.names, body, values: self.values }
+    }
+
+    /// Forgets loads of slots that are about to change. What was computed from the old loads keeps its name: values never change.
+    fn forget(&mut self, array: Array, first: u32, count: u32) {
+        if array != Array::Local {
+            return; // nothing else is both written and read
+        }
+        let last = first.saturating_add(count);
+        for scope in &mut self.scopes {
+            if (count as usize) < scope.loads.len() {
+                for index in first..last {
+                    scope.loads.remove(&Slot { array, index });
+                }
+            } else {
+                scope.loads.retain(|s, _| s.array != array || s.index < first || s.index >= last);
+            }
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! Step programs: what a stepper writes and a back end translates, and nothing else passes between the two.
+//!
+//! A [`Program`] is straight code over `f64`: blocks of instructions in static single assignment, of which most compute a
+//! value by an [`Op`], and a few have structure ([`Inst::Newton`], [`Inst::MatVec`], [`Inst::Quad`]). There is no control
+//! flow besides. Truth values are 1 and 0. Values print as `v12`, slots as `x[3]`.
+
+mod builder;
+mod display;
+mod op;
+mod verify;
+
+pub use builder::Builder;
+pub use op::{Binary, Unary};
+pub use verify::Invalid;
+
+/// The result of an instruction, numbered through the whole program in order of making.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Value(pub u32);
+
+/// The memories a program works on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Array {
+    /// The state at the start of the step; read only. `x`
+    State,
+    /// The state at its end; written once each. `n`
+    Next,
+    /// Time, step and what comes from outside; read only. `u`
+    Input,
+    /// Numbers prepared before the run for a given step length; read only. `c`
+    Table,
+    /// The program's own scratch, never read across steps. `w`
+    Local,
+    /// What the step reports: energies, mean outputs, observed signals. `y`
+    Output,
+}
+
+impl Array {
+    /// All arrays, in order.
+    pub const ALL: [Array; 6] = [Array::State, Array::Next, Array::Input, Array::Table, Array::Local, Array::Output];
+
+    /// The letter it prints as.
+    pub fn letter(self) -> char {
+        match self {
+            Array::State => 'x',
+            Array::Next => 'n',
+            Array::Input => 'u',
+            Array::Table => 'c',
+            Array::Local => 'w',
+            Array::Output => 'y',
+        }
+    }
+}
+
+/// A place in an array.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Slot {
+    /// Which memory.
+    pub array: Array,
+    /// Where in it.
+    pub index: u32,
+}
+
+impl Slot {
+    /// A place in an array.
+    pub fn new(array: Array, index: usize) -> Self {
+        Slot { array, index: index as u32 }
+    }
+}
+
+/// How a value is computed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Op {
+    /// A number.
+    Const(f64),
+    /// What a slot holds now.
+    Load(Slot),
+    /// A function of one value.
+    Unary(Unary, Value),
+    /// A function of two values.
+    Binary(Binary, Value, Value),
+    /// The second where the first is not 0, else the third. Both are computed.
+    Select(Value, Value, Value),
+}
+
+/// One instruction.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Inst {
+    /// Defines a value.
+    Let(Value, Op),
+    /// Writes a value into a slot of `Next`, `Local` or `Output`.
+    Store(Slot, Value),
+    /// Solves a square system.
+    Newton(Newton),
+    /// `to[0..rows] = T from[0..cols]` with the row-major matrix that starts at `table` in the table.
+    ///
+    /// With `low`, a second matrix of the same shape follows the first: its product, smaller, is summed apart and added at
+    /// the end, so that the matrix counts with more digits. (The entries of the first should then be short, see
+    /// [`crate::exponential::Layout::exponential`].) Sums run from left to right, starting from 0.
+    MatVec {
+        /// First slot written.
+        to: Slot,
+        /// First entry of the matrix in the table.
+        table: u32,
+        /// First slot read.
+        from: Slot,
+        /// Rows of the matrix.
+        rows: u32,
+        /// Columns of the matrix.
+        cols: u32,
+        /// Whether a low-order matrix follows.
+        low: bool,
+    },
+    /// `to = v^T Q v` with `v = from[0..n]` and `Q` symmetric, its upper triangle row by row at `table`
+    /// (entries off the diagonal already doubled).
+    Quad {
+        /// Slot written.
+        to: Slot,
+        /// First entry in the table.
+        table: u32,
+        /// First slot read.
+        from: Slot,
+        /// Size.
+        n: u32,
+    },
+}
+
+/// Newton's method on `n` unknowns that lie in consecutive slots of `Local`, started from what they hold.
+///
+/// Each iteration runs `body`, which computes residual and Jacobian (d residual / d unknown) at the unknowns, solves
+/// `J d = r` and takes `d` off the unknowns. Weights make the measures of an iteration free of units: an unknown's or a
+/// residual's square counts times its weight (weights are values defined before the iteration).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Newton {
+    /// First slot of the unknowns, in `Local`.
+    pub unknowns: u32,
+    /// Instructions that compute residual and Jacobian.
+    pub body: Vec<Inst>,
+    /// One value a row.
+    pub residual: Vec<Value>,
+    /// Row, column, value; sorted by row, then column; each place at most once. The pattern is fixed.
+    pub jacobian: Vec<(u32, u32, Value)>,
+    /// One an unknown: energy per square of the unknown; 0 where nothing is known.
+    pub weight: Vec<Value>,
+    /// One an unknown: size against which a relative change is measured besides the unknown itself.
+    pub scale: Vec<Value>,
+    /// Iterations at most.
+    pub limit: u32,
+    /// Where the step fails when the method does not converge; with a slot, the slot (of `Local`) gets 1 or 0 and the
+    /// program goes on with the last iterate.
+    pub flag: Option<Slot>,
+}
+
+/// A program: what one step of one cluster of regions, or one observation, computes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Program {
+    /// What it is, for people: `step of VirtualWall`.
+    pub name: String,
+    /// Size of each array, in the order of [`Array::ALL`].
+    pub sizes: [u32; 6],
+    /// The names of the slots of `State`, `Input` and `Output`, where they have one, for printing.
+    pub names: Vec<(Slot, String)>,
+    /// The instructions.
+    pub body: Vec<Inst>,
+    /// How many values there are.
+    pub values: u32,
+}
+
+impl Program {
+    /// Size of an array.
+    pub fn size(&self, array: Array) -> usize {
+        self.sizes[array as usize] as usize
+    }
+}

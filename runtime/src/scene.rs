@@ -1,0 +1,220 @@
+//! A compiled scene: the step programs of all its clusters and how they are joined. Made by the compiler, run by
+//! [`crate::simulate`]; it is all that a built environment carries.
+//!
+//! A *cluster* is what steps as one: a sampled region, or the continuous regions that read each other's signals.
+
+use crate::exponential::Linear;
+use crate::ir::Program;
+
+/// A compiled scene.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// Name of the model.
+    pub name: String,
+    /// What steps as one.
+    pub clusters: Vec<Cluster>,
+    /// Regions, in the order of the graph.
+    pub regions: Vec<Region>,
+    /// Double bars.
+    pub bars: Vec<Bar>,
+    /// Open ports.
+    pub open: Vec<Open>,
+    /// What is shown.
+    pub probes: Probes,
+    /// Names of elements that may give energy, so that no passivity is claimed for them: active resistors, storages whose energy
+    /// has no lower bound.
+    pub excluded: Vec<String>,
+}
+
+/// A region, as the ledger names it.
+#[derive(Clone, Debug, Default)]
+pub struct Region {
+    /// Its name.
+    pub name: String,
+    /// Its period in s; `None` where it is continuous.
+    pub period: Option<f64>,
+    /// How many energy states it has.
+    pub states: usize,
+    /// Its cluster.
+    pub cluster: usize,
+    /// Effort times flow is no power in it, so that its ledger is of a pseudo energy.
+    pub pseudo: bool,
+}
+
+/// A stepper's program.
+#[derive(Clone, Debug)]
+pub struct Stepper {
+    /// `gonzalez`
+    pub name: &'static str,
+    /// Its order; 0 where it has no error.
+    pub order: u32,
+    /// Whether its steps keep the balance.
+    pub passive: bool,
+    /// One step.
+    pub program: Program,
+    /// For `exact`: what the table is made of.
+    pub linear: Option<Linear>,
+    /// For `exact`: the same without the energies, for a look between two steps.
+    pub glance: Option<Box<Stepper>>,
+}
+
+/// How the held variable of a sampled region is found.
+#[derive(Clone, Debug)]
+pub enum Respond {
+    /// The program's outputs are the efforts (or flows) that the ports call for, given the means of the last interval.
+    Last(Program),
+    /// The program solves for them: its inputs are alpha and beta in the place of the ports' variables; it has the same outputs.
+    Matched(Program),
+}
+
+/// Where the parts of a region's ledger are among the outputs of a step.
+#[derive(Clone, Debug, Default)]
+pub struct Entries {
+    /// Which region.
+    pub region: usize,
+    /// H at the end of the step.
+    pub energy: usize,
+    /// Energy in by each source: name, output.
+    pub supplied: Vec<(String, usize)>,
+    /// Energy lost in each resistor: name, output.
+    pub dissipated: Vec<(String, usize)>,
+    /// Energy that an energy leap of `ray` missed (created where positive), and 1 where there was one.
+    pub leap: Option<(usize, usize)>,
+}
+
+/// A port of a cluster: a double bar or an open port. Its variable comes in, the conjugate goes out.
+#[derive(Clone, Debug)]
+pub struct Port {
+    /// Name of what is at its far end.
+    pub name: String,
+    /// The region it belongs to.
+    pub region: usize,
+    /// Input slot of what comes in.
+    pub input: usize,
+    /// Output of the step: mean over the step of what goes out.
+    pub mean: usize,
+    /// Output of the instant program: what goes out now.
+    pub instant: usize,
+}
+
+/// What steps as one.
+#[derive(Clone, Debug)]
+pub struct Cluster {
+    /// Period in s; `None` where it is continuous.
+    pub period: Option<f64>,
+    /// `lagged`, `predicted`, `matched`; only for a sampled one.
+    pub hold: &'static str,
+    /// Whether the energy budget is on.
+    pub budget: bool,
+    /// Energy states; they come first in the state.
+    pub states: usize,
+    /// Integrals; they come next.
+    pub integrals: usize,
+    /// What an iteration starts from; they come last.
+    pub guesses: usize,
+    /// The state at the start.
+    pub initial: Vec<f64>,
+    /// Names of all of them.
+    pub names: Vec<String>,
+    /// One step. Inputs: t at its start, its length h, then the ports and foreign signals.
+    pub step: Stepper,
+    /// The held variables of a sampled cluster, in the order of `holds`.
+    pub respond: Option<Respond>,
+    /// Observation at one instant. Inputs as for the step (h is not used).
+    pub instant: Program,
+    /// H of each region of the cluster: region, output of `instant`.
+    pub energies: Vec<(usize, usize)>,
+    /// d2H/dx2 of each energy state, as an output of `instant`.
+    pub curvatures: Vec<usize>,
+    /// The ports.
+    pub ports: Vec<Port>,
+    /// Ports (by index) whose outgoing variable this cluster holds.
+    pub holds: Vec<usize>,
+    /// Signals of other clusters that it reads: cluster, output of its `instant`; in order of the input slots.
+    pub foreign: Vec<(usize, usize)>,
+    /// First input slot of the foreign signals.
+    pub foreign_at: usize,
+    /// The ledger's parts.
+    pub entries: Vec<Entries>,
+    /// Indices into the state and what they are called where the clusters' steps cannot reach: linear continuous clusters only.
+    pub is_linear: bool,
+}
+
+/// A double bar between two clusters. The holder's variable v is held over its period; the other side answers with q, the
+/// integral of the conjugate. `sign` is 1 where the answer is a flow, -1 where it is an effort: the other side's input is
+/// `sign * v`, and q = `sign` times the integral of what it gives out. The energy v q enters the holder.
+#[derive(Clone, Debug)]
+pub struct Bar {
+    /// Name of the bond.
+    pub name: String,
+    /// Cluster and port of the holder.
+    pub holder: (usize, usize),
+    /// Cluster and port of the other side.
+    pub other: (usize, usize),
+    /// See above.
+    pub sign: f64,
+}
+
+/// An open port of the scene, held by a sampled cluster, or met by a continuous one.
+#[derive(Clone, Debug)]
+pub struct Open {
+    /// Its name.
+    pub name: String,
+    /// Its cluster and port.
+    pub port: (usize, usize),
+    /// Least inertia of the outside, SI.
+    pub inertia: Option<f64>,
+    /// As for a [`Bar`].
+    pub sign: f64,
+}
+
+/// What is shown: a program over signals of all clusters.
+#[derive(Clone, Debug, Default)]
+pub struct Probes {
+    /// Names in order.
+    pub names: Vec<String>,
+    /// Units as text, where determined.
+    pub units: Vec<Option<String>>,
+    /// Inputs: t, then the gathered signals. Outputs: the probes, then the values of the expectations.
+    pub program: Option<Program>,
+    /// Which signals: cluster, output of its `instant`.
+    pub gather: Vec<(usize, usize)>,
+    /// What is expected of a run.
+    pub expectations: Vec<Expectation>,
+}
+
+/// An `expect`.
+#[derive(Clone, Debug)]
+pub struct Expectation {
+    /// As written.
+    pub text: String,
+    /// What it asks.
+    pub kind: ExpectationKind,
+}
+
+/// What an `expect` asks.
+#[derive(Clone, Debug)]
+pub enum ExpectationKind {
+    /// The ledger shows a passive run.
+    Passive,
+    /// An output of the probes' program at an instant.
+    At {
+        /// Which output.
+        output: usize,
+        /// s
+        time: f64,
+        /// What it should be.
+        target: f64,
+        /// By how much it may be off.
+        tolerance: f64,
+    },
+    /// A condition at every row. Extremes over the run are outputs (with whether the largest is meant), and inputs of `program`.
+    Holds {
+        /// Outputs whose extremes over the run are taken, and whether the largest.
+        extremes: Vec<(usize, bool)>,
+        /// Output that is the condition where there are no extremes.
+        output: usize,
+        /// Where there are extremes: their values in, 1 or 0 out.
+        program: Option<Program>,
+    },
+}

@@ -1,0 +1,517 @@
+//! A cluster as it runs: its state, its steps, its ledger.
+
+use super::{Error, Options};
+use crate::exponential;
+use crate::interpreter::Interpreter;
+use crate::kernel::{Failure, Kernel, Workspace};
+use crate::ledger::Sum;
+use crate::scene::{Cluster, Respond, Stepper};
+use std::collections::HashMap;
+
+/// Tables for different step lengths kept at most.
+const TABLES: usize = 256;
+
+/// A stepper ready to run, with its tables by step length.
+pub(super) struct Ready {
+    kernel: Interpreter,
+    pub(super) work: Workspace,
+    linear: Option<exponential::Linear>,
+    tables: HashMap<u64, Vec<f64>>,
+}
+
+impl Ready {
+    fn new(stepper: &Stepper) -> Self {
+        let kernel = Interpreter::new(&stepper.program);
+        let work = kernel.workspace();
+        Self { kernel, work, linear: stepper.linear.clone(), tables: HashMap::new() }
+    }
+
+    /// Makes the table for a step length, if the stepper needs one.
+    fn prepare(&mut self, h: f64) -> Result<(), String> {
+        let Some(linear) = &self.linear else { return Ok(()) };
+        if self.tables.contains_key(&h.to_bits()) {
+            return Ok(());
+        }
+        if self.tables.len() >= TABLES {
+            self.tables.clear();
+        }
+        let table = exponential::table(linear, h).map_err(|e| e.to_string())?;
+        self.tables.insert(h.to_bits(), table);
+        Ok(())
+    }
+
+    fn run(&mut self, state: &[f64], input: &[f64], h: f64) -> Result<(), Failure> {
+        let table = self.tables.get(&h.to_bits()).map_or(&[][..], Vec::as_slice);
+        self.kernel.run(state, input, table, &mut self.work)
+    }
+}
+
+/// A program that is run for its outputs.
+pub(super) struct Look {
+    kernel: Interpreter,
+    pub(super) work: Workspace,
+}
+
+impl Look {
+    pub(super) fn new(program: &crate::ir::Program) -> Self {
+        let kernel = Interpreter::new(program);
+        let work = kernel.workspace();
+        Self { kernel, work }
+    }
+
+    pub(super) fn run(&mut self, state: &[f64], input: &[f64]) -> Result<&[f64], Failure> {
+        self.kernel.run(state, input, &[], &mut self.work)?;
+        Ok(&self.work.output)
+    }
+}
+
+/// A region's ledger as it is kept.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Book {
+    pub(super) h_initial: f64,
+    pub(super) h: f64,
+    pub(super) h_max: f64,
+    pub(super) supplied: Sum,
+    pub(super) dissipated: Sum,
+    pub(super) leaked: Sum,
+    pub(super) residual: Sum,
+    pub(super) worst: f64,
+    pub(super) turnover_max: f64,
+    pub(super) sources: Vec<Sum>,
+    pub(super) resistors: Vec<Sum>,
+    pub(super) leaps: u64,
+    pub(super) tank: f64,
+    pub(super) debt_max: f64,
+    /// Most negative dissipation of a resistor in a step, relative to the step's turnover.
+    pub(super) gained: f64,
+}
+
+/// A cluster that runs.
+pub(super) struct Run {
+    pub(super) index: usize,
+    step: Ready,
+    glance: Option<Ready>,
+    pub(super) instant: Look,
+    pub(super) respond: Option<Look>,
+    pub(super) state: Vec<f64>,
+    /// t, h, ports, foreign signals.
+    pub(super) input: Vec<f64>,
+    pub(super) books: Vec<Book>,
+    pub(super) steps: u64,
+    pub(super) rejected: u64,
+    /// Its own time: `base + count * h`.
+    base: f64,
+    count: u64,
+    h: f64,
+    /// Length of the next adaptive step.
+    ahead: f64,
+    largest: Vec<f64>,
+    curvature: Vec<f64>,
+    adaptive: Option<f64>,
+    fixed: Option<f64>,
+    default_step: f64,
+    buffers: [Vec<f64>; 4],
+    glanced: Vec<f64>,
+}
+
+impl Run {
+    pub(super) fn new(index: usize, c: &Cluster, options: &Options) -> Result<Self, Error> {
+        let mut instant = Look::new(&c.instant);
+        let state = c.initial.clone();
+        let input = vec![0.0; c.foreign_at + c.foreign.len()];
+        let n = c.states;
+        let out = instant.run(&state, &input).map_err(|why| Error::Step {
+            time: 0.0,
+            region: String::new(),
+            state: None,
+            why,
+        });
+        // Signals may be singular at the start; the energies are what is needed here.
+        let out: Vec<f64> = match out {
+            Ok(o) => o.to_vec(),
+            Err(_) => instant.work.output.clone(),
+        };
+        let books = c
+            .entries
+            .iter()
+            .map(|e| {
+                let h = c.energies.iter().find(|x| x.0 == e.region).map_or(0.0, |x| out[x.1]);
+                Book {
+                    h_initial: h,
+                    h,
+                    h_max: h.abs(),
+                    sources: vec![Sum::new(); e.supplied.len()],
+                    resistors: vec![Sum::new(); e.dissipated.len()],
+                    ..Book::default()
+                }
+            })
+            .collect();
+        let is_exact = c.step.linear.is_some();
+        let total = state.len();
+        let outputs = c.step.program.size(crate::ir::Array::Output);
+        Ok(Self {
+            index,
+            step: Ready::new(&c.step),
+            glance: c.step.glance.as_deref().map(Ready::new),
+            instant,
+            respond: c.respond.as_ref().map(|r| match r {
+                Respond::Last(p) | Respond::Matched(p) => Look::new(p),
+            }),
+            largest: state[..n].iter().map(|x| x.abs()).collect(),
+            curvature: c.curvatures.iter().map(|k| out[*k]).collect(),
+            glanced: state.clone(),
+            state,
+            input,
+            books,
+            steps: 0,
+            rejected: 0,
+            base: 0.0,
+            count: 0,
+            h: options.step.unwrap_or(options.default_step),
+            ahead: options.default_step,
+            adaptive: if is_exact { None } else { options.tolerance },
+            fixed: options.step,
+            default_step: options.default_step,
+            buffers: [vec![0.0; total], vec![0.0; total], vec![0.0; total], vec![0.0; outputs]],
+        })
+    }
+
+    /// Newton iterations so far.
+    pub(super) fn iterations(&self) -> u64 {
+        self.step.work.newton_iterations
+    }
+
+    /// Its own time.
+    pub(super) fn time(&self) -> f64 {
+        self.base + self.count as f64 * self.h
+    }
+
+    fn failure(&self, c: &Cluster, names: &[String], time: f64, why: Failure) -> Error {
+        let slot = match why {
+            Failure::NotFinite { slot } => Some(slot.index as usize),
+            Failure::NoConvergence { unknown, .. } => Some(unknown).filter(|_| c.step.name == "gonzalez").map(|u| {
+                // Unknowns are the states' changes, then the loops.
+                if u < c.states { u } else { u + c.integrals }
+            }),
+            Failure::Singular { .. } => None,
+        };
+        let state = slot.and_then(|s| c.names.get(s).cloned());
+        Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why }
+    }
+
+    /// The fixed step that was asked for.
+    pub(super) fn wanted(&self) -> Option<f64> {
+        self.fixed
+    }
+
+    /// The step where none was asked for.
+    pub(super) fn usual(&self) -> f64 {
+        self.default_step
+    }
+
+    /// Runs on its grid, which ends at `end`, to that end.
+    pub(super) fn finish_at(&mut self, c: &Cluster, names: &[String], end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+        if self.adaptive.is_some() {
+            return self.run_to(c, names, end, moved);
+        }
+        while self.time() < end - 1e-9 * self.h {
+            let t = self.time();
+            self.one(c, names, t, self.h, moved)?;
+            self.count += 1;
+        }
+        self.base = end;
+        self.count = 0;
+        Ok(())
+    }
+
+    /// Lays the grid anew: steps from now to `end`.
+    pub(super) fn regrid(&mut self, now: f64, end: f64, h: f64) {
+        let n = ((end - now) / h - 1e-9).ceil().max(1.0);
+        self.base = now;
+        self.count = 0;
+        self.h = (end - now) / n;
+    }
+
+    /// Runs to `end` exactly: with steps of at most the wanted length, or adaptive ones.
+    pub(super) fn run_to(&mut self, c: &Cluster, names: &[String], end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+        let now = self.time();
+        if end - now <= 1e-12 * end.abs().max(now.abs()) {
+            return Ok(());
+        }
+        if let Some(tolerance) = self.adaptive {
+            let mut t = now;
+            while t < end {
+                t = self.adapt(c, names, t, end, tolerance, moved)?;
+            }
+        } else {
+            let h = self.fixed.unwrap_or(if c.step.order == 0 && c.step.linear.is_some() { end - now } else { self.default_step });
+            let n = ((end - now) / h - 1e-9).ceil().max(1.0);
+            let h = (end - now) / n;
+            for i in 0..n as u64 {
+                self.one(c, names, now + i as f64 * h, h, moved)?;
+            }
+        }
+        self.base = end;
+        self.count = 0;
+        Ok(())
+    }
+
+    /// Runs on its own grid as far as `until`, not beyond. `limit` is where it must stop and be met exactly, if there is such.
+    pub(super) fn run_grid(&mut self, c: &Cluster, names: &[String], until: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+        if let Some(tolerance) = self.adaptive {
+            // An adaptive run meets the instant itself.
+            let mut t = self.time();
+            while t < until * (1.0 - 1e-12) {
+                t = self.adapt(c, names, t, until, tolerance, moved)?;
+            }
+            self.base = t;
+            self.count = 0;
+            return Ok(());
+        }
+        while self.base + (self.count + 1) as f64 * self.h <= until * (1.0 + 1e-12) {
+            let t = self.time();
+            self.one(c, names, t, self.h, moved)?;
+            self.count += 1;
+        }
+        Ok(())
+    }
+
+    /// One step, kept.
+    pub(super) fn one(&mut self, c: &Cluster, names: &[String], t: f64, h: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+        self.prepare(names, h)?;
+        self.input[0] = t;
+        self.input[1] = h;
+        if let Err(why) = self.step.run(&self.state, &self.input, h) {
+            return Err(self.failure(c, names, t, why));
+        }
+        self.state.copy_from_slice(&self.step.work.next);
+        self.steps += 1;
+        book(&mut self.books, c, &self.step.work.output);
+        advance_ports(c, &self.step.work.output, h, moved);
+        self.track(c);
+        Ok(())
+    }
+
+    fn prepare(&mut self, names: &[String], h: f64) -> Result<(), Error> {
+        let region = || names.get(self.index).cloned().unwrap_or_default();
+        self.step.prepare(h).map_err(|why| Error::Table { region: region(), why })
+    }
+
+    fn track(&mut self, c: &Cluster) {
+        for (l, x) in self.largest.iter_mut().zip(&self.state[..c.states]) {
+            *l = l.max(x.abs());
+        }
+    }
+
+    /// One adaptive step towards `end`: two halves against a whole. Gives the time reached.
+    fn adapt(&mut self, c: &Cluster, names: &[String], t: f64, end: f64, tolerance: f64, moved: &mut Vec<f64>) -> Result<f64, Error> {
+        let order = f64::from(c.step.order.max(1));
+        let mut last_failure = None;
+        loop {
+            let mut h = self.ahead.min(self.default_step);
+            // Two steps of like length rather than one and a splinter.
+            let mut last = false;
+            if t + h >= end * (1.0 - 1e-12) {
+                h = end - t;
+                last = true;
+            } else if t + 2.0 * h > end {
+                h = 0.5 * (end - t);
+            }
+            if h <= 1e-13 * t.abs().max(1e-300) || h <= self.default_step * 1e-12 {
+                return Err(match last_failure {
+                    Some(why) => self.failure(c, names, t, why),
+                    None => Error::TooSmall { time: t, region: names.get(self.index).cloned().unwrap_or_default(), step: h },
+                });
+            }
+            match self.attempt(c, t, h) {
+                Ok(error) => {
+                    let ratio = error / tolerance;
+                    let factor = (0.9 * ratio.max(1e-12).powf(-1.0 / (order + 1.0))).clamp(0.2, 4.0);
+                    if ratio > 1.0 {
+                        self.ahead = h * factor.min(0.9);
+                        self.rejected += 1;
+                        continue;
+                    }
+                    // The halves count: first the one kept aside, then the one still in the workspace.
+                    book(&mut self.books, c, &self.buffers[3]);
+                    advance_ports(c, &self.buffers[3], 0.5 * h, moved);
+                    book(&mut self.books, c, &self.step.work.output);
+                    advance_ports(c, &self.step.work.output, 0.5 * h, moved);
+                    self.state.copy_from_slice(&self.step.work.next);
+                    self.steps += 2;
+                    self.track(c);
+                    if !last || factor < 1.0 {
+                        self.ahead = (h * factor).min(self.default_step);
+                    }
+                    return Ok(if last { end } else { t + h });
+                }
+                Err(why) => {
+                    last_failure = Some(why);
+                    self.ahead = 0.5 * h;
+                    self.rejected += 1;
+                }
+            }
+        }
+    }
+
+    /// A whole step and two halves; the larger relative difference of the states.
+    fn attempt(&mut self, c: &Cluster, t: f64, h: f64) -> Result<f64, Failure> {
+        let [whole, half, _, outputs] = &mut self.buffers;
+        self.input[0] = t;
+        self.input[1] = h;
+        self.step.run(&self.state, &self.input, h)?;
+        whole.copy_from_slice(&self.step.work.next);
+        self.input[1] = 0.5 * h;
+        self.step.run(&self.state, &self.input, 0.5 * h)?;
+        half.copy_from_slice(&self.step.work.next);
+        outputs.copy_from_slice(&self.step.work.output);
+        self.input[0] = t + 0.5 * h;
+        self.step.run(half, &self.input, 0.5 * h)?;
+        let h_max: f64 = self.books.iter().map(|b| b.h_max).sum();
+        let divisor = (2f64.powi(c.step.order as i32) - 1.0).max(1.0);
+        let mut worst: f64 = 0.0;
+        for i in 0..c.states {
+            let x = self.step.work.next[i];
+            let natural = if self.curvature[i] > 0.0 { (2.0 * h_max / self.curvature[i]).sqrt() } else { 0.0 };
+            let size = x.abs().max(self.largest[i]).max(if natural.is_finite() { natural } else { 0.0 });
+            let off = (x - whole[i]).abs() / divisor;
+            if off > 0.0 {
+                worst = worst.max(if size > 0.0 { off / size } else { f64::INFINITY });
+            }
+        }
+        // From rest at zero there is no size yet: any step is as good, but it must be a small one.
+        if worst.is_infinite() && self.state[..c.states].iter().all(|x| *x == 0.0) {
+            return Ok(if h > self.default_step * 1e-6 { f64::MAX } else { 0.0 });
+        }
+        Ok(if worst.is_nan() { f64::MAX } else { worst })
+    }
+
+    /// The state at `t`, without keeping it.
+    pub(super) fn look_at(&mut self, c: &Cluster, names: &[String], t: f64) -> Result<&[f64], Error> {
+        let now = self.time();
+        let h = t - now;
+        if h.abs() <= 1e-12 * t.abs().max(now.abs()) || c.period.is_some() {
+            self.glanced.copy_from_slice(&self.state);
+            return Ok(&self.glanced);
+        }
+        self.input[0] = now;
+        self.input[1] = h;
+        let region = names.get(self.index).cloned().unwrap_or_default();
+        let iterations = self.step.work.newton_iterations;
+        let ready = self.glance.as_mut().unwrap_or(&mut self.step);
+        ready.prepare(h).map_err(|why| Error::Table { region, why })?;
+        let result = ready.run(&self.state, &self.input, h);
+        if result.is_ok() {
+            self.glanced.copy_from_slice(&ready.work.next);
+        }
+        self.step.work.newton_iterations = iterations;
+        match result {
+            Ok(()) => Ok(&self.glanced),
+            Err(why) => Err(self.failure(c, names, now, why)),
+        }
+    }
+
+    /// Runs the cluster's observation at `t`.
+    pub(super) fn observe(&mut self, c: &Cluster, names: &[String], t: f64) -> Result<(), Error> {
+        self.look_at(c, names, t)?;
+        self.input[0] = t;
+        let result = self.instant.run(&self.glanced, &self.input).map(|_| ());
+        result.map_err(|why| self.failure(c, names, t, why))
+    }
+
+    /// Mean answers to unit inputs, for the response of this cluster to what is held: for each pair of its ports (answer, held),
+    /// how much the integral over `period` of what the first gives out changes with the second's input.
+    pub(super) fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> Vec<f64> {
+        let n = ports.len();
+        let mut matrix = vec![0.0; n * n];
+        let (steps, h) = match c.period {
+            Some(own) => ((period / own).round().max(1.0), own),
+            None if c.is_linear => (1.0, period),
+            None => (16.0, period / 16.0),
+        };
+        if self.step.prepare(h).is_err() {
+            return matrix;
+        }
+        let probe = if c.is_linear { 1.0 } else { 1e-3 };
+        let iterations = self.step.work.newton_iterations;
+        for (j, held) in ports.iter().enumerate() {
+            let mut integral = [vec![0.0; n], vec![0.0; n]];
+            for (side, sign) in [1.0, -1.0].into_iter().enumerate() {
+                let mut state = if c.is_linear { vec![0.0; self.state.len()] } else { self.state.clone() };
+                let mut input = self.input.clone();
+                for p in &c.ports {
+                    input[p.input] = 0.0;
+                }
+                input[c.ports[*held].input] = sign * probe;
+                input[1] = h;
+                for k in 0..steps as u64 {
+                    input[0] = k as f64 * h;
+                    if self.step.run(&state, &input, h).is_err() {
+                        return vec![0.0; n * n];
+                    }
+                    state.copy_from_slice(&self.step.work.next);
+                    for (i, p) in ports.iter().enumerate() {
+                        integral[side][i] += h * self.step.work.output[c.ports[*p].mean];
+                    }
+                }
+            }
+            for i in 0..n {
+                matrix[i * n + j] = (integral[0][i] - integral[1][i]) / (2.0 * probe);
+            }
+        }
+        self.step.work.newton_iterations = iterations;
+        matrix
+    }
+
+    /// The output of the last step.
+    pub(super) fn output(&self) -> &[f64] {
+        &self.step.work.output
+    }
+}
+
+/// Adds a step to the ledgers.
+pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) {
+    for (b, e) in books.iter_mut().zip(&c.entries) {
+        let (mut supplied, mut dissipated, mut turnover) = (0.0, 0.0, 0.0);
+        for ((_, slot), sum) in e.supplied.iter().zip(&mut b.sources) {
+            let w = out[*slot];
+            supplied += w;
+            turnover += f64::abs(w);
+            sum.add(w);
+            b.supplied.add(w);
+        }
+        let mut least = 0.0f64;
+        for ((_, slot), sum) in e.dissipated.iter().zip(&mut b.resistors) {
+            let w = out[*slot];
+            dissipated += w;
+            turnover += f64::abs(w);
+            least = least.min(w);
+            sum.add(w);
+            b.dissipated.add(w);
+        }
+        let leap = e.leap.map_or(0.0, |(slot, _)| out[slot]);
+        if let Some((_, count)) = e.leap {
+            b.leaps += u64::from(out[count] != 0.0);
+        }
+        let h = out[e.energy];
+        let residual = (h - b.h) - ((supplied - dissipated) + leap);
+        let scale = h.abs().max(b.h.abs()).max(turnover);
+        if scale > 0.0 {
+            b.worst = b.worst.max(residual.abs() / scale);
+            b.gained = b.gained.max(-least / scale);
+        }
+        b.residual.add(residual);
+        b.leaked.add(leap);
+        b.turnover_max = b.turnover_max.max(turnover);
+        b.h = h;
+        b.h_max = b.h_max.max(h.abs());
+    }
+}
+
+/// Adds to each port the integral of what it gave out.
+fn advance_ports(c: &Cluster, out: &[f64], h: f64, moved: &mut Vec<f64>) {
+    moved.resize(c.ports.len(), 0.0);
+    for (m, p) in moved.iter_mut().zip(&c.ports) {
+        *m += h * out[p.mean];
+    }
+}

@@ -1,0 +1,59 @@
+//! Runs a scene: the multi-rate schedule, sample and hold, adaptive steps, and what is recorded.
+
+mod cluster;
+mod hold;
+mod schedule;
+mod summary;
+
+pub use summary::{BarSummary, ElementEnergy, RegionSummary, Summary};
+
+use crate::kernel::Failure;
+use thiserror::Error;
+
+/// How to run.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Fixed step of continuous regions, s.
+    pub step: Option<f64>,
+    /// Relative error allowed in a step of continuous regions; makes them adaptive.
+    pub tolerance: Option<f64>,
+    /// Step of continuous regions where neither is given and the method has no error, s.
+    pub default_step: f64,
+}
+
+/// Why a run stopped early.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum Error {
+    /// A step failed.
+    #[error("at t = {time} s, a step of `{region}` failed: {why}{}", state.as_ref().map(|s| format!(" (state {s})")).unwrap_or_default())]
+    Step {
+        /// When.
+        time: f64,
+        /// Where.
+        region: String,
+        /// The state that is at fault, where one can be named.
+        state: Option<String>,
+        /// Why.
+        why: Failure,
+    },
+    /// An adaptive step became too small.
+    #[error("at t = {time} s, the step of `{region}` would have to be smaller than {step:e} s to meet the tolerance")]
+    TooSmall {
+        /// When.
+        time: f64,
+        /// Where.
+        region: String,
+        /// The step that failed.
+        step: f64,
+    },
+    /// The exact step could not be prepared.
+    #[error("the exact step of `{region}` cannot be prepared: {why}")]
+    Table {
+        /// Where.
+        region: String,
+        /// Why.
+        why: String,
+    },
+}
+
+pub use schedule::Simulation;

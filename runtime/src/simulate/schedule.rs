@@ -1,0 +1,544 @@
+//! The multi-rate schedule: sampled regions at their instants, continuous ones between.
+
+use super::cluster::{Look, Run};
+use super::hold::{Held, within_budget};
+use super::summary::{BarSummary, ElementEnergy, RegionSummary, Summary};
+use super::{Error, Options};
+use crate::scene::{Respond, Scene};
+
+/// A scene that runs.
+pub struct Simulation<'a> {
+    scene: &'a Scene,
+    names: Vec<String>,
+    runs: Vec<Run>,
+    /// By cluster, the ports it holds.
+    held: Vec<Vec<Held>>,
+    /// By cluster, the matrix beta of those ports.
+    beta: Vec<Vec<f64>>,
+    /// By cluster, the next sample's number.
+    next: Vec<u64>,
+    /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
+    order: Vec<usize>,
+    /// By cluster, whether samples of others concern it.
+    connected: Vec<bool>,
+    moved: Vec<Vec<f64>>,
+    probes: Option<Look>,
+    probe_input: Vec<f64>,
+    /// Answers of open ports for the interval that runs.
+    open: Vec<f64>,
+    time: f64,
+    last_sample: f64,
+    respond_input: Vec<Vec<f64>>,
+}
+
+impl<'a> Simulation<'a> {
+    /// A scene at its start, with the first samples taken.
+    ///
+    /// # Errors
+    /// A program that fails at the start.
+    pub fn new(scene: &'a Scene, options: &Options) -> Result<Self, Error> {
+        let n = scene.clusters.len();
+        let names = (0..n)
+            .map(|i| scene.regions.iter().find(|r| r.cluster == i).map(|r| r.name.clone()).unwrap_or_default())
+            .collect();
+        let runs = scene.clusters.iter().enumerate().map(|(i, c)| Run::new(i, c, options)).collect::<Result<Vec<_>, _>>()?;
+        let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
+        for (i, c) in scene.clusters.iter().enumerate() {
+            for &port in &c.holds {
+                let bar = scene.bars.iter().position(|b| b.holder == (i, port));
+                let open = scene.open.iter().position(|o| o.port == (i, port));
+                held[i].push(Held { port, bar, open, ..Held::default() });
+            }
+        }
+        let mut connected = vec![false; n];
+        for b in &scene.bars {
+            connected[b.other.0] = true;
+            connected[b.holder.0] = true;
+        }
+        for (i, c) in scene.clusters.iter().enumerate() {
+            connected[i] |= !c.foreign.is_empty();
+        }
+        let mut order: Vec<usize> = (0..n).filter(|i| scene.clusters[*i].period.is_some()).collect();
+        let rank = |i: usize| scene.clusters[i].period.unwrap_or(0.0);
+        order.sort_by(|a, b| {
+            let answers = |x: usize, y: usize| scene.bars.iter().any(|bar| bar.other.0 == x && bar.holder.0 == y);
+            rank(*a).total_cmp(&rank(*b)).then(answers(*b, *a).cmp(&answers(*a, *b))).then(a.cmp(b))
+        });
+        let respond_input = scene.clusters.iter().map(|c| c.respond.as_ref().map_or(0, |r| match r {
+            Respond::Last(p) | Respond::Matched(p) => p.size(crate::ir::Array::Input),
+        })).map(|k| vec![0.0; k]).collect();
+        let mut s = Self {
+            scene,
+            names,
+            runs,
+            held,
+            beta: vec![Vec::new(); n],
+            next: vec![0; n],
+            order,
+            connected,
+            moved: scene.clusters.iter().map(|c| vec![0.0; c.ports.len()]).collect(),
+            probes: scene.probes.program.as_ref().map(Look::new),
+            probe_input: vec![0.0; 1 + scene.probes.gather.len()],
+            open: vec![0.0; scene.open.len()],
+            time: 0.0,
+            last_sample: 0.0,
+            respond_input,
+        };
+        for i in s.order.clone() {
+            s.find_beta(i);
+        }
+        s.sample(0.0)?;
+        Ok(s)
+    }
+
+    /// Now, s.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// The state of a cluster.
+    pub fn state(&self, cluster: usize) -> &[f64] {
+        &self.runs[cluster].state
+    }
+
+    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held.
+    fn find_beta(&mut self, i: usize) {
+        let n = self.held[i].len();
+        let period = self.scene.clusters[i].period.unwrap_or(0.0);
+        let mut beta = vec![0.0; n * n];
+        let mut others: Vec<usize> = self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
+        others.sort_unstable();
+        others.dedup();
+        for other in others {
+            let mine: Vec<usize> =
+                (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
+            let bars: Vec<&crate::scene::Bar> = mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
+            let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
+            let response = self.runs[other].response(&self.scene.clusters[other], period, &ports);
+            let m = mine.len();
+            for (r, &a) in mine.iter().enumerate() {
+                for (s, &b) in mine.iter().enumerate() {
+                    // q = sign * integral, input = sign * v, and q = alpha - beta v
+                    beta[a * n + b] = -bars[r].sign * bars[s].sign * response[r * m + s];
+                }
+            }
+        }
+        for (k, h) in self.held[i].iter().enumerate() {
+            if let Some(inertia) = h.open.and_then(|o| self.scene.open[o].inertia) {
+                beta[k * n + k] = period * period / (2.0 * inertia);
+            }
+        }
+        for k in 0..n {
+            // A passive other side yields; rounding must not make it push.
+            beta[k * n + k] = if beta[k * n + k].is_finite() { beta[k * n + k].max(0.0) } else { 0.0 };
+        }
+        self.beta[i] = beta;
+    }
+
+    /// The next sample of any cluster.
+    fn next_sample(&self) -> Option<f64> {
+        self.order.iter().map(|i| self.next[*i] as f64 * self.scene.clusters[*i].period.unwrap_or(0.0)).min_by(f64::total_cmp)
+    }
+
+    /// Runs to an instant: all samples up to it, that instant's included, are taken.
+    ///
+    /// # Errors
+    /// A step that fails. What was computed until then stays.
+    pub fn advance(&mut self, until: f64) -> Result<(), Error> {
+        while let Some(at) = self.next_sample().filter(|at| *at <= until * (1.0 + 1e-12)) {
+            self.meet(at)?;
+            self.sample(at)?;
+        }
+        let upcoming = self.next_sample();
+        for i in 0..self.runs.len() {
+            let c = &self.scene.clusters[i];
+            if c.period.is_some() {
+                continue;
+            }
+            // Steps of a cluster that samples concern are laid between two samples.
+            if let Some(end) = upcoming.filter(|_| self.connected[i]) {
+                if self.runs[i].time() <= self.last_sample * (1.0 + 1e-12) {
+                    self.lay(i, end);
+                }
+            }
+            let mut moved = std::mem::take(&mut self.moved[i]);
+            let result = self.runs[i].run_grid(c, &self.names, until, &mut moved);
+            self.moved[i] = moved;
+            result?;
+        }
+        self.time = self.time.max(until);
+        Ok(())
+    }
+
+    /// Lays the steps of a continuous cluster from now to the next sample.
+    fn lay(&mut self, i: usize, end: f64) {
+        let c = &self.scene.clusters[i];
+        let now = self.runs[i].time();
+        let whole = c.step.linear.is_some() && c.step.order == 0;
+        let wanted = self.runs[i].wanted().unwrap_or(if whole { end - now } else { self.runs[i].usual() });
+        self.runs[i].regrid(now, end, wanted);
+    }
+
+    /// Brings continuous clusters that a sample concerns to its instant.
+    fn meet(&mut self, at: f64) -> Result<(), Error> {
+        for i in 0..self.runs.len() {
+            let c = &self.scene.clusters[i];
+            if c.period.is_some() || !self.connected[i] {
+                continue;
+            }
+            if self.runs[i].time() <= self.last_sample * (1.0 + 1e-12) {
+                self.lay(i, at);
+            }
+            let mut moved = std::mem::take(&mut self.moved[i]);
+            let result = self.runs[i].finish_at(c, &self.names, at, &mut moved);
+            self.moved[i] = moved;
+            result?;
+        }
+        Ok(())
+    }
+
+    /// Takes all samples due at an instant.
+    fn sample(&mut self, at: f64) -> Result<(), Error> {
+        self.time = at;
+        self.last_sample = at;
+        self.collect();
+        let due: Vec<usize> = self
+            .order
+            .iter()
+            .copied()
+            .filter(|i| (self.next[*i] as f64 * self.scene.clusters[*i].period.unwrap_or(0.0) - at).abs() <= 1e-12 * at.abs())
+            .collect();
+        for &i in &due {
+            if self.next[i] > 0 {
+                self.commit(i, at)?;
+                self.collect();
+            }
+        }
+        self.refresh_foreign(at)?;
+        for &i in due.iter().rev() {
+            self.respond(i, at)?;
+            self.next[i] += 1;
+        }
+        self.refresh_foreign(at)
+    }
+
+    /// Hands what continuous and sampled clusters gave out at their ports to those who hold them.
+    fn collect(&mut self) {
+        for (k, bar) in self.scene.bars.iter().enumerate() {
+            let (cluster, port) = bar.other;
+            let m = std::mem::take(&mut self.moved[cluster][port]);
+            if m == 0.0 {
+                continue;
+            }
+            let q = bar.sign * m;
+            let input = self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input];
+            if let Some(h) = self.held[bar.holder.0].iter_mut().find(|h| h.bar == Some(k)) {
+                h.q += q;
+                // The other side latched `sign * v`, perhaps of an earlier sample of the holder.
+                h.w += bar.sign * input * q;
+            }
+        }
+    }
+
+    /// Ends the interval of a sampled cluster: its state moves with what was reported.
+    fn commit(&mut self, i: usize, at: f64) -> Result<(), Error> {
+        let c = &self.scene.clusters[i];
+        let period = c.period.unwrap_or(0.0);
+        let mut crossed = 0.0;
+        for h in &mut self.held[i] {
+            if let Some(o) = h.open {
+                h.q = self.open[o];
+                self.open[o] = 0.0;
+            }
+            let sampled_other = h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some());
+            let here = if sampled_other { h.w } else { h.v * h.q };
+            let there = if sampled_other { h.w } else { h.q * h.v };
+            h.holder_energy.add(here);
+            h.other_energy.add(there);
+            h.difference = h.difference.max((h.holder_energy.value() - h.other_energy.value()).abs());
+            crossed += here;
+            self.runs[i].input[c.ports[h.port].input] = -h.q / period;
+        }
+        let start = (self.next[i] - 1) as f64 * period;
+        let mut moved = std::mem::take(&mut self.moved[i]);
+        let held_ports: Vec<(usize, f64)> = self.held[i].iter().map(|h| (h.port, moved[h.port])).collect();
+        let result = self.runs[i].one(c, &self.names, start, period, &mut moved);
+        for (p, m) in held_ports {
+            moved[p] = m; // what a held port gives out is reported by nobody
+        }
+        self.moved[i] = moved;
+        result?;
+        // The step counted the energy that its own effort would have let in; what crossed was that of the held one.
+        let run = &mut self.runs[i];
+        let called: f64 = self.held[i]
+            .iter()
+            .map(|h| h.q * run.output()[c.ports[h.port].mean])
+            .sum();
+        let leak = called - crossed;
+        let dissipated: f64 = c.entries.iter().flat_map(|e| &e.dissipated).map(|d| run.output()[d.1]).sum();
+        let leap: f64 = c.entries.iter().filter_map(|e| e.leap).map(|l| run.output()[l.0]).sum();
+        let means: Vec<f64> = c.ports.iter().map(|p| run.output()[p.mean]).collect();
+        if let Some(b) = run.books.first_mut() {
+            if !self.held[i].is_empty() {
+                b.supplied.add(-leak);
+                b.leaked.add(leak);
+                for h in &self.held[i] {
+                    let (name, own) = (&c.ports[h.port].name, h.q * means[h.port]);
+                    let here = if h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some()) { h.w } else { h.v * h.q };
+                    if let Some(k) = c.entries.first().and_then(|e| e.supplied.iter().position(|s| s.0 == *name)) {
+                        b.sources[k].add(here - own);
+                    }
+                }
+            }
+            b.tank += dissipated - leak - leap;
+            b.tank = b.tank.min(b.h_max);
+            b.debt_max = b.debt_max.max(-(b.h + b.tank));
+        }
+        let n = self.held[i].len();
+        let values: Vec<f64> = self.held[i].iter().map(|h| h.v).collect();
+        for (k, h) in self.held[i].iter_mut().enumerate() {
+            let alpha = h.q + (0..n).map(|j| self.beta[i][k * n + j] * values[j]).sum::<f64>();
+            h.alpha = [alpha, h.alpha[0]];
+            h.before = [h.v, h.before[0]];
+            h.last_q = h.q;
+            h.q = 0.0;
+            h.w = 0.0;
+            h.intervals += 1;
+        }
+        let _ = at;
+        Ok(())
+    }
+
+    /// Begins an interval: finds what to hold, and latches what others hold.
+    fn respond(&mut self, i: usize, at: f64) -> Result<(), Error> {
+        let c = &self.scene.clusters[i];
+        let period = c.period.unwrap_or(0.0);
+        for bar in self.scene.bars.iter().filter(|b| b.other.0 == i) {
+            let v = self.held[bar.holder.0].iter().find(|h| (bar.holder.0, h.port) == bar.holder).map_or(0.0, |h| h.v);
+            self.runs[i].input[c.ports[bar.other.1].input] = bar.sign * v;
+        }
+        let Some(respond) = &c.respond else { return Ok(()) };
+        let n = self.held[i].len();
+        let changes: Vec<f64> = self.held[i].iter().map(Held::change).collect();
+        let alpha: Vec<f64> =
+            (0..n).map(|k| self.held[i][k].foretold(&self.beta[i][k * n..(k + 1) * n], &changes)).collect();
+        let input = &mut self.respond_input[i];
+        let base = self.runs[i].input.len();
+        input[..base].copy_from_slice(&self.runs[i].input);
+        input[0] = at;
+        input[1] = period;
+        for h in &self.held[i] {
+            input[c.ports[h.port].input] = -h.last_q / period;
+        }
+        if let Respond::Matched(_) = respond {
+            input[base..base + n].copy_from_slice(&alpha);
+            input[base + n..base + n + n * n].copy_from_slice(&self.beta[i]);
+        }
+        let mut values = vec![0.0; n];
+        {
+            let run = &mut self.runs[i];
+            let state = &run.state;
+            if let Some(look) = &mut run.respond {
+                let out = look.run(state, input).map_err(|why| Error::Step {
+                    time: at,
+                    region: self.names.get(i).cloned().unwrap_or_default(),
+                    state: None,
+                    why,
+                })?;
+                values.copy_from_slice(&out[..n]);
+            }
+        }
+        if values.iter().any(|v| !v.is_finite()) {
+            return Err(Error::Step {
+                time: at,
+                region: self.names.get(i).cloned().unwrap_or_default(),
+                state: Some("what it holds".into()),
+                why: crate::kernel::Failure::NotFinite { slot: crate::ir::Slot::new(crate::ir::Array::Output, 0) },
+            });
+        }
+        if c.budget {
+            let stored = self.runs[i].books.first().map_or(0.0, |b| b.h + b.tank);
+            within_budget(&mut values, &alpha, &self.beta[i], stored.max(0.0));
+        }
+        for (h, v) in self.held[i].iter_mut().zip(values) {
+            h.v = v;
+            if let Some(b) = h.bar {
+                let bar = &self.scene.bars[b];
+                let (cluster, port) = bar.other;
+                // A continuous side meets it at once; a sampled one latches it at its own instant.
+                if self.scene.clusters[cluster].period.is_none() {
+                    self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input] = bar.sign * v;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Samples the signals that clusters read of each other.
+    fn refresh_foreign(&mut self, at: f64) -> Result<(), Error> {
+        if self.scene.clusters.iter().all(|c| c.foreign.is_empty()) {
+            return Ok(());
+        }
+        let mut needed: Vec<usize> = self.scene.clusters.iter().flat_map(|c| c.foreign.iter().map(|f| f.0)).collect();
+        needed.sort_unstable();
+        needed.dedup();
+        for i in needed {
+            self.runs[i].observe(&self.scene.clusters[i], &self.names, at)?;
+        }
+        for (i, c) in self.scene.clusters.iter().enumerate() {
+            for (k, (cluster, output)) in c.foreign.iter().enumerate() {
+                let x = self.runs[*cluster].instant.work.output[*output];
+                self.runs[i].input[c.foreign_at + k] = x;
+            }
+        }
+        Ok(())
+    }
+
+    /// Probes, then the values of expectations, now.
+    ///
+    /// # Errors
+    /// A program that fails.
+    pub fn probes(&mut self) -> Result<&[f64], Error> {
+        let mut needed: Vec<usize> = self.scene.probes.gather.iter().map(|g| g.0).collect();
+        needed.sort_unstable();
+        needed.dedup();
+        for i in needed {
+            self.runs[i].observe(&self.scene.clusters[i], &self.names, self.time)?;
+        }
+        self.probe_input[0] = self.time;
+        for (k, (cluster, output)) in self.scene.probes.gather.iter().enumerate() {
+            self.probe_input[1 + k] = self.runs[*cluster].instant.work.output[*output];
+        }
+        match &mut self.probes {
+            None => Ok(&[]),
+            Some(look) => look.run(&[], &self.probe_input).map_err(|why| Error::Step {
+                time: self.time,
+                region: "the probes".into(),
+                state: None,
+                why,
+            }),
+        }
+    }
+
+    /// Ends the run at an instant: continuous regions take the step that is left.
+    ///
+    /// # Errors
+    /// A step that fails.
+    pub fn finish(&mut self, at: f64) -> Result<(), Error> {
+        self.advance(at)?;
+        for i in 0..self.runs.len() {
+            let c = &self.scene.clusters[i];
+            if c.period.is_none() {
+                let mut moved = std::mem::take(&mut self.moved[i]);
+                let result = self.runs[i].run_to(c, &self.names, at, &mut moved);
+                self.moved[i] = moved;
+                result?;
+            }
+        }
+        self.time = at;
+        Ok(())
+    }
+
+    /// What the open ports hold now, in the scene's order.
+    pub fn held(&self) -> Vec<f64> {
+        (0..self.scene.open.len())
+            .map(|o| self.held.iter().flatten().find(|h| h.open == Some(o)).map_or(0.0, |h| h.v))
+            .collect()
+    }
+
+    /// Reports how far an open port moved in the interval that runs.
+    ///
+    /// # Panics
+    /// If there is no such open port.
+    pub fn report(&mut self, open: usize, q: f64) {
+        self.open[open] = q;
+    }
+
+    /// The ledger.
+    pub fn summary(&self) -> Summary {
+        let mut regions = Vec::new();
+        for (r, region) in self.scene.regions.iter().enumerate() {
+            let c = &self.scene.clusters[region.cluster];
+            let run = &self.runs[region.cluster];
+            let Some(k) = c.entries.iter().position(|e| e.region == r) else { continue };
+            let (b, e) = (&run.books[k], &c.entries[k]);
+            let list = |names: &[(String, usize)], sums: &[crate::ledger::Sum]| {
+                names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
+            };
+            let base = b.h_max.max(b.turnover_max);
+            regions.push(RegionSummary {
+                name: region.name.clone(),
+                kind: if region.period.is_some() { "sampled" } else { "continuous" },
+                period: region.period,
+                states: region.states,
+                stepper: c.step.name,
+                order: c.step.order,
+                hold: Some(c.hold).filter(|h| !h.is_empty() && !c.holds.is_empty()),
+                steps: run.steps,
+                newton_iterations: run.iterations(),
+                h_initial: b.h_initial,
+                h_final: b.h,
+                h_max: b.h_max,
+                supplied: b.supplied.value(),
+                dissipated: b.dissipated.value(),
+                leaked: b.leaked.value(),
+                debt_max: b.debt_max,
+                tank: b.tank,
+                leaps: b.leaps,
+                worst_step: b.worst,
+                total: if base > 0.0 { b.residual.value().abs() / base } else { 0.0 },
+                passive_stepper: c.step.passive,
+                pseudo: region.pseudo,
+                sources: list(&e.supplied, &b.sources),
+                resistors: list(&e.dissipated, &b.resistors),
+            });
+        }
+        let bars = self
+            .scene
+            .bars
+            .iter()
+            .enumerate()
+            .filter_map(|(i, bar)| {
+                let h = self.held.iter().flatten().find(|h| h.bar == Some(i))?;
+                Some(BarSummary {
+                    name: bar.name.clone(),
+                    holder: h.holder_energy.value(),
+                    other: h.other_energy.value(),
+                    difference: h.difference,
+                })
+            })
+            .collect();
+        let mut reasons: Vec<String> = self.scene.excluded.clone();
+        for (r, region) in regions.iter().enumerate() {
+            let book_gain = self.gained(r);
+            if !region.passive_stepper {
+                reasons.push(format!("`{}` was stepped by {}, which does not keep the balance", region.name, region.stepper));
+            }
+            if region.passive_stepper && (region.worst_step > 1e-9 || region.worst_step.is_nan()) {
+                reasons.push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
+            }
+            if region.debt_max > 1e-9 * region.h_max.max(region.supplied.abs()) {
+                reasons.push(format!("`{}` gave out up to {:.3e} J more than it had been given", region.name, region.debt_max));
+            }
+            if book_gain > 1e-9 {
+                reasons.push(format!("a resistor of `{}` gave energy", region.name));
+            }
+        }
+        let passive_ones = || regions.iter().filter(|r| r.passive_stepper);
+        Summary {
+            time: self.time,
+            passive: reasons.is_empty(),
+            reasons,
+            worst_step: passive_ones().map(|r| r.worst_step).fold(0.0, f64::max),
+            total: passive_ones().map(|r| r.total).fold(0.0, f64::max),
+            regions,
+            bars,
+        }
+    }
+
+    fn gained(&self, region: usize) -> f64 {
+        let r = &self.scene.regions[region];
+        let c = &self.scene.clusters[r.cluster];
+        c.entries.iter().position(|e| e.region == region).map_or(0.0, |k| self.runs[r.cluster].books[k].gained)
+    }
+}

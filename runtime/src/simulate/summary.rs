@@ -1,0 +1,95 @@
+//! What a run did, in numbers.
+
+/// A source's, resistor's or double bar's share.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ElementEnergy {
+    /// The element.
+    pub name: String,
+    /// J
+    pub energy: f64,
+}
+
+/// A region's ledger at one instant. Energies in J, since the start.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionSummary {
+    /// Its name.
+    pub name: String,
+    /// `continuous` or `sampled`.
+    pub kind: &'static str,
+    /// s
+    pub period: Option<f64>,
+    /// Energy states.
+    pub states: usize,
+    /// The method.
+    pub stepper: &'static str,
+    /// Its order; 0: no error.
+    pub order: u32,
+    /// The hold, of a sampled region.
+    pub hold: Option<&'static str>,
+    /// Steps done.
+    pub steps: u64,
+    /// Newton iterations done in them.
+    pub newton_iterations: u64,
+    /// At the start.
+    pub h_initial: f64,
+    /// Now.
+    pub h_final: f64,
+    /// The largest seen.
+    pub h_max: f64,
+    /// In through sources, ports and double bars.
+    pub supplied: f64,
+    /// Lost in resistors.
+    pub dissipated: f64,
+    /// Created by holds and leaps.
+    pub leaked: f64,
+    /// Largest debt to the outside.
+    pub debt_max: f64,
+    /// Energy in the tank.
+    pub tank: f64,
+    /// Energy leaps of `ray`.
+    pub leaps: u64,
+    /// Worst residual of a step's balance, relative to the larger of H and what the step turned over.
+    pub worst_step: f64,
+    /// Sum of the residuals, relative to the largest H.
+    pub total: f64,
+    /// Whether the stepper keeps the balance by construction.
+    pub passive_stepper: bool,
+    /// The ledger is of a pseudo energy.
+    pub pseudo: bool,
+    /// By source, port or double bar.
+    pub sources: Vec<ElementEnergy>,
+    /// By resistor.
+    pub resistors: Vec<ElementEnergy>,
+}
+
+/// A double bar's ledger: what crossed, as each side counts it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BarSummary {
+    /// The bond.
+    pub name: String,
+    /// J into the holder, as the holder counts it.
+    pub holder: f64,
+    /// J out of the other side, as that counts it.
+    pub other: f64,
+    /// Largest difference at a sample of the holder; the invariant is exactly 0.
+    pub difference: f64,
+}
+
+/// The whole ledger at one instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// s
+    pub time: f64,
+    /// Whether the run kept its promise, and nothing was excluded.
+    pub passive: bool,
+    /// Why not, in words; empty where it did.
+    pub reasons: Vec<String>,
+    /// Worst residual of a step of any region with a passive stepper.
+    pub worst_step: f64,
+    /// Largest total residual of any region with a passive stepper.
+    pub total: f64,
+    /// The regions.
+    pub regions: Vec<RegionSummary>,
+    /// The double bars.
+    pub bars: Vec<BarSummary>,
+}

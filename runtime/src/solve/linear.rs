@@ -1,0 +1,146 @@
+//! Linear systems of a known pattern: chooses between dense and sparse elimination.
+
+use super::dense;
+use super::sparse::{Numeric, Symbolic};
+
+/// Up to this size elimination is dense.
+const DENSE: usize = 16;
+/// Up to this size it is dense where the factors are a third full.
+const FULL: usize = 64;
+/// Up to this size a sparse elimination that meets a bad pivot is done again densely, with pivoting; above, pivots are
+/// raised and the solution refined.
+const AGAIN: usize = 200;
+
+/// What is known of a system before its numbers.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    n: usize,
+    method: Method,
+}
+
+/// How systems of a pattern are solved.
+#[derive(Clone, Debug)]
+enum Method {
+    Dense,
+    Sparse(Symbolic),
+    /// Singular whatever the numbers: this row has no pivot.
+    Never(usize),
+}
+
+/// Memory for a solution.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    matrix: Vec<f64>,
+    dense: dense::Scratch,
+    numeric: Numeric,
+}
+
+impl Plan {
+    /// The plan for `n` unknowns and a pattern of (row, column), each place at most once.
+    ///
+    /// # Panics
+    /// Where the pattern is not within `n` rows and columns.
+    pub fn new(n: usize, pattern: &[(u32, u32)]) -> Self {
+        let method = if n <= DENSE {
+            Method::Dense
+        } else {
+            match Symbolic::analyse(n, pattern) {
+                Ok(symbolic) if n <= FULL && 3 * symbolic.fill() > n * n => Method::Dense,
+                Ok(symbolic) => Method::Sparse(symbolic),
+                Err(row) => Method::Never(row),
+            }
+        };
+        Self { n, method }
+    }
+
+    /// Memory for it.
+    pub fn scratch(&self) -> Scratch {
+        let n = self.n;
+        let again = if n <= AGAIN { n } else { 0 };
+        match &self.method {
+            Method::Dense => Scratch { matrix: vec![0.0; n * n], dense: dense::Scratch::new(n), ..Scratch::default() },
+            Method::Sparse(symbolic) => Scratch {
+                matrix: vec![0.0; again * again],
+                dense: dense::Scratch::new(again),
+                numeric: symbolic.numeric(),
+            },
+            Method::Never(_) => Scratch::default(),
+        }
+    }
+
+    /// Solves `J x = b`, `b` in and `x` out, with the values of `J` in the order of the pattern given to [`Plan::new`].
+    ///
+    /// # Errors
+    /// A row for which no pivot is found; `vector` then means nothing. `x` may be infinite or NaN without an error.
+    ///
+    /// # Panics
+    /// Where pattern or scratch are another plan's, or a slice is too short.
+    pub fn solve(
+        &self,
+        pattern: &[(u32, u32)],
+        values: &[f64],
+        vector: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> Result<(), usize> {
+        match &self.method {
+            Method::Dense => self.dense(pattern, values, vector, scratch),
+            Method::Sparse(symbolic) => match scratch.numeric.factor(symbolic, values) {
+                Ok(()) => {
+                    scratch.numeric.solve(symbolic, values, vector);
+                    Ok(())
+                }
+                Err(_) if self.n <= AGAIN => self.dense(pattern, values, vector, scratch),
+                Err(_) => scratch.numeric.solve_raised(symbolic, values, vector),
+            },
+            Method::Never(row) => Err(*row),
+        }
+    }
+
+    fn dense(
+        &self,
+        pattern: &[(u32, u32)],
+        values: &[f64],
+        vector: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> Result<(), usize> {
+        let matrix = &mut scratch.matrix[..self.n * self.n];
+        matrix.fill(0.0);
+        for (&(row, column), value) in pattern.iter().zip(values) {
+            matrix[row as usize * self.n + column as usize] = *value;
+        }
+        dense::solve(self.n, matrix, vector, &mut scratch.dense)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::testing::Random;
+
+    /// A matrix whose fixed pivots vanish: the dense elimination takes over.
+    #[test]
+    fn vanishing_pivots() {
+        let n = 40u32;
+        let mut entries: Vec<(u32, u32, f64)> = Vec::new();
+        for i in 0..n {
+            entries.push((i, i, 0.0));
+            entries.push((i, (i + 1) % n, 2.0 + 0.1 * f64::from(i)));
+            if i % 3 == 0 {
+                entries.push((i, (i + 7) % n, 1.0));
+            }
+        }
+        let pattern: Vec<_> = entries.iter().map(|&(r, c, _)| (r, c)).collect();
+        let values: Vec<_> = entries.iter().map(|&(.., v)| v).collect();
+        let plan = Plan::new(n as usize, &pattern);
+        assert!(matches!(plan.method, Method::Sparse(_)));
+        let mut random = Random::new(11);
+        let right: Vec<f64> = (0..n).map(|_| random.next()).collect();
+        let mut x = right.clone();
+        assert_eq!(plan.solve(&pattern, &values, &mut x, &mut plan.scratch()), Ok(()));
+        let mut rest = right;
+        for (r, c, v) in entries {
+            rest[r as usize] -= v * x[c as usize];
+        }
+        assert!(rest.iter().all(|r| r.abs() < 1e-12));
+    }
+}

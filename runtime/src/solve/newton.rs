@@ -1,0 +1,366 @@
+//! Newton's method, as [`crate::ir::Newton`] means it. Every back end calls [`solve`], or repeats it exactly.
+//!
+//! # The method
+//! With unknowns `u`, residual `r(u)`, Jacobian `J(u)`, weights `w` and scales `s`, all norms squared:
+//!
+//! - `|v|² = Σ w_i v_i²` over the `i` whose weight is finite and above 0; the plain sum of squares where there is none.
+//! - Up to `limit` times: compute `r`, `J`.
+//!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far and above
+//!      the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), and the last update was halved fewer than
+//!      [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start over.
+//!   2. Where all of `r` is 0: done.
+//!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed, else fail.
+//!   4. `u = u - d`, then test.
+//! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
+//!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
+//! - Done where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
+//!   small(t) with `t = min(1e-8, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
+//!   `d |d|² / |e|²`, below rounding; or small(1e-10), where `|d|` is at least half of `|e|`: rounding keeps it from
+//!   falling.
+//!
+//! What the body wrote to slots other than the unknowns belongs to the iterate before the last update.
+
+use super::linear;
+use crate::ir;
+use crate::kernel::Failure;
+
+/// How often one update is halved at most.
+pub const HALVINGS: u32 = 30;
+
+/// What is known of an iteration before it runs.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// First slot of the unknowns, in `Local`.
+    pub unknowns: usize,
+    /// How many there are.
+    pub n: usize,
+    /// Rows and columns of the Jacobian's entries, in the order in which they are computed.
+    pub pattern: Vec<(u32, u32)>,
+    /// Iterations at most.
+    pub limit: u32,
+    /// The slot of `Local` that gets 1 or 0 instead of a failure.
+    pub flag: Option<usize>,
+    linear: linear::Plan,
+}
+
+impl Plan {
+    /// The plan of an iteration.
+    pub fn new(newton: &ir::Newton) -> Self {
+        let pattern = newton.jacobian.iter().map(|&(row, column, _)| (row, column)).collect();
+        let flag = newton.flag.map(|slot| slot.index as usize);
+        Self::of(newton.unknowns as usize, newton.residual.len(), pattern, newton.limit, flag)
+    }
+
+    /// The plan of an iteration given by its parts.
+    ///
+    /// # Panics
+    /// Where the pattern is not within `n` rows and columns.
+    pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
+        let linear = linear::Plan::new(n, &pattern);
+        Self { unknowns, n, pattern, limit, flag, linear }
+    }
+
+    /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
+    pub fn all(program: &ir::Program) -> Vec<Plan> {
+        fn walk(body: &[ir::Inst], plans: &mut Vec<Plan>) {
+            for inst in body {
+                match inst {
+                    ir::Inst::Newton(newton) => {
+                        plans.push(Plan::new(newton));
+                        walk(&newton.body, plans);
+                    }
+                    ir::Inst::Let(..) | ir::Inst::Store(..) | ir::Inst::MatVec { .. } | ir::Inst::Quad { .. } => {}
+                }
+            }
+        }
+        let mut plans = Vec::new();
+        walk(&program.body, &mut plans);
+        plans
+    }
+
+    /// Memory for it.
+    pub fn scratch(&self) -> Scratch {
+        let n = self.n;
+        Scratch {
+            weight: vec![0.0; n],
+            scale: vec![0.0; n],
+            residual: vec![0.0; n],
+            jacobian: vec![0.0; self.pattern.len()],
+            update: vec![0.0; n],
+            trial: vec![0.0; n],
+            linear: self.linear.scratch(),
+        }
+    }
+}
+
+/// Memory of an iteration.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    /// The weights; to be filled in before [`solve`].
+    pub weight: Vec<f64>,
+    /// The scales; to be filled in before [`solve`].
+    pub scale: Vec<f64>,
+    residual: Vec<f64>,
+    jacobian: Vec<f64>,
+    update: Vec<f64>,
+    trial: Vec<f64>,
+    linear: linear::Scratch,
+}
+
+/// The equations, as a back end computes them.
+pub trait System {
+    /// Computes residual and Jacobian, in the order of the plan's pattern, at the unknowns.
+    ///
+    /// # Errors
+    /// Where an iteration inside this one fails.
+    fn evaluate(&mut self, residual: &mut [f64], jacobian: &mut [f64]) -> Result<(), Failure>;
+
+    /// The unknowns.
+    fn unknowns(&mut self) -> &mut [f64];
+}
+
+/// Brings the residual to 0, starting from the unknowns as they are; adds the iterations done to `count`.
+///
+/// # Errors
+/// [`Failure::NoConvergence`] and [`Failure::Singular`], whether or not the plan has a flag. The unknowns then hold the
+/// last iterate.
+///
+/// # Panics
+/// Where the scratch was made by another plan, or the system's unknowns are not `n`.
+pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, system: &mut S) -> Result<(), Failure> {
+    let n = plan.n;
+    let measure = Measure::new(&scratch.weight[..n], &scratch.scale[..n]);
+    let mut best = f64::INFINITY;
+    let mut before: Option<f64> = None; // |d|² of the update made last
+    let mut halvings = 0; // of the update made last
+    for _ in 0..plan.limit {
+        *count += 1;
+        let residual = &mut scratch.residual[..n];
+        system.evaluate(residual, &mut scratch.jacobian)?;
+        let size = measure.square(residual);
+        let may_halve = before.is_some() && halvings < HALVINGS;
+        let worse = before.is_some() && size > 4.0 * best && size > 1e-26 * measure.energy(system.unknowns());
+        if !size.is_finite() || worse {
+            if may_halve {
+                halve(&mut scratch.update, system.unknowns());
+                halvings += 1;
+                continue;
+            }
+            if !size.is_finite() {
+                break;
+            }
+        }
+        best = best.min(size);
+        if residual.iter().all(|&r| r == 0.0) {
+            return Ok(());
+        }
+        let trial = &mut scratch.trial[..n];
+        trial.copy_from_slice(residual);
+        let solved = plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear);
+        let square = measure.square(trial);
+        if solved.is_err() || !square.is_finite() {
+            if may_halve {
+                halve(&mut scratch.update, system.unknowns());
+                halvings += 1;
+                continue;
+            }
+            return Err(Failure::Singular { row: solved.err().unwrap_or(0) });
+        }
+        std::mem::swap(&mut scratch.update, &mut scratch.trial);
+        let (u, d) = (system.unknowns(), &scratch.update[..n]);
+        for (u, d) in u.iter_mut().zip(d) {
+            *u -= d;
+        }
+        let small = |t: f64| measure.small(t, u, d);
+        let done = match before {
+            _ if small(4e-16) => true,
+            Some(last) => {
+                (halvings == 0 && square <= 1e-6 * last && small(1e-8f64.min(4e-16 * (last / square))))
+                    || (square >= 0.25 * last && small(1e-10))
+            }
+            None => false,
+        };
+        if done {
+            return Ok(());
+        }
+        before = Some(square);
+        halvings = 0;
+    }
+    let (worst, change) = measure.worst(system.unknowns(), &scratch.update);
+    Err(Failure::NoConvergence { iterations: plan.limit, unknown: plan.unknowns + worst, change })
+}
+
+/// Takes back half of an update, and halves it.
+fn halve(update: &mut [f64], unknowns: &mut [f64]) {
+    for (u, d) in unknowns.iter_mut().zip(update) {
+        *d *= 0.5;
+        *u += *d;
+    }
+}
+
+/// The norms of an iteration.
+struct Measure<'a> {
+    weight: &'a [f64],
+    scale: &'a [f64],
+    weighted: bool,
+}
+
+impl<'a> Measure<'a> {
+    fn new(weight: &'a [f64], scale: &'a [f64]) -> Self {
+        Self { weight, scale, weighted: weight.iter().any(|&w| counts(w)) }
+    }
+
+    /// `|v|²`
+    fn square(&self, v: &[f64]) -> f64 {
+        if self.weighted {
+            // What has no weight must be finite all the same.
+            v.iter().zip(self.weight).map(|(v, &w)| if counts(w) { w * v * v } else { 0.0 * v }).sum()
+        } else {
+            v.iter().map(|v| v * v).sum()
+        }
+    }
+
+    /// `Σ w_i (u_i² + s_i²)`
+    fn energy(&self, u: &[f64]) -> f64 {
+        if !self.weighted {
+            return 0.0;
+        }
+        let terms = u.iter().zip(self.scale).zip(self.weight);
+        terms.map(|((u, s), &w)| if counts(w) { w * (u * u + s * s) } else { 0.0 }).sum()
+    }
+
+    /// Whether an update is small beside the unknowns.
+    fn small(&self, t: f64, u: &[f64], d: &[f64]) -> bool {
+        let mut bound = None;
+        for (i, (u_i, d_i)) in u.iter().zip(d).enumerate() {
+            if d_i.abs() <= t * (u_i.abs() + self.scale[i]) {
+                continue;
+            }
+            let w = self.weight[i];
+            if !counts(w) || w * d_i * d_i > *bound.get_or_insert_with(|| t * t * self.energy(u)) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// The unknown whose change is largest beside itself, and the change.
+    fn worst(&self, u: &[f64], d: &[f64]) -> (usize, f64) {
+        let mut worst = (0, 0.0, -1.0);
+        for (i, (u_i, d_i)) in u.iter().zip(d).enumerate() {
+            let part = d_i.abs() / (u_i.abs() + self.scale[i]);
+            if part > worst.2 {
+                worst = (i, *d_i, part);
+            }
+        }
+        (worst.0, worst.1)
+    }
+}
+
+/// Whether a weight counts.
+fn counts(w: f64) -> bool {
+    w > 0.0 && w.is_finite()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Equations as a closure `(u, r, j)`.
+    struct Closure<F> {
+        u: Vec<f64>,
+        f: F,
+    }
+
+    impl<F: FnMut(&[f64], &mut [f64], &mut [f64])> System for Closure<F> {
+        fn evaluate(&mut self, residual: &mut [f64], jacobian: &mut [f64]) -> Result<(), Failure> {
+            (self.f)(&self.u, residual, jacobian);
+            Ok(())
+        }
+
+        fn unknowns(&mut self) -> &mut [f64] {
+            &mut self.u
+        }
+    }
+
+    fn run<F: FnMut(&[f64], &mut [f64], &mut [f64])>(
+        start: &[f64],
+        weight: f64,
+        scale: f64,
+        f: F,
+    ) -> (Result<(), Failure>, Vec<f64>, u64) {
+        let n = start.len();
+        let pattern = (0..n * n).map(|k| ((k / n) as u32, (k % n) as u32)).collect();
+        let plan = Plan::of(0, n, pattern, 60, None);
+        let mut scratch = plan.scratch();
+        scratch.weight.fill(weight);
+        scratch.scale.fill(scale);
+        let mut system = Closure { u: start.to_vec(), f };
+        let mut count = 0;
+        let result = solve(&plan, &mut scratch, &mut count, &mut system);
+        (result, system.u, count)
+    }
+
+    #[test]
+    fn linear_systems_take_two_iterations() {
+        for weight in [0.0, 3.0] {
+            let (result, u, count) = run(&[0.0, 0.0, 0.0], weight, 1e-3, |u, r, j| {
+                let a = [4.0, 1.0, 0.3, -1.0, 5.0, 0.7, 0.1, -0.4, 3.0];
+                for i in 0..3 {
+                    r[i] = (0..3).map(|k| a[3 * i + k] * u[k]).sum::<f64>() - [1.0, 0.3, 0.7][i];
+                }
+                j.copy_from_slice(&a);
+            });
+            assert_eq!(result, Ok(()));
+            assert!(count <= 2, "{count}");
+            assert!((4.0 * u[0] + u[1] + 0.3 * u[2] - 1.0).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn square_root_of_two() {
+        let (result, u, count) = run(&[1.0], 1.0, 1.0, |u, r, j| {
+            r[0] = u[0] * u[0] - 2.0;
+            j[0] = 2.0 * u[0];
+        });
+        assert_eq!(result, Ok(()));
+        assert!((u[0] - 2f64.sqrt()).abs() < 4e-16 && count <= 6, "{count}");
+    }
+
+    #[test]
+    fn overshoot_is_taken_back() {
+        // The first update of an exponential overflows.
+        let (result, u, _) = run(&[0.0], 0.0, 1.0, |u, r, j| {
+            r[0] = u[0].exp() - 1e3;
+            j[0] = u[0].exp();
+        });
+        assert_eq!(result, Ok(()));
+        assert!((u[0] - 1e3f64.ln()).abs() < 4e-15);
+        // The logarithm leaves its domain.
+        let (result, u, _) = run(&[5.0], 1.0, 1.0, |u, r, j| {
+            r[0] = u[0].ln();
+            j[0] = 1.0 / u[0];
+        });
+        assert_eq!(result, Ok(()));
+        assert!((u[0] - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn no_root_and_no_slope() {
+        let (result, ..) = run(&[1.0], 1.0, 1.0, |u, r, j| {
+            r[0] = u[0] * u[0] + 1.0;
+            j[0] = 2.0 * u[0];
+        });
+        assert!(result.is_err());
+        let (result, ..) = run(&[1.0, 2.0], 1.0, 1.0, |_, r, j| {
+            r.fill(1.0);
+            j.fill(0.0);
+        });
+        assert!(matches!(result, Err(Failure::Singular { .. })));
+        let (result, ..) = run(&[1.0], 1.0, 1.0, |_, r, j| {
+            r[0] = f64::NAN;
+            j[0] = 1.0;
+        });
+        assert!(matches!(result, Err(Failure::NoConvergence { .. })));
+    }
+}

@@ -1,0 +1,1 @@
+//! The workspace's tests live in `tests/tests`, one file a stage.
