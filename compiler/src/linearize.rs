@@ -37,6 +37,31 @@ impl Linearized {
     }
 }
 
+/// Evaluates definitions whose symbols all have values, until none is left that can be.
+fn settle(pool: &crate::expression::Pool, columns: &[(Symbol, Expr)], at: &mut FxHashMap<Symbol, f64>) {
+    let defined: FxHashMap<Symbol, usize> = columns.iter().enumerate().map(|(i, c)| (c.0, i)).collect();
+    let mut waits: Vec<usize> = Vec::with_capacity(columns.len());
+    let mut users: Vec<Vec<usize>> = vec![Vec::new(); columns.len()];
+    for (i, (_, e)) in columns.iter().enumerate() {
+        let needs: Vec<usize> = pool.symbols(*e).iter().filter_map(|s| defined.get(s).copied()).collect();
+        waits.push(needs.len());
+        for j in needs {
+            users[j].push(i);
+        }
+    }
+    let mut ready: Vec<usize> = (0..columns.len()).filter(|i| waits[*i] == 0).collect();
+    while let Some(i) = ready.pop() {
+        let x = pool.eval(columns[i].1, &|s| at.get(&s).copied().unwrap_or(0.0));
+        at.insert(columns[i].0, x);
+        for &j in &users[i] {
+            waits[j] -= 1;
+            if waits[j] == 0 {
+                ready.push(j);
+            }
+        }
+    }
+}
+
 /// Linearizes the continuous regions at a time and at values of their states (energy states by name, then integrals).
 ///
 /// # Errors
@@ -116,10 +141,11 @@ pub fn linearize(compiled: &mut Compiled, time: f64, states: &dyn Fn(&str) -> Op
         names.push(name);
         rates.push(*rate);
     }
-    // Values of the definitions, by Newton's method on all of them at once (explicit ones settle in the first sweeps).
+    // Values of the definitions: those that depend on settled ones only, as far as that goes; then Newton's method for loops.
     let n = columns.len();
+    settle(&model.pool, &columns, &mut at);
     for (z, _) in &columns {
-        at.entry(*z).or_insert(0.0);
+        at.entry(*z).or_insert(1e-9);
     }
     let place: FxHashMap<Symbol, usize> = columns.iter().enumerate().map(|(i, c)| (c.0, i)).collect();
     let mut slopes: Vec<(usize, usize, Expr)> = Vec::new();

@@ -146,7 +146,7 @@ impl<'a> Elaborator<'a> {
         let least = |xs: &[f64]| xs.iter().flat_map(|x| [at(*x), at(-*x)]).filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min);
         let near = least(&[0.0, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3]);
         let far = least(&[1e-30, 1e-12, 1e-8, 1e5, 1e8, 1e12, 1e30]);
-        far >= near - 1e3 * (1.0 + near.abs())
+        near > f64::NEG_INFINITY && far >= near - 1e3 * (1.0 + near.abs())
     }
 
     /// The state at which the co-energy variable has a value.

@@ -44,9 +44,15 @@ impl Arrow<'_> {
         let (a, b) = (leave(self.tail, u), leave(self.head, [-u[0], -u[1]]));
         // One side of the line for all: the side of the flow, below or right of it.
         let n = if u[0] > 0.3 || (u[0].abs() <= 0.3 && u[1] < 0.0) { [-u[1], u[0]] } else { [u[1], -u[0]] };
-        let at = |p: Point, along: f64, across: f64| [p[0] + along * u[0] + across * n[0], p[1] + along * u[1] + across * n[1]];
+        let at = |p: Point, along: f64, across: f64| {
+            [p[0] + along * u[0] + across * n[0], p[1] + along * u[1] + across * n[1]]
+        };
         let line = |text: &mut String, p: Point, q: Point, class: &str| {
-            let _ = writeln!(text, "<line class=\"{class}\" x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\"/>", p[0], p[1], q[0], q[1]);
+            let _ = writeln!(
+                text,
+                "<line class=\"{class}\" x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\"/>",
+                p[0], p[1], q[0], q[1]
+            );
         };
         line(text, a, b, "bond");
         line(text, b, at(b, -10.0, 6.5), "bond");
@@ -63,7 +69,13 @@ impl Arrow<'_> {
         }
         if let Some(name) = self.name {
             let p = at(middle, 0.0, if self.sampled { -18.0 } else { -11.0 });
-            let _ = writeln!(text, "<text class=\"name\" x=\"{:.1}\" y=\"{:.1}\">{}</text>", p[0], p[1] + 3.5, escape(name));
+            let _ = writeln!(
+                text,
+                "<text class=\"name\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+                p[0],
+                p[1] + 3.5,
+                escape(name)
+            );
         }
     }
 }

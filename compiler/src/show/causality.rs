@@ -16,14 +16,9 @@ pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
             let what = match e.kind {
                 Kind::Se | Kind::Df => "gives effort",
                 Kind::Sf | Kind::De => "gives flow",
-                Kind::C
-                | Kind::I
-                | Kind::R
-                | Kind::Tf
-                | Kind::Gy
-                | Kind::Zero
-                | Kind::One
-                | Kind::Port => "can do no other",
+                Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port => {
+                    "can do no other"
+                }
             };
             format!("{} {what}", name::element(e))
         }
@@ -63,9 +58,12 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
             vec![ends.0.clone(), name::arrow(model, b, stroke), ends.1.clone(), gives, reason(shown, BondId(i as u32))]
         })
         .collect();
-    let mut text = format!("{}: {} bonds; the stroke is at the end that receives the effort\n\n", model.name, model.bonds.len());
+    let mut text =
+        format!("{}: {} bonds; the stroke is at the end that receives the effort\n\n", model.name, model.bonds.len());
     text.push_str(&table::lines(2, &rows));
-    let list = |ids: &[crate::model::ElementId]| ids.iter().map(|id| name::element(model.element(*id))).collect::<Vec<_>>().join(", ");
+    let list = |ids: &[crate::model::ElementId]| {
+        ids.iter().map(|id| name::element(model.element(*id))).collect::<Vec<_>>().join(", ")
+    };
     let dependent = &shown.causality.dependent;
     let _ = match dependent.len() {
         0 => writeln!(text, "\nall storages are in integral causality"),

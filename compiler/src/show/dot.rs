@@ -22,8 +22,14 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> String {
         let indent = if cluster { "    " } else { "  " };
         if cluster {
             let label = format!("{}\\n{}", r.name.replace('"', "\\\""), region::kind(shown, r));
-            let _ = writeln!(text, "  subgraph cluster_{i} {{\n    label=\"{label}\"; fontname=\"Helvetica\"; fontsize=10;");
-            let style = if r.sampling.is_some() { "style=\"rounded,filled\"; fillcolor=\"#e8eef7\"; color=\"#8aa4c8\";" } else { "style=\"rounded,dashed\"; color=\"#bbbbbb\";" };
+            let _ = writeln!(
+                text,
+                "  subgraph cluster_{i} {{\n    label=\"{label}\"; fontname=\"Helvetica\"; fontsize=10;"
+            );
+            let style = match r.sampling {
+                Some(_) => "style=\"rounded,filled\"; fillcolor=\"#e8eef7\"; color=\"#8aa4c8\";",
+                None => "style=\"rounded,dashed\"; color=\"#bbbbbb\";",
+            };
             let _ = writeln!(text, "    {style}");
         }
         for &id in &r.elements {
@@ -43,7 +49,7 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> String {
         }
         let mut more = String::new();
         if b.sampled {
-            more.push_str(", penwidth=2.5, color=\"black:white:black\"");
+            more.push_str(", penwidth=3, color=\"#31588c\"");
         }
         if let Some(n) = name::own_name(model, b) {
             let _ = write!(more, ", label={}", quoted(n));

@@ -2,7 +2,7 @@
 
 use super::name;
 use crate::expression::{Expr, Pool, Symbol};
-use crate::model::{Model, Variable};
+use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output, Region};
 use petgraph::Graph;
 use petgraph::graph::NodeIndex;
@@ -72,8 +72,7 @@ pub(super) fn equations(model: &mut Model, form: &Form, region: &Region, names: 
         .map(|(c, e)| {
             let column = form.column(*c);
             let name = format!("{}.{}", names[c.at()], column.gives.other().letter());
-            // A flow is counted into the element, but along the half arrow in its signal.
-            let against = column.sign < 0 && column.gives == Variable::Effort;
+            let against = column.sign_of(column.gives.other()) < 0;
             (name, if against { pool.neg(e) } else { e })
         })
         .collect();

@@ -1,6 +1,6 @@
 //! What is known of a region's form: skewness, semi-definiteness, bounds, dissipation.
 
-use super::matrix::{Explicit, Matrix};
+use super::matrix::{Explicit, LARGE, Matrix};
 use super::{equation::Equations, name};
 use crate::expression::{Expr, Pool};
 use crate::model::{Law, Model};
@@ -60,7 +60,12 @@ fn vanishes(pool: &Pool, e: Expr, scale: Expr) -> bool {
 
 /// Whether `[[R, P], [P^T, S]] >= 0`, and why: by its eigenvalues where they are numbers, else since a network without power
 /// of its own, closed with resistors that only take power, only takes power.
-pub(super) fn semidefinite(model: &Model, form: &Form, region: &Region, e: Option<&Explicit>) -> (Verdict, &'static str) {
+pub(super) fn semidefinite(
+    model: &Model,
+    form: &Form,
+    region: &Region,
+    e: Option<&Explicit>,
+) -> (Verdict, &'static str) {
     if let Some(verdict) = e.and_then(|e| by_eigenvalues(&model.pool, e)) {
         return (verdict, "by its eigenvalues");
     }
@@ -77,6 +82,9 @@ pub(super) fn semidefinite(model: &Model, form: &Form, region: &Region, e: Optio
 
 fn by_eigenvalues(pool: &Pool, e: &Explicit) -> Option<Verdict> {
     let (nx, nu) = (e.r.rows.len(), e.s.rows.len());
+    if nx + nu > 4 * LARGE {
+        return None;
+    }
     let mut a = DMatrix::<f64>::zeros(nx + nu, nx + nu);
     let mut set = |i: usize, j: usize, e: Expr| -> Option<()> {
         let x = pool.constant(e).filter(|x| x.is_finite())?;

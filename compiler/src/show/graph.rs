@@ -26,11 +26,19 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
 /// Initial state of a storage.
 fn start(shown: &Shown<'_>, id: crate::model::ElementId, bond: Option<BondId>) -> String {
     let Law::Storage(s) = &shown.model.element(id).law else { return String::new() };
-    format!("{} = {} at 0", shown.model.pool.name(s.state), name::quantity(s.initial, bond.and_then(|b| state_unit(shown, id, b))))
+    format!(
+        "{} = {} at 0",
+        shown.model.pool.name(s.state),
+        name::quantity(s.initial, bond.and_then(|b| state_unit(shown, id, b)))
+    )
 }
 
 /// The unit of a storage's state.
-pub(super) fn state_unit(shown: &Shown<'_>, id: crate::model::ElementId, bond: BondId) -> Option<crate::units::Dimension> {
+pub(super) fn state_unit(
+    shown: &Shown<'_>,
+    id: crate::model::ElementId,
+    bond: BondId,
+) -> Option<crate::units::Dimension> {
     let c = shown.model.element(id).kind == crate::model::Kind::C;
     let rate = name::bond_unit(shown.model, bond, if c { Variable::Flow } else { Variable::Effort });
     rate.map(|u| u.mul(crate::units::Dimension::SECOND))

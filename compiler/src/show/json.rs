@@ -1,10 +1,8 @@
-//! Everything as JSON; `phs` in the shape that the command's reference fixes.
+//! Everything as JSON.
 
-use super::matrix::{self, LARGE, Matrix};
-use super::{Shown, What, causality, fact, name, phs, region};
-use crate::expression::Pool;
-use crate::model::{BondId, Law, Model};
-use crate::structure::{Form, Region};
+use super::json_form::form;
+use super::{Shown, What, causality, name, region};
+use crate::model::{BondId, Law};
 use bond_grammar::ast::Stroke;
 use serde_json::{Map, Value, json};
 
@@ -16,6 +14,8 @@ macro_rules! object {
         map
     }};
 }
+
+pub(super) use object;
 
 /// What is asked for, as indented JSON with a line end.
 pub(super) fn text(shown: &mut Shown<'_>, what: What) -> String {
@@ -96,12 +96,17 @@ fn graph(shown: &Shown<'_>) -> Value {
             Value::Object(o)
         })
         .collect();
-    let bonds: Vec<Value> = model.bonds.iter().enumerate().map(|(i, b)| {
-        let unit = |v| name::bond_unit(model, BondId(i as u32), v).map(|u| u.to_string());
-        let units = [unit(crate::model::Variable::Effort), unit(crate::model::Variable::Flow)];
-        json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": model.element(b.head).name,
+    let bonds: Vec<Value> = model
+        .bonds
+        .iter()
+        .enumerate()
+        .map(|(i, b)| {
+            let unit = |v| name::bond_unit(model, BondId(i as u32), v).map(|u| u.to_string());
+            let units = [unit(crate::model::Variable::Effort), unit(crate::model::Variable::Flow)];
+            json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": model.element(b.head).name,
             "sampled": b.sampled, "asserted": b.stroke.map(stroke), "effort": units[0], "flow": units[1] })
-    }).collect();
+        })
+        .collect();
     let parameters: Vec<Value> = model
         .parameters
         .iter()
@@ -124,8 +129,11 @@ fn strokes(shown: &Shown<'_>) -> Value {
         json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": model.element(b.head).name, "stroke": s,
             "cause": causality::reason(shown, BondId(i as u32)) })
     }).collect();
-    let list = |ids: &[crate::model::ElementId]| ids.iter().map(|id| model.element(*id).name.clone()).collect::<Vec<_>>();
-    json!(object! { "bonds": bonds, "dependent": list(&shown.causality.dependent), "implicit": list(&shown.causality.implicit) })
+    let list =
+        |ids: &[crate::model::ElementId]| ids.iter().map(|id| model.element(*id).name.clone()).collect::<Vec<_>>();
+    json!(
+        object! { "bonds": bonds, "dependent": list(&shown.causality.dependent), "implicit": list(&shown.causality.implicit) }
+    )
 }
 
 /// Name, kind, and period of a region.
@@ -154,21 +162,30 @@ fn regions(shown: &Shown<'_>) -> Value {
             Value::Object(o)
         })
         .collect();
-    let bars: Vec<Value> = region::bars(shown).iter().map(|b| {
-        json!(object! { "bond": model.bond(b.bond).name, "holder": name(b.holder), "holds": region::word(b.held),
+    let bars: Vec<Value> = region::bars(shown)
+        .iter()
+        .map(|b| {
+            json!(object! { "bond": model.bond(b.bond).name, "holder": name(b.holder), "holds": region::word(b.held),
             "answers": name(b.other), "with": region::word(b.held.other()), "hold": b.hold.map(|h| h.name()) })
-    }).collect();
+        })
+        .collect();
     json!(object! { "regions": regions, "bars": bars })
 }
 
 fn probes(shown: &Shown<'_>) -> Value {
     let pool = &shown.model.pool;
     let list = shown.model.probes.iter();
-    list.map(|p| json!(object! { "name": p.name, "value": name::expression(pool, p.value), "unit": p.unit.map(|u| u.to_string()) })).collect()
+    list.map(|p| {
+        json!(
+            object! { "name": p.name, "value": name::expression(pool, p.value), "unit": p.unit.map(|u| u.to_string()) }
+        )
+    })
+    .collect()
 }
 
 fn programs(shown: &Shown<'_>) -> Value {
-    let list: Vec<Value> = shown.programs.iter().map(|p| json!(object! { "name": p.name, "text": p.to_string() })).collect();
+    let list: Vec<Value> =
+        shown.programs.iter().map(|p| json!(object! { "name": p.name, "text": p.to_string() })).collect();
     json!(object! { "programs": list })
 }
 
@@ -181,86 +198,4 @@ fn forms(shown: &mut Shown<'_>) -> Value {
         list.push(Value::Object(o));
     }
     json!(object! { "regions": list })
-}
-
-fn form(model: &mut Model, form: &Form, r: &Region, names: &[String]) -> Map<String, Value> {
-    let explicit = matrix::explicit_form(model, form, r, names);
-    let d = matrix::dirac(form, r, names);
-    let h = matrix::energy(&mut model.pool, r);
-    let skew = fact::not_skew(&mut model.pool, &d).is_empty();
-    let semidefinite = fact::semidefinite(model, form, r, explicit.as_ref()).0;
-    let ports: Vec<name::Port> = r.inputs.iter().map(|c| name::port(form, names, *c)).collect();
-    let states: Vec<Value> = r
-        .states
-        .iter()
-        .map(|s| json!(object! { "name": s.name, "unit": s.unit.map(|u| u.to_string()), "initial": s.initial }))
-        .collect();
-    let large = r.states.len() > LARGE;
-    let mut o = object! {
-        "states": states,
-        "dependent": r.dependent.iter().map(|d| model.element(d.element).name.clone()).collect::<Vec<_>>(),
-        "inputs": ports.iter().map(|p| p.input.clone()).collect::<Vec<_>>(),
-        "outputs": ports.iter().map(|p| p.output.clone()).collect::<Vec<_>>(),
-        "H": name::expression(&model.pool, h),
-    };
-    let laws: Vec<Value> = r.inputs.iter().map(|c| phs::source(model, form, names, *c)).map(|(_, right)| json!(right)).collect();
-    let resistive = resistive(model, form, r);
-    let pool = &model.pool;
-    match &explicit {
-        Some(e) => {
-            let u = e.real;
-            for (key, m) in [("J", &e.j), ("R", &e.r)] {
-                o.insert(key.into(), table(pool, m, large));
-            }
-            for (key, m) in [("G", &e.g), ("P", &e.p)] {
-                o.insert(key.into(), table(pool, &m.columns(0..u), large));
-            }
-            for (key, m) in [("M", &e.m), ("S", &e.s)] {
-                o.insert(key.into(), table(pool, &m.top(u).columns(0..u), large));
-            }
-            if u < e.inputs.len() {
-                let rest = |m: &Matrix| table(pool, &m.columns(u..e.inputs.len()), large);
-                // G and P: the further columns; M and S: the further columns, their rows those of all outputs.
-                let more = object! { "names": e.inputs[u..], "outputs": e.outputs[u..], "G": rest(&e.g), "P": rest(&e.p),
-                    "M": rest(&e.m), "S": rest(&e.s) };
-                o.insert("nonlinear".into(), Value::Object(more));
-            }
-        }
-        None => {
-            for key in ["J", "R", "G", "P", "M", "S"] {
-                o.insert(key.into(), Value::Null);
-            }
-        }
-    }
-    let dirac = object! { "rows": d.rows, "columns": d.columns, "D": table(pool, &d, large || d.rows.len() > 2 * LARGE),
-        "sources": laws, "resistive": resistive };
-    o.insert("dirac".into(), Value::Object(dirac));
-    o.extend(object! { "skew": skew, "semidefinite": semidefinite.decided(), "unbounded": fact::unbounded(r), "pseudo": r.pseudo });
-    o
-}
-
-fn resistive(model: &mut Model, form: &Form, r: &Region) -> Vec<Value> {
-    let mut list = Vec::new();
-    for (c, _) in &r.resistors {
-        let id = form.column(*c).element;
-        let Some((left, right)) = name::resistor(model, id) else { continue };
-        let e = model.element(id);
-        let Law::Resistor(law) = &e.law else { continue };
-        let text = format!("{left} = {}", name::expression(&model.pool, right));
-        list.push(json!(object! { "name": e.name, "law": text, "linear": law.linear.is_some(), "proved": law.dissipative }));
-    }
-    list
-}
-
-/// A matrix as rows of expressions, or sparse where it is large.
-fn table(pool: &Pool, m: &Matrix, large: bool) -> Value {
-    if large {
-        let entries: Vec<Value> = m.entries.iter().map(|(i, j, e)| json!([i, j, name::expression(pool, *e)])).collect();
-        return json!(object! { "sparse": entries, "shape": [m.rows.len(), m.columns.len()] });
-    }
-    let mut rows = vec![vec!["0".to_string(); m.columns.len()]; m.rows.len()];
-    for (i, j, e) in &m.entries {
-        rows[*i][*j] = name::expression(pool, *e);
-    }
-    json!(rows)
 }

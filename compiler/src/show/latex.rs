@@ -56,7 +56,7 @@ fn one(model: &mut Model, form: &Form, r: &Region, names: &[String], text: &mut 
     }
     let d = matrix::dirac(form, r, names);
     if d.rows.len() <= WIDEST && !d.rows.is_empty() {
-        text.push_str("The Dirac structure, with $e$ and $f$ of each element counted into it:\n");
+        text.push_str("The Dirac structure, the power $e f$ of each element counted into it:\n");
         let pool = &mut model.pool;
         let (rows, columns) = (column(pool, &d.rows), column(pool, &d.columns));
         let body = body(pool, &d);
@@ -148,7 +148,9 @@ fn laws(model: &mut Model, form: &Form, r: &Region, names: &[String], text: &mut
         lines.extend(name::resistor(model, form.column(*c).element));
     }
     let pool = &mut model.pool;
-    let lines: Vec<String> =
-        lines.into_iter().map(|(left, right)| format!("{} &= {}", symbol(pool, &left), name::formula(pool, right))).collect();
+    let lines: Vec<String> = lines
+        .into_iter()
+        .map(|(left, right)| format!("{} &= {}", symbol(pool, &left), name::formula(pool, right)))
+        .collect();
     aligned(&lines, text);
 }

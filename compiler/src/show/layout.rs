@@ -1,6 +1,8 @@
 //! Places for the elements of a graph: stress majorisation over all-pairs distances (Gansner, Koren, North 2004), begun from
 //! classical scaling, turned so that most bonds lie level or upright, and pushed apart where labels meet.
 
+use super::settle::{self, settle};
+
 /// A point, in pixels.
 pub(super) type Point = [f64; 2];
 
@@ -17,14 +19,15 @@ pub(super) struct Drawing<'a> {
 /// Pixels from one element to the next.
 const UNIT: f64 = 92.0;
 
-/// The least length of a bond that is to be seen.
-const SEEN: f64 = 36.0;
+/// From this many elements on a graph may be a long chain.
+const LONG: usize = 24;
 
 /// Where the nodes go.
 pub(super) fn place(drawing: &Drawing<'_>) -> Vec<Point> {
     let n = drawing.sizes.len();
     let distance = distances(n, drawing.bonds);
     let mut x = scaling(&distance);
+    fan(&mut x, drawing.bonds);
     for _ in 0..200 {
         x = majorise(&distance, &x, (&[], 0.0));
     }
@@ -35,18 +38,44 @@ pub(super) fn place(drawing: &Drawing<'_>) -> Vec<Point> {
             x = majorise(&distance, &x, (&pulls, weight));
         }
     }
+    // Wide labels take wide steps.
+    let mut needs: Vec<f64> = drawing
+        .bonds
+        .iter()
+        .map(|(a, b, _)| drawing.sizes[*a][0] + drawing.sizes[*b][0] + 8.0 + settle::SEEN)
+        .collect();
+    needs.sort_by(f64::total_cmp);
+    let step = needs.get(needs.len() * 4 / 5).copied().unwrap_or(UNIT).clamp(UNIT, 2.0 * UNIT);
     for p in &mut x {
-        *p = [p[0] * UNIT, p[1] * UNIT * 0.92];
+        *p = [p[0] * step, p[1] * UNIT * 0.9];
     }
-    for round in 0..400 {
-        let moved = part_labels(&mut x, drawing)
-            | stretch(&mut x, drawing)
-            | (round % 2 == 0 && clear_bonds(&mut x, drawing));
-        if !moved {
-            break;
+    settle(&mut x, drawing);
+    x
+}
+
+/// Long chains start with their leaves on both sides by turns, since all on one side would bend them.
+fn fan(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
+    if x.len() < LONG {
+        return;
+    }
+    let mut degree = vec![0; x.len()];
+    for &(a, b, _) in bonds {
+        degree[a] += 1;
+        degree[b] += 1;
+    }
+    let extent = |k: usize| {
+        let (low, high) = x.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[k]), h.max(p[k])));
+        high - low
+    };
+    if extent(0) > 3.0 * extent(1) {
+        for p in x.iter_mut() {
+            p[1] = 0.0;
         }
     }
-    x
+    let leaves = (0..x.len()).filter(|i| degree[*i] == 1).collect::<Vec<_>>();
+    for (k, &i) in leaves.iter().enumerate() {
+        x[i][1] += if k % 2 == 0 { 0.7 } else { -0.7 };
+    }
 }
 
 /// All-pairs distances along the bonds; pieces that nothing joins stand a little apart.
@@ -222,87 +251,4 @@ fn axes(x: &[Point], bonds: &[(usize, usize, f64)]) -> Vec<Pull> {
         }
     }
     pulls
-}
-
-/// Pushes labels apart that touch, and labels out of parts they are not of.
-fn part_labels(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
-    let mut moved = false;
-    for i in 0..x.len() {
-        for j in i + 1..x.len() {
-            let apart = if drawing.parts[i] == drawing.parts[j] { [10.0, 14.0] } else { [30.0, 44.0] };
-            let need = [0, 1].map(|k| drawing.sizes[i][k] + drawing.sizes[j][k] + apart[k]);
-            let delta = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
-            let over = [need[0] - delta[0].abs(), need[1] - delta[1].abs()];
-            if over[0] <= 0.0 || over[1] <= 0.0 {
-                continue;
-            }
-            moved = true;
-            let k = usize::from(over[1] < over[0]);
-            let sign = if delta[k] < 0.0 { -1.0 } else { 1.0 };
-            x[i][k] -= sign * (0.5 * over[k] + 0.5);
-            x[j][k] += sign * (0.5 * over[k] + 0.5);
-        }
-    }
-    moved
-}
-
-/// Lengthens bonds of which the labels leave too little to be seen.
-fn stretch(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
-    let mut moved = false;
-    for &(a, b, length) in drawing.bonds {
-        let d = [x[b][0] - x[a][0], x[b][1] - x[a][1]];
-        let full = d[0].hypot(d[1]);
-        if full < 1e-6 {
-            continue;
-        }
-        let u = [d[0] / full, d[1] / full];
-        let hidden: f64 = [a, b]
-            .iter()
-            .map(|i| {
-                let half = drawing.sizes[*i];
-                let reach = |k: usize| if u[k].abs() < 1e-9 { f64::INFINITY } else { (half[k] + 4.0) / u[k].abs() };
-                reach(0).min(reach(1))
-            })
-            .sum();
-        let short = hidden + SEEN * length - full;
-        if short > 0.5 {
-            moved = true;
-            for k in 0..2 {
-                x[a][k] -= 0.5 * short * u[k];
-                x[b][k] += 0.5 * short * u[k];
-            }
-        }
-    }
-    moved
-}
-
-/// Pushes labels off bonds that are not theirs.
-fn clear_bonds(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
-    let mut moved = false;
-    for &(a, b, _) in drawing.bonds {
-        for i in (0..x.len()).filter(|i| *i != a && *i != b) {
-            let d = [x[b][0] - x[a][0], x[b][1] - x[a][1]];
-            let length = d[0].hypot(d[1]);
-            if length < 1e-6 {
-                continue;
-            }
-            let normal = [-d[1] / length, d[0] / length];
-            let p = [x[i][0] - x[a][0], x[i][1] - x[a][1]];
-            let (along, across) = ((p[0] * d[0] + p[1] * d[1]) / length, p[0] * normal[0] + p[1] * normal[1]);
-            let reach = |v: Point| v[0].abs() * drawing.sizes[i][0] + v[1].abs() * drawing.sizes[i][1] + 6.0;
-            let (half, far) = (reach(normal), reach([d[0] / length, d[1] / length]));
-            if across.abs() >= half || along < -far || along > length + far {
-                continue;
-            }
-            moved = true;
-            let sign = if across < 0.0 { -1.0 } else { 1.0 };
-            let push = sign * (0.5 * (half - across.abs()) + 0.5);
-            for k in 0..2 {
-                x[i][k] += push * normal[k];
-                x[a][k] -= 0.25 * push * normal[k];
-                x[b][k] -= 0.25 * push * normal[k];
-            }
-        }
-    }
-    moved
 }

@@ -1,12 +1,13 @@
 //! The matrices of a region with the names of their rows and columns.
 
 use super::name;
+use super::sparse::{self, Entries, Sparse};
 use crate::expression::{Expr, Pool};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Region, explicit};
 use rustc_hash::FxHashMap;
 
-/// A region with more states has no explicit form in print, and its Dirac structure is sparse.
+/// The matrices of a region with more states are sparse.
 pub(super) const LARGE: usize = 60;
 
 /// A matrix: the entries that are not 0, by rows.
@@ -35,7 +36,8 @@ pub(super) struct Explicit {
 impl Matrix {
     /// The part with these columns.
     pub(super) fn columns(&self, range: std::ops::Range<usize>) -> Matrix {
-        let entries = self.entries.iter().filter(|e| range.contains(&e.1)).map(|&(i, j, e)| (i, j - range.start, e)).collect();
+        let entries =
+            self.entries.iter().filter(|e| range.contains(&e.1)).map(|&(i, j, e)| (i, j - range.start, e)).collect();
         Matrix { rows: self.rows.clone(), columns: self.columns[range.clone()].to_vec(), entries }
     }
 
@@ -52,7 +54,7 @@ pub(super) fn order(region: &Region) -> Vec<ColumnId> {
     region.inputs.iter().copied().chain(states).chain(region.resistors.iter().map(|r| r.0)).collect()
 }
 
-/// The Dirac structure: each element's input by the outputs of all, every flow and power counted into the element.
+/// The Dirac structure: each element's input by the outputs of all, its power counted into it.
 pub(super) fn dirac(form: &Form, region: &Region, names: &[String]) -> Matrix {
     let order = order(region);
     let place: FxHashMap<ColumnId, usize> = order.iter().enumerate().map(|(i, c)| (*c, i)).collect();
@@ -71,13 +73,17 @@ pub(super) fn dirac(form: &Form, region: &Region, names: &[String]) -> Matrix {
     }
 }
 
-/// The explicit form of a region; `None` where it is too large to be written out, or has none.
+/// The explicit form of a region; `None` where it has none, or one that is too large to be written out.
 pub(super) fn explicit_form(model: &mut Model, form: &Form, region: &Region, names: &[String]) -> Option<Explicit> {
-    if region.states.len() > LARGE || region.resistors.len() + region.inputs.len() > 2 * LARGE {
-        return None;
-    }
-    let e = explicit(model, form, region)?;
-    let ports: Vec<name::Port> = e.inputs.iter().map(|c| name::port(form, names, *c)).collect();
+    let large = region.states.len() > LARGE || region.resistors.len() + region.inputs.len() > 2 * LARGE;
+    let Sparse { matrices, inputs, nonlinear } = if large {
+        sparse::explicit(model, form, region)?
+    } else {
+        let e = explicit(model, form, region)?;
+        let matrices = [&e.j, &e.r, &e.g, &e.p, &e.m, &e.s].map(|m| entries(&model.pool, m));
+        Sparse { matrices, inputs: e.inputs, nonlinear: e.nonlinear }
+    };
+    let ports: Vec<name::Port> = inputs.iter().map(|c| name::port(form, names, *c)).collect();
     let turned: Vec<bool> = ports.iter().map(|p| p.turned).collect();
     let straight = vec![false; region.states.len()];
     let states: Vec<String> = region.states.iter().map(|s| s.name.clone()).collect();
@@ -85,33 +91,31 @@ pub(super) fn explicit_form(model: &mut Model, form: &Form, region: &Region, nam
     let rates: Vec<String> = states.iter().map(|s| format!("d({s})/dt")).collect();
     let inputs: Vec<String> = ports.iter().map(|p| p.input.clone()).collect();
     let outputs: Vec<String> = ports.iter().map(|p| p.output.clone()).collect();
+    let real = inputs.len().saturating_sub(nonlinear);
     let pool = &mut model.pool;
-    let mut make = |a: &[Vec<Expr>], rows: &[String], columns: &[String], flip: (&[bool], &[bool])| {
-        Matrix { rows: rows.to_vec(), columns: columns.to_vec(), entries: entries(pool, a, flip) }
+    let [j, r, g, p, m, s] = matrices;
+    let mut make = |a: Entries, rows: &[String], columns: &[String], flip: (&[bool], &[bool])| {
+        let mut turn =
+            |((i, j), e): ((usize, usize), Expr)| (i, j, if flip.0[i] == flip.1[j] { e } else { pool.neg(e) });
+        let entries = a.into_iter().map(&mut turn).collect();
+        Matrix { rows: rows.to_vec(), columns: columns.to_vec(), entries }
     };
     Some(Explicit {
-        j: make(&e.j, &rates, &co, (&straight, &straight)),
-        r: make(&e.r, &rates, &co, (&straight, &straight)),
-        g: make(&e.g, &rates, &inputs, (&straight, &turned)),
-        p: make(&e.p, &rates, &inputs, (&straight, &turned)),
-        m: make(&e.m, &outputs, &inputs, (&turned, &turned)),
-        s: make(&e.s, &outputs, &inputs, (&turned, &turned)),
-        real: inputs.len().saturating_sub(e.nonlinear),
+        j: make(j, &rates, &co, (&straight, &straight)),
+        r: make(r, &rates, &co, (&straight, &straight)),
+        g: make(g, &rates, &inputs, (&straight, &turned)),
+        p: make(p, &rates, &inputs, (&straight, &turned)),
+        m: make(m, &outputs, &inputs, (&turned, &turned)),
+        s: make(s, &outputs, &inputs, (&turned, &turned)),
+        real,
         inputs,
         outputs,
     })
 }
 
-fn entries(pool: &mut Pool, a: &[Vec<Expr>], flip: (&[bool], &[bool])) -> Vec<(usize, usize, Expr)> {
-    let mut list = Vec::new();
-    for (i, row) in a.iter().enumerate() {
-        for (j, &e) in row.iter().enumerate() {
-            if !pool.is_zero(e) {
-                list.push((i, j, if flip.0[i] == flip.1[j] { e } else { pool.neg(e) }));
-            }
-        }
-    }
-    list
+fn entries(pool: &Pool, a: &[Vec<Expr>]) -> Entries {
+    let all = a.iter().enumerate().flat_map(|(i, row)| row.iter().enumerate().map(move |(j, e)| ((i, j), *e)));
+    all.filter(|(_, e)| !pool.is_zero(*e)).collect()
 }
 
 /// H of a region.

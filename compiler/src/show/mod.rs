@@ -10,12 +10,15 @@ mod equation;
 mod fact;
 mod graph;
 mod json;
+mod json_form;
 mod latex;
 mod layout;
 mod matrix;
 mod name;
 mod phs;
 mod region;
+mod settle;
+mod sparse;
 mod summary;
 mod svg;
 mod table;
@@ -47,8 +50,7 @@ pub enum What {
 
 impl What {
     /// All of them.
-    pub const ALL: [What; 6] =
-        [What::All, What::Graph, What::Causality, What::Phs, What::Regions, What::Program];
+    pub const ALL: [What; 6] = [What::All, What::Graph, What::Causality, What::Phs, What::Regions, What::Program];
 
     /// As it is written on the command line.
     pub fn name(self) -> &'static str {

@@ -175,7 +175,7 @@ pub(super) fn port(form: &Form, names: &[String], id: ColumnId) -> Port {
     Port {
         input: format!("{name}.{give}"),
         output: format!("{}{name}.{take}", if outward { "" } else { "-" }),
-        turned: outward && c.gives == Variable::Flow,
+        turned: outward && c.sign_of(c.gives) < 0,
     }
 }
 
@@ -183,7 +183,8 @@ pub(super) fn port(form: &Form, names: &[String], id: ColumnId) -> Port {
 pub(super) fn resistor(model: &mut Model, id: ElementId) -> Option<(String, Expr)> {
     let e = model.element(id);
     let Law::Resistor(r) = e.law.clone() else { return None };
-    let (left, argument) = (format!("{}.{}", e.name, r.gives.letter()), format!("{}.{}", e.name, r.gives.other().letter()));
+    let (left, argument) =
+        (format!("{}.{}", e.name, r.gives.letter()), format!("{}.{}", e.name, r.gives.other().letter()));
     let x = model.pool.symbol(&argument);
     let x = model.pool.var(x);
     let map: FxHashMap<_, _> = std::iter::once((r.argument, x)).collect();

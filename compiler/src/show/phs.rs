@@ -24,11 +24,14 @@ fn one(model: &mut Model, form: &Form, r: &Region, names: &[String], text: &mut 
     let explicit = matrix::explicit_form(model, form, r, names);
     match &explicit {
         Some(e) => matrices(model, e, text),
-        None if r.states.len() > matrix::LARGE => text.push_str("\nthe explicit form of a region of this size is not written out\n"),
-        None => text.push_str("\nthe explicit form is not written out: a loop of its resistors is singular or large\n"),
+        None => text.push_str(
+            "\nthe explicit form is not written out: a loop of its resistors is singular, or it is too large\n",
+        ),
     }
     let d = matrix::dirac(form, r, names);
-    text.push_str("\nDirac structure [e_I; f_C; e_R] = D [f_I; e_C; f_R], e and f of each element counted into it\n");
+    text.push_str(
+        "\nDirac structure [e_I; f_C; e_R] = D [f_I; e_C; f_R], the power e f of each element counted into it\n",
+    );
     text.push_str(&table::matrix(&model.pool, "D", &d));
     laws(model, form, r, names, text);
     let equations = equation::equations(model, form, r, names);
@@ -45,8 +48,11 @@ pub(super) fn states(r: &Region, text: &mut String) {
         return;
     }
     let _ = writeln!(text, "  {} state{}", r.states.len(), region::plural(r.states.len()));
-    let rows: Vec<Vec<String>> =
-        r.states.iter().map(|s| vec![s.name.clone(), format!("= {} at 0", name::quantity(s.initial, s.unit))]).collect();
+    let rows: Vec<Vec<String>> = r
+        .states
+        .iter()
+        .map(|s| vec![s.name.clone(), format!("= {} at 0", name::quantity(s.initial, s.unit))])
+        .collect();
     text.push_str(&table::lines(4, &rows));
 }
 

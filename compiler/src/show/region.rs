@@ -51,7 +51,14 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
     let model = &*shown.model;
     let regions = &shown.graph.regions;
     let bars = bars(shown);
-    let mut text = format!("{}: {} region{}, {} double bar{}\n", model.name, regions.len(), plural(regions.len()), bars.len(), plural(bars.len()));
+    let mut text = format!(
+        "{}: {} region{}, {} double bar{}\n",
+        model.name,
+        regions.len(),
+        plural(regions.len()),
+        bars.len(),
+        plural(bars.len())
+    );
     for r in regions {
         let _ = writeln!(text, "\nregion {}: {}", r.name, kind(shown, r));
         let elements: Vec<String> = r.elements.iter().map(|e| name::element(model.element(*e))).collect();
@@ -66,7 +73,8 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
 }
 
 fn bar(shown: &Shown<'_>, b: &Bar) -> Vec<String> {
-    let (name, of) = (|id: ElementId| shown.model.element(id).name.clone(), |id: ElementId| shown.graph.region_of[id.at()].at());
+    let (name, of) =
+        (|id: ElementId| shown.model.element(id).name.clone(), |id: ElementId| shown.graph.region_of[id.at()].at());
     let region = |id: ElementId| shown.graph.regions[of(id)].name.clone();
     vec![
         name::bond(shown.model, b.bond, None),

@@ -55,8 +55,11 @@ pub(super) fn text(shown: &mut Shown<'_>) -> String {
 fn one(shown: &mut Shown<'_>, at: usize, names: &[String], text: &mut String) {
     let (model, form) = (&mut *shown.model, shown.form);
     let r = &form.regions[at];
-    let rows: Vec<Vec<String>> =
-        r.states.iter().map(|s| vec![s.name.clone(), format!("= {} at 0", name::quantity(s.initial, s.unit))]).collect();
+    let rows: Vec<Vec<String>> = r
+        .states
+        .iter()
+        .map(|s| vec![s.name.clone(), format!("= {} at 0", name::quantity(s.initial, s.unit))])
+        .collect();
     if !rows.is_empty() {
         let _ = write!(text, "  states\n{}", cut(rows, 4, ""));
     }
@@ -74,7 +77,11 @@ fn one(shown: &mut Shown<'_>, at: usize, names: &[String], text: &mut String) {
     }
     for u in &equations.unknowns {
         let law = name::expression(pool, u.law);
-        rows.push(if u.root { vec!["0".into(), format!("= {law}"), format!("gives {}", u.name)] } else { vec![u.name.clone(), format!("= {law}")] });
+        rows.push(if u.root {
+            vec!["0".into(), format!("= {law}"), format!("gives {}", u.name)]
+        } else {
+            vec![u.name.clone(), format!("= {law}")]
+        });
     }
     if !rows.is_empty() {
         rows.truncate(MANY);
@@ -96,7 +103,8 @@ fn one(shown: &mut Shown<'_>, at: usize, names: &[String], text: &mut String) {
         let _ = write!(text, "  inputs\n{}", cut(rows, 4, ""));
     }
     let answer = |e| name::expression(&model.pool, e);
-    let rows: Vec<Vec<String>> = equations.outputs.iter().map(|(left, e)| vec![left.clone(), format!("= {}", answer(*e))]).collect();
+    let rows: Vec<Vec<String>> =
+        equations.outputs.iter().map(|(left, e)| vec![left.clone(), format!("= {}", answer(*e))]).collect();
     if !rows.is_empty() {
         let _ = write!(text, "  answers\n{}", cut(rows, 4, ""));
     }

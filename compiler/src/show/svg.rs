@@ -42,7 +42,18 @@ fn label(e: &Element) -> String {
 
 fn width(text: &str, size: f64) -> f64 {
     // Capitals and wide letters make up for the narrow ones.
-    text.chars().map(|c| if "ilj.:,'|[]()I1".contains(c) { 0.42 } else if "mwMW@".contains(c) { 0.97 } else { 0.65 }).sum::<f64>() * size
+    text.chars()
+        .map(|c| {
+            if "ilj.:,'|[]()I".contains(c) {
+                0.42
+            } else if "mwMW@".contains(c) {
+                0.97
+            } else {
+                0.65
+            }
+        })
+        .sum::<f64>()
+        * size
 }
 
 /// The picture; `graph` without causal strokes.
@@ -52,7 +63,10 @@ fn width(text: &str, size: f64) -> f64 {
 pub(super) fn text(shown: &Shown<'_>, what: What) -> Result<String, String> {
     let model = &*shown.model;
     if model.elements.len() > LARGEST {
-        return Err(format!("a picture of {} elements is too large to be read (the most is {LARGEST}); `dot` takes it", model.elements.len()));
+        return Err(format!(
+            "a picture of {} elements is too large to be read (the most is {LARGEST}); `dot` takes it",
+            model.elements.len()
+        ));
     }
     let labels: Vec<String> = model.elements.iter().map(label).collect();
     let sizes: Vec<Point> = labels.iter().map(|l| [0.5 * width(l, 14.0), 8.5]).collect();
@@ -76,7 +90,13 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> Result<String, String> {
     for (i, b) in model.bonds.iter().enumerate() {
         let end = |i: usize| (x[i], sizes[i]);
         let stroke = if what == What::Graph { b.stroke } else { shown.causality.strokes.get(i).copied() };
-        let arrow = Arrow { tail: end(b.tail.at()), head: end(b.head.at()), stroke, sampled: b.sampled, name: name::own_name(model, b) };
+        let arrow = Arrow {
+            tail: end(b.tail.at()),
+            head: end(b.head.at()),
+            stroke,
+            sampled: b.sampled,
+            name: name::own_name(model, b),
+        };
         arrow.svg(&mut body);
     }
     for (i, e) in model.elements.iter().enumerate() {
@@ -115,7 +135,9 @@ fn node(e: &Element, p: Point, text: &mut String) {
             p[0],
             name::kind(e.kind)
         ),
-        Kind::Port => writeln!(text, "<text class=\"node\" font-style=\"italic\" x=\"{:.1}\" y=\"{y:.1}\">{name}</text>", p[0]),
+        Kind::Port => {
+            writeln!(text, "<text class=\"node\" font-style=\"italic\" x=\"{:.1}\" y=\"{y:.1}\">{name}</text>", p[0])
+        }
         Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df => {
             writeln!(text, "<text class=\"node\" x=\"{:.1}\" y=\"{y:.1}\">{}:{name}</text>", p[0], name::kind(e.kind))
         }
@@ -140,10 +162,16 @@ fn shade(
     }
     let hull = hull(corners);
     let points: Vec<String> = hull.iter().map(|p| format!("{:.1},{:.1}", p[0], p[1])).collect();
-    let _ = writeln!(text, "<polygon class=\"sampled\" stroke-width=\"{:.0}\" points=\"{}\"/>", 2.0 * PADDING, points.join(" "));
+    let _ = writeln!(
+        text,
+        "<polygon class=\"sampled\" stroke-width=\"{:.0}\" points=\"{}\"/>",
+        2.0 * PADDING,
+        points.join(" ")
+    );
     let label = format!("{}: {}", r.name, region::kind(shown, r));
     let half = [0.5 * width(&label, 11.0), 8.0];
-    let edge = |k: usize, least: bool| hull.iter().map(|p| p[k]).fold(f64::NAN, if least { f64::min } else { f64::max });
+    let edge =
+        |k: usize, least: bool| hull.iter().map(|p| p[k]).fold(f64::NAN, if least { f64::min } else { f64::max });
     let middle = 0.5 * (edge(0, true) + edge(0, false));
     let places = [edge(1, true) - PADDING - 10.0, edge(1, false) + PADDING + 10.0].map(|y| [middle, y]);
     let crossed = |p: &Point| {
@@ -152,7 +180,8 @@ fn shade(
         bonds + 2 * x.iter().zip(sizes).filter(|(q, s)| meets(q, s)).count()
     };
     let at = if crossed(&places[1]) < crossed(&places[0]) { places[1] } else { places[0] };
-    let _ = writeln!(names, "<text class=\"label\" x=\"{:.1}\" y=\"{:.1}\">{}</text>", at[0], at[1] + 4.0, escape(&label));
+    let _ =
+        writeln!(names, "<text class=\"label\" x=\"{:.1}\" y=\"{:.1}\">{}</text>", at[0], at[1] + 4.0, escape(&label));
     cover(at, half);
 }
 

@@ -83,7 +83,7 @@ fn solve(
     for (i, c) in columns.iter().enumerate() {
         let near = if c.role == Role::Bar { model.bond(c.bond).other(c.element) } else { c.element };
         let at = index(c.bond, side(model, c.bond, near), c.gives);
-        let k = if c.gives == Variable::Flow { pool.int(c.sign) } else { one };
+        let k = if c.gives == Variable::Flow { pool.int(c.sign_of(Variable::Flow)) } else { one };
         definitions[at].push((Term::Column(ColumnId(i as u32)), k));
     }
     for (id, e) in model.ids() {
@@ -127,7 +127,7 @@ fn solve(
     for c in columns.iter_mut() {
         let near = if c.role == Role::Bar { model.bond(c.bond).other(c.element) } else { c.element };
         let row = rows.get(model, c.bond, near, c.gives.other());
-        let k = if c.gives == Variable::Effort { pool.int(c.sign) } else { one };
+        let k = pool.int(c.sign_of(c.gives.other()));
         c.row = combine(pool, [(k, row)]);
     }
     Ok(rows)

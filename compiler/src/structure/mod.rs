@@ -60,7 +60,7 @@ pub struct Column {
     pub element: ElementId,
     /// Its bond.
     pub bond: BondId,
-    /// 1 where the bond points at it: its own flow is this times the bond's.
+    /// 1 where the bond points at it, -1 where it points away; see [`Column::sign_of`].
     pub sign: i64,
     /// The region.
     pub region: RegionId,
@@ -72,6 +72,15 @@ pub struct Column {
     pub out: Symbol,
     /// Its input as a combination of outputs.
     pub row: Row,
+}
+
+impl Column {
+    /// The column's own variable is this times the bond's, so that the product of its pair is the power into it. The sign is on
+    /// the flow, except for a flow source, whose value is the flow along the half arrow as the user gave it.
+    pub fn sign_of(&self, variable: Variable) -> i64 {
+        let on_effort = matches!(self.role, Role::Source(_)) && self.gives == Variable::Flow;
+        if (variable == Variable::Effort) == on_effort { self.sign } else { 1 }
+    }
 }
 
 /// A resistor's output.

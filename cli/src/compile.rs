@@ -1,0 +1,201 @@
+//! From a file or a text to a compiled model.
+
+use crate::errors::Errors;
+use crate::load::{FileLoader, read};
+use crate::quantity::{Quantity, quantity};
+use crate::simulation::{RunError, Simulation, Steps};
+use bond_compiler::show::{As, Shown, What};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::{SourceId, Sources, Span};
+use bond_runtime::ir::Program;
+use bond_runtime::scene::{Respond, Scene};
+use std::path::Path;
+
+/// What to compile a model with.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    model: Option<String>,
+    method: Option<String>,
+    set: Vec<(String, Result<Quantity, String>)>,
+}
+
+impl Options {
+    /// The last model of the file, with its own parameters and methods.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes another model of the file for the scene.
+    pub fn model(mut self, name: impl Into<String>) -> Self {
+        self.model = Some(name.into());
+        self
+    }
+
+    /// Takes another stepper: `exact`, `gonzalez`, `ray`, `euler`, `rk4`.
+    pub fn method(mut self, name: impl Into<String>) -> Self {
+        self.method = Some(name.into());
+        self
+    }
+
+    /// Sets a parameter by its path, to a number with its unit, or in SI.
+    pub fn set(mut self, path: impl Into<String>, value: &str) -> Self {
+        self.set.push((path.into(), quantity(value)));
+        self
+    }
+
+    /// Sets a parameter by its path to a number that was read before.
+    pub fn set_quantity(mut self, path: impl Into<String>, value: Quantity) -> Self {
+        self.set.push((path.into(), Ok(value)));
+        self
+    }
+
+    /// Compiles a file.
+    ///
+    /// # Errors
+    /// All that is wrong with it; also that it cannot be read.
+    pub fn compile_file(&self, path: impl AsRef<Path>) -> Result<Compiled, Errors> {
+        let path = path.as_ref();
+        let name = path.to_string_lossy().into_owned();
+        match read(path) {
+            Ok(text) => self.compile_str(&name, text),
+            Err(e) => Err(lone(&name, "file::read", format!("cannot read {name}: {e}"))),
+        }
+    }
+
+    /// Compiles a text. The name is shown in messages; files that the text uses are looked for beside it.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn compile_str(&self, name: &str, text: impl Into<String>) -> Result<Compiled, Errors> {
+        let mut set = Vec::new();
+        for (path, value) in &self.set {
+            match value {
+                Ok((number, dimension)) => set.push((path.clone(), *number, *dimension)),
+                Err(why) => return Err(lone(name, "elaborate::set", format!("the value of `{path}`: {why}"))),
+            }
+        }
+        let options = bond_compiler::Options { model: self.model.clone(), set, method: self.method.clone() };
+        let mut sources = Sources::new();
+        let main = sources.add(name, text);
+        match bond_compiler::compile(&mut sources, main, &mut FileLoader::new(name), &options) {
+            Ok(inner) => Ok(Compiled { inner, sources }),
+            Err(list) => Err(Errors::new(sources, list)),
+        }
+    }
+}
+
+/// An error that has no place in the text.
+fn lone(name: &str, code: &'static str, message: String) -> Errors {
+    let mut sources = Sources::new();
+    sources.add(name, "");
+    let at = Span { source: SourceId(0), start: 0, end: 0 };
+    Errors::new(sources, vec![Diagnostic::error(code, at, message)])
+}
+
+/// Compiles a file as it is.
+///
+/// # Errors
+/// All that is wrong with it; also that it cannot be read.
+pub fn compile_file(path: impl AsRef<Path>) -> Result<Compiled, Errors> {
+    Options::new().compile_file(path)
+}
+
+/// Compiles a text as it is. The name is shown in messages; files that the text uses are looked for beside it.
+///
+/// # Errors
+/// All that is wrong with it.
+pub fn compile_str(name: &str, text: impl Into<String>) -> Result<Compiled, Errors> {
+    Options::new().compile_str(name, text)
+}
+
+/// A compiled model, ready to be shown and run.
+#[derive(Clone, Debug)]
+pub struct Compiled {
+    inner: bond_compiler::Compiled,
+    sources: Sources,
+}
+
+impl Compiled {
+    /// All stages of it.
+    pub fn stages(&self) -> &bond_compiler::Compiled {
+        &self.inner
+    }
+
+    /// The texts that it was made from.
+    pub fn sources(&self) -> &Sources {
+        &self.sources
+    }
+
+    /// What runs.
+    pub fn scene(&self) -> &Scene {
+        &self.inner.scene
+    }
+
+    /// The names of the probes, in order of declaration.
+    pub fn probes(&self) -> &[String] {
+        &self.inner.scene.probes.names
+    }
+
+    /// A part of it as text: `all`, `graph`, `causality`, `phs`, `regions`, `program`. For another word, the text says so.
+    pub fn show(&self, what: &str) -> String {
+        let Some(what) = What::ALL.into_iter().find(|w| w.name() == what) else {
+            let known: Vec<&str> = What::ALL.iter().map(|w| w.name()).collect();
+            return format!("there is no `{what}` to show, only {}\n", known.join(", "));
+        };
+        self.show_as(what, As::Text).unwrap_or_else(|why| why + "\n")
+    }
+
+    /// A part of it in a format.
+    ///
+    /// # Errors
+    /// A combination that makes no sense, or a picture that would be too large, in words.
+    pub fn show_as(&self, what: What, format: As) -> Result<String, String> {
+        let mut model = self.inner.model.clone();
+        let programs = programs(&self.inner.scene);
+        let shown = Shown {
+            model: &mut model,
+            graph: &self.inner.graph,
+            causality: &self.inner.causality,
+            form: &self.inner.form,
+            programs: &programs,
+        };
+        bond_compiler::show::show(shown, what, format)
+    }
+
+    /// The linear model around the initial state, or around a state given by the states' names.
+    ///
+    /// # Errors
+    /// In words, where loops of resistors cannot be solved at that state.
+    pub fn linearize(
+        &self,
+        time: f64,
+        states: &dyn Fn(&str) -> Option<f64>,
+    ) -> Result<bond_compiler::linearize::Linearized, String> {
+        bond_compiler::linearize::linearize(&mut self.inner.clone(), time, states)
+    }
+
+    /// Puts it at its start. The model's own `simulate` settings hold where `steps` says nothing.
+    ///
+    /// # Errors
+    /// A step length that makes no sense, or a program that fails at the start.
+    pub fn simulate(&self, steps: Steps) -> Result<Simulation<'_>, RunError> {
+        let settings = &self.inner.model.settings;
+        let stop = settings.stop.unwrap_or(1.0);
+        Simulation::new(&self.inner.scene, &steps.resolve(settings, stop, settings.every)?)
+    }
+}
+
+/// All programs of a scene, in the order in which they run.
+fn programs(scene: &Scene) -> Vec<Program> {
+    let mut list = Vec::new();
+    for c in &scene.clusters {
+        match &c.respond {
+            Some(Respond::Last(p) | Respond::Matched(p)) => list.push(p.clone()),
+            None => {}
+        }
+        list.push(c.step.program.clone());
+        list.push(c.instant.clone());
+    }
+    list.extend(scene.probes.program.clone());
+    list
+}

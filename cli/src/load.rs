@@ -1,0 +1,125 @@
+//! Files of models: reading them, and following `use "path"` from one to the next.
+
+use bond_compiler::elaborate::Loader;
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+use thiserror::Error;
+
+/// A little more than the grammar takes, so that it is the one to say that a text is too large.
+const BYTES: u64 = 17 << 20;
+
+/// Why a text could not be had.
+#[derive(Debug, Error)]
+pub enum ReadError {
+    /// The file cannot be opened or read.
+    #[error("{0}")]
+    Unreadable(String),
+    /// It is no text.
+    #[error("line {line} is not UTF-8 text")]
+    NotText {
+        /// The first line that is none, from 1.
+        line: usize,
+    },
+}
+
+/// The text of a file, or of standard input where the path is `-`.
+///
+/// # Errors
+/// A file that is not there, is a directory or no UTF-8 text.
+pub fn read(path: &Path) -> Result<String, ReadError> {
+    let unreadable = |e: std::io::Error| ReadError::Unreadable(plain(&e));
+    let mut bytes = Vec::new();
+    if path == Path::new("-") {
+        std::io::stdin().lock().take(BYTES).read_to_end(&mut bytes).map_err(unreadable)?;
+    } else {
+        let file = File::open(path).map_err(unreadable)?;
+        if file.metadata().map_err(unreadable)?.is_dir() {
+            return Err(ReadError::Unreadable("it is a directory".into()));
+        }
+        file.take(BYTES).read_to_end(&mut bytes).map_err(unreadable)?;
+    }
+    if bytes.len() as u64 == BYTES {
+        // Cut within a letter, perhaps: what is left is too large all the same.
+        return Ok(String::from_utf8_lossy(&bytes).into_owned());
+    }
+    String::from_utf8(bytes).map_err(|e| {
+        let good = &e.as_bytes()[..e.utf8_error().valid_up_to()];
+        ReadError::NotText { line: good.iter().filter(|b| **b == b'\n').count() + 1 }
+    })
+}
+
+/// An error of the system without its number.
+fn plain(e: &std::io::Error) -> String {
+    let text = e.to_string();
+    let text = text.split(" (os error").next().unwrap_or_default();
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_lowercase().chain(letters).collect())
+}
+
+/// Loads used files from disk. A path is relative to the file that says `use`; a file that is reached in two ways is one file.
+#[derive(Debug)]
+pub struct FileLoader {
+    /// Where each file that was named so far is, by its shown name.
+    places: HashMap<String, PathBuf>,
+    /// The shown name of each, by its true path.
+    names: HashMap<PathBuf, String>,
+}
+
+impl FileLoader {
+    /// A loader for a main file that is shown as `name`, which is its path too. Where there is no such file (as for standard
+    /// input), `use` is relative to the folder that the name stands in.
+    pub fn new(name: &str) -> Self {
+        let place = std::fs::canonicalize(name).unwrap_or_else(|_| PathBuf::from(name));
+        let mut loader = Self { places: HashMap::new(), names: HashMap::new() };
+        loader.places.insert(name.to_string(), place.clone());
+        loader.names.insert(place, name.to_string());
+        loader
+    }
+}
+
+impl Loader for FileLoader {
+    fn load(&mut self, from: &str, path: &str) -> Result<(String, String), String> {
+        let user = self.places.get(from).cloned().unwrap_or_else(|| PathBuf::from(from));
+        let folder = user.parent().unwrap_or(Path::new(""));
+        let wanted = folder.join(path);
+        let unreadable = |e: ReadError| match e {
+            ReadError::Unreadable(_) if !wanted.exists() => "there is no such file".to_string(),
+            other => other.to_string(),
+        };
+        let text = read_file(&wanted).map_err(unreadable)?;
+        let place = std::fs::canonicalize(&wanted).unwrap_or(wanted);
+        if let Some(name) = self.names.get(&place) {
+            return Ok((name.clone(), text));
+        }
+        let mut name = tidy(&Path::new(from).parent().unwrap_or(Path::new("")).join(path));
+        // Two files never share a name, and none has one of the bundled library's.
+        if self.places.contains_key(&name) || name.starts_with("std/") {
+            name = place.to_string_lossy().into_owned();
+        }
+        self.places.insert(name.clone(), place.clone());
+        self.names.insert(place, name.clone());
+        Ok((name, text))
+    }
+}
+
+/// As [`read`], but `-` is a file of that name.
+fn read_file(path: &Path) -> Result<String, ReadError> {
+    if path == Path::new("-") { read(Path::new("./-")) } else { read(path) }
+}
+
+/// `a/b/../c.bond` as `a/c.bond`.
+fn tidy(path: &Path) -> String {
+    let mut parts: Vec<Component> = Vec::new();
+    for part in path.components() {
+        match (part, parts.last()) {
+            (Component::CurDir, _) => {}
+            (Component::ParentDir, Some(Component::Normal(_))) => {
+                parts.pop();
+            }
+            _ => parts.push(part),
+        }
+    }
+    parts.iter().collect::<PathBuf>().to_string_lossy().into_owned()
+}

@@ -1,0 +1,194 @@
+//! A compiled model that runs.
+
+use bond_compiler::model::Settings;
+use bond_runtime::scene::Scene;
+use bond_runtime::simulate::{self, Summary};
+use thiserror::Error;
+
+/// How continuous regions are stepped. Sampled regions step at their period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Steps {
+    step: Option<f64>,
+    tolerance: Option<f64>,
+    longest: Option<f64>,
+}
+
+impl Steps {
+    /// As the model's `simulate` says, else to a tolerance of 1e-6.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// All of one length, in s.
+    pub fn fixed(step: f64) -> Self {
+        Self { step: Some(step), ..Self::default() }
+    }
+
+    /// So short that the error of each, relative to the states' size, stays below this.
+    pub fn tolerance(tolerance: f64) -> Self {
+        Self { tolerance: Some(tolerance), ..Self::default() }
+    }
+
+    /// The longest step of those that are fitted to a tolerance, in s; a thousandth of the run where nothing is said.
+    pub fn longest(mut self, step: f64) -> Self {
+        self.longest = Some(step);
+        self
+    }
+
+    /// What the runtime is told: what is given here goes before what the model says.
+    ///
+    /// # Errors
+    /// Lengths and tolerances that make no sense.
+    pub fn resolve(self, settings: &Settings, stop: f64, every: Option<f64>) -> Result<simulate::Options, RunError> {
+        let (mut step, mut tolerance) = match (self.step, self.tolerance) {
+            (None, None) => (settings.step, settings.tolerance),
+            given => given,
+        };
+        let positive = |what: &'static str, x: Option<f64>| match x {
+            Some(x) if !(x > 0.0 && x.is_finite()) => Err(RunError::Value { what, value: x }),
+            _ => Ok(()),
+        };
+        positive("the step", step)?;
+        positive("the tolerance", tolerance)?;
+        positive("the longest step", self.longest)?;
+        match (step, tolerance) {
+            (None, None) => tolerance = Some(1e-6),
+            // With a tolerance, a step can only be the longest one.
+            (Some(h), Some(_)) => {
+                step = None;
+                let longest = self.longest.map_or(h, |l| l.min(h));
+                return Ok(simulate::Options { step, tolerance, default_step: longest });
+            }
+            _ => {}
+        }
+        let usual = every.filter(|e| *e > 0.0).map_or(stop / 1000.0, |e| e.min(stop / 1000.0));
+        Ok(simulate::Options { step, tolerance, default_step: self.longest.unwrap_or(usual) })
+    }
+}
+
+/// Why a run stopped, or could not do what was asked.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum RunError {
+    /// The numerics failed.
+    #[error("{0}")]
+    Numerics(#[from] simulate::Error),
+    /// A length that is none.
+    #[error("{what} is {value}, and must be positive")]
+    Value {
+        /// Which one.
+        what: &'static str,
+        /// What it is.
+        value: f64,
+    },
+    /// An instant that is none.
+    #[error("{0} is no instant to run to")]
+    Instant(f64),
+    /// A name that there is not.
+    #[error("there is no {what} `{name}`; there is {}", if known.is_empty() { "none".to_string() } else { known.join(", ") })]
+    Unknown {
+        /// A probe, an open port.
+        what: &'static str,
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: Vec<String>,
+    },
+}
+
+/// A compiled model that runs.
+pub struct Simulation<'a> {
+    inner: simulate::Simulation<'a>,
+    scene: &'a Scene,
+}
+
+impl<'a> Simulation<'a> {
+    /// A scene at its start.
+    ///
+    /// # Errors
+    /// A program that fails at the start.
+    pub fn new(scene: &'a Scene, options: &simulate::Options) -> Result<Self, RunError> {
+        Ok(Self { inner: simulate::Simulation::new(scene, options)?, scene })
+    }
+
+    /// Now, s.
+    pub fn time(&self) -> f64 {
+        self.inner.time()
+    }
+
+    /// Runs to an instant: all samples up to it, that instant's included, are taken. An instant that is past changes nothing.
+    ///
+    /// # Errors
+    /// A step that fails. What was computed until then stays.
+    pub fn advance(&mut self, until: f64) -> Result<(), RunError> {
+        if !until.is_finite() {
+            return Err(RunError::Instant(until));
+        }
+        Ok(self.inner.advance(until)?)
+    }
+
+    /// Ends the run at an instant: continuous regions with fixed steps take the shorter step that is left, so that the ledger is
+    /// of that very instant.
+    ///
+    /// # Errors
+    /// A step that fails. What was computed until then stays.
+    pub fn finish(&mut self, at: f64) -> Result<(), RunError> {
+        if !(at.is_finite() && at >= self.time()) {
+            return Err(RunError::Instant(at));
+        }
+        Ok(self.inner.finish(at)?)
+    }
+
+    /// The value of a probe now, in SI.
+    ///
+    /// # Errors
+    /// A name that there is not, or an observation that fails.
+    pub fn probe(&mut self, name: &str) -> Result<f64, RunError> {
+        let Some(i) = self.scene.probes.names.iter().position(|n| n == name) else {
+            return Err(unknown("probe", name, &self.scene.probes.names));
+        };
+        Ok(self.inner.probes()?.get(i).copied().unwrap_or(f64::NAN))
+    }
+
+    /// All probes now, in order of declaration, then the values that expectations look at.
+    ///
+    /// # Errors
+    /// An observation that fails.
+    pub fn probes(&mut self) -> Result<&[f64], RunError> {
+        Ok(self.inner.probes()?)
+    }
+
+    /// A state by its name, such as `spring`.
+    pub fn state(&self, name: &str) -> Option<f64> {
+        self.scene.clusters.iter().enumerate().find_map(|(i, c)| {
+            let k = c.names.iter().position(|n| n == name)?;
+            self.inner.state(i).get(k).copied()
+        })
+    }
+
+    /// What the open ports hold now: name and value.
+    pub fn held(&self) -> Vec<(&'a str, f64)> {
+        self.scene.open.iter().map(|o| o.name.as_str()).zip(self.inner.held()).collect()
+    }
+
+    /// Reports how far the outside moved at an open port in the interval that runs.
+    ///
+    /// # Errors
+    /// A name that there is not.
+    pub fn report(&mut self, port: &str, q: f64) -> Result<(), RunError> {
+        let Some(i) = self.scene.open.iter().position(|o| o.name == port) else {
+            let known: Vec<String> = self.scene.open.iter().map(|o| o.name.clone()).collect();
+            return Err(unknown("open port", port, &known));
+        };
+        self.inner.report(i, q);
+        Ok(())
+    }
+
+    /// The ledger now.
+    pub fn summary(&self) -> Summary {
+        self.inner.summary()
+    }
+}
+
+fn unknown(what: &'static str, name: &str, known: &[String]) -> RunError {
+    RunError::Unknown { what, name: name.to_string(), known: known.to_vec() }
+}
