@@ -190,7 +190,7 @@ fn programs(scene: &Scene) -> Vec<Program> {
     let mut list = Vec::new();
     for c in &scene.clusters {
         match &c.respond {
-            Some(Respond::Last(p) | Respond::Matched(p)) => list.push(p.clone()),
+            Some(Respond::Last(p) | Respond::Matched(p, ..)) => list.push(p.clone()),
             None => {}
         }
         list.push(c.step.program.clone());

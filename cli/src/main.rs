@@ -1,2 +1,90 @@
 //! The `bond` command.
-fn main() {}
+
+mod commands;
+mod csv;
+mod diff;
+mod drive;
+mod input;
+mod output;
+mod progress;
+mod report;
+mod rows;
+mod stop;
+mod summary;
+
+use clap::{Parser, Subcommand};
+use commands::{check, fmt, linearize, new, run, show, test};
+use std::process::ExitCode;
+use stop::Stop;
+
+/// Bond graphs: check, look at, simulate and test `.bond` models
+#[derive(Parser)]
+#[command(
+    name = "bond",
+    version,
+    propagate_version = true,
+    subcommand_required = true,
+    arg_required_else_help = true,
+    max_term_width = 100,
+    after_help = "Examples:\n  bond new wall                 a starting folder\n  bond check wall/wall.bond     what is wrong with it\n  \
+                  bond run wall/wall.bond       simulate it, and see its energy ledger\n\nExit status: 0 done; 1 the model is wrong or an \
+                  expectation failed; 2 the command line is wrong; 3 the numerics failed."
+)]
+struct Line {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    New(new::Args),
+    Check(check::Args),
+    Fmt(fmt::Args),
+    Show(show::Args),
+    Linearize(linearize::Args),
+    Run(run::Args),
+    Test(test::Args),
+}
+
+fn main() -> ExitCode {
+    let line = Line::parse();
+    // Deep models recurse deeply: the stack is only touched where it is needed.
+    let worker = std::thread::Builder::new().stack_size(256 << 20).spawn(move || done(&line.command));
+    match worker.map(std::thread::JoinHandle::join) {
+        Ok(Ok(status)) => ExitCode::from(status),
+        Ok(Err(_)) => ExitCode::from(101),
+        Err(e) => {
+            report::error(&format!("cannot start: {e}"));
+            ExitCode::from(101)
+        }
+    }
+}
+
+/// Does a command, and gives the exit status.
+fn done(command: &Command) -> u8 {
+    let result = match command {
+        Command::New(args) => new::new(args),
+        Command::Check(args) => check::check(args),
+        Command::Fmt(args) => fmt::fmt(args),
+        Command::Show(args) => show::show(args),
+        Command::Linearize(args) => linearize::linearize(args),
+        Command::Run(args) => run::run(args),
+        Command::Test(args) => test::test(args),
+    };
+    match result {
+        Ok(()) | Err(Stop::Pipe) => 0,
+        Err(Stop::Said(status)) => status,
+        Err(Stop::Usage(message)) => {
+            report::error(&message);
+            2
+        }
+        Err(Stop::Model(message)) => {
+            report::error(&message);
+            1
+        }
+        Err(Stop::Numerics(message)) => {
+            report::error(&message);
+            3
+        }
+    }
+}

@@ -63,8 +63,9 @@ pub struct Stepper {
 pub enum Respond {
     /// The program's outputs are the efforts (or flows) that the ports call for, given the means of the last interval.
     Last(Program),
-    /// The program solves for them: its inputs are alpha and beta in the place of the ports' variables; it has the same outputs.
-    Matched(Program),
+    /// The first program solves for them; its last inputs are alpha and beta, its last output is 1 where it found a solution. A
+    /// law that switches may have none; the second program then gives what the ports call for at given means.
+    Matched(Program, Program),
 }
 
 /// Where the parts of a region's ledger are among the outputs of a step.

@@ -168,6 +168,16 @@ struct Rows {
     integrals: Vec<Result<Vec<f64>, Vec<f64>>>,
 }
 
+impl Rows {
+    /// Sources that are constant over a step.
+    fn steady(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
+        let constant = |i: usize| matches!(self.system.drives.get(i.wrapping_sub(self.system.n)), Some(Drive::One | Drive::Held(_)));
+        let is_steady = |row: &Vec<f64>| row.iter().enumerate().all(|(i, x)| *x == 0.0 || constant(i));
+        let sources = c.nodes.iter().filter(|n| n.is_source && self.outputs.get(&form.column(n.column).out).is_some_and(is_steady));
+        sources.map(|n| n.column).collect()
+    }
+}
+
 /// The numeric rows; `None` where the cluster is not linear or too large.
 fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     let time = c.time?;
@@ -412,15 +422,17 @@ fn program(
         let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
         b.store(at(rows.system.n + i), v);
     }
-    // Means: ports, then linear integrals.
-    linear.means = c.ports.iter().filter_map(|p| rows.inputs.get(p).cloned()).collect();
+    // Means: what answers ports and constant sources, then linear integrals. The energy of a constant source is its value times
+    // the integral of what answers it, which stays exact where two of them all but cancel.
+    let steady: Vec<ColumnId> = c.ports.iter().copied().chain(rows.steady(c, form)).collect();
+    linear.means = steady.iter().filter_map(|p| rows.inputs.get(p).cloned()).collect();
     let first_integral = linear.means.len();
     linear.means.extend(rows.integrals.iter().filter_map(|i| i.as_ref().ok().cloned()));
     let (inputs_of, resistors_of): (Vec<_>, Vec<_>) = entries.iter().map(|e| c.entry_columns(form, e.region)).unzip();
     let mut quads: Vec<Slot> = Vec::new();
     if with_ledger {
         for ((e, ins), res) in entries.iter().zip(&inputs_of).zip(&resistors_of) {
-            let sources = e.supplied.iter().map(|s| s.1).zip(ins).filter(|(_, c_)| !c.ports.contains(c_)).map(|(s, c)| (s, c, -1.0));
+            let sources = e.supplied.iter().map(|s| s.1).zip(ins).filter(|(_, c)| !steady.contains(c)).map(|(s, c)| (s, c, -1.0));
             let all = sources.chain(e.dissipated.iter().map(|d| d.1).zip(res).map(|(s, c)| (s, c, 1.0)));
             for (slot, column, sign) in all {
                 let mut m = vec![0.0; size * size];
@@ -465,9 +477,11 @@ fn program(
     if with_ledger {
         for (e, ins) in entries.iter().zip(&inputs_of) {
             for ((_, slot), column) in e.supplied.iter().zip(ins) {
-                let Some(i) = c.ports.iter().position(|p| p == column) else { continue };
-                // What comes in is held, so that the energy is it times the integral of what goes out.
-                let out = model.pool.var(form.column(*column).out);
+                let Some(i) = steady.iter().position(|p| p == column) else { continue };
+                let out = match c.nodes.iter().find(|n| n.column == *column).map(|n| n.how) {
+                    Some(Output::Explicit(e)) => e,
+                    Some(Output::Implicit(_)) | None => model.pool.var(form.column(*column).out),
+                };
                 let v = lowering.lower(&model.pool, &mut b, out).map_err(|s| missing(model, s))?;
                 let m = mean(&mut b, i);
                 let q = b.mul(inputs.h, m);

@@ -2,12 +2,12 @@
 
 use super::cluster::{Cluster, input, missing, verified};
 use super::write::{self, System};
-use super::{gonzalez, instant};
+use super::gonzalez;
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::{Hold, Model};
 use crate::structure::{ColumnId, Form, Role};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Slot, Unary};
+use bond_runtime::ir::{Array, Builder, Program, Slot, Unary};
 use bond_runtime::scene::Respond;
 use rustc_hash::FxHashMap;
 
@@ -36,6 +36,21 @@ pub(super) fn write(
     if holds.is_empty() {
         return Ok(None);
     }
+    if hold == Hold::Matched {
+        let (solves, plain) = (respond(c, model, form, hold, holds, is_ray)?, respond(c, model, form, Hold::Predicted, holds, is_ray)?);
+        return Ok(Some(Respond::Matched(solves, plain)));
+    }
+    Ok(Some(Respond::Last(respond(c, model, form, hold, holds, is_ray)?)))
+}
+
+fn respond(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    hold: Hold,
+    holds: &[usize],
+    is_ray: bool,
+) -> Result<Program, Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, &format!("{} hold", hold.name())));
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
@@ -90,14 +105,18 @@ pub(super) fn write(
             weight.push(lowering.lower(&model.pool, &mut b, w).map_err(|s| missing(model, s))?);
         }
     }
-    write::solve(model, &mut b, &mut lowering, System { unknowns: &unknowns, start, residuals, weight, scale, flag: None })?;
+    let flag = matched.then(|| b.slot(Array::Local));
+    write::solve(model, &mut b, &mut lowering, System { unknowns: &unknowns, start, residuals, weight, scale, flag })?;
     for (i, e) in outs.iter().enumerate() {
         let e = model.pool.substitute(*e, &flat);
         let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
         let slot = b.named(Array::Output, format!("held({})", form.column(c.ports[holds[i]]).name));
         b.store(Slot::new(Array::Output, slot.index as usize), v);
     }
-    let _ = instant::Layout { ports: 0, energies: 0, curvatures: 0 };
-    let program = verified(model, b.finish())?;
-    Ok(Some(if matched { Respond::Matched(program) } else { Respond::Last(program) }))
+    if let Some(flag) = flag {
+        let v = b.load(flag);
+        let slot = b.named(Array::Output, "solved");
+        b.store(slot, v);
+    }
+    verified(model, b.finish())
 }

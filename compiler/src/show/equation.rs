@@ -61,7 +61,7 @@ pub(super) fn equations(model: &mut Model, form: &Form, region: &Region, names: 
             })
             .collect();
         let all = pool.sum(&terms);
-        pool.substitute(all, &known)
+        replace(pool, all, &known)
     };
     let rates = region.states.iter().map(|s| input(s.column)).collect();
     let inputs: Vec<Expr> = region.inputs.iter().map(|c| input(*c)).collect();
@@ -77,6 +77,12 @@ pub(super) fn equations(model: &mut Model, form: &Form, region: &Region, names: 
         })
         .collect();
     Equations { rates, outputs, unknowns, loops }
+}
+
+/// What is known put in. Only what occurs is handed on, since a substitution looks at its whole map.
+fn replace(pool: &mut Pool, e: Expr, known: &FxHashMap<Symbol, Expr>) -> Expr {
+    let map = pool.symbols(e).into_iter().filter_map(|s| Some((s, *known.get(&s)?))).collect();
+    pool.substitute(e, &map)
 }
 
 /// Adds the outputs of the resistors to what is known, those first on which others depend.
@@ -108,7 +114,7 @@ fn resistors(
         let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
         members.sort_unstable();
         let outs: Vec<Symbol> = members.iter().map(|i| form.column(region.resistors[*i].0).out).collect();
-        let laws: Vec<Expr> = members.iter().map(|i| pool.substitute(law(*i), known)).collect();
+        let laws: Vec<Expr> = members.iter().map(|i| replace(pool, law(*i), known)).collect();
         let explicit = members.iter().all(|i| matches!(region.resistors[*i].1, Output::Explicit(_)));
         if let (&[law], &[out], true) = (&laws[..], &outs[..], explicit)
             && !pool.contains(law, out)

@@ -8,6 +8,9 @@ use crate::ledger::Sum;
 use crate::scene::{Cluster, Respond, Stepper};
 use std::collections::HashMap;
 
+/// What a balance is measured against at least, as a part of the largest energy held or turned over in a step: a residual of
+/// 1e-24 of that is rounding, whatever the step did.
+const TRACE: f64 = 1e-12;
 /// Tables for different step lengths kept at most.
 const TABLES: usize = 256;
 
@@ -93,6 +96,8 @@ pub(super) struct Run {
     glance: Option<Ready>,
     pub(super) instant: Look,
     pub(super) respond: Option<Look>,
+    /// What a matched hold falls back to.
+    pub(super) fallback: Option<Look>,
     pub(super) state: Vec<f64>,
     /// t, h, ports, foreign signals.
     pub(super) input: Vec<f64>,
@@ -155,7 +160,11 @@ impl Run {
             glance: c.step.glance.as_deref().map(Ready::new),
             instant,
             respond: c.respond.as_ref().map(|r| match r {
-                Respond::Last(p) | Respond::Matched(p) => Look::new(p),
+                Respond::Last(p) | Respond::Matched(p, _) => Look::new(p),
+            }),
+            fallback: c.respond.as_ref().and_then(|r| match r {
+                Respond::Last(_) => None,
+                Respond::Matched(_, p) => Some(Look::new(p)),
             }),
             largest: state[..n].iter().map(|x| x.abs()).collect(),
             curvature: c.curvatures.iter().map(|k| out[*k]).collect(),
@@ -495,7 +504,9 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) {
         }
         let h = out[e.energy];
         let residual = (h - b.h) - ((supplied - dissipated) + leap);
-        let scale = h.abs().max(b.h.abs()).max(turnover);
+        // A step in which next to nothing moves is measured against a trace of the largest energy seen.
+        let trace = TRACE * b.h_max.max(b.turnover_max);
+        let scale = h.abs().max(b.h.abs()).max(turnover).max(trace);
         if scale > 0.0 {
             b.worst = b.worst.max(residual.abs() / scale);
             b.gained = b.gained.max(-least / scale);

@@ -65,7 +65,7 @@ impl<'a> Simulation<'a> {
             rank(*a).total_cmp(&rank(*b)).then(answers(*b, *a).cmp(&answers(*a, *b))).then(a.cmp(b))
         });
         let respond_input = scene.clusters.iter().map(|c| c.respond.as_ref().map_or(0, |r| match r {
-            Respond::Last(p) | Respond::Matched(p) => p.size(crate::ir::Array::Input),
+            Respond::Last(p) | Respond::Matched(p, _) => p.size(crate::ir::Array::Input),
         })).map(|k| vec![0.0; k]).collect();
         let mut s = Self {
             scene,
@@ -330,7 +330,8 @@ impl<'a> Simulation<'a> {
         for h in &self.held[i] {
             input[c.ports[h.port].input] = -h.last_q / period;
         }
-        if let Respond::Matched(_) = respond {
+        let matched = matches!(respond, Respond::Matched(..));
+        if matched {
             input[base..base + n].copy_from_slice(&alpha);
             input[base + n..base + n + n * n].copy_from_slice(&self.beta[i]);
         }
@@ -346,6 +347,9 @@ impl<'a> Simulation<'a> {
                     why,
                 })?;
                 values.copy_from_slice(&out[..n]);
+                if matched && out.get(n) == Some(&0.0) {
+                    self.search(i, at, &alpha, &mut values)?;
+                }
             }
         }
         if values.iter().any(|v| !v.is_finite()) {
@@ -370,6 +374,59 @@ impl<'a> Simulation<'a> {
                     self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input] = bar.sign * v;
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// What to hold where a switched law leaves no solution: on the jump of the law, where the answer q is such that the law
+    /// calls for less than v = (alpha - q)/beta on one side of it and for more on the other. One port: by bisection, v being
+    /// monotone in q. Several: one after the other, a few times over.
+    fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64]) -> Result<(), Error> {
+        let c = &self.scene.clusters[i];
+        let period = c.period.unwrap_or(0.0);
+        let n = values.len();
+        let base = self.runs[i].input.len();
+        let mut q: Vec<f64> = alpha.to_vec();
+        let beta = self.beta[i].clone();
+        let rounds = if n == 1 { 1 } else { 20 };
+        for k in (0..rounds * n).map(|k| k % n) {
+            let own = beta[k * n + k];
+            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| beta[k * n + j] * values[j]).sum();
+            let free = alpha[k] - pull;
+            let mut call = |this: &mut Self, q: &[f64]| -> Result<f64, Error> {
+                for (h, q) in this.held[i].iter().zip(q) {
+                    this.respond_input[i][c.ports[h.port].input] = -q / period;
+                }
+                let run = &mut this.runs[i];
+                let Some(look) = &mut run.fallback else { return Ok(0.0) };
+                let input = &this.respond_input[i][..base];
+                look.run(&run.state, input).map(|out| out[k]).map_err(|why| Error::Step {
+                    time: at,
+                    region: this.names.get(i).cloned().unwrap_or_default(),
+                    state: None,
+                    why,
+                })
+            };
+            q[k] = free;
+            let v = call(self, &q)?;
+            if own == 0.0 || v == 0.0 {
+                values[k] = v;
+                continue;
+            }
+            let (mut low, mut high) = (free.min(free - own * v), free.max(free - own * v));
+            for _ in 0..100 {
+                q[k] = 0.5 * (low + high);
+                if q[k] <= low || q[k] >= high {
+                    break;
+                }
+                let v = call(self, &q)?;
+                if q[k] - free + own * v > 0.0 {
+                    high = q[k];
+                } else {
+                    low = q[k];
+                }
+            }
+            values[k] = (free - q[k]) / own;
         }
         Ok(())
     }

@@ -1,0 +1,147 @@
+//! `bond check`: all that is wrong.
+
+use crate::input::{self, Which};
+use crate::output;
+use crate::report;
+use crate::stop::Stop;
+use bond::Compiled;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::{Sources, Span};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Say all that is wrong with models: text, names, units, causality, form
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  bond check wall.bond\n  bond check models/*.bond --message-format json")]
+pub struct Args {
+    /// Models; `-` is standard input
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    which: Which,
+    /// For people on standard error, or for editors on standard output, one JSON object a line
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    message_format: Format,
+}
+
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
+enum Format {
+    Text,
+    Json,
+}
+
+/// Checks every file, whatever is wrong with those before it.
+///
+/// # Errors
+/// What is wrong.
+pub fn check(args: &Args) -> Result<(), Stop> {
+    let mut status = 0;
+    for path in &args.files {
+        let name = input::name(path);
+        let text = match input::read(path) {
+            Ok(text) => text,
+            Err(stop) => {
+                status = status.max(unread(args.message_format, path, stop)?);
+                continue;
+            }
+        };
+        match input::options(&args.which, &input::Set::default()).compile_str(&name, text) {
+            Ok(compiled) => report::say(&fine(&name, &compiled)),
+            Err(errors) => {
+                status = status.max(input::status(&errors));
+                match args.message_format {
+                    Format::Text => report::diagnostics(errors.sources(), errors.list()),
+                    Format::Json => {
+                        for d in errors.list() {
+                            line(&Message::new(errors.sources(), d))?;
+                        }
+                    }
+                }
+            }
+        }
+    }
+    if status == 0 { Ok(()) } else { Err(Stop::Said(status)) }
+}
+
+fn fine(name: &str, compiled: &Compiled) -> String {
+    let scene = compiled.scene();
+    let states: usize = scene.regions.iter().map(|r| r.states).sum();
+    let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+    format!("ok: {name} ({}: {}, {})", scene.name, count(scene.regions.len(), "region"), count(states, "state"))
+}
+
+/// Says that a file could not be read, and gives the status of that.
+fn unread(format: Format, path: &Path, stop: Stop) -> Result<u8, Stop> {
+    let (message, status) = match stop {
+        Stop::Usage(message) => (message, 2),
+        Stop::Model(message) => (message, 1),
+        other => return Err(other),
+    };
+    match format {
+        Format::Text => report::error(&message),
+        Format::Json => line(&Message {
+            code: "file::read",
+            severity: "error",
+            message,
+            place: Place { file: input::name(path), line: 1, column: 1, end_line: 1, end_column: 1 },
+            labels: vec![],
+            help: None,
+        })?,
+    }
+    Ok(status)
+}
+
+fn line(message: &Message) -> Result<(), Stop> {
+    let text = serde_json::to_string(message).map_err(|e| Stop::Usage(e.to_string()))?;
+    output::print(&(text + "\n"))
+}
+
+/// A diagnostic for editors. Lines and columns count from 1, columns in characters; the end is exclusive.
+#[derive(Serialize)]
+struct Message {
+    code: &'static str,
+    severity: &'static str,
+    message: String,
+    #[serde(flatten)]
+    place: Place,
+    labels: Vec<Label>,
+    help: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Place {
+    file: String,
+    line: usize,
+    column: usize,
+    end_line: usize,
+    end_column: usize,
+}
+
+#[derive(Serialize)]
+struct Label {
+    #[serde(flatten)]
+    place: Place,
+    text: String,
+}
+
+impl Place {
+    fn new(sources: &Sources, span: Span) -> Self {
+        let (line, column) = sources.position(span);
+        let (end_line, end_column) = sources.position(Span { start: span.end.max(span.start), ..span });
+        Self { file: sources.get(span.source).name.clone(), line, column, end_line, end_column }
+    }
+}
+
+impl Message {
+    fn new(sources: &Sources, d: &Diagnostic) -> Self {
+        let nowhere = || Place { file: String::new(), line: 1, column: 1, end_line: 1, end_column: 1 };
+        Self {
+            code: d.code,
+            severity: if d.warning { "warning" } else { "error" },
+            message: d.message.clone(),
+            place: d.labels.first().map_or_else(nowhere, |l| Place::new(sources, l.span)),
+            labels: d.labels.iter().map(|l| Label { place: Place::new(sources, l.span), text: l.text.clone() }).collect(),
+            help: d.help.clone(),
+        }
+    }
+}

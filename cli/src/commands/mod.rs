@@ -1,0 +1,9 @@
+//! The subcommands, one file each.
+
+pub mod check;
+pub mod fmt;
+pub mod linearize;
+pub mod new;
+pub mod run;
+pub mod show;
+pub mod test;

@@ -1,0 +1,55 @@
+//! `bond show`: the generated structure.
+
+use crate::input::{self, Set, Which};
+use crate::output;
+use crate::stop::Stop;
+use bond::{As, What};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use std::path::PathBuf;
+
+/// Show the generated structure: bond graph, causality, port-Hamiltonian form, regions, step programs
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  bond show wall.bond\n  bond show wall.bond phs --as latex\n  bond show wall.bond causality --as svg -o wall.svg"
+)]
+pub struct Args {
+    /// A model; `-` is standard input
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// What to show
+    #[arg(default_value = "all", value_parser = what())]
+    what: What,
+    /// How to show it
+    #[arg(long = "as", value_name = "FORMAT", default_value = "text", value_parser = format())]
+    format: As,
+    /// Write it to a file
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    which: Which,
+    #[command(flatten)]
+    set: Set,
+}
+
+fn what() -> impl TypedValueParser<Value = What> {
+    PossibleValuesParser::new(What::ALL.map(What::name))
+        .map(|name| What::ALL.into_iter().find(|w| w.name() == name).unwrap_or(What::All))
+}
+
+fn format() -> impl TypedValueParser<Value = As> {
+    PossibleValuesParser::new(As::ALL.map(As::name))
+        .map(|name| As::ALL.into_iter().find(|a| a.name() == name).unwrap_or(As::Text))
+}
+
+/// Shows it.
+///
+/// # Errors
+/// A model that is wrong, or a format that cannot show what was asked for.
+pub fn show(args: &Args) -> Result<(), Stop> {
+    let compiled = input::compile(&args.file, &input::options(&args.which, &args.set))?;
+    let mut text = compiled.show_as(args.what, args.format).map_err(Stop::Usage)?;
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    output::put(args.output.as_deref(), &text)
+}

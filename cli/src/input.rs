@@ -1,0 +1,98 @@
+//! What several commands take: a file, a model of it, values for its parameters.
+
+use crate::report;
+use crate::stop::Stop;
+use bond::{Compiled, Errors, Options, Quantity, ReadError};
+use std::path::Path;
+
+/// `--model`.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct Which {
+    /// Take this model of the file for the scene; the last one otherwise
+    #[arg(long, value_name = "NAME")]
+    pub model: Option<String>,
+}
+
+/// `--set`.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct Set {
+    /// Set a parameter, such as `m=0.1kg` or `wall.k=2e3`; in SI where no unit is given; repeatable
+    #[arg(long = "set", value_name = "PATH=VALUE", value_parser = assignment, allow_hyphen_values = true)]
+    pub set: Vec<(String, Quantity)>,
+}
+
+/// `path=value`.
+fn assignment(text: &str) -> Result<(String, Quantity), String> {
+    let (path, value) = text.split_once('=').ok_or("write it as PATH=VALUE, such as m=0.1kg")?;
+    let path = path.trim();
+    if path.is_empty() {
+        return Err("the name of the parameter is missing".into());
+    }
+    Ok((path.to_string(), bond::quantity(value)?))
+}
+
+/// A time.
+pub fn time(text: &str) -> Result<f64, String> {
+    bond::seconds(text)
+}
+
+/// A time that is not before the start.
+pub fn instant(text: &str) -> Result<f64, String> {
+    let t = bond::seconds(text)?;
+    if t >= 0.0 { Ok(t) } else { Err("the run starts at 0 s".into()) }
+}
+
+/// A length of time.
+pub fn span(text: &str) -> Result<f64, String> {
+    let t = time(text)?;
+    if t > 0.0 { Ok(t) } else { Err("it must be longer than 0 s".into()) }
+}
+
+/// The name under which a file is shown.
+pub fn name(path: &Path) -> String {
+    if path == Path::new("-") { "<stdin>".into() } else { path.to_string_lossy().into_owned() }
+}
+
+/// Reads a text.
+///
+/// # Errors
+/// Status 2 where the file cannot be read, 1 where it is no text.
+pub fn read(path: &Path) -> Result<String, Stop> {
+    bond::read(path).map_err(|e| match e {
+        ReadError::Unreadable(why) => Stop::Usage(format!("cannot read {}: {why}", name(path))),
+        ReadError::NotText { line } => Stop::Model(format!("{}:{line}:1: line {line} is not UTF-8 text", name(path))),
+    })
+}
+
+/// Options for the compiler.
+pub fn options(which: &Which, set: &Set) -> Options {
+    let mut options = Options::new();
+    if let Some(model) = &which.model {
+        options = options.model(model);
+    }
+    for (path, value) in &set.set {
+        options = options.set_quantity(path, *value);
+    }
+    options
+}
+
+/// Compiles a file, and draws what is wrong with it.
+///
+/// # Errors
+/// A file that cannot be read, or a model that is wrong.
+pub fn compile(path: &Path, options: &Options) -> Result<Compiled, Stop> {
+    let text = read(path)?;
+    options.compile_str(&name(path), text).map_err(|e| wrong(&e))
+}
+
+/// Draws what is wrong.
+pub fn wrong(errors: &Errors) -> Stop {
+    report::diagnostics(errors.sources(), errors.list());
+    Stop::Said(status(errors))
+}
+
+/// 2 where only the names on the command line are wrong, else 1.
+pub fn status(errors: &Errors) -> u8 {
+    let asked = |code: &str| matches!(code, "elaborate::set" | "elaborate::model");
+    if !errors.list().is_empty() && errors.list().iter().all(|d| asked(d.code)) { 2 } else { 1 }
+}

@@ -1,0 +1,152 @@
+//! Where results go: standard output, or files that are written whole or not at all.
+
+use crate::stop::Stop;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Stdout, Write};
+use std::path::{Path, PathBuf};
+
+/// Writes a text to standard output.
+///
+/// # Errors
+/// Nobody reads it, or it cannot be written.
+pub fn print(text: &str) -> Result<(), Stop> {
+    let mut out = io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    Ok(out.flush()?)
+}
+
+/// Writes a text to a file, or to standard output where the path is `-` or absent.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn put(path: Option<&Path>, text: &str) -> Result<(), Stop> {
+    match path {
+        None => print(text),
+        Some(path) => {
+            let mut sink = Sink::open(path)?;
+            sink.write_all(text.as_bytes()).map_err(|e| sink.failure(&e))?;
+            sink.commit()
+        }
+    }
+}
+
+/// What a result is written to.
+pub enum Sink {
+    /// Standard output.
+    Out(BufWriter<Stdout>),
+    /// A device or a pipe that has a name.
+    Direct(BufWriter<File>, PathBuf),
+    /// A file to be.
+    Whole(Whole),
+}
+
+impl Sink {
+    /// Opens it; `-` is standard output.
+    ///
+    /// # Errors
+    /// A file that cannot be made.
+    pub fn open(path: &Path) -> Result<Self, Stop> {
+        if path == Path::new("-") {
+            return Ok(Sink::Out(BufWriter::new(io::stdout())));
+        }
+        match fs::metadata(path) {
+            Ok(m) if m.is_dir() => Err(Stop::Usage(format!("cannot write {}: it is a directory", path.display()))),
+            Ok(m) if !m.is_file() => {
+                let file = OpenOptions::new().write(true).open(path).map_err(|e| unwritable(path, &e))?;
+                Ok(Sink::Direct(BufWriter::new(file), path.to_path_buf()))
+            }
+            Ok(_) | Err(_) => Whole::new(path).map(Sink::Whole),
+        }
+    }
+
+    /// Ends it: the file is there now.
+    ///
+    /// # Errors
+    /// What is left cannot be written.
+    pub fn commit(self) -> Result<(), Stop> {
+        match self {
+            Sink::Out(mut out) => Ok(out.flush()?),
+            Sink::Direct(mut file, path) => file.flush().map_err(|e| unwritable(&path, &e)),
+            Sink::Whole(whole) => whole.commit(),
+        }
+    }
+
+    /// What it means that it cannot be written.
+    pub fn failure(&self, e: &io::Error) -> Stop {
+        match self {
+            Sink::Out(_) if e.kind() == io::ErrorKind::BrokenPipe => Stop::Pipe,
+            Sink::Out(_) => Stop::Usage(format!("cannot write to standard output: {e}")),
+            Sink::Direct(_, path) => unwritable(path, e),
+            Sink::Whole(whole) => unwritable(&whole.path, e),
+        }
+    }
+}
+
+impl Write for Sink {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Sink::Out(out) => out.write(bytes),
+            Sink::Direct(file, _) => file.write(bytes),
+            Sink::Whole(whole) => whole.file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Sink::Out(out) => out.flush(),
+            Sink::Direct(file, _) => file.flush(),
+            Sink::Whole(whole) => whole.file.flush(),
+        }
+    }
+}
+
+/// A file that appears under its name when it is complete. Dropped before that, it leaves nothing.
+pub struct Whole {
+    file: BufWriter<File>,
+    beside: PathBuf,
+    path: PathBuf,
+    done: bool,
+}
+
+impl Whole {
+    fn new(path: &Path) -> Result<Self, Stop> {
+        // A link stays a link: what it points to is replaced.
+        let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+        let Some(name) = path.file_name() else {
+            return Err(Stop::Usage(format!("cannot write {}: it names no file", path.display())));
+        };
+        for attempt in 0..100 {
+            let beside = path.with_file_name(format!(".{}.{}.{attempt}.tmp", name.to_string_lossy(), std::process::id()));
+            match OpenOptions::new().write(true).create_new(true).open(&beside) {
+                Ok(file) => return Ok(Self { file: BufWriter::new(file), beside, path, done: false }),
+                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(unwritable(&path, &e)),
+            }
+        }
+        Err(Stop::Usage(format!("cannot write {}: its folder is full of leftovers", path.display())))
+    }
+
+    fn commit(mut self) -> Result<(), Stop> {
+        let result = self.file.flush().and_then(|()| {
+            if let Ok(old) = fs::metadata(&self.path) {
+                self.file.get_ref().set_permissions(old.permissions())?;
+            }
+            fs::rename(&self.beside, &self.path)
+        });
+        self.done = result.is_ok();
+        result.map_err(|e| unwritable(&self.path, &e))
+    }
+}
+
+impl Drop for Whole {
+    fn drop(&mut self) {
+        if !self.done {
+            let _ = fs::remove_file(&self.beside);
+        }
+    }
+}
+
+/// What it means that a file cannot be written.
+pub fn unwritable(path: &Path, e: &io::Error) -> Stop {
+    Stop::Usage(format!("cannot write {}: {e}", path.display()))
+}

@@ -1,0 +1,208 @@
+//! Diagnostics and messages on standard error.
+
+use bond_grammar::diagnostic::{Diagnostic, Label};
+use bond_grammar::source::{SourceId, Sources, Span};
+use miette::{LabeledSpan, MietteHandler, MietteHandlerOpts, NamedSource, ReportHandler, Severity};
+use std::fmt;
+use std::io::{IsTerminal, Write};
+use std::sync::Arc;
+
+/// Lines longer than this are not drawn.
+const LONG: usize = 2000;
+/// Spans of more lines than this are drawn at their first line.
+const TALL: usize = 10;
+
+/// Says what is wrong with the command line, or why nothing more can be done.
+pub fn error(message: &str) {
+    let [on, off] = if coloured() { ["\x1b[1;31m", "\x1b[0m"] } else { ["", ""] };
+    say(&format!("{on}error:{off} {message}"));
+}
+
+/// Says something on standard error; that nobody listens is no error.
+pub fn say(line: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}
+
+/// Whether standard error may have colours.
+pub fn coloured() -> bool {
+    let forbidden = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
+    !forbidden && std::io::stderr().is_terminal()
+}
+
+/// Draws diagnostics on standard error.
+pub fn diagnostics(sources: &Sources, list: &[Diagnostic]) {
+    let texts = Texts::new(sources, list);
+    let mut out = std::io::stderr().lock();
+    for d in list {
+        if write!(out, "{}", drawn(&texts, d)).is_err() {
+            return;
+        }
+    }
+}
+
+/// The sources that diagnostics point into, to be shared by all of them.
+struct Texts<'a> {
+    sources: &'a Sources,
+    named: Vec<(SourceId, NamedSource<Arc<str>>)>,
+}
+
+impl<'a> Texts<'a> {
+    fn new(sources: &'a Sources, list: &[Diagnostic]) -> Self {
+        let mut ids: Vec<SourceId> = list.iter().flat_map(|d| &d.labels).map(|l| l.span.source).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let named = ids
+            .into_iter()
+            .map(|id| {
+                let source = sources.get(id);
+                (id, NamedSource::new(&source.name, Arc::from(source.text.as_str())))
+            })
+            .collect();
+        Self { sources, named }
+    }
+}
+
+/// A diagnostic as text.
+fn drawn(texts: &Texts, d: &Diagnostic) -> String {
+    let long = |l: &Label| line_around(texts.sources, l.span).len() > LONG;
+    if d.labels.iter().any(long) {
+        return d.render(texts.sources) + "\n";
+    }
+    let terminal = std::io::stderr().is_terminal();
+    let mut options = MietteHandlerOpts::new().force_graphical(true).terminal_links(false).color(coloured());
+    if !terminal {
+        // Nothing is broken into lines where a program may read it.
+        options = options.unicode(true).wrap_lines(false).width(100);
+    }
+    let shown = Shown(options.build(), Report::new(texts, d));
+    let mut text = String::new();
+    // A defect of the drawing must not hide what is wrong.
+    let good = fmt::Write::write_fmt(&mut text, format_args!("{shown}")).is_ok();
+    if good { text + "\n" } else { d.render(texts.sources) + "\n" }
+}
+
+/// The line on which a span starts.
+fn line_around(sources: &Sources, span: Span) -> &str {
+    let text = &sources.get(span.source).text;
+    let start = floor(text, span.start as usize);
+    let from = text[..start].rfind('\n').map_or(0, |n| n + 1);
+    let to = text[start..].find('\n').map_or(text.len(), |n| start + n);
+    &text[from..to]
+}
+
+/// The start of the letter that a byte belongs to.
+fn floor(text: &str, at: usize) -> usize {
+    let mut at = at.min(text.len());
+    while !text.is_char_boundary(at) {
+        at -= 1;
+    }
+    at
+}
+
+/// Byte range to draw of a span: within the text, on letters, at most [`TALL`] lines.
+fn clamp(text: &str, span: Span) -> (usize, usize) {
+    let start = floor(text, (span.start as usize).min(text.len().saturating_sub(1)));
+    let end = floor(text, span.end as usize).max(start);
+    let inside = &text[start..end];
+    if inside.matches('\n').count() > TALL {
+        let first = inside.find('\n').unwrap_or(inside.len());
+        return (start, start + first);
+    }
+    (start, end - (inside.len() - inside.trim_end().len()))
+}
+
+struct Shown<'a>(MietteHandler, Report<'a>);
+
+impl fmt::Display for Shown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.debug(&self.1, f)
+    }
+}
+
+/// A diagnostic in miette's terms. Labels in other files are reports of their own, as a report has one source.
+#[derive(Debug)]
+struct Report<'a> {
+    message: String,
+    code: Option<&'static str>,
+    severity: Severity,
+    help: Option<&'a str>,
+    source: Option<&'a NamedSource<Arc<str>>>,
+    labels: Vec<LabeledSpan>,
+    related: Vec<Report<'a>>,
+}
+
+impl<'a> Report<'a> {
+    fn new(texts: &'a Texts, d: &'a Diagnostic) -> Self {
+        let home = d.labels.first().map(|l| l.span.source);
+        let mut report = Self {
+            message: d.message.clone(),
+            code: Some(d.code),
+            severity: if d.warning { Severity::Warning } else { Severity::Error },
+            help: d.help.as_deref(),
+            source: home.and_then(|id| texts.named(id)),
+            labels: Vec::new(),
+            related: Vec::new(),
+        };
+        for (i, label) in d.labels.iter().enumerate() {
+            let source = texts.sources.get(label.span.source);
+            let (start, end) = clamp(&source.text, label.span);
+            let text = Some(label.text.clone()).filter(|t| !t.is_empty());
+            if Some(label.span.source) == home {
+                let make = if i == 0 { LabeledSpan::new_primary_with_span } else { LabeledSpan::new_with_span };
+                report.labels.push(make(text, (start, end - start)));
+            } else {
+                report.related.push(Self {
+                    message: format!("see {}", source.name),
+                    code: None,
+                    severity: Severity::Advice,
+                    help: None,
+                    source: texts.named(label.span.source),
+                    labels: vec![LabeledSpan::new_primary_with_span(text, (start, end - start))],
+                    related: Vec::new(),
+                });
+            }
+        }
+        report
+    }
+}
+
+impl Texts<'_> {
+    fn named(&self, id: SourceId) -> Option<&NamedSource<Arc<str>>> {
+        self.named.iter().find(|n| n.0 == id).map(|n| &n.1)
+    }
+}
+
+impl fmt::Display for Report<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Report<'_> {}
+
+impl miette::Diagnostic for Report<'_> {
+    fn code<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
+        self.code.map(|c| Box::new(c) as Box<dyn fmt::Display>)
+    }
+
+    fn severity(&self) -> Option<Severity> {
+        Some(self.severity)
+    }
+
+    fn help<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
+        self.help.map(|h| Box::new(h) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn miette::SourceCode> {
+        self.source.map(|s| s as &dyn miette::SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        (!self.labels.is_empty()).then(|| Box::new(self.labels.iter().cloned()) as Box<dyn Iterator<Item = LabeledSpan>>)
+    }
+
+    fn related<'b>(&'b self) -> Option<Box<dyn Iterator<Item = &'b dyn miette::Diagnostic> + 'b>> {
+        (!self.related.is_empty())
+            .then(|| Box::new(self.related.iter().map(|r| r as &dyn miette::Diagnostic)) as Box<dyn Iterator<Item = &dyn miette::Diagnostic>>)
+    }
+}

@@ -1,0 +1,116 @@
+//! The instants of the rows of output.
+
+use crate::stop::Stop;
+
+/// More rows than this are refused.
+const ROWS: f64 = 1e8;
+
+/// How the rows that nobody named are spread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Grid {
+    /// There are none.
+    None,
+    /// At k times this, and at the end.
+    Every(f64),
+    /// This many equal parts, and the end.
+    Parts(u32),
+}
+
+/// Instants in order, each once.
+#[derive(Clone, Debug)]
+pub struct Rows {
+    grid: Grid,
+    stop: f64,
+    /// Points of the grid before the end.
+    count: u64,
+    at: Vec<f64>,
+    /// Next points of both.
+    k: u64,
+    i: usize,
+}
+
+impl Rows {
+    /// The instants of a run to `stop`: those of the grid, and those given.
+    ///
+    /// # Errors
+    /// An instant beyond the end, or too many of them.
+    pub fn new(stop: f64, grid: Grid, at: &[f64]) -> Result<Self, Stop> {
+        let mut at = at.to_vec();
+        at.sort_by(f64::total_cmp);
+        at.dedup();
+        if let Some(late) = at.iter().find(|t| **t > stop * (1.0 + 1e-9)) {
+            return Err(Stop::Usage(format!("--at {late} is beyond the end of the run, {stop} s; make it longer with --stop")));
+        }
+        let points = match grid {
+            Grid::None => 0.0,
+            Grid::Every(dt) => (stop / dt * (1.0 - 1e-9)).ceil(),
+            Grid::Parts(n) => f64::from(n),
+        };
+        // Written so that NaN is refused too.
+        if !(points <= ROWS) {
+            return Err(Stop::Usage(format!("that would be {points:.1e} rows, at most {ROWS:.0e} are written; take a longer --every")));
+        }
+        Ok(Self { grid, stop, count: points as u64, at, k: 0, i: 0 })
+    }
+
+    fn point(&self) -> Option<f64> {
+        match self.grid {
+            Grid::None => None,
+            _ if self.k > self.count => None,
+            _ if self.k == self.count => Some(self.stop),
+            Grid::Every(dt) => Some(self.k as f64 * dt),
+            Grid::Parts(n) => Some(self.k as f64 * self.stop / f64::from(n)),
+        }
+    }
+}
+
+impl Iterator for Rows {
+    type Item = f64;
+
+    fn next(&mut self) -> Option<f64> {
+        let (point, at) = (self.point(), self.at.get(self.i).copied());
+        let same = |a: f64, b: f64| (a - b).abs() <= 1e-12 * a.abs().max(b.abs());
+        match (point, at) {
+            (None, None) => None,
+            (Some(p), Some(t)) if same(p, t) => {
+                self.k += 1;
+                self.i += 1;
+                Some(t)
+            }
+            (Some(p), t) if t.is_none_or(|t| p < t) => {
+                self.k += 1;
+                Some(p)
+            }
+            (_, t) => {
+                self.i += 1;
+                t
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_and_at_join() -> Result<(), Stop> {
+        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(0.3), &[0.5, 0.3, 0.5, 1.0])?.collect();
+        assert_eq!(rows, [0.0, 0.3, 0.5, 0.6, 3.0 * 0.3, 1.0]);
+        let rows: Vec<f64> = Rows::new(0.3, Grid::Every(0.1), &[])?.collect();
+        assert_eq!(rows, [0.0, 0.1, 0.2, 0.3]);
+        let rows: Vec<f64> = Rows::new(0.3, Grid::None, &[0.2, 0.1])?.collect();
+        assert_eq!(rows, [0.1, 0.2]);
+        assert_eq!(Rows::new(3.0, Grid::Parts(1000), &[])?.count(), 1001);
+        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(5.0), &[])?.collect();
+        assert_eq!(rows, [0.0, 1.0]);
+        Ok(())
+    }
+
+    #[test]
+    fn too_many_are_refused() {
+        assert!(Rows::new(1.0, Grid::Every(1e-300), &[]).is_err());
+        assert!(Rows::new(f64::MAX, Grid::Every(5e-324), &[]).is_err());
+        assert!(Rows::new(1.0, Grid::Every(1.0), &[2.0]).is_err());
+    }
+}

@@ -1,0 +1,33 @@
+//! Why a command ends early.
+
+use bond::RunError;
+
+/// Why a command ends early, and with which status.
+#[derive(Debug)]
+pub enum Stop {
+    /// Everything is said; only the status is left.
+    Said(u8),
+    /// The command line is wrong, or a file cannot be read or written: status 2.
+    Usage(String),
+    /// The model is wrong: status 1.
+    Model(String),
+    /// The numerics failed: status 3.
+    Numerics(String),
+    /// Nobody reads standard output any more: a quiet end.
+    Pipe,
+}
+
+impl From<RunError> for Stop {
+    fn from(e: RunError) -> Self {
+        match e {
+            RunError::Numerics(e) => Stop::Numerics(e.to_string()),
+            RunError::Value { .. } | RunError::Instant(_) | RunError::Unknown { .. } => Stop::Usage(e.to_string()),
+        }
+    }
+}
+
+impl From<std::io::Error> for Stop {
+    fn from(e: std::io::Error) -> Self {
+        if e.kind() == std::io::ErrorKind::BrokenPipe { Stop::Pipe } else { Stop::Usage(format!("cannot write: {e}")) }
+    }
+}

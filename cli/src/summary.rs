@@ -1,0 +1,222 @@
+//! The summary of a run, for people and for programs.
+
+use crate::stop::Stop;
+use bond::{RegionSummary, Summary};
+use bond_runtime::scene::Scene;
+use serde::ser::{Serialize, SerializeMap, Serializer};
+use std::fmt::Write;
+
+/// What a run came to.
+pub struct Outcome<'a> {
+    /// What ran.
+    pub scene: &'a Scene,
+    /// The end that was asked for, s.
+    pub stop: f64,
+    /// How long it took, s.
+    pub wall: f64,
+    /// The ledger.
+    pub summary: &'a Summary,
+    /// The probes at the end.
+    pub values: &'a [f64],
+    /// Why it ended early, if it did.
+    pub failure: Option<String>,
+}
+
+/// For people.
+pub fn text(o: &Outcome) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_text(&mut out, o);
+    out
+}
+
+fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
+    let s = o.summary;
+    writeln!(out, "{:11} {}", "scene", o.scene.name)?;
+    let reached = if o.failure.is_some() { s.time } else { o.stop };
+    let pace = if o.wall > 0.0 { reached / o.wall } else { f64::INFINITY };
+    let early = if o.failure.is_some() { format!(" of {} s, then the numerics failed", short(o.stop)) } else { String::new() };
+    writeln!(out, "{:11} {} s in {} s of wall time ({} times real time){early}", "simulated", short(reached), short(o.wall), short(pace))?;
+    if s.passive {
+        writeln!(out, "{:11} yes", "passive")?;
+    } else {
+        for (i, reason) in s.reasons.iter().enumerate() {
+            writeln!(out, "{:11} {}{reason}", if i == 0 { "passive" } else { "" }, if i == 0 { "NO: " } else { "    " })?;
+        }
+        for hint in hints(o) {
+            writeln!(out, "{:11}     hint: {hint}", "")?;
+        }
+    }
+    writeln!(out, "{:11} worst step {}, total {} (relative)", "balance", short(s.worst_step), short(s.total))?;
+    for r in &s.regions {
+        region(out, r)?;
+    }
+    for b in &s.bars {
+        writeln!(out, "\n{:11} {}", "double bar", b.name)?;
+        writeln!(out, "  {:11} {} J into the holder", "crossed", short(b.holder))?;
+        writeln!(out, "  {:11} {} J between the two sides' counts", "difference", short(b.difference))?;
+    }
+    if !o.values.is_empty() && o.failure.is_none() {
+        writeln!(out, "\nat the end")?;
+        let width = o.scene.probes.names.iter().map(|n| n.chars().count()).max().unwrap_or(0).clamp(11, 40);
+        for (i, (name, x)) in o.scene.probes.names.iter().zip(o.values).enumerate() {
+            let unit = o.scene.probes.units.get(i).and_then(Option::as_deref).filter(|u| *u != "1").unwrap_or("");
+            let value = short(*x);
+            writeln!(out, "  {name:width$} {}", format!("{value} {unit}").trim_end())?;
+        }
+    }
+    Ok(())
+}
+
+fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
+    let unit = if r.pseudo { "(of a pseudo energy)" } else { "J" };
+    let kind = match r.period {
+        Some(period) => format!("sampled every {} s", short(period)),
+        None => "continuous".to_string(),
+    };
+    let plural = if r.states == 1 { "" } else { "s" };
+    writeln!(out, "\n{:11} {}: {kind}, {} state{plural}", "region", r.name, r.states)?;
+    let order = if r.order == 0 { "exact, no error".to_string() } else { format!("order {}", r.order) };
+    let newton = if r.newton_iterations > 0 && r.steps > 0 {
+        format!(", {} Newton iterations each", short(r.newton_iterations as f64 / r.steps as f64))
+    } else {
+        String::new()
+    };
+    writeln!(out, "  {:11} {} ({order}), {} steps{newton}", "stepper", r.stepper, r.steps)?;
+    if let Some(hold) = r.hold {
+        writeln!(out, "  {:11} {hold}", "hold")?;
+    }
+    writeln!(out, "  {:11} {} -> {} {unit}", "H", short(r.h_initial), short(r.h_final))?;
+    for (name, x) in [("supplied", r.supplied), ("dissipated", r.dissipated), ("leaked", r.leaked), ("debt", r.debt_max)] {
+        if x != 0.0 || matches!(name, "supplied" | "dissipated") {
+            writeln!(out, "  {name:11} {} {unit}", short(x))?;
+        }
+    }
+    if r.leaps > 0 {
+        writeln!(out, "  {:11} {}", "leaps", r.leaps)?;
+    }
+    Ok(())
+}
+
+/// What may help where a run was not passive.
+fn hints(o: &Outcome) -> Vec<String> {
+    let regions = &o.summary.regions;
+    let mut list = Vec::new();
+    if let Some(r) = regions.iter().find(|r| !r.passive_stepper) {
+        list.push(format!("`{}` makes energy of its own; `--method gonzalez` keeps the balance", r.stepper));
+    }
+    if let Some(r) = regions.iter().find(|r| matches!(r.hold, Some("lagged" | "predicted")) && (r.leaked > 0.0 || r.debt_max > 0.0)) {
+        list.push(format!("the hold of `{}` made energy; try `hold matched`", r.name));
+    }
+    list
+}
+
+/// Six digits.
+pub fn short(x: f64) -> String {
+    let size = x.abs();
+    if x == 0.0 {
+        return "0".into();
+    }
+    if !x.is_finite() {
+        return format!("{x}");
+    }
+    let trim = |s: &str| if s.contains('.') { s.trim_end_matches('0').trim_end_matches('.').to_string() } else { s.to_string() };
+    if (1e-4..1e6).contains(&size) {
+        let digits = 5 - size.log10().floor() as i32;
+        return trim(&format!("{x:.*}", digits.clamp(0, 12) as usize));
+    }
+    let text = format!("{x:.5e}");
+    match text.split_once('e') {
+        Some((mantissa, exponent)) => format!("{}e{exponent}", trim(mantissa)),
+        None => text,
+    }
+}
+
+/// For programs.
+///
+/// # Errors
+/// None that is known.
+pub fn json(o: &Outcome) -> Result<String, Stop> {
+    serde_json::to_string_pretty(&Json(o)).map(|s| s + "\n").map_err(|e| Stop::Usage(e.to_string()))
+}
+
+struct Json<'a>(&'a Outcome<'a>);
+
+impl Serialize for Json<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let o = self.0;
+        let s = o.summary;
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("model", &o.scene.name)?;
+        map.serialize_entry("stop", &o.stop)?;
+        map.serialize_entry("reached", &s.time)?;
+        map.serialize_entry("wall_seconds", &o.wall)?;
+        map.serialize_entry("passive", &s.passive)?;
+        map.serialize_entry("reasons", &s.reasons)?;
+        map.serialize_entry("balance", &serde_json::json!({"worst_step": s.worst_step, "total": s.total}))?;
+        map.serialize_entry("regions", &s.regions.iter().map(Region).collect::<Vec<_>>())?;
+        let bars: Vec<_> = s
+            .bars
+            .iter()
+            .map(|b| serde_json::json!({"name": b.name, "holder": b.holder, "other": b.other, "difference": b.difference}))
+            .collect();
+        map.serialize_entry("bars", &bars)?;
+        map.serialize_entry("final", &Final(o))?;
+        if let Some(why) = &o.failure {
+            map.serialize_entry("error", why)?;
+        }
+        map.end()
+    }
+}
+
+struct Region<'a>(&'a RegionSummary);
+
+impl Serialize for Region<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let r = self.0;
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("name", &r.name)?;
+        map.serialize_entry("kind", r.kind)?;
+        map.serialize_entry("period", &r.period)?;
+        map.serialize_entry("states", &r.states)?;
+        map.serialize_entry("stepper", r.stepper)?;
+        map.serialize_entry("order", &r.order)?;
+        map.serialize_entry("hold", &r.hold)?;
+        map.serialize_entry("steps", &r.steps)?;
+        map.serialize_entry("newton_iterations", &r.newton_iterations)?;
+        map.serialize_entry("H_initial", &r.h_initial)?;
+        map.serialize_entry("H_final", &r.h_final)?;
+        map.serialize_entry("supplied", &r.supplied)?;
+        map.serialize_entry("dissipated", &r.dissipated)?;
+        map.serialize_entry("leaked", &r.leaked)?;
+        map.serialize_entry("debt_max", &r.debt_max)?;
+        map.serialize_entry("leaps", &r.leaps)?;
+        map.serialize_entry("pseudo", &r.pseudo)?;
+        map.end()
+    }
+}
+
+/// Probes in order of declaration.
+struct Final<'a>(&'a Outcome<'a>);
+
+impl Serialize for Final<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        for (name, x) in self.0.scene.probes.names.iter().zip(self.0.values) {
+            map.serialize_entry(name, x)?;
+        }
+        map.end()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::short;
+
+    #[test]
+    fn six_digits() {
+        let list = [0.0, 1.0, 0.1, 1.0 / 3.0, -123456.7, 1e6, 1.5e-9, 999999.9, 1e-4, f64::NAN, 100.0];
+        let text: Vec<String> = list.into_iter().map(short).collect();
+        assert_eq!(text, ["0", "1", "0.1", "0.333333", "-123457", "1e6", "1.5e-9", "1000000", "0.0001", "NaN", "100"]);
+    }
+}
