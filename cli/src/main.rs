@@ -4,6 +4,7 @@ mod commands;
 mod csv;
 mod diff;
 mod drive;
+mod expectation;
 mod input;
 mod output;
 mod progress;

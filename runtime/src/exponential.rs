@@ -24,6 +24,9 @@ pub struct Linear {
     pub means: Vec<Vec<f64>>,
     /// Symmetric matrices `M`, row by row, each `(n + m)²` long: the integral over the step of `w^T M w` is wanted.
     pub forms: Vec<Vec<f64>>,
+    /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = L^T L`: a sum of squares keeps its digits where a form
+    /// in entries would cancel.
+    pub squares: Vec<Vec<f64>>,
 }
 
 /// Where things are in a [`table`]. All counts are of numbers.
@@ -33,13 +36,14 @@ pub struct Layout {
     columns: usize,
     means: usize,
     forms: usize,
+    squares: usize,
 }
 
 impl Layout {
     /// The layout of the table of a system.
     pub fn of(linear: &Linear) -> Self {
-        let (means, forms) = (linear.means.len(), linear.forms.len());
-        Self { rows: linear.n, columns: linear.n + linear.m, means, forms }
+        let (means, forms, squares) = (linear.means.len(), linear.forms.len(), linear.squares.len());
+        Self { rows: linear.n, columns: linear.n + linear.m, means, forms, squares }
     }
 
     /// Start of the first `n` rows of `exp(A h)`, directly followed by their low-order part.
@@ -67,9 +71,14 @@ impl Layout {
         self.mean(self.means) + k * (self.columns * (self.columns + 1) / 2)
     }
 
+    /// Start of square `k`: the matrix `L`, `n + m` rows of `n + m`, those it does not need being 0.
+    pub fn square(&self, k: usize) -> usize {
+        self.form(self.forms) + k * self.columns * self.columns
+    }
+
     /// Length of the table.
     pub fn size(&self) -> usize {
-        self.form(self.forms)
+        self.square(self.squares)
     }
 }
 
@@ -103,11 +112,12 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
     }
     if linear.a.len() != square
         || linear.means.iter().any(|c| c.len() != size)
-        || linear.forms.iter().any(|m| m.len() != square)
+        || linear.forms.iter().chain(&linear.squares).any(|m| m.len() != square)
     {
         return Err(Unfit::Shape);
     }
-    let mut numbers = linear.a.iter().chain(linear.means.iter().flatten()).chain(linear.forms.iter().flatten());
+    let all = linear.means.iter().chain(&linear.forms).chain(&linear.squares).flatten();
+    let mut numbers = linear.a.iter().chain(all);
     if !numbers.all(|x| x.is_finite()) {
         return Err(Unfit::Coefficient);
     }
@@ -137,6 +147,9 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
             table.push(q[i * size + i]);
             table.extend(q[i * size + i + 1..(i + 1) * size].iter().map(|x| 2.0 * x));
         }
+    }
+    for m in &linear.squares {
+        table.extend(factor(size, flow.form(m, &d)));
     }
     if table.iter().all(|x| x.is_finite()) { Ok(table) } else { Err(Unfit::Overflow(h)) }
 }
@@ -226,6 +239,45 @@ impl Flow {
         }
         (0..n * n).map(|k| sum[k] / d[k / n] / d[k % n]).collect()
     }
+}
+
+/// `L` with `Q = L^T L`, by Cholesky's method with the largest pivot first; what is left below rounding is left out.
+fn factor(n: usize, mut q: Vec<f64>) -> Vec<f64> {
+    // Even units, so that one threshold is fair to all.
+    let size: Vec<f64> = (0..n).map(|i| q[i * n + i].max(0.0).sqrt()).collect();
+    for i in 0..n {
+        for j in 0..n {
+            let s = size[i] * size[j];
+            q[i * n + j] = if s > 0.0 { q[i * n + j] / s } else { 0.0 };
+        }
+    }
+    let mut l = vec![0.0; n * n];
+    for row in 0..n {
+        let Some(p) = (0..n).max_by(|&i, &j| q[i * n + i].total_cmp(&q[j * n + j])) else { break };
+        let pivot = q[p * n + p];
+        if pivot <= 1e-15 {
+            break;
+        }
+        let root = pivot.sqrt();
+        for j in 0..n {
+            l[row * n + j] = q[p * n + j] / root;
+        }
+        for i in 0..n {
+            for j in 0..n {
+                q[i * n + j] -= l[row * n + i] * l[row * n + j];
+            }
+        }
+        for i in 0..n {
+            q[i * n + p] = 0.0;
+            q[p * n + i] = 0.0;
+        }
+    }
+    for row in 0..n {
+        for j in 0..n {
+            l[row * n + j] *= size[j];
+        }
+    }
+    l
 }
 
 /// The larger of the largest sums of magnitudes in a row and in a column.

@@ -9,6 +9,7 @@ use bond_grammar::diagnostic::Diagnostic;
 pub(super) struct Conflict {
     place: Option<ElementId>,
     chains: Vec<(Vec<BondId>, Cause)>,
+    met: Option<BondId>,
     what: &'static str,
 }
 
@@ -36,20 +37,19 @@ impl Conflict {
         };
         first.0.truncate(64);
         second.0.truncate(64);
-        Self { place, chains: vec![first, second], what }
+        Self { place, chains: vec![first, second], met: Some(bond), what }
     }
 
     /// A junction that gets its common variable twice.
-    pub(super) fn two_givers(a: &Assignment, junction: ElementId, bond: BondId) -> Self {
+    pub(super) fn two_givers(a: &Assignment, junction: ElementId, _: BondId) -> Self {
         let kind = a.model.element(junction).kind;
         let wanted = if kind == Kind::Zero { crate::model::Variable::Flow } else { crate::model::Variable::Effort };
         let mut chains = Vec::new();
         for b in a.graph.bonds_of[junction.at()].iter().filter(|b| a.gives(**b, junction) == Some(wanted)) {
             chains.push(chain(a, *b));
         }
-        let _ = bond;
         let what = if kind == Kind::Zero { "gets two efforts" } else { "gets two flows" };
-        Self { place: Some(junction), chains, what }
+        Self { place: Some(junction), chains, met: None, what }
     }
 
     /// A junction all of whose bonds take and none gives.
@@ -60,7 +60,14 @@ impl Conflict {
         } else {
             "gets no flow: every bond of it brings an effort"
         };
-        Self { place: Some(junction), chains, what }
+        Self { place: Some(junction), chains, met: None, what }
+    }
+
+    /// What began it, sorted: two conflicts of the same causes are one.
+    pub(super) fn causes(&self) -> Vec<String> {
+        let mut list: Vec<String> = self.chains.iter().map(|c| format!("{:?}", c.1)).collect();
+        list.sort();
+        list
     }
 
     /// In words.
@@ -97,7 +104,9 @@ impl Conflict {
             if let Some(e) = element {
                 d = d.label(model.element(e).span, "is one cause");
             }
-            for b in bonds.iter().rev() {
+            // The bond where they met says nothing of the way there.
+            let way = if bonds.len() > 1 && Some(&bonds[0]) == self.met.as_ref() { &bonds[1..] } else { &bonds[..] };
+            for b in way.iter().rev() {
                 let stroke = if *cause == Cause::Asserted && Some(b) == bonds.last() { " (its stroke is asserted)" } else { "" };
                 d = d.label(model.bond(*b).span, format!("carries what {name} gives, along {}{stroke}", model.bond(*b).name));
             }

@@ -109,6 +109,7 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     let model = &*model;
     let mut a = Assignment::new(model, graph);
     let mut errors = Vec::new();
+    let mut seen: Vec<Vec<String>> = Vec::new();
     let one_ports = |kinds: &[Kind]| -> Vec<(ElementId, BondId)> {
         model
             .ids()
@@ -119,7 +120,10 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     for (id, bond) in one_ports(&[Kind::Se, Kind::Sf, Kind::De, Kind::Df]) {
         let Some(gives) = forced(model.element(id).kind) else { continue };
         if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), Cause::Source(id)) {
-            errors.push(c.diagnose(&a));
+            if !seen.contains(&c.causes()) {
+                seen.push(c.causes());
+                errors.push(c.diagnose(&a));
+            }
         }
     }
     for (i, bond) in model.bonds.iter().enumerate() {

@@ -6,7 +6,7 @@
 use super::cluster::{Cluster, missing, verified};
 use super::write;
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
-use crate::model::Model;
+use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output, gain};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::exponential::{Layout, Linear};
@@ -350,7 +350,7 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     if a.iter().any(|x| !x.is_finite()) {
         return None;
     }
-    let linear = Linear { n, m: size - n, a, means: vec![], forms: vec![] };
+    let linear = Linear { n, m: size - n, a, ..Linear::default() };
     Some(Rows { linear, system, outputs, inputs: input_rows, integrals })
 }
 
@@ -430,17 +430,26 @@ fn program(
     linear.means.extend(rows.integrals.iter().filter_map(|i| i.as_ref().ok().cloned()));
     let (inputs_of, resistors_of): (Vec<_>, Vec<_>) = entries.iter().map(|e| c.entry_columns(form, e.region)).unzip();
     let mut quads: Vec<Slot> = Vec::new();
+    let mut sums: Vec<(Slot, f64)> = Vec::new();
     if with_ledger {
         for ((e, ins), res) in entries.iter().zip(&inputs_of).zip(&resistors_of) {
-            let sources = e.supplied.iter().map(|s| s.1).zip(ins).filter(|(_, c)| !steady.contains(c)).map(|(s, c)| (s, c, -1.0));
-            let all = sources.chain(e.dissipated.iter().map(|d| d.1).zip(res).map(|(s, c)| (s, c, 1.0)));
-            for (slot, column, sign) in all {
+            let energy = |column: &ColumnId, sign: f64| {
                 let mut m = vec![0.0; size * size];
                 if let (Some(z), Some(i)) = (rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)) {
                     add_product(&mut m, z, i, sign);
                 }
-                linear.forms.push(m);
-                quads.push(Slot::new(Array::Output, slot));
+                m
+            };
+            for ((_, slot), column) in e.supplied.iter().zip(ins).filter(|(_, c)| !steady.contains(c)) {
+                linear.forms.push(energy(column, -1.0));
+                quads.push(Slot::new(Array::Output, *slot));
+            }
+            for ((_, slot), column) in e.dissipated.iter().zip(res) {
+                // An active resistor gives energy: minus a sum of squares.
+                let active = model.element(form.column(*column).element).active;
+                let sign = if active && is_negative(model, form, *column) { -1.0 } else { 1.0 };
+                linear.squares.push(energy(column, sign));
+                sums.push((Slot::new(Array::Output, *slot), sign));
             }
         }
     }
@@ -468,6 +477,23 @@ fn program(
     }
     for (k, slot) in quads.iter().enumerate() {
         b.push(Inst::Quad { to: *slot, table: layout.form(k) as u32, from: w, n: size as u32 }, *slot, 1);
+    }
+    if !sums.is_empty() {
+        let roots = b.slots(Array::Local, size);
+        for (k, (slot, sign)) in sums.iter().enumerate() {
+            let table = layout.square(k) as u32;
+            b.push(Inst::MatVec { to: roots, table, from: w, rows: size as u32, cols: size as u32, low: false }, roots, size);
+            let mut sum = b.number(0.0);
+            for i in 0..size {
+                let x = b.load(Slot { array: Array::Local, index: roots.index + i as u32 });
+                let x = b.mul(x, x);
+                sum = b.add(sum, x);
+            }
+            if *sign < 0.0 {
+                sum = b.unary(Unary::Neg, sum);
+            }
+            b.store(*slot, sum);
+        }
     }
     let mean = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: means.index + k as u32 });
     for (i, _) in c.ports.iter().enumerate() {
@@ -523,6 +549,14 @@ fn program(
         write::energies(c, model, &mut b, &values, &entries)?;
     }
     Ok((verified(model, b.finish())?, linear, entries))
+}
+
+/// Whether a linear resistor's value is below 0.
+fn is_negative(model: &Model, form: &Form, column: ColumnId) -> bool {
+    match &model.element(form.column(column).element).law {
+        Law::Resistor(r) => r.linear.and_then(|k| model.pool.constant(k)).is_some_and(|k| k < 0.0),
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
+    }
 }
 
 /// The value of a drive at the start of a step.

@@ -428,48 +428,48 @@ impl Run {
         result.map_err(|why| self.failure(c, names, t, why))
     }
 
-    /// Mean answers to unit inputs, for the response of this cluster to what is held: for each pair of its ports (answer, held),
-    /// how much the integral over `period` of what the first gives out changes with the second's input.
-    pub(super) fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> Vec<f64> {
+    /// How this cluster answers to what is held at `ports` for one `period` and then let go: for the interval of the hold and
+    /// the two after it, a matrix of the change, with each held input, of the integral of what each port gives out.
+    pub(super) fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> [Vec<f64>; 3] {
         let n = ports.len();
-        let mut matrix = vec![0.0; n * n];
+        let nothing = || [vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]];
+        let mut matrices = nothing();
         let (steps, h) = match c.period {
             Some(own) => ((period / own).round().max(1.0), own),
             None if c.is_linear => (1.0, period),
             None => (16.0, period / 16.0),
         };
         if self.step.prepare(h).is_err() {
-            return matrix;
+            return matrices;
         }
         let probe = if c.is_linear { 1.0 } else { 1e-3 };
         let iterations = self.step.work.newton_iterations;
         for (j, held) in ports.iter().enumerate() {
-            let mut integral = [vec![0.0; n], vec![0.0; n]];
-            for (side, sign) in [1.0, -1.0].into_iter().enumerate() {
+            for sign in [1.0, -1.0] {
                 let mut state = if c.is_linear { vec![0.0; self.state.len()] } else { self.state.clone() };
                 let mut input = self.input.clone();
                 for p in &c.ports {
                     input[p.input] = 0.0;
                 }
-                input[c.ports[*held].input] = sign * probe;
                 input[1] = h;
-                for k in 0..steps as u64 {
-                    input[0] = k as f64 * h;
-                    if self.step.run(&state, &input, h).is_err() {
-                        return vec![0.0; n * n];
-                    }
-                    state.copy_from_slice(&self.step.work.next);
-                    for (i, p) in ports.iter().enumerate() {
-                        integral[side][i] += h * self.step.work.output[c.ports[*p].mean];
+                for (interval, matrix) in matrices.iter_mut().enumerate() {
+                    input[c.ports[*held].input] = if interval == 0 { sign * probe } else { 0.0 };
+                    for k in 0..steps as u64 {
+                        input[0] = interval as f64 * period + k as f64 * h;
+                        if self.step.run(&state, &input, h).is_err() {
+                            return nothing();
+                        }
+                        state.copy_from_slice(&self.step.work.next);
+                        for (i, p) in ports.iter().enumerate() {
+                            let q = h * self.step.work.output[c.ports[*p].mean];
+                            matrix[i * n + j] += sign * q / (2.0 * probe);
+                        }
                     }
                 }
             }
-            for i in 0..n {
-                matrix[i * n + j] = (integral[0][i] - integral[1][i]) / (2.0 * probe);
-            }
         }
         self.step.work.newton_iterations = iterations;
-        matrix
+        matrices
     }
 
     /// The output of the last step.

@@ -31,12 +31,16 @@ pub(super) struct Held {
 
 impl Held {
     /// What the next interval's alpha is foretold to be, from the samples alone: the last one, moved by the outside force that its
-    /// change showed, and by the held variable's own effect on a thing that moves (twice beta).
-    pub(super) fn foretold(&self, own: &[f64], changes: &[f64]) -> f64 {
+    /// change showed, and by the held variable's own effect after its interval.
+    ///
+    /// `gamma` is that effect on the next interval (twice beta for a thing that just moves), `decay` how much of a motion is left
+    /// after an interval (1 for such a thing). Before there are two intervals no outside force is known.
+    pub(super) fn foretold(&self, gamma: &[f64], changes: &[f64], decay: f64) -> f64 {
+        let effect: f64 = gamma.iter().zip(changes).map(|(g, c)| g * c).sum();
         match self.intervals {
             0 => 0.0,
-            1 => self.alpha[0] - 2.0 * own.iter().zip(changes).map(|(b, c)| b * c).sum::<f64>(),
-            _ => 2.0 * self.alpha[0] - self.alpha[1] - 2.0 * own.iter().zip(changes).map(|(b, c)| b * c).sum::<f64>(),
+            1 => decay * self.alpha[0] - effect,
+            _ => self.alpha[0] + decay * (self.alpha[0] - self.alpha[1]) - effect,
         }
     }
 

@@ -13,8 +13,10 @@ pub struct Simulation<'a> {
     runs: Vec<Run>,
     /// By cluster, the ports it holds.
     held: Vec<Vec<Held>>,
-    /// By cluster, the matrix beta of those ports.
+    /// By cluster, the matrix beta of those ports, its like for the interval after, and what of a motion is left after one.
     beta: Vec<Vec<f64>>,
+    gamma: Vec<Vec<f64>>,
+    decay: Vec<Vec<f64>>,
     /// By cluster, the next sample's number.
     next: Vec<u64>,
     /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
@@ -73,6 +75,8 @@ impl<'a> Simulation<'a> {
             runs,
             held,
             beta: vec![Vec::new(); n],
+            gamma: vec![Vec::new(); n],
+            decay: vec![Vec::new(); n],
             next: vec![0; n],
             order,
             connected,
@@ -101,11 +105,14 @@ impl<'a> Simulation<'a> {
         &self.runs[cluster].state
     }
 
-    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held.
+    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; and gamma, how that over the next
+    /// one does.
     fn find_beta(&mut self, i: usize) {
         let n = self.held[i].len();
         let period = self.scene.clusters[i].period.unwrap_or(0.0);
         let mut beta = vec![0.0; n * n];
+        let mut gamma = vec![0.0; n * n];
+        let mut decay = vec![1.0; n];
         let mut others: Vec<usize> = self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
         others.sort_unstable();
         others.dedup();
@@ -114,18 +121,24 @@ impl<'a> Simulation<'a> {
                 (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
             let bars: Vec<&crate::scene::Bar> = mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
             let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
-            let response = self.runs[other].response(&self.scene.clusters[other], period, &ports);
+            let [now, next, later] = self.runs[other].response(&self.scene.clusters[other], period, &ports);
             let m = mine.len();
             for (r, &a) in mine.iter().enumerate() {
                 for (s, &b) in mine.iter().enumerate() {
                     // q = sign * integral, input = sign * v, and q = alpha - beta v
-                    beta[a * n + b] = -bars[r].sign * bars[s].sign * response[r * m + s];
+                    let sign = -bars[r].sign * bars[s].sign;
+                    beta[a * n + b] = sign * now[r * m + s];
+                    gamma[a * n + b] = sign * next[r * m + s];
                 }
+                let (first, second) = (next[r * m + r], later[r * m + r]);
+                let left = if first == 0.0 { 1.0 } else { second / first };
+                decay[a] = if left.is_finite() { left.clamp(0.0, 1.0) } else { 1.0 };
             }
         }
         for (k, h) in self.held[i].iter().enumerate() {
             if let Some(inertia) = h.open.and_then(|o| self.scene.open[o].inertia) {
                 beta[k * n + k] = period * period / (2.0 * inertia);
+                gamma[k * n + k] = 2.0 * beta[k * n + k];
             }
         }
         for k in 0..n {
@@ -133,6 +146,8 @@ impl<'a> Simulation<'a> {
             beta[k * n + k] = if beta[k * n + k].is_finite() { beta[k * n + k].max(0.0) } else { 0.0 };
         }
         self.beta[i] = beta;
+        self.gamma[i] = gamma;
+        self.decay[i] = decay;
     }
 
     /// The next sample of any cluster.
@@ -321,7 +336,7 @@ impl<'a> Simulation<'a> {
         let n = self.held[i].len();
         let changes: Vec<f64> = self.held[i].iter().map(Held::change).collect();
         let alpha: Vec<f64> =
-            (0..n).map(|k| self.held[i][k].foretold(&self.beta[i][k * n..(k + 1) * n], &changes)).collect();
+            (0..n).map(|k| self.held[i][k].foretold(&self.gamma[i][k * n..(k + 1) * n], &changes, self.decay[i][k])).collect();
         let input = &mut self.respond_input[i];
         let base = self.runs[i].input.len();
         input[..base].copy_from_slice(&self.runs[i].input);
@@ -393,7 +408,7 @@ impl<'a> Simulation<'a> {
             let own = beta[k * n + k];
             let pull: f64 = (0..n).filter(|j| *j != k).map(|j| beta[k * n + j] * values[j]).sum();
             let free = alpha[k] - pull;
-            let mut call = |this: &mut Self, q: &[f64]| -> Result<f64, Error> {
+            let call = |this: &mut Self, q: &[f64]| -> Result<f64, Error> {
                 for (h, q) in this.held[i].iter().zip(q) {
                     this.respond_input[i][c.ports[h.port].input] = -q / period;
                 }
