@@ -82,7 +82,21 @@ mod tests {
 
     #[test]
     fn numbers_read_back() {
-        for x in [0.0, -0.0, 1.0, 0.1, 1e-5, 9.99e-6, 1e16, 123456789.125, 1e300, 5e-324, f64::MAX, -1.0 / 3.0, f64::INFINITY] {
+        for x in [
+            0.0,
+            -0.0,
+            1.0,
+            0.1,
+            1e-5,
+            9.99e-6,
+            1e16,
+            123456789.125,
+            1e300,
+            5e-324,
+            f64::MAX,
+            -1.0 / 3.0,
+            f64::INFINITY,
+        ] {
             let mut line = String::new();
             number(&mut line, x);
             assert_eq!(line.parse::<f64>().map(f64::to_bits), Ok(x.to_bits()), "{line}");

@@ -37,7 +37,8 @@ fn changes<'a>(a: &[&'a str], b: &[&'a str]) -> Vec<(char, &'a str)> {
     let at = |i: usize, j: usize| i * (m + 1) + j;
     for i in (0..n).rev() {
         for j in (0..m).rev() {
-            rest[at(i, j)] = if a[i] == b[j] { rest[at(i + 1, j + 1)] + 1 } else { rest[at(i + 1, j)].max(rest[at(i, j + 1)]) };
+            rest[at(i, j)] =
+                if a[i] == b[j] { rest[at(i + 1, j + 1)] + 1 } else { rest[at(i + 1, j)].max(rest[at(i, j + 1)]) };
         }
     }
     let (mut i, mut j) = (0, 0);

@@ -82,7 +82,13 @@ impl<'a> Watch<'a> {
 
     /// How all of them came out.
     pub fn outcomes(&self, summary: &Summary, failure: Option<&str>) -> Vec<Outcome> {
-        self.scene.probes.expectations.iter().zip(&self.seen).map(|(x, seen)| self.outcome(&x.kind, seen, summary, failure)).collect()
+        self.scene
+            .probes
+            .expectations
+            .iter()
+            .zip(&self.seen)
+            .map(|(x, seen)| self.outcome(&x.kind, seen, summary, failure))
+            .collect()
     }
 
     fn outcome(&self, kind: &ExpectationKind, seen: &Seen, summary: &Summary, failure: Option<&str>) -> Outcome {

@@ -12,6 +12,7 @@ mod report;
 mod rows;
 mod stop;
 mod summary;
+mod text;
 
 use clap::{Parser, Subcommand};
 use commands::{check, fmt, linearize, new, run, show, test};

@@ -116,7 +116,8 @@ impl Whole {
             return Err(Stop::Usage(format!("cannot write {}: it names no file", path.display())));
         };
         for attempt in 0..100 {
-            let beside = path.with_file_name(format!(".{}.{}.{attempt}.tmp", name.to_string_lossy(), std::process::id()));
+            let beside =
+                path.with_file_name(format!(".{}.{}.{attempt}.tmp", name.to_string_lossy(), std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&beside) {
                 Ok(file) => return Ok(Self { file: BufWriter::new(file), beside, path, done: false }),
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}

@@ -49,7 +49,9 @@ fn eval(e: &Expr) -> Result<Quantity, String> {
         }
         ExprKind::Paren(inner) => eval(inner),
         ExprKind::Unary(Unary::Neg, inner) => eval(inner).map(|(x, d)| (-x, d)),
-        ExprKind::Path(p) if p.segments.len() == 1 && p.segments[0].name.text == "pi" && p.segments[0].index.is_empty() => {
+        ExprKind::Path(p)
+            if p.segments.len() == 1 && p.segments[0].name.text == "pi" && p.segments[0].index.is_empty() =>
+        {
             Ok((std::f64::consts::PI, None))
         }
         ExprKind::Binary(op, a, b) => {
@@ -64,18 +66,25 @@ fn eval(e: &Expr) -> Result<Quantity, String> {
                 Binary::Sub => Ok((x - y, both(of(dx)))),
                 Binary::Pow if dx.is_none() && dy.is_none() => Ok((x.powf(y), None)),
                 Binary::Pow => Err("a power of a quantity cannot be given here; write the number and its unit".into()),
-                Binary::Lt | Binary::Le | Binary::Gt | Binary::Ge | Binary::Eq | Binary::Ne | Binary::And | Binary::Or => {
-                    Err("this is a condition, not a number".into())
-                }
+                Binary::Lt
+                | Binary::Le
+                | Binary::Gt
+                | Binary::Ge
+                | Binary::Eq
+                | Binary::Ne
+                | Binary::And
+                | Binary::Or => Err("this is a condition, not a number".into()),
             }
         }
         ExprKind::Path(p) => {
             let name = p.segments.iter().map(|s| s.name.text.as_str()).collect::<Vec<_>>().join(".");
             Err(format!("`{name}` is no number"))
         }
-        ExprKind::Bool(_) | ExprKind::Unary(Unary::Not, _) | ExprKind::If(..) | ExprKind::Call(..) | ExprKind::List(_) => {
-            Err("this is no number".into())
-        }
+        ExprKind::Bool(_)
+        | ExprKind::Unary(Unary::Not, _)
+        | ExprKind::If(..)
+        | ExprKind::Call(..)
+        | ExprKind::List(_) => Err("this is no number".into()),
     }
 }
 
@@ -103,7 +112,22 @@ mod tests {
 
     #[test]
     fn nonsense_is_told() {
-        for text in ["", " ", "abc", "1 kgg", "1e999", "NaN", "inf", "1 s 2", "true", "1 < 2", "[1]", "1/0", "\u{0}", "1 m + 1 s"] {
+        for text in [
+            "",
+            " ",
+            "abc",
+            "1 kgg",
+            "1e999",
+            "NaN",
+            "inf",
+            "1 s 2",
+            "true",
+            "1 < 2",
+            "[1]",
+            "1/0",
+            "\u{0}",
+            "1 m + 1 s",
+        ] {
             assert!(quantity(text).is_err(), "{text:?}");
         }
         assert!(seconds("1 kg").unwrap_err().contains("no time"));

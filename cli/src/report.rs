@@ -1,11 +1,11 @@
 //! Diagnostics and messages on standard error.
 
+use crate::text::Text;
 use bond_grammar::diagnostic::{Diagnostic, Label};
-use bond_grammar::source::{SourceId, Sources, Span};
-use miette::{LabeledSpan, MietteHandler, MietteHandlerOpts, NamedSource, ReportHandler, Severity};
+use bond_grammar::source::{SourceId, Sources};
+use miette::{LabeledSpan, MietteHandler, MietteHandlerOpts, ReportHandler, Severity};
 use std::fmt;
 use std::io::{IsTerminal, Write};
-use std::sync::Arc;
 
 /// Lines longer than this are not drawn.
 const LONG: usize = 2000;
@@ -43,7 +43,7 @@ pub fn diagnostics(sources: &Sources, list: &[Diagnostic]) {
 /// The sources that diagnostics point into, to be shared by all of them.
 struct Texts<'a> {
     sources: &'a Sources,
-    named: Vec<(SourceId, NamedSource<Arc<str>>)>,
+    list: Vec<(SourceId, Text<'a>)>,
 }
 
 impl<'a> Texts<'a> {
@@ -51,20 +51,24 @@ impl<'a> Texts<'a> {
         let mut ids: Vec<SourceId> = list.iter().flat_map(|d| &d.labels).map(|l| l.span.source).collect();
         ids.sort_unstable();
         ids.dedup();
-        let named = ids
+        let list = ids
             .into_iter()
             .map(|id| {
                 let source = sources.get(id);
-                (id, NamedSource::new(&source.name, Arc::from(source.text.as_str())))
+                (id, Text::new(&source.name, &source.text))
             })
             .collect();
-        Self { sources, named }
+        Self { sources, list }
+    }
+
+    fn get(&self, id: SourceId) -> Option<&Text<'a>> {
+        self.list.iter().find(|t| t.0 == id).map(|t| &t.1)
     }
 }
 
 /// A diagnostic as text.
 fn drawn(texts: &Texts, d: &Diagnostic) -> String {
-    let long = |l: &Label| line_around(texts.sources, l.span).len() > LONG;
+    let long = |l: &Label| texts.get(l.span.source).is_some_and(|t| t.around(l.span.start as usize).len() > LONG);
     if d.labels.iter().any(long) {
         return d.render(texts.sources) + "\n";
     }
@@ -79,36 +83,6 @@ fn drawn(texts: &Texts, d: &Diagnostic) -> String {
     // A defect of the drawing must not hide what is wrong.
     let good = fmt::Write::write_fmt(&mut text, format_args!("{shown}")).is_ok();
     if good { text + "\n" } else { d.render(texts.sources) + "\n" }
-}
-
-/// The line on which a span starts.
-fn line_around(sources: &Sources, span: Span) -> &str {
-    let text = &sources.get(span.source).text;
-    let start = floor(text, span.start as usize);
-    let from = text[..start].rfind('\n').map_or(0, |n| n + 1);
-    let to = text[start..].find('\n').map_or(text.len(), |n| start + n);
-    &text[from..to]
-}
-
-/// The start of the letter that a byte belongs to.
-fn floor(text: &str, at: usize) -> usize {
-    let mut at = at.min(text.len());
-    while !text.is_char_boundary(at) {
-        at -= 1;
-    }
-    at
-}
-
-/// Byte range to draw of a span: within the text, on letters, at most [`TALL`] lines.
-fn clamp(text: &str, span: Span) -> (usize, usize) {
-    let start = floor(text, (span.start as usize).min(text.len().saturating_sub(1)));
-    let end = floor(text, span.end as usize).max(start);
-    let inside = &text[start..end];
-    if inside.matches('\n').count() > TALL {
-        let first = inside.find('\n').unwrap_or(inside.len());
-        return (start, start + first);
-    }
-    (start, end - (inside.len() - inside.trim_end().len()))
 }
 
 struct Shown<'a>(MietteHandler, Report<'a>);
@@ -126,7 +100,7 @@ struct Report<'a> {
     code: Option<&'static str>,
     severity: Severity,
     help: Option<&'a str>,
-    source: Option<&'a NamedSource<Arc<str>>>,
+    source: Option<&'a Text<'a>>,
     labels: Vec<LabeledSpan>,
     related: Vec<Report<'a>>,
 }
@@ -139,36 +113,30 @@ impl<'a> Report<'a> {
             code: Some(d.code),
             severity: if d.warning { Severity::Warning } else { Severity::Error },
             help: d.help.as_deref(),
-            source: home.and_then(|id| texts.named(id)),
+            source: home.and_then(|id| texts.get(id)),
             labels: Vec::new(),
             related: Vec::new(),
         };
         for (i, label) in d.labels.iter().enumerate() {
-            let source = texts.sources.get(label.span.source);
-            let (start, end) = clamp(&source.text, label.span);
+            let Some(source) = texts.get(label.span.source) else { continue };
+            let (start, end) = source.clamp(label.span.start as usize, label.span.end as usize, TALL);
             let text = Some(label.text.clone()).filter(|t| !t.is_empty());
             if Some(label.span.source) == home {
                 let make = if i == 0 { LabeledSpan::new_primary_with_span } else { LabeledSpan::new_with_span };
                 report.labels.push(make(text, (start, end - start)));
             } else {
                 report.related.push(Self {
-                    message: format!("see {}", source.name),
+                    message: format!("see {}", texts.sources.get(label.span.source).name),
                     code: None,
                     severity: Severity::Advice,
                     help: None,
-                    source: texts.named(label.span.source),
+                    source: Some(source),
                     labels: vec![LabeledSpan::new_primary_with_span(text, (start, end - start))],
                     related: Vec::new(),
                 });
             }
         }
         report
-    }
-}
-
-impl Texts<'_> {
-    fn named(&self, id: SourceId) -> Option<&NamedSource<Arc<str>>> {
-        self.named.iter().find(|n| n.0 == id).map(|n| &n.1)
     }
 }
 
@@ -198,11 +166,14 @@ impl miette::Diagnostic for Report<'_> {
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        (!self.labels.is_empty()).then(|| Box::new(self.labels.iter().cloned()) as Box<dyn Iterator<Item = LabeledSpan>>)
+        (!self.labels.is_empty())
+            .then(|| Box::new(self.labels.iter().cloned()) as Box<dyn Iterator<Item = LabeledSpan>>)
     }
 
     fn related<'b>(&'b self) -> Option<Box<dyn Iterator<Item = &'b dyn miette::Diagnostic> + 'b>> {
-        (!self.related.is_empty())
-            .then(|| Box::new(self.related.iter().map(|r| r as &dyn miette::Diagnostic)) as Box<dyn Iterator<Item = &dyn miette::Diagnostic>>)
+        (!self.related.is_empty()).then(|| {
+            Box::new(self.related.iter().map(|r| r as &dyn miette::Diagnostic))
+                as Box<dyn Iterator<Item = &dyn miette::Diagnostic>>
+        })
     }
 }

@@ -39,16 +39,19 @@ impl Rows {
         at.sort_by(f64::total_cmp);
         at.dedup();
         if let Some(late) = at.iter().find(|t| **t > stop * (1.0 + 1e-9)) {
-            return Err(Stop::Usage(format!("--at {late} is beyond the end of the run, {stop} s; make it longer with --stop")));
+            return Err(Stop::Usage(format!(
+                "--at {late} is beyond the end of the run, {stop} s; make it longer with --stop"
+            )));
         }
         let points = match grid {
             Grid::None => 0.0,
             Grid::Every(dt) => (stop / dt * (1.0 - 1e-9)).ceil(),
             Grid::Parts(n) => f64::from(n),
         };
-        // Written so that NaN is refused too.
-        if !(points <= ROWS) {
-            return Err(Stop::Usage(format!("that would be {points:.1e} rows, at most {ROWS:.0e} are written; take a longer --every")));
+        if points.is_nan() || points > ROWS {
+            return Err(Stop::Usage(format!(
+                "that would be {points:.1e} rows, at most {ROWS:.0e} are written; take a longer --every"
+            )));
         }
         Ok(Self { grid, stop, count: points as u64, at, k: 0, i: 0 })
     }

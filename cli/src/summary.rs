@@ -35,13 +35,26 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
     writeln!(out, "{:11} {}", "scene", o.scene.name)?;
     let reached = if o.failure.is_some() { s.time } else { o.stop };
     let pace = if o.wall > 0.0 { reached / o.wall } else { f64::INFINITY };
-    let early = if o.failure.is_some() { format!(" of {} s, then the numerics failed", short(o.stop)) } else { String::new() };
-    writeln!(out, "{:11} {} s in {} s of wall time ({} times real time){early}", "simulated", short(reached), short(o.wall), short(pace))?;
+    let early =
+        if o.failure.is_some() { format!(" of {} s, then the numerics failed", short(o.stop)) } else { String::new() };
+    writeln!(
+        out,
+        "{:11} {} s in {} s of wall time ({} times real time){early}",
+        "simulated",
+        short(reached),
+        short(o.wall),
+        short(pace)
+    )?;
     if s.passive {
         writeln!(out, "{:11} yes", "passive")?;
     } else {
         for (i, reason) in s.reasons.iter().enumerate() {
-            writeln!(out, "{:11} {}{reason}", if i == 0 { "passive" } else { "" }, if i == 0 { "NO: " } else { "    " })?;
+            writeln!(
+                out,
+                "{:11} {}{reason}",
+                if i == 0 { "passive" } else { "" },
+                if i == 0 { "NO: " } else { "    " }
+            )?;
         }
         for hint in hints(o) {
             writeln!(out, "{:11}     hint: {hint}", "")?;
@@ -76,7 +89,7 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     };
     let plural = if r.states == 1 { "" } else { "s" };
     writeln!(out, "\n{:11} {}: {kind}, {} state{plural}", "region", r.name, r.states)?;
-    let order = if r.order == 0 { "exact, no error".to_string() } else { format!("order {}", r.order) };
+    let order = if r.order == 0 { "without error".to_string() } else { format!("order {}", r.order) };
     let newton = if r.newton_iterations > 0 && r.steps > 0 {
         format!(", {} Newton iterations each", short(r.newton_iterations as f64 / r.steps as f64))
     } else {
@@ -87,7 +100,9 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
         writeln!(out, "  {:11} {hold}", "hold")?;
     }
     writeln!(out, "  {:11} {} -> {} {unit}", "H", short(r.h_initial), short(r.h_final))?;
-    for (name, x) in [("supplied", r.supplied), ("dissipated", r.dissipated), ("leaked", r.leaked), ("debt", r.debt_max)] {
+    for (name, x) in
+        [("supplied", r.supplied), ("dissipated", r.dissipated), ("leaked", r.leaked), ("debt", r.debt_max)]
+    {
         if x != 0.0 || matches!(name, "supplied" | "dissipated") {
             writeln!(out, "  {name:11} {} {unit}", short(x))?;
         }
@@ -105,7 +120,9 @@ fn hints(o: &Outcome) -> Vec<String> {
     if let Some(r) = regions.iter().find(|r| !r.passive_stepper) {
         list.push(format!("`{}` makes energy of its own; `--method gonzalez` keeps the balance", r.stepper));
     }
-    if let Some(r) = regions.iter().find(|r| matches!(r.hold, Some("lagged" | "predicted")) && (r.leaked > 0.0 || r.debt_max > 0.0)) {
+    if let Some(r) =
+        regions.iter().find(|r| matches!(r.hold, Some("lagged" | "predicted")) && (r.leaked > 0.0 || r.debt_max > 0.0))
+    {
         list.push(format!("the hold of `{}` made energy; try `hold matched`", r.name));
     }
     list
@@ -120,7 +137,9 @@ pub fn short(x: f64) -> String {
     if !x.is_finite() {
         return format!("{x}");
     }
-    let trim = |s: &str| if s.contains('.') { s.trim_end_matches('0').trim_end_matches('.').to_string() } else { s.to_string() };
+    let trim = |s: &str| {
+        if s.contains('.') { s.trim_end_matches('0').trim_end_matches('.').to_string() } else { s.to_string() }
+    };
     if (1e-4..1e6).contains(&size) {
         let digits = 5 - size.log10().floor() as i32;
         return trim(&format!("{x:.*}", digits.clamp(0, 12) as usize));

@@ -66,7 +66,11 @@ fn settle(pool: &crate::expression::Pool, columns: &[(Symbol, Expr)], at: &mut F
 ///
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.
-pub fn linearize(compiled: &mut Compiled, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Linearized, String> {
+pub fn linearize(
+    compiled: &mut Compiled,
+    time: f64,
+    states: &dyn Fn(&str) -> Option<f64>,
+) -> Result<Linearized, String> {
     let (model, form) = (&mut compiled.model, &compiled.form);
     let continuous: Vec<usize> = (0..form.regions.len()).filter(|r| form.regions[*r].sampling.is_none()).collect();
     let mut at: FxHashMap<Symbol, f64> = FxHashMap::default();

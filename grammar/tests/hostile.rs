@@ -80,7 +80,7 @@ fn long_expressions_are_bounded() {
         let found = codes(model(&long));
         assert!(matches!(found[..], ["syntax::too_long" | "syntax::too_deep"]), "{operator} {found:?}");
     }
-    let fits = format!("let x = a{}\n", " + 2 m*b[3]".repeat(490));
+    let fits = format!("let x = a{}\n", " + 2 m * b[3]".repeat(490));
     assert_eq!(codes(model(&fits.repeat(3))), Vec::<&str>::new());
     let nested = format!("let x = {}a{}", "(".repeat(90), format!("{})", " + a".repeat(20)).repeat(90));
     assert_eq!(codes(model(&nested)), ["syntax::too_long"]);

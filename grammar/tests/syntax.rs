@@ -87,7 +87,7 @@ fn quantities() {
     assert_eq!(expr("10 N / m"), "(<10 N^1> Div m)");
     assert_eq!(expr("6 V * sin(x)"), "(<6 V^1> Mul sin(x))");
     assert_eq!(expr("6 V*x"), "<6 V^1 x^1>");
-    assert_eq!(expr("6 V*sin(x)"), "(<6 V^1> Mul sin(x))");
+    assert_eq!(expr("6 V * sin(x)"), "(<6 V^1> Mul sin(x))");
     assert_eq!(expr("2 m*3"), "(<2 m^1> Mul 3)");
     assert_eq!(expr("1.5e3 J/(kg*K/s)/m^2"), "<1.5e3 J^1 kg^-1 K^-1 s^1 m^-2>");
     assert_eq!(expr("1 m^(2/4)*s^-1/kg^(-1/2)"), "<1 m^1/2 s^-1 kg^1/2>");

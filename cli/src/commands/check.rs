@@ -140,7 +140,11 @@ impl Message {
             severity: if d.warning { "warning" } else { "error" },
             message: d.message.clone(),
             place: d.labels.first().map_or_else(nowhere, |l| Place::new(sources, l.span)),
-            labels: d.labels.iter().map(|l| Label { place: Place::new(sources, l.span), text: l.text.clone() }).collect(),
+            labels: d
+                .labels
+                .iter()
+                .map(|l| Label { place: Place::new(sources, l.span), text: l.text.clone() })
+                .collect(),
             help: d.help.clone(),
         }
     }

@@ -11,7 +11,9 @@ use std::path::PathBuf;
 
 /// Linearize a model: A, B, C and D with the names of states, inputs and outputs, as JSON
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  bond linearize wall.bond\n  bond linearize pendulum.bond --at 2s -o pendulum.json")]
+#[command(
+    after_help = "Examples:\n  bond linearize wall.bond\n  bond linearize pendulum.bond --at 2s -o pendulum.json"
+)]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]

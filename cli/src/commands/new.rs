@@ -40,7 +40,9 @@ fn name(text: &str) -> Result<String, String> {
 pub fn new(args: &Args) -> Result<(), Stop> {
     let folder = Path::new(&args.name);
     fs::create_dir(folder).map_err(|e| match e.kind() {
-        std::io::ErrorKind::AlreadyExists => Stop::Usage(format!("`{}` is there already; nothing was changed", args.name)),
+        std::io::ErrorKind::AlreadyExists => {
+            Stop::Usage(format!("`{}` is there already; nothing was changed", args.name))
+        }
         _ => unwritable(folder, &e),
     })?;
     let model = format!("{}.bond", args.name);

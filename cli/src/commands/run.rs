@@ -16,10 +16,8 @@ use std::time::Instant;
 
 /// Simulate a model, and tell what became of the energy
 #[derive(clap::Args)]
-#[command(
-    after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv\n  \
-                  bond run wall.bond --set wall.k=2e3 --set \"m=0.5 kg\" --at 40ms,1s -o - --summary json\n\nTimes are seconds or carry a unit."
-)]
+#[command(after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv\n  \
+                  bond run wall.bond --set wall.k=2e3 --set \"m=0.5 kg\" --at 40ms,1s -o - --summary json\n\nTimes are seconds or carry a unit.")]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
@@ -157,7 +155,10 @@ fn places(args: &Args) -> Result<(), Stop> {
     for path in [&args.output, &args.ledger].into_iter().flatten() {
         let end = path.extension().map(|e| e.to_string_lossy().to_lowercase());
         if let Some(end @ ("parquet" | "png" | "svg" | "json" | "xlsx")) = end.as_deref() {
-            return Err(Stop::Usage(format!("{}: `.{end}` cannot be written in this version, only CSV", path.display())));
+            return Err(Stop::Usage(format!(
+                "{}: `.{end}` cannot be written in this version, only CSV",
+                path.display()
+            )));
         }
     }
     match (&args.output, &args.ledger) {

@@ -1,5 +1,6 @@
 //! `bond test`: what models expect of themselves, and snapshots of their structure.
 
+use crate::diff;
 use crate::drive::{self, Halt, drive};
 use crate::expectation::{Outcome, Watch};
 use crate::input::{self, Which};
@@ -7,7 +8,6 @@ use crate::output;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use crate::diff;
 use bond::{Compiled, Options, Simulation, Steps};
 use bond_grammar::ast::{Item, Statement, StatementKind};
 use bond_grammar::source::Sources;
@@ -244,7 +244,10 @@ fn snapshot(path: &Path, title: &str, compiled: &Compiled, update: bool, count: 
         Some(old) if old == new => count.add(true, &format!("{title}: snapshot")),
         None if !update => Ok(()),
         Some(old) if !update => {
-            count.add(false, &format!("{title}: snapshot ({} differs; `--update` accepts the new one)", place.display()))?;
+            count.add(
+                false,
+                &format!("{title}: snapshot ({} differs; `--update` accepts the new one)", place.display()),
+            )?;
             output::print(&diff::lines(&old, &new))
         }
         Some(_) | None => {

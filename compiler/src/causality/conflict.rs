@@ -27,7 +27,9 @@ impl Conflict {
             Cause::Rule(junction, _) => Some(junction),
             Cause::Source(_) | Cause::Asserted | Cause::Law(_) | Cause::Hold | Cause::Storage(_) | Cause::Free => {
                 let b = a.model.bond(bond);
-                [b.tail, b.head].into_iter().find(|e| matches!(a.model.element(*e).kind, Kind::Zero | Kind::One | Kind::Tf | Kind::Gy))
+                [b.tail, b.head]
+                    .into_iter()
+                    .find(|e| matches!(a.model.element(*e).kind, Kind::Zero | Kind::One | Kind::Tf | Kind::Gy))
             }
         };
         let what = match place.map(|p| a.model.element(p).kind) {
@@ -75,7 +77,9 @@ impl Conflict {
         let model = a.model;
         let origin = |cause: &Cause, bonds: &[BondId]| -> (String, Option<ElementId>) {
             match cause {
-                Cause::Source(e) | Cause::Law(e) | Cause::Storage(e) => (format!("`{}`", model.element(*e).name), Some(*e)),
+                Cause::Source(e) | Cause::Law(e) | Cause::Storage(e) => {
+                    (format!("`{}`", model.element(*e).name), Some(*e))
+                }
                 Cause::Asserted => ("an asserted stroke".into(), None),
                 Cause::Hold => ("a double bar".into(), None),
                 Cause::Free | Cause::Rule(..) => {
@@ -91,7 +95,9 @@ impl Conflict {
             .unwrap_or(model.span);
         let who = match self.place {
             Some(p) => format!("`{}`", model.element(p).name),
-            None => first.and_then(|c| c.0.first()).map(|b| format!("the bond {}", model.bond(*b).name)).unwrap_or_default(),
+            None => {
+                first.and_then(|c| c.0.first()).map(|b| format!("the bond {}", model.bond(*b).name)).unwrap_or_default()
+            }
         };
         let from: Vec<String> = self.chains.iter().map(|(bonds, cause)| origin(cause, bonds).0).collect();
         let mut d = Diagnostic::error(
@@ -107,13 +113,21 @@ impl Conflict {
             // The bond where they met says nothing of the way there.
             let way = if bonds.len() > 1 && Some(&bonds[0]) == self.met.as_ref() { &bonds[1..] } else { &bonds[..] };
             for b in way.iter().rev() {
-                let stroke = if *cause == Cause::Asserted && Some(b) == bonds.last() { " (its stroke is asserted)" } else { "" };
-                d = d.label(model.bond(*b).span, format!("carries what {name} gives, along {}{stroke}", model.bond(*b).name));
+                let stroke =
+                    if *cause == Cause::Asserted && Some(b) == bonds.last() { " (its stroke is asserted)" } else { "" };
+                d = d.label(
+                    model.bond(*b).span,
+                    format!("carries what {name} gives, along {}{stroke}", model.bond(*b).name),
+                );
             }
         }
         d.help(match self.place.map(|p| model.element(p).kind) {
-            Some(Kind::Zero) => "take one of them out, or put a 1-junction with an R, or a C, between them: efforts add up there",
-            Some(Kind::One) => "take one of them out, or put a 0-junction with an R, or an I, between them: flows add up there",
+            Some(Kind::Zero) => {
+                "take one of them out, or put a 1-junction with an R, or a C, between them: efforts add up there"
+            }
+            Some(Kind::One) => {
+                "take one of them out, or put a 0-junction with an R, or an I, between them: flows add up there"
+            }
             _ => "take one of them out, or put an R between them",
         })
     }

@@ -76,14 +76,23 @@ pub fn integral(kind: Kind) -> Option<Variable> {
     match kind {
         Kind::C => Some(Variable::Effort),
         Kind::I => Some(Variable::Flow),
-        Kind::Se | Kind::Sf | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::De | Kind::Df | Kind::Port => None,
+        Kind::Se
+        | Kind::Sf
+        | Kind::R
+        | Kind::Tf
+        | Kind::Gy
+        | Kind::Zero
+        | Kind::One
+        | Kind::De
+        | Kind::Df
+        | Kind::Port => None,
     }
 }
 
 /// Whether a law cannot be run backwards: its slope is not seen to be positive everywhere.
 fn one_way(pool: &mut Pool, r: &Resistor) -> bool {
     let slope = pool.derivative(r.output, r.argument);
-    if pool.sign(slope, &|_| Sign::Unknown) == Sign::Positive {
+    if matches!(pool.sign(slope, &|_| Sign::Unknown), Sign::Positive | Sign::Negative) {
         return false;
     }
     if pool.symbols(r.output).iter().any(|s| *s != r.argument) {
@@ -179,7 +188,9 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     if !errors.is_empty() {
         return Err(errors);
     }
-    let given = |a: &Assignment, id: ElementId, bond: BondId, gives: Variable| a.strokes[bond.at()] == Some(a.stroke_for(bond, id, gives));
+    let given = |a: &Assignment, id: ElementId, bond: BondId, gives: Variable| {
+        a.strokes[bond.at()] == Some(a.stroke_for(bond, id, gives))
+    };
     let dependent = storages
         .iter()
         .filter(|(id, bond)| integral(model.element(*id).kind).is_some_and(|g| !given(&a, *id, *bond, g)))

@@ -40,7 +40,8 @@ impl<'a> Assignment<'a> {
 
     /// What the element at `end` gives to an assigned bond.
     pub(super) fn gives(&self, bond: BondId, end: ElementId) -> Option<Variable> {
-        self.strokes[bond.at()].map(|s| if s == self.stroke_for(bond, end, Variable::Flow) { Variable::Flow } else { Variable::Effort })
+        self.strokes[bond.at()]
+            .map(|s| if s == self.stroke_for(bond, end, Variable::Flow) { Variable::Flow } else { Variable::Effort })
     }
 
     pub(super) fn mark(&self) -> usize {
@@ -101,7 +102,16 @@ impl<'a> Assignment<'a> {
         match kind {
             Kind::Zero => Some(Variable::Effort),
             Kind::One => Some(Variable::Flow),
-            Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df | Kind::Port => None,
+            Kind::Se
+            | Kind::Sf
+            | Kind::C
+            | Kind::I
+            | Kind::R
+            | Kind::Tf
+            | Kind::Gy
+            | Kind::De
+            | Kind::Df
+            | Kind::Port => None,
         }
     }
 
@@ -127,7 +137,12 @@ impl<'a> Assignment<'a> {
     }
 
     /// The rule of the element at `end`, after `bond` got its stroke.
-    fn follow(&self, end: ElementId, bond: BondId, queue: &mut std::collections::VecDeque<(BondId, Stroke, Cause)>) -> Result<(), Conflict> {
+    fn follow(
+        &self,
+        end: ElementId,
+        bond: BondId,
+        queue: &mut std::collections::VecDeque<(BondId, Stroke, Cause)>,
+    ) -> Result<(), Conflict> {
         let bonds = &self.graph.bonds_of[end.at()];
         let kind = self.model.element(end).kind;
         let given = self.gives(bond, end);
@@ -176,7 +191,10 @@ impl<'a> Assignment<'a> {
             let lacks = Self::common(e.kind).filter(|_| self.giving[id.at()] == 0);
             if let Some(common) = lacks {
                 let what = if common == Variable::Effort { "effort" } else { "flow" };
-                let list: Vec<&str> = if free.is_empty() { bonds } else { &free }.iter().map(|b| self.model.bond(*b).name.as_str()).collect();
+                let list: Vec<&str> = if free.is_empty() { bonds } else { &free }
+                    .iter()
+                    .map(|b| self.model.bond(*b).name.as_str())
+                    .collect();
                 let mut error = Diagnostic::error(
                     "causality::undetermined",
                     e.span,
@@ -196,8 +214,12 @@ impl<'a> Assignment<'a> {
             for (i, bond) in self.model.bonds.iter().enumerate().filter(|(i, _)| self.strokes[*i].is_none()) {
                 let _ = i;
                 errors.push(
-                    Diagnostic::error("causality::undetermined", bond.span, format!("the graph is not determined: the bond {} is free", bond.name))
-                        .help("no causal stroke fits it; check the elements at its ends"),
+                    Diagnostic::error(
+                        "causality::undetermined",
+                        bond.span,
+                        format!("the graph is not determined: the bond {} is free", bond.name),
+                    )
+                    .help("no causal stroke fits it; check the elements at its ends"),
                 );
             }
         }

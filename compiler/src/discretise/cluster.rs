@@ -173,7 +173,13 @@ impl Cluster {
         let base = self.states.len();
         for s in &r.states {
             let rate = input(pool, form, s.column);
-            self.states.push(State { symbol: s.symbol, name: s.name.clone(), column: s.column, initial: s.initial, rate });
+            self.states.push(State {
+                symbol: s.symbol,
+                name: s.name.clone(),
+                column: s.column,
+                initial: s.initial,
+                rate,
+            });
         }
         for g in &r.groups {
             self.groups.push(Group {
@@ -186,7 +192,12 @@ impl Cluster {
         for &c in &r.inputs {
             match form.column(c).role {
                 Role::Source(v) => {
-                    self.nodes.push(Node { column: c, out: form.column(c).out, how: Output::Explicit(v), is_source: true });
+                    self.nodes.push(Node {
+                        column: c,
+                        out: form.column(c).out,
+                        how: Output::Explicit(v),
+                        is_source: true,
+                    });
                 }
                 Role::Bar | Role::Open(_) => self.ports.push(c),
                 Role::Storage | Role::Resistor | Role::Dependent => {}
@@ -242,7 +253,11 @@ impl Cluster {
     pub(super) fn owned(&self, form: &Form) -> Vec<Symbol> {
         let states = self.states.iter().flat_map(|s| [s.symbol, form.column(s.column).out]);
         let ports = self.ports.iter().map(|c| form.column(*c).out);
-        states.chain(self.nodes.iter().map(|n| n.out)).chain(ports).chain(self.integrals.iter().map(|i| i.symbol)).collect()
+        states
+            .chain(self.nodes.iter().map(|n| n.out))
+            .chain(ports)
+            .chain(self.integrals.iter().map(|i| i.symbol))
+            .collect()
     }
 
     fn find_foreign(&mut self, model: &mut Model, form: &Form) {
@@ -322,7 +337,10 @@ impl Cluster {
         let sampling = self.sampling.map(|s| model.samplings[s].clone());
         let mut own = None;
         if let Some(name) = sampling.as_ref().and_then(|s| s.method.as_ref()) {
-            own = Some(Method::named(name).ok_or_else(|| unknown_method(name, sampling.as_ref().map_or(model.span, |s| s.span)))?);
+            own = Some(
+                Method::named(name)
+                    .ok_or_else(|| unknown_method(name, sampling.as_ref().map_or(model.span, |s| s.span)))?,
+            );
         }
         let (step, entries, is_linear) = match &sampling {
             None => {
@@ -332,8 +350,15 @@ impl Cluster {
                         Some(found) => found,
                         None => gonzalez::write(self, model, form)?,
                     },
-                    Some(Method::Exact) => exact::write(self, model, form)?
-                        .ok_or_else(|| unfit(model, self, form, Method::Exact, "it is not linear with a quadratic energy, or too large"))?,
+                    Some(Method::Exact) => exact::write(self, model, form)?.ok_or_else(|| {
+                        unfit(
+                            model,
+                            self,
+                            form,
+                            Method::Exact,
+                            "it is not linear with a quadratic energy, or too large",
+                        )
+                    })?,
                     Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
                     Some(m @ (Method::Euler | Method::Rk4)) => explicit::write(self, model, form, m)?,
                     Some(Method::Ray) => gonzalez::write(self, model, form)?,
@@ -427,7 +452,8 @@ impl Cluster {
                 let slot = b.named(Array::Output, format!("supplied({name})"));
                 e.supplied.push((name, slot.index as usize));
             }
-            let mut resistors: Vec<ColumnId> = self.nodes.iter().filter(|n| !n.is_source).map(|n| n.column).filter(here).collect();
+            let mut resistors: Vec<ColumnId> =
+                self.nodes.iter().filter(|n| !n.is_source).map(|n| n.column).filter(here).collect();
             resistors.sort_unstable();
             for c in resistors {
                 let name = form.column(c).name.clone();
@@ -445,7 +471,8 @@ impl Cluster {
         let sources = self.nodes.iter().filter(|n| n.is_source).map(|n| n.column);
         let mut inputs: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
         inputs.sort_unstable();
-        let mut resistors: Vec<ColumnId> = self.nodes.iter().filter(|n| !n.is_source).map(|n| n.column).filter(here).collect();
+        let mut resistors: Vec<ColumnId> =
+            self.nodes.iter().filter(|n| !n.is_source).map(|n| n.column).filter(here).collect();
         resistors.sort_unstable();
         (inputs, resistors)
     }
@@ -468,13 +495,21 @@ pub(super) fn unknown_method(name: &str, span: bond_grammar::source::Span) -> Ve
 
 /// An expression that a program could not be written for: a symbol without value. That is a mistake of this crate's.
 pub(super) fn missing(model: &Model, s: Symbol) -> Vec<Diagnostic> {
-    vec![Diagnostic::error("discretise::internal", model.span, format!("`{}` has no value in the step; please report this model", model.pool.name(s)))]
+    vec![Diagnostic::error(
+        "discretise::internal",
+        model.span,
+        format!("`{}` has no value in the step; please report this model", model.pool.name(s)),
+    )]
 }
 
 /// Checks a program before it leaves.
 pub(super) fn verified(model: &Model, program: Program) -> Result<Program, Vec<Diagnostic>> {
     match program.verify() {
         Ok(()) => Ok(program),
-        Err(e) => Err(vec![Diagnostic::error("discretise::internal", model.span, format!("the program `{}` is not sound: {e}; please report this model", program.name))]),
+        Err(e) => Err(vec![Diagnostic::error(
+            "discretise::internal",
+            model.span,
+            format!("the program `{}` is not sound: {e}; please report this model", program.name),
+        )]),
     }
 }

@@ -36,7 +36,8 @@ enum Drive {
 }
 
 /// Nodes of the Gauss-Legendre rule of four points on [0, 1].
-const NODES: [f64; 4] = [0.069_431_844_202_973_71, 0.330_009_478_207_571_87, 0.669_990_521_792_428_1, 0.930_568_155_797_026_3];
+const NODES: [f64; 4] =
+    [0.069_431_844_202_973_71, 0.330_009_478_207_571_87, 0.669_990_521_792_428_1, 0.930_568_155_797_026_3];
 
 struct System {
     n: usize,
@@ -126,9 +127,12 @@ impl System {
                 };
                 Some(found.into_iter().map(|(d, c)| (d, c * factor)).collect())
             }
-            Node::Number(_) | Node::Symbol(_) | Node::Power(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => {
-                self.terms_of_factor(pool, value, time)
-            }
+            Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => self.terms_of_factor(pool, value, time),
         }
     }
 
@@ -145,7 +149,12 @@ impl System {
                 Some(vec![(self.drive(drive), 1.0)])
             }
             Node::Sum(..) | Node::Product(..) => self.terms(pool, e, time),
-            Node::Number(_) | Node::Symbol(_) | Node::Power(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => None,
+            Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => None,
         }
     }
 }
@@ -171,9 +180,14 @@ struct Rows {
 impl Rows {
     /// Sources that are constant over a step.
     fn steady(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
-        let constant = |i: usize| matches!(self.system.drives.get(i.wrapping_sub(self.system.n)), Some(Drive::One | Drive::Held(_)));
+        let constant = |i: usize| {
+            matches!(self.system.drives.get(i.wrapping_sub(self.system.n)), Some(Drive::One | Drive::Held(_)))
+        };
         let is_steady = |row: &Vec<f64>| row.iter().enumerate().all(|(i, x)| *x == 0.0 || constant(i));
-        let sources = c.nodes.iter().filter(|n| n.is_source && self.outputs.get(&form.column(n.column).out).is_some_and(is_steady));
+        let sources = c
+            .nodes
+            .iter()
+            .filter(|n| n.is_source && self.outputs.get(&form.column(n.column).out).is_some_and(is_steady));
         sources.map(|n| n.column).collect()
     }
 }
@@ -192,7 +206,8 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     for g in &c.groups {
         for (s, z) in g.states.iter().zip(&g.coenergy) {
             let (linear, rest) = model.pool.affine(*z, &state_symbols)?;
-            let mut row = linear.into_iter().map(|(i, k)| Some((i, model.pool.constant(k)?))).collect::<Option<Vec<_>>>()?;
+            let mut row =
+                linear.into_iter().map(|(i, k)| Some((i, model.pool.constant(k)?))).collect::<Option<Vec<_>>>()?;
             let rest = model.pool.constant(rest)?;
             if rest != 0.0 {
                 row.push((n + system.drive(Drive::One), rest));
@@ -286,7 +301,11 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     }
     if r > 0 {
         let acyclic = c.loops.is_empty();
-        let solved = if acyclic { forward(&matrix, &right, &c.nodes.iter().filter_map(|n| place.get(&n.out).copied()).collect::<Vec<_>>()) } else { matrix.lu().solve(&right)? };
+        let solved = if acyclic {
+            forward(&matrix, &right, &c.nodes.iter().filter_map(|n| place.get(&n.out).copied()).collect::<Vec<_>>())
+        } else {
+            matrix.lu().solve(&right)?
+        };
         if solved.iter().any(|x| !x.is_finite()) {
             return None;
         }
@@ -295,7 +314,8 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
         }
     }
     let mut input_rows = FxHashMap::default();
-    let columns = c.states.iter().map(|s| s.column).chain(c.nodes.iter().map(|n| n.column)).chain(c.ports.iter().copied());
+    let columns =
+        c.states.iter().map(|s| s.column).chain(c.nodes.iter().map(|n| n.column)).chain(c.ports.iter().copied());
     for column in columns.collect::<Vec<_>>() {
         let mut v = vec![0.0; size];
         for (j, k) in &form.column(column).row {
@@ -381,7 +401,11 @@ fn add_product(m: &mut [f64], a: &[f64], b: &[f64], k: f64) {
 }
 
 /// Writes the step; `None` where the cluster cannot be stepped so.
-pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<(Stepper, Vec<Entries>)>, Vec<Diagnostic>> {
+pub(super) fn write(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+) -> Result<Option<(Stepper, Vec<Entries>)>, Vec<Diagnostic>> {
     let Some(mut rows) = rows(c, model, form) else { return Ok(None) };
     let size = rows.linear.n + rows.linear.m;
     let forms = c.nodes.len() + rows.integrals.iter().filter(|i| i.is_err()).count();
@@ -395,7 +419,10 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<Optio
     let name = "exact";
     let order = if cubic { 4 } else { 0 };
     let glance = Stepper { name, order, passive: true, program: glance, linear: Some(glance_linear), glance: None };
-    Ok(Some((Stepper { name, order, passive: true, program, linear: Some(linear), glance: Some(Box::new(glance)) }, entries)))
+    Ok(Some((
+        Stepper { name, order, passive: true, program, linear: Some(linear), glance: Some(Box::new(glance)) },
+        entries,
+    )))
 }
 
 fn program(
@@ -460,7 +487,14 @@ fn program(
     let n = linear.n;
     let next = b.slots(Array::Local, n);
     if n > 0 {
-        let inst = Inst::MatVec { to: next, table: layout.exponential() as u32, from: w, rows: n as u32, cols: size as u32, low: true };
+        let inst = Inst::MatVec {
+            to: next,
+            table: layout.exponential() as u32,
+            from: w,
+            rows: n as u32,
+            cols: size as u32,
+            low: true,
+        };
         b.push(inst, next, n);
     }
     let means = b.slots(Array::Local, linear.means.len());
@@ -482,7 +516,11 @@ fn program(
         let roots = b.slots(Array::Local, size);
         for (k, (slot, sign)) in sums.iter().enumerate() {
             let table = layout.square(k) as u32;
-            b.push(Inst::MatVec { to: roots, table, from: w, rows: size as u32, cols: size as u32, low: false }, roots, size);
+            b.push(
+                Inst::MatVec { to: roots, table, from: w, rows: size as u32, cols: size as u32, low: false },
+                roots,
+                size,
+            );
             let mut sum = b.number(0.0);
             for i in 0..size {
                 let x = b.load(Slot { array: Array::Local, index: roots.index + i as u32 });

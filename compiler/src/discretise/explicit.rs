@@ -25,7 +25,12 @@ struct Stage {
 }
 
 /// Writes the step.
-pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form, method: Method) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
+pub(super) fn write(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    method: Method,
+) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let tableau: &[(f64, f64)] = if method == Method::Euler { &EULER } else { &RK4 };
     let mut b = Builder::new(c.title(form, &format!("{} step", method.name())));
     let entries = c.reserve(&mut b, form);

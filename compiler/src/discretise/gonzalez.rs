@@ -101,7 +101,12 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let (weight, scale) = measures(c, model, form, &mut b, &mut lowering, &inputs)?;
     let zero = b.number(0.0);
     let start = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
-    write::solve(model, &mut b, &mut lowering, System { unknowns: &unknowns, start, residuals, weight, scale, flag: None })?;
+    write::solve(
+        model,
+        &mut b,
+        &mut lowering,
+        System { unknowns: &unknowns, start, residuals, weight, scale, flag: None },
+    )?;
     let mut next = Vec::new();
     for (x, d) in inputs.states.iter().zip(&c.delta) {
         let d = model.pool.var(*d);

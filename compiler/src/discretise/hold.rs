@@ -1,8 +1,8 @@
 //! What a sampled region holds at its ports (mathematics, section 4): `lagged`, `predicted`, `matched`.
 
 use super::cluster::{Cluster, input, missing, verified};
-use super::write::{self, System};
 use super::gonzalez;
+use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::{Hold, Model};
 use crate::structure::{ColumnId, Form, Role};
@@ -37,7 +37,8 @@ pub(super) fn write(
         return Ok(None);
     }
     if hold == Hold::Matched {
-        let (solves, plain) = (respond(c, model, form, hold, holds, is_ray)?, respond(c, model, form, Hold::Predicted, holds, is_ray)?);
+        let (solves, plain) =
+            (respond(c, model, form, hold, holds, is_ray)?, respond(c, model, form, Hold::Predicted, holds, is_ray)?);
         return Ok(Some(Respond::Matched(solves, plain)));
     }
     Ok(Some(Respond::Last(respond(c, model, form, hold, holds, is_ray)?)))
@@ -66,7 +67,8 @@ fn respond(
         let start = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
         (unknowns, residuals, start, weight, scale)
     } else {
-        let residuals = c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
+        let residuals =
+            c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
         let zero = b.number(0.0);
         let scale = inputs.guesses.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
         (c.loops.clone(), residuals, inputs.guesses.clone(), vec![zero; c.loops.len()], scale)

@@ -27,7 +27,8 @@ pub(super) fn outputs(
 ) -> Result<FxHashMap<Symbol, Expr>, Vec<Diagnostic>> {
     let map = c.at_instant(form);
     let flat = c.flat(&mut model.pool, map);
-    let residuals: Vec<Expr> = c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
+    let residuals: Vec<Expr> =
+        c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
     let zero = b.number(0.0);
     let scale = guesses.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
     let system = System {
@@ -43,7 +44,12 @@ pub(super) fn outputs(
 }
 
 /// Writes the observation of the signals `shows`.
-pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form, shows: &[Symbol]) -> Result<(Program, Layout), Vec<Diagnostic>> {
+pub(super) fn write(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    shows: &[Symbol],
+) -> Result<(Program, Layout), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "observation"));
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
@@ -53,7 +59,11 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form, shows: &[Symbol
         let e = model.pool.var(*s);
         list.push((model.pool.name(*s).to_string(), model.pool.substitute(e, &flat)));
     }
-    let layout = Layout { ports: list.len(), energies: list.len() + c.ports.len(), curvatures: list.len() + c.ports.len() + c.regions.len() };
+    let layout = Layout {
+        ports: list.len(),
+        energies: list.len() + c.ports.len(),
+        curvatures: list.len() + c.ports.len() + c.regions.len(),
+    };
     for p in &c.ports {
         let e = input(&mut model.pool, form, *p);
         list.push((format!("out({})", form.column(*p).name), model.pool.substitute(e, &flat)));

@@ -127,7 +127,8 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
 
 /// Elements for which no passivity can be claimed.
 fn excluded(model: &Model, form: &Form) -> Vec<String> {
-    let mut list: Vec<String> = model.elements.iter().filter(|e| e.active).map(|e| format!("active `{}`", e.name)).collect();
+    let mut list: Vec<String> =
+        model.elements.iter().filter(|e| e.active).map(|e| format!("active `{}`", e.name)).collect();
     for r in &form.regions {
         for g in r.groups.iter().filter(|g| !g.bounded) {
             for s in &g.states {
@@ -148,7 +149,11 @@ fn unfit(model: &Model, cluster: &Cluster, form: &Form, method: Method, why: &st
     let span = model.settings.method.as_ref().map_or(model.span, |m| m.1);
     let region = cluster.regions.first().map(|r| form.regions[r.at()].name.as_str()).unwrap_or("");
     vec![
-        Diagnostic::error("discretise::method", span, format!("the method `{}` cannot step the region `{region}`: {why}", method.name()))
-            .help("take `gonzalez`, which steps every region, or leave the method out"),
+        Diagnostic::error(
+            "discretise::method",
+            span,
+            format!("the method `{}` cannot step the region `{region}`: {why}", method.name()),
+        )
+        .help("take `gonzalez`, which steps every region, or leave the method out"),
     ]
 }

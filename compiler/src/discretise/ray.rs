@@ -4,8 +4,8 @@
 //! energy, and the energy that is missing is booked.
 
 use super::cluster::{Cluster, missing, verified};
-use super::write::{self, System};
 use super::instant;
+use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::Model;
 use crate::structure::Form;
@@ -77,8 +77,14 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let residual = model.pool.sub(moved, goal);
     let flag = b.slot(Array::Local);
     let unit = b.number(1.0);
-    let system =
-        System { unknowns: &[r], start: vec![zero], residuals: vec![residual], weight: vec![unit], scale: vec![unit], flag: Some(flag) };
+    let system = System {
+        unknowns: &[r],
+        start: vec![zero],
+        residuals: vec![residual],
+        weight: vec![unit],
+        scale: vec![unit],
+        flag: Some(flag),
+    };
     write::solve(model, &mut b, &mut lowering, system)?;
     let met = b.load(flag);
     // The mirror image: x_min - m (x - x_min), at the same energy.

@@ -58,7 +58,12 @@ pub(super) struct System<'a> {
 }
 
 /// Solves a system; afterwards `lowering` has the values of the unknowns.
-pub(super) fn solve(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: System) -> Result<(), Vec<Diagnostic>> {
+pub(super) fn solve(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    system: System,
+) -> Result<(), Vec<Diagnostic>> {
     let n = system.unknowns.len();
     if n == 0 {
         return Ok(());
@@ -71,7 +76,8 @@ pub(super) fn solve(model: &mut Model, b: &mut Builder, lowering: &mut Lowering,
     let place: FxHashMap<Symbol, u32> = system.unknowns.iter().enumerate().map(|(i, s)| (*s, i as u32)).collect();
     let mut jacobian: Vec<(u32, u32, Expr)> = Vec::new();
     for (i, r) in system.residuals.iter().enumerate() {
-        let mut by: Vec<(u32, Symbol)> = model.pool.symbols(*r).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
+        let mut by: Vec<(u32, Symbol)> =
+            model.pool.symbols(*r).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
         by.sort_unstable();
         for (j, s) in by {
             let d = model.pool.derivative(*r, s);
@@ -153,7 +159,10 @@ pub(super) fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr)
     let mut list = Vec::new();
     for z in &c.loops {
         let node = c.nodes.iter().find(|n| n.out == *z).cloned();
-        let gain = node.as_ref().and_then(|n| gain(model, form, n.column, n.how)).filter(|g| model.pool.constant(*g).is_some());
+        let gain = node
+            .as_ref()
+            .and_then(|n| gain(model, form, n.column, n.how))
+            .filter(|g| model.pool.constant(*g).is_some());
         list.push(match gain {
             Some(g) => {
                 let w = model.pool.div(h, g);

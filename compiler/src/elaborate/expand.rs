@@ -30,12 +30,18 @@ impl<'a> Elaborator<'a> {
     ) -> Option<usize> {
         let decl = self.files.model(model)?;
         if let Some(i) = self.stack.iter().position(|m| *m == model) {
-            let names: Vec<&str> = self.stack[i..].iter().filter_map(|m| self.files.model(*m)).map(|m| m.name.text.as_str()).collect();
+            let names: Vec<&str> =
+                self.stack[i..].iter().filter_map(|m| self.files.model(*m)).map(|m| m.name.text.as_str()).collect();
             self.errors.push(
                 Diagnostic::error(
                     "elaborate::recursion",
                     at,
-                    format!("recursive model: `{}` contains itself ({} -> {})", decl.name.text, names.join(" -> "), decl.name.text),
+                    format!(
+                        "recursive model: `{}` contains itself ({} -> {})",
+                        decl.name.text,
+                        names.join(" -> "),
+                        decl.name.text
+                    ),
                 )
                 .label(decl.name.span, "is declared here")
                 .help("a model cannot be a part of itself; take this instance out, or use `for` to repeat a part"),
@@ -43,7 +49,11 @@ impl<'a> Elaborator<'a> {
             return None;
         }
         if self.stack.len() >= DEEPEST {
-            self.errors.push(Diagnostic::error("elaborate::limit", at, format!("instances are nested more than {DEEPEST} deep")));
+            self.errors.push(Diagnostic::error(
+                "elaborate::limit",
+                at,
+                format!("instances are nested more than {DEEPEST} deep"),
+            ));
             return None;
         }
         self.stack.push(model);
@@ -88,11 +98,16 @@ impl<'a> Elaborator<'a> {
         }
         for p in &decl.params {
             let full = self.full_name(instance, &p.name.text);
-            let given: Vec<&Field> = args.iter().filter(|a| a.path.len() == 1 && a.path[0].text == p.name.text).collect();
+            let given: Vec<&Field> =
+                args.iter().filter(|a| a.path.len() == 1 && a.path[0].text == p.name.text).collect();
             if let [first, second, ..] = given[..] {
                 self.errors.push(
-                    Diagnostic::error("elaborate::twice", second.span, format!("the parameter `{}` is given twice", p.name.text))
-                        .label(first.span, "is the first"),
+                    Diagnostic::error(
+                        "elaborate::twice",
+                        second.span,
+                        format!("the parameter `{}` is given twice", p.name.text),
+                    )
+                    .label(first.span, "is the first"),
                 );
             }
             let value = match (given.first(), &p.default) {
@@ -102,7 +117,14 @@ impl<'a> Elaborator<'a> {
             };
             let index = self.params.len();
             let overridden = self.overrides.get(&full).copied();
-            self.params.push(Param { name: full, span: p.name.span, value, state: ParamState::New, overridden, symbol: None });
+            self.params.push(Param {
+                name: full,
+                span: p.name.span,
+                value,
+                state: ParamState::New,
+                overridden,
+                symbol: None,
+            });
             self.declare(instance, p.name.text.clone(), Entity::Param(index), p.name.span);
         }
     }
@@ -168,7 +190,9 @@ impl<'a> Elaborator<'a> {
                 StatementKind::Port(name, fields) => self.port(name, fields, scope, sampling),
                 StatementKind::Sampled(block) => self.sampled(block, s.span, scope, sampling, chains),
                 StatementKind::For(f) => {
-                    let Some((from, to)) = self.integer(&f.from, scope).zip(self.integer(&f.to, scope)) else { continue };
+                    let Some((from, to)) = self.integer(&f.from, scope).zip(self.integer(&f.to, scope)) else {
+                        continue;
+                    };
                     let rounds = if to < from { 0 } else { (to as i128 - from as i128 + 1) as u128 };
                     if rounds > u128::from(MOST_ROUNDS.saturating_sub(self.rounds)) {
                         self.rounds = MOST_ROUNDS;
@@ -184,7 +208,8 @@ impl<'a> Elaborator<'a> {
                     }
                     self.rounds += rounds as u64;
                     for i in from..=to {
-                        if self.rounds >= MOST_ROUNDS || self.elements.len() > MOST_ELEMENTS || self.errors.len() > 200 {
+                        if self.rounds >= MOST_ROUNDS || self.elements.len() > MOST_ELEMENTS || self.errors.len() > 200
+                        {
                             break;
                         }
                         let inner_scope = self.new_scope(instance, Some(scope), Some((f.variable.text.clone(), i)));
@@ -210,10 +235,8 @@ impl<'a> Elaborator<'a> {
                     }
                 }
                 StatementKind::Probe(name, value) => {
-                    let key = if self.scopes[scope].loop_variable.is_some() { None } else { Some(name.text.clone()) };
-                    if let Some(key) = key {
-                        self.declare(instance, key, Entity::Probe, name.span);
-                    }
+                    // A probe can be named like a `let`, in an `expect` above all.
+                    self.declare_let(scope, name, value);
                     let full = self.full_name(instance, &self.looped(scope, &name.text));
                     // A part's probes are for those who run the part alone.
                     if scene {
@@ -251,8 +274,12 @@ impl<'a> Elaborator<'a> {
         let over = self.elements.len() + self.raw_bonds.len() > MOST_ELEMENTS;
         if over && !self.errors.iter().any(|e| e.code == "elaborate::limit") {
             self.errors.push(
-                Diagnostic::error("elaborate::limit", span, format!("the model has more than {MOST_ELEMENTS} elements and bonds"))
-                    .help("lower the bounds of the loops"),
+                Diagnostic::error(
+                    "elaborate::limit",
+                    span,
+                    format!("the model has more than {MOST_ELEMENTS} elements and bonds"),
+                )
+                .help("lower the bounds of the loops"),
             );
         }
         over
@@ -260,8 +287,12 @@ impl<'a> Elaborator<'a> {
 
     fn not_yet(&mut self, span: Span, what: &str, help: &str) {
         self.errors.push(
-            Diagnostic::error("elaborate::not_yet", span, format!("{what} is not there yet: this version of bond reads it but cannot run it"))
-                .help(help),
+            Diagnostic::error(
+                "elaborate::not_yet",
+                span,
+                format!("{what} is not there yet: this version of bond reads it but cannot run it"),
+            )
+            .help(help),
         );
     }
 
@@ -271,7 +302,11 @@ impl<'a> Elaborator<'a> {
         let name = self.full_name(instance, &key);
         if !e.ports.is_empty() {
             self.declare(instance, key, Entity::Missing, e.name.span);
-            self.not_yet(e.span, &format!("the multiport field `{}`", e.kind.text), "build it from 1-port elements and junctions where that is possible");
+            self.not_yet(
+                e.span,
+                &format!("the multiport field `{}`", e.kind.text),
+                "build it from 1-port elements and junctions where that is possible",
+            );
             return;
         }
         if matches!(e.kind.text.as_str(), "RS" | "IC") {
@@ -285,8 +320,12 @@ impl<'a> Elaborator<'a> {
         };
         if !e.args.is_empty() {
             self.errors.push(
-                Diagnostic::error("elaborate::arguments", e.span, format!("`{name}` is an element, and takes no arguments in parentheses"))
-                    .help(format!("write `{}:{} = value` or `{{ field = value }}`", e.kind.text, e.name.text)),
+                Diagnostic::error(
+                    "elaborate::arguments",
+                    e.span,
+                    format!("`{name}` is an element, and takes no arguments in parentheses"),
+                )
+                .help(format!("write `{}:{} = value` or `{{ field = value }}`", e.kind.text, e.name.text)),
             );
         }
         if e.active && kind != Kind::R {
@@ -301,7 +340,15 @@ impl<'a> Elaborator<'a> {
         }
     }
 
-    fn instance_or_unknown(&mut self, e: &'a Decl_, kind: &str, key: String, name: String, scope: ScopeId, sampling: Option<usize>) {
+    fn instance_or_unknown(
+        &mut self,
+        e: &'a Decl_,
+        kind: &str,
+        key: String,
+        name: String,
+        scope: ScopeId,
+        sampling: Option<usize>,
+    ) {
         let instance = self.scopes[scope].instance;
         let file = self.instances[instance].model.0;
         let Some(&model) = self.files.visible[file].get(kind) else {
@@ -309,18 +356,27 @@ impl<'a> Elaborator<'a> {
             let mut known: Vec<&str> = element::ALL.iter().map(|k| k.0).collect();
             known.extend(self.files.visible[file].keys().map(String::as_str));
             known.sort_unstable();
-            let mut error = Diagnostic::error("elaborate::kind", e.kind.span, format!("unknown element kind `{kind}` (of `{name}`)"));
+            let mut error = Diagnostic::error(
+                "elaborate::kind",
+                e.kind.span,
+                format!("unknown element kind `{kind}` (of `{name}`)"),
+            );
             error = match nearest(kind, known) {
                 Some(n) => error.help(format!("did you mean `{n}:{}`?", e.name.text)),
-                None => error.help("the kinds are Se, Sf, C, I, R, TF, GY, 0, 1, De, Df; a model of another file needs `use`"),
+                None => error
+                    .help("the kinds are Se, Sf, C, I, R, TF, GY, 0, 1, De, Df; a model of another file needs `use`"),
             };
             self.errors.push(error);
             return;
         };
         if e.value.is_some() || e.fields.is_some() || e.active {
             self.errors.push(
-                Diagnostic::error("elaborate::arguments", e.span, format!("`{name}` is an instance of the model `{kind}`"))
-                    .help(format!("give parameters in parentheses: `{kind}:{}(parameter = value)`", e.name.text)),
+                Diagnostic::error(
+                    "elaborate::arguments",
+                    e.span,
+                    format!("`{name}` is an instance of the model `{kind}`"),
+                )
+                .help(format!("give parameters in parentheses: `{kind}:{}(parameter = value)`", e.name.text)),
             );
         }
         let index = self.instances.len();
@@ -368,7 +424,9 @@ impl<'a> Elaborator<'a> {
             return;
         }
         let period = match &block.clock {
-            Clock::At(e) => self.constant(e, scope, crate::units::Dimension::SECOND.pow(-1, 1), "the rate").map(|x| 1.0 / x),
+            Clock::At(e) => {
+                self.constant(e, scope, crate::units::Dimension::SECOND.pow(-1, 1), "the rate").map(|x| 1.0 / x)
+            }
             Clock::Every(e) => self.constant(e, scope, crate::units::Dimension::SECOND, "the period"),
         };
         let clock = match &block.clock {
@@ -415,7 +473,8 @@ impl<'a> Elaborator<'a> {
         if index.is_empty() {
             return Some(name.to_string());
         }
-        let numbers = index.iter().map(|e| self.integer(e, scope).map(|i| i.to_string())).collect::<Option<Vec<_>>>()?;
+        let numbers =
+            index.iter().map(|e| self.integer(e, scope).map(|i| i.to_string())).collect::<Option<Vec<_>>>()?;
         Some(format!("{name}[{}]", numbers.join(",")))
     }
 
@@ -435,8 +494,12 @@ impl<'a> Elaborator<'a> {
                 Some((n, index)) => {
                     if tails.len() * heads.len() > 1 {
                         self.errors.push(
-                            Diagnostic::error("elaborate::name", n.span, format!("the bond `{}` is several bonds", n.text))
-                                .help("name a bond that has one tail and one head"),
+                            Diagnostic::error(
+                                "elaborate::name",
+                                n.span,
+                                format!("the bond `{}` is several bonds", n.text),
+                            )
+                            .help("name a bond that has one tail and one head"),
                         );
                     }
                     self.key(&n.text, index, scope).map(|k| (k, n.span))
@@ -482,19 +545,30 @@ impl<'a> Elaborator<'a> {
                     Entity::Element(id) => Some((RawEnd::Element(id), self.full_name(instance, &key))),
                     Entity::Instance(_) => {
                         self.errors.push(
-                            Diagnostic::error("elaborate::end", e.span, format!("`{key}` is an instance, and a bond ends at a port of it"))
-                                .help("declare the instance by itself, and bond to `name.port`"),
+                            Diagnostic::error(
+                                "elaborate::end",
+                                e.span,
+                                format!("`{key}` is an instance, and a bond ends at a port of it"),
+                            )
+                            .help("declare the instance by itself, and bond to `name.port`"),
                         );
                         None
                     }
-                    Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Probe | Entity::Bond(_) | Entity::Missing => None,
+                    Entity::Port(_)
+                    | Entity::Param(_)
+                    | Entity::Let(_)
+                   
+                    | Entity::Bond(_)
+                    | Entity::Missing => None,
                 };
             }
             End::Path(path) => path,
         };
         let (at, last, entity, span) = self.walk(path, scope)?;
         let shown = self.full_name(at, &last);
-        let wrong = |what: &str, help: String| Diagnostic::error("elaborate::end", path.span, what.to_string()).label(span, "is declared here").help(help);
+        let wrong = |what: &str, help: String| {
+            Diagnostic::error("elaborate::end", path.span, what.to_string()).label(span, "is declared here").help(help)
+        };
         match entity {
             Entity::Element(id) => Some((RawEnd::Element(id), shown)),
             Entity::Port(p) => Some((RawEnd::Port(p, at == instance), shown)),
@@ -507,12 +581,18 @@ impl<'a> Elaborator<'a> {
                 self.errors.push(wrong(&format!("`{shown}` is an instance, and a bond ends at a port of it"), help));
                 None
             }
-            Entity::Param(_) | Entity::Let(_) | Entity::Probe => {
-                self.errors.push(wrong(&format!("`{shown}` is a value, and a bond joins elements"), format!("did you mean an element, such as `R:{last}`?")));
+            Entity::Param(_) | Entity::Let(_) => {
+                self.errors.push(wrong(
+                    &format!("`{shown}` is a value, and a bond joins elements"),
+                    format!("did you mean an element, such as `R:{last}`?"),
+                ));
                 None
             }
             Entity::Bond(_) => {
-                self.errors.push(wrong(&format!("`{shown}` is a bond, and a bond joins elements"), "put a junction there".into()));
+                self.errors.push(wrong(
+                    &format!("`{shown}` is a bond, and a bond joins elements"),
+                    "put a junction there".into(),
+                ));
                 None
             }
             Entity::Missing => None,
@@ -520,8 +600,12 @@ impl<'a> Elaborator<'a> {
     }
 
     fn port_names(&self, instance: usize) -> Vec<String> {
-        let mut list: Vec<String> =
-            self.instances[instance].names.iter().filter(|(_, (e, _))| matches!(e, Entity::Port(_))).map(|(k, _)| k.clone()).collect();
+        let mut list: Vec<String> = self.instances[instance]
+            .names
+            .iter()
+            .filter(|(_, (e, _))| matches!(e, Entity::Port(_)))
+            .map(|(k, _)| k.clone())
+            .collect();
         list.sort();
         list
     }
@@ -538,7 +622,12 @@ impl<'a> Elaborator<'a> {
             match entity {
                 Entity::Instance(inner) => at = inner,
                 Entity::Missing => return None,
-                Entity::Element(_) | Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Probe | Entity::Bond(_) => {
+                Entity::Element(_)
+                | Entity::Port(_)
+                | Entity::Param(_)
+                | Entity::Let(_)
+               
+                | Entity::Bond(_) => {
                     let next = &path.segments[i + 1].name;
                     self.errors.push(
                         Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.text))
@@ -553,7 +642,13 @@ impl<'a> Elaborator<'a> {
     }
 
     /// Looks a segment up in an instance.
-    pub(super) fn find(&mut self, at: usize, segment: &'a Segment, scope: ScopeId, inside: bool) -> Option<(String, Entity, Span)> {
+    pub(super) fn find(
+        &mut self,
+        at: usize,
+        segment: &'a Segment,
+        scope: ScopeId,
+        inside: bool,
+    ) -> Option<(String, Entity, Span)> {
         let key = self.key(&segment.name.text, &segment.index, scope)?;
         if let Some((entity, span)) = self.instances[at].names.get(&key) {
             return Some((key, *entity, *span));
@@ -564,7 +659,11 @@ impl<'a> Elaborator<'a> {
             let model = self.files.model(self.instances[at].model);
             let what = model.map(|m| m.name.text.as_str()).unwrap_or("");
             let ports = self.port_names(at);
-            let mut e = Diagnostic::error("elaborate::unknown", span, format!("`{}` (a `{what}`) has no port or part `{key}`", self.instances[at].path));
+            let mut e = Diagnostic::error(
+                "elaborate::unknown",
+                span,
+                format!("`{}` (a `{what}`) has no port or part `{key}`", self.instances[at].path),
+            );
             if let Some(m) = model {
                 e = e.label(m.name.span, "is the model");
             }

@@ -11,11 +11,23 @@ use bond_runtime::ir;
 
 impl<'a> Elaborator<'a> {
     /// Asks for a unit.
-    pub(crate) fn require(&mut self, found: (&Unit, Span), needed: Unit, place: Option<Span>, about: impl Into<String>, rank: u8) {
+    pub(crate) fn require(
+        &mut self,
+        found: (&Unit, Span),
+        needed: Unit,
+        place: Option<Span>,
+        about: impl Into<String>,
+        rank: u8,
+    ) {
         if *found.0 == Unit::Any || needed == Unit::Any || *found.0 == needed {
             return;
         }
-        self.equations.push(Equation { found: (found.0.clone(), found.1), needed: (needed, place), about: about.into(), rank });
+        self.equations.push(Equation {
+            found: (found.0.clone(), found.1),
+            needed: (needed, place),
+            about: about.into(),
+            rank,
+        });
     }
 
     /// The words of an expression, for messages.
@@ -44,7 +56,12 @@ impl<'a> Elaborator<'a> {
             Some(x) => Some(x),
             None => {
                 let words = self.words(e);
-                self.wrong("elaborate::constant", e.span, format!("`{words}` must be known before the run"), "use parameters and numbers only");
+                self.wrong(
+                    "elaborate::constant",
+                    e.span,
+                    format!("`{words}` must be known before the run"),
+                    "use parameters and numbers only",
+                );
                 None
             }
         }
@@ -92,7 +109,11 @@ impl<'a> Elaborator<'a> {
     }
 
     /// An expression of an `expect`, and the extremes in it.
-    pub(super) fn expected(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<(Typed, Vec<(Symbol, crate::expression::Expr, bool)>)> {
+    pub(super) fn expected(
+        &mut self,
+        e: &'a ast::Expr,
+        scope: ScopeId,
+    ) -> Option<(Typed, Vec<(Symbol, crate::expression::Expr, bool)>)> {
         self.mode = Mode::Expect;
         self.extremes.clear();
         let typed = self.express(e, scope)?;
@@ -132,11 +153,21 @@ impl<'a> Elaborator<'a> {
 
     fn quantity(&mut self, digits: &str, unit: Option<&ast::Unit>, span: Span) -> Option<Typed> {
         let Some(number) = self.pool.decimal(digits) else {
-            return self.wrong("elaborate::number", span, format!("`{digits}` is no number that can be held"), "write it with fewer digits");
+            return self.wrong(
+                "elaborate::number",
+                span,
+                format!("`{digits}` is no number that can be held"),
+                "write it with fewer digits",
+            );
         };
         let value = self.pool.constant(number).unwrap_or(f64::NAN);
         if !value.is_finite() {
-            return self.wrong("elaborate::number", span, format!("`{digits}` is too large for a number"), "numbers reach to 1.8e308");
+            return self.wrong(
+                "elaborate::number",
+                span,
+                format!("`{digits}` is too large for a number"),
+                "numbers reach to 1.8e308",
+            );
         }
         let Some(unit) = unit else {
             let unit = if value == 0.0 { Unit::Any } else { Unit::one() };
@@ -163,10 +194,14 @@ impl<'a> Elaborator<'a> {
             Err(unknown) => {
                 let help = match &unknown.suggestion {
                     Some(s) => format!("did you mean `{s}`?"),
-                    None => format!("if `{}` is a variable, put a space before the operator, as in `6 V * x`", unknown.symbol),
+                    None => format!(
+                        "if `{}` is a variable, put a space before the operator, as in `6 V * x`",
+                        unknown.symbol
+                    ),
                 };
                 self.errors.push(
-                    Diagnostic::error("units::unknown", unknown.span, format!("`{}` is no unit", unknown.symbol)).help(help),
+                    Diagnostic::error("units::unknown", unknown.span, format!("`{}` is no unit", unknown.symbol))
+                        .help(help),
                 );
                 None
             }
@@ -197,7 +232,12 @@ impl<'a> Elaborator<'a> {
             Binary::Div => {
                 if self.pool.is_zero(y.expr) {
                     let words = self.words(b);
-                    return self.wrong("elaborate::zero", b.span, format!("division by `{words}`, which is 0"), "mend the divisor");
+                    return self.wrong(
+                        "elaborate::zero",
+                        b.span,
+                        format!("division by `{words}`, which is 0"),
+                        "mend the divisor",
+                    );
                 }
                 (self.pool.div(x.expr, y.expr), x.unit.div(&y.unit))
             }
@@ -206,7 +246,13 @@ impl<'a> Elaborator<'a> {
                 let unit = match self.pool.constant(y.expr).and_then(ratio_of) {
                     Some(n) => x.unit.pow(n),
                     None => {
-                        self.require((&x.unit, a.span), one.clone(), None, "the base of a power that is not a simple fraction", 3);
+                        self.require(
+                            (&x.unit, a.span),
+                            one.clone(),
+                            None,
+                            "the base of a power that is not a simple fraction",
+                            3,
+                        );
                         one
                     }
                 };
@@ -221,7 +267,14 @@ impl<'a> Elaborator<'a> {
                     Binary::Gt => self.pool.binary(ir::Binary::Lt, q, p),
                     Binary::Ge => self.pool.binary(ir::Binary::Le, q, p),
                     Binary::Eq => self.pool.binary(ir::Binary::Eq, p, q),
-                    Binary::Ne | Binary::Add | Binary::Sub | Binary::Mul | Binary::Div | Binary::Pow | Binary::And | Binary::Or => {
+                    Binary::Ne
+                    | Binary::Add
+                    | Binary::Sub
+                    | Binary::Mul
+                    | Binary::Div
+                    | Binary::Pow
+                    | Binary::And
+                    | Binary::Or => {
                         let eq = self.pool.binary(ir::Binary::Eq, p, q);
                         self.pool.unary(ir::Unary::Not, eq)
                     }
@@ -247,7 +300,12 @@ impl<'a> Elaborator<'a> {
             if values.len() == n {
                 return Some(());
             }
-            this.wrong("elaborate::arguments", span, format!("`{f}` takes {n} argument(s), and got {}", values.len()), "mend the call");
+            this.wrong(
+                "elaborate::arguments",
+                span,
+                format!("`{f}` takes {n} argument(s), and got {}", values.len()),
+                "mend the call",
+            );
             None
         };
         if let Some(op) = plain.into_iter().find(|op| op.name() == f) {
@@ -271,7 +329,10 @@ impl<'a> Elaborator<'a> {
             "atan2" => {
                 count(2, self)?;
                 self.same((&values[0], &args[0]), (&values[1], &args[1]), "the second argument of `atan2`");
-                Some(Typed { expr: self.pool.binary(ir::Binary::Atan2, values[0].expr, values[1].expr), unit: Unit::one() })
+                Some(Typed {
+                    expr: self.pool.binary(ir::Binary::Atan2, values[0].expr, values[1].expr),
+                    unit: Unit::one(),
+                })
             }
             "min" | "max" if values.len() == 1 && self.mode == Mode::Expect => {
                 let symbol = self.pool.symbol(&self.words(&args[0]));
@@ -281,7 +342,12 @@ impl<'a> Elaborator<'a> {
             "min" | "max" => {
                 if values.len() < 2 {
                     let help = "one argument is an extreme over the run, and stands in `expect` only";
-                    return self.wrong("elaborate::arguments", span, format!("`{f}` takes two arguments or more"), help);
+                    return self.wrong(
+                        "elaborate::arguments",
+                        span,
+                        format!("`{f}` takes two arguments or more"),
+                        help,
+                    );
                 }
                 let op = if f == "min" { ir::Binary::Min } else { ir::Binary::Max };
                 let mut all = values[0].clone();
@@ -293,10 +359,11 @@ impl<'a> Elaborator<'a> {
             }
             _ => {
                 const KNOWN: [&str; 18] = [
-                    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "abs", "sign",
-                    "min", "max", "integral",
+                    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
+                    "abs", "sign", "min", "max", "integral",
                 ];
-                let mut error = Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
+                let mut error =
+                    Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
                 error = match super::nearest(f, KNOWN) {
                     Some(n) => error.help(format!("did you mean `{n}`?")),
                     None => error.help(format!("the functions are {}", KNOWN.join(", "))),
@@ -317,7 +384,12 @@ impl<'a> Elaborator<'a> {
             );
         }
         let [rate_ast, start_ast] = args else {
-            return self.wrong("elaborate::arguments", span, "`integral` takes what is integrated and the value at the start".into(), "write `integral(v.f, 0 m)`");
+            return self.wrong(
+                "elaborate::arguments",
+                span,
+                "`integral` takes what is integrated and the value at the start".into(),
+                "write `integral(v.f, 0 m)`",
+            );
         };
         let rate = self.express(rate_ast, scope)?;
         let mode = std::mem::replace(&mut self.mode, Mode::Constant);
@@ -358,7 +430,8 @@ impl<'a> Elaborator<'a> {
         // As far as the path leads through instances.
         let mut at = self.scopes[scope].instance;
         for (i, segment) in path.segments.iter().enumerate() {
-            let builtin = i == 0 && segment.index.is_empty() && !self.instances[at].names.contains_key(&segment.name.text);
+            let builtin =
+                i == 0 && segment.index.is_empty() && !self.instances[at].names.contains_key(&segment.name.text);
             if builtin {
                 match segment.name.text.as_str() {
                     "t" if path.segments.len() == 1 => return self.time(path.span),
@@ -371,20 +444,35 @@ impl<'a> Elaborator<'a> {
             match entity {
                 Entity::Instance(inner) if rest.is_empty() => {
                     let _ = inner;
-                    return self.wrong("elaborate::signal", path.span, format!("`{key}` is an instance, not a signal"), "name a signal of it, as in `wall.spring.q`");
+                    return self.wrong(
+                        "elaborate::signal",
+                        path.span,
+                        format!("`{key}` is an instance, not a signal"),
+                        "name a signal of it, as in `wall.spring.q`",
+                    );
                 }
                 Entity::Instance(inner) => at = inner,
                 Entity::Missing => return None,
                 Entity::Param(p) if rest.is_empty() => return self.param_value(p, path.span),
                 Entity::Let(l) if rest.is_empty() => return self.let_value(l, path.span),
-                Entity::Param(_) | Entity::Let(_) | Entity::Probe => {
-                    return self.wrong("elaborate::signal", path.span, format!("`{}` is no signal", self.sources.slice(path.span)), "a parameter or `let` has no parts, and a probe is for the outside: use a `let`");
+                Entity::Param(_) | Entity::Let(_) => {
+                    return self.wrong(
+                        "elaborate::signal",
+                        path.span,
+                        format!("`{}` is no signal", self.sources.slice(path.span)),
+                        "a parameter or `let` has no parts, and a probe is for the outside: use a `let`",
+                    );
                 }
                 Entity::Element(id) => return self.element_signal(id, rest, path.span),
                 Entity::Port(p) => {
                     let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
                     let shown = self.ports[p].name.clone();
-                    return self.bond_signal(raw.and_then(|r| self.merged.get(r).copied().flatten()), &shown, rest, path.span);
+                    return self.bond_signal(
+                        raw.and_then(|r| self.merged.get(r).copied().flatten()),
+                        &shown,
+                        rest,
+                        path.span,
+                    );
                 }
                 Entity::Bond(b) => {
                     let shown = self.raw_bonds[b].name.clone();
@@ -397,7 +485,12 @@ impl<'a> Elaborator<'a> {
 
     fn time(&mut self, span: Span) -> Option<Typed> {
         if self.mode == Mode::Constant {
-            return self.wrong("elaborate::constant", span, "time is not known before the run".into(), "use parameters and numbers only");
+            return self.wrong(
+                "elaborate::constant",
+                span,
+                "time is not known before the run".into(),
+                "use parameters and numbers only",
+            );
         }
         let symbol = self.signal(Signal::Time);
         Some(Typed { expr: self.pool.var(symbol), unit: Unit::known(Dimension::SECOND) })
@@ -410,7 +503,12 @@ impl<'a> Elaborator<'a> {
             ParamState::Open => {
                 let name = self.params[p].name.clone();
                 self.params[p].state = ParamState::Done(None);
-                self.wrong("elaborate::circular", at, format!("the parameter `{name}` depends on itself"), "give it a value of its own")
+                self.wrong(
+                    "elaborate::circular",
+                    at,
+                    format!("the parameter `{name}` depends on itself"),
+                    "give it a value of its own",
+                )
             }
             ParamState::New => {
                 self.params[p].state = ParamState::Open;
@@ -442,7 +540,9 @@ impl<'a> Elaborator<'a> {
                 self.errors.push(
                     Diagnostic::error("elaborate::parameter", at, format!("the parameter `{name}` has no value"))
                         .label(span, "has no default")
-                        .help(format!("give it where the instance is made, `({name} = ...)`, or with --set {name}=...")),
+                        .help(format!(
+                            "give it where the instance is made, `({name} = ...)`, or with --set {name}=..."
+                        )),
                 );
                 return None;
             }
@@ -452,14 +552,25 @@ impl<'a> Elaborator<'a> {
             value = Some(x);
             if let Some(d) = dimension {
                 let span = self.params[p].span;
-                self.require((&Unit::known(d), span), unit.clone(), None, format!("the value of `{name}` given with --set"), 1);
+                self.require(
+                    (&Unit::known(d), span),
+                    unit.clone(),
+                    None,
+                    format!("the value of `{name}` given with --set"),
+                    1,
+                );
                 unit = Unit::known(d);
             }
         }
         let value = value?;
         if !value.is_finite() {
             let span = self.params[p].span;
-            return self.wrong("elaborate::number", span, format!("the parameter `{name}` is {value}"), "its value must be a finite number");
+            return self.wrong(
+                "elaborate::number",
+                span,
+                format!("the parameter `{name}` is {value}"),
+                "its value must be a finite number",
+            );
         }
         let symbol = self.pool.parameter(&name, value);
         self.params[p].symbol = Some(symbol);
@@ -500,7 +611,12 @@ impl<'a> Elaborator<'a> {
         let decl = &self.elements[id.at()];
         let (name, kind) = (decl.name.clone(), decl.kind);
         if self.mode == Mode::Constant {
-            return self.wrong("elaborate::constant", span, format!("a signal of `{name}` is not known before the run"), "use parameters and numbers only");
+            return self.wrong(
+                "elaborate::constant",
+                span,
+                format!("a signal of `{name}` is not known before the run"),
+                "use parameters and numbers only",
+            );
         }
         let words: Vec<&str> = rest.iter().map(|s| s.name.text.as_str()).collect();
         let bond = self.bonds_of.get(id.at()).and_then(|b| b.first().copied());
@@ -519,14 +635,16 @@ impl<'a> Elaborator<'a> {
             }
             (Kind::Tf | Kind::Gy, [side @ ("in" | "out"), variable]) => {
                 let inward = *side == "in";
-                let found = self.bonds_of.get(id.at())?.iter().copied().find(|b| (self.bonds[b.at()].head == id) == inward);
+                let found =
+                    self.bonds_of.get(id.at())?.iter().copied().find(|b| (self.bonds[b.at()].head == id) == inward);
                 let _ = variable;
                 self.bond_signal(found, &name, &rest[1..], span)
             }
             (Kind::Zero, ["e"]) | (Kind::One, ["f"]) => self.bond_signal(bond, &name, rest, span),
-            (Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port, ["e" | "f" | "P"]) => {
-                self.bond_signal(bond, &name, rest, span)
-            }
+            (
+                Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port,
+                ["e" | "f" | "P"],
+            ) => self.bond_signal(bond, &name, rest, span),
             _ => {
                 let has = match kind {
                     Kind::C => ".e .f .P .q .H",
@@ -536,9 +654,17 @@ impl<'a> Elaborator<'a> {
                     Kind::Tf | Kind::Gy => ".in.e .in.f .out.e .out.f",
                     Kind::Se | Kind::Sf | Kind::R | Kind::De | Kind::Df | Kind::Port => ".e .f .P",
                 };
-                let asked = if words.is_empty() { format!("`{name}` is an element, not a signal") } else { format!("`{name}` has no signal `.{}`", words.join(".")) };
+                let asked = if words.is_empty() {
+                    format!("`{name}` is an element, not a signal")
+                } else {
+                    format!("`{name}` has no signal `.{}`", words.join("."))
+                };
                 let decl = self.elements[id.at()].span;
-                self.errors.push(Diagnostic::error("elaborate::signal", span, asked).label(decl, "is declared here").help(format!("it has {has}")));
+                self.errors.push(
+                    Diagnostic::error("elaborate::signal", span, asked)
+                        .label(decl, "is declared here")
+                        .help(format!("it has {has}")),
+                );
                 None
             }
         }
@@ -546,7 +672,12 @@ impl<'a> Elaborator<'a> {
 
     fn bond_signal(&mut self, bond: Option<BondId>, name: &str, rest: &'a [ast::Segment], span: Span) -> Option<Typed> {
         if self.mode == Mode::Constant {
-            return self.wrong("elaborate::constant", span, format!("a signal of `{name}` is not known before the run"), "use parameters and numbers only");
+            return self.wrong(
+                "elaborate::constant",
+                span,
+                format!("a signal of `{name}` is not known before the run"),
+                "use parameters and numbers only",
+            );
         }
         let bond = bond?;
         let d = self.domain_of[bond.at()];
@@ -566,7 +697,12 @@ impl<'a> Elaborator<'a> {
                 let (e, f) = (self.pool.var(e), self.pool.var(f));
                 Some(Typed { expr: self.pool.mul(e, f), unit: effort.mul(&flow) })
             }
-            _ => self.wrong("elaborate::signal", span, format!("`{}` is no signal", self.sources.slice(span)), &format!("`{name}` has .e .f .P")),
+            _ => self.wrong(
+                "elaborate::signal",
+                span,
+                format!("`{}` is no signal", self.sources.slice(span)),
+                &format!("`{name}` has .e .f .P"),
+            ),
         }
     }
 

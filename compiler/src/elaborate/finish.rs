@@ -48,8 +48,10 @@ impl<'a> Elaborator<'a> {
                 super::ParamState::Done(None) | super::ParamState::New | super::ParamState::Open => None,
             })
             .collect();
-        let probes =
-            probes.into_iter().map(|(name, span, t)| Probe { name, value: t.expr, unit: known(&t.unit), span }).collect();
+        let probes = probes
+            .into_iter()
+            .map(|(name, span, t)| Probe { name, value: t.expr, unit: known(&t.unit), span })
+            .collect();
         let bond_units =
             self.domain_of.iter().map(|&d| (known(&Inference::effort(d)), known(&Inference::flow(d)))).collect();
         let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
@@ -116,14 +118,29 @@ impl<'a> Elaborator<'a> {
                 Law::Port(self.open_port(fields, scope, bonds.first().copied()?)?)
             }
             (Kind::Se | Kind::Sf, Some(ast)) => Law::Source(self.source(ast, scope, kind, bonds.first().copied()?)?),
-            (Kind::C | Kind::I, Some(ast)) => Law::Storage(self.storage(id, ast, scope, kind, bonds.first().copied()?)?),
+            (Kind::C | Kind::I, Some(ast)) => {
+                Law::Storage(self.storage(id, ast, scope, kind, bonds.first().copied()?)?)
+            }
             (Kind::R, Some(ast)) => Law::Resistor(self.resistor(id, ast, scope, bonds.first().copied()?)?),
             (Kind::Tf | Kind::Gy, Some(ast)) => {
                 let into = bonds.iter().copied().find(|b| self.bonds[b.at()].head == id)?;
                 let out = bonds.iter().copied().find(|b| self.bonds[b.at()].tail == id)?;
                 Law::Ratio(self.ratio(ast, scope, kind, into, out)?)
             }
-            (Kind::Zero | Kind::One | Kind::De | Kind::Df | Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy, None) => {
+            (
+                Kind::Zero
+                | Kind::One
+                | Kind::De
+                | Kind::Df
+                | Kind::Se
+                | Kind::Sf
+                | Kind::C
+                | Kind::I
+                | Kind::R
+                | Kind::Tf
+                | Kind::Gy,
+                None,
+            ) => {
                 return None;
             }
         };
@@ -135,8 +152,12 @@ impl<'a> Elaborator<'a> {
     fn no_value(&mut self, ast: &ast::Element, what: &str) {
         if ast.value.is_some() || ast.fields.is_some() || !ast.args.is_empty() {
             self.errors.push(
-                Diagnostic::error("elaborate::value", ast.span, format!("`{}` is {what}, and takes no value", ast.name.text))
-                    .help("take the value away"),
+                Diagnostic::error(
+                    "elaborate::value",
+                    ast.span,
+                    format!("`{}` is {what}, and takes no value", ast.name.text),
+                )
+                .help("take the value away"),
             );
         }
     }
@@ -174,7 +195,8 @@ impl<'a> Elaborator<'a> {
                 continue;
             }
             let names: Vec<String> = self.params.iter().map(|p| p.name.clone()).collect();
-            let mut error = Diagnostic::error("elaborate::set", at, format!("--set {path}: there is no parameter `{path}`"));
+            let mut error =
+                Diagnostic::error("elaborate::set", at, format!("--set {path}: there is no parameter `{path}`"));
             error = match super::nearest(path, names.iter().map(String::as_str)) {
                 Some(n) => error.help(format!("did you mean `{n}`?")),
                 None if names.is_empty() => error.help("the scene has no parameters"),

@@ -167,9 +167,9 @@ fn is_pseudo_pair(e: Dimension, f: Dimension) -> bool {
     let flow_of_mass = D::KILOGRAM.div(D::SECOND);
     let volume_flow = D::METRE.pow(3, 1).div(D::SECOND);
     [
-        (kelvin, D::WATT),                                          // heat
-        (D::PASCAL, flow_of_mass),                                  // hydraulics by mass
-        (D::METRE, volume_flow),                                    // hydraulics by head
+        (kelvin, D::WATT),                                         // heat
+        (D::PASCAL, flow_of_mass),                                 // hydraulics by mass
+        (D::METRE, volume_flow),                                   // hydraulics by head
         (D::MOLE.div(D::METRE.pow(3, 1)), D::MOLE.div(D::SECOND)), // diffusion
     ]
     .contains(&(e, f))
@@ -259,7 +259,9 @@ impl Inference {
                 error = error.label(span, format!("this asks for {needed}"));
             }
             errors.push(error.help(match name(&e.found.0.div(&e.needed.0)) {
-                Some(off) => format!("the unit is off by a factor of {off}: give the value in {needed}, or mend the expression"),
+                Some(off) => {
+                    format!("the unit is off by a factor of {off}: give the value in {needed}, or mend the expression")
+                }
                 None => format!("give the value in {needed}"),
             }));
         }

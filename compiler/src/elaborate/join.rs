@@ -35,9 +35,13 @@ impl Elaborator<'_> {
             let bars: Vec<usize> = members.iter().copied().filter(|&m| self.raw_bonds[m].sampled).collect();
             if let [first, second, ..] = bars[..] {
                 self.errors.push(
-                    Diagnostic::error("elaborate::bars", self.raw_bonds[second].span, "two double bars follow one another on one bond")
-                        .label(self.raw_bonds[first].span, "is the other")
-                        .help("write `||>` on one side of the port and `->` on the other"),
+                    Diagnostic::error(
+                        "elaborate::bars",
+                        self.raw_bonds[second].span,
+                        "two double bars follow one another on one bond",
+                    )
+                    .label(self.raw_bonds[first].span, "is the other")
+                    .help("write `||>` on one side of the port and `->` on the other"),
                 );
             }
             for &m in &members {
@@ -115,8 +119,12 @@ impl Elaborator<'_> {
             }
             ([], _) => {
                 self.errors.push(
-                    Diagnostic::error("elaborate::port", span, format!("the port `{name}` is not bonded inside its model"))
-                        .help("bond it to what it leads to, as in `tip -> 1:contact`"),
+                    Diagnostic::error(
+                        "elaborate::port",
+                        span,
+                        format!("the port `{name}` is not bonded inside its model"),
+                    )
+                    .help("bond it to what it leads to, as in `tip -> 1:contact`"),
                 );
                 false
             }
@@ -135,7 +143,8 @@ impl Elaborator<'_> {
         let decl = &self.elements[id.at()];
         let bonds = &self.bonds_of[id.at()];
         let (name, span) = (&decl.name, decl.span);
-        let arrows = |error: Diagnostic| bonds.iter().fold(error, |e, b| e.label(self.bonds[b.at()].span, "is a bond of it"));
+        let arrows =
+            |error: Diagnostic| bonds.iter().fold(error, |e, b| e.label(self.bonds[b.at()].span, "is a bond of it"));
         let error = match (decl.kind, bonds.len()) {
             (_, 0) => Some(
                 Diagnostic::error("elaborate::unconnected", span, format!("`{name}` is not connected to anything"))
@@ -156,8 +165,12 @@ impl Elaborator<'_> {
             }
             (Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port, 1) => None,
             (Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port, n) => Some(
-                arrows(Diagnostic::error("elaborate::one_port", span, format!("`{name}` has {n} bonds, and takes one")))
-                    .help(format!("join them at a junction, as in `a, b -> 0:node -> {name}`")),
+                arrows(Diagnostic::error(
+                    "elaborate::one_port",
+                    span,
+                    format!("`{name}` has {n} bonds, and takes one"),
+                ))
+                .help(format!("join them at a junction, as in `a, b -> 0:node -> {name}`")),
             ),
         };
         self.errors.extend(error);
@@ -176,7 +189,13 @@ impl Elaborator<'_> {
                     Diagnostic::error(
                         "elaborate::border",
                         bond.span,
-                        format!("a plain bond crosses the border of a sampled region: `{}` is {}, `{}` is {}", tail.name, side(tail), head.name, side(head)),
+                        format!(
+                            "a plain bond crosses the border of a sampled region: `{}` is {}, `{}` is {}",
+                            tail.name,
+                            side(tail),
+                            head.name,
+                            side(head)
+                        ),
                     )
                     .label(tail.span, format!("is {}", side(tail)))
                     .label(head.span, format!("is {}", side(head)))

@@ -63,7 +63,8 @@ struct Loading<'a> {
 /// Parses a source and everything it uses.
 pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader, errors: &mut Vec<Diagnostic>) -> Files {
     let name = sources.get(main).name.clone();
-    let mut loading = Loading { sources, loader, errors, files: Files::default(), known: FxHashMap::default(), open: vec![] };
+    let mut loading =
+        Loading { sources, loader, errors, files: Files::default(), known: FxHashMap::default(), open: vec![] };
     loading.file(main, name);
     loading.files
 }
@@ -92,9 +93,13 @@ impl Loading<'_> {
             let Item::Model(m) = item else { continue };
             if let Some(first) = own.insert(&m.name.text, m.name.span) {
                 self.errors.push(
-                    Diagnostic::error("elaborate::twice", m.name.span, format!("the model `{}` is declared twice", m.name.text))
-                        .label(first, "is the first one")
-                        .help("rename one of them"),
+                    Diagnostic::error(
+                        "elaborate::twice",
+                        m.name.span,
+                        format!("the model `{}` is declared twice", m.name.text),
+                    )
+                    .label(first, "is the first one")
+                    .help("rename one of them"),
                 );
             }
             visible.insert(m.name.text.clone(), (at, i));

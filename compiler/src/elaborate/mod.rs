@@ -44,7 +44,6 @@ enum Entity {
     Port(usize),
     Param(usize),
     Let(usize),
-    Probe,
     /// An index of `raw_bonds`.
     Bond(usize),
     /// Declared, but wrong: said already.
@@ -242,13 +241,16 @@ pub fn elaborate(
 
 fn scene(files: &Files, options: &Options, at: Span) -> Result<load::ModelRef, Diagnostic> {
     let first = files.list.first().map(|f| f.items.as_slice()).unwrap_or(&[]);
-    let models = || first.iter().enumerate().filter_map(|(i, item)| match item {
-        ast::Item::Model(m) => Some((i, m)),
-        ast::Item::Use(_) => None,
-    });
+    let models = || {
+        first.iter().enumerate().filter_map(|(i, item)| match item {
+            ast::Item::Model(m) => Some((i, m)),
+            ast::Item::Use(_) => None,
+        })
+    };
     match &options.model {
         None => models().last().map(|(i, _)| (0, i)).ok_or_else(|| {
-            Diagnostic::error("elaborate::empty", at, "there is no model in this file").help("write `model Name { ... }`")
+            Diagnostic::error("elaborate::empty", at, "there is no model in this file")
+                .help("write `model Name { ... }`")
         }),
         Some(name) => models().filter(|(_, m)| m.name.text == *name).last().map(|(i, _)| (0, i)).ok_or_else(|| {
             let known: Vec<&str> = models().map(|(_, m)| m.name.text.as_str()).collect();

@@ -20,7 +20,9 @@ impl<'a> Elaborator<'a> {
             && let (Some(a), Some(b)) = (first.0.first(), second.0.first())
         {
             self.errors.push(
-                Diagnostic::error("elaborate::twice", b.span, "there are two `simulate` blocks").label(a.span, "is in the first").help("put all settings into one"),
+                Diagnostic::error("elaborate::twice", b.span, "there are two `simulate` blocks")
+                    .label(a.span, "is in the first")
+                    .help("put all settings into one"),
             );
         }
         for (fields, scope) in all {
@@ -31,10 +33,16 @@ impl<'a> Elaborator<'a> {
                     "step" => settings.step = self.positive(&field.value, scope, "step"),
                     "every" => settings.every = self.positive(&field.value, scope, "every"),
                     "tolerance" => {
-                        settings.tolerance = self.constant(&field.value, scope, Dimension::DIMENSIONLESS, "the tolerance");
+                        settings.tolerance =
+                            self.constant(&field.value, scope, Dimension::DIMENSIONLESS, "the tolerance");
                         if settings.tolerance.is_some_and(|t| t <= 0.0 || t >= 1.0) {
                             self.errors.push(
-                                Diagnostic::error("elaborate::simulate", field.value.span, "the tolerance must lie between 0 and 1").help("such as `tolerance = 1e-6`"),
+                                Diagnostic::error(
+                                    "elaborate::simulate",
+                                    field.value.span,
+                                    "the tolerance must lie between 0 and 1",
+                                )
+                                .help("such as `tolerance = 1e-6`"),
                             );
                         }
                     }
@@ -43,13 +51,18 @@ impl<'a> Elaborator<'a> {
                             settings.method = Some((p.segments[0].name.text.clone(), p.span));
                         }
                         _ => {
-                            let e = Diagnostic::error("elaborate::simulate", field.value.span, "the method is a name").help("such as `method = gonzalez`");
+                            let e = Diagnostic::error("elaborate::simulate", field.value.span, "the method is a name")
+                                .help("such as `method = gonzalez`");
                             self.errors.push(e);
                         }
                     },
                     _ => {
                         let known = ["stop", "step", "method", "tolerance", "every"];
-                        let mut e = Diagnostic::error("elaborate::simulate", field.span, format!("`simulate` has no setting `{name}`"));
+                        let mut e = Diagnostic::error(
+                            "elaborate::simulate",
+                            field.span,
+                            format!("`simulate` has no setting `{name}`"),
+                        );
                         e = match super::nearest(name, known) {
                             Some(n) => e.help(format!("did you mean `{n}`?")),
                             None => e.help(format!("the settings are {}", known.join(", "))),
@@ -68,7 +81,8 @@ impl<'a> Elaborator<'a> {
             return Some(x);
         }
         self.errors.push(
-            Diagnostic::error("elaborate::simulate", e.span, format!("`{name}` is {x} s, and must be positive")).help(format!("such as `{name} = 10 s`")),
+            Diagnostic::error("elaborate::simulate", e.span, format!("`{name}` is {x} s, and must be positive"))
+                .help(format!("such as `{name} = 10 s`")),
         );
         None
     }
@@ -84,7 +98,10 @@ impl<'a> Elaborator<'a> {
                         let value_ = self.probe_or(value, scope)?;
                         let time = self.constant(time, scope, Dimension::SECOND, "the instant")?;
                         if time < 0.0 || !time.is_finite() {
-                            self.errors.push(Diagnostic::error("elaborate::expect", span, format!("there is no instant {time} s")).help("the run starts at 0 s"));
+                            self.errors.push(
+                                Diagnostic::error("elaborate::expect", span, format!("there is no instant {time} s"))
+                                    .help("the run starts at 0 s"),
+                            );
                             return None;
                         }
                         let mut known = |e: &'a ast::Expr, about: &str| {
@@ -93,14 +110,16 @@ impl<'a> Elaborator<'a> {
                             self.require((&typed.unit, e.span), value_.unit.clone(), Some(value.span), about, 3);
                             self.number(&typed, e)
                         };
-                        let (target, tolerance) = (known(target, "the expected value")?, known(tolerance, "the tolerance")?);
+                        let (target, tolerance) =
+                            (known(target, "the expected value")?, known(tolerance, "the tolerance")?);
                         ExpectationKind::At { value: value_.expr, time, target, tolerance }
                     }
                     ast::Expect::Holds(e) => {
                         let (typed, extremes) = self.expected(e, scope)?;
                         if !is_condition(e) {
                             self.errors.push(
-                                Diagnostic::error("elaborate::expect", e.span, "this is a value, not a condition").help("compare it, as in `expect max(abs(x)) < 0.2 m`"),
+                                Diagnostic::error("elaborate::expect", e.span, "this is a value, not a condition")
+                                    .help("compare it, as in `expect max(abs(x)) < 0.2 m`"),
                             );
                             return None;
                         }
@@ -117,25 +136,37 @@ impl<'a> Elaborator<'a> {
     }
 
     /// The least inertia that the outside shows at an open port.
-    pub(super) fn open_port(&mut self, fields: &'a [ast::Field], scope: ScopeId, bond: crate::model::BondId) -> Option<Option<f64>> {
+    pub(super) fn open_port(
+        &mut self,
+        fields: &'a [ast::Field],
+        scope: ScopeId,
+        bond: crate::model::BondId,
+    ) -> Option<Option<f64>> {
         let mut inertia = None;
         for field in fields {
             let name = field.path.first().map(|n| n.text.as_str()).unwrap_or("");
             if name != "inertia" {
                 self.errors.push(
-                    Diagnostic::error("elaborate::field", field.span, format!("a port has no field `{name}`")).help("it has `inertia`, the least inertia that the outside shows there"),
+                    Diagnostic::error("elaborate::field", field.span, format!("a port has no field `{name}`"))
+                        .help("it has `inertia`, the least inertia that the outside shows there"),
                 );
                 continue;
             }
             self.mode = Mode::Constant;
             let typed = self.express(&field.value, scope)?;
             let d = self.bond_domain(bond);
-            let needed = super::Inference::effort(d).div(&super::Inference::flow(d)).mul(&Unit::known(Dimension::SECOND));
+            let needed =
+                super::Inference::effort(d).div(&super::Inference::flow(d)).mul(&Unit::known(Dimension::SECOND));
             self.require((&typed.unit, field.value.span), needed, None, "the inertia of the port", 1);
             let x = self.number(&typed, &field.value)?;
             if !(x > 0.0 && x.is_finite()) {
                 self.errors.push(
-                    Diagnostic::error("elaborate::value", field.value.span, format!("the inertia of the port is {x}, and must be positive")).help("give the least mass that the hand and the handle have"),
+                    Diagnostic::error(
+                        "elaborate::value",
+                        field.value.span,
+                        format!("the inertia of the port is {x}, and must be positive"),
+                    )
+                    .help("give the least mass that the hand and the handle have"),
                 );
                 return None;
             }
@@ -153,6 +184,10 @@ fn is_condition(e: &ast::Expr) -> bool {
         ExprKind::Paren(e) | ExprKind::Unary(ast::Unary::Not, e) => is_condition(e),
         ExprKind::Binary(op, _, _) => matches!(op, B::Lt | B::Le | B::Gt | B::Ge | B::Eq | B::Ne | B::And | B::Or),
         ExprKind::If(_, a, b) => is_condition(a) && is_condition(b),
-        ExprKind::Number { .. } | ExprKind::Path(_) | ExprKind::Unary(ast::Unary::Neg, _) | ExprKind::Call(..) | ExprKind::List(_) => false,
+        ExprKind::Number { .. }
+        | ExprKind::Path(_)
+        | ExprKind::Unary(ast::Unary::Neg, _)
+        | ExprKind::Call(..)
+        | ExprKind::List(_) => false,
     }
 }

@@ -11,7 +11,13 @@ pub(super) struct Fields<'a> {
 
 impl<'a> Fields<'a> {
     /// Reads a declaration that may have the fields `known`, at most one of them out of `laws`, and must have one of `laws`.
-    pub(super) fn read(e: &mut Elaborator<'a>, ast: &'a Element, short: &str, laws: &[&str], others: &[&str]) -> Option<Self> {
+    pub(super) fn read(
+        e: &mut Elaborator<'a>,
+        ast: &'a Element,
+        short: &str,
+        laws: &[&str],
+        others: &[&str],
+    ) -> Option<Self> {
         let name = &ast.name.text;
         let mut list: Vec<(String, &'a Expr)> = ast.value.iter().map(|v| (short.to_string(), v)).collect();
         let known: Vec<&str> = laws.iter().chain(others).copied().collect();
@@ -19,7 +25,11 @@ impl<'a> Fields<'a> {
         for f in ast.fields.iter().flat_map(|f| &f.0) {
             let path = f.path.iter().map(|n| n.text.as_str()).collect::<Vec<_>>().join(".");
             if !known.contains(&path.as_str()) {
-                let mut error = Diagnostic::error("elaborate::field", f.span, format!("`{name}` (a `{}`) has no field `{path}`", ast.kind.text));
+                let mut error = Diagnostic::error(
+                    "elaborate::field",
+                    f.span,
+                    format!("`{name}` (a `{}`) has no field `{path}`", ast.kind.text),
+                );
                 error = match nearest(&path, known.iter().copied()) {
                     Some(n) => error.help(format!("did you mean `{n}`?")),
                     None => error.help(format!("its fields are {}", known.join(", "))),
@@ -27,7 +37,10 @@ impl<'a> Fields<'a> {
                 e.errors.push(error);
                 sound = false;
             } else if list.iter().any(|(n, _)| *n == path) {
-                e.errors.push(Diagnostic::error("elaborate::twice", f.span, format!("`{path}` of `{name}` is given twice")).help("keep one"));
+                e.errors.push(
+                    Diagnostic::error("elaborate::twice", f.span, format!("`{path}` of `{name}` is given twice"))
+                        .help("keep one"),
+                );
                 sound = false;
             } else {
                 list.push((path, &f.value));
@@ -47,9 +60,13 @@ impl<'a> Fields<'a> {
             [] => sound = false,
             [first, second, ..] => {
                 e.errors.push(
-                    Diagnostic::error("elaborate::twice", second.1.span, format!("`{name}` is given two laws, `{}` and `{}`", first.0, second.0))
-                        .label(first.1.span, "is the first")
-                        .help("keep one of them"),
+                    Diagnostic::error(
+                        "elaborate::twice",
+                        second.1.span,
+                        format!("`{name}` is given two laws, `{}` and `{}`", first.0, second.0),
+                    )
+                    .label(first.1.span, "is the first")
+                    .help("keep one of them"),
                 );
                 sound = false;
             }

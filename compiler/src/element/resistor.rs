@@ -8,7 +8,13 @@ use bond_grammar::diagnostic::Diagnostic;
 
 impl<'a> Elaborator<'a> {
     /// The law of a resistor.
-    pub(crate) fn resistor(&mut self, id: ElementId, ast: &'a ast::Element, scope: usize, bond: BondId) -> Option<Resistor> {
+    pub(crate) fn resistor(
+        &mut self,
+        id: ElementId,
+        ast: &'a ast::Element,
+        scope: usize,
+        bond: BondId,
+    ) -> Option<Resistor> {
         let name = ast.name.text.clone();
         let fields = Fields::read(self, ast, "resistance", &["resistance", "conductance", "e", "f"], &[])?;
         let d = self.bond_domain(bond);
@@ -60,7 +66,9 @@ impl<'a> Elaborator<'a> {
         if dissipative == Some(false) && !ast.active {
             self.errors.push(
                 Diagnostic::error("elaborate::law", place, format!("the law of `{name}` gives power: there e f < 0"))
-                    .help(format!("a resistor's law must satisfy e f >= 0; one that gives power must say so: `active R:{name}`")),
+                    .help(format!(
+                        "a resistor's law must satisfy e f >= 0; one that gives power must say so: `active R:{name}`"
+                    )),
             );
             return None;
         }

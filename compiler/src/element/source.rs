@@ -24,7 +24,11 @@ impl<'a> Elaborator<'a> {
     pub(super) fn finite(&mut self, value: Expr, ast: &ast::Expr, name: &str) -> Option<()> {
         match self.pool.constant(value) {
             Some(x) if !x.is_finite() => {
-                let e = bond_grammar::diagnostic::Diagnostic::error("elaborate::value", ast.span, format!("the value of `{name}` is {x}"));
+                let e = bond_grammar::diagnostic::Diagnostic::error(
+                    "elaborate::value",
+                    ast.span,
+                    format!("the value of `{name}` is {x}"),
+                );
                 self.errors.push(e.help("it must be a finite number"));
                 None
             }

@@ -10,7 +10,14 @@ use bond_grammar::diagnostic::Diagnostic;
 
 impl<'a> Elaborator<'a> {
     /// A storage's energy and initial state.
-    pub(crate) fn storage(&mut self, id: ElementId, ast: &'a ast::Element, scope: usize, kind: Kind, bond: BondId) -> Option<Storage> {
+    pub(crate) fn storage(
+        &mut self,
+        id: ElementId,
+        ast: &'a ast::Element,
+        scope: usize,
+        kind: Kind,
+        bond: BondId,
+    ) -> Option<Storage> {
         let c = kind == Kind::C;
         let (state_name, law_name) = if c { ("q", "e") } else { ("p", "f") };
         let (short, laws, others): (_, &[&str], &[&str]) = if c {
@@ -35,7 +42,12 @@ impl<'a> Elaborator<'a> {
             let what = if stiff { "stiffness" } else { short };
             self.require((&typed.unit, value.span), needed, None, format!("the {what} of `{name}`"), 1);
             self.positive_constant(typed.expr, value, &name, what)?;
-            let k = if stiff { typed.expr } else { let one = self.pool.int(1); self.pool.div(one, typed.expr) };
+            let k = if stiff {
+                typed.expr
+            } else {
+                let one = self.pool.int(1);
+                self.pool.div(one, typed.expr)
+            };
             self.own_state_only(k, state, value, &name)?;
             let co = self.pool.mul(k, x);
             let half = self.pool.ratio(1, 2);
@@ -71,9 +83,13 @@ impl<'a> Elaborator<'a> {
         let given: Vec<_> = start.iter().filter_map(|(f, is_state)| Some((fields.get(f)?, *is_state, *f))).collect();
         if let [first, second, ..] = given[..] {
             self.errors.push(
-                Diagnostic::error("elaborate::twice", second.0.span, format!("`{name}` starts twice, by `{}` and `{}`", first.2, second.2))
-                    .label(first.0.span, "is the first")
-                    .help("keep one of them"),
+                Diagnostic::error(
+                    "elaborate::twice",
+                    second.0.span,
+                    format!("`{name}` starts twice, by `{}` and `{}`", first.2, second.2),
+                )
+                .label(first.0.span, "is the first")
+                .help("keep one of them"),
             );
             return None;
         }
@@ -100,7 +116,11 @@ impl<'a> Elaborator<'a> {
         } else {
             "give a positive number".to_string()
         };
-        let how = if x < 0.0 { format!("negative {what}: that of `{name}` is {x}") } else { format!("the {what} of `{name}` is {x}, and must be positive") };
+        let how = if x < 0.0 {
+            format!("negative {what}: that of `{name}` is {x}")
+        } else {
+            format!("the {what} of `{name}` is {x}, and must be positive")
+        };
         self.errors.push(Diagnostic::error("elaborate::value", ast.span, how).help(help));
         None
     }
@@ -143,7 +163,9 @@ impl<'a> Elaborator<'a> {
             return true;
         }
         let at = |x: f64| self.pool.eval(energy, &|s| if s == state { x } else { f64::NAN });
-        let least = |xs: &[f64]| xs.iter().flat_map(|x| [at(*x), at(-*x)]).filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min);
+        let least = |xs: &[f64]| {
+            xs.iter().flat_map(|x| [at(*x), at(-*x)]).filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min)
+        };
         let near = least(&[0.0, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3]);
         let far = least(&[1e-30, 1e-12, 1e-8, 1e5, 1e8, 1e12, 1e30]);
         near > f64::NEG_INFINITY && far >= near - 1e3 * (1.0 + near.abs())
@@ -181,8 +203,12 @@ impl<'a> Elaborator<'a> {
             return Some(x);
         }
         self.errors.push(
-            Diagnostic::error("elaborate::initial", ast.span, format!("no state of `{name}` was found that gives {target}"))
-                .help("give the state itself, `q0` or `p0`"),
+            Diagnostic::error(
+                "elaborate::initial",
+                ast.span,
+                format!("no state of `{name}` was found that gives {target}"),
+            )
+            .help("give the state itself, `q0` or `p0`"),
         );
         None
     }

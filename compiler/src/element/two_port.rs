@@ -9,16 +9,20 @@ use bond_grammar::diagnostic::Diagnostic;
 
 impl<'a> Elaborator<'a> {
     /// The ratio of a transformer or gyrator.
-    pub(crate) fn ratio(&mut self, ast: &'a ast::Element, scope: usize, kind: Kind, into: BondId, out: BondId) -> Option<Expr> {
+    pub(crate) fn ratio(
+        &mut self,
+        ast: &'a ast::Element,
+        scope: usize,
+        kind: Kind,
+        into: BondId,
+        out: BondId,
+    ) -> Option<Expr> {
         let fields = Fields::read(self, ast, "ratio", &["ratio"], &[])?;
         let value = fields.get("ratio")?;
         let typed = self.with_signals(value, scope)?;
         let (i, o) = (self.bond_domain(into), self.bond_domain(out));
         let (first, second) = match kind {
-            Kind::Gy => (
-                Inference::effort(i).div(&Inference::flow(o)),
-                Inference::effort(o).div(&Inference::flow(i)),
-            ),
+            Kind::Gy => (Inference::effort(i).div(&Inference::flow(o)), Inference::effort(o).div(&Inference::flow(i))),
             _ => (Inference::effort(i).div(&Inference::effort(o)), Inference::flow(o).div(&Inference::flow(i))),
         };
         let about = format!("the ratio of `{}`", ast.name.text);

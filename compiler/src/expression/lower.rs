@@ -30,7 +30,7 @@ impl Lowering {
     /// A variable that has no value.
     pub fn lower(&mut self, pool: &Pool, builder: &mut Builder, e: Expr) -> Result<Value, Symbol> {
         // parameters that were given a value make constants variable
-        let given = self.env.keys().any(|&s| pool.value(s).is_some());
+        let given = pool.has_parameter(&self.env);
         let folded = |e: Expr| if given { None } else { pool.constant(e) };
         for e in self.needed(pool, e, &|e| !self.memo.contains_key(&e) && folded(e).is_none()) {
             let value = self.node(pool, builder, e, &folded)?;

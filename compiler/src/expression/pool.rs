@@ -78,6 +78,7 @@ pub struct Pool {
     pub(super) support: Vec<Support>,
     constants: FxHashMap<Expr, f64>,
     symbols: Vec<SymbolData>,
+    parameters: Vec<Symbol>,
     empty: Arc<[Symbol]>,
     pub(super) derivatives: FxHashMap<(Expr, Symbol), Expr>,
 }
@@ -97,6 +98,7 @@ impl Pool {
             support: Vec::new(),
             constants: FxHashMap::default(),
             symbols: Vec::new(),
+            parameters: Vec::new(),
             empty: Arc::from([]),
             derivatives: FxHashMap::default(),
         }
@@ -111,7 +113,18 @@ impl Pool {
     /// A new parameter, a symbol whose value is known. It stays a symbol in expressions.
     pub fn parameter(&mut self, name: &str, value: f64) -> Symbol {
         self.symbols.push(SymbolData { name: name.to_string(), value: Some(value) });
-        Symbol((self.symbols.len() - 1) as u32)
+        let s = Symbol((self.symbols.len() - 1) as u32);
+        self.parameters.push(s);
+        s
+    }
+
+    /// Whether a parameter is among the keys of a map.
+    pub(super) fn has_parameter<T>(&self, map: &FxHashMap<Symbol, T>) -> bool {
+        if self.parameters.len() < map.len() {
+            self.parameters.iter().any(|s| map.contains_key(s))
+        } else {
+            map.keys().any(|&s| self.value(s).is_some())
+        }
     }
 
     /// A symbol's name; empty for a symbol of another pool.

@@ -27,7 +27,7 @@ impl Pool {
             return known;
         }
         // parameters are in no list of variables, so that a map that has one walks everything
-        let everything = map.keys().any(|&s| self.value(s).is_some());
+        let everything = self.has_parameter(map);
         let changes = |s: Symbol| map.contains_key(&s);
         let nodes = self.ascending(&[e], &|e| !memo.contains_key(&e) && (everything || self.may_contain(e, &changes)));
         for e in nodes {

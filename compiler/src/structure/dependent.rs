@@ -107,7 +107,8 @@ fn check(model: &Model, form: &Form, d: ColumnId) -> Option<Diagnostic> {
             if column.gives == crate::model::Variable::Effort { "C" } else { "I" }
         )))
     };
-    let linear = |id: ElementId| storage(model, id).is_some_and(|s| s.linear.is_some_and(|k| model.pool.constant(k).is_some()));
+    let linear =
+        |id: ElementId| storage(model, id).is_some_and(|s| s.linear.is_some_and(|k| model.pool.constant(k).is_some()));
     if !linear(column.element) {
         return not_yet("its energy is not quadratic".into(), None);
     }
@@ -118,13 +119,25 @@ fn check(model: &Model, form: &Form, d: ColumnId) -> Option<Diagnostic> {
         let other = form.column(*c);
         let name = &other.name;
         match other.role {
-            Role::Storage if !linear(other.element) => return not_yet(format!("the energy of `{name}`, on which it depends, is not quadratic"), Some(other.element)),
+            Role::Storage if !linear(other.element) => {
+                return not_yet(
+                    format!("the energy of `{name}`, on which it depends, is not quadratic"),
+                    Some(other.element),
+                );
+            }
             Role::Storage if model.pool.constant(*k).is_none() => {
-                return not_yet(format!("the ratio between it and `{name}` changes with the state"), Some(other.element));
+                return not_yet(
+                    format!("the ratio between it and `{name}` changes with the state"),
+                    Some(other.element),
+                );
             }
             Role::Storage => {}
-            Role::Source(_) => return not_yet(format!("follows the source `{name}`, whose derivative it needs"), Some(other.element)),
-            Role::Bar | Role::Open(_) => return not_yet(format!("follows `{name}` across a double bar, which jumps"), Some(other.element)),
+            Role::Source(_) => {
+                return not_yet(format!("follows the source `{name}`, whose derivative it needs"), Some(other.element));
+            }
+            Role::Bar | Role::Open(_) => {
+                return not_yet(format!("follows `{name}` across a double bar, which jumps"), Some(other.element));
+            }
             Role::Resistor => return not_yet(format!("depends on the resistor `{name}`"), Some(other.element)),
             Role::Dependent => return not_yet(format!("depends on `{name}`, which is so too"), Some(other.element)),
         }
@@ -163,8 +176,12 @@ fn merge(
     }
     let minv = inverse(&mut pool, &m).ok_or_else(|| {
         let e = model.element(form.column(dependent[0]).element);
-        Diagnostic::error("structure::singular", e.span, format!("the storages tied to `{}` have no common inertia", e.name))
-            .help("check their values")
+        Diagnostic::error(
+            "structure::singular",
+            e.span,
+            format!("the storages tied to `{}` have no common inertia", e.name),
+        )
+        .help("check their values")
     });
     let minv = match minv {
         Ok(x) => x,
@@ -176,7 +193,8 @@ fn merge(
     let symbols: Vec<Symbol> = independent
         .iter()
         .map(|c| {
-            let name = storage(model, form.column(*c).element).map(|s| pool.name(s.state).to_string()).unwrap_or_default();
+            let name =
+                storage(model, form.column(*c).element).map(|s| pool.name(s.state).to_string()).unwrap_or_default();
             pool.symbol(&name)
         })
         .collect();
@@ -205,7 +223,8 @@ fn merge(
     let rates: Vec<Expr> = independent
         .iter()
         .map(|c| {
-            let row: Row = form.column(*c).row.iter().filter(|(j, _)| form.column(*j).role != Role::Dependent).copied().collect();
+            let row: Row =
+                form.column(*c).row.iter().filter(|(j, _)| form.column(*j).role != Role::Dependent).copied().collect();
             let terms: Vec<Expr> = row
                 .iter()
                 .map(|(j, k)| {
@@ -232,7 +251,8 @@ fn merge(
         }
         let output = pool.sum(&terms);
         done.fixed.insert(column.out, output);
-        let of_states: FxHashMap<Symbol, Expr> = independent.iter().zip(&coenergy).map(|(c, z)| (form.column(*c).out, *z)).collect();
+        let of_states: FxHashMap<Symbol, Expr> =
+            independent.iter().zip(&coenergy).map(|(c, z)| (form.column(*c).out, *z)).collect();
         list.push((column.element, pool.substitute(state, &of_states)));
     }
     let region = form.column(independent[0]).region;
@@ -243,7 +263,12 @@ fn merge(
 
 /// Initial co-energy variables of the independent storages: those given count, those of dependent ones settle what is left,
 /// and a clash names the elements.
-fn initial(model: &Model, form: &Form, independent: &[ColumnId], dependent: &[ColumnId]) -> Result<Vec<f64>, Diagnostic> {
+fn initial(
+    model: &Model,
+    form: &Form,
+    independent: &[ColumnId],
+    dependent: &[ColumnId],
+) -> Result<Vec<f64>, Diagnostic> {
     let start = |c: &ColumnId| {
         storage(model, form.column(*c).element).map(|s| {
             let k = s.linear.and_then(|k| model.pool.constant(k)).unwrap_or(0.0);
@@ -251,8 +276,10 @@ fn initial(model: &Model, form: &Form, independent: &[ColumnId], dependent: &[Co
         })
     };
     let mut z: Vec<Option<f64>> = independent.iter().map(|c| start(c).filter(|s| s.1).map(|s| s.0)).collect();
-    let told: Vec<(&ColumnId, f64)> = dependent.iter().filter_map(|d| start(d).filter(|s| s.1).map(|s| (d, s.0))).collect();
-    let coefficient = |d: &ColumnId, i: usize| form.entry(*d, independent[i]).and_then(|k| model.pool.constant(k)).unwrap_or(0.0);
+    let told: Vec<(&ColumnId, f64)> =
+        dependent.iter().filter_map(|d| start(d).filter(|s| s.1).map(|s| (d, s.0))).collect();
+    let coefficient =
+        |d: &ColumnId, i: usize| form.entry(*d, independent[i]).and_then(|k| model.pool.constant(k)).unwrap_or(0.0);
     loop {
         let mut settled = false;
         for (d, value) in &told {
@@ -275,7 +302,11 @@ fn initial(model: &Model, form: &Form, independent: &[ColumnId], dependent: &[Co
             let mut error = Diagnostic::error(
                 "structure::initial",
                 e.span,
-                format!("inconsistent start: `{}` is tied to {}, which gives it {follows} where {value} is stated", e.name, independent.iter().map(|c| format!("`{}`", form.column(*c).name)).collect::<Vec<_>>().join(", ")),
+                format!(
+                    "inconsistent start: `{}` is tied to {}, which gives it {follows} where {value} is stated",
+                    e.name,
+                    independent.iter().map(|c| format!("`{}`", form.column(*c).name)).collect::<Vec<_>>().join(", ")
+                ),
             );
             for c in independent {
                 let other = model.element(form.column(*c).element);

@@ -40,9 +40,8 @@ pub fn inverse(pool: &mut Pool, a: &Matrix) -> Option<Matrix> {
         let x = pool.eval(e, &|s| 0.37 + 0.21 * f64::from(s.0 % 11)).abs();
         if x.is_finite() { x } else { 0.0 }
     };
-    let mut w: Matrix = (0..n)
-        .map(|i| a[i].iter().copied().chain((0..n).map(|j| if i == j { one } else { zero })).collect())
-        .collect();
+    let mut w: Matrix =
+        (0..n).map(|i| a[i].iter().copied().chain((0..n).map(|j| if i == j { one } else { zero })).collect()).collect();
     for k in 0..n {
         let pivot = (k..n).max_by(|i, j| size(pool, w[*i][k]).total_cmp(&size(pool, w[*j][k])))?;
         if pool.is_zero(w[pivot][k]) || size(pool, w[pivot][k]) == 0.0 {
@@ -173,7 +172,12 @@ fn product(pool: &mut Pool, a: &Matrix, b: &Matrix) -> Matrix {
 fn sum(pool: &mut Pool, a: &Matrix, b: &Matrix) -> Matrix {
     a.iter()
         .enumerate()
-        .map(|(i, row)| row.iter().enumerate().map(|(j, x)| b.get(i).and_then(|r| r.get(j)).map_or(*x, |y| pool.add(*x, *y))).collect())
+        .map(|(i, row)| {
+            row.iter()
+                .enumerate()
+                .map(|(j, x)| b.get(i).and_then(|r| r.get(j)).map_or(*x, |y| pool.add(*x, *y)))
+                .collect()
+        })
         .collect()
 }
 

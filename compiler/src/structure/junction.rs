@@ -92,8 +92,11 @@ fn solve(
         let points_in = |b: BondId| model.bond(b).head == id;
         match (e.kind, &e.law) {
             (Kind::Zero | Kind::One, _) => {
-                let (common, summed) =
-                    if e.kind == Kind::Zero { (Variable::Effort, Variable::Flow) } else { (Variable::Flow, Variable::Effort) };
+                let (common, summed) = if e.kind == Kind::Zero {
+                    (Variable::Effort, Variable::Flow)
+                } else {
+                    (Variable::Flow, Variable::Effort)
+                };
                 let Some(&giver) = bonds.iter().find(|b| causality.gives(model, **b, id) == summed) else { continue };
                 for &b in bonds.iter().filter(|b| **b != giver) {
                     definitions[at(b, common)].push((Term::Variable(at(giver, common)), one));
@@ -102,7 +105,9 @@ fn solve(
                 }
             }
             (Kind::Tf | Kind::Gy, Law::Ratio(v)) => {
-                let (Some(&into), Some(&out)) = (bonds.iter().find(|b| points_in(**b)), bonds.iter().find(|b| !points_in(**b))) else {
+                let (Some(&into), Some(&out)) =
+                    (bonds.iter().find(|b| points_in(**b)), bonds.iter().find(|b| !points_in(**b)))
+                else {
                     continue;
                 };
                 let inverse = pool.div(one, *v);
@@ -120,7 +125,19 @@ fn solve(
                     definitions[at(b, gives)].push((Term::Variable(from), k));
                 }
             }
-            (Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port | Kind::Tf | Kind::Gy, _) => {}
+            (
+                Kind::Se
+                | Kind::Sf
+                | Kind::C
+                | Kind::I
+                | Kind::R
+                | Kind::De
+                | Kind::Df
+                | Kind::Port
+                | Kind::Tf
+                | Kind::Gy,
+                _,
+            ) => {}
         }
     }
     let rows = Rows { rows: substitute(model, &definitions, pool)? };
@@ -196,7 +213,10 @@ fn substitute(model: &Model, definitions: &[Vec<(Term, Expr)>], pool: &mut Pool)
             let mut error = Diagnostic::error(
                 "structure::loop",
                 model.bonds[bonds[0]].span,
-                format!("the graph is not determined: the bonds {} form a loop that leaves a variable free", names.join(", ")),
+                format!(
+                    "the graph is not determined: the bonds {} form a loop that leaves a variable free",
+                    names.join(", ")
+                ),
             );
             for b in bonds.iter().skip(1).take(16) {
                 error = error.label(model.bonds[*b].span, "is in the loop");
@@ -226,7 +246,10 @@ fn eliminate(pool: &mut Pool, mut a: Vec<Vec<Option<Expr>>>, mut right: Vec<Row>
         a.swap(k, pivot);
         right.swap(k, pivot);
         let one = pool.int(1);
-        let inverse = { let p = a[k][k]?; pool.div(one, p) };
+        let inverse = {
+            let p = a[k][k]?;
+            pool.div(one, p)
+        };
         for entry in a[k].iter_mut().flatten() {
             *entry = pool.mul(*entry, inverse);
         }

@@ -225,7 +225,17 @@ fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<C
         let gives = causality.gives(model, bond, id);
         let sign = if model.bond(bond).head == id { 1 } else { -1 };
         let out = pool.symbol(&format!("{}.{}", e.name, gives.letter()));
-        columns.push(Column { name: e.name.clone(), element: id, bond, sign, region, role, gives, out, row: Vec::new() });
+        columns.push(Column {
+            name: e.name.clone(),
+            element: id,
+            bond,
+            sign,
+            region,
+            role,
+            gives,
+            out,
+            row: Vec::new(),
+        });
     }
     for (i, b) in model.bonds.iter().enumerate().filter(|(_, b)| b.sampled) {
         let bond = BondId(i as u32);
@@ -236,7 +246,17 @@ fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<C
             let sign = if far == b.head { 1 } else { -1 };
             let out = pool.symbol(&format!("{}.{}", name, gives.letter()));
             let region = graph.region_of[near.at()];
-            columns.push(Column { name, element: far, bond, sign, region, role: Role::Bar, gives, out, row: Vec::new() });
+            columns.push(Column {
+                name,
+                element: far,
+                bond,
+                sign,
+                region,
+                role: Role::Bar,
+                gives,
+                out,
+                row: Vec::new(),
+            });
         }
     }
     model.pool = pool;
@@ -254,7 +274,10 @@ fn bars(model: &Model, form: &Form) -> Vec<Bar> {
         let holding = holder(model, bond);
         // The column whose far end is the holder lives in the other region, and gives the held variable.
         let with_far = |far: ElementId| {
-            form.columns.iter().position(|c| c.role == Role::Bar && c.bond == bond && c.element == far).map(|i| ColumnId(i as u32))
+            form.columns
+                .iter()
+                .position(|c| c.role == Role::Bar && c.bond == bond && c.element == far)
+                .map(|i| ColumnId(i as u32))
         };
         if let (Some(held), Some(holder)) = (with_far(holding), with_far(b.other(holding))) {
             bars.push(Bar { bond, holder, held });
@@ -290,7 +313,11 @@ impl Form {
                     !x.is_finite() || !y.is_finite() || (x + y).abs() <= 1e-9 * (x.abs() + y.abs())
                 });
                 if !cancels {
-                    return Err(format!("the Dirac structure is not skew between `{}` and `{}`", c.name, self.column(j).name));
+                    return Err(format!(
+                        "the Dirac structure is not skew between `{}` and `{}`",
+                        c.name,
+                        self.column(j).name
+                    ));
                 }
             }
         }

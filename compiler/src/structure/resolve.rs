@@ -44,14 +44,23 @@ impl Resolver<'_> {
             match self.model.signals.get(&s) {
                 Some(Signal::Effort(b)) => self.bond(s, *b, Variable::Effort, region, span)?,
                 Some(Signal::Flow(b)) => self.bond(s, *b, Variable::Flow, region, span)?,
-                Some(Signal::Time | Signal::State(_) | Signal::Integral(_) | Signal::Argument(_)) | None => return Ok(None),
+                Some(Signal::Time | Signal::State(_) | Signal::Integral(_) | Signal::Argument(_)) | None => {
+                    return Ok(None);
+                }
             }
         };
         self.memo.insert((s, region), found);
         Ok(Some(found))
     }
 
-    fn bond(&mut self, s: Symbol, b: BondId, variable: Variable, region: Option<RegionId>, span: Span) -> Result<Expr, Diagnostic> {
+    fn bond(
+        &mut self,
+        s: Symbol,
+        b: BondId,
+        variable: Variable,
+        region: Option<RegionId>,
+        span: Span,
+    ) -> Result<Expr, Diagnostic> {
         let bond = self.model.bond(b);
         let (tail, head) = (bond.tail, bond.head);
         let at = |end: ElementId| Some(self.graph.region_of[end.at()]) == region;
@@ -86,7 +95,10 @@ impl Resolver<'_> {
             return Err(Diagnostic::error(
                 "structure::modulation",
                 span,
-                format!("a loop through modulation: the ratio of a TF or GY depends on itself by way of {}", names.join(", ")),
+                format!(
+                    "a loop through modulation: the ratio of a TF or GY depends on itself by way of {}",
+                    names.join(", ")
+                ),
             )
             .help("let the ratio depend on states (`.q`, `.p`) rather than on the efforts and flows that it sets"));
         }
@@ -121,7 +133,8 @@ pub(super) fn outputs(
     form: &mut Form,
 ) -> Result<(), Vec<Diagnostic>> {
     let out: Vec<Symbol> = form.columns.iter().map(|c| c.out).collect();
-    let mut r = Resolver { model, graph, rows, out, fixed: &eliminated.fixed, memo: FxHashMap::default(), open: vec![] };
+    let mut r =
+        Resolver { model, graph, rows, out, fixed: &eliminated.fixed, memo: FxHashMap::default(), open: vec![] };
     let one = |d: Diagnostic| vec![d];
     let mut regions: Vec<Region> = graph
         .regions
@@ -153,13 +166,19 @@ pub(super) fn outputs(
             Role::Storage => {
                 let Law::Storage(s) = element.law.clone() else { continue };
                 let (e, f) = r.model.units[c.bond.at()];
-                let unit = if c.gives == Variable::Effort { f } else { e }.map(|u| u.mul(crate::units::Dimension::SECOND));
+                let unit =
+                    if c.gives == Variable::Effort { f } else { e }.map(|u| u.mul(crate::units::Dimension::SECOND));
                 let name = r.model.pool.name(s.state).to_string();
                 let (symbol, initial) = match eliminated.states.get(&id) {
                     Some(&(symbol, initial)) => (symbol, initial),
                     None => {
                         let states = vec![region.states.len()];
-                        region.groups.push(Group { states, energy: s.energy, coenergy: vec![s.coenergy], bounded: s.bounded });
+                        region.groups.push(Group {
+                            states,
+                            energy: s.energy,
+                            coenergy: vec![s.coenergy],
+                            bounded: s.bounded,
+                        });
                         (s.state, s.initial)
                     }
                 };
@@ -214,7 +233,9 @@ pub(super) fn outputs(
         let list: Vec<Expr> = match &x.kind {
             ExpectationKind::Passive => vec![],
             ExpectationKind::At { value, .. } => vec![*value],
-            ExpectationKind::Holds { condition, extremes } => std::iter::once(*condition).chain(extremes.iter().map(|e| e.1)).collect(),
+            ExpectationKind::Holds { condition, extremes } => {
+                std::iter::once(*condition).chain(extremes.iter().map(|e| e.1)).collect()
+            }
         };
         let list = list.into_iter().map(|e| r.resolve(e, None, x.span)).collect::<Result<Vec<_>, _>>().map_err(one)?;
         form.expectations.push(list);

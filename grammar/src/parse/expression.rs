@@ -73,7 +73,30 @@ impl Reader<'_> {
             let message = "comparisons cannot be chained";
             self.errors.push(Diagnostic::error("syntax::comparison", span, message).help(help));
         }
+        if matches!(operator, Binary::Mul | Binary::Div) {
+            self.check_unit_end(&left, self.span(&sign), &right);
+        }
         Expr { kind: ExprKind::Binary(operator, Box::new(left), Box::new(right)), span }
+    }
+
+    /// A unit ends at the first space, so that what follows its operator without one would belong to it.
+    fn check_unit_end(&mut self, left: &Expr, sign: Span, right: &Expr) {
+        let mut last = left;
+        let unit = loop {
+            match &last.kind {
+                ExprKind::Binary(_, _, b) | ExprKind::Unary(_, b) => last = b,
+                ExprKind::Number { unit: Some(unit), .. } => break unit,
+                _ => return,
+            }
+        };
+        let is_number = matches!(right.kind, ExprKind::Number { .. });
+        if unit.span.end == sign.start && sign.end == right.span.start && !is_number {
+            let [unit, sign_, right_] = [unit.span, sign, right.span].map(|s| self.scan.slice(s).to_string());
+            let message =
+                format!("`{unit}{sign_}{right_}` is read as a unit, which ends at the first space, and it is none");
+            let help = format!("put spaces around the operator: `{unit} {sign_} {right_}`");
+            self.errors.push(Diagnostic::error("syntax::unit", sign.to(right.span), message).help(help));
+        }
     }
 
     fn primary(&mut self, pair: Pair<Rule>) -> Expr {

@@ -219,7 +219,13 @@ impl Run {
     }
 
     /// Runs on its grid, which ends at `end`, to that end.
-    pub(super) fn finish_at(&mut self, c: &Cluster, names: &[String], end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+    pub(super) fn finish_at(
+        &mut self,
+        c: &Cluster,
+        names: &[String],
+        end: f64,
+        moved: &mut Vec<f64>,
+    ) -> Result<(), Error> {
         if self.adaptive.is_some() {
             return self.run_to(c, names, end, moved);
         }
@@ -242,7 +248,13 @@ impl Run {
     }
 
     /// Runs to `end` exactly: with steps of at most the wanted length, or adaptive ones.
-    pub(super) fn run_to(&mut self, c: &Cluster, names: &[String], end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+    pub(super) fn run_to(
+        &mut self,
+        c: &Cluster,
+        names: &[String],
+        end: f64,
+        moved: &mut Vec<f64>,
+    ) -> Result<(), Error> {
         let now = self.time();
         if end - now <= 1e-12 * end.abs().max(now.abs()) {
             return Ok(());
@@ -253,7 +265,11 @@ impl Run {
                 t = self.adapt(c, names, t, end, tolerance, moved)?;
             }
         } else {
-            let h = self.fixed.unwrap_or(if c.step.order == 0 && c.step.linear.is_some() { end - now } else { self.default_step });
+            let h = self.fixed.unwrap_or(if c.step.order == 0 && c.step.linear.is_some() {
+                end - now
+            } else {
+                self.default_step
+            });
             let n = ((end - now) / h - 1e-9).ceil().max(1.0);
             let h = (end - now) / n;
             for i in 0..n as u64 {
@@ -266,7 +282,13 @@ impl Run {
     }
 
     /// Runs on its own grid as far as `until`, not beyond. `limit` is where it must stop and be met exactly, if there is such.
-    pub(super) fn run_grid(&mut self, c: &Cluster, names: &[String], until: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+    pub(super) fn run_grid(
+        &mut self,
+        c: &Cluster,
+        names: &[String],
+        until: f64,
+        moved: &mut Vec<f64>,
+    ) -> Result<(), Error> {
         if let Some(tolerance) = self.adaptive {
             // An adaptive run meets the instant itself.
             let mut t = self.time();
@@ -286,7 +308,14 @@ impl Run {
     }
 
     /// One step, kept.
-    pub(super) fn one(&mut self, c: &Cluster, names: &[String], t: f64, h: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+    pub(super) fn one(
+        &mut self,
+        c: &Cluster,
+        names: &[String],
+        t: f64,
+        h: f64,
+        moved: &mut Vec<f64>,
+    ) -> Result<(), Error> {
         self.prepare(names, h)?;
         self.input[0] = t;
         self.input[1] = h;
@@ -313,7 +342,15 @@ impl Run {
     }
 
     /// One adaptive step towards `end`: two halves against a whole. Gives the time reached.
-    fn adapt(&mut self, c: &Cluster, names: &[String], t: f64, end: f64, tolerance: f64, moved: &mut Vec<f64>) -> Result<f64, Error> {
+    fn adapt(
+        &mut self,
+        c: &Cluster,
+        names: &[String],
+        t: f64,
+        end: f64,
+        tolerance: f64,
+        moved: &mut Vec<f64>,
+    ) -> Result<f64, Error> {
         let order = f64::from(c.step.order.max(1));
         let mut last_failure = None;
         loop {
@@ -329,7 +366,9 @@ impl Run {
             if h <= 1e-13 * t.abs().max(1e-300) || h <= self.default_step * 1e-12 {
                 return Err(match last_failure {
                     Some(why) => self.failure(c, names, t, why),
-                    None => Error::TooSmall { time: t, region: names.get(self.index).cloned().unwrap_or_default(), step: h },
+                    None => {
+                        Error::TooSmall { time: t, region: names.get(self.index).cloned().unwrap_or_default(), step: h }
+                    }
                 });
             }
             match self.attempt(c, t, h) {

@@ -43,7 +43,8 @@ impl<'a> Simulation<'a> {
         let names = (0..n)
             .map(|i| scene.regions.iter().find(|r| r.cluster == i).map(|r| r.name.clone()).unwrap_or_default())
             .collect();
-        let runs = scene.clusters.iter().enumerate().map(|(i, c)| Run::new(i, c, options)).collect::<Result<Vec<_>, _>>()?;
+        let runs =
+            scene.clusters.iter().enumerate().map(|(i, c)| Run::new(i, c, options)).collect::<Result<Vec<_>, _>>()?;
         let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
         for (i, c) in scene.clusters.iter().enumerate() {
             for &port in &c.holds {
@@ -66,9 +67,16 @@ impl<'a> Simulation<'a> {
             let answers = |x: usize, y: usize| scene.bars.iter().any(|bar| bar.other.0 == x && bar.holder.0 == y);
             rank(*a).total_cmp(&rank(*b)).then(answers(*b, *a).cmp(&answers(*a, *b))).then(a.cmp(b))
         });
-        let respond_input = scene.clusters.iter().map(|c| c.respond.as_ref().map_or(0, |r| match r {
-            Respond::Last(p) | Respond::Matched(p, _) => p.size(crate::ir::Array::Input),
-        })).map(|k| vec![0.0; k]).collect();
+        let respond_input = scene
+            .clusters
+            .iter()
+            .map(|c| {
+                c.respond.as_ref().map_or(0, |r| match r {
+                    Respond::Last(p) | Respond::Matched(p, _) => p.size(crate::ir::Array::Input),
+                })
+            })
+            .map(|k| vec![0.0; k])
+            .collect();
         let mut s = Self {
             scene,
             names,
@@ -113,13 +121,15 @@ impl<'a> Simulation<'a> {
         let mut beta = vec![0.0; n * n];
         let mut gamma = vec![0.0; n * n];
         let mut decay = vec![1.0; n];
-        let mut others: Vec<usize> = self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
+        let mut others: Vec<usize> =
+            self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
         others.sort_unstable();
         others.dedup();
         for other in others {
             let mine: Vec<usize> =
                 (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
-            let bars: Vec<&crate::scene::Bar> = mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
+            let bars: Vec<&crate::scene::Bar> =
+                mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
             let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
             let [now, next, later] = self.runs[other].response(&self.scene.clusters[other], period, &ports);
             let m = mine.len();
@@ -152,7 +162,10 @@ impl<'a> Simulation<'a> {
 
     /// The next sample of any cluster.
     fn next_sample(&self) -> Option<f64> {
-        self.order.iter().map(|i| self.next[*i] as f64 * self.scene.clusters[*i].period.unwrap_or(0.0)).min_by(f64::total_cmp)
+        self.order
+            .iter()
+            .map(|i| self.next[*i] as f64 * self.scene.clusters[*i].period.unwrap_or(0.0))
+            .min_by(f64::total_cmp)
     }
 
     /// Runs to an instant: all samples up to it, that instant's included, are taken.
@@ -221,7 +234,9 @@ impl<'a> Simulation<'a> {
             .order
             .iter()
             .copied()
-            .filter(|i| (self.next[*i] as f64 * self.scene.clusters[*i].period.unwrap_or(0.0) - at).abs() <= 1e-12 * at.abs())
+            .filter(|i| {
+                (self.next[*i] as f64 * self.scene.clusters[*i].period.unwrap_or(0.0) - at).abs() <= 1e-12 * at.abs()
+            })
             .collect();
         for &i in &due {
             if self.next[i] > 0 {
@@ -285,10 +300,7 @@ impl<'a> Simulation<'a> {
         result?;
         // The step counted the energy that its own effort would have let in; what crossed was that of the held one.
         let run = &mut self.runs[i];
-        let called: f64 = self.held[i]
-            .iter()
-            .map(|h| h.q * run.output()[c.ports[h.port].mean])
-            .sum();
+        let called: f64 = self.held[i].iter().map(|h| h.q * run.output()[c.ports[h.port].mean]).sum();
         let leak = called - crossed;
         let dissipated: f64 = c.entries.iter().flat_map(|e| &e.dissipated).map(|d| run.output()[d.1]).sum();
         let leap: f64 = c.entries.iter().filter_map(|e| e.leap).map(|l| run.output()[l.0]).sum();
@@ -299,7 +311,12 @@ impl<'a> Simulation<'a> {
                 b.leaked.add(leak);
                 for h in &self.held[i] {
                     let (name, own) = (&c.ports[h.port].name, h.q * means[h.port]);
-                    let here = if h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some()) { h.w } else { h.v * h.q };
+                    let here =
+                        if h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some()) {
+                            h.w
+                        } else {
+                            h.v * h.q
+                        };
                     if let Some(k) = c.entries.first().and_then(|e| e.supplied.iter().position(|s| s.0 == *name)) {
                         b.sources[k].add(here - own);
                     }
@@ -335,8 +352,9 @@ impl<'a> Simulation<'a> {
         let Some(respond) = &c.respond else { return Ok(()) };
         let n = self.held[i].len();
         let changes: Vec<f64> = self.held[i].iter().map(Held::change).collect();
-        let alpha: Vec<f64> =
-            (0..n).map(|k| self.held[i][k].foretold(&self.gamma[i][k * n..(k + 1) * n], &changes, self.decay[i][k])).collect();
+        let alpha: Vec<f64> = (0..n)
+            .map(|k| self.held[i][k].foretold(&self.gamma[i][k * n..(k + 1) * n], &changes, self.decay[i][k]))
+            .collect();
         let input = &mut self.respond_input[i];
         let base = self.runs[i].input.len();
         input[..base].copy_from_slice(&self.runs[i].input);
@@ -584,13 +602,20 @@ impl<'a> Simulation<'a> {
         for (r, region) in regions.iter().enumerate() {
             let book_gain = self.gained(r);
             if !region.passive_stepper {
-                reasons.push(format!("`{}` was stepped by {}, which does not keep the balance", region.name, region.stepper));
+                reasons.push(format!(
+                    "`{}` was stepped by {}, which does not keep the balance",
+                    region.name, region.stepper
+                ));
             }
             if region.passive_stepper && (region.worst_step > 1e-9 || region.worst_step.is_nan()) {
-                reasons.push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
+                reasons
+                    .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
             }
             if region.debt_max > 1e-9 * region.h_max.max(region.supplied.abs()) {
-                reasons.push(format!("`{}` gave out up to {:.3e} J more than it had been given", region.name, region.debt_max));
+                reasons.push(format!(
+                    "`{}` gave out up to {:.3e} J more than it had been given",
+                    region.name, region.debt_max
+                ));
             }
             if book_gain > 1e-9 {
                 reasons.push(format!("a resistor of `{}` gave energy", region.name));

@@ -1,0 +1,65 @@
+use super::{Folder, OSCILLATOR, WRONG};
+
+#[test]
+fn good_models_are_counted() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let done = here.bond(&["check", "a.bond"]).is(0, &[], &["ok: a.bond (Oscillator: 1 region, 2 states)"]);
+    assert_eq!(done.out, "");
+    here.fed(&["check", "-"], OSCILLATOR).is(0, &[], &["ok: <stdin>"]);
+}
+
+#[test]
+fn all_errors_of_all_files_come_out() {
+    let here = Folder::new().with("a.bond", WRONG).with("b.bond", "model B { I:m = }").with("c.bond", OSCILLATOR);
+    let done = here.bond(&["check", "a.bond", "b.bond", "c.bond"]);
+    done.is(1, &[], &["a.bond:3:", "a.bond:4:", "b.bond:1:", "ok: c.bond"]);
+}
+
+#[test]
+fn json_has_one_object_a_line() {
+    let here = Folder::new().with("a.bond", WRONG);
+    let done = here.bond(&["check", "a.bond", "--message-format", "json"]).is(1, &[], &[]);
+    let lines: Vec<serde_json::Value> = done.out.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert!(lines.len() >= 2);
+    for d in &lines {
+        assert_eq!(d["file"], "a.bond");
+        assert_eq!(d["severity"], "error");
+        assert!(d["code"].as_str().unwrap().contains("::"));
+        assert!(d["line"].as_u64().unwrap() >= 3 && d["column"].as_u64().unwrap() >= 1);
+        assert!(d["end_line"].is_u64() && d["end_column"].is_u64() && d["labels"].is_array());
+    }
+    let done = here.bond(&["check", "none.bond", "--message-format", "json"]).is(2, &["file::read"], &[]);
+    assert_eq!(done.out.lines().count(), 1);
+}
+
+#[test]
+fn used_files_are_named_as_the_user_wrote_them() {
+    let here = Folder::new()
+        .with("parts/wheel.bond", "model Wheel { port p\n I:m = 1 kg\n p -> 1:v -> m, nothere }\n")
+        .with("car.bond", "use \"parts/wheel.bond\"\nmodel Car { Wheel:w\n Se:F = 1 N\n F -> w.p }\n");
+    here.bond(&["check", "car.bond"]).is(1, &[], &["parts/wheel.bond:3:"]);
+    let here = Folder::new()
+        .with("a.bond", "use \"sub/b.bond\"\nmodel A { }\n")
+        .with("sub/b.bond", "use \"../a.bond\"\nmodel B { }\n");
+    here.bond(&["check", "a.bond"]).is(1, &[], &["cyclic use: a.bond uses sub/b.bond uses a.bond", "sub/b.bond:1:"]);
+    here.bond(&["check", "./sub/../a.bond"]).is(1, &[], &["cyclic use"]);
+    let here = Folder::new().with("a.bond", "use \"none.bond\"\nuse \".\"\nmodel A { }\n");
+    here.bond(&["check", "a.bond"]).is(1, &[], &["a.bond:1:", "there is no such file", "a.bond:2:", "directory"]);
+}
+
+#[test]
+fn labels_at_the_end_of_the_text_are_drawn() {
+    for text in [
+        "model A {",
+        "model",
+        "model A { I:m = 1 kg",
+        "model A { ä",
+        "model A { I:m = \"",
+        "\u{feff}",
+        "//",
+        "model A {\r\n",
+    ] {
+        let here = Folder::new().with("a.bond", text);
+        here.bond(&["check", "a.bond"]).is(1, &[], &["a.bond"]);
+    }
+}

@@ -1,0 +1,109 @@
+use super::{Folder, OSCILLATOR};
+
+#[test]
+fn arguments_that_are_no_numbers() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    for value in [
+        "", " ", "abc", "NaN", "inf", "-inf", "1e999", "0", "-1", "-1s", "1 kg", "1kg", "1 s s", "\u{0}1", "((((",
+        "1/0", "💥", "1e", "--",
+    ] {
+        let value = value.replace('\u{0}', "\u{1}");
+        for option in ["--stop", "--step", "--every", "--tolerance"] {
+            here.bond(&["run", "a.bond", &format!("{option}={value}")]).is(2, &[], &["error:"]);
+        }
+    }
+    for value in ["", ",", "0.1,", "0.1,,0.2", "abc", "-1", "2", "NaN", "1e999", "0.1;0.2", "0.1 0.2"] {
+        here.bond(&["run", "a.bond", &format!("--at={value}")]).is(2, &[], &["error:"]);
+    }
+    for value in [
+        "", "=", "m", "m=", "=1", "m=x", "m=1 quux", "m=1e999", "none=1", "m==1", "m=1=2", "m.k=2", "m=[1]", "m=true",
+        "m=NaN",
+    ] {
+        here.bond(&["run", "a.bond", "--set", value]).is(2, &[], &[]);
+    }
+    here.bond(&["run", "a.bond", "--tolerance", "1"]).is(2, &[], &["between 0 and 1"]);
+    here.bond(&["run", "a.bond", "--method", "magic"]).is(2, &[], &["gonzalez"]);
+    here.bond(&["run", "a.bond", "--step", "1ms", "--tolerance", "1e-3"]).is(2, &[], &["cannot be used with"]);
+    here.bond(&["run", "a.bond", "-o", "x.parquet"]).is(2, &[], &["only CSV"]);
+    here.bond(&["run", "a.bond", "-o", "x.csv", "--ledger", "x.csv"]).is(2, &[], &["same file"]);
+    here.bond(&["run", "a.bond", "-o", "-", "--ledger", "-"]).is(2, &[], &["same file"]);
+    here.bond(&["run", "a.bond", "--input", "x.csv"]).is(2, &[], &["unexpected argument"]);
+    assert_eq!(here.list(), ["a.bond"]);
+}
+
+#[test]
+fn values_that_a_parameter_cannot_have() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    for value in ["m=-2", "m=0", "m=1 m"] {
+        let done = here.bond(&["run", "a.bond", "--set", value, "-o", "-"]);
+        assert!(matches!(done.status, 1 | 2) && done.out.is_empty(), "{value}: {done:?}");
+    }
+    for value in ["m=1e300", "m=1e-300", "k=1e300", "k=1e-300", "m=5e-324"] {
+        let done = here.bond(&["run", "a.bond", "--set", value]);
+        assert!(matches!(done.status, 0 | 1 | 3), "{value}: {done:?}");
+    }
+}
+
+#[test]
+fn work_without_end_is_refused() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["run", "a.bond", "--every", "1e-300"]).is(2, &[], &["rows"]);
+    here.bond(&["run", "a.bond", "--every", "9ns"]).is(2, &[], &["rows"]);
+    here.bond(&["run", "a.bond", "--step", "1e-300"]).is(2, &[], &["steps"]);
+    here.bond(&["run", "a.bond", "--stop", "1e300", "--step", "1"]).is(2, &[], &["steps"]);
+    let fast =
+        "model A { I:m = 1 kg\n Se:F = 1 N\n F -> 1:v -> m\n sampled every 1e-15 s { R:r = 1 N*s/m }\n v ||> r\n }\n";
+    let here = Folder::new().with("a.bond", fast);
+    here.bond(&["run", "a.bond", "--stop", "1 h"]).is(2, &[], &["steps"]);
+}
+
+#[test]
+fn files_that_are_no_models() {
+    let here = Folder::new()
+        .with("latin.bond", b"model A {\n  // caf\xe9\n}\n")
+        .with("zeros.bond", [0u8; 5000])
+        .with("empty.bond", "")
+        .with("folder/x", "")
+        .with("long.bond", format!("model A {{ {} }}", "x ".repeat(100_000)))
+        .with("deep.bond", format!("model A {{ let x = {} }}", "(".repeat(100_000)))
+        .with("bom.bond", "\u{feff}model A { }");
+    for command in ["check", "fmt", "show", "linearize", "run", "test"] {
+        here.bond(&[command, "latin.bond"]).is(1, &[], &[]);
+        for file in ["zeros.bond", "long.bond", "deep.bond"] {
+            here.bond(&[command, file]).is(1, &[], &[file]);
+        }
+        here.bond(&[command, "none.bond"]).is(2, &[], &["cannot read none.bond"]);
+        if command != "fmt" {
+            here.bond(&[command, "empty.bond"]).is(1, &[], &["no model in this file"]);
+        }
+        if command != "test" {
+            here.bond(&[command, "folder"]).is(2, &[], &["directory"]);
+        }
+        here.bond(&[command, "bom.bond"]);
+        here.bond(&[command]).is(2, &[], &["required"]);
+    }
+    here.bond(&["check", "latin.bond"]).is(1, &[], &["latin.bond:2:"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn odd_paths() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let here = Folder::new().with("a b ü.bond", OSCILLATOR).with("-.bond", OSCILLATOR);
+    here.bond(&["check", "a b ü.bond"]).is(0, &[], &["ok"]);
+    here.bond(&["check", "./-.bond"]).is(0, &[], &["ok"]);
+    let name = OsStr::from_bytes(b"x\xff.bond");
+    std::fs::write(here.0.join(name), OSCILLATOR).unwrap();
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_bond"))
+        .arg("run")
+        .arg(name)
+        .arg("-o")
+        .arg(OsStr::from_bytes(b"y\xff.csv"))
+        .current_dir(&here.0)
+        .output()
+        .unwrap();
+    assert_eq!(status.status.code(), Some(0), "{status:?}");
+    std::os::unix::fs::symlink("loop.bond", here.0.join("loop.bond")).unwrap();
+    here.bond(&["check", "loop.bond"]).is(2, &[], &["cannot read"]);
+}

@@ -1,0 +1,177 @@
+use super::{BLOWS_UP, Folder, OSCILLATOR, WRONG, table};
+use serde_json::Value;
+
+#[test]
+fn the_summary_goes_to_standard_output() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let done = here.bond(&["run", "a.bond"]).is(0, &["Oscillator", "passive     yes", "dissipated  0.18", "x  "], &[]);
+    assert_eq!(done.err, "");
+    let done = here.bond(&["run", "a.bond", "--summary", "json"]).is(0, &[], &[]);
+    let json: Value = serde_json::from_str(&done.out).unwrap();
+    assert_eq!(json["model"], "Oscillator");
+    assert_eq!(json["stop"], 1.0);
+    assert_eq!(json["passive"], true);
+    assert!(json["balance"]["worst_step"].as_f64().unwrap() < 1e-12);
+    let region = &json["regions"][0];
+    for key in [
+        "name",
+        "kind",
+        "states",
+        "stepper",
+        "order",
+        "steps",
+        "newton_iterations",
+        "H_initial",
+        "H_final",
+        "supplied",
+        "dissipated",
+        "leaked",
+        "debt_max",
+        "leaps",
+    ] {
+        assert!(!region[key].is_null(), "{key}");
+    }
+    assert!(region["period"].is_null());
+    assert!(json["final"]["x"].is_f64() && json["final"]["v"].is_f64());
+}
+
+#[test]
+fn rows_are_where_they_were_asked_for() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let run = |args: &[&str]| {
+        here.bond(&[&["run", "a.bond", "-o", "-", "--summary", "json"], args].concat()).is(
+            0,
+            &[],
+            &["\"passive\": true"],
+        )
+    };
+    let times = |args: &[&str]| run(args).table().1.iter().map(|r| r[0]).collect::<Vec<_>>();
+    assert_eq!(run(&[]).table().0, ["t", "x", "v"]);
+    assert_eq!(times(&[]).len(), 1001);
+    assert_eq!(times(&["--at", "300ms,0.1,0,1"]), [0.0, 0.1, 0.3, 1.0]);
+    assert_eq!(times(&["--every", "0.3"]), [0.0, 0.3, 0.6, 3.0 * 0.3, 1.0]);
+    assert_eq!(times(&["--every", "0.5s", "--at", "0.2,0.5"]), [0.0, 0.2, 0.5, 1.0]);
+    assert_eq!(times(&["--stop", "10ms", "--every", "1"]), [0.0, 0.01]);
+    // The exact step is exact wherever it is looked at.
+    for row in run(&["--at", "0.1,0.5,1"]).table().1 {
+        let (w, d) = ((100.0f64 - 0.0625).sqrt(), 0.25);
+        let x = 0.1 * (-d * row[0]).exp() * ((w * row[0]).cos() + d / w * (w * row[0]).sin());
+        assert!((row[1] - x).abs() < 1e-12, "{row:?}");
+    }
+}
+
+#[test]
+fn parameters_and_methods_are_set() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let last = |args: &[&str]| {
+        let done = here.bond(&[&["run", "a.bond", "-o", "-", "--at", "1"], args].concat()).is(0, &[], &[]);
+        done.table().1[0][1]
+    };
+    assert_eq!(last(&["--set", "m=4"]), last(&["--set", "m=4000 g"]));
+    assert_ne!(last(&["--set", "m=4"]), last(&[]));
+    assert_eq!(last(&["--set", "m=2kg", "--set", "k=5e1"]), last(&["--set", "k=50 N/m", "--set", "m=2"]));
+    let exact = last(&[]);
+    let off = |h: &str| (last(&["--method", "gonzalez", "--step", h]) - exact).abs();
+    let order = (off("2ms") / off("1ms")).log2();
+    assert!((order - 2.0).abs() < 0.1, "{order}");
+    assert!((last(&["--method", "gonzalez", "--tolerance", "1e-9"]) - exact).abs() < 1e-5);
+}
+
+#[test]
+fn files_are_written_whole() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["run", "a.bond", "-o", "a.csv", "--ledger", "l.csv", "--every", "0.1"]).is(0, &["Oscillator"], &[]);
+    assert_eq!(here.list(), ["a.bond", "a.csv", "l.csv"]);
+    let (header, rows) = table(&here.read("l.csv"));
+    assert_eq!(header[0], "t");
+    assert_eq!(rows.len(), 11);
+    let at = |name: &str| header.iter().position(|h| h.ends_with(name)).unwrap();
+    for row in &rows {
+        let balance = row[at(".H")] - rows[0][at(".H")] - row[at(".supplied")] + row[at(".dissipated")];
+        assert!(balance.abs() < 1e-12, "{row:?}");
+        assert_eq!(row[at("damper.dissipated")], row[at(".dissipated")]);
+    }
+    // Nothing is left of a run that could not begin.
+    here.bond(&["run", "a.bond", "-o", "none/a.csv"]).is(2, &[], &["cannot write"]);
+    here.bond(&["run", "a.bond", "-o", "b.csv", "--ledger", "none/l.csv"]).is(2, &[], &["cannot write"]);
+    assert_eq!(here.list(), ["a.bond", "a.csv", "l.csv"]);
+}
+
+#[test]
+fn a_wrong_model_writes_nothing() {
+    let here = Folder::new().with("a.bond", WRONG);
+    let done = here.bond(&["run", "a.bond", "-o", "-"]).is(1, &[], &["a.bond:3:"]);
+    assert_eq!(done.out, "");
+    here.bond(&["run", "a.bond", "-o", "a.csv"]).is(1, &[], &[]);
+    assert_eq!(here.list(), ["a.bond"]);
+}
+
+#[test]
+fn failed_numerics_keep_what_was_computed() {
+    let here = Folder::new().with("a.bond", BLOWS_UP);
+    let done = here.bond(&["run", "a.bond", "-o", "a.csv", "--summary", "json"]).is(
+        3,
+        &["\"error\""],
+        &["t = 0.99", "error:"],
+    );
+    let json: Value = serde_json::from_str(&done.out).unwrap();
+    assert!(json["final"]["v"].is_null() && json["reached"].as_f64().unwrap() < 1.0);
+    let (_, rows) = table(&here.read("a.csv"));
+    assert!(rows.len() > 400 && rows.last().unwrap()[0] < 1.0);
+    let done = here.bond(&["run", "a.bond", "-o", "-"]).is(3, &["t,v\n0,1\n"], &["t = 0.99", "numerics failed"]);
+    assert_eq!(done.table().1.len(), rows.len());
+}
+
+#[test]
+fn a_model_that_is_not_passive_says_why() {
+    let here = Folder::new().with("a.bond", BLOWS_UP);
+    here.bond(&["run", "a.bond", "--stop", "0.5"]).is(0, &["NO: ", "engine"], &[]);
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["run", "a.bond", "--method", "rk4"]).is(0, &["NO: ", "rk4", "hint: "], &[]);
+}
+
+#[test]
+fn the_end_of_the_run_is_told() {
+    let here = Folder::new().with("a.bond", OSCILLATOR.replace("simulate { stop = 1 s }", ""));
+    here.bond(&["run", "a.bond"]).is(0, &[], &["note: ", "1 s"]);
+    here.bond(&["run", "a.bond", "--at", "2"]).is(2, &[], &["beyond the end", "--stop"]);
+    here.bond(&["run", "a.bond", "--stop", "2", "--at", "2"]).is(0, &[], &[]);
+}
+
+#[test]
+fn models_come_from_standard_input_too() {
+    let here = Folder::new().with("wheel.bond", "model Wheel { port p\n I:m = 1 kg\n p -> m }\n");
+    here.fed(&["run", "-"], OSCILLATOR).is(0, &["Oscillator"], &[]);
+    let car = "use \"wheel.bond\"\nmodel Car { Wheel:w\n Se:F = 1 N\n F -> w.p }\n";
+    here.fed(&["run", "-", "--stop", "1"], car).is(0, &["Car"], &[]);
+    here.fed(&["run", "-"], WRONG).is(1, &[], &["<stdin>:3:"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_closed_pipe_ends_it_quietly() {
+    use std::io::{BufRead, BufReader};
+    use std::process::{Command, Stdio};
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let mut child = Command::new(env!("CARGO_BIN_EXE_bond"))
+        .args(["run", "a.bond", "--every", "1us", "-o", "-"])
+        .current_dir(&here.0)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    assert_eq!(line, "t,x,v\n");
+    let done = child.wait_with_output().unwrap();
+    assert_eq!(done.status.code(), Some(0));
+    assert_eq!(String::from_utf8_lossy(&done.stderr), "");
+}
+
+#[cfg(unix)]
+#[test]
+fn devices_are_written_to_and_stay() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["run", "a.bond", "-o", "/dev/null"]).is(0, &["Oscillator"], &[]);
+    assert!(!std::fs::metadata("/dev/null").unwrap().is_file());
+}
