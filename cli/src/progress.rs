@@ -31,7 +31,8 @@ impl Progress {
             if !quiet(Duration::from_secs(1)) {
                 return;
             }
-            let bar = ProgressBar::with_draw_target(Some(PARTS), ProgressDrawTarget::stderr());
+            let bar = ProgressBar::with_draw_target(Some(PARTS), ProgressDrawTarget::stderr())
+                .with_elapsed(Duration::from_secs(1));
             if let Ok(style) = ProgressStyle::with_template("{elapsed} {wide_bar} {percent} %") {
                 bar.set_style(style);
             }

@@ -37,8 +37,13 @@ impl Linearized {
     }
 }
 
-/// Evaluates definitions whose symbols all have values, until none is left that can be.
-fn settle(pool: &crate::expression::Pool, columns: &[(Symbol, Expr)], at: &mut FxHashMap<Symbol, f64>) {
+/// Derivatives by what is varied, sorted.
+type Row = std::collections::BTreeMap<usize, f64>;
+
+const SINGULAR: &str = "the loops of resistors are singular at this state";
+
+/// Evaluates definitions whose symbols all have values, until none is left that can be; gives their order.
+fn settle(pool: &crate::expression::Pool, columns: &[(Symbol, Expr)], at: &mut FxHashMap<Symbol, f64>) -> Vec<usize> {
     let defined: FxHashMap<Symbol, usize> = columns.iter().enumerate().map(|(i, c)| (c.0, i)).collect();
     let mut waits: Vec<usize> = Vec::with_capacity(columns.len());
     let mut users: Vec<Vec<usize>> = vec![Vec::new(); columns.len()];
@@ -50,7 +55,9 @@ fn settle(pool: &crate::expression::Pool, columns: &[(Symbol, Expr)], at: &mut F
         }
     }
     let mut ready: Vec<usize> = (0..columns.len()).filter(|i| waits[*i] == 0).collect();
+    let mut order = Vec::new();
     while let Some(i) = ready.pop() {
+        order.push(i);
         let x = pool.eval(columns[i].1, &|s| at.get(&s).copied().unwrap_or(0.0));
         at.insert(columns[i].0, x);
         for &j in &users[i] {
@@ -60,6 +67,7 @@ fn settle(pool: &crate::expression::Pool, columns: &[(Symbol, Expr)], at: &mut F
             }
         }
     }
+    order
 }
 
 /// Linearizes the continuous regions at a time and at values of their states (energy states by name, then integrals).
@@ -146,66 +154,92 @@ pub fn linearize(
         rates.push(*rate);
     }
     // Values of the definitions: those that depend on settled ones only, as far as that goes; then Newton's method for loops.
-    let n = columns.len();
-    settle(&model.pool, &columns, &mut at);
-    for (z, _) in &columns {
-        at.entry(*z).or_insert(1e-9);
+    let order = settle(&model.pool, &columns, &mut at);
+    let settled: Vec<bool> = {
+        let mut list = vec![false; columns.len()];
+        order.iter().for_each(|i| list[*i] = true);
+        list
+    };
+    let looped: Vec<usize> = (0..columns.len()).filter(|i| !settled[*i]).collect();
+    for &i in &looped {
+        at.entry(columns[i].0).or_insert(1e-9);
     }
     let place: FxHashMap<Symbol, usize> = columns.iter().enumerate().map(|(i, c)| (c.0, i)).collect();
+    let row: FxHashMap<usize, usize> = looped.iter().enumerate().map(|(k, i)| (*i, k)).collect();
+    let value = |pool: &crate::expression::Pool, at: &FxHashMap<Symbol, f64>, e: Expr| {
+        pool.eval(e, &|s| at.get(&s).copied().unwrap_or(0.0))
+    };
+    let n = looped.len();
+    let mut loops = DMatrix::<f64>::identity(n, n);
     let mut slopes: Vec<(usize, usize, Expr)> = Vec::new();
-    for (i, (_, e)) in columns.iter().enumerate() {
-        for s in model.pool.symbols(*e) {
-            if let Some(&j) = place.get(&s) {
-                slopes.push((i, j, model.pool.derivative(*e, s)));
+    for (k, &i) in looped.iter().enumerate() {
+        for s in model.pool.symbols(columns[i].1) {
+            if let Some(&j) = place.get(&s).and_then(|j| row.get(j)) {
+                slopes.push((k, j, model.pool.derivative(columns[i].1, s)));
             }
         }
     }
-    let mut jacobian = DMatrix::<f64>::identity(n, n);
-    for _ in 0..200 {
-        let value = |at: &FxHashMap<Symbol, f64>, e: Expr| model.pool.eval(e, &|s| at.get(&s).copied().unwrap_or(0.0));
-        let residual = nalgebra::DVector::from_fn(n, |i, _| at[&columns[i].0] - value(&at, columns[i].1));
-        jacobian = DMatrix::identity(n, n);
+    for _ in 0..if n == 0 { 0 } else { 200 } {
+        let residual = nalgebra::DVector::from_fn(n, |k, _| at[&columns[looped[k]].0] - value(&model.pool, &at, columns[looped[k]].1));
+        loops = DMatrix::identity(n, n);
         for (i, j, d) in &slopes {
-            jacobian[(*i, *j)] -= value(&at, *d);
+            loops[(*i, *j)] -= value(&model.pool, &at, *d);
         }
-        let step = jacobian.clone().lu().solve(&residual).ok_or("the loops of resistors are singular at this state")?;
+        let step = loops.clone().lu().solve(&residual).ok_or(SINGULAR)?;
         let (mut change, mut size) = (0.0f64, 0.0f64);
-        for (i, (z, _)) in columns.iter().enumerate() {
-            if let Some(x) = at.get_mut(z) {
-                *x -= step[i];
+        for (k, i) in looped.iter().enumerate() {
+            if let Some(x) = at.get_mut(&columns[*i].0) {
+                *x -= step[k];
                 size = size.max(x.abs());
             }
-            change = change.max(step[i].abs());
+            change = change.max(step[k].abs());
         }
         if change <= 1e-14 * size || change == 0.0 {
             break;
         }
     }
-    let probes = form.probes.clone();
-    let value = |model: &crate::model::Model, e: Expr| model.pool.eval(e, &|s| at.get(&s).copied().unwrap_or(0.0));
-    let lu = jacobian.lu();
-    // dz/dx = (1 - dg/dz)^-1 dg/dx
-    let derivative = |model: &mut crate::model::Model, by: Symbol| -> Result<(Vec<f64>, Vec<f64>), String> {
-        let direct = nalgebra::DVector::from_fn(n, |i, _| {
-            let d = model.pool.derivative(columns[i].1, by);
-            value(model, d)
-        });
-        let dz = lu.solve(&direct).ok_or("the loops of resistors are singular at this state")?;
-        let total = |model: &mut crate::model::Model, e: Expr| {
-            let own = model.pool.derivative(e, by);
-            let mut sum = value(model, own);
-            for s in model.pool.symbols(e) {
-                if let Some(&j) = place.get(&s) {
-                    let d = model.pool.derivative(e, s);
-                    sum += value(model, d) * dz[j];
-                }
+    // Rows over what is varied: states, then inputs. Definitions in order, loops at once.
+    let varied: FxHashMap<Symbol, usize> =
+        symbols.iter().copied().chain(inputs.iter().map(|i| i.1)).enumerate().map(|(k, s)| (s, k)).collect();
+    let mut rows: Vec<Row> = vec![Row::default(); columns.len()];
+    let total = |pool: &mut crate::expression::Pool, rows: &[Row], e: Expr, skip: &dyn Fn(usize) -> bool| -> Row {
+        let mut sum = Row::default();
+        for s in pool.symbols(e) {
+            let k = varied.get(&s).copied();
+            let j = place.get(&s).copied().filter(|j| k.is_none() && !skip(*j));
+            if k.is_none() && j.is_none() {
+                continue;
             }
-            sum
-        };
-        let states = rates.iter().map(|e| total(model, *e)).collect();
-        let outputs = probes.iter().map(|e| total(model, *e)).collect();
-        Ok((states, outputs))
+            let d = pool.derivative(e, s);
+            let d = pool.eval(d, &|s| at.get(&s).copied().unwrap_or(0.0));
+            if let Some(k) = k {
+                *sum.entry(k).or_default() += d;
+            }
+            for (k, x) in j.map(|j| &rows[j]).into_iter().flatten() {
+                *sum.entry(*k).or_default() += d * x;
+            }
+        }
+        sum
     };
+    let waits_for_loop = |i: usize| row.contains_key(&i);
+    for &i in &order {
+        rows[i] = total(&mut model.pool, &rows, columns[i].1, &|_| false);
+    }
+    if n > 0 {
+        let lu = loops.lu();
+        let width = varied.len();
+        let mut right = DMatrix::<f64>::zeros(n, width);
+        for (k, &i) in looped.iter().enumerate() {
+            for (j, x) in total(&mut model.pool, &rows, columns[i].1, &waits_for_loop) {
+                right[(k, j)] = x;
+            }
+        }
+        let solved = lu.solve(&right).ok_or(SINGULAR)?;
+        for (k, &i) in looped.iter().enumerate() {
+            rows[i] = (0..width).map(|j| (j, solved[(k, j)])).filter(|t| t.1 != 0.0).collect();
+        }
+    }
+    let probes = form.probes.clone();
     let (nx, nu, ny) = (symbols.len(), inputs.len(), probes.len());
     let mut result = Linearized {
         states: names,
@@ -216,15 +250,22 @@ pub fn linearize(
         c: DMatrix::zeros(ny, nx),
         d: DMatrix::zeros(ny, nu),
     };
-    for (k, s) in symbols.iter().enumerate() {
-        let (x, y) = derivative(model, *s)?;
-        result.a.set_column(k, &nalgebra::DVector::from_vec(x));
-        result.c.set_column(k, &nalgebra::DVector::from_vec(y));
+    let fill = |m: &mut DMatrix<f64>, n: &mut DMatrix<f64>, i: usize, row: Row| {
+        for (k, x) in row {
+            if k < nx {
+                m[(i, k)] = x;
+            } else {
+                n[(i, k - nx)] = x;
+            }
+        }
+    };
+    for (i, e) in rates.iter().enumerate() {
+        let row = total(&mut model.pool, &rows, *e, &|_| false);
+        fill(&mut result.a, &mut result.b, i, row);
     }
-    for (k, (_, s)) in inputs.iter().enumerate() {
-        let (x, y) = derivative(model, *s)?;
-        result.b.set_column(k, &nalgebra::DVector::from_vec(x));
-        result.d.set_column(k, &nalgebra::DVector::from_vec(y));
+    for (i, e) in probes.iter().enumerate() {
+        let row = total(&mut model.pool, &rows, *e, &|_| false);
+        fill(&mut result.c, &mut result.d, i, row);
     }
     result.outputs = model.probes.iter().map(|p| p.name.clone()).collect();
     Ok(result)

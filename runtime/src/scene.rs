@@ -123,6 +123,8 @@ pub struct Cluster {
     pub respond: Option<Respond>,
     /// Observation at one instant. Inputs as for the step (h is not used).
     pub instant: Program,
+    /// What the conditions of its laws compare, less what they compare it with: 0 where a law switches. Inputs as for `instant`.
+    pub guards: Option<Program>,
     /// H of each region of the cluster: region, output of `instant`.
     pub energies: Vec<(usize, usize)>,
     /// d2H/dx2 of each energy state, as an output of `instant`.

@@ -219,13 +219,13 @@ impl Files {
     }
 }
 
-/// The header of the ledger's table.
+/// The header of the ledger's table: `REGION.H`, `REGION/ELEMENT.supplied`, `BOND.holder`. A region may have an element's name.
 fn ledger_names(s: &Summary) -> Vec<String> {
     let mut list = vec!["t".to_string()];
     for r in &s.regions {
         list.extend(["H", "supplied", "dissipated", "leaked", "residual"].map(|k| format!("{}.{k}", r.name)));
-        list.extend(r.sources.iter().map(|e| format!("{}.supplied", e.name)));
-        list.extend(r.resistors.iter().map(|e| format!("{}.dissipated", e.name)));
+        list.extend(r.sources.iter().map(|e| format!("{}/{}.supplied", r.name, e.name)));
+        list.extend(r.resistors.iter().map(|e| format!("{}/{}.dissipated", r.name, e.name)));
     }
     for b in &s.bars {
         list.extend(["holder", "other", "difference"].map(|k| format!("{}.{k}", b.name)));

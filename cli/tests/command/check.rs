@@ -63,3 +63,17 @@ fn labels_at_the_end_of_the_text_are_drawn() {
         here.bond(&["check", "a.bond"]).is(1, &[], &["a.bond"]);
     }
 }
+
+#[test]
+fn places_in_other_files_are_drawn_too() {
+    let here =
+        Folder::new().with("source.bond", "model Belt {\n  port out\n  Sf:belt = 1 m/s\n  belt -> out\n}\n").with(
+            "a.bond",
+            "use \"source.bond\"\nmodel A {\n  Belt:b\n  Sf:hand = 1 m/s\n  hand -> 1:v\n  b.out -> v\n}\n",
+        );
+    here.bond(&["check", "a.bond"]).is(
+        1,
+        &[],
+        &["causality::conflict", "a.bond:", "see source.bond", "source.bond:3:"],
+    );
+}

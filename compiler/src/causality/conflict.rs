@@ -1,9 +1,12 @@
 //! Two causes that cannot both be, and the chains of bonds that carried them together.
 
 use super::Cause;
-use super::propagate::Assignment;
+use super::propagate::{self, Assignment};
 use crate::model::{BondId, ElementId, Kind};
 use bond_grammar::diagnostic::Diagnostic;
+
+const NO_EFFORT: &str = "gets no effort: every bond of it brings a flow";
+const NO_FLOW: &str = "gets no flow: every bond of it brings an effort";
 
 /// Where two causes met, each with the bonds that carried it there, nearest first.
 pub(super) struct Conflict {
@@ -32,9 +35,18 @@ impl Conflict {
                     .find(|e| matches!(a.model.element(*e).kind, Kind::Zero | Kind::One | Kind::Tf | Kind::Gy))
             }
         };
-        let what = match place.map(|p| a.model.element(p).kind) {
-            Some(Kind::Zero) => "gets two efforts",
-            Some(Kind::One) => "gets two flows",
+        // A source that gives a junction not its common variable but the other one leaves it without.
+        let lacks = match (cause, place) {
+            (Cause::Source(e), Some(p)) if a.model.bond(bond).other(e) == p => {
+                super::forced(a.model.element(e).kind) != propagate::common(a.model.element(p).kind)
+            }
+            _ => false,
+        };
+        let what = match (place.map(|p| a.model.element(p).kind), lacks) {
+            (Some(Kind::Zero), false) => "gets two efforts",
+            (Some(Kind::One), false) => "gets two flows",
+            (Some(Kind::Zero), true) => NO_EFFORT,
+            (Some(Kind::One), true) => NO_FLOW,
             _ => "is asked for both causalities",
         };
         first.0.truncate(64);
@@ -57,11 +69,7 @@ impl Conflict {
     /// A junction all of whose bonds take and none gives.
     pub(super) fn no_giver(a: &Assignment, junction: ElementId, _: BondId) -> Self {
         let chains = a.graph.bonds_of[junction.at()].iter().take(8).map(|b| chain(a, *b)).collect();
-        let what = if a.model.element(junction).kind == Kind::Zero {
-            "gets no effort: every bond of it brings a flow"
-        } else {
-            "gets no flow: every bond of it brings an effort"
-        };
+        let what = if a.model.element(junction).kind == Kind::Zero { NO_EFFORT } else { NO_FLOW };
         Self { place: Some(junction), chains, met: None, what }
     }
 
@@ -120,6 +128,12 @@ impl Conflict {
                     format!("carries what {name} gives, along {}{stroke}", model.bond(*b).name),
                 );
             }
+        }
+        if self.what == NO_EFFORT {
+            return d.help("the graph is not determined: bond something that gives effort to it, such as a C or an R");
+        }
+        if self.what == NO_FLOW {
+            return d.help("the graph is not determined: bond something that gives flow to it, such as an I or an R");
         }
         d.help(match self.place.map(|p| model.element(p).kind) {
             Some(Kind::Zero) => {

@@ -7,6 +7,15 @@ use crate::model::{BondId, ElementId, Kind, Model, Variable};
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
 
+/// The variable that all bonds of a junction share.
+pub(super) fn common(kind: Kind) -> Option<Variable> {
+    match kind {
+        Kind::Zero => Some(Variable::Effort),
+        Kind::One => Some(Variable::Flow),
+        Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df | Kind::Port => None,
+    }
+}
+
 /// A partial assignment, with a trail so that attempts can be undone.
 pub(super) struct Assignment<'a> {
     pub(super) model: &'a Model,
@@ -97,27 +106,9 @@ impl<'a> Assignment<'a> {
         Ok(())
     }
 
-    /// What a bond into a junction may give it: the common variable.
-    fn common(kind: Kind) -> Option<Variable> {
-        match kind {
-            Kind::Zero => Some(Variable::Effort),
-            Kind::One => Some(Variable::Flow),
-            Kind::Se
-            | Kind::Sf
-            | Kind::C
-            | Kind::I
-            | Kind::R
-            | Kind::Tf
-            | Kind::Gy
-            | Kind::De
-            | Kind::Df
-            | Kind::Port => None,
-        }
-    }
-
     /// Whether a bond gives its end, a junction, the common variable: the junction itself then gives the other one.
     fn is_giver(&self, bond: BondId, junction: ElementId) -> bool {
-        let common = Self::common(self.model.element(junction).kind);
+        let common = common(self.model.element(junction).kind);
         common.is_some() && self.gives(bond, junction) == common.map(Variable::other)
     }
 
@@ -148,7 +139,7 @@ impl<'a> Assignment<'a> {
         let given = self.gives(bond, end);
         match kind {
             Kind::Zero | Kind::One => {
-                let Some(common) = Self::common(kind) else { return Ok(()) };
+                let Some(common) = common(kind) else { return Ok(()) };
                 let giving = self.giving[end.at()];
                 if giving > 1 {
                     return Err(Conflict::two_givers(self, end, bond));
@@ -188,7 +179,7 @@ impl<'a> Assignment<'a> {
         for (id, e) in self.model.ids() {
             let bonds = &self.graph.bonds_of[id.at()];
             let free: Vec<BondId> = bonds.iter().copied().filter(|b| self.strokes[b.at()].is_none()).collect();
-            let lacks = Self::common(e.kind).filter(|_| self.giving[id.at()] == 0);
+            let lacks = common(e.kind).filter(|_| self.giving[id.at()] == 0);
             if let Some(common) = lacks {
                 let what = if common == Variable::Effort { "effort" } else { "flow" };
                 let list: Vec<&str> = if free.is_empty() { bonds } else { &free }

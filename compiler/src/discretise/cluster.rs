@@ -390,6 +390,7 @@ impl Cluster {
             None => None,
         };
         let (instant, layout) = instant::write(self, model, form, shows)?;
+        let guards = if sampling.is_none() && step.linear.is_none() { instant::guards(self, model, form)? } else { None };
         let ports = self
             .ports
             .iter()
@@ -420,6 +421,7 @@ impl Cluster {
             step,
             respond,
             instant,
+            guards,
             energies: self.regions.iter().enumerate().map(|(i, r)| (r.at(), layout.energies + i)).collect(),
             curvatures: (0..self.states.len()).map(|i| layout.curvatures + i).collect(),
             ports,

@@ -2,12 +2,12 @@
 
 use super::cluster::{Cluster, input, missing, verified};
 use super::write::{self, System};
-use crate::expression::{Expr, Lowering, Symbol};
+use crate::expression::{Expr, Lowering, Node, Symbol};
 use crate::model::Model;
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Program, Slot, Unary};
-use rustc_hash::FxHashMap;
+use bond_runtime::ir::{self, Array, Builder, Program, Slot, Unary};
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
@@ -41,6 +41,48 @@ pub(super) fn outputs(
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
+}
+
+/// Writes the guards of a cluster's laws; `None` where no law switches on something that the states and the time tell.
+pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<Program>, Vec<Diagnostic>> {
+    let map = c.at_instant(form);
+    let mut roots: Vec<Expr> = map.values().copied().collect();
+    let flat = c.flat(&mut model.pool, map);
+    roots.extend(flat.values().copied());
+    roots.sort_unstable();
+    let mut seen: FxHashSet<Expr> = FxHashSet::default();
+    let mut found: Vec<Expr> = Vec::new();
+    while let Some(e) = roots.pop() {
+        if !seen.insert(e) {
+            continue;
+        }
+        let node = model.pool.node(e).clone();
+        node.each_child(&mut |child| roots.push(child));
+        let guard = match node {
+            Node::Binary(ir::Binary::Lt | ir::Binary::Le | ir::Binary::Min | ir::Binary::Max, a, b) => model.pool.sub(a, b),
+            Node::Unary(Unary::Abs | Unary::Sign, a) => a,
+            Node::Binary(..) | Node::Unary(..) | Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) => continue,
+            Node::Power(..) | Node::Select(..) => continue,
+        };
+        let told = |s: crate::expression::Symbol| Some(s) == c.time || c.states.iter().any(|x| x.symbol == s);
+        let symbols = model.pool.symbols(guard);
+        if !symbols.is_empty() && symbols.iter().all(|s| told(*s)) && !found.contains(&guard) {
+            found.push(guard);
+        }
+    }
+    if found.is_empty() {
+        return Ok(None);
+    }
+    found.sort_unstable();
+    let mut b = Builder::new(c.title(form, "guards"));
+    let inputs = write::inputs(&mut b, c, form, model);
+    let mut lowering = Lowering::new(inputs.env.iter().copied());
+    for g in found {
+        let v = lowering.lower(&model.pool, &mut b, g).map_err(|s| missing(model, s))?;
+        let slot = b.named(Array::Output, model.pool.print(g));
+        b.store(slot, v);
+    }
+    Ok(Some(verified(model, b.finish())?))
 }
 
 /// Writes the observation of the signals `shows`.

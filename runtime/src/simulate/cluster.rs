@@ -95,6 +95,9 @@ pub(super) struct Run {
     step: Ready,
     glance: Option<Ready>,
     pub(super) instant: Look,
+    /// What laws switch on, and its values at the start of the step.
+    guards: Option<Look>,
+    before: Vec<f64>,
     pub(super) respond: Option<Look>,
     /// What a matched hold falls back to.
     pub(super) fallback: Option<Look>,
@@ -159,6 +162,8 @@ impl Run {
             step: Ready::new(&c.step),
             glance: c.step.glance.as_deref().map(Ready::new),
             instant,
+            guards: c.guards.as_ref().map(Look::new),
+            before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.size(crate::ir::Array::Output))],
             respond: c.respond.as_ref().map(|r| match r {
                 Respond::Last(p) | Respond::Matched(p, _) => Look::new(p),
             }),
@@ -353,6 +358,12 @@ impl Run {
     ) -> Result<f64, Error> {
         let order = f64::from(c.step.order.max(1));
         let mut last_failure = None;
+        if let Some(guards) = &mut self.guards {
+            self.input[0] = t;
+            if let Ok(out) = guards.run(&self.state, &self.input) {
+                self.before.copy_from_slice(out);
+            }
+        }
         loop {
             let mut h = self.ahead.min(self.default_step);
             // Two steps of like length rather than one and a splinter.
@@ -380,6 +391,11 @@ impl Run {
                         self.rejected += 1;
                         continue;
                     }
+                    let planned = h;
+                    if let Some(kink) = self.kink(c, t, h) {
+                        h = kink;
+                        last = false;
+                    }
                     // The halves count: first the one kept aside, then the one still in the workspace.
                     book(&mut self.books, c, &self.buffers[3]);
                     advance_ports(c, &self.buffers[3], 0.5 * h, moved);
@@ -389,7 +405,7 @@ impl Run {
                     self.steps += 2;
                     self.track(c);
                     if !last || factor < 1.0 {
-                        self.ahead = (h * factor).min(self.default_step);
+                        self.ahead = (planned * factor).min(self.default_step);
                     }
                     return Ok(if last { end } else { t + h });
                 }
@@ -400,6 +416,55 @@ impl Run {
                 }
             }
         }
+    }
+
+    /// Where in the step that was just attempted a law switched, if one did: the length of a step that ends just past it, which
+    /// then is the attempt in the workspace. A switch at the very start is left alone.
+    fn kink(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
+        let mut after = self.crossed(t + h)?;
+        let (mut low, mut high) = (0.0, h);
+        let mut below = self.before[after.0];
+        let floor = (4.0 * f64::EPSILON * (t + h)).max(1e-14 * h);
+        for round in 0..80 {
+            if high - low <= floor {
+                break;
+            }
+            // The secant of the guard, or the middle where it does not close in.
+            let secant = low + (high - low) * below / (below - after.1);
+            let inner = secant.clamp(low + 0.01 * (high - low).min(floor * 50.0), high);
+            let trial = if round % 3 == 2 || !inner.is_finite() { 0.5 * (low + high) } else { (inner + floor).min(high - 0.25 * floor) };
+            if self.attempt(c, t, trial).is_err() {
+                break;
+            }
+            match self.crossed(t + trial) {
+                Some(found) => {
+                    high = trial;
+                    after = found;
+                }
+                None => {
+                    low = trial;
+                    below = self.guard(after.0).unwrap_or(below);
+                }
+            }
+        }
+        if high < 1e-9 * self.default_step {
+            high = h; // it stands on the kink already
+        }
+        let _ = self.attempt(c, t, high);
+        (high < h).then_some(high)
+    }
+
+    /// The first guard whose sign at the end of the attempt differs from that at the start, and its value there.
+    fn crossed(&mut self, t: f64) -> Option<(usize, f64)> {
+        let guards = self.guards.as_mut()?;
+        self.input[0] = t;
+        let out = guards.run(&self.step.work.next, &self.input).ok()?;
+        out.iter().zip(&self.before).position(|(a, b)| a * b < 0.0).map(|i| (i, out[i]))
+    }
+
+    /// The value of a guard when it was looked at last.
+    fn guard(&self, i: usize) -> Option<f64> {
+        self.guards.as_ref().map(|g| g.work.output[i])
     }
 
     /// A whole step and two halves; the larger relative difference of the states.
