@@ -183,6 +183,20 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
+    /// Sets what the outside gives at an open port of a continuous region from now on: the effort or the flow that causality
+    /// asks of it, along the half arrow, SI.
+    ///
+    /// # Errors
+    /// A name that there is not.
+    pub fn drive(&mut self, port: &str, value: f64) -> Result<(), RunError> {
+        let Some(i) = self.scene.open.iter().position(|o| o.name == port) else {
+            let known: Vec<String> = self.scene.open.iter().map(|o| o.name.clone()).collect();
+            return Err(unknown("open port", port, &known));
+        };
+        self.inner.drive(i, value);
+        Ok(())
+    }
+
     /// The ledger now.
     pub fn summary(&self) -> Summary {
         self.inner.summary()

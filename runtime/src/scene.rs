@@ -167,8 +167,8 @@ pub struct Open {
     pub port: (usize, usize),
     /// Least inertia of the outside, SI.
     pub inertia: Option<f64>,
-    /// As for a [`Bar`].
-    pub sign: f64,
+    /// 1 where what the port gives, as its region counts it, runs along the half arrow; -1 where it runs against it.
+    pub along: f64,
 }
 
 /// What is shown: a program over signals of all clusters.

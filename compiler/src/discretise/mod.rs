@@ -117,8 +117,8 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
         if let Role::Open(inertia) = c.role
             && let Some(port) = port_of(ColumnId(i as u32))
         {
-            let sign = if c.gives == crate::model::Variable::Flow { 1.0 } else { -1.0 };
-            scene.open.push(scene::Open { name: c.name.clone(), port, inertia, sign });
+            let along = c.sign_of(c.gives) as f64;
+            scene.open.push(scene::Open { name: c.name.clone(), port, inertia, along });
         }
     }
     scene.probes = probes::build(model, form, &place);

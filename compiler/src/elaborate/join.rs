@@ -65,6 +65,7 @@ impl Elaborator<'_> {
                 span,
             });
         }
+        self.open_bars();
         self.bonds_of = vec![Vec::new(); self.elements.len()];
         for (i, bond) in self.bonds.iter().enumerate() {
             self.bonds_of[bond.tail.at()].push(BondId(i as u32));
@@ -78,6 +79,20 @@ impl Elaborator<'_> {
             self.check_bonds(ElementId(i as u32));
         }
         self.check_borders();
+    }
+
+    /// A double bar to an open port of the scene has the outside on its far side: the port is the sampled region's own.
+    fn open_bars(&mut self) {
+        for bond in self.bonds.iter_mut().filter(|b| b.sampled) {
+            for (end, other) in [(bond.tail, bond.head), (bond.head, bond.tail)] {
+                let sampling = self.elements[other.at()].sampling;
+                let port = &mut self.elements[end.at()];
+                if port.kind == Kind::Port && port.sampling.is_none() && sampling.is_some() {
+                    port.sampling = sampling;
+                    bond.sampled = false;
+                }
+            }
+        }
     }
 
     fn port_is_sound(&mut self, p: usize) -> bool {

@@ -15,7 +15,7 @@ impl<'a> Elaborator<'a> {
         let typed = self.with_signals(value, scope)?;
         let d = self.bond_domain(bond);
         let needed = if kind == Kind::Se { Inference::effort(d) } else { Inference::flow(d) };
-        self.require((&typed.unit, value.span), needed, None, format!("{about} of `{}`", ast.name.text), 1);
+        self.require((&typed.unit, value.span), needed, None, format!("{about} of `{}`", ast.name.text), 0);
         self.finite(typed.expr, value, &ast.name.text)?;
         Some(typed.expr)
     }

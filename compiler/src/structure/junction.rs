@@ -83,7 +83,7 @@ fn solve(
     for (i, c) in columns.iter().enumerate() {
         let near = if c.role == Role::Bar { model.bond(c.bond).other(c.element) } else { c.element };
         let at = index(c.bond, side(model, c.bond, near), c.gives);
-        let k = if c.gives == Variable::Flow { pool.int(c.sign_of(Variable::Flow)) } else { one };
+        let k = pool.int(c.sign_of(c.gives));
         definitions[at].push((Term::Column(ColumnId(i as u32)), k));
     }
     for (id, e) in model.ids() {

@@ -62,6 +62,8 @@ pub struct Column {
     pub bond: BondId,
     /// 1 where the bond points at it, -1 where it points away; see [`Column::sign_of`].
     pub sign: i64,
+    /// Which variable that sign is on.
+    pub sign_on: Variable,
     /// The region.
     pub region: RegionId,
     /// What it is.
@@ -75,11 +77,9 @@ pub struct Column {
 }
 
 impl Column {
-    /// The column's own variable is this times the bond's, so that the product of its pair is the power into it. The sign is on
-    /// the flow, except for a flow source, whose value is the flow along the half arrow as the user gave it.
+    /// The column's own variable is this times the bond's, so that the product of its pair is the power into it.
     pub fn sign_of(&self, variable: Variable) -> i64 {
-        let on_effort = matches!(self.role, Role::Source(_)) && self.gives == Variable::Flow;
-        if (variable == Variable::Effort) == on_effort { self.sign } else { 1 }
+        if variable == self.sign_on { self.sign } else { 1 }
     }
 }
 
@@ -207,6 +207,16 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
     Ok(form)
 }
 
+/// Which variable of an element takes the sign of a half arrow that points away from it: not the one that the user states, which
+/// is the value of a source, the argument of a law, `f0` of an inertia, `e0` of a compliance.
+fn sign_on(kind: Kind, law: &Law) -> Variable {
+    match (kind, law) {
+        (_, Law::Resistor(r)) => r.gives,
+        (Kind::Sf | Kind::De | Kind::I, _) => Variable::Effort,
+        (Kind::Se | Kind::Df | Kind::C | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port, _) => Variable::Flow,
+    }
+}
+
 /// A column for each 1-port element, and one on each side of each double bar.
 fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<Column> {
     let mut columns = Vec::new();
@@ -230,6 +240,7 @@ fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<C
             element: id,
             bond,
             sign,
+            sign_on: sign_on(e.kind, &e.law),
             region,
             role,
             gives,
@@ -251,6 +262,7 @@ fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<C
                 element: far,
                 bond,
                 sign,
+                sign_on: Variable::Flow,
                 region,
                 role: Role::Bar,
                 gives,

@@ -544,6 +544,19 @@ impl<'a> Simulation<'a> {
         self.open[open] = q;
     }
 
+    /// Sets what the outside gives at an open port of a continuous region from now on: the effort or flow that causality asks of
+    /// it, along the half arrow. A port that a sampled region holds takes [`Self::report`] instead.
+    ///
+    /// # Panics
+    /// If there is no such open port.
+    pub fn drive(&mut self, open: usize, value: f64) {
+        let (cluster, port) = self.scene.open[open].port;
+        let c = &self.scene.clusters[cluster];
+        if c.period.is_none() {
+            self.runs[cluster].input[c.ports[port].input] = self.scene.open[open].along * value;
+        }
+    }
+
     /// The ledger.
     pub fn summary(&self) -> Summary {
         let mut regions = Vec::new();

@@ -1,0 +1,84 @@
+//! The flat model: instances, loops, conditions, parameters, units.
+
+use crate::common::{example, text, with};
+use bond::{As, Options, What};
+
+#[test]
+fn graphs() {
+    for (name, scene) in [("virtual_wall", "VirtualWall"), ("rc_ladder", "RcLadder"), ("crane", "Crane"), ("two_rates", "TwoRates")] {
+        insta::assert_snapshot!(format!("graph_{name}"), example(name, scene).show("graph"));
+    }
+}
+
+#[test]
+fn regions() {
+    for (name, scene) in [("virtual_wall", "VirtualWall"), ("two_computers", "TwoComputers"), ("open_port", "Device"), ("sampled_mass", "SampledMass")] {
+        insta::assert_snapshot!(format!("regions_{name}"), example(name, scene).show("regions"));
+    }
+}
+
+#[test]
+fn a_graph_as_json_names_all() {
+    let compiled = example("virtual_wall", "VirtualWall");
+    let json = compiled.show_as(What::Graph, As::Json).unwrap_or_else(|e| panic!("{e}"));
+    let value: serde_json::Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}"));
+    for name in ["hand", "handle", "wall.spring", "wall.damper", "wall.contact"] {
+        assert!(value.to_string().contains(&format!("\"{name}\"")), "{name} is missing in {json}");
+    }
+}
+
+/// The order of declaration does not matter to what is computed.
+#[test]
+fn order_of_declaration() {
+    let a = text("model M { I:m = 2 kg C:c { stiffness = 8 N/m; q0 = 1 m } 1:v -> m, c probe x = c.q }");
+    let b = text("model M { probe x = c.q v -> c, m 1:v C:c { q0 = 1 m; stiffness = 8 N/m } I:m = 2 kg }");
+    for c in [&a, &b] {
+        let x = crate::common::end(c, bond::Steps::fixed(0.1), 1.0, "x");
+        crate::common::close(x, 2.0f64.cos(), 1e-14, "x");
+    }
+}
+
+/// Parameters from outside, with unit and without, of the scene and of an instance.
+#[test]
+fn parameters_from_outside() {
+    let model = "model Spring(k = 1 N/m) { port end  C:c { stiffness = k;  q0 = 1 m }  end -> c }
+      model M(m = 1 kg) { I:mass = m  Spring:s  1:v -> mass  v -> s.end  probe x = s.c.q }";
+    for (m, k) in [("2", "8"), ("2000 g", "8 N/m"), ("2 kg", "0.08 N/cm")] {
+        let compiled = with(Options::new().set("m", m).set("s.k", k), model);
+        let x = crate::common::end(&compiled, bond::Steps::fixed(0.1), 1.0, "x");
+        crate::common::close(x, 2.0f64.cos(), 1e-13, &format!("x with m = {m}, k = {k}"));
+    }
+    for (path, value, says) in [("s.q", "1", "s.q"), ("m", "1 s", "unit"), ("k", "1 N/m", "`k`")] {
+        match Options::new().set(path, value).compile_str("m.bond", model) {
+            Ok(_) => panic!("--set {path}={value} is taken"),
+            Err(e) => assert!(e.to_string().contains(says), "{e}"),
+        }
+    }
+}
+
+/// Every unit of the language page, against SI.
+#[test]
+fn units() {
+    for (literal, si) in [
+        ("10 N", 10.0),
+        ("1.5e3 kg*m^2", 1500.0),
+        ("2 kOhm", 2000.0),
+        ("40 ms", 0.04),
+        ("1500 rpm", 50.0 * std::f64::consts::PI),
+        ("45 deg", std::f64::consts::FRAC_PI_4),
+        ("3 rad", 3.0),
+        ("2 bar", 2e5),
+        ("6 L/min", 1e-4),
+        ("5 min", 300.0),
+        ("2 h", 7200.0),
+        ("36 km/h", 10.0),
+        ("25 Hz", 25.0),
+        ("470 nF", 470e-9),
+        ("3 kg*m/s^2", 3.0),
+        ("5 m^(1/2)", 5.0),
+    ] {
+        let compiled = text(&format!("model M {{ Se:u = 1 V R:r = 1 Ohm u -> r probe x = {literal} }}"));
+        let x = crate::common::end(&compiled, bond::Steps::fixed(0.5), 1.0, "x");
+        crate::common::close(x, si, 1e-15 * si, literal);
+    }
+}

@@ -1,0 +1,114 @@
+//! The port-Hamiltonian form: snapshots of small ones, and its facts on all.
+
+use crate::common::{all_scenes, example, file, models, text};
+use bond::{As, Options, What};
+
+#[test]
+fn forms() {
+    for (name, scene) in [
+        ("virtual_wall", "VirtualWall"),
+        ("quarter_car", "QuarterCar"),
+        ("dc_motor", "DcMotor"),
+        ("wheatstone", "Wheatstone"),
+        ("diode_clipper", "DiodeClipper"),
+        ("sampled_mass", "SampledMass"),
+    ] {
+        insta::assert_snapshot!(format!("form_{name}"), example(name, scene).show("phs"));
+    }
+    for element in ["C", "I", "TF", "GY", "MTF", "R_law", "I_dependent"] {
+        let compiled = file(&models().join(format!("elements/{element}.bond")), Options::new());
+        insta::assert_snapshot!(format!("form_element_{element}"), compiled.show("phs"));
+    }
+}
+
+#[test]
+fn a_form_as_json() {
+    let json = example("quarter_car", "QuarterCar").show_as(What::Phs, As::Json).unwrap_or_else(|e| panic!("{e}"));
+    insta::assert_snapshot!("form_json_quarter_car", json);
+}
+
+/// What an entry of a JSON matrix is at parameters of 2, 3, 5 and so on; only sums of products and quotients are read.
+fn entries(value: &serde_json::Value) -> Vec<Vec<String>> {
+    let row = |r: &serde_json::Value| {
+        r.as_array().into_iter().flatten().map(|x| x.as_str().map_or_else(|| x.to_string(), str::to_string)).collect()
+    };
+    value.as_array().into_iter().flatten().map(row).collect()
+}
+
+/// J is skew, R symmetric, as written: `x` stands against `-x`, or both are 0.
+#[test]
+fn forms_are_skew_and_symmetric_as_written() {
+    for (title, path, scene) in all_scenes() {
+        let compiled = file(&path, Options::new().model(&scene));
+        let json = compiled.show_as(What::Phs, As::Json).unwrap_or_else(|e| panic!("{title}: {e}"));
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{title}: {e}"));
+        for region in json["regions"].as_array().into_iter().flatten() {
+            for (name, skew) in [("J", true), ("R", false), ("M", true), ("S", false)] {
+                let m = entries(&region[name]);
+                for i in 0..m.len() {
+                    for j in 0..i {
+                        let (a, b) = (&m[i][j], &m[j][i]);
+                        let zero = a == "0" && b == "0";
+                        let negated = *a == format!("-{b}") || *b == format!("-{a}");
+                        let sums = a.contains([' ', '/', '(']);
+                        let good = zero || if skew { negated || sums } else { a == b || sums };
+                        assert!(good, "{title}: {name}[{i}][{j}] = {a}, {name}[{j}][{i}] = {b}");
+                    }
+                    assert!(!skew || m[i][i] == "0", "{title}: {name}[{i}][{i}] = {}", m[i][i]);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_dirac_structure_is_skew() {
+    for (title, path, scene) in all_scenes() {
+        let compiled = file(&path, Options::new().model(&scene));
+        let stages = compiled.stages();
+        if let Err(why) = stages.form.validate(&stages.model.pool) {
+            panic!("{title}: {why}");
+        }
+    }
+}
+
+/// Every combination that can be shown is, and the pictures and the JSON are well formed as far as a glance tells.
+#[test]
+fn everything_can_be_shown() {
+    for (title, path, scene) in all_scenes() {
+        let compiled = file(&path, Options::new().model(&scene));
+        for what in What::ALL {
+            assert!(!compiled.show(what.name()).trim().is_empty(), "{title}: {what:?} is empty");
+            let json = compiled.show_as(what, As::Json).unwrap_or_else(|e| panic!("{title}: {what:?}: {e}"));
+            if let Err(e) = serde_json::from_str::<serde_json::Value>(&json) {
+                panic!("{title}: {what:?} is no JSON: {e}");
+            }
+        }
+        let svg = compiled.show_as(What::Causality, As::Svg).unwrap_or_else(|e| panic!("{title}: {e}"));
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{title}: {svg}");
+        let dot = compiled.show_as(What::Graph, As::Dot).unwrap_or_else(|e| panic!("{title}: {e}"));
+        assert_eq!(dot.matches('{').count(), dot.matches('}').count(), "{title}: {dot}");
+    }
+}
+
+/// The mass-spring-damper by hand: J = [[0, 1], [-1, 0]] for (q, p), R = diag(0, b), G = (0, 1).
+#[test]
+fn the_oscillator_by_hand() {
+    let compiled = text(
+        "model M(m = 2 kg, k = 8 N/m, b = 3 N*s/m) {
+          Se:force = 1 N
+          C:spring { stiffness = k }
+          I:mass = m
+          R:drag = b
+          force -> 1:v -> spring, mass, drag
+        }",
+    );
+    let json = compiled.show_as(What::Phs, As::Json).unwrap_or_else(|e| panic!("{e}"));
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}"));
+    let region = &json["regions"][0];
+    assert_eq!(entries(&region["J"]), [["0", "1"], ["-1", "0"]]);
+    assert_eq!(entries(&region["R"]), [["0", "0"], ["0", "b"]]);
+    assert_eq!(entries(&region["G"]), [["0"], ["1"]]);
+    assert_eq!(entries(&region["P"]), [["0"], ["0"]]);
+    assert_eq!(entries(&region["S"]), [["0"]]);
+}

@@ -1,0 +1,221 @@
+//! The double bar: what the paper's two experiments do under each hold.
+
+use crate::common::{advance, close, example, file, finish, models, probe, start, stop, text, trace};
+use bond::{Options, Simulation, Steps};
+
+#[test]
+fn the_wall_rests_where_it_should_for_every_handle() {
+    let path = models().join("examples/virtual_wall.bond");
+    for m in [0.1, 0.5, 1.0, 5.0] {
+        let compiled = file(&path, Options::new().set("m", &m.to_string()));
+        let mut sim = start(&compiled, Steps::new());
+        finish(&mut sim, 10.0);
+        close(probe(&mut sim, "x"), 0.005, 1e-6, &format!("where {m} kg rests"));
+        let summary = sim.summary();
+        assert!(summary.passive, "{m} kg: {:?}", summary.reasons);
+        for r in &summary.regions {
+            assert_eq!(r.debt_max, 0.0, "{m} kg: `{}` has a debt", r.name);
+        }
+        // It stays there.
+        let here = probe(&mut sim, "x");
+        finish(&mut sim, 20.0);
+        close(probe(&mut sim, "x"), here, 1e-9, &format!("where {m} kg stays"));
+    }
+}
+
+#[test]
+fn lagged_without_a_budget_throws_a_light_handle_out() {
+    let path = models().join("examples/virtual_wall.bond");
+    let compiled = file(&path, Options::new().model("LaggedOpen").set("m", "1"));
+    let mut sim = start(&compiled, Steps::new());
+    let mut far = 0.0f64;
+    for k in 1..=1000 {
+        advance(&mut sim, f64::from(k) * 0.01);
+        far = far.min(probe(&mut sim, "x"));
+    }
+    assert!(far < -0.11, "it came back to {far} m only, from where it started at -0.1 m");
+    finish(&mut sim, 10.0);
+    assert!(!sim.summary().passive);
+}
+
+/// The largest |x| of a scene of the sampled spring.
+fn widest(scene: &str, every: f64, count: u32) -> f64 {
+    let compiled = example("mass_spring_sampled", scene);
+    trace(&compiled, Steps::new(), every, count, "x").into_iter().fold(0.0, |m, (_, x)| m.max(x.abs()))
+}
+
+#[test]
+fn the_sampled_spring_neither_grows_nor_fades_under_matched() {
+    let compiled = example("mass_spring_sampled", "MassSpring");
+    let rows = trace(&compiled, Steps::new(), 0.05, 12_000, "x");
+    for (i, window) in rows.chunks(200).enumerate() {
+        let widest = window.iter().fold(0.0f64, |m, (_, x)| m.max(x.abs()));
+        // Between samples the extremes are met; a window of 10 s holds more than one swing.
+        close(widest, 1.0, 1e-3, &format!("amplitude from {} s on", i * 10));
+    }
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 600.0);
+    let summary = sim.summary();
+    assert!(summary.passive && summary.regions.iter().all(|r| r.debt_max <= 1e-12), "{:?}", summary.reasons);
+}
+
+#[test]
+fn matched_has_order_two_in_the_period() {
+    let path = models().join("examples/mass_spring_sampled.bond");
+    let error = |period: f64| {
+        let compiled = file(&path, Options::new().set("T", &period.to_string()));
+        let rows = trace(&compiled, Steps::new(), 0.5, 20, "x");
+        rows.into_iter().fold(0.0f64, |m, (t, x)| m.max((x - t.cos()).abs()))
+    };
+    let errors: Vec<f64> = [0.5, 0.25, 0.125, 0.0625].into_iter().map(error).collect();
+    let ratios: Vec<f64> = errors.windows(2).map(|e| e[0] / e[1]).collect();
+    assert!(ratios.iter().all(|r| (3.6..=4.4).contains(r)), "errors {errors:?}, ratios {ratios:?}");
+}
+
+#[test]
+fn lagged_without_a_budget_grows() {
+    assert!(widest("LaggedOpen", 0.5, 60) > 100.0);
+}
+
+#[test]
+fn lagged_with_its_budget_does_not_grow() {
+    assert!(widest("Lagged", 0.5, 1200) < 1.1);
+}
+
+/// S = H + tank >= 0 under every hold with its budget on.
+#[test]
+fn no_hold_with_a_budget_gives_more_than_it_got() {
+    for (name, scenes) in [
+        ("virtual_wall", &["Lagged", "Predicted", "VirtualWall"][..]),
+        ("mass_spring_sampled", &["Lagged", "Fine", "MassSpring"]),
+        ("sampled_mass", &["SampledMass"]),
+        ("two_rates", &["TwoRates"]),
+        ("two_computers", &["TwoComputers"]),
+    ] {
+        for scene in scenes {
+            let compiled = example(name, scene);
+            let mut sim = start(&compiled, Steps::new());
+            finish(&mut sim, stop(&compiled));
+            let summary = sim.summary();
+            let most = summary.regions.iter().map(|r| r.h_max.max(r.supplied.abs())).fold(0.0, f64::max);
+            for r in &summary.regions {
+                assert!(r.debt_max <= 1e-12 * most, "{name} {scene}: `{}` owes {:e} J of {most:e} J", r.name, r.debt_max);
+            }
+        }
+    }
+}
+
+/// What the paper's stepper cannot do, and says: it books its leaps, and both sides still count the same.
+#[test]
+fn ray_books_its_leaps() {
+    let compiled = example("virtual_wall", "Ray");
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 10.0);
+    let summary = sim.summary();
+    let wall = summary.regions.iter().find(|r| r.period.is_some());
+    assert!(wall.is_some_and(|r| r.stepper == "ray"), "{summary:?}");
+    assert_eq!(summary.bars[0].difference, 0.0);
+}
+
+fn irrational() -> bond::Compiled {
+    text(
+        "model Irrational {
+          I:mass { inertia = 1 kg;  f0 = 1 m/s }
+          C:own { stiffness = 3 N/m }
+          sampled every 0.1 s { C:slow { stiffness = 5 N/m } }
+          sampled every 0.0314159 s { C:fast { stiffness = 7 N/m }  R:drag = 0.05 N*s/m  1:w -> fast, drag }
+          1:v -> mass, own
+          v ||> slow
+          v ||> w
+          probe x = own.q
+          probe energy = mass.H + own.H + slow.H + fast.H
+        }",
+    )
+}
+
+#[test]
+fn rates_in_irrational_ratio() {
+    let compiled = irrational();
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 100.0);
+    let summary = sim.summary();
+    assert!(summary.worst_step <= 1e-12 && summary.total <= 1e-10, "{} {}", summary.worst_step, summary.total);
+    assert_eq!(summary.bars.len(), 2);
+    for bar in &summary.bars {
+        assert_eq!(bar.difference, 0.0, "{}", bar.name);
+        assert_eq!(bar.holder.to_bits(), bar.other.to_bits(), "{}", bar.name);
+    }
+    let periods: Vec<u64> = summary.regions.iter().filter(|r| r.period.is_some()).map(|r| r.steps).collect();
+    assert_eq!(periods, [1000, 3183]);
+}
+
+/// Short periods come to the continuous solution, w^2 = 15 with a little damping.
+#[test]
+fn two_rates_come_to_the_continuous_solution() {
+    let compiled = irrational();
+    let (a, w) = (0.025, (15.0f64 - 0.025 * 0.025).sqrt());
+    for (t, x) in trace(&compiled, Steps::new(), 0.05, 40, "x") {
+        close(x, (-a * t).exp() * (w * t).sin() / w, 0.02, &format!("x at {t}"));
+    }
+}
+
+/// Two sampled regions joined directly.
+fn chain(fast: f64, slow: f64) -> bond::Compiled {
+    text(&format!(
+        "model Chain {{
+          sampled every {fast} s {{ I:mass {{ inertia = 1 kg;  f0 = 1 m/s }}  1:v -> mass }}
+          sampled every {slow} s {{ C:spring {{ stiffness = 4 N/m }} }}
+          v ||> spring
+          probe x = spring.q
+          probe energy = mass.H + spring.H
+        }}"
+    ))
+}
+
+#[test]
+fn sampled_regions_joined_directly_count_the_same() {
+    for (fast, slow) in [(0.01, 0.01), (0.01, 0.05), (0.05, 0.01), (0.01, 0.0314159), (0.0314159, 0.1)] {
+        let compiled = chain(fast, slow);
+        let mut sim: Simulation<'_> = start(&compiled, Steps::new());
+        finish(&mut sim, 20.0);
+        let summary = sim.summary();
+        assert!(summary.worst_step <= 1e-12 && summary.total <= 1e-10, "{fast}, {slow}: {summary:?}");
+        assert_eq!(summary.bars[0].difference, 0.0, "{fast}, {slow}");
+        assert_eq!(summary.bars[0].holder.to_bits(), summary.bars[0].other.to_bits(), "{fast}, {slow}");
+        assert!(summary.regions.iter().all(|r| r.steps > 100), "{fast}, {slow}");
+    }
+}
+
+/// x = sin(2 t)/2 in the limit.
+#[test]
+fn sampled_regions_joined_directly_come_to_the_continuous_solution() {
+    let error = |period: f64| {
+        let rows = trace(&chain(period, period), Steps::new(), 0.1, 30, "x");
+        rows.into_iter().fold(0.0f64, |m, (t, x)| m.max((x - (2.0 * t).sin() / 2.0).abs()))
+    };
+    let errors: Vec<f64> = [0.05, 0.025, 0.0125].into_iter().map(error).collect();
+    assert!(errors[0] < 0.1 && errors[1] < errors[0] / 1.8 && errors[2] < errors[1] / 1.8, "{errors:?}");
+}
+
+/// An open port: a point that is pushed 2 cm into the wall meets k x, and what it reports is what the wall moved.
+#[test]
+fn an_open_port_answers_to_what_it_is_told() {
+    let compiled = example("open_port", "Device");
+    let mut sim = start(&compiled, Steps::new());
+    assert_eq!(sim.held().len(), 1);
+    let mut work = 0.0;
+    for k in 1..=2000 {
+        // 3 cm in 1 s: 1 cm of air, 2 cm of wall; then it rests there.
+        let moved = if k <= 1000 { 3e-5 } else { 0.0 };
+        let force = sim.held()[0].1;
+        work += force * moved;
+        sim.report("tip", moved).unwrap_or_else(|e| panic!("{e}"));
+        advance(&mut sim, f64::from(k) * 1e-3);
+    }
+    close(probe(&mut sim, "depth"), 0.02, 1e-12, "depth");
+    close(sim.held()[0].1.abs(), 20.0, 1e-6, "force at rest");
+    let summary = sim.summary();
+    assert!(summary.worst_step <= 1e-12, "{}", summary.worst_step);
+    // Half k x^2, and 20 mm at 30 mm/s through the damper; the force is held against the motion.
+    close(work.abs(), 0.2 + 30.0 * 0.03 * 0.02, 0.01, "work");
+}

@@ -1,0 +1,19 @@
+//! The tests of the whole way, one module a stage. What they run are the models of `models/`.
+
+mod common;
+
+mod causality;
+mod determinism;
+mod diagnostics;
+mod elaborate;
+mod expectations;
+mod form;
+mod holds;
+mod ledger;
+mod linearize;
+mod mutations;
+mod orders;
+mod parse;
+mod program;
+mod random;
+mod solutions;

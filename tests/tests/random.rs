@@ -1,0 +1,185 @@
+//! Random connected bond graphs: assignment ends, D is skew, `show` is the same on two runs, the balance closes.
+
+use bond::{Options, RunError, Steps};
+use proptest::prelude::*;
+use std::fmt::Write;
+
+/// A junction, hung on one before it.
+#[derive(Clone, Debug)]
+struct Junction {
+    zero: bool,
+    parent: prop::sample::Index,
+    /// 0..=4 a bond, 5 a TF, 6 a GY, 7 a double bar
+    link: u8,
+    backward: bool,
+    /// Where it lies behind a double bar: 0 continuous, else sampled, with a rate and a hold.
+    rate: u8,
+    ratio: u8,
+}
+
+/// A 1-port element on a junction.
+#[derive(Clone, Debug)]
+struct Part {
+    kind: u8,
+    at: prop::sample::Index,
+    backward: bool,
+    value: u8,
+    curved: bool,
+}
+
+fn junction() -> impl Strategy<Value = Junction> {
+    (any::<bool>(), any::<prop::sample::Index>(), 0u8..8, any::<bool>(), 0u8..6, 1u8..9)
+        .prop_map(|(zero, parent, link, backward, rate, ratio)| Junction { zero, parent, link, backward, rate, ratio })
+}
+
+fn part() -> impl Strategy<Value = Part> {
+    (0u8..12, any::<prop::sample::Index>(), any::<bool>(), 1u8..10, any::<bool>())
+        .prop_map(|(kind, at, backward, value, curved)| Part { kind, at, backward, value, curved })
+}
+
+/// The text of a graph. All of it is mechanical, so that every unit fits.
+fn text(junctions: &[Junction], parts: &[Part], loops: &[(prop::sample::Index, prop::sample::Index)]) -> String {
+    // The block each junction lies in: 0 is continuous.
+    let mut block = vec![0usize];
+    let mut heads: Vec<String> = vec![String::new()];
+    let mut bonds = String::new();
+    let mut inside: Vec<String> = vec![String::new()];
+    let declare = |inside: &mut Vec<String>, block: usize, text: String| inside[block].push_str(&text);
+    let kind = |j: &Junction| if j.zero { '0' } else { '1' };
+    if let Some(first) = junctions.first() {
+        declare(&mut inside, 0, format!("    {}:j0\n", kind(first)));
+    }
+    for (i, j) in junctions.iter().enumerate().skip(1) {
+        let parent = j.parent.index(i);
+        let mut here = block[parent];
+        let (mut a, mut b) = (format!("j{parent}"), format!("j{i}"));
+        if j.backward {
+            std::mem::swap(&mut a, &mut b);
+        }
+        let _ = match j.link {
+            7 => {
+                // A continuous piece may border on sampled ones only.
+                here = if block[parent] != 0 && j.rate == 0 {
+                    // A continuous piece of its own needs no block.
+                    0
+                } else {
+                    let period = ["0.01", "0.02", "0.05", "0.0314159", "0.1", "0.03"][usize::from(j.rate)];
+                    let hold = ["", " hold lagged", " hold predicted", " hold matched"][usize::from(j.ratio) % 4];
+                    heads.push(format!("  sampled every {period} s{hold} {{\n"));
+                    inside.push(String::new());
+                    heads.len() - 1
+                };
+                writeln!(bonds, "  {a} ||> {b}")
+            }
+            5 => {
+                declare(&mut inside, here, format!("    TF:t{i} = {}\n", f64::from(j.ratio) * 0.5));
+                writeln!(bonds, "  {a} -> t{i} -> {b}")
+            }
+            6 => {
+                declare(&mut inside, here, format!("    GY:g{i} = {} N*s/m\n", f64::from(j.ratio) * 0.5));
+                writeln!(bonds, "  {a} -> g{i} -> {b}")
+            }
+            _ => writeln!(bonds, "  {a} -> {b}"),
+        };
+        block.push(here);
+        declare(&mut inside, here, format!("    {}:j{i}\n", kind(j)));
+    }
+    for (a, b) in loops {
+        let (a, b) = (a.index(junctions.len()), b.index(junctions.len()));
+        if a != b && block[a] == block[b] {
+            let _ = writeln!(bonds, "  j{a} -> j{b}");
+        }
+    }
+    for (i, p) in parts.iter().enumerate() {
+        let at = p.at.index(junctions.len());
+        let v = f64::from(p.value);
+        let (name, law) = match (p.kind, p.curved) {
+            (0, _) => ("Se", format!("= {v} N")),
+            (1, _) => ("Sf", format!("= {} m/s", 0.1 * v)),
+            (2, _) => ("Se", format!("= {v} N * sin(t*{v} rad/s)")),
+            (3..=5, false) => ("C", format!("{{ stiffness = {v} N/m;  q0 = {} m }}", 0.1 * v - 0.4)),
+            (3..=5, true) => ("C", format!("{{ H = {v} N/m * q^2 + 0.5 N/m^3 * q^4 }}")),
+            (6..=8, false) => ("I", format!("= {v} kg")),
+            (6..=8, true) => ("I", format!("{{ H = 0.5*p^2/{v} kg + 0.1 s^2/(kg^3*m^2) * p^4;  p0 = 0.2 N*s }}")),
+            (_, false) => ("R", format!("= {v} N*s/m")),
+            (_, true) => ("R", format!("{{ e = {v} N*s/m * f + 0.3 N*s^3/m^3 * f^3 }}")),
+        };
+        declare(&mut inside, block[at], format!("    {name}:e{i} {law}\n"));
+        let _ = if p.backward { writeln!(bonds, "  e{i} -> j{at}") } else { writeln!(bonds, "  j{at} -> e{i}") };
+    }
+    let mut all = String::from("model Random {\n");
+    for (head, inside) in heads.iter().zip(&inside) {
+        all.push_str(head);
+        all.push_str(inside);
+        if !head.is_empty() {
+            all.push_str("  }\n");
+        }
+    }
+    all + &bonds + "}\n"
+}
+
+/// How many of the graphs of a run compile, that the property is not an empty one.
+static COMPILED: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn graphs(
+        junctions in prop::collection::vec(junction(), 1..10),
+        parts in prop::collection::vec(part(), 1..20),
+        loops in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>()), 0..3),
+    ) {
+        let text = text(&junctions, &parts, &loops);
+        let compiled = match Options::new().compile_str("random.bond", text.as_str()) {
+            Ok(compiled) => compiled,
+            Err(errors) => {
+                for d in errors.list() {
+                    prop_assert!(d.message.contains('`') || d.labels.iter().any(|l| l.span.end > l.span.start), "{}\n{text}", d.message);
+                    prop_assert!(!d.code.contains("internal") && d.code != "structure::skew", "{}\n{text}", d.message);
+                }
+                return Ok(());
+            }
+        };
+        COMPILED.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let stages = compiled.stages();
+        if let Err(why) = stages.form.validate(&stages.model.pool) {
+            prop_assert!(false, "{why}\n{text}");
+        }
+        let again = Options::new().compile_str("random.bond", text.as_str());
+        prop_assert!(again.is_ok_and(|c| c.show("all") == compiled.show("all")), "two compilations differ\n{text}");
+        let mut sim = match compiled.simulate(Steps::fixed(0.01)) {
+            Ok(sim) => sim,
+            Err(RunError::Numerics(_)) => return Ok(()),
+            Err(other) => return Err(TestCaseError::fail(format!("{other}\n{text}"))),
+        };
+        match sim.finish(0.5) {
+            Ok(()) | Err(RunError::Numerics(_)) => {}
+            Err(other) => return Err(TestCaseError::fail(format!("{other}\n{text}"))),
+        }
+        let summary = sim.summary();
+        prop_assert!(summary.worst_step <= 1e-10, "the balance is off by {:e}\n{text}", summary.worst_step);
+        for bar in &summary.bars {
+            prop_assert!(bar.difference == 0.0, "the sides of {} differ by {:e}\n{text}", bar.name, bar.difference);
+        }
+        // What is shown of it does not change it.
+        for what in bond::What::ALL {
+            prop_assert!(compiled.show_as(what, bond::As::Json).is_ok(), "{what:?}\n{text}");
+        }
+    }
+}
+
+/// Enough of the graphs are sound for the property to mean something.
+#[test]
+fn most_graphs_compile() {
+    use proptest::strategy::ValueTree;
+    use proptest::test_runner::{Config, TestRunner};
+    let mut runner = TestRunner::new_with_rng(Config::default(), proptest::test_runner::TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha));
+    let strategy = (prop::collection::vec(junction(), 1..8), prop::collection::vec(part(), 1..16));
+    let mut sound = 0;
+    for _ in 0..300 {
+        let (junctions, parts) = strategy.new_tree(&mut runner).map(|t| t.current()).unwrap_or_default();
+        sound += usize::from(Options::new().compile_str("random.bond", text(&junctions, &parts, &[])).is_ok());
+    }
+    assert!(sound > 60, "only {sound} of 300 graphs compile");
+}

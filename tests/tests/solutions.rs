@@ -1,0 +1,221 @@
+//! Runs against solutions in closed form.
+
+use crate::common::{advance, close, finish, probe, start, text, trace, with};
+use bond::{Options, Steps};
+
+const OSCILLATOR: &str = "model Oscillator(k = 100 N/m, b = 0.5 N*s/m) {
+  I:mass = 1 kg
+  C:spring { stiffness = k;  q0 = 1 m }
+  R:drag = b
+  1:v -> mass, spring, drag
+  probe x = spring.q
+  probe p = mass.p
+}";
+
+/// x and p of the oscillator.
+fn oscillator(t: f64) -> (f64, f64) {
+    let (a, w) = (0.25, (100.0f64 - 0.0625).sqrt());
+    let e = (-a * t).exp();
+    (e * ((w * t).cos() + a / w * (w * t).sin()), -e * 100.0 / w * (w * t).sin())
+}
+
+#[test]
+fn exact_on_the_damped_oscillator() {
+    let compiled = text(OSCILLATOR);
+    for step in [0.001, 0.01, 0.1, 1.0] {
+        let mut sim = start(&compiled, Steps::fixed(step));
+        for k in 1..=200 {
+            let t = f64::from(k) * 0.1;
+            advance(&mut sim, t);
+            let (x, p) = oscillator(t);
+            let envelope = (-0.25 * t).exp();
+            close(probe(&mut sim, "x"), x, 1e-12 * envelope, &format!("x at {t} with steps of {step}"));
+            close(probe(&mut sim, "p"), p, 1e-11 * envelope, &format!("p at {t} with steps of {step}"));
+        }
+    }
+}
+
+/// Between two steps, too.
+#[test]
+fn exact_at_instants_between_steps() {
+    let compiled = text(OSCILLATOR);
+    let mut sim = start(&compiled, Steps::fixed(0.3));
+    for k in 1..=100 {
+        let t = f64::from(k) * 0.071;
+        advance(&mut sim, t);
+        close(probe(&mut sim, "x"), oscillator(t).0, 1e-12, &format!("x at {t}"));
+    }
+}
+
+/// The implicit midpoint rule, as computed by others.
+#[test]
+fn gonzalez_is_the_midpoint_rule_where_the_energy_is_quadratic() {
+    let compiled = with(Options::new().method("gonzalez"), OSCILLATOR);
+    let mut sim = start(&compiled, Steps::fixed(1e-3));
+    finish(&mut sim, 10.0);
+    close(probe(&mut sim, "x"), 0.068322154122243, 1e-12, "x");
+    close(probe(&mut sim, "p"), 0.438308226834454, 1e-12, "p");
+}
+
+/// m v' + b v = F(t), m = 2, b = 3.
+fn driven(force: &str, solution: impl Fn(f64) -> f64) {
+    let compiled = text(&format!(
+        "model Driven {{
+          Se:force = {force}
+          I:mass = 2 kg
+          R:drag = 3 N*s/m
+          force -> 1:v -> mass, drag
+          probe v = mass.f
+        }}"
+    ));
+    for step in [0.01, 0.1, 0.7] {
+        for (t, v) in trace(&compiled, Steps::fixed(step), 0.35, 40, "v") {
+            let wanted = solution(t);
+            close(v, wanted, 1e-12 * wanted.abs().max(1.0), &format!("{force}: v at {t} with steps of {step}"));
+        }
+    }
+}
+
+#[test]
+fn exact_driven_by_a_constant() {
+    driven("6 N", |t| 2.0 * (1.0 - (-1.5 * t).exp()));
+}
+
+#[test]
+fn exact_driven_by_a_sine() {
+    // v = F/(b^2 + m^2 w^2) (b sin - m w cos + m w exp(-b t/m)), w = 5
+    let size = 4.0 / (9.0 + 100.0);
+    driven("4 N * sin(t*5 rad/s)", |t| size * (3.0 * (5.0 * t).sin() - 10.0 * (5.0 * t).cos() + 10.0 * (-1.5 * t).exp()));
+}
+
+#[test]
+fn exact_driven_by_an_exponential() {
+    // v = F/(b - m c) (exp(-c t) - exp(-b t/m)), c = 0.5
+    driven("4 N * exp(-t*0.5 Hz)", |t| 2.0 * ((-0.5 * t).exp() - (-1.5 * t).exp()));
+}
+
+/// At resonance with the system's own decay the solution has a factor t.
+#[test]
+fn exact_driven_at_its_own_rate() {
+    driven("4 N * exp(-t*1.5 Hz)", |t| 2.0 * t * (-1.5 * t).exp());
+}
+
+#[test]
+fn exact_driven_by_a_polynomial() {
+    // v' + a v = t^2, a = 1.5
+    let a: f64 = 1.5;
+    driven("2 N/s^2 * t^2", |t| {
+        t * t / a - 2.0 * t / a.powi(2) + 2.0 / a.powi(3) * (1.0 - (-a * t).exp())
+    });
+}
+
+#[test]
+fn exact_driven_by_a_sum() {
+    let a: f64 = 1.5;
+    driven("2 N/s * t + 4 N * exp(-t*0.5 Hz) - 1 N", |t| {
+        (t / a - (1.0 - (-a * t).exp()) / a.powi(2)) + 2.0 * ((-0.5 * t).exp() - (-a * t).exp())
+            - (1.0 - (-a * t).exp()) / 3.0
+    });
+}
+
+/// A quarter car against itself at another step: `exact` has no error to differ by.
+#[test]
+fn exact_does_not_depend_on_the_step() {
+    let compiled = text(
+        "model Bumps {
+          Sf:road = 0.18 m/s * cos(t*9 rad/s)
+          C:tyre { stiffness = 200 kN/m }
+          I:wheel = 40 kg
+          C:spring { stiffness = 18 kN/m }
+          R:shock = 1.2 kN*s/m
+          I:body = 320 kg
+          road -> 0:patch -> tyre
+          patch -> 1:vu -> wheel
+          vu -> 0:strut -> 1:rel -> spring, shock
+          strut -> 1:vs -> body
+          probe v = body.f
+        }",
+    );
+    let coarse = trace(&compiled, Steps::fixed(0.1), 0.1, 50, "v");
+    for ((t, a), (_, b)) in coarse.into_iter().zip(trace(&compiled, Steps::fixed(1e-3), 0.1, 50, "v")) {
+        close(a, b, 1e-12, &format!("v at {t}"));
+    }
+}
+
+/// Stiffness ratio 1e12.
+#[test]
+fn exact_on_a_stiff_system() {
+    let compiled = text(
+        "model Stiff {
+          C:slow { compliance = 1 F;  e0 = 1 V }
+          C:fast { compliance = 1e-12 F;  e0 = 2 V }
+          R:link = 1 Ohm
+          R:leak = 1 Ohm
+          0:a -> slow, leak
+          a -> 1:m -> link, 0:b
+          b -> fast
+          probe u = slow.e
+          probe w = fast.e
+        }",
+    );
+    // u' = -u - (u - w), 1e-12 w' = u - w: after the fast part w = u + 1e-12 u', u = u1 exp(-l t) with l near 1.
+    for (t, u) in trace(&compiled, Steps::fixed(0.1), 0.1, 50, "u") {
+        close(u, (1.0 + 1e-12) * (-t).exp(), 3e-12, &format!("u at {t}"));
+    }
+}
+
+/// The free fall of the pendulum's cousin: the discrete gradient has no error on a constant force.
+#[test]
+fn gonzalez_has_no_error_on_free_fall() {
+    let compiled = with(
+        Options::new().method("gonzalez"),
+        "model Fall { Se:weight = 9.81 N  I:mass = 1 kg  weight -> 1:v -> mass  probe x = integral(v.f, 0 m) }",
+    );
+    for (t, x) in trace(&compiled, Steps::fixed(0.01), 0.5, 10, "x") {
+        close(x, 4.905 * t * t, 1e-12 * x, &format!("x at {t}"));
+    }
+}
+
+/// v' = -b v^2/m is solved by v0/(1 + b v0 t/m); adaptive steps meet their tolerance.
+#[test]
+fn adaptive_steps_meet_their_tolerance() {
+    let path = crate::common::models().join("elements/R_law.bond");
+    let compiled = crate::common::file(&path, Options::new());
+    for tolerance in [1e-4, 1e-6, 1e-8] {
+        let mut sim = start(&compiled, Steps::tolerance(tolerance).longest(5.0));
+        finish(&mut sim, 5.0);
+        let v = sim.state("drag").or_else(|| sim.state("mass.p")).or_else(|| sim.state("mass")).unwrap_or(f64::NAN) / 2.0;
+        close(v, 4.0 / 6.0, 100.0 * tolerance, &format!("v at a tolerance of {tolerance}"));
+        let steps = sim.summary().regions[0].steps;
+        assert!(steps < 20_000, "{steps} steps at a tolerance of {tolerance}");
+    }
+}
+
+/// A dependent mass shows its true force.
+#[test]
+fn dependent_storages_show_their_true_effort() {
+    let compiled = text(
+        "model Lever {
+          I:left = 3 kg
+          C:spring { stiffness = 200 N/m;  q0 = 0.05 m }
+          TF:lever = 2.5
+          I:right = 0.5 kg
+          1:v1 -> left, spring, lever
+          lever -> 1:v2 -> right
+          probe x = spring.q
+          probe force = right.e
+          probe ratio = v2.f - 2.5*v1.f
+        }",
+    );
+    let (m, k) = (3.0 + 2.5 * 2.5 * 0.5, 200.0f64);
+    let w = (k / m).sqrt();
+    let mut sim = start(&compiled, Steps::fixed(0.01));
+    for i in 1..=100 {
+        let t = f64::from(i) * 0.05;
+        advance(&mut sim, t);
+        close(probe(&mut sim, "x"), 0.05 * (w * t).cos(), 1e-13, &format!("x at {t}"));
+        let acceleration = -2.5 * 0.05 * w * w * (w * t).cos();
+        close(probe(&mut sim, "force"), 0.5 * acceleration, 1e-11, &format!("force at {t}"));
+        assert_eq!(probe(&mut sim, "ratio"), 0.0);
+    }
+}
