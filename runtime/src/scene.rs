@@ -75,6 +75,8 @@ pub struct Entries {
     pub region: usize,
     /// H at the end of the step.
     pub energy: usize,
+    /// Sum of the magnitudes of the storages' energies: the same output where none can be negative.
+    pub size: usize,
     /// Energy in by each source: name, output.
     pub supplied: Vec<(String, usize)>,
     /// Energy lost in each resistor: name, output.

@@ -149,3 +149,8 @@ pub fn close(found: f64, wanted: f64, tolerance: f64, what: &str) {
     let off = (found - wanted).abs();
     assert!(off <= tolerance, "{what}: {found:e} where {wanted:e} is wanted, off by {off:e} > {tolerance:e}");
 }
+
+/// How many cases a property is tried with; `PROPTEST_CASES` says otherwise.
+pub fn cases(usual: u32) -> u32 {
+    std::env::var("PROPTEST_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(usual)
+}

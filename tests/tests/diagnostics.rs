@@ -31,9 +31,6 @@ fn rendered(d: &Diagnostic, sources: &Sources) -> String {
     d.render(sources).replace("../models/", "models/")
 }
 
-/// Files whose diagnostics are known to be wrong.
-const KNOWN: [&str; 1] = ["invalid/undetermined"];
-
 fn check(file: &std::path::Path, text: &str) -> String {
     let title = title(file);
     let list = match Options::new().compile_file(file) {
@@ -59,20 +56,9 @@ fn check(file: &std::path::Path, text: &str) -> String {
 #[test]
 fn every_invalid_model_brings_what_it_says() {
     for (path, text) in texts("invalid") {
-        if KNOWN.contains(&title(&path).as_str()) {
-            continue;
-        }
         let all = check(&path, &text);
         insta::assert_snapshot!(title(&path).replace('/', "_"), all);
     }
-}
-
-/// Two Sf on one 0-junction: nothing gives its effort. What is said is that it gets two.
-#[test]
-#[ignore = "two flow sources on a 0-junction are called two efforts"]
-fn a_junction_without_effort_is_called_that() {
-    let path = crate::common::models().join("invalid/undetermined.bond");
-    check(&path, &crate::common::read(&path));
 }
 
 /// An error of a used file is told in that file.
@@ -85,7 +71,7 @@ fn errors_of_used_files_are_told_there() {
 
 #[test]
 fn empty_and_odd_texts_are_refused() {
-    for text in ["", "\n", "model", "}", "\u{feff}", "model M {}", "model M(", "\0", "🙂"] {
+    for text in ["", "\n", "model", "}", "\u{feff}", "model M(", "\0", "🙂"] {
         let list = errors(text);
         assert!(!list.list().is_empty());
     }

@@ -81,7 +81,9 @@ fn every_expectation_holds() {
 fn check(compiled: &Compiled) -> Vec<String> {
     let expectations = &compiled.scene().probes.expectations;
     let end = stop(compiled);
-    let mut times: Vec<f64> = (0..=ROWS).map(|k| f64::from(k) * end / f64::from(ROWS)).collect();
+    let every = compiled.stages().model.settings.every.unwrap_or(end / f64::from(ROWS));
+    let mut times: Vec<f64> = (0..).map(|k| f64::from(k) * every).take_while(|t| *t < end * (1.0 - 1e-9)).collect();
+    times.push(end);
     for x in expectations {
         if let ExpectationKind::At { time, .. } = x.kind {
             times.push(time);

@@ -1,7 +1,7 @@
 //! Valid models with something knocked out or put in: whatever comes, nothing panics.
 
-use crate::common::texts;
 use bond::{Options, Steps};
+use crate::common::{cases, texts};
 use proptest::prelude::*;
 
 /// Words and signs that mean something.
@@ -59,7 +59,7 @@ fn changed(text: &str, changes: &[Change]) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(400), failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn nothing_panics(which in any::<prop::sample::Index>(), changes in prop::collection::vec(change(), 1..6)) {

@@ -1,5 +1,6 @@
 //! Random connected bond graphs: assignment ends, D is skew, `show` is the same on two runs, the balance closes.
 
+use crate::common::cases;
 use bond::{Options, RunError, Steps};
 use proptest::prelude::*;
 use std::fmt::Write;
@@ -118,11 +119,8 @@ fn text(junctions: &[Junction], parts: &[Part], loops: &[(prop::sample::Index, p
     all + &bonds + "}\n"
 }
 
-/// How many of the graphs of a run compile, that the property is not an empty one.
-static COMPILED: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
-
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(600), failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn graphs(
@@ -141,7 +139,6 @@ proptest! {
                 return Ok(());
             }
         };
-        COMPILED.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let stages = compiled.stages();
         if let Err(why) = stages.form.validate(&stages.model.pool) {
             prop_assert!(false, "{why}\n{text}");

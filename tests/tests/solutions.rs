@@ -65,11 +65,11 @@ fn driven(force: &str, solution: impl Fn(f64) -> f64) {
           I:mass = 2 kg
           R:drag = 3 N*s/m
           force -> 1:v -> mass, drag
-          probe v = mass.f
+          probe speed = mass.f
         }}"
     ));
     for step in [0.01, 0.1, 0.7] {
-        for (t, v) in trace(&compiled, Steps::fixed(step), 0.35, 40, "v") {
+        for (t, v) in trace(&compiled, Steps::fixed(step), 0.35, 40, "speed") {
             let wanted = solution(t);
             close(v, wanted, 1e-12 * wanted.abs().max(1.0), &format!("{force}: v at {t} with steps of {step}"));
         }
@@ -176,7 +176,8 @@ fn gonzalez_has_no_error_on_free_fall() {
     }
 }
 
-/// v' = -b v^2/m is solved by v0/(1 + b v0 t/m); adaptive steps meet their tolerance.
+/// v' = -b v^2/m is solved by v0/(1 + b v0 t/m). The tolerance is for a step; at order 2 its error goes with h^3, and that of
+/// the run with h^2.
 #[test]
 fn adaptive_steps_meet_their_tolerance() {
     let path = crate::common::models().join("elements/R_law.bond");
@@ -185,7 +186,7 @@ fn adaptive_steps_meet_their_tolerance() {
         let mut sim = start(&compiled, Steps::tolerance(tolerance).longest(5.0));
         finish(&mut sim, 5.0);
         let v = sim.state("drag").or_else(|| sim.state("mass.p")).or_else(|| sim.state("mass")).unwrap_or(f64::NAN) / 2.0;
-        close(v, 4.0 / 6.0, 100.0 * tolerance, &format!("v at a tolerance of {tolerance}"));
+        close(v, 4.0 / 6.0, 2.0 * tolerance.powf(2.0 / 3.0), &format!("v at a tolerance of {tolerance}"));
         let steps = sim.summary().regions[0].steps;
         assert!(steps < 20_000, "{steps} steps at a tolerance of {tolerance}");
     }

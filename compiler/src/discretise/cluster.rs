@@ -1,7 +1,7 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
 use super::{Method, exact, explicit, gonzalez, hold, instant, is_time, ray, unfit};
-use crate::expression::{Expr, Pool, Symbol};
+use crate::expression::{Expr, Pool, Sign, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model, Signal};
 use crate::structure::{ColumnId, Form, Output, Role};
@@ -435,7 +435,7 @@ impl Cluster {
 
     /// Names of the ledger's entries, with the outputs reserved in a builder: means first, then for each region H, sources and
     /// ports, resistors.
-    pub(super) fn reserve(&self, b: &mut Builder, form: &Form) -> Vec<Entries> {
+    pub(super) fn reserve(&self, pool: &Pool, b: &mut Builder, form: &Form) -> Vec<Entries> {
         use bond_runtime::ir::Array;
         for c in &self.ports {
             b.named(Array::Output, format!("mean({})", form.column(*c).name));
@@ -445,6 +445,11 @@ impl Cluster {
             let name = &form.regions[r.at()].name;
             let mut e = Entries { region: r.at(), ..Entries::default() };
             e.energy = b.named(Array::Output, format!("H({name})")).index as usize;
+            let signed = |g: &&Group| !pool.sign(g.energy, &|_| Sign::Unknown).is_nonnegative();
+            e.size = match self.groups.iter().filter(|g| g.region == *r).find(signed) {
+                Some(_) => b.named(Array::Output, format!("size({name})")).index as usize,
+                None => e.energy,
+            };
             let here = |c: &ColumnId| form.column(*c).region == *r;
             let sources = self.nodes.iter().filter(|n| n.is_source).map(|n| n.column);
             let mut inputs: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();

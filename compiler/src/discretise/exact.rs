@@ -436,7 +436,7 @@ fn program(
     let mut linear = rows.linear.clone();
     let size = linear.n + linear.m;
     let mut b = Builder::new(c.title(form, if with_ledger { "exact step" } else { "exact glance" }));
-    let entries = c.reserve(&mut b, form);
+    let entries = c.reserve(&model.pool, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let w = b.slots(Array::Local, size);

@@ -33,7 +33,7 @@ pub(super) fn write(
 ) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let tableau: &[(f64, f64)] = if method == Method::Euler { &EULER } else { &RK4 };
     let mut b = Builder::new(c.title(form, &format!("{} step", method.name())));
-    let entries = c.reserve(&mut b, form);
+    let entries = c.reserve(&model.pool, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut guesses = inputs.guesses.clone();
     let mut stages: Vec<Stage> = Vec::new();

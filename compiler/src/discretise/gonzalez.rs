@@ -80,6 +80,10 @@ pub(super) fn measures(
     }
     if let Some(h) = c.h {
         let h = model.pool.var(h);
+        let mut lowering = lowering.clone();
+        for (z, guess) in c.loops.iter().zip(&inputs.guesses) {
+            lowering.bind(*z, *guess);
+        }
         for w in write::loop_weights(c, model, form, h) {
             weight.push(lowering.lower(&model.pool, b, w).map_err(|s| missing(model, s))?);
         }
@@ -92,7 +96,7 @@ pub(super) fn measures(
 /// Writes the step.
 pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "gonzalez step"));
-    let entries = c.reserve(&mut b, form);
+    let entries = c.reserve(&model.pool, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let map = midpoint(c, &mut model.pool, form);

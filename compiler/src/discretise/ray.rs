@@ -17,7 +17,7 @@ use rustc_hash::FxHashMap;
 /// Writes the step.
 pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "ray step"));
-    let mut entries = c.reserve(&mut b, form);
+    let mut entries = c.reserve(&model.pool, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let flat = instant::outputs(c, model, form, &mut b, &mut lowering, &inputs.guesses)?;

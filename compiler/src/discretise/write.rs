@@ -2,8 +2,8 @@
 
 use super::cluster::{Cluster, input, missing};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
-use crate::model::Model;
-use crate::structure::{Form, gain};
+use crate::model::{Law, Model};
+use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Newton, Slot, Unary, Value};
 use bond_runtime::scene::Entries;
@@ -154,22 +154,31 @@ pub(super) fn curvatures(c: &Cluster, model: &mut Model) -> Vec<Expr> {
     list
 }
 
-/// Energy per square of each loop's unknown: h over its resistor's gain, 0 where that is not constant.
+/// Energy per square of each loop's unknown, in terms of states and loops: h over the slope of its resistor's law; for a law that
+/// is run backwards, h times it.
 pub(super) fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Expr> {
+    if c.loops.is_empty() {
+        return Vec::new();
+    }
+    let map = c.at_instant(form);
+    let flat = c.flat(&mut model.pool, map);
     let mut list = Vec::new();
     for z in &c.loops {
-        let node = c.nodes.iter().find(|n| n.out == *z).cloned();
-        let gain = node
-            .as_ref()
-            .and_then(|n| gain(model, form, n.column, n.how))
-            .filter(|g| model.pool.constant(*g).is_some());
-        list.push(match gain {
-            Some(g) => {
-                let w = model.pool.div(h, g);
-                model.pool.unary(Unary::Abs, w)
-            }
-            None => model.pool.int(0),
-        });
+        let node = c.nodes.iter().find(|n| n.out == *z);
+        let law = node.map(|n| &model.element(form.column(n.column).element).law);
+        let (Some(node), Some(Law::Resistor(law))) = (node, law) else {
+            list.push(model.pool.int(0));
+            continue;
+        };
+        let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(node.column).gives);
+        let slope = model.pool.derivative(output, argument);
+        let at = if forward { input(&mut model.pool, form, node.column) } else { model.pool.var(*z) };
+        let at = model.pool.substitute(at, &flat);
+        let map: FxHashMap<Symbol, Expr> = std::iter::once((argument, at)).collect();
+        let slope = model.pool.substitute(slope, &map);
+        let slope = model.pool.substitute(slope, &flat);
+        let w = if forward { model.pool.div(h, slope) } else { model.pool.mul(h, slope) };
+        list.push(model.pool.unary(Unary::Abs, w));
     }
     list
 }
@@ -227,6 +236,16 @@ pub(super) fn energies(
         let h = c.energy(&mut model.pool, *r);
         let v = at.lower(&model.pool, b, h).map_err(|s| missing(model, s))?;
         b.store(Slot::new(Array::Output, e.energy), v);
+        if e.size == e.energy {
+            continue;
+        }
+        let mut size = b.number(0.0);
+        for g in c.groups.iter().filter(|g| g.region == *r) {
+            let v = at.lower(&model.pool, b, g.energy).map_err(|s| missing(model, s))?;
+            let v = b.unary(Unary::Abs, v);
+            size = b.add(size, v);
+        }
+        b.store(Slot::new(Array::Output, e.size), size);
     }
     Ok(())
 }

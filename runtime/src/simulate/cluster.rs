@@ -8,6 +8,8 @@ use crate::ledger::Sum;
 use crate::scene::{Cluster, Respond, Stepper};
 use std::collections::HashMap;
 
+/// So many steps in a row may be shorter than this part of the usual one; then a run does not get on, and stops.
+const CRAWL: (u32, f64) = (20_000, 1e-5);
 /// What a balance is measured against at least, as a part of the largest energy held or turned over in a step: a residual of
 /// 1e-24 of that is rounding, whatever the step did.
 const TRACE: f64 = 1e-12;
@@ -113,6 +115,8 @@ pub(super) struct Run {
     h: f64,
     /// Length of the next adaptive step.
     ahead: f64,
+    /// Steps in a row that were far smaller than the usual one.
+    crawl: u32,
     largest: Vec<f64>,
     curvature: Vec<f64>,
     adaptive: Option<f64>,
@@ -183,6 +187,7 @@ impl Run {
             count: 0,
             h: options.step.unwrap_or(options.default_step),
             ahead: options.default_step,
+            crawl: 0,
             adaptive: if is_exact { None } else { options.tolerance },
             fixed: options.step,
             default_step: options.default_step,
@@ -358,6 +363,7 @@ impl Run {
     ) -> Result<f64, Error> {
         let order = f64::from(c.step.order.max(1));
         let mut last_failure = None;
+        let mut refused: Option<(f64, f64)> = None;
         if let Some(guards) = &mut self.guards {
             self.input[0] = t;
             if let Ok(out) = guards.run(&self.state, &self.input) {
@@ -384,13 +390,23 @@ impl Run {
             }
             match self.attempt(c, t, h) {
                 Ok(error) => {
+                    self.crawl = if h < CRAWL.1 * self.default_step { self.crawl + 1 } else { 0 };
+                    if self.crawl > CRAWL.0 {
+                        let region = names.get(self.index).cloned().unwrap_or_default();
+                        return Err(Error::TooSmall { time: t, region, step: h });
+                    }
                     let ratio = error / tolerance;
                     let factor = (0.9 * ratio.max(1e-12).powf(-1.0 / (order + 1.0))).clamp(0.2, 4.0);
-                    if ratio > 1.0 {
+                    // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small enough.
+                    let vain = h < 1e-3 * self.default_step
+                        && refused.is_some_and(|(longer, worse)| h < 0.5 * longer && error > 0.25 * worse);
+                    if ratio > 1.0 && !vain {
                         self.ahead = h * factor.min(0.9);
                         self.rejected += 1;
+                        refused = Some((h, error));
                         continue;
                     }
+                    let factor = if vain { 2.0 } else { factor };
                     let planned = h;
                     if let Some(kink) = self.kink(c, t, h) {
                         h = kink;
@@ -411,7 +427,7 @@ impl Run {
                 }
                 Err(why) => {
                     last_failure = Some(why);
-                    self.ahead = 0.5 * h;
+                    self.ahead = 0.25 * h;
                     self.rejected += 1;
                 }
             }
@@ -492,11 +508,7 @@ impl Run {
                 worst = worst.max(if size > 0.0 { off / size } else { f64::INFINITY });
             }
         }
-        // From rest at zero there is no size yet: any step is as good, but it must be a small one.
-        if worst.is_infinite() && self.state[..c.states].iter().all(|x| *x == 0.0) {
-            return Ok(if h > self.default_step * 1e-6 { f64::MAX } else { 0.0 });
-        }
-        Ok(if worst.is_nan() { f64::MAX } else { worst })
+        Ok(if worst.is_finite() { worst } else { f64::MAX })
     }
 
     /// The state at `t`, without keeping it.
@@ -610,7 +622,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) {
         let residual = (h - b.h) - ((supplied - dissipated) + leap);
         // A step in which next to nothing moves is measured against a trace of the largest energy seen.
         let trace = TRACE * b.h_max.max(b.turnover_max);
-        let scale = h.abs().max(b.h.abs()).max(turnover).max(trace);
+        let scale = out[e.size].abs().max(b.h.abs()).max(turnover).max(trace);
         if scale > 0.0 {
             b.worst = b.worst.max(residual.abs() / scale);
             b.gained = b.gained.max(-least / scale);
