@@ -5,9 +5,12 @@ use bond::Options;
 
 #[test]
 fn strokes() {
-    for (name, scene) in
-        [("virtual_wall", "VirtualWall"), ("quarter_car", "QuarterCar"), ("dc_motor", "DcMotor"), ("wheatstone", "Wheatstone")]
-    {
+    for (name, scene) in [
+        ("virtual_wall", "VirtualWall"),
+        ("quarter_car", "QuarterCar"),
+        ("dc_motor", "DcMotor"),
+        ("wheatstone", "Wheatstone"),
+    ] {
         insta::assert_snapshot!(format!("causality_{name}"), example(name, scene).show("causality"));
     }
 }

@@ -42,7 +42,9 @@ pub fn scenes(text: &str) -> Vec<String> {
     let id = sources.add("scene.bond", text);
     let (file, _) = bond_grammar::parse(&sources, id);
     let runs = |item: &Item| match item {
-        Item::Model(m) if m.body.iter().any(|s| matches!(s.kind, StatementKind::Simulate(_))) => Some(m.name.text.clone()),
+        Item::Model(m) if m.body.iter().any(|s| matches!(s.kind, StatementKind::Simulate(_))) => {
+            Some(m.name.text.clone())
+        }
         Item::Model(_) | Item::Use(_) => None,
     };
     file.items.iter().filter_map(runs).collect()

@@ -27,7 +27,8 @@ fn rows(compiled: &Compiled) -> String {
         if let Err(e) = sim.advance(t) {
             return format!("{all}{e}");
         }
-        let row: Vec<String> = sim.probes().map(|p| p.iter().map(|x| x.to_bits().to_string()).collect()).unwrap_or_default();
+        let row: Vec<String> =
+            sim.probes().map(|p| p.iter().map(|x| x.to_bits().to_string()).collect()).unwrap_or_default();
         all.push_str(&row.join(","));
         all.push('\n');
     }

@@ -5,14 +5,21 @@ use bond::{As, Options, What};
 
 #[test]
 fn graphs() {
-    for (name, scene) in [("virtual_wall", "VirtualWall"), ("rc_ladder", "RcLadder"), ("crane", "Crane"), ("two_rates", "TwoRates")] {
+    for (name, scene) in
+        [("virtual_wall", "VirtualWall"), ("rc_ladder", "RcLadder"), ("crane", "Crane"), ("two_rates", "TwoRates")]
+    {
         insta::assert_snapshot!(format!("graph_{name}"), example(name, scene).show("graph"));
     }
 }
 
 #[test]
 fn regions() {
-    for (name, scene) in [("virtual_wall", "VirtualWall"), ("two_computers", "TwoComputers"), ("open_port", "Device"), ("sampled_mass", "SampledMass")] {
+    for (name, scene) in [
+        ("virtual_wall", "VirtualWall"),
+        ("two_computers", "TwoComputers"),
+        ("open_port", "Device"),
+        ("sampled_mass", "SampledMass"),
+    ] {
         insta::assert_snapshot!(format!("regions_{name}"), example(name, scene).show("regions"));
     }
 }

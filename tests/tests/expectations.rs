@@ -57,7 +57,9 @@ fn every_element_kind_has_its_model() {
 fn the_library_compiles() {
     for (path, text) in texts("library") {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let wrong = match Options::new().compile_str("t.bond", format!("use std.{name}\nmodel Empty {{ Se:u = 1 V R:r = 1 Ohm u -> r }}")) {
+        let wrong = match Options::new()
+            .compile_str("t.bond", format!("use std.{name}\nmodel Empty {{ Se:u = 1 V R:r = 1 Ohm u -> r }}"))
+        {
             Ok(_) => continue,
             Err(wrong) => wrong,
         };
@@ -97,7 +99,9 @@ fn check(compiled: &Compiled) -> Vec<String> {
         Err(why) => return vec![why],
     };
     let holds = |kind: &ExpectationKind| match kind {
-        ExpectationKind::Passive => Err(summary.reasons.join("; ")).or_else(|e| if summary.passive { Ok(()) } else { Err(e) }),
+        ExpectationKind::Passive => {
+            Err(summary.reasons.join("; ")).or_else(|e| if summary.passive { Ok(()) } else { Err(e) })
+        }
         ExpectationKind::At { output, time, target, tolerance } => {
             let row = rows.iter().find(|r| (r.0 - time).abs() <= 1e-12 * time).ok_or("there is no such row")?;
             let off = (row.1[*output] - target).abs();

@@ -100,7 +100,12 @@ fn no_hold_with_a_budget_gives_more_than_it_got() {
             let summary = sim.summary();
             let most = summary.regions.iter().map(|r| r.h_max.max(r.supplied.abs())).fold(0.0, f64::max);
             for r in &summary.regions {
-                assert!(r.debt_max <= 1e-12 * most, "{name} {scene}: `{}` owes {:e} J of {most:e} J", r.name, r.debt_max);
+                assert!(
+                    r.debt_max <= 1e-12 * most,
+                    "{name} {scene}: `{}` owes {:e} J of {most:e} J",
+                    r.name,
+                    r.debt_max
+                );
             }
         }
     }

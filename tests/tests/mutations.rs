@@ -1,13 +1,48 @@
 //! Valid models with something knocked out or put in: whatever comes, nothing panics.
 
-use bond::{Options, Steps};
 use crate::common::{cases, texts};
+use bond::{Options, Steps};
 use proptest::prelude::*;
 
 /// Words and signs that mean something.
 const PIECES: [&str; 38] = [
-    "->", "||>", "{", "}", "(", ")", "=", "model M {", "port p", "for i in 1..3 {", "if 1 > 0 {", "1 N", "q", "e", ".", ",", ";", "I:", "C:x",
-    "0", "1:", "-1", "^", "*", "/ 0", "sqrt(", "integral(", "t", "expect", "probe x =", "sampled at 10 Hz {", "[", "]", "->|", "\"", "//", "1e400",
+    "->",
+    "||>",
+    "{",
+    "}",
+    "(",
+    ")",
+    "=",
+    "model M {",
+    "port p",
+    "for i in 1..3 {",
+    "if 1 > 0 {",
+    "1 N",
+    "q",
+    "e",
+    ".",
+    ",",
+    ";",
+    "I:",
+    "C:x",
+    "0",
+    "1:",
+    "-1",
+    "^",
+    "*",
+    "/ 0",
+    "sqrt(",
+    "integral(",
+    "t",
+    "expect",
+    "probe x =",
+    "sampled at 10 Hz {",
+    "[",
+    "]",
+    "->|",
+    "\"",
+    "//",
+    "1e400",
     "TF:t = 0",
 ];
 

@@ -20,8 +20,10 @@ fn gonzalez_has_order_two_on_the_pendulum() {
     // Richardson's limit of two short steps is good to order 4.
     let (a, b) = (end(&compiled, Steps::fixed(2e-4), 2.0, "angle"), end(&compiled, Steps::fixed(1e-4), 2.0, "angle"));
     let wanted = b + (b - a) / 3.0;
-    let errors: Vec<f64> =
-        [0.02, 0.01, 0.005, 0.0025].iter().map(|h| (end(&compiled, Steps::fixed(*h), 2.0, "angle") - wanted).abs()).collect();
+    let errors: Vec<f64> = [0.02, 0.01, 0.005, 0.0025]
+        .iter()
+        .map(|h| (end(&compiled, Steps::fixed(*h), 2.0, "angle") - wanted).abs())
+        .collect();
     assert_order("gonzalez", &errors, 2.0, 0.1);
 }
 

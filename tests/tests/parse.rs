@@ -64,8 +64,14 @@ fn every_model_is_laid_out() {
 fn trees() {
     for (name, text) in [
         ("chain", "model M { F -> 1:v -> mass, spring\n v ||> wall.tip\n a ->| b\n a |-> b\n a -[name]-> b }"),
-        ("quantities", "model M(k = 1.5e3 kg*m^2, u = 10 N / m) { Se:F = 6 V * sin(t)  R:r { f = if e > 0 then e^2 else -e } }"),
-        ("sampled", "model M { sampled every 40 ms hold lagged budget off { Wall:w(k = 1 N/m) }\n sampled at 1 kHz method ray { C:c[i] = 1 F } }"),
+        (
+            "quantities",
+            "model M(k = 1.5e3 kg*m^2, u = 10 N / m) { Se:F = 6 V * sin(t)  R:r { f = if e > 0 then e^2 else -e } }",
+        ),
+        (
+            "sampled",
+            "model M { sampled every 40 ms hold lagged budget off { Wall:w(k = 1 N/m) }\n sampled at 1 kHz method ray { C:c[i] = 1 F } }",
+        ),
     ] {
         let (_, file, errors) = parsed(name, text);
         assert!(errors.is_empty(), "{}", errors.join(""));

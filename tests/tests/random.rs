@@ -171,12 +171,17 @@ proptest! {
 fn most_graphs_compile() {
     use proptest::strategy::ValueTree;
     use proptest::test_runner::{Config, TestRunner};
-    let mut runner = TestRunner::new_with_rng(Config::default(), proptest::test_runner::TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha));
+    let mut runner = TestRunner::new_with_rng(
+        Config::default(),
+        proptest::test_runner::TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha),
+    );
     let strategy = (prop::collection::vec(junction(), 1..8), prop::collection::vec(part(), 1..16));
     let mut sound = 0;
     for _ in 0..300 {
         let (junctions, parts) = strategy.new_tree(&mut runner).map(|t| t.current()).unwrap_or_default();
+        if let Err(e) = Options::new().compile_str("random.bond", text(&junctions, &parts, &[])) { eprintln!("CODE {} {}", e.list()[0].code, e.list()[0].message); if std::env::var("DUMP").is_ok_and(|c| e.list()[0].code.contains(&c)) { eprintln!("{e}\n{}", text(&junctions, &parts, &[])); } }
         sound += usize::from(Options::new().compile_str("random.bond", text(&junctions, &parts, &[])).is_ok());
     }
+    eprintln!("CODE sound {sound}");
     assert!(sound > 60, "only {sound} of 300 graphs compile");
 }

@@ -85,7 +85,9 @@ fn exact_driven_by_a_constant() {
 fn exact_driven_by_a_sine() {
     // v = F/(b^2 + m^2 w^2) (b sin - m w cos + m w exp(-b t/m)), w = 5
     let size = 4.0 / (9.0 + 100.0);
-    driven("4 N * sin(t*5 rad/s)", |t| size * (3.0 * (5.0 * t).sin() - 10.0 * (5.0 * t).cos() + 10.0 * (-1.5 * t).exp()));
+    driven("4 N * sin(t*5 rad/s)", |t| {
+        size * (3.0 * (5.0 * t).sin() - 10.0 * (5.0 * t).cos() + 10.0 * (-1.5 * t).exp())
+    });
 }
 
 #[test]
@@ -104,9 +106,7 @@ fn exact_driven_at_its_own_rate() {
 fn exact_driven_by_a_polynomial() {
     // v' + a v = t^2, a = 1.5
     let a: f64 = 1.5;
-    driven("2 N/s^2 * t^2", |t| {
-        t * t / a - 2.0 * t / a.powi(2) + 2.0 / a.powi(3) * (1.0 - (-a * t).exp())
-    });
+    driven("2 N/s^2 * t^2", |t| t * t / a - 2.0 * t / a.powi(2) + 2.0 / a.powi(3) * (1.0 - (-a * t).exp()));
 }
 
 #[test]
@@ -185,7 +185,8 @@ fn adaptive_steps_meet_their_tolerance() {
     for tolerance in [1e-4, 1e-6, 1e-8] {
         let mut sim = start(&compiled, Steps::tolerance(tolerance).longest(5.0));
         finish(&mut sim, 5.0);
-        let v = sim.state("drag").or_else(|| sim.state("mass.p")).or_else(|| sim.state("mass")).unwrap_or(f64::NAN) / 2.0;
+        let v =
+            sim.state("drag").or_else(|| sim.state("mass.p")).or_else(|| sim.state("mass")).unwrap_or(f64::NAN) / 2.0;
         close(v, 4.0 / 6.0, 2.0 * tolerance.powf(2.0 / 3.0), &format!("v at a tolerance of {tolerance}"));
         let steps = sim.summary().regions[0].steps;
         assert!(steps < 20_000, "{steps} steps at a tolerance of {tolerance}");

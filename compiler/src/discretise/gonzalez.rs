@@ -80,13 +80,7 @@ pub(super) fn measures(
     }
     if let Some(h) = c.h {
         let h = model.pool.var(h);
-        let mut lowering = lowering.clone();
-        for (z, guess) in c.loops.iter().zip(&inputs.guesses) {
-            lowering.bind(*z, *guess);
-        }
-        for w in write::loop_weights(c, model, form, h) {
-            weight.push(lowering.lower(&model.pool, b, w).map_err(|s| missing(model, s))?);
-        }
+        weight.extend(write::weights_of_loops(c, model, form, b, lowering, &inputs.guesses, h)?);
     }
     let mut scale: Vec<Value> = inputs.states.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
     scale.extend(inputs.guesses.iter().map(|x| b.unary(Unary::Abs, *x)));

@@ -69,9 +69,10 @@ fn respond(
     } else {
         let residuals =
             c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
-        let zero = b.number(0.0);
+        let one = model.pool.int(1);
+        let weight = write::weights_of_loops(c, model, form, &mut b, &lowering, &inputs.guesses, one)?;
         let scale = inputs.guesses.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
-        (c.loops.clone(), residuals, inputs.guesses.clone(), vec![zero; c.loops.len()], scale)
+        (c.loops.clone(), residuals, inputs.guesses.clone(), weight, scale)
     };
     let matched = hold == Hold::Matched;
     if matched {

@@ -29,13 +29,15 @@ pub(super) fn outputs(
     let flat = c.flat(&mut model.pool, map);
     let residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
-    let zero = b.number(0.0);
+    // Power counts here as energy does in a step.
+    let one = model.pool.int(1);
+    let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let scale = guesses.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
     let system = System {
         unknowns: &c.loops,
         start: guesses.to_vec(),
         residuals,
-        weight: vec![zero; c.loops.len()],
+        weight,
         scale,
         flag: None,
     };

@@ -156,7 +156,7 @@ pub(super) fn curvatures(c: &Cluster, model: &mut Model) -> Vec<Expr> {
 
 /// Energy per square of each loop's unknown, in terms of states and loops: h over the slope of its resistor's law; for a law that
 /// is run backwards, h times it.
-pub(super) fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Expr> {
+fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Expr> {
     if c.loops.is_empty() {
         return Vec::new();
     }
@@ -181,6 +181,24 @@ pub(super) fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr)
         list.push(model.pool.unary(Unary::Abs, w));
     }
     list
+}
+
+/// The values of [`loop_weights`] at the guesses.
+pub(super) fn weights_of_loops(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    b: &mut Builder,
+    lowering: &Lowering,
+    guesses: &[Value],
+    h: Expr,
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let mut lowering = lowering.clone();
+    for (z, guess) in c.loops.iter().zip(guesses) {
+        lowering.bind(*z, *guess);
+    }
+    let weights = loop_weights(c, model, form, h);
+    weights.into_iter().map(|w| lowering.lower(&model.pool, b, w).map_err(|s| missing(model, s))).collect()
 }
 
 /// Stores the ledger's terms of a step whose outputs are all given by `flat` (means over the step) and the port means.

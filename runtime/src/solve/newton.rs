@@ -16,7 +16,7 @@
 //! - Done where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
 //!   small(t) with `t = min(1e-8, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
 //!   `d |d|² / |e|²`, below rounding; or small(1e-10), where `|d|` is at least half of `|e|`: rounding keeps it from
-//!   falling.
+//!   falling; or small(1e-6), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown.
 //!
 //! What the body wrote to slots other than the unknowns belongs to the iterate before the last update.
 
@@ -24,6 +24,8 @@ use super::linear;
 use crate::ir;
 use crate::kernel::Failure;
 
+/// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly tell.
+const STALLS: u32 = 6;
 /// How often one update is halved at most.
 pub const HALVINGS: u32 = 30;
 
@@ -133,6 +135,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     let mut best = f64::INFINITY;
     let mut before: Option<f64> = None; // |d|² of the update made last
     let mut halvings = 0; // of the update made last
+    let mut stalls = 0; // updates in a row that were not much smaller than the one before
     for _ in 0..plan.limit {
         *count += 1;
         let residual = &mut scratch.residual[..n];
@@ -180,7 +183,8 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
             }
             None => false,
         };
-        if done {
+        stalls = if before.is_some_and(|last| square >= 0.25 * last) { stalls + 1 } else { 0 };
+        if done || (stalls >= STALLS && small(1e-6)) {
             return Ok(());
         }
         before = Some(square);
