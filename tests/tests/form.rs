@@ -45,7 +45,8 @@ fn forms_are_skew_and_symmetric_as_written() {
         for region in json["regions"].as_array().into_iter().flatten() {
             for (name, skew) in [("J", true), ("R", false), ("M", true), ("S", false)] {
                 let m = entries(&region[name]);
-                let entry = |i: usize, j: usize| m.get(i).and_then(|r: &Vec<String>| r.get(j)).map_or("", String::as_str);
+                let entry =
+                    |i: usize, j: usize| m.get(i).and_then(|r: &Vec<String>| r.get(j)).map_or("", String::as_str);
                 for (i, j) in (0..m.len()).flat_map(|i| (0..=i).map(move |j| (i, j))) {
                     let (a, b) = (entry(i, j), entry(j, i));
                     // Sums may be written in another order.

@@ -10,6 +10,8 @@ use std::collections::HashMap;
 
 /// So many steps in a row may be shorter than this part of the usual one; then a run does not get on, and stops.
 const CRAWL: (u32, f64) = (20_000, 1e-5);
+/// How often a fixed step that fails is halved.
+const HALVINGS: u32 = 12;
 /// What a balance is measured against at least, as a part of the largest energy held or turned over in a step: a residual of
 /// 1e-24 of that is rounding, whatever the step did.
 const TRACE: f64 = 1e-12;
@@ -326,11 +328,22 @@ impl Run {
         h: f64,
         moved: &mut Vec<f64>,
     ) -> Result<(), Error> {
+        self.split(c, names, t, h, moved, 0)
+    }
+
+    /// One step, kept; a step of a continuous cluster that fails is taken as two of half the length, and those likewise: a law
+    /// that switches may leave a step without a solution, and then the halves have one.
+    fn split(&mut self, c: &Cluster, names: &[String], t: f64, h: f64, moved: &mut Vec<f64>, depth: u32) -> Result<(), Error> {
         self.prepare(names, h)?;
         self.input[0] = t;
         self.input[1] = h;
         if let Err(why) = self.step.run(&self.state, &self.input, h) {
-            return Err(self.failure(c, names, t, why));
+            if depth >= HALVINGS || c.period.is_some() || c.is_linear {
+                return Err(self.failure(c, names, t, why));
+            }
+            let half = 0.5 * h;
+            self.split(c, names, t, half, moved, depth + 1)?;
+            return self.split(c, names, t + half, half, moved, depth + 1);
         }
         self.state.copy_from_slice(&self.step.work.next);
         self.steps += 1;
