@@ -27,6 +27,9 @@ pub struct Linear {
     /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = L^T L`: a sum of squares keeps its digits where a form
     /// in entries would cancel.
     pub squares: Vec<Vec<f64>>,
+    /// Whether the change of the states is wanted where they change little: the rows of `exp(A h)` then lack their 1 on the
+    /// diagonal where [`Layout::keep`] says 1.
+    pub changes: bool,
 }
 
 /// Where things are in a [`table`]. All counts are of numbers.
@@ -37,13 +40,14 @@ pub struct Layout {
     means: usize,
     forms: usize,
     squares: usize,
+    changes: bool,
 }
 
 impl Layout {
     /// The layout of the table of a system.
     pub fn of(linear: &Linear) -> Self {
         let (means, forms, squares) = (linear.means.len(), linear.forms.len(), linear.squares.len());
-        Self { rows: linear.n, columns: linear.n + linear.m, means, forms, squares }
+        Self { rows: linear.n, columns: linear.n + linear.m, means, forms, squares, changes: linear.changes }
     }
 
     /// Start of the first `n` rows of `exp(A h)`, directly followed by their low-order part.
@@ -76,9 +80,14 @@ impl Layout {
         self.form(self.forms) + k * self.columns * self.columns
     }
 
+    /// Start of the `n` numbers, 1 or 0, that say how much of a state the rows of the exponential leave to be added.
+    pub fn keep(&self) -> usize {
+        self.square(self.squares)
+    }
+
     /// Length of the table.
     pub fn size(&self) -> usize {
-        self.square(self.squares)
+        self.keep() + if self.changes { self.rows } else { 0 }
     }
 }
 
@@ -125,10 +134,14 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
     let flow = Flow::new(size, &linear.a, &d, h).ok_or(Unfit::Overflow(h))?;
     let forms: Vec<Vec<f64>> = linear.forms.iter().map(|m| flow.form(m, &d)).collect();
     let mut table = Vec::with_capacity(Layout::of(linear).size());
+    let stays = |i: usize| linear.changes && (flow.exponential.get(i, i).high - 1.0).abs() <= 0.5;
+    let keep: Vec<f64> = (0..linear.n).map(|i| if stays(i) { 1.0 } else { 0.0 }).collect();
     let e: Vec<Twice> = (0..linear.n * size)
         .map(|k| {
             let (i, j) = (k / size, k % size);
-            flow.exponential.get(i, j).scale(d[i]).scale(1.0 / d[j]).uneven()
+            let entry = flow.exponential.get(i, j).scale(d[i]).scale(1.0 / d[j]);
+            let kept = if i == j { keep[i] } else { 0.0 };
+            entry.add(Twice::new(-kept)).uneven()
         })
         .collect();
     table.extend(e.iter().map(|x| x.high));
@@ -150,6 +163,9 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
     }
     for m in &linear.squares {
         table.extend(factor(size, flow.form(m, &d)));
+    }
+    if linear.changes {
+        table.extend(keep);
     }
     if table.iter().all(|x| x.is_finite()) { Ok(table) } else { Err(Unfit::Overflow(h)) }
 }

@@ -113,7 +113,7 @@ pub struct Cluster {
     pub states: usize,
     /// Integrals; they come next.
     pub integrals: usize,
-    /// What an iteration starts from; they come last.
+    /// What an iteration starts from; they come next, and last what rounding took from each energy state.
     pub guesses: usize,
     /// The state at the start.
     pub initial: Vec<f64>,

@@ -114,15 +114,12 @@ fn flows_that_cancel() {
     let law = "{ H = 0.5*p^2/5 kg + 0.1 s^2/(kg^3*m^2) * p^4; p0 = 0.2 N*s }";
     let compiled = crate::common::text(&format!(
         "model Cancel {{
-          R:a {{ e = 1 N*s/m * f + 0.3 N*s^3/m^3 * f^3 }}
-          R:b = 1 N*s/m
           I:x {law}
           I:y {law}
-          I:z = 1 kg
-          Se:push = 1 N * sin(t*1 rad/s)
-          0:j -> a, b, x
-          y -> j
-          1:k -> z, j, push
+          R:a = 1 N*s/m
+          R:b = 1 N*s/m
+          1:v -> x, 0:force
+          force -> a, b, y
         }}"
     ));
     let mut sim = compiled.simulate(Steps::fixed(0.01)).unwrap_or_else(|e| panic!("{e}"));

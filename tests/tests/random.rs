@@ -111,14 +111,16 @@ fn text(junctions: &[Junction], parts: &[Part], loops: &[(prop::sample::Index, p
             6..=8 if !zero[at] && std::mem::replace(&mut full[at], true) => 3,
             k => k,
         };
+        // Starts that differ: those that cancel are tried in `ledger::flows_that_cancel`.
+        let apart = 0.0123 * i as f64;
         let (name, law) = match (kind, p.curved) {
             (0, _) => ("Se", format!("= {v} N")),
             (1, _) => ("Sf", format!("= {} m/s", 0.1 * v)),
             (2, _) => ("Se", format!("= {v} N * sin(t*{v} rad/s)")),
             (3..=5, true) if p.value > 5 => ("C", format!("{{ H = {v} N/m * q^2 + 0.5 N/m^3 * q^4 }}")),
-            (3..=5, _) => ("C", format!("{{ stiffness = {v} N/m;  q0 = {} m }}", 0.1 * v - 0.4)),
+            (3..=5, _) => ("C", format!("{{ stiffness = {v} N/m;  q0 = {} m }}", 0.1 * v - 0.4 + apart)),
             (6..=8, true) if p.value > 5 => {
-                ("I", format!("{{ H = 0.5*p^2/{v} kg + 0.1 s^2/(kg^3*m^2) * p^4;  p0 = 0.2 N*s }}"))
+                ("I", format!("{{ H = 0.5*p^2/{v} kg + 0.1 s^2/(kg^3*m^2) * p^4;  p0 = {} N*s }}", 0.2 + apart))
             }
             (6..=8, _) => ("I", format!("= {v} kg")),
             (_, false) => ("R", format!("= {v} N*s/m")),

@@ -325,6 +325,16 @@ impl Cluster {
         pool.sum(&terms)
     }
 
+    /// Slots of the state: energy states, integrals, what loops start from, what rounding took from the energy states.
+    pub(super) fn slots(&self) -> usize {
+        self.carry_at() + self.states.len()
+    }
+
+    /// The first slot of what rounding took.
+    pub(super) fn carry_at(&self) -> usize {
+        self.states.len() + self.integrals.len() + self.loops.len()
+    }
+
     /// The finished cluster.
     pub(super) fn build(
         &mut self,
@@ -406,9 +416,11 @@ impl Cluster {
         let mut initial: Vec<f64> = self.states.iter().map(|s| s.initial).collect();
         initial.extend(self.integrals.iter().map(|i| i.start));
         initial.extend(self.loops.iter().map(|_| 0.0));
+        initial.extend(self.states.iter().map(|_| 0.0));
         let mut names: Vec<String> = self.states.iter().map(|s| s.name.clone()).collect();
         names.extend(self.integrals.iter().map(|i| model.pool.name(i.symbol).to_string()));
         names.extend(self.loops.iter().map(|z| model.pool.name(*z).to_string()));
+        names.extend(self.states.iter().map(|s| format!("carry({})", s.name)));
         Ok(scene::Cluster {
             period: sampling.as_ref().map(|s| s.period),
             hold: hold.map_or("", Hold::name),

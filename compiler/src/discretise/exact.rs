@@ -370,7 +370,7 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     if a.iter().any(|x| !x.is_finite()) {
         return None;
     }
-    let linear = Linear { n, m: size - n, a, ..Linear::default() };
+    let linear = Linear { n, m: size - n, a, changes: true, ..Linear::default() };
     Some(Rows { linear, system, outputs, inputs: input_rows, integrals })
 }
 
@@ -555,11 +555,17 @@ fn program(
             }
         }
     }
-    b.slots(Array::Next, n + c.integrals.len() + c.loops.len());
+    b.slots(Array::Next, c.slots());
     let mut values = Vec::new();
     for i in 0..n {
-        let v = b.load(Slot { array: Array::Local, index: next.index + i as u32 });
+        // Of a state that stays much as it is, the rows give the change.
+        let change = b.load(Slot { array: Array::Local, index: next.index + i as u32 });
+        let keep = b.load(Slot::new(Array::Table, layout.keep() + i));
+        let (base, carry) = (b.mul(keep, inputs.states[i]), b.load(inputs.carries[i]));
+        let carry = b.mul(keep, carry);
+        let (v, rest) = write::advance(&mut b, base, change, carry);
         b.store(Slot::new(Array::Next, i), v);
+        b.store(Slot::new(Array::Next, c.carry_at() + i), rest);
         values.push(v);
     }
     let (mut straight, mut squares) = (first_integral, ledger_forms);

@@ -68,8 +68,8 @@ pub(super) fn write(
         }
         sum.unwrap_or_else(|| b.number(0.0))
     };
-    let total = c.states.len() + c.integrals.len() + c.loops.len();
-    b.slots(Array::Next, total);
+    b.slots(Array::Next, c.slots());
+    write::no_carry(&mut b, c);
     let mut next = Vec::new();
     for (i, x) in inputs.states.iter().chain(&inputs.integrals).enumerate() {
         let n = c.states.len();

@@ -105,14 +105,20 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         &mut lowering,
         System { unknowns: &unknowns, start, residuals, weight, scale, flag: None },
     )?;
-    let mut next = Vec::new();
+    let (mut next, mut rests) = (Vec::new(), Vec::new());
     for (x, d) in inputs.states.iter().zip(&c.delta) {
         let d = model.pool.var(*d);
         let d = lowering.lower(&model.pool, &mut b, d).map_err(|s| missing(model, s))?;
-        next.push(b.add(*x, d));
+        let carry = b.load(inputs.carries[next.len()]);
+        let (v, rest) = write::advance(&mut b, *x, d, carry);
+        next.push(v);
+        rests.push(rest);
     }
     write::ledger(c, model, form, &mut b, &mut lowering, &flat, &entries, inputs.h)?;
-    let first = b.slots(Array::Next, c.states.len() + c.integrals.len() + c.loops.len()).index as usize;
+    let first = b.slots(Array::Next, c.slots()).index as usize;
+    for (i, v) in rests.iter().enumerate() {
+        b.store(Slot::new(Array::Next, c.carry_at() + i), *v);
+    }
     for (i, v) in next.iter().enumerate() {
         b.store(Slot::new(Array::Next, first + i), *v);
     }

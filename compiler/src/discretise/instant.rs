@@ -123,9 +123,5 @@ pub(super) fn write(
         let slot = b.named(Array::Output, name);
         b.store(Slot::new(Array::Output, slot.index as usize), v);
     }
-    // An observation leaves the states alone.
-    let n = c.states.len() + c.integrals.len() + c.loops.len();
-    b.slots(Array::Next, 0);
-    let _ = n;
     Ok((verified(model, b.finish())?, layout))
 }

@@ -134,7 +134,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         let x = inputs.states[next.len()];
         next.push(b.select(stands, x, chosen));
     }
-    b.slots(Array::Next, n + c.integrals.len() + c.loops.len());
+    b.slots(Array::Next, c.slots());
+    write::no_carry(&mut b, c);
     for (i, v) in next.iter().enumerate() {
         b.store(Slot::new(Array::Next, i), *v);
     }

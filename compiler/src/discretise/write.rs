@@ -16,6 +16,8 @@ pub(super) struct Inputs {
     pub(super) states: Vec<Value>,
     pub(super) integrals: Vec<Value>,
     pub(super) guesses: Vec<Value>,
+    /// What rounding took from each state.
+    pub(super) carries: Vec<Slot>,
     pub(super) env: Vec<(Symbol, Value)>,
 }
 
@@ -34,6 +36,7 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
     let states: Vec<Slot> = c.states.iter().map(|s| b.named(Array::State, s.name.clone())).collect();
     let integrals: Vec<Slot> = c.integrals.iter().map(|i| b.named(Array::State, model.pool.name(i.symbol))).collect();
     let guesses: Vec<Slot> = c.loops.iter().map(|z| b.named(Array::State, model.pool.name(*z))).collect();
+    let carries: Vec<Slot> = c.states.iter().map(|s| b.named(Array::State, format!("carry({})", s.name))).collect();
     let (t, h) = (b.load(t), b.load(h));
     let mut env: Vec<(Symbol, Value)> = env.into_iter().map(|(s, slot)| (s, b.load(slot))).collect();
     if let (Some(time), Some(step)) = (c.time, c.h) {
@@ -44,7 +47,24 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
     let (states, integrals, guesses) = (load(b, &states), load(b, &integrals), load(b, &guesses));
     env.extend(c.states.iter().map(|s| s.symbol).zip(states.iter().copied()));
     env.extend(c.integrals.iter().map(|i| i.symbol).zip(integrals.iter().copied()));
-    Inputs { t, h, states, integrals, guesses, env }
+    Inputs { t, h, states, integrals, guesses, carries, env }
+}
+
+/// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at rest under a
+/// flow of energy is off by up to half a digit, and so is each step's balance, always to the same side.
+pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value) {
+    let y = b.add(change, carry);
+    let next = b.add(x, y);
+    let done = b.sub(next, x);
+    (next, b.sub(y, done))
+}
+
+/// For steppers that carry nothing.
+pub(super) fn no_carry(b: &mut Builder, c: &Cluster) {
+    let zero = b.number(0.0);
+    for i in 0..c.states.len() {
+        b.store(Slot::new(Array::Next, c.carry_at() + i), zero);
+    }
 }
 
 /// A system of equations to be solved in a program.

@@ -13,8 +13,8 @@ const CRAWL: (u32, f64) = (20_000, 1e-5);
 /// How often a fixed step that fails is halved.
 const HALVINGS: u32 = 12;
 /// What a balance is measured against at least, as a part of the largest energy held or turned over in a step: a residual of
-/// 1e-24 of that is rounding, whatever the step did.
-const TRACE: f64 = 1e-12;
+/// 1e-23 of that is rounding, whatever the step did.
+const TRACE: f64 = 1e-11;
 /// Tables for different step lengths kept at most.
 const TABLES: usize = 256;
 
