@@ -183,7 +183,13 @@ proptest! {
             Err(other) => return Err(TestCaseError::fail(format!("{other}\n{text}"))),
         }
         let summary = sim.summary();
-        prop_assert!(summary.worst_step <= 1e-10, "the balance is off by {:e}\n{text}", summary.worst_step);
+        let size = |r: &bond::RegionSummary| r.h_max.max(r.supplied.abs()).max(r.dissipated.abs());
+        let largest = summary.regions.iter().map(size).fold(0.0, f64::max);
+        for r in &summary.regions {
+            // Where all of a region's flows cancel, its energies are the rounding of what goes on around it.
+            let nothing = size(r) <= 1e-14 * largest;
+            prop_assert!(nothing || r.worst_step <= 1e-10, "the balance of {} is off by {:e}\n{text}", r.name, r.worst_step);
+        }
         for bar in &summary.bars {
             prop_assert!(bar.difference == 0.0, "the sides of {} differ by {:e}\n{text}", bar.name, bar.difference);
         }

@@ -152,15 +152,17 @@ impl<'a> Elaborator<'a> {
         true
     }
 
-    fn declare_let(&mut self, scope: ScopeId, name: &'a Name, value: &'a Expr) {
+    /// Declares a name for an expression; its place among the `lets`, if the name was free.
+    fn declare_let(&mut self, scope: ScopeId, name: &'a Name, value: &'a Expr) -> Option<usize> {
         let index = self.lets.len();
         let entity = Entity::Let(index);
         if self.scopes[scope].loop_variable.is_some() {
             self.scopes[scope].locals.insert(name.text.clone(), entity);
         } else if !self.declare(self.scopes[scope].instance, name.text.clone(), entity, name.span) {
-            return;
+            return None;
         }
         self.lets.push(Let { value, scope, state: super::LetState::New, name: name.text.clone() });
+        Some(index)
     }
 
     fn block(
@@ -236,11 +238,11 @@ impl<'a> Elaborator<'a> {
                 }
                 StatementKind::Probe(name, value) => {
                     // A probe can be named like a `let`, in an `expect` above all.
-                    self.declare_let(scope, name, value);
+                    let Some(value) = self.declare_let(scope, name, value) else { continue };
                     let full = self.full_name(instance, &self.looped(scope, &name.text));
                     // A part's probes are for those who run the part alone.
                     if scene {
-                        self.probes.push((full, name.span, value, scope));
+                        self.probes.push((full, name.span, value));
                     }
                 }
                 StatementKind::Simulate(fields) => {

@@ -102,12 +102,6 @@ impl<'a> Elaborator<'a> {
         self.energies[id.at()] = Some(energy);
     }
 
-    /// An expression of a probe or `let`.
-    pub(super) fn output(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Typed> {
-        self.mode = Mode::Outputs;
-        self.express(e, scope)
-    }
-
     /// An expression of an `expect`, and the extremes in it.
     pub(super) fn expected(
         &mut self,
@@ -577,7 +571,7 @@ impl<'a> Elaborator<'a> {
         Some(Typed { expr: self.pool.var(symbol), unit })
     }
 
-    fn let_value(&mut self, l: usize, at: Span) -> Option<Typed> {
+    pub(super) fn let_value(&mut self, l: usize, at: Span) -> Option<Typed> {
         match self.lets[l].state.clone() {
             LetState::Done(t) => t,
             LetState::Open => {

@@ -185,7 +185,8 @@ impl<'a> Elaborator<'a> {
 
     fn make_probes(&mut self) -> Vec<(String, Span, Typed)> {
         let list = std::mem::take(&mut self.probes);
-        list.into_iter().filter_map(|(name, span, ast, scope)| Some((name, span, self.output(ast, scope)?))).collect()
+        self.mode = Mode::Outputs;
+        list.into_iter().filter_map(|(name, span, value)| Some((name, span, self.let_value(value, span)?))).collect()
     }
 
     /// Says which `--set` met no parameter.

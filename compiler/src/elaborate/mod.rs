@@ -145,7 +145,8 @@ pub(crate) struct Elaborator<'a> {
     ports: Vec<PortDecl>,
     raw_bonds: Vec<RawBond>,
     samplings: Vec<Sampling>,
-    probes: Vec<(String, Span, &'a ast::Expr, ScopeId)>,
+    /// Name, place, and which `let` it is.
+    probes: Vec<(String, Span, usize)>,
     simulate: Vec<(&'a [ast::Field], ScopeId)>,
     expects: Vec<(&'a ast::Expect, Span, ScopeId)>,
     rounds: u64,
