@@ -128,11 +128,11 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     };
     for (id, bond) in one_ports(&[Kind::Se, Kind::Sf, Kind::De, Kind::Df]) {
         let Some(gives) = forced(model.element(id).kind) else { continue };
-        if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), Cause::Source(id)) {
-            if !seen.contains(&c.causes()) {
-                seen.push(c.causes());
-                errors.push(c.diagnose(&a));
-            }
+        if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), Cause::Source(id))
+            && !seen.contains(&c.causes())
+        {
+            seen.push(c.causes());
+            errors.push(c.diagnose(&a));
         }
     }
     for (i, bond) in model.bonds.iter().enumerate() {

@@ -9,6 +9,9 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use bond_runtime::ir;
 
+/// An extreme over the run: its symbol, what it is of, and whether it is the largest.
+type Extreme = (Symbol, crate::expression::Expr, bool);
+
 impl<'a> Elaborator<'a> {
     /// Asks for a unit.
     pub(crate) fn require(
@@ -107,7 +110,7 @@ impl<'a> Elaborator<'a> {
         &mut self,
         e: &'a ast::Expr,
         scope: ScopeId,
-    ) -> Option<(Typed, Vec<(Symbol, crate::expression::Expr, bool)>)> {
+    ) -> Option<(Typed, Vec<Extreme>)> {
         self.mode = Mode::Expect;
         self.extremes.clear();
         let typed = self.express(e, scope)?;

@@ -249,11 +249,11 @@ fn scene(files: &Files, options: &Options, at: Span) -> Result<load::ModelRef, D
         })
     };
     match &options.model {
-        None => models().last().map(|(i, _)| (0, i)).ok_or_else(|| {
+        None => models().next_back().map(|(i, _)| (0, i)).ok_or_else(|| {
             Diagnostic::error("elaborate::empty", at, "there is no model in this file")
                 .help("write `model Name { ... }`")
         }),
-        Some(name) => models().filter(|(_, m)| m.name.text == *name).last().map(|(i, _)| (0, i)).ok_or_else(|| {
+        Some(name) => models().rfind(|(_, m)| m.name.text == *name).map(|(i, _)| (0, i)).ok_or_else(|| {
             let known: Vec<&str> = models().map(|(_, m)| m.name.text.as_str()).collect();
             Diagnostic::error("elaborate::model", at, format!("there is no model `{name}` in this file"))
                 .help(format!("its models are {}", known.join(", ")))

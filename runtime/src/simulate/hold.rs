@@ -16,6 +16,8 @@ pub(super) struct Held {
     pub(super) q: f64,
     /// Energy that crossed since the last sample, where the other side is sampled too and may have latched earlier values.
     pub(super) w: f64,
+    /// Energy that crossed in the interval that ended last.
+    pub(super) crossed: f64,
     /// The answer of the last interval.
     pub(super) last_q: f64,
     /// alpha of the last two intervals, and the held variable of the last two.

@@ -6,6 +6,14 @@ use super::summary::{BarSummary, ElementEnergy, RegionSummary, Summary};
 use super::{Error, Options};
 use crate::scene::{Respond, Scene};
 
+/// The clusters of some signals, each once.
+fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<usize> {
+    let mut list: Vec<usize> = signals.into_iter().map(|s| s.0).collect();
+    list.sort_unstable();
+    list.dedup();
+    list
+}
+
 /// A scene that runs.
 pub struct Simulation<'a> {
     scene: &'a Scene,
@@ -31,6 +39,28 @@ pub struct Simulation<'a> {
     time: f64,
     last_sample: f64,
     respond_input: Vec<Vec<f64>>,
+    /// Clusters whose signals others read, and those that probes read.
+    read: Vec<usize>,
+    probed: Vec<usize>,
+    scratch: Scratch,
+}
+
+/// Room for what a sample works out, so that taking one allocates nothing.
+#[derive(Default)]
+struct Scratch {
+    due: Vec<usize>,
+    changes: Vec<f64>,
+    alpha: Vec<f64>,
+    values: Vec<f64>,
+    q: Vec<f64>,
+}
+
+impl Scratch {
+    /// For so many clusters, and ports held by one of them.
+    fn new(clusters: usize, ports: usize) -> Self {
+        let room = || Vec::with_capacity(ports);
+        Self { due: Vec::with_capacity(clusters), changes: room(), alpha: room(), values: room(), q: room() }
+    }
 }
 
 impl<'a> Simulation<'a> {
@@ -81,7 +111,6 @@ impl<'a> Simulation<'a> {
             scene,
             names,
             runs,
-            held,
             beta: vec![Vec::new(); n],
             gamma: vec![Vec::new(); n],
             decay: vec![Vec::new(); n],
@@ -95,6 +124,10 @@ impl<'a> Simulation<'a> {
             time: 0.0,
             last_sample: 0.0,
             respond_input,
+            read: distinct(scene.clusters.iter().flat_map(|c| &c.foreign)),
+            probed: distinct(&scene.probes.gather),
+            scratch: Scratch::new(n, held.iter().map(Vec::len).max().unwrap_or(0)),
+            held,
         };
         for i in s.order.clone() {
             s.find_beta(i);
@@ -184,10 +217,10 @@ impl<'a> Simulation<'a> {
                 continue;
             }
             // Steps of a cluster that samples concern are laid between two samples.
-            if let Some(end) = upcoming.filter(|_| self.connected[i]) {
-                if self.runs[i].time() <= self.last_sample * (1.0 + 1e-12) {
-                    self.lay(i, end);
-                }
+            if let Some(end) = upcoming.filter(|_| self.connected[i])
+                && self.runs[i].time() <= self.last_sample * (1.0 + 1e-12)
+            {
+                self.lay(i, end);
             }
             let mut moved = std::mem::take(&mut self.moved[i]);
             let result = self.runs[i].run_grid(c, &self.names, until, &mut moved);
@@ -230,23 +263,27 @@ impl<'a> Simulation<'a> {
         self.time = at;
         self.last_sample = at;
         self.collect();
-        let due: Vec<usize> = self
-            .order
-            .iter()
-            .copied()
-            .filter(|i| {
-                (self.next[*i] as f64 * self.scene.clusters[*i].period.unwrap_or(0.0) - at).abs() <= 1e-12 * at.abs()
-            })
-            .collect();
-        for &i in &due {
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let result = self.take(at, &mut scratch);
+        self.scratch = scratch;
+        result
+    }
+
+    fn take(&mut self, at: f64, scratch: &mut Scratch) -> Result<(), Error> {
+        let instant = |s: &Self, i: usize| s.next[i] as f64 * s.scene.clusters[i].period.unwrap_or(0.0);
+        scratch.due.clear();
+        scratch.due.extend(self.order.iter().filter(|i| (instant(self, **i) - at).abs() <= 1e-12 * at.abs()));
+        for k in 0..scratch.due.len() {
+            let i = scratch.due[k];
             if self.next[i] > 0 {
-                self.commit(i, at)?;
+                self.commit(i)?;
                 self.collect();
             }
         }
         self.refresh_foreign(at)?;
-        for &i in due.iter().rev() {
-            self.respond(i, at)?;
+        for k in (0..scratch.due.len()).rev() {
+            let i = scratch.due[k];
+            self.respond(i, at, scratch)?;
             self.next[i] += 1;
         }
         self.refresh_foreign(at)
@@ -270,19 +307,25 @@ impl<'a> Simulation<'a> {
         }
     }
 
+    /// Whether what a held port answers to is itself sampled, and may have latched an earlier value than the one held now.
+    fn latches(&self, h: &Held) -> bool {
+        h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some())
+    }
+
     /// Ends the interval of a sampled cluster: its state moves with what was reported.
-    fn commit(&mut self, i: usize, at: f64) -> Result<(), Error> {
+    fn commit(&mut self, i: usize) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let period = c.period.unwrap_or(0.0);
         let mut crossed = 0.0;
-        for h in &mut self.held[i] {
+        for k in 0..self.held[i].len() {
+            let latches = self.latches(&self.held[i][k]);
+            let h = &mut self.held[i][k];
             if let Some(o) = h.open {
-                h.q = self.open[o];
-                self.open[o] = 0.0;
+                h.q = std::mem::take(&mut self.open[o]);
             }
-            let sampled_other = h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some());
-            let here = if sampled_other { h.w } else { h.v * h.q };
-            let there = if sampled_other { h.w } else { h.q * h.v };
+            // Each side counts for itself: the holder what it held times what it was told, the other what it told times what it met.
+            let (here, there) = if latches { (h.w, h.w) } else { (h.v * h.q, h.q * h.v) };
+            h.crossed = here;
             h.holder_energy.add(here);
             h.other_energy.add(there);
             h.difference = h.difference.max((h.holder_energy.value() - h.other_energy.value()).abs());
@@ -291,58 +334,52 @@ impl<'a> Simulation<'a> {
         }
         let start = (self.next[i] - 1) as f64 * period;
         let mut moved = std::mem::take(&mut self.moved[i]);
-        let held_ports: Vec<(usize, f64)> = self.held[i].iter().map(|h| (h.port, moved[h.port])).collect();
         let result = self.runs[i].one(c, &self.names, start, period, &mut moved);
-        for (p, m) in held_ports {
-            moved[p] = m; // what a held port gives out is reported by nobody
-        }
         self.moved[i] = moved;
         result?;
-        // The step counted the energy that its own effort would have let in; what crossed was that of the held one.
-        let run = &mut self.runs[i];
-        let called: f64 = self.held[i].iter().map(|h| h.q * run.output()[c.ports[h.port].mean]).sum();
-        let leak = called - crossed;
-        let dissipated: f64 = c.entries.iter().flat_map(|e| &e.dissipated).map(|d| run.output()[d.1]).sum();
-        let leap: f64 = c.entries.iter().filter_map(|e| e.leap).map(|l| run.output()[l.0]).sum();
-        let means: Vec<f64> = c.ports.iter().map(|p| run.output()[p.mean]).collect();
-        if let Some(b) = run.books.first_mut() {
-            if !self.held[i].is_empty() {
-                b.supplied.add(-leak);
-                b.leaked.add(leak);
-                for h in &self.held[i] {
-                    let (name, own) = (&c.ports[h.port].name, h.q * means[h.port]);
-                    let here =
-                        if h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some()) {
-                            h.w
-                        } else {
-                            h.v * h.q
-                        };
-                    if let Some(k) = c.entries.first().and_then(|e| e.supplied.iter().position(|s| s.0 == *name)) {
-                        b.sources[k].add(here - own);
-                    }
-                }
-            }
-            b.tank += dissipated - leak - leap;
-            b.tank = b.tank.min(b.h_max);
-            b.debt_max = b.debt_max.max(-(b.h + b.tank));
-        }
+        self.settle(i, crossed);
         let n = self.held[i].len();
-        let values: Vec<f64> = self.held[i].iter().map(|h| h.v).collect();
-        for (k, h) in self.held[i].iter_mut().enumerate() {
-            let alpha = h.q + (0..n).map(|j| self.beta[i][k * n + j] * values[j]).sum::<f64>();
-            h.alpha = [alpha, h.alpha[0]];
+        for k in 0..n {
+            let response: f64 = (0..n).map(|j| self.beta[i][k * n + j] * self.held[i][j].v).sum();
+            let h = &mut self.held[i][k];
+            h.alpha = [h.q + response, h.alpha[0]];
+        }
+        for h in &mut self.held[i] {
             h.before = [h.v, h.before[0]];
             h.last_q = h.q;
             h.q = 0.0;
             h.w = 0.0;
             h.intervals += 1;
         }
-        let _ = at;
         Ok(())
     }
 
+    /// Books what crossed in the place of what the step's own effort would have let in, and what that leaves in the tank.
+    fn settle(&mut self, i: usize, crossed: f64) {
+        let c = &self.scene.clusters[i];
+        let run = &mut self.runs[i];
+        let out = run.output();
+        let called: f64 = self.held[i].iter().map(|h| h.q * out[c.ports[h.port].mean]).sum();
+        let leak = called - crossed;
+        let dissipated: f64 = c.entries.iter().flat_map(|e| &e.dissipated).map(|d| out[d.1]).sum();
+        let leap: f64 = c.entries.iter().filter_map(|e| e.leap).map(|l| out[l.0]).sum();
+        for h in &self.held[i] {
+            let port = &c.ports[h.port];
+            let off = h.crossed - h.q * run.output()[port.mean];
+            if let Some(k) = c.entries.first().and_then(|e| e.supplied.iter().position(|s| s.0 == port.name)) {
+                run.books[0].sources[k].add(off);
+            }
+        }
+        if let Some(b) = run.books.first_mut() {
+            b.supplied.add(-leak);
+            b.leaked.add(leak);
+            b.tank = (b.tank + dissipated - leak - leap).min(b.h_max);
+            b.debt_max = b.debt_max.max(-(b.h + b.tank));
+        }
+    }
+
     /// Begins an interval: finds what to hold, and latches what others hold.
-    fn respond(&mut self, i: usize, at: f64) -> Result<(), Error> {
+    fn respond(&mut self, i: usize, at: f64, scratch: &mut Scratch) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let period = c.period.unwrap_or(0.0);
         for bar in self.scene.bars.iter().filter(|b| b.other.0 == i) {
@@ -351,10 +388,13 @@ impl<'a> Simulation<'a> {
         }
         let Some(respond) = &c.respond else { return Ok(()) };
         let n = self.held[i].len();
-        let changes: Vec<f64> = self.held[i].iter().map(Held::change).collect();
-        let alpha: Vec<f64> = (0..n)
-            .map(|k| self.held[i][k].foretold(&self.gamma[i][k * n..(k + 1) * n], &changes, self.decay[i][k]))
-            .collect();
+        let Scratch { changes, alpha, values, q, .. } = scratch;
+        changes.clear();
+        changes.extend(self.held[i].iter().map(Held::change));
+        alpha.clear();
+        for (k, h) in self.held[i].iter().enumerate() {
+            alpha.push(h.foretold(&self.gamma[i][k * n..(k + 1) * n], changes, self.decay[i][k]));
+        }
         let input = &mut self.respond_input[i];
         let base = self.runs[i].input.len();
         input[..base].copy_from_slice(&self.runs[i].input);
@@ -365,10 +405,11 @@ impl<'a> Simulation<'a> {
         }
         let matched = matches!(respond, Respond::Matched(..));
         if matched {
-            input[base..base + n].copy_from_slice(&alpha);
+            input[base..base + n].copy_from_slice(alpha);
             input[base + n..base + n + n * n].copy_from_slice(&self.beta[i]);
         }
-        let mut values = vec![0.0; n];
+        values.clear();
+        values.resize(n, 0.0);
         {
             let run = &mut self.runs[i];
             let state = &run.state;
@@ -381,7 +422,7 @@ impl<'a> Simulation<'a> {
                 })?;
                 values.copy_from_slice(&out[..n]);
                 if matched && out.get(n) == Some(&0.0) {
-                    self.search(i, at, &alpha, &mut values)?;
+                    self.search(i, at, alpha, values, q)?;
                 }
             }
         }
@@ -395,9 +436,9 @@ impl<'a> Simulation<'a> {
         }
         if c.budget {
             let stored = self.runs[i].books.first().map_or(0.0, |b| b.h + b.tank);
-            within_budget(&mut values, &alpha, &self.beta[i], stored.max(0.0));
+            within_budget(values, alpha, &self.beta[i], stored.max(0.0));
         }
-        for (h, v) in self.held[i].iter_mut().zip(values) {
+        for (h, v) in self.held[i].iter_mut().zip(values.iter().copied()) {
             h.v = v;
             if let Some(b) = h.bar {
                 let bar = &self.scene.bars[b];
@@ -414,17 +455,24 @@ impl<'a> Simulation<'a> {
     /// What to hold where a switched law leaves no solution: on the jump of the law, where the answer q is such that the law
     /// calls for less than v = (alpha - q)/beta on one side of it and for more on the other. One port: by bisection, v being
     /// monotone in q. Several: one after the other, a few times over.
-    fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64]) -> Result<(), Error> {
+    fn search(
+        &mut self,
+        i: usize,
+        at: f64,
+        alpha: &[f64],
+        values: &mut [f64],
+        q: &mut Vec<f64>,
+    ) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let period = c.period.unwrap_or(0.0);
         let n = values.len();
         let base = self.runs[i].input.len();
-        let mut q: Vec<f64> = alpha.to_vec();
-        let beta = self.beta[i].clone();
+        q.clear();
+        q.extend_from_slice(alpha);
         let rounds = if n == 1 { 1 } else { 20 };
         for k in (0..rounds * n).map(|k| k % n) {
-            let own = beta[k * n + k];
-            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| beta[k * n + j] * values[j]).sum();
+            let own = self.beta[i][k * n + k];
+            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| self.beta[i][k * n + j] * values[j]).sum();
             let free = alpha[k] - pull;
             let call = |this: &mut Self, q: &[f64]| -> Result<f64, Error> {
                 for (h, q) in this.held[i].iter().zip(q) {
@@ -441,7 +489,7 @@ impl<'a> Simulation<'a> {
                 })
             };
             q[k] = free;
-            let v = call(self, &q)?;
+            let v = call(self, q)?;
             if own == 0.0 || v == 0.0 {
                 values[k] = v;
                 continue;
@@ -452,7 +500,7 @@ impl<'a> Simulation<'a> {
                 if q[k] <= low || q[k] >= high {
                     break;
                 }
-                let v = call(self, &q)?;
+                let v = call(self, q)?;
                 if q[k] - free + own * v > 0.0 {
                     high = q[k];
                 } else {
@@ -466,13 +514,8 @@ impl<'a> Simulation<'a> {
 
     /// Samples the signals that clusters read of each other.
     fn refresh_foreign(&mut self, at: f64) -> Result<(), Error> {
-        if self.scene.clusters.iter().all(|c| c.foreign.is_empty()) {
-            return Ok(());
-        }
-        let mut needed: Vec<usize> = self.scene.clusters.iter().flat_map(|c| c.foreign.iter().map(|f| f.0)).collect();
-        needed.sort_unstable();
-        needed.dedup();
-        for i in needed {
+        for k in 0..self.read.len() {
+            let i = self.read[k];
             self.runs[i].observe(&self.scene.clusters[i], &self.names, at)?;
         }
         for (i, c) in self.scene.clusters.iter().enumerate() {
@@ -489,10 +532,8 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A program that fails.
     pub fn probes(&mut self) -> Result<&[f64], Error> {
-        let mut needed: Vec<usize> = self.scene.probes.gather.iter().map(|g| g.0).collect();
-        needed.sort_unstable();
-        needed.dedup();
-        for i in needed {
+        for k in 0..self.probed.len() {
+            let i = self.probed[k];
             self.runs[i].observe(&self.scene.clusters[i], &self.names, self.time)?;
         }
         self.probe_input[0] = self.time;
