@@ -180,7 +180,9 @@ pub fn linearize(
         }
     }
     for _ in 0..if n == 0 { 0 } else { 200 } {
-        let residual = nalgebra::DVector::from_fn(n, |k, _| at[&columns[looped[k]].0] - value(&model.pool, &at, columns[looped[k]].1));
+        let residual = nalgebra::DVector::from_fn(n, |k, _| {
+            at[&columns[looped[k]].0] - value(&model.pool, &at, columns[looped[k]].1)
+        });
         loops = DMatrix::identity(n, n);
         for (i, j, d) in &slopes {
             loops[(*i, *j)] -= value(&model.pool, &at, *d);

@@ -12,7 +12,9 @@ pub(super) fn common(kind: Kind) -> Option<Variable> {
     match kind {
         Kind::Zero => Some(Variable::Effort),
         Kind::One => Some(Variable::Flow),
-        Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df | Kind::Port => None,
+        Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df | Kind::Port => {
+            None
+        }
     }
 }
 

@@ -33,14 +33,7 @@ pub(super) fn outputs(
     let one = model.pool.int(1);
     let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let scale = guesses.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
-    let system = System {
-        unknowns: &c.loops,
-        start: guesses.to_vec(),
-        residuals,
-        weight,
-        scale,
-        flag: None,
-    };
+    let system = System { unknowns: &c.loops, start: guesses.to_vec(), residuals, weight, scale, flag: None };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
 }
@@ -61,9 +54,16 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
         let node = model.pool.node(e).clone();
         node.each_child(&mut |child| roots.push(child));
         let guard = match node {
-            Node::Binary(ir::Binary::Lt | ir::Binary::Le | ir::Binary::Min | ir::Binary::Max, a, b) => model.pool.sub(a, b),
+            Node::Binary(ir::Binary::Lt | ir::Binary::Le | ir::Binary::Min | ir::Binary::Max, a, b) => {
+                model.pool.sub(a, b)
+            }
             Node::Unary(Unary::Abs | Unary::Sign, a) => a,
-            Node::Binary(..) | Node::Unary(..) | Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) => continue,
+            Node::Binary(..)
+            | Node::Unary(..)
+            | Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Sum(..)
+            | Node::Product(..) => continue,
             Node::Power(..) | Node::Select(..) => continue,
         };
         let told = |s: crate::expression::Symbol| Some(s) == c.time || c.states.iter().any(|x| x.symbol == s);

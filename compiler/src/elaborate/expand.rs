@@ -556,12 +556,7 @@ impl<'a> Elaborator<'a> {
                         );
                         None
                     }
-                    Entity::Port(_)
-                    | Entity::Param(_)
-                    | Entity::Let(_)
-                   
-                    | Entity::Bond(_)
-                    | Entity::Missing => None,
+                    Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Bond(_) | Entity::Missing => None,
                 };
             }
             End::Path(path) => path,
@@ -624,12 +619,7 @@ impl<'a> Elaborator<'a> {
             match entity {
                 Entity::Instance(inner) => at = inner,
                 Entity::Missing => return None,
-                Entity::Element(_)
-                | Entity::Port(_)
-                | Entity::Param(_)
-                | Entity::Let(_)
-               
-                | Entity::Bond(_) => {
+                Entity::Element(_) | Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Bond(_) => {
                     let next = &path.segments[i + 1].name;
                     self.errors.push(
                         Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.text))

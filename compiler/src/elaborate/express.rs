@@ -106,11 +106,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// An expression of an `expect`, and the extremes in it.
-    pub(super) fn expected(
-        &mut self,
-        e: &'a ast::Expr,
-        scope: ScopeId,
-    ) -> Option<(Typed, Vec<Extreme>)> {
+    pub(super) fn expected(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<(Typed, Vec<Extreme>)> {
         self.mode = Mode::Expect;
         self.extremes.clear();
         let typed = self.express(e, scope)?;

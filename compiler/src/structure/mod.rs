@@ -213,7 +213,9 @@ fn sign_on(kind: Kind, law: &Law) -> Variable {
     match (kind, law) {
         (_, Law::Resistor(r)) => r.gives,
         (Kind::Sf | Kind::De | Kind::I, _) => Variable::Effort,
-        (Kind::Se | Kind::Df | Kind::C | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port, _) => Variable::Flow,
+        (Kind::Se | Kind::Df | Kind::C | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port, _) => {
+            Variable::Flow
+        }
     }
 }
 

@@ -333,7 +333,15 @@ impl Run {
 
     /// One step, kept; a step of a continuous cluster that fails is taken as two of half the length, and those likewise: a law
     /// that switches may leave a step without a solution, and then the halves have one.
-    fn split(&mut self, c: &Cluster, names: &[String], t: f64, h: f64, moved: &mut Vec<f64>, depth: u32) -> Result<(), Error> {
+    fn split(
+        &mut self,
+        c: &Cluster,
+        names: &[String],
+        t: f64,
+        h: f64,
+        moved: &mut Vec<f64>,
+        depth: u32,
+    ) -> Result<(), Error> {
         self.prepare(names, h)?;
         self.input[0] = t;
         self.input[1] = h;
@@ -461,7 +469,11 @@ impl Run {
             // The secant of the guard, or the middle where it does not close in.
             let secant = low + (high - low) * below / (below - after.1);
             let inner = secant.clamp(low + 0.01 * (high - low).min(floor * 50.0), high);
-            let trial = if round % 3 == 2 || !inner.is_finite() { 0.5 * (low + high) } else { (inner + floor).min(high - 0.25 * floor) };
+            let trial = if round % 3 == 2 || !inner.is_finite() {
+                0.5 * (low + high)
+            } else {
+                (inner + floor).min(high - 0.25 * floor)
+            };
             if self.attempt(c, t, trial).is_err() {
                 break;
             }

@@ -37,7 +37,9 @@ pub enum Error {
         why: Failure,
     },
     /// An adaptive step became too small.
-    #[error("at t = {time} s, the step of `{region}` would have to be smaller than {step:e} s to meet the tolerance; a law may switch to and fro there: make it steep instead of a jump, or give a fixed step")]
+    #[error(
+        "at t = {time} s, the step of `{region}` would have to be smaller than {step:e} s to meet the tolerance; a law may switch to and fro there: make it steep instead of a jump, or give a fixed step"
+    )]
     TooSmall {
         /// When.
         time: f64,

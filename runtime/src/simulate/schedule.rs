@@ -455,14 +455,7 @@ impl<'a> Simulation<'a> {
     /// What to hold where a switched law leaves no solution: on the jump of the law, where the answer q is such that the law
     /// calls for less than v = (alpha - q)/beta on one side of it and for more on the other. One port: by bisection, v being
     /// monotone in q. Several: one after the other, a few times over.
-    fn search(
-        &mut self,
-        i: usize,
-        at: f64,
-        alpha: &[f64],
-        values: &mut [f64],
-        q: &mut Vec<f64>,
-    ) -> Result<(), Error> {
+    fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64], q: &mut Vec<f64>) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let period = c.period.unwrap_or(0.0);
         let n = values.len();

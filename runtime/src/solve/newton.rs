@@ -25,7 +25,7 @@ use crate::ir;
 use crate::kernel::Failure;
 
 /// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly tell.
-const STALLS: u32 = 6;
+pub const STALLS: u32 = 6;
 /// How often one update is halved at most.
 pub const HALVINGS: u32 = 30;
 
