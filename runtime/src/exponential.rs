@@ -132,7 +132,8 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
     }
     let d = balance::balance(size, &linear.a, 1.0 / (16.0 * h));
     let flow = Flow::new(size, &linear.a, &d, h).ok_or(Unfit::Overflow(h))?;
-    let forms: Vec<Vec<f64>> = linear.forms.iter().map(|m| flow.form(m, &d)).collect();
+    let given = |q: Vec<f64>| -> Vec<f64> { (0..square).map(|k| q[k] / d[k / size] / d[k % size]).collect() };
+    let forms: Vec<Vec<f64>> = linear.forms.iter().map(|m| given(flow.form(m, &d))).collect();
     let mut table = Vec::with_capacity(Layout::of(linear).size());
     let stays = |i: usize| linear.changes && (flow.exponential.get(i, i).high - 1.0).abs() <= 0.5;
     let keep: Vec<f64> = (0..linear.n).map(|i| if stays(i) { 1.0 } else { 0.0 }).collect();
@@ -162,7 +163,8 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
         }
     }
     for m in &linear.squares {
-        table.extend(factor(size, flow.form(m, &d)));
+        let l = factor(size, flow.form(m, &d));
+        table.extend((0..square).map(|k| l[k] / d[k % size]));
     }
     if linear.changes {
         table.extend(keep);
@@ -227,7 +229,7 @@ impl Flow {
         Some(Self { small, step, ladder, exponential, mean })
     }
 
-    /// The integral of `exp(A^T s) M exp(A s)`, for `M` and result in the given units.
+    /// The integral of `exp(A^T s) M exp(A s)`, for `M` in the given units, in even ones.
     fn form(&self, m: &[f64], d: &[f64]) -> Vec<f64> {
         let n = d.len();
         let mut term: Vec<f64> = (0..n * n).map(|k| m[k] * d[k / n] * d[k % n] * self.step).collect();
@@ -253,13 +255,15 @@ impl Flow {
                 }
             }
         }
-        (0..n * n).map(|k| sum[k] / d[k / n] / d[k % n]).collect()
+        sum
     }
 }
 
 /// `L` with `Q = L^T L`, by Cholesky's method with the largest pivot first; what is left below rounding is left out.
+///
+/// Each variable is scaled by its own diagonal entry, so that one threshold is fair to all. Entries far off the largest are
+/// mostly rounding and need not go with each other: at each stage they are kept to what `Q >= 0` allows.
 fn factor(n: usize, mut q: Vec<f64>) -> Vec<f64> {
-    // Even units, so that one threshold is fair to all.
     let size: Vec<f64> = (0..n).map(|i| q[i * n + i].max(0.0).sqrt()).collect();
     for i in 0..n {
         for j in 0..n {
@@ -267,16 +271,18 @@ fn factor(n: usize, mut q: Vec<f64>) -> Vec<f64> {
             q[i * n + j] = if s > 0.0 { q[i * n + j] / s } else { 0.0 };
         }
     }
+    let least = 1e-15;
     let mut l = vec![0.0; n * n];
     for row in 0..n {
         let Some(p) = (0..n).max_by(|&i, &j| q[i * n + i].total_cmp(&q[j * n + j])) else { break };
         let pivot = q[p * n + p];
-        if pivot <= 1e-15 {
+        if pivot <= least {
             break;
         }
         let root = pivot.sqrt();
         for j in 0..n {
-            l[row * n + j] = q[p * n + j] / root;
+            let most = (q[j * n + j].max(0.0) + least).sqrt();
+            l[row * n + j] = (q[p * n + j] / root).clamp(-most, most);
         }
         for i in 0..n {
             for j in 0..n {

@@ -127,9 +127,11 @@ pub struct Cluster {
     pub instant: Program,
     /// What the conditions of its laws compare, less what they compare it with: 0 where a law switches. Inputs as for `instant`.
     pub guards: Option<Program>,
-    /// H of each region of the cluster: region, output of `instant`.
+    /// What is stored: H of each region, then d2H/dx2 of each energy state. Inputs as for `instant`; it depends on the state alone.
+    pub stored: Program,
+    /// H of each region of the cluster: region, output of `stored`.
     pub energies: Vec<(usize, usize)>,
-    /// d2H/dx2 of each energy state, as an output of `instant`.
+    /// d2H/dx2 of each energy state, as an output of `stored`.
     pub curvatures: Vec<usize>,
     /// The ports.
     pub ports: Vec<Port>,

@@ -10,7 +10,7 @@ use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Slot, Unary, Value};
+use bond_runtime::ir::{Array, Builder, Slot, Value};
 use bond_runtime::scene::{Entries, Stepper};
 use rustc_hash::FxHashMap;
 
@@ -82,8 +82,8 @@ pub(super) fn measures(
         let h = model.pool.var(h);
         weight.extend(write::weights_of_loops(c, model, form, b, lowering, &inputs.guesses, h)?);
     }
-    let mut scale: Vec<Value> = inputs.states.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
-    scale.extend(inputs.guesses.iter().map(|x| b.unary(Unary::Abs, *x)));
+    let h = c.h.map(|h| model.pool.var(h));
+    let scale = write::scales(c, model, form, b, lowering, (&inputs.states, &inputs.guesses), h)?;
     Ok((weight, scale))
 }
 

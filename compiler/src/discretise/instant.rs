@@ -12,8 +12,6 @@ use rustc_hash::{FxHashMap, FxHashSet};
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
     pub(super) ports: usize,
-    pub(super) energies: usize,
-    pub(super) curvatures: usize,
 }
 
 /// Solves the loops at one instant, and gives all outputs' expressions.
@@ -32,10 +30,30 @@ pub(super) fn outputs(
     // Power counts here as energy does in a step.
     let one = model.pool.int(1);
     let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
-    let scale = guesses.iter().map(|x| b.unary(Unary::Abs, *x)).collect();
+    let scale = write::scales(c, model, form, b, lowering, (&[], guesses), None)?;
     let system = System { unknowns: &c.loops, start: guesses.to_vec(), residuals, weight, scale, flag: None };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
+}
+
+/// Writes what is stored: H of each region, then the curvature of each state.
+pub(super) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Program, Vec<Diagnostic>> {
+    let mut b = Builder::new(c.title(form, "what is stored"));
+    let inputs = write::inputs(&mut b, c, form, model);
+    let mut lowering = Lowering::new(inputs.env.iter().copied());
+    let mut list: Vec<(String, Expr)> = Vec::new();
+    for r in &c.regions {
+        list.push((format!("H({})", form.regions[r.at()].name), c.energy(&mut model.pool, *r)));
+    }
+    for (s, k) in c.states.iter().zip(write::curvatures(c, model)) {
+        list.push((format!("curvature({})", s.name), k));
+    }
+    for (name, e) in list {
+        let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
+        let slot = b.named(Array::Output, name);
+        b.store(slot, v);
+    }
+    verified(model, b.finish())
 }
 
 /// Writes the guards of a cluster's laws; `None` where no law switches on something that the states and the time tell.
@@ -103,20 +121,10 @@ pub(super) fn write(
         let e = model.pool.var(*s);
         list.push((model.pool.name(*s).to_string(), model.pool.substitute(e, &flat)));
     }
-    let layout = Layout {
-        ports: list.len(),
-        energies: list.len() + c.ports.len(),
-        curvatures: list.len() + c.ports.len() + c.regions.len(),
-    };
+    let layout = Layout { ports: list.len() };
     for p in &c.ports {
         let e = input(&mut model.pool, form, *p);
         list.push((format!("out({})", form.column(*p).name), model.pool.substitute(e, &flat)));
-    }
-    for r in &c.regions {
-        list.push((format!("H({})", form.regions[r.at()].name), c.energy(&mut model.pool, *r)));
-    }
-    for (s, k) in c.states.iter().zip(write::curvatures(c, model)) {
-        list.push((format!("curvature({})", s.name), k));
     }
     for (name, e) in list {
         let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;

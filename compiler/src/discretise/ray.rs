@@ -87,6 +87,14 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let met = b.load(flag);
+    // Without a change of energy the state may go the whole way if that is as high; else it stays, being on the level set already.
+    let full: FxHashMap<Symbol, Expr> = std::iter::once((r, model.pool.int(0))).collect();
+    let off = model.pool.substitute(residual, &full);
+    let off = lowering.lower(&model.pool, &mut b, off).map_err(|s| missing(model, s))?;
+    let level = b.binary(Binary::Eq, off, zero);
+    let uneven = b.unary(Unary::Not, level);
+    let stands = b.binary(Binary::Eq, change, zero);
+    let stands = b.binary(Binary::And, stands, uneven);
     // The mirror image: x_min - m (x - x_min), at the same energy.
     let mut lowest = vec![0.0; n];
     for g in &c.groups {
@@ -121,16 +129,14 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let found = b.load(mirror_flag);
-    let stands = b.binary(Binary::Eq, change, zero);
     let mut next = Vec::new();
     for ((s, e), low) in c.states.iter().zip(&mirrored).zip(&minimum) {
-        let on_line = *line.get(&s.symbol).unwrap_or(&one);
-        let on_line = lowering.lower(&model.pool, &mut b, on_line).map_err(|s| missing(model, s))?;
+        let line_of = *line.get(&s.symbol).unwrap_or(&one);
+        let on_line = lowering.lower(&model.pool, &mut b, line_of).map_err(|s| missing(model, s))?;
         let mirror = lowering.lower(&model.pool, &mut b, *e).map_err(|s| missing(model, s))?;
         let low = b.number(*low);
         let leap = b.select(found, mirror, low);
         let chosen = b.select(met, on_line, leap);
-        // Without a change of energy the state is on the level set already.
         let x = inputs.states[next.len()];
         next.push(b.select(stands, x, chosen));
     }

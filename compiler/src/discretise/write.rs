@@ -1,11 +1,11 @@
 //! What the steppers share: inputs of a program, iterations, the ledger's terms.
 
-use super::cluster::{Cluster, input, missing};
+use super::cluster::{Cluster, Node, input, missing};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
-use crate::structure::Form;
+use crate::structure::{ColumnId, Form};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Newton, Slot, Unary, Value};
+use bond_runtime::ir::{self, Array, Builder, Newton, Slot, Unary, Value};
 use bond_runtime::scene::Entries;
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -132,7 +132,7 @@ pub(super) fn solve(
         jacobian: entries,
         weight: system.weight,
         scale: system.scale,
-        limit: 60,
+        limit: 200,
         flag: system.flag,
     });
     for (i, s) in system.unknowns.iter().enumerate() {
@@ -185,22 +185,87 @@ fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Exp
     let mut list = Vec::new();
     for z in &c.loops {
         let node = c.nodes.iter().find(|n| n.out == *z);
-        let law = node.map(|n| &model.element(form.column(n.column).element).law);
-        let (Some(node), Some(Law::Resistor(law))) = (node, law) else {
+        let Some((slope, forward)) = node.and_then(|n| slope(model, form, &flat, n)) else {
             list.push(model.pool.int(0));
             continue;
         };
-        let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(node.column).gives);
-        let slope = model.pool.derivative(output, argument);
-        let at = if forward { input(&mut model.pool, form, node.column) } else { model.pool.var(*z) };
-        let at = model.pool.substitute(at, &flat);
-        let map: FxHashMap<Symbol, Expr> = std::iter::once((argument, at)).collect();
-        let slope = model.pool.substitute(slope, &map);
-        let slope = model.pool.substitute(slope, &flat);
         let w = if forward { model.pool.div(h, slope) } else { model.pool.mul(h, slope) };
         list.push(model.pool.unary(Unary::Abs, w));
     }
     list
+}
+
+/// Sum of the magnitudes of the terms of a column's input, in terms of states and loops.
+fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
+    let mut list = Vec::new();
+    for &(j, k) in &form.column(column).row {
+        let z = model.pool.var(form.column(j).out);
+        let z = model.pool.mul(k, z);
+        let z = model.pool.substitute(z, flat);
+        list.push(model.pool.unary(Unary::Abs, z));
+    }
+    model.pool.sum(&list)
+}
+
+/// What changes of the states (over `h`) and loops are measured against: themselves at the start, and the terms that they are
+/// the sum of, so that what cancels is not asked for digits that it does not have.
+pub(super) fn scales(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    b: &mut Builder,
+    lowering: &Lowering,
+    inputs: (&[Value], &[Value]),
+    h: Option<Expr>,
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let (states, guesses) = inputs;
+    let mut lowering = lowering.clone();
+    for (z, guess) in c.loops.iter().zip(guesses) {
+        lowering.bind(*z, *guess);
+    }
+    let map = c.at_instant(form);
+    let flat = c.flat(&mut model.pool, map);
+    let mut list: Vec<(Value, Expr)> = Vec::new();
+    if let Some(h) = h {
+        for (s, x) in c.states.iter().zip(states) {
+            let t = terms(model, form, &flat, s.column);
+            list.push((*x, model.pool.mul(h, t)));
+        }
+    }
+    for (z, guess) in c.loops.iter().zip(guesses) {
+        let mut size = model.pool.int(0);
+        if let Some(node) = c.nodes.iter().find(|n| n.out == *z && !n.is_source) {
+            let t = terms(model, form, &flat, node.column);
+            if let Some((slope, forward)) = slope(model, form, &flat, node) {
+                size = if forward { model.pool.mul(t, slope) } else { model.pool.div(t, slope) };
+            }
+        }
+        list.push((*guess, model.pool.unary(Unary::Abs, size)));
+    }
+    let mut scales = Vec::with_capacity(list.len());
+    for (x, e) in list {
+        let x = b.unary(Unary::Abs, x);
+        let t = lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
+        // An infinite slope tells nothing.
+        let largest = b.number(f64::MAX);
+        let known = b.binary(ir::Binary::Le, t, largest);
+        let zero = b.number(0.0);
+        let t = b.select(known, t, zero);
+        scales.push(b.add(x, t));
+    }
+    Ok(scales)
+}
+
+/// The slope of a resistor's law where it works, in terms of states and loops, and whether it runs forward.
+fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &Node) -> Option<(Expr, bool)> {
+    let Law::Resistor(law) = &model.element(form.column(node.column).element).law else { return None };
+    let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(node.column).gives);
+    let slope = model.pool.derivative(output, argument);
+    let at = if forward { input(&mut model.pool, form, node.column) } else { model.pool.var(node.out) };
+    let at = model.pool.substitute(at, flat);
+    let map: FxHashMap<Symbol, Expr> = std::iter::once((argument, at)).collect();
+    let slope = model.pool.substitute(slope, &map);
+    Some((model.pool.substitute(slope, flat), forward))
 }
 
 /// The values of [`loop_weights`] at the guesses.

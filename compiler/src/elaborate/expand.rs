@@ -451,8 +451,12 @@ impl<'a> Elaborator<'a> {
                 Some(h) => *h,
                 None => {
                     self.errors.push(
-                        Diagnostic::error("elaborate::hold", n.span, format!("unknown hold `{}`", n.text))
-                            .help("the holds are lagged, predicted and matched"),
+                        Diagnostic::error("elaborate::hold", n.span, format!("unknown hold `{}`", n.text)).help(
+                            match nearest(&n.text, Hold::ALL.map(Hold::name)) {
+                                Some(near) => format!("did you mean `{near}`?"),
+                                None => "the holds are lagged, predicted and matched".into(),
+                            },
+                        ),
                     );
                     Hold::default()
                 }

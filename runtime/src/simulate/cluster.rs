@@ -117,6 +117,8 @@ pub(super) struct Run {
     h: f64,
     /// Length of the next adaptive step.
     ahead: f64,
+    /// Energies below this are rounding beside those of the rest of the scene.
+    pub(super) floor: f64,
     /// Steps in a row that were far smaller than the usual one.
     crawl: u32,
     largest: Vec<f64>,
@@ -130,21 +132,18 @@ pub(super) struct Run {
 
 impl Run {
     pub(super) fn new(index: usize, c: &Cluster, options: &Options) -> Result<Self, Error> {
-        let mut instant = Look::new(&c.instant);
+        let instant = Look::new(&c.instant);
+        let mut stored = Look::new(&c.stored);
         let state = c.initial.clone();
         let input = vec![0.0; c.foreign_at + c.foreign.len()];
         let n = c.states;
-        let out = instant.run(&state, &input).map_err(|why| Error::Step {
+        let out = stored.run(&state, &input).map_err(|why| Error::Step {
             time: 0.0,
-            region: String::new(),
+            region: c.names.first().cloned().unwrap_or_default(),
             state: None,
             why,
-        });
-        // Signals may be singular at the start; the energies are what is needed here.
-        let out: Vec<f64> = match out {
-            Ok(o) => o.to_vec(),
-            Err(_) => instant.work.output.clone(),
-        };
+        })?;
+        let out = out.to_vec();
         let books = c
             .entries
             .iter()
@@ -189,6 +188,7 @@ impl Run {
             count: 0,
             h: options.step.unwrap_or(options.default_step),
             ahead: options.default_step,
+            floor: 0.0,
             crawl: 0,
             adaptive: if is_exact { None } else { options.tolerance },
             fixed: options.step,
@@ -355,7 +355,7 @@ impl Run {
         }
         self.state.copy_from_slice(&self.step.work.next);
         self.steps += 1;
-        book(&mut self.books, c, &self.step.work.output);
+        book(&mut self.books, c, &self.step.work.output, self.floor);
         advance_ports(c, &self.step.work.output, h, moved);
         self.track(c);
         Ok(())
@@ -434,9 +434,9 @@ impl Run {
                         last = false;
                     }
                     // The halves count: first the one kept aside, then the one still in the workspace.
-                    book(&mut self.books, c, &self.buffers[3]);
+                    book(&mut self.books, c, &self.buffers[3], self.floor);
                     advance_ports(c, &self.buffers[3], 0.5 * h, moved);
-                    book(&mut self.books, c, &self.step.work.output);
+                    book(&mut self.books, c, &self.step.work.output, self.floor);
                     advance_ports(c, &self.step.work.output, 0.5 * h, moved);
                     self.state.copy_from_slice(&self.step.work.next);
                     self.steps += 2;
@@ -620,7 +620,7 @@ impl Run {
 }
 
 /// Adds a step to the ledgers.
-pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) {
+pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64], floor: f64) {
     for (b, e) in books.iter_mut().zip(&c.entries) {
         let (mut supplied, mut dissipated, mut turnover) = (0.0, 0.0, 0.0);
         for ((_, slot), sum) in e.supplied.iter().zip(&mut b.sources) {
@@ -646,7 +646,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) {
         let h = out[e.energy];
         let residual = (h - b.h) - ((supplied - dissipated) + leap);
         // A step in which next to nothing moves is measured against a trace of the largest energy seen.
-        let trace = TRACE * b.h_max.max(b.turnover_max);
+        let trace = (TRACE * b.h_max.max(b.turnover_max)).max(floor);
         let scale = out[e.size].abs().max(b.h.abs()).max(turnover).max(trace);
         if scale > 0.0 {
             b.worst = b.worst.max(residual.abs() / scale);

@@ -6,6 +6,9 @@ use super::summary::{BarSummary, ElementEnergy, RegionSummary, Summary};
 use super::{Error, Options};
 use crate::scene::{Respond, Scene};
 
+/// Energies below this part of the scene's largest are rounding.
+const FLOOR: f64 = 1e-14;
+
 /// The clusters of some signals, each once.
 fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<usize> {
     let mut list: Vec<usize> = signals.into_iter().map(|s| s.0).collect();
@@ -206,6 +209,10 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A step that fails. What was computed until then stays.
     pub fn advance(&mut self, until: f64) -> Result<(), Error> {
+        let largest = self.runs.iter().flat_map(|r| &r.books).map(|b| b.h_max.max(b.turnover_max)).fold(0.0, f64::max);
+        for run in &mut self.runs {
+            run.floor = FLOOR * largest;
+        }
         while let Some(at) = self.next_sample().filter(|at| *at <= until * (1.0 + 1e-12)) {
             self.meet(at)?;
             self.sample(at)?;
@@ -654,17 +661,17 @@ impl<'a> Simulation<'a> {
                     region.name, region.stepper
                 ));
             }
-            if region.passive_stepper && (region.worst_step > 1e-9 || region.worst_step.is_nan()) {
+            if region.passive_stepper && (region.worst_step > 1e-12 || region.worst_step.is_nan()) {
                 reasons
                     .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
             }
-            if region.debt_max > 1e-9 * region.h_max.max(region.supplied.abs()) {
+            if region.debt_max > 1e-11 * region.h_max.max(region.supplied.abs()) {
                 reasons.push(format!(
                     "`{}` gave out up to {:.3e} J more than it had been given",
                     region.name, region.debt_max
                 ));
             }
-            if book_gain > 1e-9 {
+            if book_gain > 1e-12 {
                 reasons.push(format!("a resistor of `{}` gave energy", region.name));
             }
         }

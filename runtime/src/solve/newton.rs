@@ -9,7 +9,8 @@
 //!      the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), and the last update was halved fewer than
 //!      [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start over.
 //!   2. Where all of `r` is 0: done.
-//!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed, else fail.
+//!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the first update,
+//!      add 1e-3 of the scale to the unknowns and start over, and another time take 2e-3 of it off; else fail.
 //!   4. `u = u - d`, then test.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
@@ -24,6 +25,8 @@ use super::linear;
 use crate::ir;
 use crate::kernel::Failure;
 
+/// How often a start is moved where the Jacobian there cannot be solved: by a thousandth of the scale to one side, then to the other.
+const NUDGES: u32 = 2;
 /// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly tell.
 pub const STALLS: u32 = 6;
 /// How often one update is halved at most.
@@ -135,6 +138,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     let mut best = f64::INFINITY;
     let mut before: Option<f64> = None; // |d|² of the update made last
     let mut halvings = 0; // of the update made last
+    let mut nudges = 0;
     let mut stalls = 0; // updates in a row that were not much smaller than the one before
     for _ in 0..plan.limit {
         *count += 1;
@@ -165,6 +169,16 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
             if may_halve {
                 halve(&mut scratch.update, system.unknowns());
                 halvings += 1;
+                continue;
+            }
+            if before.is_none() && nudges < NUDGES {
+                // A law with an infinite slope just where the iteration starts: start a little beside it.
+                nudges += 1;
+                let side = if nudges % 2 == 1 { 1e-3 } else { -2e-3 };
+                for (u, s) in system.unknowns().iter_mut().zip(&scratch.scale) {
+                    *u += side * s;
+                }
+                best = f64::INFINITY;
                 continue;
             }
             return Err(Failure::Singular { row: solved.err().unwrap_or(0) });
