@@ -259,10 +259,11 @@ impl Flow {
     }
 }
 
-/// `L` with `Q = L^T L`, by Cholesky's method with the largest pivot first; what is left below rounding is left out.
+/// `L` with `Q = L^T L`, by Cholesky's method with the largest entry of the diagonal first; of a variable, what is left below
+/// rounding beside its own entry is left out.
 ///
-/// Each variable is scaled by its own diagonal entry, so that one threshold is fair to all. Entries far off the largest are
-/// mostly rounding and need not go with each other: at each stage they are kept to what `Q >= 0` allows.
+/// Small entries are partly what the series of the form left out, and need not go with each other: they come last, and are kept
+/// to what `Q >= 0` allows.
 fn factor(n: usize, mut q: Vec<f64>) -> Vec<f64> {
     let size: Vec<f64> = (0..n).map(|i| q[i * n + i].max(0.0).sqrt()).collect();
     for i in 0..n {
@@ -273,13 +274,12 @@ fn factor(n: usize, mut q: Vec<f64>) -> Vec<f64> {
     }
     let least = 1e-15;
     let mut l = vec![0.0; n * n];
+    let mut open: Vec<usize> = (0..n).collect();
     for row in 0..n {
-        let Some(p) = (0..n).max_by(|&i, &j| q[i * n + i].total_cmp(&q[j * n + j])) else { break };
-        let pivot = q[p * n + p];
-        if pivot <= least {
-            break;
-        }
-        let root = pivot.sqrt();
+        open.retain(|&i| q[i * n + i] > least);
+        let weight = |i: usize| q[i * n + i] * size[i] * size[i];
+        let Some(&p) = open.iter().max_by(|&&i, &&j| weight(i).total_cmp(&weight(j))) else { break };
+        let root = q[p * n + p].sqrt();
         for j in 0..n {
             let most = (q[j * n + j].max(0.0) + least).sqrt();
             l[row * n + j] = (q[p * n + j] / root).clamp(-most, most);

@@ -96,7 +96,6 @@ fn euler_and_rk4_are_not_called_passive() {
 
 /// A short step on a long line: the energies of `exact` are to keep their digits.
 #[test]
-#[ignore = "exact loses the balance of lc_line with 24 cells at 1 us, by 2 %"]
 fn a_long_line_balances_at_short_steps() {
     let path = crate::common::models().join("examples/lc_line.bond");
     let compiled = file(&path, Options::new().set("n", "24"));
@@ -109,7 +108,6 @@ fn a_long_line_balances_at_short_steps() {
 
 /// Flows that cancel leave nothing but rounding in the loop of a resistor; the run starts and balances all the same.
 #[test]
-#[ignore = "Newton's method does not converge where flows cancel; the failure at the start makes H_initial 0"]
 fn flows_that_cancel() {
     let law = "{ H = 0.5*p^2/5 kg + 0.1 s^2/(kg^3*m^2) * p^4; p0 = 0.2 N*s }";
     let compiled = crate::common::text(&format!(
@@ -130,7 +128,6 @@ fn flows_that_cancel() {
 
 /// An empty tank with a hole: the root has an infinite slope at 0.
 #[test]
-#[ignore = "a law with sqrt(abs(e)) at e = 0 makes the matrix of the step singular"]
 fn a_root_law_from_zero() {
     let compiled = crate::common::text(
         "model Tank {
@@ -162,7 +159,6 @@ fn an_active_resistor_on_a_capacitor() {
 
 /// The same with linear elements alone: two springs that all but balance, at rest.
 #[test]
-#[ignore = "the same as flows_that_cancel: an observation at the start that fails makes H_initial 0"]
 fn efforts_that_cancel() {
     let compiled = crate::common::text(
         "model Cancel {

@@ -74,10 +74,10 @@ const LEVER: &str = "model Lever(m1 = 3 kg, m2 = 0.5 kg, ratio = 2.5, k = 200 N/
 }";
 
 const BRIDGE: &str = "model Bridge {
-  Sf:feed = 1 A*sin(2 rad/s * t)
+  Sf:feed = 1 A * sin(2 rad/s * t)
   R:r1 = 1 Ohm  R:r2 = 2 Ohm  R:r3 = 3 Ohm  R:r4 = 4 Ohm
   C:detector = 1 uF
-  R:diode { f = 1 nA*(exp(e/(25 mV)) - 1) }
+  R:diode { f = 1 nA * (exp(e/(25 mV)) - 1) }
   feed -> 0:top -> 1:a -> r1, 0:left
   top -> 1:b -> r3, 0:right
   left -> r2

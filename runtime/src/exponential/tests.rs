@@ -204,3 +204,55 @@ fn unfit_systems_are_told() {
     assert_eq!(table(&system(2, 0, &[1.0]), 1.0), Err(Unfit::Shape));
     assert_eq!(table(&system(0, 0, &[]), 1.0), Ok(vec![]));
 }
+
+/// A long line that ends in a resistor: far entries of the form are mostly rounding, and its root must not make much of them.
+#[test]
+fn squares_agree_with_forms_on_long_lines() {
+    for cells in [6, 12, 20, 30] {
+        let n = 2 * cells;
+        let mut a = vec![0.0; n * n];
+        let (l, c, g) = (1e-3, 1e-6, 1.0 / 31.6);
+        for k in 0..n {
+            // flux, charge, flux, charge, ...
+            let (mine, next) = if k % 2 == 0 { (l, c) } else { (c, l) };
+            let _ = mine;
+            if k + 1 < n {
+                a[k * n + k + 1] = -1.0 / next;
+                a[(k + 1) * n + k] = 1.0 / if k % 2 == 0 { l } else { c };
+            }
+        }
+        a[(n - 1) * n + n - 1] = -g / c;
+        let mut m = vec![0.0; n * n];
+        m[n * n - 1] = g / (c * c);
+        for h in [5e-7, 1e-6, 2e-6, 1e-5] {
+            let linear = Linear {
+                n,
+                a: a.clone(),
+                forms: vec![m.clone()],
+                squares: vec![m.clone()],
+                ..Linear::default()
+            };
+            let t = table(&linear, h).unwrap();
+            let layout = Layout::of(&linear);
+            for shift in 0..4 {
+                let w: Vec<f64> = (0..n)
+                    .map(|k| (0.3 * (k + shift * 5) as f64).sin() * if k % 2 == 0 { 3e-5 } else { 1e-6 })
+                    .collect();
+                let mut form = 0.0;
+                let mut at = layout.form(0);
+                for i in 0..n {
+                    for j in i..n {
+                        form += t[at] * w[i] * w[j];
+                        at += 1;
+                    }
+                }
+                let squares: f64 = (0..n)
+                    .map(|r| (0..n).map(|j| t[layout.square(0) + r * n + j] * w[j]).sum::<f64>())
+                    .map(|x| x * x)
+                    .sum();
+                let size = g * (1e-6f64 / c).powi(2) * h;
+                assert!((form - squares).abs() <= 1e-12 * size, "{cells} cells, {h}: {form:e} {squares:e} of {size:e}");
+            }
+        }
+    }
+}
