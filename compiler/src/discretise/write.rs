@@ -195,10 +195,18 @@ fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Exp
     list
 }
 
+/// Whether a column is a resistor whose law is not linear: what that gives at one end of a step says nothing of the step.
+fn is_steep(model: &Model, form: &Form, column: ColumnId) -> bool {
+    matches!(&model.element(form.column(column).element).law, Law::Resistor(r) if r.linear.is_none())
+}
+
 /// Sum of the magnitudes of the terms of a column's input, in terms of states and loops.
 fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
     let mut list = Vec::new();
     for &(j, k) in &form.column(column).row {
+        if is_steep(model, form, j) {
+            continue;
+        }
         let z = model.pool.var(form.column(j).out);
         let z = model.pool.mul(k, z);
         let z = model.pool.substitute(z, flat);
@@ -234,7 +242,7 @@ pub(super) fn scales(
     }
     for (z, guess) in c.loops.iter().zip(guesses) {
         let mut size = model.pool.int(0);
-        if let Some(node) = c.nodes.iter().find(|n| n.out == *z && !n.is_source) {
+        if let Some(node) = c.nodes.iter().find(|n| n.out == *z && !n.is_source && !is_steep(model, form, n.column)) {
             let t = terms(model, form, &flat, node.column);
             if let Some((slope, forward)) = slope(model, form, &flat, node) {
                 size = if forward { model.pool.mul(t, slope) } else { model.pool.div(t, slope) };
