@@ -5,7 +5,7 @@ use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{self, Array, Builder, Newton, Slot, Unary, Value};
+use bond_runtime::ir::{Array, Builder, Newton, Slot, Unary, Value};
 use bond_runtime::scene::Entries;
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -254,11 +254,6 @@ pub(super) fn scales(
     for (x, e) in list {
         let x = b.unary(Unary::Abs, x);
         let t = lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
-        // An infinite slope tells nothing.
-        let largest = b.number(f64::MAX);
-        let known = b.binary(ir::Binary::Le, t, largest);
-        let zero = b.number(0.0);
-        let t = b.select(known, t, zero);
         scales.push(b.add(x, t));
     }
     Ok(scales)
