@@ -139,7 +139,7 @@ pub struct Cluster {
     pub holds: Vec<usize>,
     /// Signals of other clusters that it reads: cluster, output of its `instant`; in order of the input slots.
     pub foreign: Vec<(usize, usize)>,
-    /// First input slot of the foreign signals.
+    /// First input slot of the foreign signals; after them, for each energy state, comes a trace of the largest value it had.
     pub foreign_at: usize,
     /// The ledger's parts.
     pub entries: Vec<Entries>,

@@ -83,7 +83,7 @@ pub(super) fn measures(
         weight.extend(write::weights_of_loops(c, model, form, b, lowering, &inputs.guesses, h)?);
     }
     let h = c.h.map(|h| model.pool.var(h));
-    let scale = write::scales(c, model, form, b, lowering, (&inputs.states, &inputs.guesses), h)?;
+    let scale = write::scales(c, model, form, b, lowering, (&inputs.states, &inputs.traces, &inputs.guesses), h)?;
     Ok((weight, scale))
 }
 

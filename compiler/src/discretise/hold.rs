@@ -71,7 +71,7 @@ fn respond(
             c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
         let one = model.pool.int(1);
         let weight = write::weights_of_loops(c, model, form, &mut b, &lowering, &inputs.guesses, one)?;
-        let scale = write::scales(c, model, form, &mut b, &lowering, (&[], &inputs.guesses), None)?;
+        let scale = write::scales(c, model, form, &mut b, &lowering, (&[], &[], &inputs.guesses), None)?;
         (c.loops.clone(), residuals, inputs.guesses.clone(), weight, scale)
     };
     let matched = hold == Hold::Matched;

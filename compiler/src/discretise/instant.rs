@@ -30,7 +30,7 @@ pub(super) fn outputs(
     // Power counts here as energy does in a step.
     let one = model.pool.int(1);
     let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
-    let scale = write::scales(c, model, form, b, lowering, (&[], guesses), None)?;
+    let scale = write::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
     let system = System { unknowns: &c.loops, start: guesses.to_vec(), residuals, weight, scale, flag: None };
     write::solve(model, b, lowering, system)?;
     Ok(flat)

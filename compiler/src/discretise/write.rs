@@ -18,6 +18,8 @@ pub(super) struct Inputs {
     pub(super) guesses: Vec<Value>,
     /// What rounding took from each state.
     pub(super) carries: Vec<Slot>,
+    /// For each state a trace of the largest value it had.
+    pub(super) traces: Vec<Slot>,
     pub(super) env: Vec<(Symbol, Value)>,
 }
 
@@ -33,6 +35,7 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
     for s in &c.foreign {
         env.push((*s, b.named(Array::Input, model.pool.name(*s))));
     }
+    let traces: Vec<Slot> = c.states.iter().map(|s| b.named(Array::Input, format!("trace({})", s.name))).collect();
     let states: Vec<Slot> = c.states.iter().map(|s| b.named(Array::State, s.name.clone())).collect();
     let integrals: Vec<Slot> = c.integrals.iter().map(|i| b.named(Array::State, model.pool.name(i.symbol))).collect();
     let guesses: Vec<Slot> = c.loops.iter().map(|z| b.named(Array::State, model.pool.name(*z))).collect();
@@ -47,7 +50,7 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
     let (states, integrals, guesses) = (load(b, &states), load(b, &integrals), load(b, &guesses));
     env.extend(c.states.iter().map(|s| s.symbol).zip(states.iter().copied()));
     env.extend(c.integrals.iter().map(|i| i.symbol).zip(integrals.iter().copied()));
-    Inputs { t, h, states, integrals, guesses, carries, env }
+    Inputs { t, h, states, integrals, guesses, carries, traces, env }
 }
 
 /// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at rest under a
@@ -223,10 +226,10 @@ pub(super) fn scales(
     form: &Form,
     b: &mut Builder,
     lowering: &Lowering,
-    inputs: (&[Value], &[Value]),
+    inputs: (&[Value], &[Slot], &[Value]),
     h: Option<Expr>,
 ) -> Result<Vec<Value>, Vec<Diagnostic>> {
-    let (states, guesses) = inputs;
+    let (states, traces, guesses) = inputs;
     let mut lowering = lowering.clone();
     for (z, guess) in c.loops.iter().zip(guesses) {
         lowering.bind(*z, *guess);
@@ -235,9 +238,10 @@ pub(super) fn scales(
     let flat = c.flat(&mut model.pool, map);
     let mut list: Vec<(Value, Expr)> = Vec::new();
     if let Some(h) = h {
-        for (s, x) in c.states.iter().zip(states) {
+        for ((s, x), trace) in c.states.iter().zip(states).zip(traces) {
             let t = terms(model, form, &flat, s.column);
-            list.push((*x, model.pool.mul(h, t)));
+            let (x, trace) = (b.unary(Unary::Abs, *x), b.load(*trace));
+            list.push((b.add(x, trace), model.pool.mul(h, t)));
         }
     }
     for (z, guess) in c.loops.iter().zip(guesses) {

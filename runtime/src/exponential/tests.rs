@@ -225,13 +225,8 @@ fn squares_agree_with_forms_on_long_lines() {
         let mut m = vec![0.0; n * n];
         m[n * n - 1] = g / (c * c);
         for h in [5e-7, 1e-6, 2e-6, 1e-5] {
-            let linear = Linear {
-                n,
-                a: a.clone(),
-                forms: vec![m.clone()],
-                squares: vec![m.clone()],
-                ..Linear::default()
-            };
+            let linear =
+                Linear { n, a: a.clone(), forms: vec![m.clone()], squares: vec![m.clone()], ..Linear::default() };
             let t = table(&linear, h).unwrap();
             let layout = Layout::of(&linear);
             for shift in 0..4 {

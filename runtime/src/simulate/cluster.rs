@@ -135,7 +135,8 @@ impl Run {
         let instant = Look::new(&c.instant);
         let mut stored = Look::new(&c.stored);
         let state = c.initial.clone();
-        let input = vec![0.0; c.foreign_at + c.foreign.len()];
+        let mut input = vec![0.0; c.foreign_at + c.foreign.len() + c.states];
+        leave_traces(&mut input, &state, c);
         let n = c.states;
         let out = stored.run(&state, &input).map_err(|why| Error::Step {
             time: 0.0,
@@ -370,6 +371,7 @@ impl Run {
         for (l, x) in self.largest.iter_mut().zip(&self.state[..c.states]) {
             *l = l.max(x.abs());
         }
+        leave_traces(&mut self.input, &self.largest, c);
     }
 
     /// One adaptive step towards `end`: two halves against a whole. Gives the time reached.
@@ -616,6 +618,14 @@ impl Run {
     /// The output of the last step.
     pub(super) fn output(&self) -> &[f64] {
         &self.step.work.output
+    }
+}
+
+/// Tells the programs a trace of the largest value of each state: below it a change is as good as none.
+fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
+    let at = c.foreign_at + c.foreign.len();
+    for (trace, x) in input[at..].iter_mut().zip(&largest[..c.states]) {
+        *trace = 1e-6 * x.abs();
     }
 }
 
