@@ -2,7 +2,7 @@
 
 use crate::Compiled;
 use crate::expression::{Expr, Symbol};
-use crate::structure::{ColumnId, Output, Role};
+use crate::structure::{Output, Role};
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
@@ -93,18 +93,6 @@ pub fn linearize(
     let mut rates: Vec<Expr> = Vec::new();
     let mut columns: Vec<(Symbol, Expr)> = Vec::new();
     let mut inputs: Vec<(String, Symbol)> = Vec::new();
-    let input = |model: &mut crate::model::Model, c: ColumnId| {
-        let terms: Vec<Expr> = form
-            .column(c)
-            .row
-            .iter()
-            .map(|(j, k)| {
-                let z = model.pool.var(form.column(*j).out);
-                model.pool.mul(*k, z)
-            })
-            .collect();
-        model.pool.sum(&terms)
-    };
     for (i, r) in form.regions.iter().enumerate() {
         for s in &r.states {
             at.insert(s.symbol, states(&s.name).unwrap_or(s.initial));
@@ -118,7 +106,7 @@ pub fn linearize(
         for s in r.states.iter().filter(|_| here) {
             symbols.push(s.symbol);
             names.push(s.name.clone());
-            rates.push(input(model, s.column));
+            rates.push(form.input(&mut model.pool, s.column));
         }
         for c in &r.inputs {
             let column = form.column(*c);

@@ -204,8 +204,7 @@ impl<'a> Assignment<'a> {
             }
         }
         if errors.is_empty() {
-            for (i, bond) in self.model.bonds.iter().enumerate().filter(|(i, _)| self.strokes[*i].is_none()) {
-                let _ = i;
+            for (bond, _) in self.model.bonds.iter().zip(&self.strokes).filter(|(_, stroke)| stroke.is_none()) {
                 errors.push(
                     Diagnostic::error(
                         "causality::undetermined",

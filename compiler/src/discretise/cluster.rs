@@ -71,20 +71,6 @@ pub(super) struct Cluster {
     pub(super) delta: Vec<Symbol>,
 }
 
-/// The input of a column as an expression of outputs.
-pub(super) fn input(pool: &mut Pool, form: &Form, column: ColumnId) -> Expr {
-    let terms: Vec<Expr> = form
-        .column(column)
-        .row
-        .iter()
-        .map(|(j, k)| {
-            let z = pool.var(form.column(*j).out);
-            pool.mul(*k, z)
-        })
-        .collect();
-    pool.sum(&terms)
-}
-
 /// All clusters: sampled regions alone, continuous ones with those whose signals they read or that read theirs.
 pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
     let mut owner: FxHashMap<Symbol, usize> = FxHashMap::default();
@@ -172,7 +158,7 @@ impl Cluster {
         let r = &form.regions[region];
         let base = self.states.len();
         for s in &r.states {
-            let rate = input(pool, form, s.column);
+            let rate = form.input(pool, s.column);
             self.states.push(State {
                 symbol: s.symbol,
                 name: s.name.clone(),
@@ -265,7 +251,7 @@ impl Cluster {
         let mut all = self.all_expressions();
         let columns: Vec<ColumnId> = self.nodes.iter().map(|n| n.column).chain(self.ports.iter().copied()).collect();
         for c in columns {
-            all.push(input(&mut model.pool, form, c));
+            all.push(form.input(&mut model.pool, c));
         }
         let mut foreign: Vec<Symbol> = Vec::new();
         for e in all {

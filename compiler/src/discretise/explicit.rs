@@ -1,7 +1,7 @@
 //! Explicit Euler and the classical Runge-Kutta method, to compare with. Their steps do not keep the balance.
 
 use super::Method;
-use super::cluster::{Cluster, input, missing, verified};
+use super::cluster::{Cluster, missing, verified};
 use super::{instant, write};
 use crate::expression::Lowering;
 use crate::model::Model;
@@ -129,7 +129,7 @@ fn stage(
     }
     let mut means = Vec::new();
     for p in &c.ports {
-        let e = input(&mut model.pool, form, *p);
+        let e = form.input(&mut model.pool, *p);
         means.push(lower(model, b, e)?);
     }
     let mut powers = Vec::new();
@@ -137,7 +137,7 @@ fn stage(
         let (inputs, resistors) = c.entry_columns(form, e.region);
         let columns: Vec<ColumnId> = inputs.into_iter().chain(resistors).collect();
         for column in columns {
-            let (z, i) = (model.pool.var(form.column(column).out), input(&mut model.pool, form, column));
+            let (z, i) = (model.pool.var(form.column(column).out), form.input(&mut model.pool, column));
             let (z, i) = (lower(model, b, z)?, lower(model, b, i)?);
             powers.push(b.mul(z, i));
         }

@@ -1,6 +1,6 @@
 //! What a sampled region holds at its ports (mathematics, section 4): `lagged`, `predicted`, `matched`.
 
-use super::cluster::{Cluster, input, missing, verified};
+use super::cluster::{Cluster, missing, verified};
 use super::gonzalez;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Symbol};
@@ -55,7 +55,7 @@ fn respond(
     let mut b = Builder::new(c.title(form, &format!("{} hold", hold.name())));
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let outs: Vec<Expr> = holds.iter().map(|p| input(&mut model.pool, form, c.ports[*p])).collect();
+    let outs: Vec<Expr> = holds.iter().map(|p| form.input(&mut model.pool, c.ports[*p])).collect();
     // What the step will call for: with a discrete gradient over the step, or at its start (the paper's).
     let over_step = hold != Hold::Lagged && !is_ray;
     let map = if over_step { gonzalez::midpoint(c, &mut model.pool, form) } else { c.at_instant(form) };

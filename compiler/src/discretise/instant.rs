@@ -1,6 +1,6 @@
 //! Observation: what signals are at one instant, from the states and what comes in.
 
-use super::cluster::{Cluster, input, missing, verified};
+use super::cluster::{Cluster, missing, verified};
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Node, Symbol};
 use crate::model::Model;
@@ -123,7 +123,7 @@ pub(super) fn write(
     }
     let layout = Layout { ports: list.len() };
     for p in &c.ports {
-        let e = input(&mut model.pool, form, *p);
+        let e = form.input(&mut model.pool, *p);
         list.push((format!("out({})", form.column(*p).name), model.pool.substitute(e, &flat)));
     }
     for (name, e) in list {

@@ -1,6 +1,6 @@
 //! What the steppers share: inputs of a program, iterations, the ledger's terms.
 
-use super::cluster::{Cluster, Node, input, missing};
+use super::cluster::{Cluster, Node, missing};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form};
@@ -268,7 +268,7 @@ fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &
     let Law::Resistor(law) = &model.element(form.column(node.column).element).law else { return None };
     let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(node.column).gives);
     let slope = model.pool.derivative(output, argument);
-    let at = if forward { input(&mut model.pool, form, node.column) } else { model.pool.var(node.out) };
+    let at = if forward { form.input(&mut model.pool, node.column) } else { model.pool.var(node.out) };
     let at = model.pool.substitute(at, flat);
     let map: FxHashMap<Symbol, Expr> = std::iter::once((argument, at)).collect();
     let slope = model.pool.substitute(slope, &map);
@@ -306,7 +306,7 @@ pub(super) fn ledger(
     h: Value,
 ) -> Result<(), Vec<Diagnostic>> {
     let value = |model: &mut Model, b: &mut Builder, lowering: &mut Lowering, column, is_output: bool| {
-        let e = if is_output { model.pool.var(form.column(column).out) } else { input(&mut model.pool, form, column) };
+        let e = if is_output { model.pool.var(form.column(column).out) } else { form.input(&mut model.pool, column) };
         let e = model.pool.substitute(e, flat);
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
     };

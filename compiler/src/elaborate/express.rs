@@ -435,8 +435,7 @@ impl<'a> Elaborator<'a> {
             let (key, entity, _) = self.find(at, segment, scope, i > 0)?;
             let rest = &path.segments[i + 1..];
             match entity {
-                Entity::Instance(inner) if rest.is_empty() => {
-                    let _ = inner;
+                Entity::Instance(_) if rest.is_empty() => {
                     return self.wrong(
                         "elaborate::signal",
                         path.span,
@@ -626,11 +625,10 @@ impl<'a> Elaborator<'a> {
                 let expr = self.energy(id)?;
                 Some(Typed { expr, unit: self.energy_unit(bond) })
             }
-            (Kind::Tf | Kind::Gy, [side @ ("in" | "out"), variable]) => {
+            (Kind::Tf | Kind::Gy, [side @ ("in" | "out"), _]) => {
                 let inward = *side == "in";
                 let found =
                     self.bonds_of.get(id.at())?.iter().copied().find(|b| (self.bonds[b.at()].head == id) == inward);
-                let _ = variable;
                 self.bond_signal(found, &name, &rest[1..], span)
             }
             (Kind::Zero, ["e"]) | (Kind::One, ["f"]) => self.bond_signal(bond, &name, rest, span),

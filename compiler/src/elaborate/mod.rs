@@ -15,7 +15,7 @@ mod suggest;
 
 pub use infer::{Equation, Inference, Unit};
 pub use load::{Files, Loader, NoFiles, load};
-pub use suggest::nearest;
+pub use suggest::{distance, nearest};
 
 use crate::Options;
 use crate::expression::{Expr, Pool, Symbol};

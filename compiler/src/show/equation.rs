@@ -51,16 +51,7 @@ pub(super) fn equations(model: &mut Model, form: &Form, region: &Region, names: 
     }
     let (unknowns, loops) = resistors(pool, form, region, names, &mut known);
     let mut input = |c: ColumnId| {
-        let terms: Vec<Expr> = form
-            .column(c)
-            .row
-            .iter()
-            .map(|(j, k)| {
-                let z = pool.var(form.column(*j).out);
-                pool.mul(*k, z)
-            })
-            .collect();
-        let all = pool.sum(&terms);
+        let all = form.input(pool, c);
         replace(pool, all, &known)
     };
     let rates = region.states.iter().map(|s| input(s.column)).collect();

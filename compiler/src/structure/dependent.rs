@@ -8,7 +8,7 @@ use super::explicit::inverse;
 use super::{ColumnId, Form, Role, Row};
 use crate::causality::Causality;
 use crate::expression::{Expr, Pool, Symbol};
-use crate::graph::{BondGraph, RegionId};
+use crate::graph::RegionId;
 use crate::model::{ElementId, Law, Model, Storage};
 use bond_grammar::diagnostic::Diagnostic;
 use rustc_hash::FxHashMap;
@@ -42,7 +42,6 @@ fn storage(model: &Model, id: ElementId) -> Option<&Storage> {
 /// Merges all dependent storages, and takes their columns out of all rows.
 pub(super) fn eliminate(
     model: &mut Model,
-    graph: &BondGraph,
     causality: &Causality,
     form: &mut Form,
 ) -> Result<Eliminated, Vec<Diagnostic>> {
@@ -50,7 +49,6 @@ pub(super) fn eliminate(
     if causality.dependent.is_empty() {
         return Ok(done);
     }
-    let _ = graph;
     let dependent: Vec<ColumnId> = ids(form, Role::Dependent);
     let errors: Vec<Diagnostic> = dependent.iter().filter_map(|d| check(model, form, *d)).collect();
     if !errors.is_empty() {

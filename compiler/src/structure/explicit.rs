@@ -70,10 +70,9 @@ pub fn inverse(pool: &mut Pool, a: &Matrix) -> Option<Matrix> {
 pub(crate) fn gain(model: &mut Model, form: &Form, column: ColumnId, how: Output) -> Option<Expr> {
     let c = form.column(column);
     let Law::Resistor(law) = &model.element(c.element).law else { return None };
-    let (gives, argument) = (law.gives, law.argument);
+    let gives = law.gives;
     let Output::Explicit(_) = how else { return None };
     let law_linear = law.linear?;
-    let _ = argument;
     Some(if gives == c.gives {
         law_linear
     } else {

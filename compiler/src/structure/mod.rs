@@ -200,8 +200,8 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         expectations: Vec::new(),
     };
     resolve::rows(model, graph, &rows, &mut form)?;
-    let eliminated = dependent::eliminate(model, graph, causality, &mut form)?;
-    resolve::outputs(model, graph, causality, &rows, &eliminated, &mut form)?;
+    let eliminated = dependent::eliminate(model, causality, &mut form)?;
+    resolve::outputs(model, graph, &rows, &eliminated, &mut form)?;
     form.bars = bars(model, &form);
     form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;
     Ok(form)
@@ -304,6 +304,19 @@ impl Form {
     /// The column with this id.
     pub fn column(&self, id: ColumnId) -> &Column {
         &self.columns[id.at()]
+    }
+
+    /// The input of a column as an expression of outputs.
+    pub fn input(&self, pool: &mut Pool, column: ColumnId) -> Expr {
+        let row = &self.column(column).row;
+        let terms: Vec<Expr> = row
+            .iter()
+            .map(|(j, k)| {
+                let z = pool.var(self.column(*j).out);
+                pool.mul(*k, z)
+            })
+            .collect();
+        pool.sum(&terms)
     }
 
     /// The coefficient of an output in the input of a column.

@@ -3,7 +3,7 @@
 use super::dependent::Eliminated;
 use super::junction::Rows;
 use super::{ColumnId, Form, Group, Output, Region, Role, Row, State};
-use crate::causality::{Causality, holder};
+use crate::causality::holder;
 use crate::expression::{Expr, Symbol};
 use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, ExpectationKind, Law, Model, Signal, Variable};
@@ -127,7 +127,6 @@ pub(super) fn rows(model: &mut Model, graph: &BondGraph, rows: &Rows, form: &mut
 pub(super) fn outputs(
     model: &mut Model,
     graph: &BondGraph,
-    causality: &Causality,
     rows: &Rows,
     eliminated: &Eliminated,
     form: &mut Form,
@@ -219,7 +218,6 @@ pub(super) fn outputs(
         }
         region.groups.push(Group { states, energy: g.energy, coenergy: g.coenergy.clone(), bounded: true });
     }
-    let _ = causality;
     form.regions = regions;
     let probes: Vec<(Expr, Span)> = r.model.probes.iter().map(|p| (p.value, p.span)).collect();
     let integrals: Vec<(Expr, Span)> = r.model.integrals.iter().map(|p| (p.rate, p.span)).collect();

@@ -1,5 +1,6 @@
 //! What a misspelt unit may have meant.
 
+use crate::elaborate::distance;
 use super::table;
 
 /// Names that people write for units.
@@ -101,20 +102,4 @@ fn prefixed(symbol: &str, like: &dyn Fn(&str, &str) -> bool) -> Option<String> {
         let whole = format!("{prefix}{unit}");
         table::find(&whole).is_some().then_some(whole)
     })
-}
-
-/// How many letters to put in, take out or change.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut corner = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let change = corner + usize::from(x != *y);
-            corner = row[j + 1];
-            row[j + 1] = change.min(row[j] + 1).min(corner + 1);
-        }
-    }
-    row[b.len()]
 }
