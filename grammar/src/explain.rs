@@ -78,7 +78,6 @@ pub(crate) fn refused(scan: &Scan, piece: Piece, range: Range<usize>, refused: R
     let wreck = Wreck { scan, piece, range, at };
     let checks = [
         Wreck::strange,
-        Wreck::glued_unit,
         Wreck::reserved_name,
         Wreck::arrow,
         Wreck::operator,

@@ -56,7 +56,7 @@ pub fn parse(sources: &Sources, id: SourceId) -> (File, Vec<Diagnostic>) {
     (file, errors)
 }
 
-/// Reads a whole source as one expression, for the command line; `40ms` is a quantity here.
+/// Reads a whole source as one expression, for the command line.
 ///
 /// # Panics
 /// If the id comes from another `Sources`.
@@ -71,17 +71,8 @@ pub fn parse_expr(sources: &Sources, id: SourceId) -> Result<Expr, Diagnostic> {
     Reader::tell_places();
     let expr = match reader.read(Rule::one_expr, 0, text.len()) {
         Ok(pair) => {
-            let mut parts = pair.into_inner().peekable();
-            let sign = parts.next_if(|pair| pair.as_rule() == Rule::neg);
-            parts.next().map(|pair| match (pair.as_rule(), sign) {
-                (Rule::glued_quantity, Some(sign)) => {
-                    let (span, quantity) = (reader.span(&sign), reader.quantity(pair));
-                    let span = span.to(quantity.span);
-                    Expr { kind: ExprKind::Unary(Unary::Neg, Box::new(quantity)), span }
-                }
-                (Rule::glued_quantity, None) => reader.quantity(pair),
-                _ => reader.expr(pair),
-            })
+            let expr = pair.into_inner().next();
+            expr.map(|pair| reader.expr(pair))
         }
         Err(refused) => {
             let all = 0..scan.tokens.len();

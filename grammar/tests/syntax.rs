@@ -201,7 +201,7 @@ fn expressions_alone() {
     assert_eq!(alone("0.1 kg"), Ok("<0.1 kg^1>".to_string()));
     assert_eq!(alone("2*(3 N + a)"), Ok("(2 Mul (<3 N^1> Add a))".to_string()));
     assert_eq!(alone("5"), Ok("5".to_string()));
-    assert_eq!(alone("2*3N"), Err("syntax::unit"));
+    assert_eq!(alone("2*3N"), Ok("(2 Mul <3 N^1>)".to_string()));
     assert_eq!(alone(""), Err("syntax::value"));
     assert_eq!(alone("1 +"), Err("syntax::value"));
     assert_eq!(alone("1 < 2 < 3"), Err("syntax::comparison"));

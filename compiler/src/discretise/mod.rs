@@ -121,7 +121,7 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
             scene.open.push(scene::Open { name: c.name.clone(), port, inertia, along });
         }
     }
-    scene.probes = probes::build(model, form, &place);
+    scene.probes = probes::build(model, form, &place)?;
     Ok(scene)
 }
 
@@ -146,7 +146,8 @@ fn is_time(model: &Model, s: Symbol) -> bool {
 
 /// Makes the error for a method that a region cannot take.
 fn unfit(model: &Model, cluster: &Cluster, form: &Form, method: Method, why: &str) -> Vec<Diagnostic> {
-    let span = model.settings.method.as_ref().map_or(model.span, |m| m.1);
+    let own = cluster.sampling.map(|s| &model.samplings[s]).filter(|s| s.method.is_some()).map(|s| s.span);
+    let span = own.or(model.settings.method.as_ref().map(|m| m.1)).unwrap_or(model.span);
     let region = cluster.regions.first().map(|r| form.regions[r.at()].name.as_str()).unwrap_or("");
     vec![
         Diagnostic::error(

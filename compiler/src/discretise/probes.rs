@@ -5,6 +5,7 @@ use super::is_time;
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::{ExpectationKind, Model};
 use crate::structure::Form;
+use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Program};
 use bond_runtime::scene::{self, Probes};
 
@@ -29,7 +30,11 @@ fn is_extreme(model: &Model, s: Symbol) -> bool {
 }
 
 /// Writes the program. `place` says which cluster shows a symbol, and as which output of its observation.
-pub(super) fn build(model: &mut Model, form: &Form, place: &dyn Fn(Symbol) -> Option<(usize, usize)>) -> Probes {
+pub(super) fn build(
+    model: &mut Model,
+    form: &Form,
+    place: &dyn Fn(Symbol) -> Option<(usize, usize)>,
+) -> Result<Probes, Vec<Diagnostic>> {
     let mut b = Builder::new("probes");
     let t = b.named(Array::Input, "t");
     let t = b.load(t);
@@ -82,6 +87,11 @@ pub(super) fn build(model: &mut Model, form: &Form, place: &dyn Fn(Symbol) -> Op
                 } else {
                     let symbols: Vec<Symbol> = extremes.iter().map(|e| e.0).collect();
                     let program = of_extremes(model, condition, &symbols);
+                    if program.is_none() {
+                        let what = "this condition mixes an extreme over the run with a signal that changes in it";
+                        let help = "compare extremes with numbers and with one another: `max(x - 2*y) < 0 m` for `max(x) < 2*y`";
+                        return Err(vec![Diagnostic::error("discretise::expect", x.span, what).help(help)]);
+                    }
                     scene::ExpectationKind::Holds { extremes: outputs, output: 0, program }
                 }
             }
@@ -90,7 +100,7 @@ pub(super) fn build(model: &mut Model, form: &Form, place: &dyn Fn(Symbol) -> Op
     }
     probes.gather = gather;
     probes.program = verified(model, b.finish()).ok();
-    probes
+    Ok(probes)
 }
 
 /// The condition as a program of the extremes alone; `None` where it reads other signals too.

@@ -1,7 +1,7 @@
 //! What a misspelt unit may have meant.
 
-use crate::elaborate::distance;
 use super::table;
+use crate::elaborate::distance;
 
 /// Names that people write for units.
 const NAMES: &[(&str, &str)] = &[

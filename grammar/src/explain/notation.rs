@@ -32,18 +32,6 @@ impl Wreck<'_> {
         Some(self.error("syntax::character", index, message).help(help))
     }
 
-    /// `10N`.
-    pub(super) fn glued_unit(&self) -> Option<Diagnostic> {
-        let number = [self.at, self.before()].into_iter().find(|&index| {
-            self.kind(index) == Some(Kind::Number) && self.adjacent(index) && self.kind(index + 1) == Some(Kind::Word)
-        })?;
-        let (digits, unit) = (self.word(number), self.word(number + 1));
-        let span = self.scan.span_of(number).to(self.scan.span_of(number + 1));
-        let message = format!("`{digits}{unit}`: a number and a unit need a space between them");
-        let help = format!("write `{digits} {unit}` for a quantity, `{digits}*{unit}` for a product");
-        Some(Diagnostic::error("syntax::unit", span, message).help(help))
-    }
-
     /// Arrows of other notations.
     pub(super) fn arrow(&self) -> Option<Diagnostic> {
         const WRONG: &[(&[&str], &str)] = &[
