@@ -2,6 +2,7 @@
 
 mod common;
 
+mod allocation;
 mod causality;
 mod determinism;
 mod diagnostics;

@@ -18,19 +18,31 @@ const TRACE: f64 = 1e-11;
 /// Tables for different step lengths kept at most.
 const TABLES: usize = 256;
 
+/// Whether two lengths of time differ by no more than the rounding of an instant.
+fn same_length(a: f64, b: f64, instant: f64) -> bool {
+    (a - b).abs() <= (4.0 * f64::EPSILON * instant.abs()).min(1e-6 * a.abs())
+}
+
 /// A stepper ready to run, with its tables by step length.
 pub(super) struct Ready {
     kernel: Interpreter,
     pub(super) work: Workspace,
     linear: Option<exponential::Linear>,
     tables: HashMap<u64, Vec<f64>>,
+    /// The lengths of the tables, in order of making.
+    lengths: Vec<f64>,
 }
 
 impl Ready {
     fn new(stepper: &Stepper) -> Self {
         let kernel = Interpreter::new(&stepper.program);
         let work = kernel.workspace();
-        Self { kernel, work, linear: stepper.linear.clone(), tables: HashMap::new() }
+        Self { kernel, work, linear: stepper.linear.clone(), tables: HashMap::new(), lengths: Vec::new() }
+    }
+
+    /// A length that there is a table for, where one is the same but for the rounding of the instant `t`.
+    fn known(&self, h: f64, t: f64) -> f64 {
+        self.lengths.iter().copied().find(|l| same_length(h, *l, t)).unwrap_or(h)
     }
 
     /// Makes the table for a step length, if the stepper needs one.
@@ -41,9 +53,11 @@ impl Ready {
         }
         if self.tables.len() >= TABLES {
             self.tables.clear();
+            self.lengths.clear();
         }
         let table = exponential::table(linear, h).map_err(|e| e.to_string())?;
         self.tables.insert(h.to_bits(), table);
+        self.lengths.push(h);
         Ok(())
     }
 
@@ -257,7 +271,11 @@ impl Run {
         let n = ((end - now) / h - 1e-9).ceil().max(1.0);
         self.base = now;
         self.count = 0;
-        self.h = (end - now) / n;
+        let h = (end - now) / n;
+        // Intervals differ in their last bits; a step that differs so would need a table of its own.
+        if !same_length(h, self.h, end) {
+            self.h = h;
+        }
     }
 
     /// Runs to `end` exactly: with steps of at most the wanted length, or adaptive ones.
@@ -551,6 +569,8 @@ impl Run {
         let region = names.get(self.index).cloned().unwrap_or_default();
         let iterations = self.step.work.newton_iterations;
         let ready = self.glance.as_mut().unwrap_or(&mut self.step);
+        let h = ready.known(h, t);
+        self.input[1] = h;
         ready.prepare(h).map_err(|why| Error::Table { region, why })?;
         let result = ready.run(&self.state, &self.input, h);
         if result.is_ok() {
