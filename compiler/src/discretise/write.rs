@@ -5,7 +5,7 @@ use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Newton, Slot, Unary, Value};
+use bond_runtime::ir::{self, Array, Builder, Newton, Slot, Unary, Value};
 use bond_runtime::scene::Entries;
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -54,8 +54,16 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
 }
 
 /// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at rest under a
-/// flow of energy is off by up to half a digit, and so is each step's balance, always to the same side.
+/// flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A carry from when the
+/// state was much larger than it is now is dropped: it would be no rounding any more.
 pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value) {
+    let plain = b.add(x, change);
+    let (plain, size) = (b.unary(Unary::Abs, plain), b.unary(Unary::Abs, carry));
+    let epsilon = b.number(f64::EPSILON);
+    let most = b.mul(epsilon, plain);
+    let fits = b.binary(ir::Binary::Le, size, most);
+    let zero = b.number(0.0);
+    let carry = b.select(fits, carry, zero);
     let y = b.add(change, carry);
     let next = b.add(x, y);
     let done = b.sub(next, x);
