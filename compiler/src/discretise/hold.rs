@@ -121,5 +121,17 @@ fn respond(
         let slot = b.named(Array::Output, "solved");
         b.store(slot, v);
     }
+    // What the sources of the region are foretold to put in: the budget may spend it.
+    let mut supplied = b.number(0.0);
+    for node in c.nodes.iter().filter(|n| n.is_source) {
+        let (z, i) = (model.pool.var(node.out), form.input(&mut model.pool, node.column));
+        let power = model.pool.mul(z, i);
+        let power = model.pool.substitute(power, &flat);
+        let p = lowering.lower(&model.pool, &mut b, power).map_err(|s| missing(model, s))?;
+        let w = b.mul(inputs.h, p);
+        supplied = b.sub(supplied, w);
+    }
+    let slot = b.named(Array::Output, "supplied");
+    b.store(slot, supplied);
     verified(model, b.finish())
 }

@@ -3,7 +3,7 @@
 use super::cluster::{Cluster, Node, missing};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
-use crate::structure::{ColumnId, Form};
+use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{self, Array, Builder, Newton, Slot, Unary, Value};
 use bond_runtime::scene::Entries;
@@ -275,6 +275,12 @@ pub(super) fn scales(
 fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &Node) -> Option<(Expr, bool)> {
     let Law::Resistor(law) = &model.element(form.column(node.column).element).law else { return None };
     let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(node.column).gives);
+    if model.pool.symbols(output).iter().any(|s| *s != argument) {
+        // A law that reads signals: its residual is in terms of states and outputs already.
+        let Output::Implicit(residual) = node.how else { return None };
+        let slope = model.pool.derivative(residual, node.out);
+        return Some((model.pool.substitute(slope, flat), false));
+    }
     let slope = model.pool.derivative(output, argument);
     let at = if forward { form.input(&mut model.pool, node.column) } else { model.pool.var(node.out) };
     let at = model.pool.substitute(at, flat);

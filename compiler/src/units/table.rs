@@ -87,7 +87,6 @@ const UNITS: &[Unit] = &[
     plain("min", whole(60), D::SECOND),
     plain("h", whole(3_600), D::SECOND),
     plain("d", whole(86_400), D::SECOND),
-    plain("t", ten(3), D::KILOGRAM),
     si("eV", Size { above: 1_602_176_634, below: 1, ten: -28, pi: 0 }, D::JOULE),
     si("Wh", whole(3_600), D::JOULE),
     si("Ah", whole(3_600), D::COULOMB),

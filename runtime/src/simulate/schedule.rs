@@ -417,6 +417,7 @@ impl<'a> Simulation<'a> {
         }
         values.clear();
         values.resize(n, 0.0);
+        let mut foreseen = 0.0;
         {
             let run = &mut self.runs[i];
             let state = &run.state;
@@ -428,6 +429,7 @@ impl<'a> Simulation<'a> {
                     why,
                 })?;
                 values.copy_from_slice(&out[..n]);
+                foreseen = out[n + usize::from(matched)];
                 if matched && out.get(n) == Some(&0.0) {
                     self.search(i, at, alpha, values, q)?;
                 }
@@ -443,7 +445,7 @@ impl<'a> Simulation<'a> {
         }
         if c.budget {
             let stored = self.runs[i].books.first().map_or(0.0, |b| b.h + b.tank);
-            within_budget(values, alpha, &self.beta[i], stored.max(0.0));
+            within_budget(values, alpha, &self.beta[i], (stored + foreseen.max(0.0)).max(0.0));
         }
         for (h, v) in self.held[i].iter_mut().zip(values.iter().copied()) {
             h.v = v;

@@ -10,7 +10,7 @@
 //!      [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start over.
 //!   2. Where all of `r` is 0: done.
 //!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the first update,
-//!      add 1e-3 of the scale to the unknowns and start over, and another time take 2e-3 of it off; else fail.
+//!      add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time take 2e-3 of it off; else fail.
 //!   4. `u = u - d`, then test.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
@@ -176,7 +176,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
                 nudges += 1;
                 let side = if nudges % 2 == 1 { 1e-3 } else { -2e-3 };
                 for (u, s) in system.unknowns().iter_mut().zip(&scratch.scale) {
-                    *u += side * s;
+                    *u += side * if *s > 0.0 { *s } else { 1.0 };
                 }
                 best = f64::INFINITY;
                 continue;
