@@ -386,8 +386,7 @@ impl Cluster {
             None => None,
         };
         let (instant, layout) = instant::write(self, model, form, shows)?;
-        let guards =
-            if sampling.is_none() && step.linear.is_none() { instant::guards(self, model, form)? } else { None };
+        let guards = if sampling.is_none() { instant::guards(self, model, form)? } else { None };
         let ports = self
             .ports
             .iter()

@@ -347,7 +347,67 @@ impl Run {
         h: f64,
         moved: &mut Vec<f64>,
     ) -> Result<(), Error> {
-        self.split(c, names, t, h, moved, 0)
+        let (mut at, mut rest) = (t, h);
+        while let Some(part) = self.switch(c, at, rest) {
+            self.split(c, names, at, part, moved, 0)?;
+            at += part;
+            rest = t + h - at;
+        }
+        self.split(c, names, at, rest, moved, 0)
+    }
+
+    /// The way from `t` to just past where a source of a linear cluster first switches, if it does so within `h`: the exact step
+    /// takes a source as smooth, so that it is cut there. Seen is what lasts longer than a sixteenth of the step.
+    fn switch(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
+        if !c.is_linear || self.guards.is_none() {
+            return None;
+        }
+        self.guard_at(t);
+        for (b, out) in self.before.iter_mut().zip(self.guards.iter().flat_map(|g| &g.work.output)) {
+            *b = *out;
+        }
+        if self.before.contains(&0.0) {
+            // It stands on a switch: what counts is the side it goes to.
+            self.guard_at(t + 1e-6 * h);
+            for (b, out) in self.before.iter_mut().zip(self.guards.iter().flat_map(|g| &g.work.output)) {
+                if *b == 0.0 {
+                    *b = *out;
+                }
+            }
+        }
+        let mut low = 0.0;
+        for k in 1..=16 {
+            let mut high = h * f64::from(k) / 16.0;
+            if !self.switched(t + high) {
+                low = high;
+                continue;
+            }
+            loop {
+                let middle = 0.5 * (low + high);
+                if t + middle <= t + low || t + middle >= t + high {
+                    break;
+                }
+                if self.switched(t + middle) {
+                    high = middle;
+                } else {
+                    low = middle;
+                }
+            }
+            return (h - high > 4.0 * f64::EPSILON * (t + h)).then_some(high);
+        }
+        None
+    }
+
+    fn guard_at(&mut self, t: f64) {
+        self.input[0] = t;
+        if let Some(guards) = &mut self.guards {
+            let _ = guards.run(&self.state, &self.input); // a guard that cannot be told switches nothing
+        }
+    }
+
+    fn switched(&mut self, t: f64) -> bool {
+        self.guard_at(t);
+        self.guards.iter().flat_map(|g| &g.work.output).zip(&self.before).any(|(a, b)| a * b < 0.0)
     }
 
     /// One step, kept; a step of a continuous cluster that fails is taken as two of half the length, and those likewise: a law
@@ -564,23 +624,33 @@ impl Run {
             self.glanced.copy_from_slice(&self.state);
             return Ok(&self.glanced);
         }
-        self.input[0] = now;
-        self.input[1] = h;
-        let region = names.get(self.index).cloned().unwrap_or_default();
+        self.glanced.copy_from_slice(&self.state);
+        let (mut at, mut rest) = (now, h);
+        while let Some(part) = self.switch(c, at, rest) {
+            self.glance(c, names, at, part)?;
+            at += part;
+            rest = t - at;
+        }
+        self.glance(c, names, at, rest)?;
+        Ok(&self.glanced)
+    }
+
+    /// Moves what is looked at by one step.
+    fn glance(&mut self, c: &Cluster, names: &[String], at: f64, h: f64) -> Result<(), Error> {
         let iterations = self.step.work.newton_iterations;
         let ready = self.glance.as_mut().unwrap_or(&mut self.step);
-        let h = ready.known(h, t);
+        let h = ready.known(h, at + h);
+        self.input[0] = at;
         self.input[1] = h;
-        ready.prepare(h).map_err(|why| Error::Table { region, why })?;
-        let result = ready.run(&self.state, &self.input, h);
+        if let Err(why) = ready.prepare(h) {
+            return Err(Error::Table { region: names.get(self.index).cloned().unwrap_or_default(), why });
+        }
+        let result = ready.run(&self.glanced, &self.input, h);
         if result.is_ok() {
             self.glanced.copy_from_slice(&ready.work.next);
         }
         self.step.work.newton_iterations = iterations;
-        match result {
-            Ok(()) => Ok(&self.glanced),
-            Err(why) => Err(self.failure(c, names, now, why)),
-        }
+        result.map_err(|why| self.failure(c, names, at, why))
     }
 
     /// Runs the cluster's observation at `t`.
