@@ -438,8 +438,15 @@ impl<'a> Elaborator<'a> {
             Some(p) if p > 0.0 && p.is_finite() => p,
             Some(p) => {
                 self.errors.push(
-                    Diagnostic::error("elaborate::period", clock, format!("a period of {p} s cannot be run"))
-                        .help("give a positive rate or period, such as `at 1 kHz` or `every 40 ms`"),
+                    Diagnostic::error(
+                        "elaborate::period",
+                        clock,
+                        match &block.clock {
+                            Clock::At(_) => format!("a rate of {} Hz cannot be run", 1.0 / p),
+                            Clock::Every(_) => format!("a period of {p} s cannot be run"),
+                        },
+                    )
+                    .help("give a positive rate or period, such as `at 1 kHz` or `every 40 ms`"),
                 );
                 1.0
             }

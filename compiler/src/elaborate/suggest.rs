@@ -2,7 +2,8 @@
 
 /// The candidate nearest to `word`, if it is near enough to be meant.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let limit = 1 + word.chars().count() / 3;
+    let letters = word.chars().count();
+    let limit = if letters < 3 { 0 } else { 1 + letters / 3 };
     candidates
         .into_iter()
         .filter(|c| *c != word)

@@ -70,7 +70,13 @@ impl<'a> Elaborator<'a> {
                 let h = self.energy_of_law(typed.expr, state);
                 (h, self.pool.derivative(h, state))
             };
-            let linear = self.pool.linear(co, state).filter(|(_, rest)| self.pool.is_zero(*rest)).map(|l| l.0);
+            let linear = self
+                .pool
+                .linear(co, state)
+                .filter(|(_, rest)| self.pool.is_zero(*rest))
+                .map(|l| l.0)
+                // A storage without energy only keeps count, as of an angle that a ratio depends on.
+                .filter(|k| !self.pool.is_zero(*k));
             if let Some(k) = linear {
                 self.positive_constant(k, value, &name, "stiffness")?;
             }
