@@ -272,3 +272,30 @@ fn modulated_resistors_run_either_way() {
         crate::common::close(sim.probe("v").unwrap_or(f64::NAN), exact, 1e-8, value);
     }
 }
+
+/// A storage without energy counts an angle, and a ratio that follows it pulls a spring: x = l (sin th - sin th0).
+#[test]
+fn a_ratio_follows_a_counted_angle() {
+    let compiled = text(
+        "model Crank(l = 0.5 m) {
+          I:rotor { inertia = 2 kg*m^2; f0 = 3 rad/s }
+          C:th { H = 0; q0 = 1 rad }
+          C:spring = 0.01 m/N
+          TF:arm = l*cos(th.q/(1 rad))
+          1:w -> rotor, th, arm
+          arm -> spring
+          probe angle = th.q
+          probe x = spring.q
+        }",
+    );
+    let off = |step: f64| {
+        let mut sim = start(&compiled, Steps::fixed(step));
+        advance(&mut sim, 2.0);
+        let (angle, x) = (probe(&mut sim, "angle"), probe(&mut sim, "x"));
+        assert!(sim.summary().worst_step <= 1e-12, "a step's balance with steps of {step}");
+        (x - 0.5 * (angle.sin() - 1f64.sin())).abs()
+    };
+    let (coarse, fine) = (off(0.002), off(0.001));
+    assert!((3.5..4.5).contains(&(coarse / fine)), "order 2 of the constraint: {coarse:e}, then {fine:e}");
+    assert!(fine < 1e-5, "the constraint is off by {fine:e} m");
+}
