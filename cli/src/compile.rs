@@ -174,6 +174,20 @@ impl Compiled {
         bond_compiler::linearize::linearize(&mut self.inner.clone(), time, states)
     }
 
+    /// How fast each state changes, in SI units a second, at a time and at values of the states by name; a state that is not given
+    /// is at its start. What sampled regions hold, and open ports, are 0.
+    ///
+    /// # Errors
+    /// In words, where loops of resistors cannot be solved at that state.
+    pub fn rates(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Vec<(String, f64)>, String> {
+        bond_compiler::rates::rates(&mut self.inner.clone(), time, states)
+    }
+
+    /// The energy of each continuous region, J, at values of the states by name.
+    pub fn energies(&self, states: &dyn Fn(&str) -> Option<f64>) -> Vec<(String, f64)> {
+        bond_compiler::rates::energies(&self.inner, states)
+    }
+
     /// Puts it at its start. The model's own `simulate` settings hold where `steps` says nothing.
     ///
     /// # Errors

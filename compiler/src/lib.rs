@@ -11,6 +11,7 @@ pub mod expression;
 pub mod graph;
 pub mod linearize;
 pub mod model;
+pub mod rates;
 pub mod show;
 pub mod structure;
 pub mod units;

@@ -1,0 +1,215 @@
+//! The continuous regions at a state, by value: what storages, sources and resistors give there, and how fast the states change.
+
+use crate::Compiled;
+use crate::expression::{Expr, Pool, Symbol};
+use crate::model::Signal;
+use crate::structure::{Output, Role};
+use nalgebra::{DMatrix, DVector};
+use rustc_hash::FxHashMap;
+
+/// Why a state has no values.
+pub(crate) const SINGULAR: &str = "the loops of resistors are singular at this state";
+const OPEN: &str = "the loops of resistors have no solution that is found at this state";
+
+/// Most iterations of a loop, and most halvings of one update.
+const ITERATIONS: usize = 200;
+const HALVINGS: usize = 40;
+
+/// A state of the continuous regions, with all that follows from it.
+pub(crate) struct Point {
+    /// Energy states, then integrals: name, symbol, rate.
+    pub(crate) states: Vec<(String, Symbol, Expr)>,
+    /// Open ports and what sampled regions hold: name and symbol. They are 0.
+    pub(crate) inputs: Vec<(String, Symbol)>,
+    /// Definitions: outputs of storages, sources and resistors.
+    pub(crate) columns: Vec<(Symbol, Expr)>,
+    /// Definitions that need none but those before them, in that order.
+    pub(crate) order: Vec<usize>,
+    /// Definitions in loops, or behind one.
+    pub(crate) looped: Vec<usize>,
+    /// 1 less the slopes of the looped definitions by each other.
+    pub(crate) loops: DMatrix<f64>,
+    /// The value of each symbol.
+    pub(crate) at: FxHashMap<Symbol, f64>,
+}
+
+impl Point {
+    /// The scene at a time and at values of its states (energy states by name, then `integral[0]` and so on); a state that is not
+    /// given is at its start.
+    pub(crate) fn new(
+        compiled: &mut Compiled,
+        time: f64,
+        states: &dyn Fn(&str) -> Option<f64>,
+    ) -> Result<Point, String> {
+        let mut point = Point {
+            states: vec![],
+            inputs: vec![],
+            columns: vec![],
+            order: vec![],
+            looped: vec![],
+            loops: DMatrix::zeros(0, 0),
+            at: FxHashMap::default(),
+        };
+        point.define(compiled, time, states);
+        point.settle(&compiled.model.pool);
+        point.solve(&mut compiled.model.pool)?;
+        Ok(point)
+    }
+
+    /// The value of an expression here.
+    pub(crate) fn value(&self, pool: &Pool, e: Expr) -> f64 {
+        pool.eval(e, &|s| self.at.get(&s).copied().unwrap_or(0.0))
+    }
+
+    /// States get their values, everything else its definition.
+    fn define(&mut self, compiled: &mut Compiled, time: f64, states: &dyn Fn(&str) -> Option<f64>) {
+        let (model, form) = (&mut compiled.model, &compiled.form);
+        self.at.extend(model.signals.iter().filter(|s| *s.1 == Signal::Time).map(|s| (*s.0, time)));
+        for r in &form.regions {
+            let here = r.sampling.is_none();
+            for s in &r.states {
+                self.at.insert(s.symbol, states(&s.name).unwrap_or(s.initial));
+                if here {
+                    self.states.push((s.name.clone(), s.symbol, form.input(&mut model.pool, s.column)));
+                }
+            }
+            for g in &r.groups {
+                for (s, z) in g.states.iter().zip(&g.coenergy) {
+                    self.columns.push((form.column(r.states[*s].column).out, *z));
+                }
+            }
+            for c in &r.inputs {
+                let column = form.column(*c);
+                match column.role {
+                    Role::Source(v) => self.columns.push((column.out, v)),
+                    Role::Bar | Role::Open(_) => {
+                        self.at.insert(column.out, 0.0);
+                        if here {
+                            self.inputs.push((format!("{}.{}", column.name, column.gives.letter()), column.out));
+                        }
+                    }
+                    Role::Storage | Role::Resistor | Role::Dependent => {}
+                }
+            }
+            for (c, how) in &r.resistors {
+                let out = form.column(*c).out;
+                let law = match how {
+                    Output::Explicit(e) => *e,
+                    Output::Implicit(e) => {
+                        // z - (z - residual): its derivative is that of the residual.
+                        let z = model.pool.var(out);
+                        model.pool.sub(z, *e)
+                    }
+                };
+                self.columns.push((out, law));
+            }
+        }
+        for (i, (integral, rate)) in model.integrals.iter().zip(&form.integrals).enumerate() {
+            let name = format!("integral[{i}]");
+            self.at.insert(integral.symbol, states(&name).unwrap_or(integral.start));
+            self.states.push((name, integral.symbol, *rate));
+        }
+    }
+
+    /// Values of the definitions whose symbols all have values, until none is left that can be had so.
+    fn settle(&mut self, pool: &Pool) {
+        let defined: FxHashMap<Symbol, usize> = self.columns.iter().enumerate().map(|(i, c)| (c.0, i)).collect();
+        let mut waits: Vec<usize> = Vec::with_capacity(self.columns.len());
+        let mut users: Vec<Vec<usize>> = vec![Vec::new(); self.columns.len()];
+        for (i, (_, e)) in self.columns.iter().enumerate() {
+            let needs: Vec<usize> = pool.symbols(*e).iter().filter_map(|s| defined.get(s).copied()).collect();
+            waits.push(needs.len());
+            for j in needs {
+                users[j].push(i);
+            }
+        }
+        let mut ready: Vec<usize> = (0..self.columns.len()).filter(|i| waits[*i] == 0).collect();
+        while let Some(i) = ready.pop() {
+            self.order.push(i);
+            let x = self.value(pool, self.columns[i].1);
+            self.at.insert(self.columns[i].0, x);
+            for &j in &users[i] {
+                waits[j] -= 1;
+                if waits[j] == 0 {
+                    ready.push(j);
+                }
+            }
+        }
+        self.looped = (0..self.columns.len()).filter(|i| waits[*i] > 0).collect();
+    }
+
+    /// Newton's method for the definitions that wait for each other; updates that make them fit worse are halved.
+    fn solve(&mut self, pool: &mut Pool) -> Result<(), String> {
+        let n = self.looped.len();
+        self.loops = DMatrix::identity(n, n);
+        if n == 0 {
+            return Ok(());
+        }
+        let symbols: Vec<Symbol> = self.looped.iter().map(|i| self.columns[*i].0).collect();
+        let laws: Vec<Expr> = self.looped.iter().map(|i| self.columns[*i].1).collect();
+        let place: FxHashMap<Symbol, usize> = symbols.iter().enumerate().map(|(k, s)| (*s, k)).collect();
+        let mut slopes: Vec<(usize, usize, Expr)> = Vec::new();
+        for (k, law) in laws.iter().enumerate() {
+            for s in pool.symbols(*law) {
+                if let Some(&j) = place.get(&s) {
+                    slopes.push((k, j, pool.derivative(*law, s)));
+                }
+            }
+        }
+        let mut z = DVector::from_element(n, 1e-9);
+        let mut residual = self.misfit(pool, &symbols, &laws, &z);
+        for _ in 0..ITERATIONS {
+            self.loops = DMatrix::identity(n, n);
+            for (i, j, d) in &slopes {
+                self.loops[(*i, *j)] -= self.value(pool, *d);
+            }
+            let mut step = self.loops.clone().lu().solve(&residual).ok_or(SINGULAR)?;
+            let mut next = self.misfit(pool, &symbols, &laws, &(&z - &step));
+            for _ in 0..HALVINGS {
+                if next.norm() <= residual.norm() || step.amax() <= 1e-14 * z.amax() {
+                    break;
+                }
+                step *= 0.5;
+                next = self.misfit(pool, &symbols, &laws, &(&z - &step));
+            }
+            z -= &step;
+            residual = next;
+            if step.amax() <= 1e-14 * z.amax() {
+                return if residual.iter().all(|r| r.is_finite()) { Ok(()) } else { Err(OPEN.into()) };
+            }
+        }
+        Err(OPEN.into())
+    }
+
+    /// Takes values for the looped outputs, and gives by how much each is off its definition.
+    fn misfit(&mut self, pool: &Pool, symbols: &[Symbol], laws: &[Expr], z: &DVector<f64>) -> DVector<f64> {
+        self.at.extend(symbols.iter().copied().zip(z.iter().copied()));
+        DVector::from_iterator(z.len(), laws.iter().zip(z.iter()).map(|(e, z)| z - self.value(pool, *e)))
+    }
+}
+
+/// How fast each state of the continuous regions changes, in SI units a second: dx/dt of the energy states by name, then
+/// of the integrals `integral[0]` and so on. A state that is not given is at its start.
+///
+/// # Errors
+/// In words, where loops of resistors cannot be solved at that state.
+pub fn rates(
+    compiled: &mut Compiled,
+    time: f64,
+    states: &dyn Fn(&str) -> Option<f64>,
+) -> Result<Vec<(String, f64)>, String> {
+    let point = Point::new(compiled, time, states)?;
+    let pool = &compiled.model.pool;
+    Ok(point.states.iter().map(|(name, _, rate)| (name.clone(), point.value(pool, *rate))).collect())
+}
+
+/// The energy H of each continuous region at values of its states, J: the region's name and the sum over its storages.
+pub fn energies(compiled: &Compiled, states: &dyn Fn(&str) -> Option<f64>) -> Vec<(String, f64)> {
+    let energy = |r: &crate::structure::Region| {
+        let at: FxHashMap<Symbol, f64> =
+            r.states.iter().map(|s| (s.symbol, states(&s.name).unwrap_or(s.initial))).collect();
+        r.groups.iter().map(|g| compiled.model.pool.eval(g.energy, &|s| at.get(&s).copied().unwrap_or(0.0))).sum()
+    };
+    let regions = compiled.form.regions.iter().filter(|r| r.sampling.is_none());
+    regions.map(|r| (r.name.clone(), energy(r))).collect()
+}
