@@ -50,10 +50,13 @@ pub fn scenes(text: &str) -> Vec<String> {
     file.items.iter().filter_map(runs).collect()
 }
 
-/// All scenes of the examples and the elements: title, path, model.
+/// Folders of models that run and expect something.
+pub const RUN: [&str; 3] = ["examples", "elements", "classics"];
+
+/// All scenes of the examples, the elements and the classics: title, path, model.
 pub fn all_scenes() -> Vec<(String, PathBuf, String)> {
     let mut list = Vec::new();
-    for (path, text) in texts("examples").into_iter().chain(texts("elements")) {
+    for (path, text) in RUN.iter().flat_map(|folder| texts(folder)) {
         for scene in scenes(&text) {
             list.push((format!("{} {scene}", title(&path)), path.clone(), scene));
         }

@@ -13,7 +13,7 @@ fn no_file_is_unknown() {
     for folder in files("") {
         let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
         assert!(
-            folder.is_dir() && ["examples", "elements", "invalid", "library"].contains(&name.as_str()),
+            folder.is_dir() && ["examples", "elements", "classics", "invalid", "library"].contains(&name.as_str()),
             "models/{name} is run by no test"
         );
         for path in files(&name) {
@@ -25,7 +25,7 @@ fn no_file_is_unknown() {
 
 #[test]
 fn every_model_has_docs() {
-    for folder in ["examples", "elements", "invalid", "library"] {
+    for folder in ["examples", "elements", "classics", "invalid", "library"] {
         for (path, text) in texts(folder) {
             assert!(text.starts_with("//! "), "{} does not say what it is", path.display());
         }
@@ -33,8 +33,8 @@ fn every_model_has_docs() {
 }
 
 #[test]
-fn every_example_and_element_is_a_scene_that_expects_something() {
-    for folder in ["examples", "elements"] {
+fn every_example_element_and_classic_is_a_scene_that_expects_something() {
+    for folder in crate::common::RUN {
         for (path, _) in texts(folder) {
             let compiled = file(&path, Options::new());
             assert!(!compiled.scene().probes.expectations.is_empty(), "{} expects nothing", path.display());

@@ -4,6 +4,7 @@ mod common;
 
 mod allocation;
 mod causality;
+mod classics;
 mod determinism;
 mod diagnostics;
 mod elaborate;

@@ -1,6 +1,6 @@
 //! Valid models with something knocked out or put in: whatever comes, nothing panics.
 
-use crate::common::{cases, texts};
+use crate::common::{RUN, cases, texts};
 use bond::{Options, Steps};
 use proptest::prelude::*;
 
@@ -98,8 +98,7 @@ proptest! {
 
     #[test]
     fn nothing_panics(which in any::<prop::sample::Index>(), changes in prop::collection::vec(change(), 1..6)) {
-        let mut all = texts("examples");
-        all.extend(texts("elements"));
+        let all: Vec<_> = RUN.iter().flat_map(|folder| texts(folder)).collect();
         let (_, text) = &all[which.index(all.len())];
         let text = changed(text, &changes);
         match Options::new().compile_str("mutated.bond", text.as_str()) {

@@ -1,0 +1,129 @@
+//! Pendulums, bodies that turn, and orbits: Newton and Lagrange where the geometry moves.
+
+use super::{System, hand};
+
+pub(super) fn systems() -> Vec<System> {
+    let mut list = pendulums();
+    list.extend(bodies());
+    list
+}
+
+fn pendulums() -> Vec<System> {
+    vec![
+        System {
+            name: "pendulum",
+            states: &[("bob.p", -3.0, 3.0), ("weight.q", -7.0, 7.0)],
+            until: 1.0,
+            // m l^2 a'' = -m g l sin(a)
+            by_hand: |x| {
+                let (inertia, a) = (x["m"] * x["len"].powi(2), x["weight.q"]);
+                let w = x["bob.p"] / inertia;
+                let weight = x["m"] * x["g"] * x["len"];
+                let energy = 0.5 * inertia * w * w + weight * (1.0 - a.cos());
+                hand([("bob.p", -weight * a.sin()), ("weight.q", w)], energy)
+            },
+        },
+        System {
+            name: "coupled_pendulums",
+            states: &[
+                ("left.p", -3.0, 3.0),
+                ("right.p", -3.0, 3.0),
+                ("left_weight.q", -3.0, 3.0),
+                ("right_weight.q", -3.0, 3.0),
+                ("spring.q", -3.0, 3.0),
+            ],
+            until: 1.0,
+            // The spring's twist s has s' = a1' - a2'; it pulls the two together.
+            by_hand: |x| {
+                let inertia = x["m"] * x["len"].powi(2);
+                let weight = x["m"] * x["g"] * x["len"];
+                let (w1, w2) = (x["left.p"] / inertia, x["right.p"] / inertia);
+                let (a1, a2) = (x["left_weight.q"], x["right_weight.q"]);
+                let torque = x["k"] * x["spring.q"];
+                hand(
+                    [
+                        ("left.p", -weight * a1.sin() - torque),
+                        ("left_weight.q", w1),
+                        ("right.p", -weight * a2.sin() + torque),
+                        ("right_weight.q", w2),
+                        ("spring.q", w1 - w2),
+                    ],
+                    0.5 * inertia * (w1 * w1 + w2 * w2)
+                        + weight * (2.0 - a1.cos() - a2.cos())
+                        + 0.5 * x["k"] * x["spring.q"].powi(2),
+                )
+            },
+        },
+        System {
+            name: "spring_pendulum",
+            states: &[("mass_x.p", -1.0, 1.0), ("mass_y.p", -1.0, 1.0), ("band.q", -0.3, 0.3), ("angle.q", -4.0, 4.0)],
+            until: 1.0,
+            // Newton in x and y, the band's force along it; r' and r a' are the velocity's parts along and across.
+            by_hand: |x| {
+                let (vx, vy) = (x["mass_x.p"] / x["m"], x["mass_y.p"] / x["m"]);
+                let (sin, cos) = x["angle.q"].sin_cos();
+                let force = x["k"] * x["band.q"];
+                hand(
+                    [
+                        ("mass_x.p", -force * sin),
+                        ("mass_y.p", force * cos - x["m"] * x["g"]),
+                        ("band.q", vx * sin - vy * cos),
+                        ("angle.q", (vx * cos + vy * sin) / (x["len"] + x["band.q"])),
+                    ],
+                    0.5 * x["m"] * (vx * vx + vy * vy) + 0.5 * x["k"] * x["band.q"].powi(2),
+                )
+            },
+        },
+    ]
+}
+
+fn bodies() -> Vec<System> {
+    vec![
+        System {
+            name: "rigid_body",
+            states: &[("x.p", -4.0, 4.0), ("y.p", -4.0, 4.0), ("z.p", -4.0, 4.0)],
+            until: 1.0,
+            // Euler in the body's frame: J1 w1' = (J2 - J3) w2 w3, and round.
+            by_hand: |x| {
+                let j = [x["J1"], x["J2"], x["J3"]];
+                let w = [x["x.p"] / j[0], x["y.p"] / j[1], x["z.p"] / j[2]];
+                let torque = |a: usize, b: usize| (j[a] - j[b]) * w[a] * w[b];
+                let energy = 0.5 * (j[0] * w[0] * w[0] + j[1] * w[1] * w[1] + j[2] * w[2] * w[2]);
+                hand([("x.p", torque(1, 2)), ("y.p", torque(2, 0)), ("z.p", torque(0, 1))], energy)
+            },
+        },
+        System {
+            name: "rate_gyro",
+            states: &[("gimbal.p", -1e-3, 1e-3), ("spring.q", -0.1, 0.1)],
+            until: 0.3,
+            // Turning the rotor's momentum L by the rate calls for the torque L rate across.
+            by_hand: |x| {
+                let (w, q) = (x["gimbal.p"] / x["J"], x["spring.q"]);
+                let rate = if x.t > 0.1 { x["rate"] } else { 0.0 };
+                let torque = x["L"] * rate - x["k"] * q - x["b"] * w;
+                hand([("gimbal.p", torque), ("spring.q", w)], 0.5 * x["J"] * w * w + 0.5 * x["k"] * q * q)
+            },
+        },
+        System {
+            name: "vehicle_handling",
+            states: &[("forward.p", 6000.0, 30000.0), ("lateral.p", -1000.0, 1000.0), ("yaw.p", -1000.0, 1000.0)],
+            until: 1.0,
+            // In axes that turn with the car: m (u' - v r) = X, m (v' + u r) = Y, J r' = N. A tyre's side force, across its wheel,
+            // is stiffness times slip angle.
+            by_hand: |x| {
+                let (u, v, r) = (x["forward.p"] / x["m"], x["lateral.p"] / x["m"], x["yaw.p"] / x["J"]);
+                let (sin, cos) = x["delta"].sin_cos();
+                let front = -x["front"] * ((v + x["a"] * r) * cos - u * sin) / u;
+                let rear = -x["rear"] * (v - x["b"] * r) / u;
+                hand(
+                    [
+                        ("forward.p", x["m"] * v * r + x["drag"] * (x["u0"] - u) - front * sin),
+                        ("lateral.p", -x["m"] * u * r + front * cos + rear),
+                        ("yaw.p", x["a"] * front * cos - x["b"] * rear),
+                    ],
+                    0.5 * x["m"] * (u * u + v * v) + 0.5 * x["J"] * r * r,
+                )
+            },
+        },
+    ]
+}
