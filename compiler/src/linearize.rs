@@ -56,8 +56,14 @@ pub fn linearize(
     let row: FxHashMap<usize, usize> = looped.iter().enumerate().map(|(k, i)| (*i, k)).collect();
     let n = looped.len();
     // Rows over what is varied: states, then inputs. Definitions in order, loops at once.
-    let varied: FxHashMap<Symbol, usize> =
-        point.states.iter().map(|s| s.1).chain(point.inputs.iter().map(|i| i.1)).enumerate().map(|(k, s)| (s, k)).collect();
+    let varied: FxHashMap<Symbol, usize> = point
+        .states
+        .iter()
+        .map(|s| s.1)
+        .chain(point.inputs.iter().map(|i| i.1))
+        .enumerate()
+        .map(|(k, s)| (s, k))
+        .collect();
     let mut rows: Vec<Row> = vec![Row::default(); columns.len()];
     let total = |pool: &mut crate::expression::Pool, rows: &[Row], e: Expr, skip: &dyn Fn(usize) -> bool| -> Row {
         let mut sum = Row::default();

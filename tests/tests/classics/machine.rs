@@ -73,7 +73,12 @@ fn transducers() -> Vec<System> {
     vec![
         System {
             name: "loudspeaker",
-            states: &[("coil.p", -1e-3, 1e-3), ("cone.p", -0.02, 0.02), ("suspension.q", -5e-3, 5e-3), ("box.q", -1e-4, 1e-4)],
+            states: &[
+                ("coil.p", -1e-3, 1e-3),
+                ("cone.p", -0.02, 0.02),
+                ("suspension.q", -5e-3, 5e-3),
+                ("box.q", -1e-4, 1e-4),
+            ],
             until: 0.1,
             // Force Bl i, voltage Bl v; the cone presses area v into the box.
             by_hand: |x| {

@@ -3,12 +3,14 @@
 //! Each is derived from mechanics or circuit theory (Newton, Kirchhoff, Lagrange, balances), not from its bond graph, and compared with the
 //! compiled form at random states and times, with the parameters of its file and with others: rates of all states, and the energy.
 
+mod car;
 mod circuit;
 mod fluid;
 mod heat;
 mod machine;
 mod mechanics;
 mod motion;
+mod shaft;
 
 use crate::common::{file, models, title};
 use bond::{Compiled, Options};
@@ -90,13 +92,17 @@ fn plain(name: &str) -> String {
 }
 
 fn all() -> Vec<System> {
-    let mut list = mechanics::systems();
-    list.extend(motion::systems());
-    list.extend(circuit::systems());
-    list.extend(machine::systems());
-    list.extend(fluid::systems());
-    list.extend(heat::systems());
-    list
+    let groups = [
+        mechanics::systems(),
+        car::systems(),
+        shaft::systems(),
+        motion::systems(),
+        circuit::systems(),
+        machine::systems(),
+        fluid::systems(),
+        heat::systems(),
+    ];
+    groups.into_iter().flatten().collect()
 }
 
 fn compiled(name: &str, options: Options) -> Compiled {
@@ -106,8 +112,7 @@ fn compiled(name: &str, options: Options) -> Compiled {
 /// A time and a state at random.
 fn place(system: &System, compiled: &Compiled, dice: &mut Dice) -> Result<At, String> {
     let stages = compiled.stages();
-    let mut values: BTreeMap<String, f64> =
-        stages.model.parameters.iter().map(|p| (p.name.clone(), p.value)).collect();
+    let mut values: BTreeMap<String, f64> = stages.model.parameters.iter().map(|p| (p.name.clone(), p.value)).collect();
     for state in stages.form.regions.iter().flat_map(|r| &r.states) {
         let short = plain(&state.name);
         let bounds = system.states.iter().find(|s| s.0 == short);

@@ -104,26 +104,5 @@ fn bodies() -> Vec<System> {
                 hand([("gimbal.p", torque), ("spring.q", w)], 0.5 * x["J"] * w * w + 0.5 * x["k"] * q * q)
             },
         },
-        System {
-            name: "vehicle_handling",
-            states: &[("forward.p", 6000.0, 30000.0), ("lateral.p", -1000.0, 1000.0), ("yaw.p", -1000.0, 1000.0)],
-            until: 1.0,
-            // In axes that turn with the car: m (u' - v r) = X, m (v' + u r) = Y, J r' = N. A tyre's side force, across its wheel,
-            // is stiffness times slip angle.
-            by_hand: |x| {
-                let (u, v, r) = (x["forward.p"] / x["m"], x["lateral.p"] / x["m"], x["yaw.p"] / x["J"]);
-                let (sin, cos) = x["delta"].sin_cos();
-                let front = -x["front"] * ((v + x["a"] * r) * cos - u * sin) / u;
-                let rear = -x["rear"] * (v - x["b"] * r) / u;
-                hand(
-                    [
-                        ("forward.p", x["m"] * v * r + x["drag"] * (x["u0"] - u) - front * sin),
-                        ("lateral.p", -x["m"] * u * r + front * cos + rear),
-                        ("yaw.p", x["a"] * front * cos - x["b"] * rear),
-                    ],
-                    0.5 * x["m"] * (u * u + v * v) + 0.5 * x["J"] * r * r,
-                )
-            },
-        },
     ]
 }
