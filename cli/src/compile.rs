@@ -183,9 +183,12 @@ impl Compiled {
         bond_compiler::rates::rates(&mut self.inner.clone(), time, states)
     }
 
-    /// The energy of each continuous region, J, at values of the states by name.
-    pub fn energies(&self, states: &dyn Fn(&str) -> Option<f64>) -> Vec<(String, f64)> {
-        bond_compiler::rates::energies(&self.inner, states)
+    /// The energy of each continuous region, J, at a time and at values of the states by name.
+    ///
+    /// # Errors
+    /// In words, where loops of resistors cannot be solved at that state.
+    pub fn energies(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Vec<(String, f64)>, String> {
+        bond_compiler::rates::energies(&mut self.inner.clone(), time, states)
     }
 
     /// Puts it at its start. The model's own `simulate` settings hold where `steps` says nothing.

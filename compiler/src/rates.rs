@@ -3,7 +3,7 @@
 use crate::Compiled;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Signal;
-use crate::structure::{Output, Role};
+use crate::structure::{Group, Output, Role};
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::FxHashMap;
 
@@ -163,7 +163,7 @@ impl Point {
             for (i, j, d) in &slopes {
                 self.loops[(*i, *j)] -= self.value(pool, *d);
             }
-            let mut step = self.loops.clone().lu().solve(&residual).ok_or(SINGULAR)?;
+            let mut step = steps(&self.loops, &residual).ok_or(SINGULAR)?;
             let mut next = self.misfit(pool, &symbols, &laws, &(&z - &step));
             for _ in 0..HALVINGS {
                 if next.norm() <= residual.norm() || step.amax() <= 1e-14 * z.amax() {
@@ -188,6 +188,18 @@ impl Point {
     }
 }
 
+/// Newton's step. An unknown on a flat piece of its law, as dry friction at rest, moves on by 1 until the law has a slope.
+fn steps(slopes: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
+    let (mut slopes, mut residual) = (slopes.clone(), residual.clone());
+    for k in 0..residual.len() {
+        if residual[k] != 0.0 && slopes.row(k).iter().all(|d| *d == 0.0) {
+            slopes[(k, k)] = 1.0;
+            residual[k] = residual[k].signum();
+        }
+    }
+    slopes.lu().solve(&residual)
+}
+
 /// How fast each state of the continuous regions changes, in SI units a second: dx/dt of the energy states by name, then
 /// of the integrals `integral[0]` and so on. A state that is not given is at its start.
 ///
@@ -203,13 +215,18 @@ pub fn rates(
     Ok(point.states.iter().map(|(name, _, rate)| (name.clone(), point.value(pool, *rate))).collect())
 }
 
-/// The energy H of each continuous region at values of its states, J: the region's name and the sum over its storages.
-pub fn energies(compiled: &Compiled, states: &dyn Fn(&str) -> Option<f64>) -> Vec<(String, f64)> {
-    let energy = |r: &crate::structure::Region| {
-        let at: FxHashMap<Symbol, f64> =
-            r.states.iter().map(|s| (s.symbol, states(&s.name).unwrap_or(s.initial))).collect();
-        r.groups.iter().map(|g| compiled.model.pool.eval(g.energy, &|s| at.get(&s).copied().unwrap_or(0.0))).sum()
-    };
+/// The energy H of each continuous region, J: its name and the sum over its storages, at a time and at values of the states as for
+/// [`rates`].
+///
+/// # Errors
+/// In words, where loops of resistors cannot be solved at that state.
+pub fn energies(
+    compiled: &mut Compiled,
+    time: f64,
+    states: &dyn Fn(&str) -> Option<f64>,
+) -> Result<Vec<(String, f64)>, String> {
+    let point = Point::new(compiled, time, states)?;
+    let energy = |g: &Group| point.value(&compiled.model.pool, g.energy);
     let regions = compiled.form.regions.iter().filter(|r| r.sampling.is_none());
-    regions.map(|r| (r.name.clone(), energy(r))).collect()
+    Ok(regions.map(|r| (r.name.clone(), r.groups.iter().map(energy).sum())).collect())
 }

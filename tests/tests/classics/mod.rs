@@ -5,6 +5,9 @@
 
 mod car;
 mod circuit;
+mod curve;
+mod entropy;
+mod field;
 mod fluid;
 mod heat;
 mod machine;
@@ -99,6 +102,9 @@ fn all() -> Vec<System> {
         motion::systems(),
         circuit::systems(),
         machine::systems(),
+        field::systems(),
+        curve::systems(),
+        entropy::systems(),
         fluid::systems(),
         heat::systems(),
     ];
@@ -138,7 +144,7 @@ fn agrees(system: &System, compiled: &Compiled, dice: &mut Dice) -> Result<(), S
             let found = found.get(name.as_str()).ok_or_else(|| format!("the form has no state `{name}`"))?;
             same(&format!("d({name})/dt"), *found, *rate, &at)?;
         }
-        let energy = compiled.energies(&given).iter().map(|e| e.1).sum();
+        let energy = compiled.energies(at.t, &given)?.iter().map(|e| e.1).sum();
         same("H", energy, wanted.energy, &at)?;
     }
     Ok(())
@@ -213,4 +219,20 @@ fn every_classic_has_its_derivation() {
         assert!(derived.contains(name), "{name} has no derivation");
     }
     assert_eq!(derived.len(), files.len(), "a system is derived twice, or has no file");
+}
+
+/// docs/classics.md names each with the number of its states.
+#[test]
+fn every_classic_is_in_the_docs() {
+    let docs = crate::common::read(std::path::Path::new("../docs/classics.md"));
+    let rows: Vec<Vec<&str>> = docs.lines().map(|l| l.split('|').map(str::trim).collect()).collect();
+    let named = rows.iter().filter(|r| r.get(1).is_some_and(|c| c.starts_with('`'))).count();
+    let list = all();
+    for system in &list {
+        let states: usize = compiled(system.name, Options::new()).stages().form.regions.iter().map(|r| r.states.len()).sum();
+        let wanted = format!("`{}`", system.name);
+        let row = rows.iter().find(|r| r.get(1) == Some(&wanted.as_str()));
+        assert_eq!(row.and_then(|r| r.get(3)).copied(), Some(states.to_string().as_str()), "docs/classics.md: {wanted}");
+    }
+    assert_eq!(named, list.len(), "docs/classics.md names a system that is not there, or one twice");
 }

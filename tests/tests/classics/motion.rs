@@ -5,6 +5,7 @@ use super::{System, hand};
 pub(super) fn systems() -> Vec<System> {
     let mut list = pendulums();
     list.extend(bodies());
+    list.extend(linkages());
     list
 }
 
@@ -102,6 +103,48 @@ fn bodies() -> Vec<System> {
                 let rate = if x.t > 0.1 { x["rate"] } else { 0.0 };
                 let torque = x["L"] * rate - x["k"] * q - x["b"] * w;
                 hand([("gimbal.p", torque), ("spring.q", w)], 0.5 * x["J"] * w * w + 0.5 * x["k"] * q * q)
+            },
+        },
+    ]
+}
+
+/// Ratios that change with an angle, and masses that follow them.
+fn linkages() -> Vec<System> {
+    vec![
+        System {
+            name: "pendulum_cartesian",
+            states: &[("angle.q", -7.0, 7.0), ("mass_x.p", -3.0, 3.0)],
+            until: 1.0,
+            // On the circle the speed is v = len a': m v' = -m g sin(a). The state that the two masses share is m v.
+            by_hand: |x| {
+                let v = x["mass_x.p"] / x["m"];
+                let fall = -x["m"] * x["g"] * x["angle.q"].sin();
+                hand([("angle.q", v / x["len"]), ("mass_x.p", fall)], 0.5 * x["m"] * v * v)
+            },
+        },
+        System {
+            name: "slider_crank",
+            states: &[("flywheel.p", -2.0, 2.0), ("angle.q", -4.0, 4.0), ("spring.q", -0.1, 0.1)],
+            until: 1.0,
+            // Piston at x(a) = r cos(a) + sqrt(rod^2 - r^2 sin(a)^2). L = (J + m x'(a)^2) w^2/2 - k s^2/2 with the momentum
+            // p = (J + m x'^2) w as the state: p' = m x' x'' w^2 - k s x'.
+            by_hand: |s| {
+                let (r, rod) = (s["r"], s["rod"]);
+                let (sin, cos) = s["angle.q"].sin_cos();
+                let root = (rod * rod - r * r * sin * sin).sqrt();
+                let x1 = -r * sin - r * r * sin * cos / root;
+                let x2 = -r * cos - r * r * (cos * cos - sin * sin) / root - (r * r * sin * cos).powi(2) / root.powi(3);
+                let inertia = s["J"] + s["m"] * x1 * x1;
+                let w = s["flywheel.p"] / inertia;
+                let push = s["k"] * s["spring.q"];
+                hand(
+                    [
+                        ("flywheel.p", s["m"] * x1 * x2 * w * w - push * x1),
+                        ("angle.q", w),
+                        ("spring.q", x1 * w),
+                    ],
+                    0.5 * inertia * w * w + 0.5 * s["k"] * s["spring.q"].powi(2),
+                )
             },
         },
     ]
