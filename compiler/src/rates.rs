@@ -93,17 +93,22 @@ impl Point {
             }
             for (c, how) in &r.resistors {
                 let out = form.column(*c).out;
-                let law = match how {
-                    Output::Explicit(e) => *e,
-                    Output::Implicit(e) => {
-                        // z - (z - residual): its derivative is that of the residual.
-                        let z = model.pool.var(out);
-                        model.pool.sub(z, *e)
+                // Of a root: z - (z - residual), whose derivative is that of the residual.
+                let unknown = model.pool.var(how.unknown(out));
+                match how {
+                    Output::Explicit(e) => self.columns.push((out, *e)),
+                    Output::Implicit(e) => self.columns.push((out, model.pool.sub(unknown, *e))),
+                    Output::Curve { parameter, out: value, residual, .. } => {
+                        self.columns.push((*parameter, model.pool.sub(unknown, *residual)));
+                        self.columns.push((out, *value));
                     }
-                };
-                self.columns.push((out, law));
+                }
             }
         }
+        for f in form.regions.iter().flat_map(|r| &r.following) {
+            self.columns.push((form.column(f.column).out, f.rate));
+        }
+        self.columns.extend(form.loops.iter().map(|l| (l.unknown, l.value)));
         for (i, (integral, rate)) in model.integrals.iter().zip(&form.integrals).enumerate() {
             let name = format!("integral[{i}]");
             self.at.insert(integral.symbol, states(&name).unwrap_or(integral.start));

@@ -5,15 +5,14 @@ use super::{System, hand};
 pub(super) fn systems() -> Vec<System> {
     vec![
         System {
-            name: "belt_friction",
-            states: &[("mass.p", -0.5, 0.5), ("spring.q", -0.1, 0.1)],
+            name: "stick_slip",
+            states: &[("block.p", -0.5, 0.5), ("spring.q", -0.1, 0.1)],
             until: 1.0,
-            // Coulomb: F towards the belt's speed as long as the two differ; m v' = friction - k x - b v
+            // Coulomb: F against the speed, as long as there is one; m v' = k q - friction, q' = pull - v
             by_hand: |x| {
-                let (v, q) = (x["mass.p"] / x["m"], x["spring.q"]);
-                let friction = x["F"] * (x["belt_speed"] - v).signum();
+                let (v, q) = (x["block.p"] / x["m"], x["spring.q"]);
                 hand(
-                    [("mass.p", friction - x["k"] * q - x["b"] * v), ("spring.q", v)],
+                    [("block.p", x["k"] * q - x["F"] * v.signum()), ("spring.q", x["pull"] - v)],
                     0.5 * x["m"] * v * v + 0.5 * x["k"] * q * q,
                 )
             },

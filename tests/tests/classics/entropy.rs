@@ -29,10 +29,7 @@ pub(super) fn systems() -> Vec<System> {
             by_hand: |x| {
                 let (t, h) = body(x["water.q"], x["c"], x["T0"]);
                 let i = x["choke.p"] / x["l"];
-                hand(
-                    [("choke.p", x["u"] - x["r"] * i), ("water.q", x["r"] * i * i / t)],
-                    0.5 * x["l"] * i * i + h,
-                )
+                hand([("choke.p", x["u"] - x["r"] * i), ("water.q", x["r"] * i * i / t)], 0.5 * x["l"] * i * i + h)
             },
         },
         System {
@@ -49,12 +46,7 @@ pub(super) fn systems() -> Vec<System> {
                 let heat = x["h"] * (t - t_wall);
                 let force = x["area"] * (pressure - x["p_out"]) - x["m"] * x["g"] - x["b"] * u;
                 hand(
-                    [
-                        ("piston.p", force),
-                        ("gas.v", x["area"] * u),
-                        ("gas.s", -heat / t),
-                        ("wall.q", heat / t_wall),
-                    ],
+                    [("piston.p", force), ("gas.v", x["area"] * u), ("gas.s", -heat / t), ("wall.q", heat / t_wall)],
                     0.5 * x["m"] * u * u + x["n_cv"] * t + h_wall,
                 )
             },

@@ -32,7 +32,8 @@ fn swinging() -> Vec<System> {
                         ("arms.a1", w1),
                         ("arms.a2", w2),
                     ],
-                    0.5 * (i11 * w1 * w1 + i22 * w2 * w2) + i12 * w1 * w2
+                    0.5 * (i11 * w1 * w1 + i22 * w2 * w2)
+                        + i12 * w1 * w2
                         + sum * g * l1 * (1.0 - a1.cos())
                         + m2 * g * l2 * (1.0 - a2.cos()),
                 )

@@ -229,10 +229,15 @@ fn every_classic_is_in_the_docs() {
     let named = rows.iter().filter(|r| r.get(1).is_some_and(|c| c.starts_with('`'))).count();
     let list = all();
     for system in &list {
-        let states: usize = compiled(system.name, Options::new()).stages().form.regions.iter().map(|r| r.states.len()).sum();
+        let states: usize =
+            compiled(system.name, Options::new()).stages().form.regions.iter().map(|r| r.states.len()).sum();
         let wanted = format!("`{}`", system.name);
         let row = rows.iter().find(|r| r.get(1) == Some(&wanted.as_str()));
-        assert_eq!(row.and_then(|r| r.get(3)).copied(), Some(states.to_string().as_str()), "docs/classics.md: {wanted}");
+        assert_eq!(
+            row.and_then(|r| r.get(3)).copied(),
+            Some(states.to_string().as_str()),
+            "docs/classics.md: {wanted}"
+        );
     }
     assert_eq!(named, list.len(), "docs/classics.md names a system that is not there, or one twice");
 }

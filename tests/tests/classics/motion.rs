@@ -138,11 +138,7 @@ fn linkages() -> Vec<System> {
                 let w = s["flywheel.p"] / inertia;
                 let push = s["k"] * s["spring.q"];
                 hand(
-                    [
-                        ("flywheel.p", s["m"] * x1 * x2 * w * w - push * x1),
-                        ("angle.q", w),
-                        ("spring.q", x1 * w),
-                    ],
+                    [("flywheel.p", s["m"] * x1 * x2 * w * w - push * x1), ("angle.q", w), ("spring.q", x1 * w)],
                     0.5 * inertia * w * w + 0.5 * s["k"] * s["spring.q"].powi(2),
                 )
             },
