@@ -66,6 +66,38 @@ fn motors() -> Vec<System> {
                 )
             },
         },
+        System {
+            name: "induction_motor",
+            states: &[
+                ("axis_a.s", -1.0, 1.0),
+                ("axis_a.r", -1.0, 1.0),
+                ("axis_b.s", -1.0, 1.0),
+                ("axis_b.r", -1.0, 1.0),
+                ("shaft.p", -3.0, 3.0),
+            ],
+            until: 0.1,
+            // With complex fluxes s and r: s' = u e^(jwt) - rs i_s, r' = -rr i_r + j n w r; J w' = n Im(r conj(i_r)) - b w.
+            // The currents: s = ls i_s + m i_r, r = m i_s + lr i_r.
+            by_hand: |x| {
+                let det = x["ls"] * x["lr"] - x["m"] * x["m"];
+                let stator = |s: f64, r: f64| (x["lr"] * s - x["m"] * r) / det;
+                let rotor = |s: f64, r: f64| (x["ls"] * r - x["m"] * s) / det;
+                let (sa, ra, sb, rb) = (x["axis_a.s"], x["axis_a.r"], x["axis_b.s"], x["axis_b.r"]);
+                let (isa, isb, ira, irb) = (stator(sa, ra), stator(sb, rb), rotor(sa, ra), rotor(sb, rb));
+                let turn = x["n"] * x["shaft.p"] / x["J"];
+                let (sin, cos) = (x["w"] * x.t).sin_cos();
+                hand(
+                    [
+                        ("axis_a.s", x["u"] * cos - x["rs"] * isa),
+                        ("axis_b.s", x["u"] * sin - x["rs"] * isb),
+                        ("axis_a.r", -x["rr"] * ira - turn * rb),
+                        ("axis_b.r", -x["rr"] * irb + turn * ra),
+                        ("shaft.p", x["n"] * (rb * ira - ra * irb) - x["b"] * x["shaft.p"] / x["J"]),
+                    ],
+                    0.5 * (sa * isa + ra * ira + sb * isb + rb * irb) + 0.5 * x["shaft.p"].powi(2) / x["J"],
+                )
+            },
+        },
     ]
 }
 

@@ -37,9 +37,10 @@ fn slopes_agree(system: &System, compiled: &Compiled, at: &At) -> Result<(), Str
             values.entry(state.clone()).and_modify(|x| *x += by);
             rates(&values)
         };
-        let (up, down) = (moved(h), moved(-h));
+        let (up, down, far_up, far_down) = (moved(h), moved(-h), moved(2.0 * h), moved(-2.0 * h));
         for (i, name) in linear.states.iter().enumerate().filter(|s| known(&s.1)) {
-            let wanted = (up[name] - down[name]) / (2.0 * h);
+            // Of order 4.
+            let wanted = (8.0 * (up[name] - down[name]) - (far_up[name] - far_down[name])) / (12.0 * h);
             // What rounding of the rates leaves in the quotient, and its own error.
             let slack = 1e-12 * (up[name].abs() + down[name].abs()) / h + 1e-6 * wanted.abs();
             let found = linear.a[(i, j)];
