@@ -14,6 +14,7 @@ mod machine;
 mod mechanics;
 mod motion;
 mod place;
+mod run;
 mod shaft;
 mod slopes;
 
