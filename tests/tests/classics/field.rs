@@ -167,5 +167,22 @@ fn electric() -> Vec<System> {
                 )
             },
         },
+        System {
+            name: "levitation",
+            states: &[("magnet.flux", -0.05, 0.05), ("magnet.x", 0.0, 2e-2), ("ball.p", -0.02, 0.02)],
+            until: 1.0,
+            // As of the relay; the voltage is r i_0 + kp (x - gap0) + kd x', with the pull of i_0 at gap0 the weight.
+            by_hand: |x| {
+                let gap = x["rest"] + x["magnet.x"];
+                let (i, v) = (x["magnet.flux"] * gap / x["c"], x["ball.p"] / x["m"]);
+                let rest = (x["rest"] + x["gap0"]) * (2.0 * x["m"] * x["g"] / x["c"]).sqrt();
+                let supply = x["r"] * rest + x["kp"] * (x["magnet.x"] - x["gap0"]) + x["kd"] * v;
+                let pull = x["c"] * i * i / (2.0 * gap * gap);
+                hand(
+                    [("magnet.flux", supply - x["r"] * i), ("magnet.x", v), ("ball.p", x["m"] * x["g"] - pull)],
+                    x["c"] * i * i / (2.0 * gap) + 0.5 * x["m"] * v * v,
+                )
+            },
+        },
     ]
 }
