@@ -151,8 +151,12 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
             slopes.push((i, j, model.pool.derivative(*r, s)));
         }
     }
-    let known =
-        c.states.iter().map(|s| (s.symbol, s.initial)).chain(c.integrals.iter().map(|i| (i.symbol, i.start))).collect();
+    let known = c
+        .states
+        .iter()
+        .map(|s| (s.symbol, s.initial))
+        .chain(c.integrals.iter().map(|i| (i.symbol, i.start)))
+        .collect();
     let system = System { model, unknowns: &c.loops, place, known, residuals, slopes };
     let first = system.follow(DVector::zeros(n));
     // What comes from elsewhere is not known here.
@@ -185,12 +189,14 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
             }
         }
     }
-    // Between two solutions the equations do not hold; between two roundings of one they hold as well as at the ends.
+    // Between two solutions that stand alone the slopes turn over (the degree of the map); between two roundings of one they do not.
     let apart = |a: &DVector<f64>, b: &DVector<f64>| {
-        let off = (a - b).amax();
-        let middle = system.residual(&((a + b) * 0.5)).norm();
-        let ends = system.residual(a).norm().max(system.residual(b).norm());
-        off > SAME * a.amax().max(b.amax()) && middle > 1e3 * ends
+        let first = system.jacobian(a).determinant().signum();
+        (a - b).amax() > SAME * a.amax().max(b.amax())
+            && (1..=32).any(|k| {
+                let way = f64::from(k) / 32.0;
+                system.jacobian(&(a * (1.0 - way) + b * way)).determinant().signum() == -first
+            })
     };
     let Some(solution) = found.first().cloned() else {
         let what = "no solution was found at the start";
@@ -224,8 +230,11 @@ fn complain(c: &Cluster, model: &Model, form: &Form, what: &str, help: &str) -> 
         bonds.extend(bond);
     }
     let span = bonds.first().map_or(model.span, |b| model.bond(*b).span);
-    let mut error =
-        Diagnostic::error("discretise::loop", span, format!("an algebraic loop through {}: {what}", names.join(", ")));
+    let mut error = Diagnostic::error(
+        "discretise::loop",
+        span,
+        format!("an algebraic loop through {}: {what}", names.join(", ")),
+    );
     for b in bonds.iter().take(16) {
         error = error.label(model.bond(*b).span, format!("the bond {} is in it", model.bond(*b).name));
     }

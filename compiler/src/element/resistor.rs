@@ -80,7 +80,13 @@ impl<'a> Elaborator<'a> {
 
     /// A law that is a curve, `{ e = ...; f = ... }` in a bare number `s`: an ideal diode, a switch, friction that sticks. Both
     /// must rise with `s` where they move. `None` where the law is none.
-    fn curve(&mut self, id: ElementId, ast: &'a ast::Element, scope: usize, bond: BondId) -> Option<Option<Resistor>> {
+    fn curve(
+        &mut self,
+        id: ElementId,
+        ast: &'a ast::Element,
+        scope: usize,
+        bond: BondId,
+    ) -> Option<Option<Resistor>> {
         let list = ast.fields.as_ref().map(|f| f.0.as_slice()).unwrap_or(&[]);
         let field = |name: &str| list.iter().find(|f| f.path.len() == 1 && f.path[0].text == name).map(|f| &f.value);
         let (e, f) = (field("e")?, field("f")?);
@@ -138,12 +144,8 @@ impl<'a> Elaborator<'a> {
                 });
             if gives && !ast.active {
                 self.errors.push(
-                    Diagnostic::error(
-                        "elaborate::law",
-                        ast.span,
-                        format!("the law of `{name}` gives power: there e f < 0"),
-                    )
-                    .help("both e and f must have the sign of `s`, or be 0"),
+                    Diagnostic::error("elaborate::law", ast.span, format!("the law of `{name}` gives power: there e f < 0"))
+                        .help("both e and f must have the sign of `s`, or be 0"),
                 );
                 return None;
             }
@@ -151,14 +153,6 @@ impl<'a> Elaborator<'a> {
         let argument = self.argument(id);
         let curve = Some(Curve { parameter, effort, flow });
         let output = self.pool.var(argument);
-        Some(Resistor {
-            argument,
-            output,
-            gives: Variable::Effort,
-            curve,
-            row: None,
-            linear: None,
-            dissipative: verdict,
-        })
+        Some(Resistor { argument, output, gives: Variable::Effort, curve, row: None, linear: None, dissipative: verdict })
     }
 }

@@ -146,8 +146,11 @@ pub(super) fn merge(
     };
     // The change of coordinates.
     let mut change: Change = Vec::new();
-    let others: Vec<(ColumnId, Symbol)> =
-        tied.others.iter().filter_map(|c| Some((*c, storage(model, form.column(*c).element)?.state))).collect();
+    let others: Vec<(ColumnId, Symbol)> = tied
+        .others
+        .iter()
+        .filter_map(|c| Some((*c, storage(model, form.column(*c).element)?.state)))
+        .collect();
     let pool = &mut model.pool;
     for i in 0..n {
         let mut terms = vec![(independent[i], factors[i])];
@@ -249,6 +252,17 @@ pub(super) fn merge(
 /// The inverse of the second derivatives of H over some storages.
 fn compliance(model: &mut Model, form: &Form, all: &[ColumnId]) -> Option<Vec<Vec<Expr>>> {
     let zero = model.pool.int(0);
+    // An inertia of 0 has no momentum, whatever its speed.
+    let massless = |c: &ColumnId| storage(model, form.column(*c).element).is_some_and(|s| s.massless);
+    if let Some(i) = all.iter().position(massless) {
+        let rest: Vec<ColumnId> = all.iter().copied().filter(|c| *c != all[i]).collect();
+        let mut l = compliance(model, form, &rest)?;
+        for row in &mut l {
+            row.insert(i, zero);
+        }
+        l.insert(i, vec![zero; all.len()]);
+        return Some(l);
+    }
     let mut k = vec![vec![zero; all.len()]; all.len()];
     for (i, c) in all.iter().enumerate() {
         for (other, value) in stiffness(model, form, *c)? {
@@ -315,3 +329,4 @@ fn spread(pool: &mut crate::expression::Pool, a: Expr, g: Expr) -> Expr {
         _ => pool.mul(a, g),
     }
 }
+

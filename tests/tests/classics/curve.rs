@@ -18,6 +18,20 @@ pub(super) fn systems() -> Vec<System> {
             },
         },
         System {
+            name: "belt_friction",
+            states: &[("mass.p", -0.5, 0.5), ("spring.q", -0.1, 0.1)],
+            until: 1.0,
+            // Coulomb: F towards the belt's speed as long as the two differ; m v' = friction - k x - b v
+            by_hand: |x| {
+                let (v, q) = (x["mass.p"] / x["m"], x["spring.q"]);
+                let friction = x["F"] * (x["belt_speed"] - v).signum();
+                hand(
+                    [("mass.p", friction - x["k"] * q - x["b"] * v), ("spring.q", v)],
+                    0.5 * x["m"] * v * v + 0.5 * x["k"] * q * q,
+                )
+            },
+        },
+        System {
             name: "ideal_rectifier",
             states: &[("cap.q", -0.016, 0.016)],
             until: 0.02,

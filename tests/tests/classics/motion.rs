@@ -113,13 +113,14 @@ fn linkages() -> Vec<System> {
     vec![
         System {
             name: "pendulum_cartesian",
-            states: &[("angle.q", -7.0, 7.0), ("mass_x.p", -3.0, 3.0)],
+            states: &[("angle.q", -7.0, 7.0), ("w.p", -3.0, 3.0)],
             until: 1.0,
-            // On the circle the speed is v = len a': m v' = -m g sin(a). The state that the two masses share is m v.
+            // On the circle: m len^2 a'' = -m g len sin(a). The state that the two masses share is the angular momentum.
             by_hand: |x| {
-                let v = x["mass_x.p"] / x["m"];
-                let fall = -x["m"] * x["g"] * x["angle.q"].sin();
-                hand([("angle.q", v / x["len"]), ("mass_x.p", fall)], 0.5 * x["m"] * v * v)
+                let inertia = x["m"] * x["len"].powi(2);
+                let w = x["w.p"] / inertia;
+                let fall = -x["m"] * x["g"] * x["len"] * x["angle.q"].sin();
+                hand([("angle.q", w), ("w.p", fall)], 0.5 * inertia * w * w)
             },
         },
         System {

@@ -84,7 +84,7 @@ fn follows(system: &System) -> Result<(), String> {
 fn runs_follow_the_derivation() {
     let mut wrong = Vec::new();
     // What sticks has no speed whose sign would tell the friction: its derivation holds while it slips.
-    for system in all().iter().filter(|s| s.name != "stick_slip") {
+    for system in all().iter().filter(|s| !["stick_slip", "belt_friction"].contains(&s.name)) {
         if let Err(why) = follows(system) {
             wrong.push(format!("{}: {why}", system.name));
         }
