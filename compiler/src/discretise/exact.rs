@@ -597,7 +597,7 @@ fn program(
         b.store(Slot::new(Array::Next, n + c.integrals.len() + i), *z);
     }
     if with_ledger {
-        write::energies(c, model, &mut b, &values, &inputs, &entries)?;
+        write::energies(c, model, &mut b, (&values, &[]), &inputs, &entries)?;
     }
     Ok((verified(model, b.finish())?, linear, entries))
 }

@@ -200,7 +200,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         let v = lowering.lower(&model.pool, &mut b, z).map_err(|s| missing(model, s))?;
         b.store(Slot::new(Array::Next, c.states.len() + c.integrals.len() + i), v);
     }
-    write::energies(c, model, &mut b, &next, &inputs, &entries)?;
+    write::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     Ok((Stepper { name: "gonzalez", order: 2, passive: true, program, linear: None, glance: None }, entries))
 }

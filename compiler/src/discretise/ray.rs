@@ -157,7 +157,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         let v = lowering.lower(&model.pool, &mut b, z).map_err(|s| missing(model, s))?;
         b.store(Slot::new(Array::Next, n + c.integrals.len() + i), v);
     }
-    write::energies(c, model, &mut b, &next, &inputs, &entries)?;
+    write::energies(c, model, &mut b, (&next, &[]), &inputs, &entries)?;
     // What a leap missed: H+ - target where there was one.
     let mut at = Lowering::new(c.states.iter().map(|s| s.symbol).zip(next.iter().copied()));
     let after = at.lower(&model.pool, &mut b, total).map_err(|s| missing(model, s))?;

@@ -376,6 +376,22 @@ pub(super) fn ledger(
     Ok(())
 }
 
+/// Whether an expression has a sine or cosine in it.
+fn has_angle(pool: &Pool, e: Expr) -> bool {
+    let (mut seen, mut stack) = (FxHashSet::default(), vec![e]);
+    while let Some(e) = stack.pop() {
+        if !seen.insert(e) {
+            continue;
+        }
+        let node = pool.node(e);
+        if matches!(node, crate::expression::Node::Unary(Unary::Sin | Unary::Cos, _)) {
+            return true;
+        }
+        node.each_child(&mut |c| stack.push(c));
+    }
+    false
+}
+
 /// The flow into a column's element.
 pub(super) fn flow(model: &mut Model, form: &Form, column: ColumnId) -> Expr {
     match form.column(column).gives {
@@ -384,12 +400,13 @@ pub(super) fn flow(model: &mut Model, form: &Form, column: ColumnId) -> Expr {
     }
 }
 
-/// Stores H of each region at given values of the states.
+/// Stores H of each region at given values of the states. Where an energy has angles in it, which may grow to many turns, what
+/// rounding took from the states (`rests`) counts to first order: else each step's balance would be off by the rounding of the angle.
 pub(super) fn energies(
     c: &Cluster,
     model: &mut Model,
     b: &mut Builder,
-    states: &[Value],
+    (states, rests): (&[Value], &[Value]),
     inputs: &Inputs,
     entries: &[Entries],
 ) -> Result<(), Vec<Diagnostic>> {
@@ -406,7 +423,15 @@ pub(super) fn energies(
     for (e, r) in entries.iter().zip(&c.regions) {
         let h = c.energy(&mut model.pool, *r);
         let later = model.pool.substitute(h, &end);
-        let v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
+        let mut v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
+        for g in c.groups.iter().filter(|g| g.region == *r && has_angle(&model.pool, g.energy)) {
+            for (s, z) in g.states.iter().zip(&g.coenergy) {
+                let Some(rest) = rests.get(*s) else { continue };
+                let z = at.lower(&model.pool, b, *z).map_err(|s| missing(model, s))?;
+                let more = b.mul(z, *rest);
+                v = b.add(v, more);
+            }
+        }
         b.store(Slot::new(Array::Output, e.energy), v);
         if let Some(slot) = e.before {
             let mut start = Lowering::new(inputs.env.iter().copied());

@@ -195,6 +195,23 @@ fn gather(model: &mut Model, form: &Form, dependent: &[ColumnId]) -> Result<Vec<
             tied.sources.push(sources.copied().collect());
         }
         tied.others = others(model, form, tied)?;
+        if let (Some(source), Some(other)) = (tied.sources.iter().flatten().next(), tied.others.first())
+            && let Some(d) = tied.dependent.first()
+        {
+            let (e, source) = (model.element(form.column(*d).element), form.column(source.0));
+            return Err(Diagnostic::error(
+                "structure::not_yet",
+                e.span,
+                format!(
+                    "`{}` is in derivative causality, and what is tied to it follows both the source `{}` and ratios that change with `{}`: this version of bond cannot take that",
+                    e.name,
+                    source.name,
+                    form.column(*other).name
+                ),
+            )
+            .label(model.element(source.element).span, "is the source")
+            .help("put some resistance between the source and the storages, as the real parts have"));
+        }
     }
     Ok(list.into_iter().map(|t| t.1).collect())
 }
