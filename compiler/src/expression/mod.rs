@@ -18,12 +18,14 @@ mod kernel;
 mod latex;
 mod lower;
 mod number;
+mod piecewise;
 mod polynomial;
 mod pool;
 mod power;
 mod print;
 mod sign;
 mod substitute;
+mod table;
 mod walk;
 
 pub use lower::Lowering;
