@@ -18,3 +18,4 @@ mod parse;
 mod program;
 mod random;
 mod solutions;
+mod values;

@@ -68,7 +68,12 @@ fn fitting(e: &Equation, graph: u32, system: &System) -> Vec<Domain> {
     if !terms.iter().all(|t| keep(t.0)) {
         return Vec::new();
     }
+    // Siemens are no magnetic resistance, but a conductance that was written for a resistance.
+    let resistive = matches!(terms[..], [(_, (1, 1)), (_, (-1, 1))] | [(_, (-1, 1)), (_, (1, 1))]);
     let fits = |domain: &Domain| {
+        if resistive && domain.name == "magnetic" {
+            return false;
+        }
         let value = |v: Unknown| if v.0.is_multiple_of(2) { domain.effort } else { domain.flow };
         terms.iter().fold(d, |d, (v, n)| d.mul(value(*v).pow(n.0, n.1))).is_one()
     };
@@ -101,7 +106,7 @@ impl Mixed {
     }
 
     fn group(&mut self, all: &[Equation], i: usize, system: &System) -> Option<()> {
-        let e = all.get(i).filter(|e| e.rank <= 2 && e.calls.is_empty())?;
+        let e = all.get(i).filter(|e| e.rank <= 2 && e.calls.is_none())?;
         e.owner?;
         let graph = only_domain(e)?;
         let side = |unit: Unit| system.known(&unit);
@@ -151,14 +156,15 @@ impl Mixed {
                 "{who} {are} {} ({}), and {is} bonded to what is {} ({})",
                 these.name, these.units, those.name, those.units
             );
-            let mut error = Diagnostic::error("units::domain", place, message).here(format!("this is {}", these.name));
+            let mut error = Diagnostic::error("units::domain", place, message)
+                .here(format!("this is {} ({})", these.name, these.units));
             for m in more {
                 if let Some(e) = all.get(*m) {
                     error = error.label(e.found.1, format!("so is `{}`", name(*m)));
                 }
             }
             if let Some((w, e)) = group.witness.and_then(|w| Some((w, all.get(w)?))) {
-                error = error.label(e.found.1, format!("`{}` is {}", name(w), those.name));
+                error = error.label(e.found.1, format!("`{}` is {} ({})", name(w), those.name, those.units));
             }
             errors.push(error.help("join two domains by a transducer, a TF or a GY; within one domain, mend the unit"));
         }

@@ -506,6 +506,9 @@ impl<'a> Elaborator<'a> {
             {
                 return entry;
             }
+            if builtin && self.function(&segment.name.text, scope).is_some() {
+                return self.no_call(&segment.name.text, path.span);
+            }
             let (key, entity, _) = self.find(at, segment, scope, i > 0)?;
             match entity {
                 Entity::Instance(_) if rest.is_empty() => {
@@ -528,14 +531,7 @@ impl<'a> Elaborator<'a> {
                         "a parameter or `let` has no parts, and a probe is for the outside: use a `let`",
                     );
                 }
-                Entity::Function(_) => {
-                    return self.wrong(
-                        "elaborate::signal",
-                        path.span,
-                        format!("`{key}` is a function, not a value"),
-                        &format!("call it, as in `{key}(x)`"),
-                    );
-                }
+                Entity::Function(_) => return self.no_call(&key, path.span),
                 Entity::Element(id) => return self.element_signal(id, rest, path.span).map(Value::Scalar),
                 Entity::Port(p) => {
                     let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
@@ -553,6 +549,11 @@ impl<'a> Elaborator<'a> {
             }
         }
         None
+    }
+
+    fn no_call<T>(&mut self, function: &str, span: Span) -> Option<T> {
+        let message = format!("`{function}` is a function, not a value");
+        self.wrong("elaborate::signal", span, message, &format!("call it, as in `{function}(x)`"))
     }
 
     fn time(&mut self, span: Span) -> Option<Typed> {

@@ -6,13 +6,29 @@ use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use rustc_hash::FxHashMap;
+use std::rc::Rc;
 
 /// Calls may not be nested deeper than this, nor may there be more of them in all.
 const DEEPEST: usize = 64;
-const MOST_CALLS: u64 = 4_000_000;
+const MOST_CALLS: u64 = 2_000_000;
 
-/// A call that is being worked out: which function, and where it is called.
-pub type Call = (usize, Span);
+/// A call that is being worked out, and the one around it.
+#[derive(Debug)]
+pub struct Call {
+    /// Which function.
+    pub function: usize,
+    /// Where it is called.
+    pub span: Span,
+    outer: Calls,
+}
+
+/// The innermost of the calls that are open.
+pub type Calls = Option<Rc<Call>>;
+
+/// The open calls, from the inside out.
+pub fn each(calls: &Calls) -> impl Iterator<Item = &Call> {
+    std::iter::successors(calls.as_deref(), |c| c.outer.as_deref())
+}
 
 /// All functions, and the calls that are open.
 #[derive(Default)]
@@ -21,8 +37,7 @@ pub(super) struct Functions<'a> {
     list: Vec<(&'a ast::Function, ScopeId)>,
     /// Those outside of models, by file and item.
     of_files: FxHashMap<ModelRef, usize>,
-    /// From the outside in.
-    pub(super) open: Vec<Call>,
+    pub(super) open: Calls,
     count: u64,
 }
 
@@ -123,13 +138,14 @@ impl<'a> Elaborator<'a> {
             let state = LetState::Done(Some(value));
             self.lets.push(Let { value: ast, scope, state, name: argument.text.clone() });
         }
-        self.functions.open.push((f, span));
+        let outer = self.functions.open.take();
+        self.functions.open = Some(Rc::new(Call { function: f, span, outer: outer.clone() }));
         let before = self.errors.len();
         // The function does not see what a law calls `q` or `f`, unless it is given to it.
         let locals = std::mem::take(&mut self.locals);
         let found = self.value(&decl.value, inner);
         self.locals = locals;
-        self.functions.open.pop();
+        self.functions.open = outer;
         self.scopes.truncate(scopes);
         self.lets.truncate(lets);
         let wrong: Vec<Diagnostic> = self.errors.drain(before..).collect();
@@ -139,8 +155,9 @@ impl<'a> Elaborator<'a> {
 
     /// Refuses a call that leads back to itself, or one too many.
     fn admit(&mut self, f: usize, span: Span) -> Option<()> {
-        if let Some(i) = self.functions.open.iter().position(|c| c.0 == f) {
-            let chain: Vec<&str> = self.functions.open[i..].iter().map(|c| self.functions.name(c.0)).collect();
+        let open: Vec<usize> = each(&self.functions.open).map(|c| c.function).collect();
+        if let Some(i) = open.iter().position(|c| *c == f) {
+            let chain: Vec<&str> = open[..=i].iter().rev().map(|c| self.functions.name(*c)).collect();
             let name = self.functions.name(f);
             let message = format!("`{name}` calls itself: {} -> {name}", chain.join(" -> "));
             let error = Diagnostic::error("elaborate::circular", span, message);
@@ -148,7 +165,7 @@ impl<'a> Elaborator<'a> {
             return None;
         }
         self.functions.count += 1;
-        let (deep, many) = (self.functions.open.len() >= DEEPEST, self.functions.count > MOST_CALLS);
+        let (deep, many) = (open.len() >= DEEPEST, self.functions.count > MOST_CALLS);
         if deep || many {
             let message = if deep {
                 format!("calls of functions are nested more than {DEEPEST} deep")

@@ -3,7 +3,7 @@
 //! the exponents, so that all of them are one linear system, solved by elimination as the equations come.
 
 use super::domain::{self, Names};
-use super::function::Call;
+use super::function::{self, Calls};
 use crate::model::ElementId;
 use crate::units::Dimension;
 use bond_grammar::diagnostic::Diagnostic;
@@ -120,8 +120,8 @@ pub struct Equation {
     pub rank: u8,
     /// The element whose law asks for it.
     pub owner: Option<ElementId>,
-    /// The calls of functions in which it arose, from the outside in.
-    pub calls: Vec<Call>,
+    /// The calls of functions in which it arose.
+    pub calls: Calls,
 }
 
 /// The solved part of the system.
@@ -271,8 +271,8 @@ impl Inference {
                 Some(u) => u,
                 None => "another unit".to_string(),
             };
-            let within = match e.calls.last() {
-                Some(call) => format!(" in `{}`", (names.function)(call.0)),
+            let within = match &e.calls {
+                Some(call) => format!(" in `{}`", (names.function)(call.function)),
                 None => String::new(),
             };
             let mut error = Diagnostic::error(
@@ -281,18 +281,22 @@ impl Inference {
                 format!("wrong unit: {}{within} is {found} where {needed} is needed", e.about),
             )
             .here(format!("this is {found}"));
-            for call in e.calls.iter().rev() {
-                error = error.label(call.1, format!("`{}` is called here", (names.function)(call.0)));
+            for call in function::each(&e.calls) {
+                error = error.label(call.span, format!("`{}` is called here", (names.function)(call.function)));
             }
             if let Some(span) = e.needed.1 {
                 error = error.label(span, format!("this asks for {needed}"));
             }
-            errors.push(error.help(match name(&e.found.0.div(&e.needed.0)) {
+            let error = error.help(match name(&e.found.0.div(&e.needed.0)) {
                 Some(off) => {
                     format!("the unit is off by a factor of {off}: give the value in {needed}, or mend the expression")
                 }
                 None => format!("give the value in {needed}"),
-            }));
+            });
+            // Effort and flow of a ratio say the same.
+            if errors.last() != Some(&error) {
+                errors.push(error);
+            }
         }
         mixed.tell(&self.equations, errors, names);
         Units { system, pseudo }

@@ -5,7 +5,7 @@ use bond_runtime::ir::Binary;
 
 impl Pool {
     /// The curve through `(x_i, y_i)`, the `x_i` rising: once continuously differentiable, monotone wherever the points are,
-    /// straight on with the end's slope beyond the ends. A balanced tree of choices over cubics in `x - x_i`.
+    /// straight on with the end's slope beyond the ends. A balanced tree of choices over cubics.
     /// `None` for fewer than two points, or where a coefficient is no number to compute with.
     pub fn table(&mut self, x: Expr, knots: &[(f64, f64)]) -> Option<Expr> {
         let slopes = slopes(knots);
@@ -17,7 +17,14 @@ impl Pool {
             let [m0, m1] = *m else { return None };
             let h = x1 - x0;
             let d = (y1 - y0) / h;
-            cubics.push((x0, [y0, m0, (3.0 * d - 2.0 * m0 - m1) / h, (m0 + m1 - 2.0 * d) / h / h]));
+            let (first, second, third) =
+                (3.0 * d - 2.0 * m0 - m1, 3.0 * d - m0 - 2.0 * m1, (m0 + m1 - 2.0 * d) / h / h);
+            // In powers of the distance from the end that is nearer to 0, so that an energy keeps its digits near 0.
+            cubics.push(if x0.abs() <= x1.abs() {
+                (x0, [y0, m0, first / h, third])
+            } else {
+                (x1, [y1, m1, -second / h, third])
+            });
         }
         if knots.len() > 2 {
             cubics.push((last.0, [last.1, *to, 0.0, 0.0]));
