@@ -301,6 +301,28 @@ fn measured_energies_are_exact() {
     }
 }
 
+/// A spring that comes to rest on a knot of its curve: the steps become as short as rounding, and cross it all the time.
+#[test]
+fn rest_on_a_knot() {
+    let (xs, es) = (array(SPRING.iter().map(|k| k.0), "m"), array(SPRING.iter().map(|k| k.1), "N"));
+    for r in [1e-3, 1e-2, 1.0] {
+        let compiled = text(&format!(
+            "model Rest {{
+               Se:u = 1 N
+               R:b = {r} N*s/m
+               C:spring {{ e = table(q, {xs}, {es}) }}
+               u -> 1:v -> b, spring
+               probe x = spring.q
+             }}"
+        ));
+        let mut sim = start(&compiled, Steps::fixed(0.01));
+        finish(&mut sim, 10.0 + 10.0 * r);
+        close(probe(&mut sim, "x"), 1.0, 1e-4, "x");
+        let summary = sim.summary();
+        assert!(summary.passive && summary.worst_step <= 1e-12, "{r}: {}", summary.worst_step);
+    }
+}
+
 /// A curve through the origin is proved passive, or refused, or left open.
 #[test]
 fn measured_resistors() {
