@@ -367,6 +367,7 @@ fn domains() {
         // A wrong unit within one domain stays what it was.
         ("Se:u = 5 V R:r = 2 S u -> r", "units::mismatch", "in S where Ohm is needed"),
         ("Se:u = 5 A R:r = 2 Ohm u -> r", "units::mismatch", "wrong unit"),
+        ("Se:u = 5 N I:m { inertia = 2 kg; f0 = 1 A } u -> m", "units::mismatch", "`f0` of `m`"),
         ("Se:u = 5 N I:m = 2 m u -> m", "units::mismatch", "the inertia of `m`"),
         ("Se:u = 5 N C:k = 100 N/m u -> k", "units::mismatch", "the compliance of `k`"),
         ("Se:u = 5 V TF:t = 2 N/V I:m = 2 kg u -> t t -> m", "units::mismatch", "wrong unit"),

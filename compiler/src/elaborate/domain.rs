@@ -122,18 +122,22 @@ impl Mixed {
         if are == among || (are.effort, are.flow) == (flow, effort) {
             return None;
         }
-        if let Some(group) = self.groups.iter_mut().find(|g| g.graph == graph && g.are == are) {
-            if group.members.iter().all(|m| all.get(*m).map(|m| m.owner) != Some(e.owner)) {
-                group.members.push(i);
-            }
-            return Some(());
-        }
         let says = |e: &Equation| {
             e.rank <= 2
                 && e.owner.is_some()
                 && only_domain(e) == Some(graph)
                 && self::fitting(e, graph, system).first() == Some(&among)
         };
+        // An element that belongs there by another of its values has a wrong unit, as of where it starts.
+        if all.iter().enumerate().any(|(j, other)| j != i && other.owner == e.owner && says(other)) {
+            return None;
+        }
+        if let Some(group) = self.groups.iter_mut().find(|g| g.graph == graph && g.are == are) {
+            if group.members.iter().all(|m| all.get(*m).map(|m| m.owner) != Some(e.owner)) {
+                group.members.push(i);
+            }
+            return Some(());
+        }
         let witness = all.iter().take(i).position(says);
         self.groups.push(Group { graph, are, among, members: vec![i], witness });
         Some(())
