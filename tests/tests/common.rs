@@ -45,7 +45,7 @@ pub fn scenes(text: &str) -> Vec<String> {
         Item::Model(m) if m.body.iter().any(|s| matches!(s.kind, StatementKind::Simulate(_))) => {
             Some(m.name.text.clone())
         }
-        Item::Model(_) | Item::Use(_) => None,
+        Item::Model(_) | Item::Use(_) | Item::Function(_) => None,
     };
     file.items.iter().filter_map(runs).collect()
 }

@@ -19,3 +19,4 @@ mod parse;
 mod program;
 mod random;
 mod solutions;
+mod values;
