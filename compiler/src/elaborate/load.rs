@@ -1,5 +1,6 @@
 //! Follows `use`: from one source to all files that it needs.
 
+use super::library::LIBRARY;
 use bond_grammar::ast::{File, Item, Name, UseTarget};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
@@ -22,12 +23,6 @@ impl Loader for NoFiles {
         Err("this model was not read from a file".into())
     }
 }
-
-/// Bundled library files, by name.
-const LIBRARY: [(&str, &str); 2] = [
-    ("contact", include_str!("../../../models/library/contact.bond")),
-    ("mechanics", include_str!("../../../models/library/mechanics.bond")),
-];
 
 /// A model, by its file and its place among the file's items.
 pub type ModelRef = (usize, usize);

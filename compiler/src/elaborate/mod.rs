@@ -9,11 +9,13 @@ mod express;
 mod finish;
 mod infer;
 mod join;
+mod library;
 mod load;
 mod settings;
 mod suggest;
 
 pub use infer::{Equation, Inference, Unit};
+pub use library::LIBRARY;
 pub use load::{Files, Loader, NoFiles, load};
 pub use suggest::{distance, nearest};
 
