@@ -180,7 +180,12 @@ fn units(flat: Option<&Flat>, port: &str) -> (Option<String>, Option<String>) {
         f.units.get(at).copied()
     });
     let (effort, flow) = pair.unwrap_or((None, None));
-    let text = |d: Option<Dimension>| d.map(|d| d.to_string());
+    // A torque and an energy are of one dimension, and so are an angular speed and a frequency.
+    if (effort, flow) == (Some(Dimension::JOULE), Some(Dimension::HERTZ)) {
+        return (Some("N*m".into()), Some("rad/s".into()));
+    }
+    // Half a power of a unit: the model fixes their ratio alone, and is meant for pseudo bonds perhaps.
+    let text = |d: Option<Dimension>| d.map(|d| d.to_string()).filter(|unit| !unit.contains("^("));
     (text(effort), text(flow))
 }
 

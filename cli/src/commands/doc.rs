@@ -120,7 +120,10 @@ fn unknown(what: &str, list: &[Document], part: &str) -> Stop {
     let library = what.strip_prefix("std.").unwrap_or(what);
     let library = library.split_once('.').map_or(library, |(a, _)| a);
     let names = || list.iter().flat_map(|l| l.components.iter().map(move |c| (l, c)));
-    let like = nearest(part, names().map(|(_, c)| c.name.as_str()))
+    let known = || names().map(|(_, c)| c.name.as_str());
+    let like = known()
+        .find(|name| *name == part)
+        .or_else(|| nearest(part, known()))
         .and_then(|near| names().find(|(_, c)| c.name == near))
         .map(|(l, c)| format!("{}.{}", l.name, c.name))
         .or_else(|| nearest(library, LIBRARY.iter().map(|l| l.0)).map(|near| format!("std.{near}")));
