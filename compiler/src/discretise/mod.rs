@@ -8,6 +8,7 @@ mod hold;
 mod instant;
 mod probes;
 mod ray;
+mod start;
 mod write;
 
 use crate::Options;

@@ -5,7 +5,7 @@ mod hold;
 mod schedule;
 mod summary;
 
-pub use summary::{BarSummary, ElementEnergy, RegionSummary, Summary};
+pub use summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 
 use crate::kernel::Failure;
 use thiserror::Error;
