@@ -79,6 +79,17 @@ fn other_programs_read_json() {
     let json = |args: &[&str]| -> Value { serde_json::from_str(&here.bond(args).is(0, &[], &[]).out).unwrap() };
     let all = json(&["doc", "--as", "json"]);
     assert_eq!(all["libraries"].as_array().unwrap().len(), LIBRARY.len());
+    // Of every port of the library the reader learns the units and the half arrow, of every parameter its value in SI.
+    for part in all["libraries"].as_array().unwrap().iter().flat_map(|l| l["components"].as_array().unwrap()) {
+        for port in part["ports"].as_array().unwrap() {
+            let units = port["effort"].is_string() && port["flow"].is_string();
+            assert!(units || !port["doc"].as_array().unwrap().is_empty(), "{}: {port}", part["name"]);
+            assert!(port["arrow"].is_string(), "{}: {port}", part["name"]);
+        }
+        for parameter in part["parameters"].as_array().unwrap() {
+            assert!(parameter["value"].is_number(), "{}: {parameter}", part["name"]);
+        }
+    }
     let mine = json(&["doc", "a.bond", "--as", "json"]);
     let part = &mine["libraries"][0]["components"][0];
     assert_eq!(part["name"], "Pump");
