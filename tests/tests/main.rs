@@ -13,6 +13,7 @@ mod holds;
 mod ledger;
 mod library;
 mod linearize;
+mod multiports;
 mod mutations;
 mod orders;
 mod parse;

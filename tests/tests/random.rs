@@ -45,8 +45,69 @@ fn part() -> impl Strategy<Value = Part> {
         .prop_map(|(kind, at, backward, value, curved, odd)| Part { kind, at, backward, value, curved, odd })
 }
 
+/// A multiport field, or a transformer whose ratio a storage's state moves.
+#[derive(Clone, Debug)]
+struct Field {
+    kind: u8,
+    at: (prop::sample::Index, prop::sample::Index),
+    backward: bool,
+    value: u8,
+}
+
+fn field() -> impl Strategy<Value = Field> {
+    (0u8..8, any::<(prop::sample::Index, prop::sample::Index)>(), any::<bool>(), 1u8..10)
+        .prop_map(|(kind, at, backward, value)| Field { kind, at, backward, value })
+}
+
+/// Declares the fields between junctions of one block, and bonds them.
+fn write_fields(fields: &[Field], block: &[usize], inside: &mut [String], bonds: &mut String, states: &[(usize, String)]) {
+    for (i, f) in fields.iter().enumerate() {
+        let (a, b) = (f.at.0.index(block.len()), f.at.1.index(block.len()));
+        if block[a] != block[b] {
+            continue;
+        }
+        let v = f64::from(f.value);
+        let state = states.iter().filter(|s| s.0 == block[a]).nth(usize::from(f.value) % 3).map(|s| s.1.as_str());
+        let text = match (f.kind, state) {
+            (0, _) => format!("C(a, b):f{i} {{ H = {v} N/m * (a^2 + a*b + b^2); a_0 = 0.1 m }}"),
+            (1, _) => format!("C(a, b):f{i} {{ H = {v} N/m * (a^2 + b^2) + 1 N/m^3 * a^2*b^2; b_0 = 0.2 m }}"),
+            (2, _) => format!("I(a, b):f{i} = [[{v} kg, {} kg], [{} kg, {v} kg]]", 0.4 * v, 0.4 * v),
+            (3, _) => format!(
+                "IC(I a, C b):f{i} {{ H = 0.5*a^2/({v} kg + 1 kg/m^2 * b^2) + 1 N/m * b^2; a_0 = 0.3 N*s; b_0 = 0.1 m }}"
+            ),
+            (4, _) => format!("R(a, b):f{i} = [[{v} N*s/m, 1.5 N*s/m], [-1 N*s/m, 1 N*s/m]]"),
+            (5, _) => format!(
+                "R(a, b):f{i} {{ a.e = {v} N*s/m * (a.f - b.f); b.e = {v} N*s/m * (b.f - a.f) + 0.1 N*s^3/m^3 * b.f^3 }}"
+            ),
+            (6, Some(state)) => {
+                inside[block[a]].push_str(&format!("    TF:m{i} = 1 + 0.3 m^-1 * {state}\n"));
+                let _ = writeln!(bonds, "  j{a} -> m{i} -> j{b}");
+                continue;
+            }
+            _ => {
+                inside[block[a]].push_str(&format!(
+                    "    R:s{i} {{ e = {v} N * min(max(s, -1), 1) + 0.01 N * s; f = (s - min(max(s, -1), 1)) * 1 m/s + 0.01 m/s * s }}\n"
+                ));
+                let _ = writeln!(bonds, "  j{a} -> s{i}");
+                continue;
+            }
+        };
+        inside[block[a]].push_str(&format!("    {text}\n"));
+        let _ = if f.backward {
+            writeln!(bonds, "  f{i}.a -> j{a}\n  j{b} -> f{i}.b")
+        } else {
+            writeln!(bonds, "  j{a} -> f{i}.a\n  j{b} -> f{i}.b")
+        };
+    }
+}
+
 /// The text of a graph. All of it is mechanical, so that every unit fits.
-fn text(junctions: &[Junction], parts: &[Part], loops: &[(prop::sample::Index, prop::sample::Index)]) -> String {
+fn text(
+    junctions: &[Junction],
+    parts: &[Part],
+    loops: &[(prop::sample::Index, prop::sample::Index)],
+    fields: &[Field],
+) -> String {
     // The block each junction lies in: 0 is continuous.
     let mut block = vec![0usize];
     let mut heads: Vec<String> = vec![String::new()];
@@ -98,6 +159,7 @@ fn text(junctions: &[Junction], parts: &[Part], loops: &[(prop::sample::Index, p
             let _ = writeln!(bonds, "  j{a} -> j{b}");
         }
     }
+    let mut states: Vec<(usize, String)> = Vec::new();
     let mut full = vec![false; junctions.len()];
     for (i, p) in parts.iter().enumerate() {
         let at = p.at.index(junctions.len());
@@ -126,9 +188,13 @@ fn text(junctions: &[Junction], parts: &[Part], loops: &[(prop::sample::Index, p
             (_, false) => ("R", format!("= {v} N*s/m")),
             (_, true) => ("R", format!("{{ e = {v} N*s/m * f + 0.3 N*s^3/m^3 * f^3 }}")),
         };
+        if name == "C" {
+            states.push((block[at], format!("e{i}.q")));
+        }
         declare(&mut inside, block[at], format!("    {name}:e{i} {law}\n"));
         let _ = if p.backward { writeln!(bonds, "  e{i} -> j{at}") } else { writeln!(bonds, "  j{at} -> e{i}") };
     }
+    write_fields(fields, &block, &mut inside, &mut bonds, &states);
     // A junction with nothing on it would often hang loose.
     for (i, j) in junctions.iter().enumerate() {
         if !j.like && !parts.iter().any(|p| p.at.index(junctions.len()) == i && p.kind > 2) {
@@ -152,11 +218,12 @@ proptest! {
 
     #[test]
     fn graphs(
-        junctions in prop::collection::vec(junction(), 1..11),
-        parts in prop::collection::vec(part(), 1..21),
+        junctions in prop::collection::vec(junction(), 1..21),
+        parts in prop::collection::vec(part(), 1..35),
         loops in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>()), 0..2),
+        fields in prop::collection::vec(field(), 0..4),
     ) {
-        let text = text(&junctions, &parts, &loops);
+        let text = text(&junctions, &parts, &loops, &fields);
         let compiled = match Options::new().compile_str("random.bond", text.as_str()) {
             Ok(compiled) => compiled,
             Err(errors) => {
@@ -213,7 +280,7 @@ fn most_graphs_compile() {
     let mut sound = 0;
     for _ in 0..300 {
         let (junctions, parts) = strategy.new_tree(&mut runner).map(|t| t.current()).unwrap_or_default();
-        sound += usize::from(Options::new().compile_str("random.bond", text(&junctions, &parts, &[])).is_ok());
+        sound += usize::from(Options::new().compile_str("random.bond", text(&junctions, &parts, &[], &[])).is_ok());
     }
     assert!(sound > 100, "only {sound} of 300 graphs compile");
 }

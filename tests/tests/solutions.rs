@@ -1,6 +1,6 @@
 //! Runs against solutions in closed form.
 
-use crate::common::{advance, close, finish, probe, start, text, trace, with};
+use crate::common::{advance, close, example, finish, probe, start, text, trace, with};
 use bond::{Options, Steps};
 
 const OSCILLATOR: &str = "model Oscillator(k = 100 N/m, b = 0.5 N*s/m) {
@@ -298,4 +298,33 @@ fn a_ratio_follows_a_counted_angle() {
     let (coarse, fine) = (off(0.002), off(0.001));
     assert!((3.5..4.5).contains(&(coarse / fine)), "order 2 of the constraint: {coarse:e}, then {fine:e}");
     assert!(fine < 1e-5, "the constraint is off by {fine:e} m");
+}
+
+/// The transistor amplifier of the test set for initial value problem solvers (Mazzia and Magherini), at 0.2 s.
+#[test]
+fn the_transistor_amplifier_as_published() {
+    let published = [
+        ("y1", -0.556_214_501_226_270_9e-2),
+        ("y2", 0.300_652_247_190_304_2e1),
+        ("y3", 0.284_995_878_860_812_8e1),
+        ("y4", 0.292_642_253_620_624_1e1),
+        ("y5", 0.270_461_786_501_055_4e1),
+        ("y6", 0.276_183_777_839_314_5e1),
+        ("y7", 0.477_092_763_161_677_2e1),
+        ("y8", 0.123_699_586_809_154_8e1),
+    ];
+    let compiled = example("transistor_amplifier", "TransistorAmplifier");
+    let run = |h: f64| {
+        let mut sim = start(&compiled, Steps::fixed(h));
+        finish(&mut sim, 0.2);
+        published.map(|(name, _)| probe(&mut sim, name))
+    };
+    // The step alone, and what it tends to.
+    for ((name, wanted), found) in published.iter().zip(run(5e-7)) {
+        close(found, *wanted, 1e-8, name);
+    }
+    let (coarse, fine) = (run(4e-6), run(2e-6));
+    for (i, (name, wanted)) in published.iter().enumerate() {
+        close(fine[i] + (fine[i] - coarse[i]) / 3.0, *wanted, 1e-11, name);
+    }
 }
