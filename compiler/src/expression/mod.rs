@@ -22,6 +22,7 @@ mod polynomial;
 mod pool;
 mod power;
 mod print;
+mod pythagoras;
 mod sign;
 mod substitute;
 mod walk;

@@ -90,7 +90,8 @@ pub(super) fn merge(
             (0..n)
                 .map(|j| {
                     let column: Vec<Expr> = lp.iter().map(|r| r[j]).collect();
-                    sum_of(pool, row, &column)
+                    let sum = sum_of(pool, row, &column);
+                    pool.pythagoras(sum)
                 })
                 .collect()
         })
@@ -157,6 +158,7 @@ pub(super) fn merge(
         for (c, q) in &others {
             let slopes: Vec<Expr> = p.iter().map(|row| pool.derivative(row[i], *q)).collect();
             let g = sum_of(pool, &slopes, &x);
+            let g = pool.pythagoras(g);
             if !pool.is_zero(g) {
                 terms.push((*c, g));
             }
