@@ -50,10 +50,10 @@ pub fn scenes(text: &str) -> Vec<String> {
     file.items.iter().filter_map(runs).collect()
 }
 
-/// All scenes of the examples and the elements: title, path, model.
+/// All scenes of the examples, the elements and the components: title, path, model.
 pub fn all_scenes() -> Vec<(String, PathBuf, String)> {
     let mut list = Vec::new();
-    for (path, text) in texts("examples").into_iter().chain(texts("elements")) {
+    for (path, text) in texts("examples").into_iter().chain(texts("elements")).chain(texts("components")) {
         for scene in scenes(&text) {
             list.push((format!("{} {scene}", title(&path)), path.clone(), scene));
         }

@@ -11,6 +11,7 @@ mod expectations;
 mod form;
 mod holds;
 mod ledger;
+mod library;
 mod linearize;
 mod multiports;
 mod mutations;

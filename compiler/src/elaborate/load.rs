@@ -1,5 +1,7 @@
 //! Follows `use`: from one source to all files that it needs.
 
+use super::library::LIBRARY;
+use super::suggest::nearest;
 use bond_grammar::ast::{File, Item, Name, UseTarget};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
@@ -22,12 +24,6 @@ impl Loader for NoFiles {
         Err("this model was not read from a file".into())
     }
 }
-
-/// Bundled library files, by name.
-const LIBRARY: [(&str, &str); 2] = [
-    ("contact", include_str!("../../../models/library/contact.bond")),
-    ("mechanics", include_str!("../../../models/library/mechanics.bond")),
-];
 
 /// A model, by its file and its place among the file's items.
 pub type ModelRef = (usize, usize);
@@ -179,12 +175,16 @@ impl Loading<'_> {
 /// Name and text of a bundled library.
 fn library(path: &[Name], span: Span) -> Result<(String, String), Diagnostic> {
     let words: Vec<&str> = path.iter().map(|n| n.text.as_str()).collect();
-    let known = || LIBRARY.iter().map(|l| format!("`use std.{}`", l.0)).collect::<Vec<_>>().join(", ");
+    let known = || LIBRARY.iter().map(|l| format!("std.{}", l.0)).collect::<Vec<_>>().join(", ");
     if let ["std", name] = words[..]
         && let Some((name, text)) = LIBRARY.iter().find(|l| l.0 == name)
     {
         return Ok((format!("std/{name}.bond"), (*text).to_string()));
     }
-    Err(Diagnostic::error("elaborate::use", span, format!("there is no library `{}`", words.join(".")))
-        .help(format!("the bundled ones are {}; a file is used by its path in quotes", known())))
+    Err(Diagnostic::error("elaborate::use", span, format!("there is no library `{}`", words.join("."))).help(
+        match nearest(words.last().unwrap_or(&""), LIBRARY.iter().map(|l| l.0)) {
+            Some(near) => format!("did you mean `use std.{near}`?"),
+            None => format!("the bundled ones are {}; a file is used by its path in quotes", known()),
+        },
+    ))
 }

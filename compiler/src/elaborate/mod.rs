@@ -12,6 +12,7 @@ mod finish;
 mod function;
 mod infer;
 mod join;
+mod library;
 mod load;
 mod settings;
 mod suggest;
@@ -19,6 +20,7 @@ mod table;
 mod value;
 
 pub use infer::{Equation, Inference, Unit};
+pub use library::LIBRARY;
 pub use load::{Files, Loader, NoFiles, load};
 pub use suggest::{distance, nearest};
 pub(crate) use value::Value;
