@@ -20,7 +20,7 @@ fn parts(file: &File) -> Vec<&Model> {
     for item in &file.items {
         match item {
             Item::Model(m) => list.push(m),
-            Item::Use(_) => {}
+            Item::Use(_) | Item::Function(_) => {}
         }
     }
     list
@@ -53,6 +53,7 @@ fn kinds(body: &[Statement], found: &mut Vec<String>) {
             StatementKind::Port(..)
             | StatementKind::Input(..)
             | StatementKind::Let(..)
+            | StatementKind::Function(_)
             | StatementKind::Probe(..)
             | StatementKind::State(..)
             | StatementKind::Simulate(_)
