@@ -3,6 +3,7 @@
 mod commands;
 mod csv;
 mod diff;
+mod document;
 mod drive;
 mod expectation;
 mod input;
@@ -15,7 +16,7 @@ mod summary;
 mod text;
 
 use clap::{Parser, Subcommand};
-use commands::{check, fmt, linearize, new, run, show, test};
+use commands::{check, doc, fmt, linearize, new, run, show, test};
 use std::process::ExitCode;
 use stop::Stop;
 
@@ -41,6 +42,7 @@ struct Line {
 enum Command {
     New(new::Args),
     Check(check::Args),
+    Doc(doc::Args),
     Fmt(fmt::Args),
     Show(show::Args),
     Linearize(linearize::Args),
@@ -67,6 +69,7 @@ fn done(command: &Command) -> u8 {
     let result = match command {
         Command::New(args) => new::new(args),
         Command::Check(args) => check::check(args),
+        Command::Doc(args) => doc::doc(args),
         Command::Fmt(args) => fmt::fmt(args),
         Command::Show(args) => show::show(args),
         Command::Linearize(args) => linearize::linearize(args),

@@ -28,7 +28,7 @@ pub struct Comment {
 pub struct File {
     /// Lines of the `//!` doc, without the slashes.
     pub docs: Vec<String>,
-    /// `use`s and models in order.
+    /// `use`s, functions and models in order.
     pub items: Vec<Item>,
     /// All comments in order of place.
     pub comments: Vec<Comment>,
@@ -43,6 +43,8 @@ pub enum Item {
     Use(Use),
     /// `model ...`
     Model(Model),
+    /// `let f(x) = expr`, for all models of the file.
+    Function(Function),
 }
 
 /// `use "path.bond"` or `use std.mechanics`.
@@ -89,6 +91,21 @@ pub struct Param {
     pub span: Span,
 }
 
+/// `let f(x, y) = value`: a function, worked out anew with the arguments of each call.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Function {
+    /// Lines of the `///` doc, without the slashes.
+    pub docs: Vec<String>,
+    /// Its name.
+    pub name: Name,
+    /// What its arguments are called.
+    pub arguments: Vec<Name>,
+    /// What it gives.
+    pub value: Expr,
+    /// The whole of it.
+    pub span: Span,
+}
+
 /// A statement of a body, with its doc.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Statement {
@@ -119,6 +136,8 @@ pub enum StatementKind {
     Input(Name, Expr),
     /// `let x = expr`.
     Let(Name, Expr),
+    /// `let f(x) = expr`.
+    Function(Function),
     /// `probe x = expr`.
     Probe(Name, Expr),
     /// `state z = z0 { dz = expr }`.

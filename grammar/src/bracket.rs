@@ -30,7 +30,8 @@ struct Open {
 pub(crate) fn is_strong_start(scan: &Scan, index: usize) -> bool {
     let (next, third) = (scan.word(index + 1), scan.word(index + 2));
     match scan.word(index) {
-        "let" | "probe" | "input" | "state" => scan.is_name(index + 1) && third == "=",
+        "let" => scan.is_name(index + 1) && matches!(third, "=" | "("),
+        "probe" | "input" | "state" => scan.is_name(index + 1) && third == "=",
         "for" => scan.is_name(index + 1) && third == "in",
         "port" => scan.is_name(index + 1),
         "simulate" => next == "{",

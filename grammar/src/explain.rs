@@ -13,6 +13,8 @@ mod statement;
 pub(crate) enum Piece {
     /// `use ...`
     Use,
+    /// `let f(x) = value` outside of models.
+    Function,
     /// `model Name(params)`
     ModelHead,
     /// A statement without a body of statements.
@@ -65,7 +67,7 @@ pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
         return Diagnostic::error("syntax::outside", span, message).help(format!("did you mean `{word}`?"));
     }
     let message = format!("`{found}` stands outside of any model");
-    let help = "a file holds `use` lines and models; write the statement inside `model Name { ... }`";
+    let help = "a file holds `use` lines, functions `let f(x) = ...` and models; write the statement inside `model Name { ... }`";
     Diagnostic::error("syntax::outside", span, message).help(help)
 }
 
@@ -202,6 +204,7 @@ impl<'a> Wreck<'a> {
     fn unexpected(&self) -> Diagnostic {
         let what = match self.piece {
             Piece::Use => "`use` line",
+            Piece::Function => "function",
             Piece::ModelHead => "head of a model",
             Piece::Statement => "statement",
             Piece::ForHead => "head of a `for`",

@@ -223,6 +223,7 @@ impl Layout<'_> {
             StatementKind::Chain(_)
             | StatementKind::Input(..)
             | StatementKind::Let(..)
+            | StatementKind::Function(_)
             | StatementKind::Probe(..)
             | StatementKind::Expect(_) => None,
         };
@@ -267,12 +268,13 @@ impl Piece for Item {
         match self {
             Item::Use(used) => used.span,
             Item::Model(model) => model.span,
+            Item::Function(function) => function.span,
         }
     }
 
     fn regions(&self, layout: &Layout) -> Vec<(usize, usize)> {
         match self {
-            Item::Use(_) => Vec::new(),
+            Item::Use(_) | Item::Function(_) => Vec::new(),
             Item::Model(model) => {
                 let body = layout.braces(model.name.span.end);
                 let params = (model.name.span.end as usize, body.0);
@@ -284,6 +286,7 @@ impl Piece for Item {
     fn write(&self, layout: &mut Layout, indent: usize) {
         match self {
             Item::Use(used) => layout.out.push_str(&print::used(used)),
+            Item::Function(function) => layout.wrap(&print::function(function, layout.scan.text), indent + 4),
             Item::Model(model) => {
                 layout.out.push_str(&format!("model {}", model.name.text));
                 let body = layout.braces(model.name.span.end);
@@ -353,6 +356,7 @@ impl Piece for Statement {
             | StatementKind::For(_)
             | StatementKind::Input(..)
             | StatementKind::Let(..)
+            | StatementKind::Function(_)
             | StatementKind::Probe(..)
             | StatementKind::State(..)
             | StatementKind::Simulate(_)
@@ -394,6 +398,7 @@ impl Piece for Statement {
             | StatementKind::Chain(_)
             | StatementKind::Input(..)
             | StatementKind::Let(..)
+            | StatementKind::Function(_)
             | StatementKind::Probe(..)
             | StatementKind::Expect(_) => {}
         }

@@ -143,6 +143,12 @@ impl<'a> Reader<'a> {
         Ok(Item::Use(self.use_item(inner(pair))))
     }
 
+    /// Reads a function of the file from a slice.
+    pub fn one_function(&mut self, start: usize, end: usize) -> Result<Item, Refused> {
+        let pair = self.read(Rule::one_function, start, end)?;
+        Ok(Item::Function(self.function(inner(pair))))
+    }
+
     /// Reads `model Name(params)` from a slice; its body is empty.
     pub fn one_model_head(&mut self, start: usize, end: usize) -> Result<Model, Refused> {
         let pair = self.read(Rule::one_model_head, start, end)?;
@@ -189,6 +195,7 @@ impl<'a> Reader<'a> {
             match pair.as_rule() {
                 Rule::use_item => items.push(Item::Use(self.use_item(pair))),
                 Rule::model => items.push(Item::Model(self.model(pair))),
+                Rule::function => items.push(Item::Function(self.function(pair))),
                 _ => {}
             }
         }
@@ -203,6 +210,25 @@ impl<'a> Reader<'a> {
             _ => UseTarget::Library(children(target).map(|pair| self.name(&pair)).collect()),
         };
         Use { target, span }
+    }
+
+    fn function(&mut self, pair: Pair<Rule>) -> Function {
+        let span = self.span(&pair);
+        let docs = self.scan.docs_before(span.start as usize);
+        let mut parts = children(pair);
+        let name = self.name(&next(&mut parts));
+        let arguments = next(&mut parts).into_inner().map(|pair| self.name(&pair)).collect();
+        Function { docs, name, arguments, value: self.expr(next(&mut parts)), span }
+    }
+
+    /// `let x = expr`, or with arguments a function.
+    fn let_stmt(&mut self, pair: Pair<Rule>) -> StatementKind {
+        if pair.clone().into_inner().any(|part| part.as_rule() == Rule::arguments) {
+            return StatementKind::Function(self.function(pair));
+        }
+        let mut parts = children(pair);
+        let name = self.name(&next(&mut parts));
+        StatementKind::Let(name, self.expr(next(&mut parts)))
     }
 
     fn model(&mut self, pair: Pair<Rule>) -> Model {
@@ -243,6 +269,7 @@ impl<'a> Reader<'a> {
             Rule::if_stmt => self.if_stmt(pair),
             Rule::declared_stmt => self.declared_stmt(pair),
             Rule::path_stmt => self.path_stmt(pair),
+            Rule::let_stmt => self.let_stmt(pair),
             _ => {
                 let mut parts = children(pair);
                 match rule {
@@ -267,8 +294,7 @@ impl<'a> Reader<'a> {
                         match rule {
                             Rule::state_stmt => StatementKind::State(name, value, self.fields(next(&mut parts))),
                             Rule::input_stmt => StatementKind::Input(name, value),
-                            Rule::probe_stmt => StatementKind::Probe(name, value),
-                            _ => StatementKind::Let(name, value),
+                            _ => StatementKind::Probe(name, value),
                         }
                     }
                 }

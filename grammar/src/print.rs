@@ -29,6 +29,12 @@ pub(crate) fn param(param: &Param, source: &str) -> String {
     }
 }
 
+/// `let f(x, y) = x*y`
+pub(crate) fn function(it: &Function, source: &str) -> String {
+    let arguments = list(&it.arguments, ",", |name| name.text.clone());
+    format!("let {}({arguments}) = {}", it.name.text, expr(&it.value, source))
+}
+
 /// `a.e = 2 N`
 pub(crate) fn field(field: &Field, source: &str) -> String {
     format!("{} = {}", dotted(&field.path), expr(&field.value, source))
@@ -73,6 +79,7 @@ pub(crate) fn one_line(statement: &Statement, source: &str) -> Option<String> {
         | StatementKind::Chain(_)
         | StatementKind::Input(..)
         | StatementKind::Let(..)
+        | StatementKind::Function(_)
         | StatementKind::Probe(..)
         | StatementKind::Expect(_) => String::new(),
     };
@@ -95,6 +102,7 @@ pub(crate) fn head(statement: &Statement, source: &str) -> String {
         StatementKind::If(choice) => if_head(choice, source),
         StatementKind::Input(name, value) => sets("input", name, value),
         StatementKind::Let(name, value) => sets("let", name, value),
+        StatementKind::Function(it) => function(it, source),
         StatementKind::Probe(name, value) => sets("probe", name, value),
         StatementKind::State(name, value, _) => sets("state", name, value),
         StatementKind::Simulate(_) => "simulate".to_string(),

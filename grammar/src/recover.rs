@@ -63,6 +63,7 @@ impl Recovery<'_, '_> {
         match self.scan.word(index) {
             "model" => first || is_strong_start(self.scan, index),
             "use" => first && self.scan.word(index + 1) != "=",
+            "let" => first && is_strong_start(self.scan, index),
             _ => false,
         }
     }
@@ -90,6 +91,11 @@ impl Recovery<'_, '_> {
             "use" if !self.brackets.broken(range.clone()) => {
                 let read = self.reader.one_use(start, end);
                 items.extend(self.keep(Piece::Use, range, read));
+            }
+            // a `let` without arguments is a value, and belongs into a model
+            "let" if self.scan.word(range.start + 2) == "(" && !self.brackets.broken(range.clone()) => {
+                let read = self.reader.one_function(start, end);
+                items.extend(self.keep(Piece::Function, range, read));
             }
             "model" => {
                 let mut open = range.start;

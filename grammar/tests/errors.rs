@@ -98,6 +98,10 @@ fn statements() {
     check("let x 5", "equals", "`let x = ...`");
     check("let = 5", "name", "`let name = ...`");
     check("let if = 5", "reserved", "another name");
+    check("let f(x) x^2", "equals", "`let f(x) = ...`");
+    check("let f(2) = 3", "name", "units are checked");
+    check("let f(x, = 3", "unclosed", "`)`");
+    check("let f(x) =", "value", "");
     check("let x := 3", "operator", "`=`");
     check("prob x = 5", "statement", "`probe`");
     check("x = 5", "statement", "`let x = ...`");
@@ -144,6 +148,11 @@ fn a_missing_brace_is_told_once() {
 #[test]
 fn a_text_without_a_model_is_told() {
     assert_eq!(places("Se:u = 5 V\n"), ["1:1 syntax::outside"]);
+    assert_eq!(places("let x = 5\nmodel M {}\n"), ["1:1 syntax::outside"]);
+    assert_eq!(
+        places("let f(x) 5\nlet g(y) = * 2\nmodel M { a -> }\n"),
+        ["1:10 syntax::equals", "2:12 syntax::value", "3:13 syntax::value"]
+    );
     assert_eq!(places("model {\n}\n"), ["1:1 syntax::statement"]);
     assert_eq!(places("model A\n"), ["1:7 syntax::body"]);
     assert_eq!(places("use\nmodel A {}\n"), ["1:1 syntax::statement"]);

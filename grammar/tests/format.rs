@@ -63,6 +63,10 @@ fn comments_survive() {
         "/// doc\nlet x = 1 /// no doc\n/// doc too\nlet y = 2\n"
     );
     formatted("model M(k = 1, // the k\n // own\n m = 2 // the m\n) { // open\n} // close\n// end");
+    assert_eq!(
+        formatted("/// doc\nlet f(x ,y,) = x*y // why\nmodel M { let  g( ) = [ 1,2 ] }"),
+        "/// doc\nlet f(x, y) = x*y // why\nmodel M {\n  let g() = [1, 2]\n}\n"
+    );
     formatted("// only a comment");
     formatted("// a\n//! b\n;\n//! c\nuse /// d\n std.a /// e\n;/// f\nmodel M {/// g\n}");
     formatted("/// a\n;/// b\nmodel M { /// c\n; /// d\nlet x = 1;/// e\n; let y = 2 }");

@@ -70,6 +70,12 @@ fn fields() -> BoxedStrategy<String> {
         .boxed()
 }
 
+fn function() -> BoxedStrategy<String> {
+    (name(), gap(), prop::collection::vec(name(), 0..3), gap(), expr())
+        .prop_map(|(name, g, arguments, h, value)| format!("let {name}{g}({}){h}= {value}", arguments.join(", ")))
+        .boxed()
+}
+
 fn statement() -> BoxedStrategy<String> {
     let arrows = ["->", "||>", "->|", "|->", "-[n]->", "|-[n[i]]->", "-[ n ]->|"];
     let end = prop_oneof![head(), name(), Just("w[1].tip".to_string())].boxed();
@@ -81,6 +87,7 @@ fn statement() -> BoxedStrategy<String> {
         (end.clone(), gap(), pick(&arrows), gap(), end.clone(), gap(), end)
             .prop_map(|(a, g, arrow, h, b, i, c)| format!("{a}{g}{arrow}{h}{b},{i}{c}")),
         (pick(&words), gap(), name(), expr()).prop_map(|(word, g, name, value)| format!("{word}{g}{name} = {value}")),
+        function(),
         (name(), expr(), gap(), fields())
             .prop_map(|(name, value, g, fields)| format!("state {name} = {value}{g}{fields}")),
         (name(), gap(), fields()).prop_map(|(name, g, fields)| format!("port {name}{g}{fields}")),
@@ -110,16 +117,18 @@ fn statement() -> BoxedStrategy<String> {
 
 fn model() -> BoxedStrategy<String> {
     (
+        prop::collection::vec((gap(), function()), 0..2),
         prop::collection::vec((name(), prop::option::of(expr()), gap()), 0..4),
         prop::collection::vec((gap(), statement()), 0..5),
     )
-        .prop_map(|(params, rows)| {
+        .prop_map(|(functions, params, rows)| {
+            let functions: String = functions.into_iter().map(|(gap, f)| format!("{gap}{f}\n")).collect();
             let params: Vec<String> = params
                 .into_iter()
                 .map(|(name, value, gap)| value.map_or(format!("{gap}{name}"), |value| format!("{name}{gap}= {value}")))
                 .collect();
             let rows: Vec<String> = rows.into_iter().map(|(gap, row)| format!("{gap}{row}")).collect();
-            format!("model M({}) {{\n{}\n}}\n", params.join(", "), rows.join("\n"))
+            format!("{functions}model M({}) {{\n{}\n}}\n", params.join(", "), rows.join("\n"))
         })
         .boxed()
 }

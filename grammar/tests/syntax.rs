@@ -174,6 +174,31 @@ fn the_rest_of_the_statements() {
 }
 
 #[test]
+fn functions() {
+    let (sources, file) = good(
+        "/// Half a square.\nlet half(x,) = 0.5*x^2\nlet none() = 3 m; model M { let f(a, b) = a*b[2] let g = (a) }",
+    );
+    let [Item::Function(half), Item::Function(none), Item::Model(model)] = &file.items[..] else { panic!("{file:?}") };
+    assert_eq!(half.docs, ["Half a square."]);
+    assert_eq!((half.arguments.len(), none.arguments.len()), (1, 0));
+    assert_eq!(sources.slice(half.span), "let half(x,) = 0.5*x^2");
+    let [StatementKind::Function(f), StatementKind::Let(..)] = [&model.body[0].kind, &model.body[1].kind] else {
+        panic!("{model:?}")
+    };
+    let names: Vec<&str> = f.arguments.iter().map(|a| a.text.as_str()).collect();
+    assert_eq!((names, show(&f.value)), (vec!["a", "b"], "(a Mul b[2])".to_string()));
+}
+
+#[test]
+fn arrays() {
+    assert_eq!(expr("[1 Ohm, 2 Ohm,]"), "[<1 Ohm^1>, <2 Ohm^1>]");
+    assert_eq!(expr("[[1, 2], [3, 4]]*a"), "([[1, 2], [3, 4]] Mul a)");
+    assert_eq!(expr("m[1, 2] + m[1][2] - w.a[i+1]"), "((m[1, 2] Add m[1, 2]) Sub w.a[(i Add 1)])");
+    assert_eq!(expr("a -[1, 2]"), "(a Sub [1, 2])");
+    assert_eq!(expr("table(x, [0 m, 1 m], -[0 N, 2 N])"), "table(x, [<0 m^1>, <1 m^1>], (Neg [<0 N^1>, <2 N^1>]))");
+}
+
+#[test]
 fn docs_and_spans() {
     let text = "//! one\n//!  two\n\n/// of M\n// plain\n/// more\nmodel M {\n  a -> b /// none\n  /// of x\n  let x = 1 N // end\n}\n";
     let (sources, file) = good(text);

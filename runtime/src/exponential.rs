@@ -132,7 +132,9 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
     }
     let d = balance::balance(size, &linear.a, 1.0 / (16.0 * h));
     let flow = Flow::new(size, &linear.a, &d, h).ok_or(Unfit::Overflow(h))?;
-    let given = |q: Vec<f64>| -> Vec<f64> { (0..square).map(|k| q[k] / d[k / size] / d[k % size]).collect() };
+    let given = |q: Matrix| -> Vec<f64> {
+        q.entries.iter().enumerate().map(|(k, x)| x.high / d[k / size] / d[k % size]).collect()
+    };
     let forms: Vec<Vec<f64>> = linear.forms.iter().map(|m| given(flow.form(m, &d))).collect();
     let mut table = Vec::with_capacity(Layout::of(linear).size());
     let stays = |i: usize| linear.changes && (flow.exponential.get(i, i).high - 1.0).abs() <= 0.5;
@@ -163,7 +165,7 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
         }
     }
     for m in &linear.squares {
-        let l = factor(size, flow.form(m, &d));
+        let l = factor(flow.form(m, &d), size <= FINE);
         table.extend((0..square).map(|k| l[k] / d[k % size]));
     }
     if linear.changes {
@@ -176,17 +178,21 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
 const SERIES: f64 = 1.0 / 16.0;
 /// Terms of the series of the exponential: `SERIES^19 / 19!` is below 1e-39.
 const TERMS: u32 = 18;
-/// Terms of the series of a form: `(2 SERIES)^15 / 16!` is below 1e-26.
-const FORM_TERMS: u32 = 15;
+/// Terms of the series of a form: `(2 SERIES)^18 / 19!` is below 1e-33.
+const FORM_TERMS: u32 = 18;
+
+/// Up to so many states, forms are computed with twice the digits: what a slow motion turns over may be 1e-16 of what a fast one
+/// would. Beyond, that would take seconds.
+const FINE: usize = 32;
 
 /// A system over the step, in even units.
 struct Flow {
     /// `A` times the small step.
-    small: Vec<f64>,
+    small: Matrix,
     /// The small step.
     step: f64,
     /// `exp(A t)` at the small step and its doubles, the last but one at half the step.
-    ladder: Vec<Vec<f64>>,
+    ladder: Vec<Matrix>,
     exponential: Matrix,
     /// `1/h ∫ exp(A s) ds`
     mean: Matrix,
@@ -216,7 +222,7 @@ impl Flow {
         let mut growth = small.product(&mean);
         let mut ladder = Vec::with_capacity(doublings);
         for _ in 0..doublings {
-            ladder.push(growth.clone().plus_one().entries.iter().map(|x| x.high).collect());
+            ladder.push(growth.clone().plus_one());
             // The mean over twice the time: (Φ + E Φ) / 2 = Φ + F Φ / 2.
             mean = growth.product(&mean).map(|x| x.scale(0.5)).plus(&mean);
             growth = growth.product(&growth).plus(&growth).plus(&growth);
@@ -225,35 +231,25 @@ impl Flow {
         if !exponential.is_finite() || !mean.is_finite() {
             return None;
         }
-        let small = small.entries.iter().map(|x| x.high).collect();
         Some(Self { small, step, ladder, exponential, mean })
     }
 
     /// The integral of `exp(A^T s) M exp(A s)`, for `M` in the given units, in even ones.
-    fn form(&self, m: &[f64], d: &[f64]) -> Vec<f64> {
+    fn form(&self, m: &[f64], d: &[f64]) -> Matrix {
         let n = d.len();
-        let mut term: Vec<f64> = (0..n * n).map(|k| m[k] * d[k / n] * d[k % n] * self.step).collect();
+        let start = |k: usize| Twice::new(m[k] * d[k / n] * d[k % n]).mul(Twice::new(self.step));
+        let mut term = Matrix { n, entries: (0..n * n).map(start).collect() };
         let mut sum = term.clone();
         // The terms are t L^k(M) t^k / (k + 1)! with L(M) = A^T M + M A.
         for k in 2..=FORM_TERMS + 1 {
-            let product = multiply(n, &term, &self.small);
-            for i in 0..n {
-                for j in 0..n {
-                    term[i * n + j] = (product[i * n + j] + product[j * n + i]) / f64::from(k);
-                }
-            }
-            sum.iter_mut().zip(&term).for_each(|(s, t)| *s += t);
+            let product = multiply(&term, &self.small);
+            term = product.transposed().plus(&product).map(|x| x.over(f64::from(k)));
+            sum = sum.plus(&term);
         }
         for e in &self.ladder {
-            let right = multiply(n, &sum, e);
-            let both = multiply(n, &transpose(n, e), &right);
-            for i in 0..n {
-                for j in i..n {
-                    let whole = sum[i * n + j] + 0.5 * (both[i * n + j] + both[j * n + i]);
-                    sum[i * n + j] = whole;
-                    sum[j * n + i] = whole;
-                }
-            }
+            let both = multiply(&e.transposed(), &multiply(&sum, e));
+            let even = both.transposed().plus(&both).map(|x| x.scale(0.5));
+            sum = sum.plus(&even);
         }
         sum
     }
@@ -264,42 +260,59 @@ impl Flow {
 ///
 /// Small entries are partly what the series of the form left out, and need not go with each other: they come last, and are kept
 /// to what `Q >= 0` allows.
-fn factor(n: usize, mut q: Vec<f64>) -> Vec<f64> {
-    let size: Vec<f64> = (0..n).map(|i| q[i * n + i].max(0.0).sqrt()).collect();
+fn factor(mut q: Matrix, fine: bool) -> Vec<f64> {
+    let n = q.n;
+    // Powers of two, so that nothing is rounded.
+    let size: Vec<f64> = (0..n).map(|i| power_of_two(q.get(i, i).high.max(0.0).sqrt())).collect();
     for i in 0..n {
         for j in 0..n {
             let s = size[i] * size[j];
-            q[i * n + j] = if s > 0.0 { q[i * n + j] / s } else { 0.0 };
+            let x = &mut q.entries[i * n + j];
+            *x = if s > 0.0 { x.scale(1.0 / size[i]).scale(1.0 / size[j]) } else { Twice::default() };
         }
     }
-    let least = 1e-15;
+    let least = if fine { 1e-29 } else { 1e-15 };
     let mut l = vec![0.0; n * n];
     let mut open: Vec<usize> = (0..n).collect();
     for row in 0..n {
-        open.retain(|&i| q[i * n + i] > least);
-        let weight = |i: usize| q[i * n + i] * size[i] * size[i];
+        open.retain(|&i| q.get(i, i).high > least);
+        let weight = |i: usize| q.get(i, i).high * size[i] * size[i];
         let Some(&p) = open.iter().max_by(|&&i, &&j| weight(i).total_cmp(&weight(j))) else { break };
-        let root = q[p * n + p].sqrt();
-        for j in 0..n {
-            let most = (q[j * n + j].max(0.0) + least).sqrt();
-            l[row * n + j] = (q[p * n + j] / root).clamp(-most, most);
-        }
+        let root = q.get(p, p).sqrt();
+        let pivot: Vec<Twice> = (0..n)
+            .map(|j| {
+                let most = (q.get(j, j).high.max(0.0) + least).sqrt();
+                let x = q.get(p, j).divided(root);
+                if x.high.abs() <= most { x } else { Twice::new(x.high.clamp(-most, most)) }
+            })
+            .collect();
         for i in 0..n {
+            l[row * n + i] = pivot[i].high * size[i];
             for j in 0..n {
-                q[i * n + j] -= l[row * n + i] * l[row * n + j];
+                let x = &mut q.entries[i * n + j];
+                *x = if fine {
+                    x.add(pivot[i].mul(pivot[j]).scale(-1.0))
+                } else {
+                    Twice::new(x.high - pivot[i].high * pivot[j].high)
+                };
             }
         }
         for i in 0..n {
-            q[i * n + p] = 0.0;
-            q[p * n + i] = 0.0;
-        }
-    }
-    for row in 0..n {
-        for j in 0..n {
-            l[row * n + j] *= size[j];
+            q.entries[i * n + p] = Twice::default();
+            q.entries[p * n + i] = Twice::default();
         }
     }
     l
+}
+
+/// `a b`, with twice the digits where that takes no long time.
+fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
+    if a.n <= FINE { a.product(b) } else { a.rough_product(b) }
+}
+
+/// The power of two below a number above 0; 0 for 0.
+fn power_of_two(x: f64) -> f64 {
+    if x > 0.0 && x.is_finite() { x.log2().floor().clamp(-1000.0, 1000.0).exp2() } else { 0.0 }
 }
 
 /// The larger of the largest sums of magnitudes in a row and in a column.
@@ -307,28 +320,6 @@ fn norm(n: usize, a: &[f64]) -> f64 {
     let row = |i: usize| (0..n).map(|j| a[i * n + j].abs()).sum::<f64>();
     let column = |j: usize| (0..n).map(|i| a[i * n + j].abs()).sum::<f64>();
     (0..n).fold(0.0, |m, i| m.max(row(i)).max(column(i)))
-}
-
-/// `a b`
-fn multiply(n: usize, a: &[f64], b: &[f64]) -> Vec<f64> {
-    let mut product = vec![0.0; n * n];
-    for i in 0..n {
-        let to = &mut product[i * n..(i + 1) * n];
-        for k in 0..n {
-            let factor = a[i * n + k];
-            if factor == 0.0 {
-                continue;
-            }
-            for (to, b) in to.iter_mut().zip(&b[k * n..(k + 1) * n]) {
-                *to += factor * b;
-            }
-        }
-    }
-    product
-}
-
-fn transpose(n: usize, a: &[f64]) -> Vec<f64> {
-    (0..n * n).map(|k| a[k % n * n + k / n]).collect()
 }
 
 #[cfg(test)]

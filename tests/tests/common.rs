@@ -45,15 +45,15 @@ pub fn scenes(text: &str) -> Vec<String> {
         Item::Model(m) if m.body.iter().any(|s| matches!(s.kind, StatementKind::Simulate(_))) => {
             Some(m.name.text.clone())
         }
-        Item::Model(_) | Item::Use(_) => None,
+        Item::Model(_) | Item::Use(_) | Item::Function(_) => None,
     };
     file.items.iter().filter_map(runs).collect()
 }
 
 /// Folders of models that run and expect something.
-pub const RUN: [&str; 3] = ["examples", "elements", "classics"];
+pub const RUN: [&str; 4] = ["examples", "elements", "components", "classics"];
 
-/// All scenes of the examples, the elements and the classics: title, path, model.
+/// All scenes of the examples, the elements, the components and the classics: title, path, model.
 pub fn all_scenes() -> Vec<(String, PathBuf, String)> {
     let mut list = Vec::new();
     for (path, text) in RUN.iter().flat_map(|folder| texts(folder)) {

@@ -5,7 +5,7 @@ use bond::{Options, Steps};
 use proptest::prelude::*;
 
 /// Words and signs that mean something.
-const PIECES: [&str; 38] = [
+const PIECES: [&str; 43] = [
     "->",
     "||>",
     "{",
@@ -44,6 +44,11 @@ const PIECES: [&str; 38] = [
     "//",
     "1e400",
     "TF:t = 0",
+    "let f(x) =",
+    "f(q)",
+    "[1, 2]",
+    "table(q, [0, 1, 2], [0, 1, 3])",
+    "a[2]",
 ];
 
 #[derive(Clone, Debug)]

@@ -36,7 +36,7 @@ fn shape(file: &File) -> String {
 
 #[test]
 fn the_layout_of_every_model_is_stable_and_means_the_same() {
-    for folder in ["examples", "elements", "library"] {
+    for folder in ["components", "examples", "elements", "library"] {
         for (path, text) in texts(folder) {
             let name = path.display().to_string();
             let first = laid_out(&name, &text);
@@ -53,7 +53,7 @@ fn the_layout_of_every_model_is_stable_and_means_the_same() {
 /// Models stand in their canonical layout already.
 #[test]
 fn every_model_is_laid_out() {
-    for folder in ["examples", "elements"] {
+    for folder in ["components", "examples", "elements", "library"] {
         for (path, text) in texts(folder) {
             assert_eq!(text, laid_out(&path.display().to_string(), &text), "{} is not laid out", path.display());
         }

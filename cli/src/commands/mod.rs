@@ -1,6 +1,7 @@
 //! The subcommands, one file each.
 
 pub mod check;
+pub mod doc;
 pub mod fmt;
 pub mod linearize;
 pub mod new;

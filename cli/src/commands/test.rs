@@ -144,7 +144,7 @@ fn scenes(name: &str, text: &str) -> Vec<Option<String>> {
         .iter()
         .filter_map(|item| match item {
             Item::Model(m) => Some(m),
-            Item::Use(_) => None,
+            Item::Use(_) | Item::Function(_) => None,
         })
         .collect();
     let Some((last, others)) = models.split_last() else { return vec![None] };
@@ -165,6 +165,7 @@ fn expects(body: &[Statement]) -> bool {
         | StatementKind::Port(..)
         | StatementKind::Input(..)
         | StatementKind::Let(..)
+        | StatementKind::Function(_)
         | StatementKind::Probe(..)
         | StatementKind::State(..)
         | StatementKind::Simulate(_) => false,

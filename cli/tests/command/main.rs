@@ -1,6 +1,7 @@
 //! The `bond` command from outside: what it prints, writes and answers.
 
 mod check;
+mod doc;
 mod fmt;
 mod hostile;
 mod library;
@@ -155,7 +156,7 @@ fn table(text: &str) -> (Vec<String>, Vec<Vec<f64>>) {
 #[test]
 fn every_command_has_help_with_an_example() {
     let here = Folder::new();
-    for command in ["new", "check", "fmt", "show", "linearize", "run", "test"] {
+    for command in ["new", "check", "doc", "fmt", "show", "linearize", "run", "test"] {
         here.bond(&[command, "--help"]).is(0, &["Examples:", &format!("bond {command}")], &[]);
         here.bond(&["help", command]).is(0, &["Usage:"], &[]);
     }

@@ -12,6 +12,9 @@ use rustc_hash::{FxHashMap, FxHashSet};
 /// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
 const HOLD: f64 = 1e-6;
 
+/// Slopes of a curve's residual below this count as none.
+const UPRIGHT: f64 = 1e-12;
+
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
     pub(super) ports: usize,
@@ -39,7 +42,12 @@ pub(super) fn outputs(
             lowering.bind(held, *guess);
             let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(HOLD));
             let off = model.pool.sub(s, before);
-            let pull = model.pool.mul(little, off);
+            let slope = model.pool.derivative(*r, *z);
+            let (slope, least, none) =
+                (model.pool.unary(Unary::Abs, slope), model.pool.float(UPRIGHT), model.pool.int(0));
+            let upright = model.pool.binary(ir::Binary::Lt, slope, least);
+            let strength = model.pool.select(upright, little, none);
+            let pull = model.pool.mul(strength, off);
             *r = model.pool.add(*r, pull);
         }
     }

@@ -128,8 +128,10 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
 
 /// Elements for which no passivity can be claimed.
 fn excluded(model: &Model, form: &Form) -> Vec<String> {
-    let mut list: Vec<String> =
-        model.elements.iter().filter(|e| e.active).map(|e| format!("active `{}`", e.name)).collect();
+    // A field is named once.
+    let active = model.elements.iter().filter(|e| e.active && e.field.is_none_or(|f| f.1 == 0));
+    let name = |e: &crate::model::Element| e.field.map_or(e.name.clone(), |f| model.fields[f.0].name.clone());
+    let mut list: Vec<String> = active.map(|e| format!("active `{}`", name(e))).collect();
     for r in &form.regions {
         for g in r.groups.iter().filter(|g| !g.bounded) {
             for s in &g.states {

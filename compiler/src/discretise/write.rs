@@ -1,6 +1,6 @@
 //! What the steppers share: inputs of a program, iterations, the ledger's terms.
 
-use super::cluster::{Cluster, Node, missing};
+use super::cluster::{Cluster, Group, Node, missing};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
@@ -424,7 +424,15 @@ pub(super) fn energies(
         let h = c.energy(&mut model.pool, *r);
         let later = model.pool.substitute(h, &end);
         let mut v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
-        for g in c.groups.iter().filter(|g| g.region == *r && has_angle(&model.pool, g.energy)) {
+        let of_states = |z: &Expr| {
+            model.pool.symbols(*z).iter().all(|s| {
+                model.pool.value(*s).is_some() || c.states.iter().any(|x| x.symbol == *s)
+            })
+        };
+        let angles = |g: &&Group| {
+            g.region == *r && has_angle(&model.pool, g.energy) && g.coenergy.iter().all(of_states)
+        };
+        for g in c.groups.iter().filter(angles) {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
                 let Some(rest) = rests.get(*s) else { continue };
                 let z = at.lower(&model.pool, b, *z).map_err(|s| missing(model, s))?;

@@ -61,10 +61,15 @@ impl<'a> Elaborator<'a> {
         let scope = self.new_scope(instance, None, None);
         self.instances.push(super::Instance { model, path, scope, names: Default::default() });
         self.declare_params(instance, decl, args);
+        if instance == 0 {
+            self.file_functions();
+        }
         // A `let` of the model may be used by a `for` above it.
         for s in &decl.body {
             if let StatementKind::Let(name, value) = &s.kind {
                 self.declare_let(scope, name, value);
+            } else if let StatementKind::Function(f) = &s.kind {
+                self.declare_function(scope, f);
             }
         }
         let mut chains = Vec::new();
@@ -117,14 +122,7 @@ impl<'a> Elaborator<'a> {
             };
             let index = self.params.len();
             let overridden = self.overrides.get(&full).copied();
-            self.params.push(Param {
-                name: full,
-                span: p.name.span,
-                value,
-                state: ParamState::New,
-                overridden,
-                symbol: None,
-            });
+            self.params.push(Param { name: full, span: p.name.span, value, state: ParamState::New, overridden });
             self.declare(instance, p.name.text.clone(), Entity::Param(index), p.name.span);
         }
     }
@@ -135,7 +133,7 @@ impl<'a> Elaborator<'a> {
         if path.is_empty() { name.to_string() } else { format!("{path}.{name}") }
     }
 
-    fn declare(&mut self, instance: usize, key: String, entity: Entity, span: Span) -> bool {
+    pub(super) fn declare(&mut self, instance: usize, key: String, entity: Entity, span: Span) -> bool {
         if let Some((_, first)) = self.instances[instance].names.get(&key) {
             if *first == span {
                 return false; // the same declaration, walked before
@@ -234,6 +232,11 @@ impl<'a> Elaborator<'a> {
                 StatementKind::Let(name, value) => {
                     if inner || self.scopes[scope].loop_variable.is_some() {
                         self.declare_let(scope, name, value);
+                    }
+                }
+                StatementKind::Function(f) => {
+                    if inner || self.scopes[scope].loop_variable.is_some() {
+                        self.declare_function(scope, f);
                     }
                 }
                 StatementKind::Probe(name, value) => {
@@ -637,7 +640,12 @@ impl<'a> Elaborator<'a> {
                         None
                     }
                     Entity::Field(f) => self.bare_field(f, e.span),
-                    Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Bond(_) | Entity::Missing => None,
+                    Entity::Port(_)
+                    | Entity::Param(_)
+                    | Entity::Let(_)
+                    | Entity::Function(_)
+                    | Entity::Bond(_)
+                    | Entity::Missing => None,
                 };
             }
             End::Path(path) => path,
@@ -659,7 +667,7 @@ impl<'a> Elaborator<'a> {
                 self.errors.push(wrong(&format!("`{shown}` is an instance, and a bond ends at a port of it"), help));
                 None
             }
-            Entity::Param(_) | Entity::Let(_) => {
+            Entity::Param(_) | Entity::Let(_) | Entity::Function(_) => {
                 self.errors.push(wrong(
                     &format!("`{shown}` is a value, and a bond joins elements"),
                     format!("did you mean an element, such as `R:{last}`?"),
@@ -731,7 +739,12 @@ impl<'a> Elaborator<'a> {
                     );
                     return None;
                 }
-                Entity::Element(_) | Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Bond(_) => {
+                Entity::Element(_)
+                | Entity::Port(_)
+                | Entity::Param(_)
+                | Entity::Let(_)
+                | Entity::Function(_)
+                | Entity::Bond(_) => {
                     let next = &path.segments[i + 1].name;
                     self.errors.push(
                         Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.text))
@@ -782,6 +795,9 @@ impl<'a> Elaborator<'a> {
         known.sort_unstable();
         if let Some(n) = nearest(&key, known) {
             error = error.help(format!("did you mean `{n}`?"));
+        } else if self.files.model(self.instances[at].model).is_none() {
+            error = error
+                .help("a function outside of models sees its arguments and other functions; pass it as an argument");
         } else if error.help.is_none() {
             error = error.help(format!("declare it, for instance as `1:{key}`, or check the spelling"));
         }

@@ -1,6 +1,6 @@
 //! Turns written expressions into expressions of the pool, with their units.
 
-use super::{Elaborator, Entity, Equation, Inference, LetState, Mode, ParamState, ScopeId, Typed, Unit};
+use super::{Elaborator, Entity, Equation, Inference, LetState, Mode, ParamState, ScopeId, Typed, Unit, Value};
 use crate::expression::Symbol;
 use crate::model::{BondId, ElementId, Integral, Kind, Signal};
 use crate::units::{self, Dimension};
@@ -30,6 +30,8 @@ impl<'a> Elaborator<'a> {
             needed: (needed, place),
             about: about.into(),
             rank,
+            owner: self.owner,
+            calls: self.functions.open.clone(),
         });
     }
 
@@ -39,7 +41,7 @@ impl<'a> Elaborator<'a> {
         if text.chars().count() > 60 { format!("{}...", text.chars().take(57).collect::<String>()) } else { text }
     }
 
-    fn wrong(&mut self, code: &'static str, span: Span, message: String, help: &str) -> Option<Typed> {
+    fn wrong<T>(&mut self, code: &'static str, span: Span, message: String, help: &str) -> Option<T> {
         self.errors.push(Diagnostic::error(code, span, message).help(help));
         None
     }
@@ -64,8 +66,7 @@ impl<'a> Elaborator<'a> {
                     e.span,
                     format!("`{words}` must be known before the run"),
                     "use parameters and numbers only",
-                );
-                None
+                )
             }
         }
     }
@@ -77,8 +78,7 @@ impl<'a> Elaborator<'a> {
             return Some(x as i64);
         }
         let words = self.words(e);
-        self.wrong("elaborate::integer", e.span, format!("`{words}` is {x}, and a whole number is needed"), "round it");
-        None
+        self.wrong("elaborate::integer", e.span, format!("`{words}` is {x}, and a whole number is needed"), "round it")
     }
 
     /// A condition that is known now.
@@ -113,34 +113,43 @@ impl<'a> Elaborator<'a> {
         Some((typed, std::mem::take(&mut self.extremes)))
     }
 
+    /// A number.
     pub(super) fn express(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Typed> {
+        let value = self.value(e, scope)?;
+        self.scalar(value, e)
+    }
+
+    /// A number or an array.
+    pub(crate) fn value(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Value> {
         match &e.kind {
-            ExprKind::Number { digits, unit } => self.quantity(digits, unit.as_ref(), e.span),
-            ExprKind::Bool(b) => Some(Typed { expr: self.pool.int(i64::from(*b)), unit: Unit::one() }),
-            ExprKind::Paren(inner) => self.express(inner, scope),
+            ExprKind::Number { digits, unit } => self.quantity(digits, unit.as_ref(), e.span).map(Value::Scalar),
+            ExprKind::Bool(b) => Some(Value::Scalar(Typed { expr: self.pool.int(i64::from(*b)), unit: Unit::one() })),
+            ExprKind::Paren(inner) => self.value(inner, scope),
             ExprKind::Path(path) => self.path(path, scope),
             ExprKind::Unary(op, a) => {
-                let t = self.express(a, scope)?;
-                let expr = match op {
-                    Unary::Neg => self.pool.neg(t.expr),
-                    Unary::Not => self.pool.unary(ir::Unary::Not, t.expr),
-                };
-                Some(Typed { expr, unit: t.unit })
+                let value = self.value(a, scope)?;
+                value.map(&mut |t| {
+                    let expr = match op {
+                        Unary::Neg => self.pool.neg(t.expr),
+                        Unary::Not => self.pool.unary(ir::Unary::Not, t.expr),
+                    };
+                    Some(Typed { expr, unit: t.unit })
+                })
             }
             ExprKind::Binary(op, a, b) => self.binary(*op, a, b, scope),
             ExprKind::If(c, a, b) => {
-                let (c, a_, b_) = (self.express(c, scope), self.express(a, scope), self.express(b, scope));
-                let (c, x, y) = (c?, a_?, b_?);
-                let unit = self.same((&x, a), (&y, b), "of the two branches of `if`, this one");
-                Some(Typed { expr: self.pool.select(c.expr, x.expr, y.expr), unit })
+                let (c, x, y) = (self.express(c, scope), self.value(a, scope), self.value(b, scope));
+                let (c, x, y) = (c?, x?, y?);
+                if !self.same_shape("the branches of this `if` differ", (&x, a), (&y, b)) {
+                    return None;
+                }
+                x.zip(y, &mut |x, y| {
+                    let unit = self.same((&x, a), (&y, b), "of the two branches of `if`, this one");
+                    Some(Typed { expr: self.pool.select(c.expr, x.expr, y.expr), unit })
+                })
             }
             ExprKind::Call(name, args) => self.call(name, args, e.span, scope),
-            ExprKind::List(_) => self.wrong(
-                "elaborate::not_yet",
-                e.span,
-                "arrays and matrices as values are not there yet".into(),
-                "declare elements one by one, or in a `for`",
-            ),
+            ExprKind::List(items) => self.list(items, e.span, scope),
         }
     }
 
@@ -208,9 +217,20 @@ impl<'a> Elaborator<'a> {
         if a.0.unit == Unit::Any { b.0.unit.clone() } else { a.0.unit.clone() }
     }
 
-    fn binary(&mut self, op: Binary, a: &'a ast::Expr, b: &'a ast::Expr, scope: ScopeId) -> Option<Typed> {
-        let (x, y) = (self.express(a, scope), self.express(b, scope));
-        let (x, y) = (x?, y?);
+    fn binary(&mut self, op: Binary, a: &'a ast::Expr, b: &'a ast::Expr, scope: ScopeId) -> Option<Value> {
+        let (x, y) = (self.value(a, scope), self.value(b, scope));
+        match (x?, y?) {
+            (Value::Scalar(x), Value::Scalar(y)) => self.scalar_operation(op, (x, a), (y, b)).map(Value::Scalar),
+            (x, y) => self.array_operation(op, (x, a), (y, b)),
+        }
+    }
+
+    pub(super) fn scalar_operation(
+        &mut self,
+        op: Binary,
+        (x, a): (Typed, &ast::Expr),
+        (y, b): (Typed, &ast::Expr),
+    ) -> Option<Typed> {
         let one = Unit::one();
         let (expr, unit) = match op {
             Binary::Add => {
@@ -280,14 +300,34 @@ impl<'a> Elaborator<'a> {
         Some(Typed { expr, unit })
     }
 
-    fn call(&mut self, name: &ast::Name, args: &'a [ast::Expr], span: Span, scope: ScopeId) -> Option<Typed> {
+    fn call(&mut self, name: &ast::Name, args: &'a [ast::Expr], span: Span, scope: ScopeId) -> Option<Value> {
+        let f = name.text.as_str();
+        if let Some(function) = self.function(f, scope) {
+            return self.apply(function, args, span, scope);
+        }
+        if f == "integral" {
+            return self.integral(args, span, scope).map(Value::Scalar);
+        }
+        let values: Vec<Option<Value>> = args.iter().map(|a| self.value(a, scope)).collect();
+        let values: Vec<Value> = values.into_iter().collect::<Option<_>>()?;
+        if let Some(found) = self.array_function(f, &values, args, span) {
+            return found;
+        }
+        let values: Vec<Option<Typed>> = values.into_iter().zip(args).map(|(v, a)| self.scalar(v, a)).collect();
+        let values: Vec<Typed> = values.into_iter().collect::<Option<_>>()?;
+        self.known_function(name, &values, args, (span, scope)).map(Value::Scalar)
+    }
+
+    /// A function of the language, of numbers.
+    fn known_function(
+        &mut self,
+        name: &ast::Name,
+        values: &[Typed],
+        args: &'a [ast::Expr],
+        (span, scope): (Span, ScopeId),
+    ) -> Option<Typed> {
         use ir::Unary as F;
         let f = name.text.as_str();
-        if f == "integral" {
-            return self.integral(args, span, scope);
-        }
-        let values: Vec<Option<Typed>> = args.iter().map(|a| self.express(a, scope)).collect();
-        let values: Vec<Typed> = values.into_iter().collect::<Option<_>>()?;
         let plain = [F::Exp, F::Log, F::Sin, F::Cos, F::Tan, F::Asin, F::Acos, F::Atan, F::Sinh, F::Cosh, F::Tanh];
         let count = |n: usize, this: &mut Self| -> Option<()> {
             if values.len() == n {
@@ -298,8 +338,7 @@ impl<'a> Elaborator<'a> {
                 span,
                 format!("`{f}` takes {n} argument(s), and got {}", values.len()),
                 "mend the call",
-            );
-            None
+            )
         };
         if let Some(op) = plain.into_iter().find(|op| op.name() == f) {
             count(1, self)?;
@@ -351,13 +390,35 @@ impl<'a> Elaborator<'a> {
                 Some(all)
             }
             _ => {
-                const KNOWN: [&str; 18] = [
-                    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
-                    "abs", "sign", "min", "max", "integral",
+                const KNOWN: [&str; 23] = [
+                    "sin",
+                    "cos",
+                    "tan",
+                    "asin",
+                    "acos",
+                    "atan",
+                    "atan2",
+                    "sinh",
+                    "cosh",
+                    "tanh",
+                    "exp",
+                    "log",
+                    "sqrt",
+                    "abs",
+                    "sign",
+                    "min",
+                    "max",
+                    "integral",
+                    "table",
+                    "sum",
+                    "dot",
+                    "len",
+                    "transpose",
                 ];
+                let own = self.function_names(scope);
                 let mut error =
                     Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
-                error = match super::nearest(f, KNOWN) {
+                error = match super::nearest(f, own.iter().map(String::as_str).chain(KNOWN)) {
                     Some(n) => error.help(format!("did you mean `{n}`?")),
                     None => error.help(format!("the functions are {}", KNOWN.join(", "))),
                 };
@@ -399,7 +460,7 @@ impl<'a> Elaborator<'a> {
         Some(Typed { expr: self.pool.var(symbol), unit })
     }
 
-    fn path(&mut self, path: &'a ast::Path, scope: ScopeId) -> Option<Typed> {
+    fn path(&mut self, path: &'a ast::Path, scope: ScopeId) -> Option<Value> {
         let first = &path.segments[0];
         // The pair of a port, in the law of a field: `a.f`.
         if let [port, variable] = &path.segments[..]
@@ -407,23 +468,28 @@ impl<'a> Elaborator<'a> {
                 n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str()))
             })
         {
-            return Some(t.clone());
+            return Some(Value::Scalar(t.clone()));
         }
-        if path.segments.len() == 1 && first.index.is_empty() {
-            if let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == first.name.text) {
-                return Some(t.clone());
+        if path.segments.len() == 1 {
+            let plain = first.index.is_empty();
+            if plain && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == first.name.text) {
+                return Some(Value::Scalar(t.clone()));
             }
             let mut at = Some(scope);
             while let Some(s) = at {
                 if let Some((v, i)) = &self.scopes[s].loop_variable
                     && *v == first.name.text
+                    && plain
                 {
                     // A count may be 0 and is still a bare number.
                     let i = *i;
-                    return Some(Typed { expr: self.pool.int(i), unit: Unit::one() });
+                    return Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() }));
                 }
-                if let Some(Entity::Let(l)) = self.scopes[s].locals.get(&first.name.text) {
-                    return self.let_value(*l, path.span);
+                if let Some(&Entity::Let(l)) = self.scopes[s].locals.get(&first.name.text)
+                    && (plain || !self.is_declared(first, scope, s)?)
+                {
+                    let value = self.let_value(l, path.span)?;
+                    return self.entry(value, first, scope);
                 }
                 at = self.scopes[s].parent;
             }
@@ -435,13 +501,23 @@ impl<'a> Elaborator<'a> {
                 i == 0 && segment.index.is_empty() && !self.instances[at].names.contains_key(&segment.name.text);
             if builtin {
                 match segment.name.text.as_str() {
-                    "t" if path.segments.len() == 1 => return self.time(path.span),
-                    "pi" if path.segments.len() == 1 => return Some(Typed { expr: self.pool.pi(), unit: Unit::one() }),
+                    "t" if path.segments.len() == 1 => return self.time(path.span).map(Value::Scalar),
+                    "pi" if path.segments.len() == 1 => {
+                        return Some(Value::Scalar(Typed { expr: self.pool.pi(), unit: Unit::one() }));
+                    }
                     _ => {}
                 }
             }
-            let (key, entity, _) = self.find(at, segment, scope, i > 0)?;
             let rest = &path.segments[i + 1..];
+            if rest.is_empty()
+                && let Some(entry) = self.indexed(at, segment, scope)
+            {
+                return entry;
+            }
+            if builtin && self.function(&segment.name.text, scope).is_some() {
+                return self.no_call(&segment.name.text, path.span);
+            }
+            let (key, entity, _) = self.find(at, segment, scope, i > 0)?;
             match entity {
                 Entity::Instance(_) if rest.is_empty() => {
                     return self.wrong(
@@ -463,25 +539,30 @@ impl<'a> Elaborator<'a> {
                         "a parameter or `let` has no parts, and a probe is for the outside: use a `let`",
                     );
                 }
-                Entity::Element(id) => return self.element_signal(id, rest, path.span),
-                Entity::Field(f) => return self.field_signal(f, rest, path.span),
+                Entity::Function(_) => return self.no_call(&key, path.span),
+                Entity::Element(id) => return self.element_signal(id, rest, path.span).map(Value::Scalar),
+                Entity::Field(f) => return self.field_signal(f, rest, path.span).map(Value::Scalar),
                 Entity::Port(p) => {
                     let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
                     let shown = self.ports[p].name.clone();
-                    return self.bond_signal(
-                        raw.and_then(|r| self.merged.get(r).copied().flatten()),
-                        &shown,
-                        rest,
-                        path.span,
-                    );
+                    return self
+                        .bond_signal(raw.and_then(|r| self.merged.get(r).copied().flatten()), &shown, rest, path.span)
+                        .map(Value::Scalar);
                 }
                 Entity::Bond(b) => {
                     let shown = self.raw_bonds[b].name.clone();
-                    return self.bond_signal(self.merged.get(b).copied().flatten(), &shown, rest, path.span);
+                    return self
+                        .bond_signal(self.merged.get(b).copied().flatten(), &shown, rest, path.span)
+                        .map(Value::Scalar);
                 }
             }
         }
         None
+    }
+
+    fn no_call<T>(&mut self, function: &str, span: Span) -> Option<T> {
+        let message = format!("`{function}` is a function, not a value");
+        self.wrong("elaborate::signal", span, message, &format!("call it, as in `{function}(x)`"))
     }
 
     fn time(&mut self, span: Span) -> Option<Typed> {
@@ -498,7 +579,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// The value of a parameter.
-    pub(super) fn param_value(&mut self, p: usize, at: Span) -> Option<Typed> {
+    pub(super) fn param_value(&mut self, p: usize, at: Span) -> Option<Value> {
         match self.params[p].state.clone() {
             ParamState::Done(t) => t,
             ParamState::Open => {
@@ -520,21 +601,18 @@ impl<'a> Elaborator<'a> {
         }
     }
 
-    fn compute_param(&mut self, p: usize, at: Span) -> Option<Typed> {
+    fn compute_param(&mut self, p: usize, at: Span) -> Option<Value> {
         let name = self.params[p].name.clone();
         let over = self.params[p].overridden;
-        let mut unit = Unit::Any;
-        let mut value = None;
+        let mut given = None;
         match self.params[p].value {
             Some((ast, scope)) => {
                 let mode = std::mem::replace(&mut self.mode, Mode::Constant);
                 let locals = std::mem::take(&mut self.locals);
-                let typed = self.express(ast, scope);
+                let value = self.value(ast, scope);
                 self.mode = mode;
                 self.locals = locals;
-                let typed = typed?;
-                value = Some(self.number(&typed, ast)?);
-                unit = typed.unit;
+                given = Some((value?, ast));
             }
             None if over.is_none() => {
                 let span = self.params[p].span;
@@ -549,23 +627,42 @@ impl<'a> Elaborator<'a> {
             }
             None => {}
         }
-        if let Some((x, dimension)) = over {
-            value = Some(x);
-            if let Some(d) = dimension {
-                let span = self.params[p].span;
-                self.require(
-                    (&Unit::known(d), span),
-                    unit.clone(),
-                    None,
-                    format!("the value of `{name}` given with --set"),
-                    1,
+        let span = self.params[p].span;
+        if let Some((number, dimension)) = over {
+            if let Some((value @ Value::List(_), _)) = &given {
+                return self.wrong(
+                    "elaborate::set",
+                    span,
+                    format!("--set {name}: `{name}` is {}, and --set gives one number", value.words()),
+                    "change the array in the file, or give its entries by parameters of their own",
                 );
+            }
+            if let Some((Value::Scalar(t), ast)) = &given {
+                self.number(t, ast)?;
+            }
+            let mut unit = match &given {
+                Some((Value::Scalar(t), _)) => t.unit.clone(),
+                Some((Value::List(_), _)) | None => Unit::Any,
+            };
+            if let Some(d) = dimension {
+                let about = format!("the value of `{name}` given with --set");
+                self.require((&Unit::known(d), span), unit.clone(), None, about, 1);
                 unit = Unit::known(d);
             }
+            return self.known_parameter(&name, number, unit, span).map(Value::Scalar);
         }
-        let value = value?;
+        let (value, ast) = given?;
+        let mut names = value.leaves().into_iter().map(|(index, _)| format!("{name}{index}")).collect::<Vec<_>>();
+        names.reverse();
+        value.map(&mut |t| {
+            let number = self.number(&t, ast)?;
+            self.known_parameter(&names.pop()?, number, t.unit, span)
+        })
+    }
+
+    /// A symbol with this value.
+    fn known_parameter(&mut self, name: &str, value: f64, unit: Unit, span: Span) -> Option<Typed> {
         if !value.is_finite() {
-            let span = self.params[p].span;
             return self.wrong(
                 "elaborate::number",
                 span,
@@ -573,12 +670,11 @@ impl<'a> Elaborator<'a> {
                 "its value must be a finite number",
             );
         }
-        let symbol = self.pool.parameter(&name, value);
-        self.params[p].symbol = Some(symbol);
+        let symbol = self.pool.parameter(name, value);
         Some(Typed { expr: self.pool.var(symbol), unit })
     }
 
-    pub(super) fn let_value(&mut self, l: usize, at: Span) -> Option<Typed> {
+    pub(super) fn let_value(&mut self, l: usize, at: Span) -> Option<Value> {
         match self.lets[l].state.clone() {
             LetState::Done(t) => t,
             LetState::Open => {
@@ -594,7 +690,7 @@ impl<'a> Elaborator<'a> {
                     self.mode = Mode::Outputs;
                 }
                 let locals = std::mem::take(&mut self.locals);
-                let found = self.express(value, scope);
+                let found = self.value(value, scope);
                 self.mode = mode;
                 self.locals = locals;
                 // What cannot be said before the run may well be said in it.

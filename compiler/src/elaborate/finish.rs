@@ -31,7 +31,14 @@ impl<'a> Elaborator<'a> {
         for e in std::mem::take(&mut self.equations) {
             inference.equate(e);
         }
-        let units = inference.solve(&mut self.errors);
+        let (elements, functions) = (&self.elements, &self.functions);
+        let units = inference.solve(
+            &mut self.errors,
+            &super::domain::Names {
+                element: &|id| elements.get(id.at()).map_or("", |e| &e.name),
+                function: &|f| functions.name(f),
+            },
+        );
         if !self.errors.is_empty() {
             return Err(self.errors);
         }
@@ -39,14 +46,11 @@ impl<'a> Elaborator<'a> {
         let parameters = self
             .params
             .iter()
-            .filter_map(|p| match &p.state {
-                super::ParamState::Done(Some(t)) => {
-                    let value = self.pool.constant(t.expr)?;
-                    let symbol = p.symbol?;
-                    Some(Parameter { name: p.name.clone(), symbol, value, unit: known(&t.unit) })
-                }
-                super::ParamState::Done(None) | super::ParamState::New | super::ParamState::Open => None,
+            .flat_map(|p| match &p.state {
+                super::ParamState::Done(Some(value)) => self.listed(&p.name, value),
+                super::ParamState::Done(None) | super::ParamState::New | super::ParamState::Open => Vec::new(),
             })
+            .map(|(p, unit)| Parameter { unit: known(&unit), ..p })
             .collect();
         let probes = probes
             .into_iter()
@@ -193,13 +197,31 @@ impl<'a> Elaborator<'a> {
     fn make_probes(&mut self) -> Vec<(String, Span, Typed)> {
         let list = std::mem::take(&mut self.probes);
         self.mode = Mode::Outputs;
-        list.into_iter().filter_map(|(name, span, value)| Some((name, span, self.let_value(value, span)?))).collect()
+        let mut probes = Vec::new();
+        for (name, span, value) in list {
+            // Of an array, each entry is an output.
+            let Some(value) = self.let_value(value, span) else { continue };
+            let all = value.leaves().into_iter().map(|(index, t)| (format!("{name}{index}"), span, t.clone()));
+            probes.extend(all);
+        }
+        probes
     }
 
     /// Says which `--set` met no parameter.
     pub(super) fn unknown_overrides(&mut self, options: &Options, at: Span) {
         for (path, ..) in &options.set {
             if self.params.iter().any(|p| p.name == *path) {
+                continue;
+            }
+            if let Some((array, _)) =
+                path.split_once('[').filter(|(_, rest)| rest.ends_with(']') && !rest.contains('.'))
+                && let Some(p) = self.params.iter().find(|p| p.name == array)
+            {
+                let message = format!("--set {path}: an entry of the array `{array}` cannot be set by itself");
+                self.errors.push(
+                    Diagnostic::error("elaborate::set", p.span, message)
+                        .help("change the array in the file, or give its entries by parameters of their own"),
+                );
                 continue;
             }
             let names: Vec<String> = self.params.iter().map(|p| p.name.clone()).collect();

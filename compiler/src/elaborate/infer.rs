@@ -2,6 +2,9 @@
 //! expression's unit is a product of powers of them and of a known dimension. Equating two units is a linear equation in
 //! the exponents, so that all of them are one linear system, solved by elimination as the equations come.
 
+use super::domain::{self, Names};
+use super::function::{self, Calls};
+use crate::model::ElementId;
 use crate::units::Dimension;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -113,8 +116,12 @@ pub struct Equation {
     pub needed: (Unit, Option<Span>),
     /// What it is about: "resistance of `damper`".
     pub about: String,
-    /// Equations of lower rank are believed first.
+    /// Equations of lower rank are believed first. Up to 2: what an element asks of its own value; 3: within an expression.
     pub rank: u8,
+    /// The element whose law asks for it.
+    pub owner: Option<ElementId>,
+    /// The calls of functions in which it arose.
+    pub calls: Calls,
 }
 
 /// The solved part of the system.
@@ -146,6 +153,17 @@ impl System {
             Unit::Form(d, terms) if terms.is_empty() => Some(d),
             Unit::Form(..) | Unit::Any => None,
         }
+    }
+
+    /// A unit with the unknowns that are not of interest replaced, as far as they are solved.
+    pub fn reduce_others(&self, unit: &Unit, keep: &dyn Fn(Unknown) -> bool) -> Unit {
+        let Unit::Form(d, terms) = unit else { return Unit::Any };
+        let mut all = Unit::known(*d);
+        for &(v, n) in terms {
+            let one = Unit::unknown(v);
+            all = all.times(&if keep(v) { one } else { self.reduce(&one) }, n);
+        }
+        all
     }
 
     /// Adds `unit = 1`; false where it contradicts what is known.
@@ -211,7 +229,7 @@ impl Inference {
     }
 
     /// Solves; contradictions become diagnostics at the place of the equation that did not fit any more.
-    pub fn solve(mut self, errors: &mut Vec<Diagnostic>) -> Units {
+    pub fn solve(mut self, errors: &mut Vec<Diagnostic>, names: &Names<'_>) -> Units {
         self.equations.sort_by_key(|e| e.rank);
         // What do the elements say by themselves? Only then is a pair of units taken for a pseudo bond.
         let mut free = System::default();
@@ -231,8 +249,12 @@ impl Inference {
                 system.require_one(&e.mul(&f).div(&Unit::known(Dimension::WATT)));
             }
         }
-        for e in &self.equations {
+        let mut mixed = domain::Mixed::default();
+        for (i, e) in self.equations.iter().enumerate() {
             if system.require_one(&e.found.0.div(&e.needed.0)) {
+                continue;
+            }
+            if mixed.takes(&self.equations, i, &system) {
                 continue;
             }
             let name = |u: &Unit| match system.reduce(u) {
@@ -249,22 +271,34 @@ impl Inference {
                 Some(u) => u,
                 None => "another unit".to_string(),
             };
+            let within = match &e.calls {
+                Some(call) => format!(" in `{}`", (names.function)(call.function)),
+                None => String::new(),
+            };
             let mut error = Diagnostic::error(
                 "units::mismatch",
                 e.found.1,
-                format!("wrong unit: {} is {found} where {needed} is needed", e.about),
+                format!("wrong unit: {}{within} is {found} where {needed} is needed", e.about),
             )
             .here(format!("this is {found}"));
+            for call in function::each(&e.calls) {
+                error = error.label(call.span, format!("`{}` is called here", (names.function)(call.function)));
+            }
             if let Some(span) = e.needed.1 {
                 error = error.label(span, format!("this asks for {needed}"));
             }
-            errors.push(error.help(match name(&e.found.0.div(&e.needed.0)) {
+            let error = error.help(match name(&e.found.0.div(&e.needed.0)) {
                 Some(off) => {
                     format!("the unit is off by a factor of {off}: give the value in {needed}, or mend the expression")
                 }
                 None => format!("give the value in {needed}"),
-            }));
+            });
+            // Effort and flow of a ratio say the same.
+            if errors.last() != Some(&error) {
+                errors.push(error);
+            }
         }
+        mixed.tell(&self.equations, errors, names);
         Units { system, pseudo }
     }
 }

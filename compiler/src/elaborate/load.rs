@@ -1,5 +1,7 @@
 //! Follows `use`: from one source to all files that it needs.
 
+use super::library::LIBRARY;
+use super::suggest::nearest;
 use bond_grammar::ast::{File, Item, Name, UseTarget};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
@@ -23,12 +25,6 @@ impl Loader for NoFiles {
     }
 }
 
-/// Bundled library files, by name.
-const LIBRARY: [(&str, &str); 2] = [
-    ("contact", include_str!("../../../models/library/contact.bond")),
-    ("mechanics", include_str!("../../../models/library/mechanics.bond")),
-];
-
 /// A model, by its file and its place among the file's items.
 pub type ModelRef = (usize, usize);
 
@@ -39,6 +35,8 @@ pub struct Files {
     pub list: Vec<File>,
     /// For each file the models that can be named in it: its own and those of the files it uses.
     pub visible: Vec<FxHashMap<String, ModelRef>>,
+    /// The same of functions.
+    pub functions: Vec<FxHashMap<String, ModelRef>>,
 }
 
 impl Files {
@@ -46,8 +44,17 @@ impl Files {
     pub fn model(&self, (file, item): ModelRef) -> Option<&bond_grammar::ast::Model> {
         match self.list.get(file)?.items.get(item)? {
             Item::Model(m) => Some(m),
-            Item::Use(_) => None,
+            Item::Use(_) | Item::Function(_) => None,
         }
+    }
+
+    /// The functions of a file, with their places.
+    pub fn functions_of(&self, file: usize) -> impl Iterator<Item = (usize, &bond_grammar::ast::Function)> {
+        let items = self.list.get(file).map(|f| f.items.as_slice()).unwrap_or(&[]);
+        items.iter().enumerate().filter_map(|(i, item)| match item {
+            Item::Function(f) => Some((i, f)),
+            Item::Use(_) | Item::Model(_) => None,
+        })
     }
 }
 
@@ -77,8 +84,10 @@ impl Loading<'_> {
         self.known.insert(name.clone(), at);
         self.files.list.push(file.clone());
         self.files.visible.push(FxHashMap::default());
+        self.files.functions.push(FxHashMap::default());
         self.open.push(name);
         let mut visible: FxHashMap<String, ModelRef> = FxHashMap::default();
+        let mut functions: FxHashMap<String, ModelRef> = FxHashMap::default();
         for item in &file.items {
             let Item::Use(u) = item else { continue };
             let Some(used) = self.used(id, &u.target, u.span) else { continue };
@@ -87,6 +96,7 @@ impl Loading<'_> {
                     visible.insert(m.name.text.clone(), (used, i));
                 }
             }
+            functions.extend(self.files.functions_of(used).map(|(i, f)| (f.name.text.clone(), (used, i))));
         }
         let mut own: FxHashMap<&str, Span> = FxHashMap::default();
         for (i, item) in file.items.iter().enumerate() {
@@ -104,7 +114,23 @@ impl Loading<'_> {
             }
             visible.insert(m.name.text.clone(), (at, i));
         }
+        let mut own: FxHashMap<&str, Span> = FxHashMap::default();
+        for (i, f) in self.files.functions_of(at) {
+            if let Some(first) = own.insert(&f.name.text, f.name.span) {
+                self.errors.push(
+                    Diagnostic::error(
+                        "elaborate::twice",
+                        f.name.span,
+                        format!("the function `{}` is declared twice", f.name.text),
+                    )
+                    .label(first, "is the first one")
+                    .help("rename one of them"),
+                );
+            }
+            functions.insert(f.name.text.clone(), (at, i));
+        }
         self.files.visible[at] = visible;
+        self.files.functions[at] = functions;
         self.open.pop();
         at
     }
@@ -149,12 +175,16 @@ impl Loading<'_> {
 /// Name and text of a bundled library.
 fn library(path: &[Name], span: Span) -> Result<(String, String), Diagnostic> {
     let words: Vec<&str> = path.iter().map(|n| n.text.as_str()).collect();
-    let known = || LIBRARY.iter().map(|l| format!("`use std.{}`", l.0)).collect::<Vec<_>>().join(", ");
+    let known = || LIBRARY.iter().map(|l| format!("std.{}", l.0)).collect::<Vec<_>>().join(", ");
     if let ["std", name] = words[..]
         && let Some((name, text)) = LIBRARY.iter().find(|l| l.0 == name)
     {
         return Ok((format!("std/{name}.bond"), (*text).to_string()));
     }
-    Err(Diagnostic::error("elaborate::use", span, format!("there is no library `{}`", words.join(".")))
-        .help(format!("the bundled ones are {}; a file is used by its path in quotes", known())))
+    Err(Diagnostic::error("elaborate::use", span, format!("there is no library `{}`", words.join("."))).help(
+        match nearest(words.last().unwrap_or(&""), LIBRARY.iter().map(|l| l.0)) {
+            Some(near) => format!("did you mean `use std.{near}`?"),
+            None => format!("the bundled ones are {}; a file is used by its path in quotes", known()),
+        },
+    ))
 }

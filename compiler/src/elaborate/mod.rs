@@ -4,18 +4,26 @@
 //! are joined (`join`) and, with every bond known, the second turns values into expressions (`express`, [`crate::element`]),
 //! and units are solved (`infer`).
 
+mod array;
+mod domain;
 mod expand;
 mod express;
 mod finish;
+mod function;
 mod infer;
 mod join;
+mod library;
 mod load;
 mod settings;
 mod suggest;
+mod table;
+mod value;
 
 pub use infer::{Equation, Inference, Unit};
+pub use library::LIBRARY;
 pub use load::{Files, Loader, NoFiles, load};
 pub use suggest::{distance, nearest};
+pub(crate) use value::Value;
 
 use crate::Options;
 use crate::expression::{Expr, Pool, Symbol};
@@ -44,6 +52,7 @@ enum Entity {
     Port(usize),
     Param(usize),
     Let(usize),
+    Function(usize),
     /// An index of `raw_bonds`.
     Bond(usize),
     /// A multiport field.
@@ -70,7 +79,7 @@ struct Scope {
 enum ParamState {
     New,
     Open,
-    Done(Option<Typed>),
+    Done(Option<Value>),
 }
 
 struct Param<'a> {
@@ -79,14 +88,13 @@ struct Param<'a> {
     value: Option<(&'a ast::Expr, ScopeId)>,
     state: ParamState,
     overridden: Option<(f64, Option<Dimension>)>,
-    symbol: Option<Symbol>,
 }
 
 #[derive(Clone)]
 enum LetState {
     New,
     Open,
-    Done(Option<Typed>),
+    Done(Option<Value>),
 }
 
 struct Let<'a> {
@@ -152,6 +160,7 @@ pub(crate) struct Elaborator<'a> {
     scopes: Vec<Scope>,
     params: Vec<Param<'a>>,
     lets: Vec<Let<'a>>,
+    functions: function::Functions<'a>,
     pub(crate) elements: Vec<Decl<'a>>,
     pub(crate) fields: Vec<FieldDecl<'a>>,
     open_ports: Vec<(ElementId, &'a [ast::Field], ScopeId)>,
@@ -170,6 +179,8 @@ pub(crate) struct Elaborator<'a> {
     pub(crate) bonds_of: Vec<Vec<BondId>>,
     domain_of: Vec<usize>,
     pub(crate) equations: Vec<Equation>,
+    /// The element whose law is being made.
+    pub(crate) owner: Option<ElementId>,
     signals: FxHashMap<Symbol, Signal>,
     symbol_of: FxHashMap<Signal, Symbol>,
     integrals: Vec<Integral>,
@@ -227,6 +238,7 @@ pub fn elaborate(
         scopes: vec![],
         params: vec![],
         lets: vec![],
+        functions: Default::default(),
         elements: vec![],
         fields: vec![],
         open_ports: vec![],
@@ -242,6 +254,7 @@ pub fn elaborate(
         bonds_of: vec![],
         domain_of: vec![],
         equations: vec![],
+        owner: None,
         signals: FxHashMap::default(),
         symbol_of: FxHashMap::default(),
         integrals: vec![],
@@ -259,7 +272,7 @@ fn scene(files: &Files, options: &Options, at: Span) -> Result<load::ModelRef, D
     let models = || {
         first.iter().enumerate().filter_map(|(i, item)| match item {
             ast::Item::Model(m) => Some((i, m)),
-            ast::Item::Use(_) => None,
+            ast::Item::Use(_) | ast::Item::Function(_) => None,
         })
     };
     match &options.model {
@@ -292,6 +305,12 @@ impl<'a> Elaborator<'a> {
 
     /// All elements that could be made, with their laws.
     fn laws(&mut self) -> Vec<Option<Element>> {
-        (0..self.elements.len()).map(|i| self.law(ElementId(i as u32))).collect()
+        let all = (0..self.elements.len() as u32).map(|i| {
+            self.owner = Some(ElementId(i));
+            self.law(ElementId(i))
+        });
+        let laws = all.collect();
+        self.owner = None;
+        laws
     }
 }

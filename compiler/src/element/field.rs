@@ -7,7 +7,7 @@ use crate::expression::{Expr, Symbol};
 use crate::model::{BondId, ElementId, Kind, Law, Resistor, Signal, Storage, Variable};
 use crate::structure::inverse;
 use crate::units::Dimension;
-use bond_grammar::ast::{self, ExprKind};
+use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use nalgebra::DMatrix;
 
@@ -22,11 +22,14 @@ impl<'a> Elaborator<'a> {
         let place = members.iter().position(|m| *m == id)?;
         let bonds: Vec<BondId> = members.iter().map(|m| self.only_bond(*m)).collect::<Option<_>>()?;
         let (errors, asked) = (self.errors.len(), self.equations.len());
+        // A field is of several domains: it says none of them by itself.
+        let owner = self.owner.take();
         let law = match ast.kind.text.as_str() {
             "R" => self.resistor_field(ast, scope, field, &bonds).map(|mut l| Law::Resistor(l.swap_remove(place))),
             "RS" => self.entropy_source(ast, scope, field, &bonds).map(|mut l| Law::Resistor(l.swap_remove(place))),
             _ => self.storage_field(ast, scope, field, &bonds).map(|mut l| Law::Storage(l.swap_remove(place))),
         };
+        self.owner = owner;
         if place > 0 {
             self.errors.truncate(errors);
             self.equations.truncate(asked);
@@ -321,29 +324,24 @@ impl<'a> Elaborator<'a> {
         about: &str,
         unit: &dyn Fn(usize, usize) -> Unit,
     ) -> Option<Vec<Vec<Expr>>> {
-        let rows = match &value.kind {
-            ExprKind::List(rows) if rows.len() == n => rows,
-            _ => {
-                let e = Diagnostic::error("elaborate::matrix", value.span, format!("{about} is no matrix of {n} rows"));
-                self.errors.push(e.help(format!("write {n} rows of {n} values, such as {}", example(n))));
-                return None;
-            }
-        };
+        let rows = self.matrix(value, scope)?;
+        if rows.len() != n || rows.iter().any(|r| r.len() != n) {
+            let size = format!("{} by {}", rows.len(), rows.first().map_or(0, Vec::len));
+            let e = Diagnostic::error(
+                "elaborate::matrix",
+                value.span,
+                format!("{about} is a matrix of {size}, and one of {n} by {n} is needed"),
+            );
+            self.errors.push(e.help(format!("give a row and a column for each port, such as {}", example(n))));
+            return None;
+        }
         let mut matrix = Vec::new();
-        for (i, row) in rows.iter().enumerate() {
-            let entries = match &row.kind {
-                ExprKind::List(entries) if entries.len() == n => entries,
-                _ => {
-                    let e = Diagnostic::error("elaborate::matrix", row.span, format!("row {} of {about} has not {n} values", i + 1));
-                    self.errors.push(e.help(format!("write {n} rows of {n} values, such as {}", example(n))));
-                    return None;
-                }
-            };
+        for (i, row) in rows.into_iter().enumerate() {
             let mut list = Vec::new();
-            for (j, e) in entries.iter().enumerate() {
-                let typed = self.with_signals(e, scope)?;
-                self.require((&typed.unit, e.span), unit(i, j), None, format!("entry [{}, {}] of {about}", i + 1, j + 1), 2);
-                self.finite(typed.expr, e, about)?;
+            for (j, typed) in row.into_iter().enumerate() {
+                let about = format!("entry [{}, {}] of {about}", i + 1, j + 1);
+                self.require((&typed.unit, value.span), unit(i, j), None, about.clone(), 2);
+                self.finite(typed.expr, value, &about)?;
                 list.push(typed.expr);
             }
             matrix.push(list);

@@ -16,7 +16,7 @@ impl<'a> Elaborator<'a> {
         bond: BondId,
     ) -> Option<Resistor> {
         let name = ast.name.text.clone();
-        if let Some(curve) = self.curve(id, ast, scope, bond) {
+        if let Some(curve) = self.law_along(id, ast, scope, bond) {
             return curve;
         }
         let fields = Fields::read(self, ast, "resistance", &["resistance", "conductance", "e", "f"], &[])?;
@@ -80,7 +80,7 @@ impl<'a> Elaborator<'a> {
 
     /// A law that is a curve, `{ e = ...; f = ... }` in a bare number `s`: an ideal diode, a switch, friction that sticks. Both
     /// must rise with `s` where they move. `None` where the law is none.
-    fn curve(
+    fn law_along(
         &mut self,
         id: ElementId,
         ast: &'a ast::Element,
@@ -93,10 +93,10 @@ impl<'a> Elaborator<'a> {
         if list.len() != 2 {
             return None; // what is too much is said by the fields
         }
-        Some(self.curve_of(id, ast, scope, bond, (e, f)))
+        Some(self.curve_law(id, ast, scope, bond, (e, f)))
     }
 
-    fn curve_of(
+    fn curve_law(
         &mut self,
         id: ElementId,
         ast: &'a ast::Element,

@@ -26,7 +26,8 @@ impl Pool {
         if depth > DEPTH {
             return false;
         }
-        if self.proves_by_sign(law, s, assume) || self.proves_by_slope(law, s, assume) {
+        if self.proves_by_sign(law, s, assume) || self.proves_by_slope(law, s, assume) || self.proves_by_pieces(law, s)
+        {
             return true;
         }
         match self.node(law).clone() {

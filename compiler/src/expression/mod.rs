@@ -18,6 +18,7 @@ mod kernel;
 mod latex;
 mod lower;
 mod number;
+mod piecewise;
 mod polynomial;
 mod pool;
 mod power;
@@ -25,6 +26,7 @@ mod print;
 mod pythagoras;
 mod sign;
 mod substitute;
+mod table;
 mod walk;
 
 pub use lower::Lowering;

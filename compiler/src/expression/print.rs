@@ -5,6 +5,9 @@ use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 use std::cmp::Ordering;
 
+/// A part with more letters is left out: parts that are used again and again can make a text that no memory holds.
+const LONGEST_PART: usize = 1_000_000;
+
 /// How tightly a piece of text holds together.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(super) enum Tightness {
@@ -79,7 +82,8 @@ pub(super) fn coefficient(n: Number) -> (Number, Number) {
 }
 
 impl Pool {
-    /// The expression in the language's own notation; reads back to the same value.
+    /// The expression in the language's own notation; reads back to the same value, unless a part of it is too long to be
+    /// written.
     pub fn print(&self, e: Expr) -> String {
         let mut texts: FxHashMap<Expr, Text> = FxHashMap::default();
         let nodes = self.ascending(&[e], &|_| true);
@@ -93,9 +97,12 @@ impl Pool {
                 }
             }
         }
-        for e in nodes {
-            let (text, tightness) = self.text(e, &texts);
-            texts.insert(e, Text { text, tightness, variable: self.constant(e).is_none() });
+        for node in nodes {
+            let (text, tightness) = match self.text(node, &texts) {
+                (text, _) if text.len() > LONGEST_PART && node != e => ("...".to_string(), Tightness::Atom),
+                written => written,
+            };
+            texts.insert(node, Text { text, tightness, variable: self.constant(node).is_none() });
             // a text that is not needed any more is dropped: a deep expression would keep all its parts
             let mut used = |c: Expr| {
                 let left = uses.entry(c).or_default();
@@ -104,8 +111,8 @@ impl Pool {
                     texts.remove(&c);
                 }
             };
-            self.node(e).each_child(&mut used);
-            if let Node::Sum(_, terms) = self.node(e) {
+            self.node(node).each_child(&mut used);
+            if let Node::Sum(_, terms) = self.node(node) {
                 terms.iter().for_each(|&(t, _)| self.node(t).each_child(&mut used));
             }
         }

@@ -6,6 +6,7 @@ mod difference;
 mod forms;
 mod lower;
 mod print;
+mod table;
 
 use bond_compiler::expression::{Expr, Pool, Symbol};
 use bond_grammar::ast::{self, ExprKind};

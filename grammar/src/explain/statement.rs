@@ -37,6 +37,18 @@ impl Wreck<'_> {
     pub(super) fn equals(&self) -> Option<Diagnostic> {
         let start = self.range.start;
         let word = self.word(start);
+        if word == "let"
+            && self.word(start + 2) == "("
+            && self.word(self.before()) == ")"
+            && self.open_bracket().is_none()
+        {
+            let head = self.scan.slice(self.scan.span_of(start).to(self.scan.span_of(self.before())));
+            if !head.contains('=') {
+                let message = format!("`=` is expected after `{head}`, but {}", self.found());
+                let help = format!("write `{head} = ...`");
+                return Some(self.error("syntax::equals", self.at, message).help(help));
+            }
+        }
         let named = self.piece == Piece::Statement && matches!(word, "let" | "probe" | "input" | "state");
         if named && self.scan.is_name(start + 1) && self.at == start + 2 {
             let name = self.word(start + 1);
@@ -153,6 +165,14 @@ impl Wreck<'_> {
                 ("`at` and a rate, or `every` and a period, is expected here", "write `sampled at 1 kHz { ... }`")
             }
             (Piece::Statement, "for") => ("this `for` is incomplete", "write `for i in 1..n { ... }`"),
+            (Piece::Statement | Piece::Function, "let")
+                if self.open_bracket() == Some("(")
+                    && !(self.range.start..self.at).any(|index| self.word(index) == "=") =>
+            {
+                let message = format!("the name of an argument is expected here, but {found}");
+                let help = "write `let f(x, y) = ...`; units are checked where it is called";
+                return Some(self.error("syntax::name", self.at, message).help(help));
+            }
             (Piece::Statement, "let" | "probe" | "input" | "state" | "port") if start => {
                 let help = match first {
                     "port" => "write `port name`".to_string(),

@@ -67,6 +67,20 @@ impl Twice {
         quick_two_sum(high, rest / k)
     }
 
+    /// Divided by a number that is not 0.
+    pub fn divided(self, other: Self) -> Self {
+        let high = self.high / other.high;
+        let rest = self.add(other.mul(Self::new(-high)));
+        quick_two_sum(high, rest.high / other.high)
+    }
+
+    /// The root of a number above 0.
+    pub fn sqrt(self) -> Self {
+        let high = self.high.sqrt();
+        let rest = self.add(Self::new(high).mul(Self::new(-high)));
+        quick_two_sum(high, 0.5 * rest.high / high)
+    }
+
     /// The same sum with a `high` of 26 bits, so that `low` weighs in whatever is rounded to 53.
     pub fn uneven(self) -> Self {
         let (high, rest) = split(self.high);
@@ -115,6 +129,31 @@ impl Matrix {
         product
     }
 
+    /// The product of the high parts.
+    pub fn rough_product(&self, other: &Self) -> Self {
+        let n = self.n;
+        let from: Vec<f64> = other.entries.iter().map(|x| x.high).collect();
+        let mut to = vec![0.0; n * n];
+        for i in 0..n {
+            let row = &mut to[i * n..(i + 1) * n];
+            for k in 0..n {
+                let a = self.entries[i * n + k].high;
+                if a == 0.0 {
+                    continue;
+                }
+                for (to, b) in row.iter_mut().zip(&from[k * n..(k + 1) * n]) {
+                    *to += a * b;
+                }
+            }
+        }
+        Self { n, entries: to.into_iter().map(Twice::new).collect() }
+    }
+
+    pub fn transposed(&self) -> Self {
+        let n = self.n;
+        Self { n, entries: (0..n * n).map(|k| self.entries[k % n * n + k / n]).collect() }
+    }
+
     /// `self + other`
     pub fn plus(mut self, other: &Self) -> Self {
         for (a, b) in self.entries.iter_mut().zip(&other.entries) {
@@ -155,6 +194,10 @@ mod tests {
         let x = Twice::new(1.0 + f64::EPSILON);
         let square = x.mul(x); // 1 + 2 eps + eps²
         assert_eq!(square, Twice { high: 1.0 + 2.0 * f64::EPSILON, low: f64::EPSILON * f64::EPSILON });
+        let root = Twice::new(2.0).sqrt();
+        assert!(root.mul(root).add(Twice::new(-2.0)).high.abs() < 1e-31, "{root:?}");
+        let ratio = third.divided(root).mul(root).add(third.scale(-1.0));
+        assert!(ratio.high.abs() < 1e-31, "{ratio:?}");
         assert_eq!(Twice::new(1e16).add(Twice::new(1.0)).add(Twice::new(-1e16)).high, 1.0);
     }
 }

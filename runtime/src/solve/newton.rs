@@ -3,7 +3,8 @@
 //! # The method
 //! With unknowns `u`, residual `r(u)`, Jacobian `J(u)`, weights `w` and scales `s`, all norms squared:
 //!
-//! - `|v|² = Σ w_i v_i²` over the `i` whose weight is finite and above 0; the plain sum of squares where there is none.
+//! - `|v|² = Σ w_i v_i²`. A weight that is not finite or not above 0 (as of a spring that is not in contact yet) is the mean of the
+//!   other `w_j s_j²` over `s_i²`, so that no equation goes unseen; where there is no weight at all, all are 1.
 //! - Up to `limit` times: compute `r`, `J`.
 //!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far and above
 //!      the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), and the last update was halved fewer than
@@ -221,18 +222,33 @@ struct Measure<'a> {
     weight: &'a [f64],
     scale: &'a [f64],
     weighted: bool,
+    /// The mean of `w_j s_j²`: what an unknown without a weight counts for at its scale.
+    share: f64,
 }
 
 impl<'a> Measure<'a> {
     fn new(weight: &'a [f64], scale: &'a [f64]) -> Self {
-        Self { weight, scale, weighted: weight.iter().any(|&w| counts(w)) }
+        let known = || weight.iter().zip(scale).filter(|&(&w, _)| counts(w));
+        let count = known().count();
+        let share = known().map(|(w, s)| w * s * s).sum::<f64>() / count as f64;
+        Self { weight, scale, weighted: count > 0, share }
+    }
+
+    /// The weight of an unknown; 0 where nothing tells it.
+    fn weight(&self, i: usize) -> f64 {
+        let (w, s) = (self.weight[i], self.scale[i]);
+        if counts(w) {
+            return w;
+        }
+        let w = self.share / (s * s);
+        if counts(w) { w } else { 0.0 }
     }
 
     /// `|v|²`
     fn square(&self, v: &[f64]) -> f64 {
         if self.weighted {
             // What has no weight must be finite all the same.
-            v.iter().zip(self.weight).map(|(v, &w)| if counts(w) { w * v * v } else { 0.0 * v }).sum()
+            v.iter().enumerate().map(|(i, v)| self.weight(i) * v * v).sum()
         } else {
             v.iter().map(|v| v * v).sum()
         }
@@ -243,8 +259,7 @@ impl<'a> Measure<'a> {
         if !self.weighted {
             return 0.0;
         }
-        let terms = u.iter().zip(self.scale).zip(self.weight);
-        terms.map(|((u, s), &w)| if counts(w) { w * (u * u + s * s) } else { 0.0 }).sum()
+        u.iter().zip(self.scale).enumerate().map(|(i, (u, s))| self.weight(i) * (u * u + s * s)).sum()
     }
 
     /// Whether an update is small beside the unknowns.
@@ -380,5 +395,26 @@ mod tests {
             j[0] = 1.0;
         });
         assert!(matches!(result, Err(Failure::NoConvergence { .. })));
+    }
+
+    /// A ball that touches a plate: its first equation holds at the start, and what the other one asks for has no weight yet.
+    #[test]
+    fn an_unknown_without_a_weight_is_seen() {
+        let (m, v, k, h) = (0.01, 2.0, 1e7, 8e-5);
+        let plan = Plan::of(0, 2, vec![(0, 0), (0, 1), (1, 0), (1, 1)], 60, None);
+        let mut scratch = plan.scratch();
+        scratch.weight.copy_from_slice(&[1.0 / m, 0.0]);
+        scratch.scale.copy_from_slice(&[m * v, h * v]);
+        let f = |u: &[f64], r: &mut [f64], j: &mut [f64]| {
+            let (p, q) = (u[0], u[1].max(0.0));
+            r[0] = p + h * 0.4 * k * q.powf(1.5);
+            r[1] = u[1] - h * (v + 0.5 * p / m);
+            j.copy_from_slice(&[1.0, h * 0.6 * k * q.sqrt(), -0.5 * h / m, 1.0]);
+        };
+        let mut system = Closure { u: vec![0.0, 0.0], f };
+        let mut count = 0;
+        assert_eq!(solve(&plan, &mut scratch, &mut count, &mut system), Ok(()));
+        assert!(count <= 8, "{count}");
+        assert!((system.u[1] - 1.574706473232915e-4).abs() < 1e-18, "{:e}", system.u[1]);
     }
 }

@@ -1,5 +1,6 @@
 //! Divided differences without cancellation: the discrete gradients of energies.
 
+mod across;
 mod function;
 mod power;
 
@@ -19,6 +20,8 @@ struct Along {
 /// What a divided difference is taken over.
 struct Step {
     symbol: Symbol,
+    from: Expr,
+    to: Expr,
     delta: Expr,
     /// `from + delta/2`
     middle: Expr,
@@ -28,13 +31,13 @@ impl Pool {
     /// `(e[s := from + delta] - e[s := from]) / delta`, without cancellation, and the derivative where `delta` is 0.
     ///
     /// Sums, products, powers and the smooth functions by their own addition formulas; a choice by the difference of the
-    /// branch where both ends take the same one, else by the quotient; steps such as `sign` by the quotient. An angle
+    /// branch where both ends take the same one, across a single threshold by the pieces on its sides, else by the quotient; steps such as `sign` by the quotient. An angle
     /// `atan2(y, x)` is taken the short way round, without a jump.
     pub fn difference(&mut self, e: Expr, s: Symbol, from: Expr, delta: Expr) -> Expr {
         let half = self.scale(delta, Number::HALF);
         let to = self.add(from, delta);
         let middle = self.add(from, half);
-        let step = Step { symbol: s, delta, middle };
+        let step = Step { symbol: s, from, to, delta, middle };
         let mut known: FxHashMap<Expr, Along> = FxHashMap::default();
         let (start, end): (FxHashMap<_, _>, FxHashMap<_, _>) =
             ([(s, from)].into_iter().collect(), [(s, to)].into_iter().collect());
@@ -78,12 +81,15 @@ impl Pool {
             Node::Power(a, b) => self.along_general_power(e, (along(a), along(b)), (from, to), step),
             Node::Unary(f, a) => self.along_function(f, along(a), Along { from, to, slope: zero }, step),
             Node::Binary(f, a, b) => self.along_binary(f, along(a), along(b), (from, to), step),
-            Node::Select(c, a, b) => {
-                let (c, a, b) = (along(c), along(a), along(b));
+            Node::Select(condition, then, otherwise) => {
+                let (c, a, b) = (along(condition), along(then), along(otherwise));
                 if c.from == c.to {
                     return self.select(c.from, a.slope, b.slope);
                 }
-                self.along_choice((c.from, c.to), a, b, step)
+                match self.across((condition, then, otherwise), step) {
+                    Some(across) => self.along_threshold((c.from, c.to), (a, b), across, step),
+                    None => self.along_choice((c.from, c.to), a, b, step),
+                }
             }
         }
     }

@@ -1,0 +1,228 @@
+//! `bond doc`: what the bundled library has, and how a part is used.
+
+use crate::document::{Arrow, Component, Document, document};
+use crate::input;
+use crate::output;
+use crate::report;
+use crate::stop::Stop;
+use bond::FileLoader;
+use bond_compiler::elaborate::{LIBRARY, NoFiles, nearest};
+use bond_grammar::source::Sources;
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Say what the bundled library has, or what the models of a file are: docs, ports, parameters
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  bond doc                         every component of the bundled library, in a line\n  \
+                  bond doc std.electrical          all of one library\n  bond doc std.electrical.Diode    one component\n  \
+                  bond doc wall.bond --as json     the models of a file, for other programs"
+)]
+pub struct Args {
+    /// A library, a component or a file (`-` is standard input); without it, all libraries
+    #[arg(value_name = "LIBRARY|COMPONENT|FILE")]
+    what: Option<String>,
+    /// How to say it
+    #[arg(long = "as", value_name = "FORMAT", value_enum, default_value_t = Format::Text)]
+    format: Format,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Format {
+    Text,
+    Json,
+}
+
+/// What was found.
+#[derive(Serialize)]
+struct Found {
+    libraries: Vec<Document>,
+    /// Whether a line is said of each component, not all.
+    #[serde(skip)]
+    brief: bool,
+}
+
+/// Says it.
+///
+/// # Errors
+/// A name that means nothing, a file that cannot be read.
+pub fn doc(args: &Args) -> Result<(), Stop> {
+    let found = match args.what.as_deref() {
+        None | Some("std") => Found { libraries: all()?, brief: true },
+        Some(what) if is_file(what) => Found { libraries: vec![file(what)?], brief: false },
+        Some(what) => Found { libraries: vec![bundled(what)?], brief: false },
+    };
+    let text = match args.format {
+        Format::Text if found.brief => lines(&found.libraries),
+        Format::Text => found.libraries.iter().map(full).collect(),
+        Format::Json => serde_json::to_string_pretty(&found).map_err(|e| Stop::Usage(e.to_string()))? + "\n",
+    };
+    output::print(&text)
+}
+
+/// A name of the library has neither a slash nor an ending.
+fn is_file(what: &str) -> bool {
+    what == "-" || what.contains(['/', '\\']) || what.ends_with(".bond")
+}
+
+fn file(path: &str) -> Result<Document, Stop> {
+    let name = input::name(Path::new(path));
+    let mut sources = Sources::new();
+    let id = sources.add(name.clone(), input::read(Path::new(path))?);
+    document(&name, &mut sources, id, &mut FileLoader::new(&name)).map_err(|errors| {
+        report::diagnostics(&sources, &errors);
+        Stop::Said(1)
+    })
+}
+
+fn library((name, text): &(&str, &str)) -> Result<Document, Stop> {
+    let mut sources = Sources::new();
+    let id = sources.add(format!("std/{name}.bond"), *text);
+    document(&format!("std.{name}"), &mut sources, id, &mut NoFiles).map_err(|errors| {
+        report::diagnostics(&sources, &errors);
+        Stop::Said(1)
+    })
+}
+
+fn all() -> Result<Vec<Document>, Stop> {
+    LIBRARY.iter().map(library).collect()
+}
+
+/// `std.electrical`, `std.electrical.Diode`, or either without what goes before it.
+fn bundled(what: &str) -> Result<Document, Stop> {
+    let short = what.strip_prefix("std.").unwrap_or(what);
+    let (first, rest) = short.split_once('.').map_or((short, None), |(a, b)| (a, Some(b)));
+    if let Some(found) = LIBRARY.iter().find(|l| l.0 == first) {
+        let whole = library(found)?;
+        let Some(part) = rest else { return Ok(whole) };
+        if !whole.components.iter().any(|c| c.name == part) {
+            return Err(unknown(what, std::slice::from_ref(&whole), part));
+        }
+        return Ok(alone(whole, part));
+    }
+    let mut list = all()?;
+    if let Some(at) = list.iter().position(|l| l.components.iter().any(|c| c.name == short)) {
+        return Ok(alone(list.swap_remove(at), short));
+    }
+    Err(unknown(what, &list, rest.unwrap_or(short)))
+}
+
+/// One component, without what its file says of all of them.
+fn alone(mut library: Document, part: &str) -> Document {
+    library.components.retain(|c| c.name == part);
+    library.doc.clear();
+    library
+}
+
+/// Says that a name means nothing, and which was meant, perhaps.
+fn unknown(what: &str, list: &[Document], part: &str) -> Stop {
+    let library = what.strip_prefix("std.").unwrap_or(what);
+    let library = library.split_once('.').map_or(library, |(a, _)| a);
+    let names = || list.iter().flat_map(|l| l.components.iter().map(move |c| (l, c)));
+    let known = || names().map(|(_, c)| c.name.as_str());
+    let like = known()
+        .find(|name| *name == part)
+        .or_else(|| nearest(part, known()))
+        .and_then(|near| names().find(|(_, c)| c.name == near))
+        .map(|(l, c)| format!("{}.{}", l.name, c.name))
+        .or_else(|| nearest(library, LIBRARY.iter().map(|l| l.0)).map(|near| format!("std.{near}")));
+    let help = match like {
+        Some(name) => format!("did you mean `{name}`?"),
+        None => "`bond doc` lists all there is; the path of a file ends in .bond".to_string(),
+    };
+    Stop::Usage(format!("there is no library or component `{what}`: {help}"))
+}
+
+/// A line each.
+fn lines(list: &[Document]) -> String {
+    let widest = list.iter().flat_map(|l| &l.components).map(|c| c.name.chars().count()).max().unwrap_or(0);
+    let mut text = String::new();
+    for (i, library) in list.iter().enumerate() {
+        let _ = writeln!(text, "{}{}: {}", if i > 0 { "\n" } else { "" }, library.name, sentence(&library.doc));
+        for c in &library.components {
+            let _ = writeln!(text, "  {:widest$}  {}", c.name, sentence(&c.doc));
+        }
+    }
+    text
+}
+
+/// The first sentence of a doc.
+fn sentence(doc: &[String]) -> String {
+    let first: Vec<&str> = doc.iter().map(|line| line.trim()).take_while(|line| !line.is_empty()).collect();
+    let text = first.join(" ");
+    text.split_once(". ").map_or(text.clone(), |(head, _)| format!("{head}."))
+}
+
+/// All that is known of a file.
+fn full(library: &Document) -> String {
+    let mut text = String::new();
+    let own = !library.name.starts_with("std.");
+    if own || !library.doc.is_empty() {
+        let _ = writeln!(text, "{}", library.name);
+        paragraph(&mut text, "  ", &library.doc);
+    }
+    if library.components.is_empty() {
+        text += "\nIt has no models.\n";
+    }
+    for c in &library.components {
+        let title = if own { c.name.clone() } else { format!("{}.{}", library.name, c.name) };
+        let _ = writeln!(text, "{}{title}", if text.is_empty() { "" } else { "\n" });
+        component(&mut text, c);
+    }
+    text
+}
+
+fn paragraph(text: &mut String, indent: &str, doc: &[String]) {
+    for line in doc {
+        let _ = writeln!(text, "{}", format!("{indent}{line}").trim_end());
+    }
+}
+
+fn component(text: &mut String, c: &Component) {
+    paragraph(text, "  ", &c.doc);
+    let rows = c.ports.iter().map(|p| {
+        let arrow = match p.arrow {
+            Some(Arrow::In) => "-> in",
+            Some(Arrow::Out) => "out ->",
+            None => "",
+        };
+        let unit = |u: &Option<String>| u.clone().unwrap_or_else(|| "?".into());
+        let pair = match (&p.effort, &p.flow) {
+            (None, None) => "as bonded".to_string(),
+            (e, f) => format!("{}, {}", unit(e), unit(f)),
+        };
+        [p.name.clone(), arrow.to_string(), pair, p.doc.join(" ")]
+    });
+    table(text, "ports", &rows.collect::<Vec<_>>());
+    let rows = c.parameters.iter().map(|p| {
+        // A default that is no plain number says its unit beside.
+        let default = p.default.clone().unwrap_or_else(|| "must be given".into());
+        let unit = p.unit.clone().filter(|u| u != "1" && !default.contains(' ')).unwrap_or_default();
+        [p.name.clone(), default, unit]
+    });
+    table(text, "parameters", &rows.collect::<Vec<_>>());
+    let rows = c.probes.iter().map(|p| {
+        let unit = p.unit.clone().filter(|u| u != "1").unwrap_or_default();
+        [p.name.clone(), unit, p.doc.join(" ")]
+    });
+    table(text, "probes", &rows.collect::<Vec<_>>());
+}
+
+/// Rows under a title, in columns.
+fn table<const N: usize>(text: &mut String, title: &str, rows: &[[String; N]]) {
+    if rows.is_empty() {
+        return;
+    }
+    let mut wide = [0; N];
+    for row in rows {
+        for (w, cell) in wide.iter_mut().zip(row) {
+            *w = (*w).max(cell.chars().count());
+        }
+    }
+    let _ = writeln!(text, "\n  {title}");
+    for row in rows {
+        let cells: Vec<String> = row.iter().zip(wide).map(|(cell, w)| format!("{cell:w$}")).collect();
+        let _ = writeln!(text, "    {}", cells.join("  ").trim_end());
+    }
+}

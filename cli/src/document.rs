@@ -1,0 +1,237 @@
+//! What the models of a file say of themselves: docs, ports, parameters, probes.
+
+use bond_compiler::elaborate::{Files, Loader, elaborate, load};
+use bond_compiler::model::{Kind, Model as Flat};
+use bond_compiler::units::Dimension;
+use bond_grammar::ast::{Chain, End, Expr, ExprKind, File, Item, Model, Statement, StatementKind};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::{SourceId, Sources};
+use serde::Serialize;
+
+/// A file of models: one of the bundled library, or a user's.
+#[derive(Serialize)]
+pub struct Document {
+    /// `std.electrical`, or the path of the file.
+    pub name: String,
+    /// Its doc, a line each.
+    pub doc: Vec<String>,
+    /// Its models in order.
+    pub components: Vec<Component>,
+}
+
+/// A model, as one who uses it wants to know it.
+#[derive(Serialize)]
+pub struct Component {
+    /// Its name.
+    pub name: String,
+    /// Its doc, a line each.
+    pub doc: Vec<String>,
+    /// Its ports in order.
+    pub ports: Vec<Port>,
+    /// Its parameters in order.
+    pub parameters: Vec<Parameter>,
+    /// What it gives to read.
+    pub probes: Vec<Probe>,
+}
+
+/// A port.
+#[derive(Serialize)]
+pub struct Port {
+    /// Its name.
+    pub name: String,
+    /// Its doc, a line each.
+    pub doc: Vec<String>,
+    /// Which way the half arrow runs.
+    pub arrow: Option<Arrow>,
+    /// Unit of its effort, where the model by itself fixes it.
+    pub effort: Option<String>,
+    /// Unit of its flow, where the model by itself fixes it.
+    pub flow: Option<String>,
+}
+
+/// Which way the half arrow of a port runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Arrow {
+    /// `x -> part.port`
+    In,
+    /// `part.port -> x`
+    Out,
+}
+
+/// A parameter.
+#[derive(Serialize)]
+pub struct Parameter {
+    /// Its name.
+    pub name: String,
+    /// Its default as written; `None` where it must be given.
+    pub default: Option<String>,
+    /// Its unit, where that is known.
+    pub unit: Option<String>,
+    /// The default in SI.
+    pub value: Option<f64>,
+}
+
+/// A named output.
+#[derive(Serialize)]
+pub struct Probe {
+    /// Its name.
+    pub name: String,
+    /// Its doc, a line each.
+    pub doc: Vec<String>,
+    /// Its unit, where that is known.
+    pub unit: Option<String>,
+}
+
+/// Reads a source, which is to be shown as `name`. Units are left out of models that do not elaborate by themselves.
+///
+/// # Errors
+/// A text that cannot be read, or uses what is not there.
+pub fn document(
+    name: &str,
+    sources: &mut Sources,
+    id: SourceId,
+    loader: &mut dyn Loader,
+) -> Result<Document, Vec<Diagnostic>> {
+    let mut errors = Vec::new();
+    let files = load(sources, id, loader, &mut errors);
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let Some(file) = files.list.first() else { return Err(errors) };
+    let components = models(file).map(|m| component(sources, id, &files, m)).collect();
+    Ok(Document { name: name.to_string(), doc: file.docs.clone(), components })
+}
+
+fn models(file: &File) -> impl Iterator<Item = &Model> {
+    file.items.iter().filter_map(|item| match item {
+        Item::Model(m) => Some(m),
+        Item::Use(_) => None,
+    })
+}
+
+fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> Component {
+    // A parameter that must be given is 1 here, so that the rest has its units.
+    let set = model.params.iter().filter(|p| p.default.is_none()).map(|p| (p.name.text.clone(), 1.0, None)).collect();
+    let options = bond_compiler::Options { model: Some(model.name.text.clone()), set, method: None };
+    let flat = elaborate(sources, id, files, &options, Vec::new()).ok();
+    let flat = flat.as_ref();
+    let mut found = Component {
+        name: model.name.text.clone(),
+        doc: model.docs.clone(),
+        ports: Vec::new(),
+        parameters: Vec::new(),
+        probes: Vec::new(),
+    };
+    for p in &model.params {
+        let known = flat.and_then(|f| f.parameters.iter().find(|q| q.name == p.name.text));
+        found.parameters.push(Parameter {
+            name: p.name.text.clone(),
+            default: p.default.as_ref().map(|e| sources.slice(e.span).to_string()),
+            unit: known.and_then(|q| q.unit).map(|d| d.to_string()).or_else(|| written(sources, p.default.as_ref()?)),
+            value: known.filter(|_| p.default.is_some()).map(|q| q.value),
+        });
+    }
+    statements(&model.body, &mut |s| match &s.kind {
+        StatementKind::Port(name, _) => {
+            let (effort, flow) = units(flat, &name.text);
+            let arrow = arrow(&model.body, &name.text);
+            found.ports.push(Port { name: name.text.clone(), doc: s.docs.clone(), arrow, effort, flow });
+        }
+        StatementKind::Probe(name, _) => {
+            let unit = flat.and_then(|f| f.probes.iter().find(|p| p.name == name.text)?.unit);
+            let unit = unit.map(|d| d.to_string());
+            found.probes.push(Probe { name: name.text.clone(), doc: s.docs.clone(), unit });
+        }
+        StatementKind::Element(_)
+        | StatementKind::Chain(_)
+        | StatementKind::Sampled(_)
+        | StatementKind::For(_)
+        | StatementKind::If(_)
+        | StatementKind::Input(..)
+        | StatementKind::Let(..)
+        | StatementKind::State(..)
+        | StatementKind::Simulate(_)
+        | StatementKind::Expect(_) => {}
+    });
+    found
+}
+
+/// The unit of a default that is a number, as written.
+fn written(sources: &Sources, default: &Expr) -> Option<String> {
+    match &default.kind {
+        ExprKind::Number { unit: Some(unit), .. } => Some(sources.slice(unit.span).to_string()),
+        ExprKind::Paren(inner) | ExprKind::Unary(_, inner) => written(sources, inner),
+        ExprKind::Number { .. }
+        | ExprKind::Bool(_)
+        | ExprKind::Path(_)
+        | ExprKind::Binary(..)
+        | ExprKind::If(..)
+        | ExprKind::Call(..)
+        | ExprKind::List(_) => None,
+    }
+}
+
+/// Units of effort and flow at a port of a model that was elaborated alone.
+fn units(flat: Option<&Flat>, port: &str) -> (Option<String>, Option<String>) {
+    let pair = flat.and_then(|f| {
+        let (id, _) = f.ids().find(|(_, e)| e.kind == Kind::Port && e.name == port)?;
+        let at = f.bonds.iter().position(|b| b.tail == id || b.head == id)?;
+        f.units.get(at).copied()
+    });
+    let (effort, flow) = pair.unwrap_or((None, None));
+    // A torque and an energy are of one dimension, and so are an angular speed and a frequency.
+    if (effort, flow) == (Some(Dimension::JOULE), Some(Dimension::HERTZ)) {
+        return (Some("N*m".into()), Some("rad/s".into()));
+    }
+    // Half a power of a unit: the model fixes their ratio alone, and is meant for pseudo bonds perhaps.
+    let text = |d: Option<Dimension>| d.map(|d| d.to_string()).filter(|unit| !unit.contains("^("));
+    (text(effort), text(flow))
+}
+
+/// Which way the half arrow of a port runs, as its bond inside says.
+fn arrow(body: &[Statement], port: &str) -> Option<Arrow> {
+    let mut found = None;
+    statements(body, &mut |s| {
+        if let StatementKind::Chain(chain) = &s.kind
+            && found.is_none()
+        {
+            found = place(chain, port);
+        }
+    });
+    found
+}
+
+/// A port at the start of a chain takes power from outside, one at the end gives it.
+fn place(chain: &Chain, port: &str) -> Option<Arrow> {
+    let names = |end: &End| match end {
+        End::Path(path) => path.segments.len() == 1 && path.segments[0].name.text == port,
+        End::Declare(_) => false,
+    };
+    let at = chain.groups.iter().position(|group| group.iter().any(names))?;
+    Some(if at == 0 { Arrow::In } else { Arrow::Out })
+}
+
+/// Walks all statements, also those in blocks.
+fn statements<'a>(body: &'a [Statement], look: &mut dyn FnMut(&'a Statement)) {
+    for s in body {
+        look(s);
+        match &s.kind {
+            StatementKind::Sampled(block) => statements(&block.body, look),
+            StatementKind::For(repeat) => statements(&repeat.body, look),
+            StatementKind::If(choice) => {
+                statements(&choice.body, look);
+                statements(choice.otherwise.as_deref().unwrap_or(&[]), look);
+            }
+            StatementKind::Element(_)
+            | StatementKind::Chain(_)
+            | StatementKind::Port(..)
+            | StatementKind::Input(..)
+            | StatementKind::Let(..)
+            | StatementKind::Probe(..)
+            | StatementKind::State(..)
+            | StatementKind::Simulate(_)
+            | StatementKind::Expect(_) => {}
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Domains of physics: pairs of units, and what is said where elements of two of them are bonded without a transducer.
+
+use super::infer::{Equation, Inference, System, Unit, Unknown};
+use crate::model::ElementId;
+use crate::units::Dimension;
+use bond_grammar::diagnostic::Diagnostic;
+
+/// How elements and functions are called.
+pub struct Names<'n> {
+    /// Of an element.
+    pub element: &'n dyn Fn(ElementId) -> &'n str,
+    /// Of a function.
+    pub function: &'n dyn Fn(usize) -> &'n str,
+}
+
+/// A domain, by its units of effort and flow.
+#[derive(Debug, PartialEq)]
+struct Domain {
+    /// "mechanical"
+    name: &'static str,
+    /// Its units in words, after a kind of it where the name has several.
+    units: &'static str,
+    effort: Dimension,
+    flow: Dimension,
+}
+
+/// All of them. A pair that stands earlier is believed first, where a value fits several.
+fn domains() -> [Domain; 11] {
+    use Dimension as D;
+    let one = |name, units, effort, flow| Domain { name, units, effort, flow };
+    let per_second = D::SECOND.pow(-1, 1);
+    let metre = D::METRE;
+    let (volume, amount) = (metre.pow(3, 1), D::MOLE);
+    let joule = D::WATT.mul(D::SECOND);
+    let volt = D::WATT.div(D::AMPERE);
+    let newton = joule.div(metre);
+    [
+        one("mechanical", "translation: N, m/s", newton, metre.mul(per_second)),
+        one("mechanical", "rotation: N*m, rad/s", joule, per_second),
+        one("electrical", "V, A", volt, D::AMPERE),
+        one("hydraulic", "Pa, m^3/s", D::PASCAL, volume.mul(per_second)),
+        one("thermal", "K, W/K", D::KELVIN, D::WATT.div(D::KELVIN)),
+        one("thermal", "as a pseudo bond: K, W", D::KELVIN, D::WATT),
+        one("chemical", "J/mol, mol/s", joule.div(amount), amount.mul(per_second)),
+        one("magnetic", "A, Wb/s", D::AMPERE, volt),
+        one("hydraulic", "by mass: Pa, kg/s", D::PASCAL, D::KILOGRAM.mul(per_second)),
+        one("hydraulic", "by head: m, m^3/s", metre, volume.mul(per_second)),
+        one("chemical", "by concentration: mol/m^3, mol/s", amount.div(volume), amount.mul(per_second)),
+    ]
+}
+
+/// The domain of graph whose units alone an element's equation asks about.
+fn only_domain(e: &Equation) -> Option<u32> {
+    let terms = |unit: &Unit| match unit {
+        Unit::Form(_, terms) => terms.iter().map(|t| t.0.0 / 2).collect::<Vec<u32>>(),
+        Unit::Any => Vec::new(),
+    };
+    let needed = terms(&e.needed.0);
+    let first = *needed.first()?;
+    needed.iter().all(|d| *d == first).then_some(first)
+}
+
+/// The domains of physics that fit an element's equation by itself.
+fn fitting(e: &Equation, graph: u32, system: &System) -> Vec<Domain> {
+    let keep = |v: Unknown| v.0 / 2 == graph;
+    let ratio = system.reduce_others(&e.found.0.div(&e.needed.0), &keep);
+    let Unit::Form(d, terms) = ratio else { return Vec::new() };
+    if !terms.iter().all(|t| keep(t.0)) {
+        return Vec::new();
+    }
+    // Siemens are no magnetic resistance, but a conductance that was written for a resistance.
+    let resistive = matches!(terms[..], [(_, (1, 1)), (_, (-1, 1))] | [(_, (-1, 1)), (_, (1, 1))]);
+    let fits = |domain: &Domain| {
+        if resistive && domain.name == "magnetic" {
+            return false;
+        }
+        let value = |v: Unknown| if v.0.is_multiple_of(2) { domain.effort } else { domain.flow };
+        terms.iter().fold(d, |d, (v, n)| d.mul(value(*v).pow(n.0, n.1))).is_one()
+    };
+    domains().into_iter().filter(fits).collect()
+}
+
+/// Elements of one domain of physics among those of another.
+struct Group {
+    graph: u32,
+    /// What they are, and what they are bonded to.
+    are: Domain,
+    among: Domain,
+    /// Their equations; the first one is where the error stands.
+    members: Vec<usize>,
+    /// An equation that says what the others are.
+    witness: Option<usize>,
+}
+
+/// The groups that were found.
+#[derive(Default)]
+pub(super) struct Mixed {
+    groups: Vec<Group>,
+}
+
+impl Mixed {
+    /// Whether an equation that contradicts the others does so because its element is of another domain of physics; then it is
+    /// kept for [`Mixed::tell`].
+    pub(super) fn takes(&mut self, all: &[Equation], i: usize, system: &System) -> bool {
+        self.group(all, i, system).is_some()
+    }
+
+    fn group(&mut self, all: &[Equation], i: usize, system: &System) -> Option<()> {
+        let e = all.get(i).filter(|e| e.rank <= 2 && e.calls.is_none())?;
+        e.owner?;
+        let graph = only_domain(e)?;
+        let side = |unit: Unit| system.known(&unit);
+        let effort = side(Inference::effort(graph as usize))?;
+        let flow = side(Inference::flow(graph as usize))?;
+        let among = domains().into_iter().find(|d| d.effort == effort && d.flow == flow)?;
+        let mut fitting = fitting(e, graph, system);
+        // Energies fit several domains. Swapped units are a mistake within the domain: a conductance for a resistance.
+        if fitting.iter().any(|d| d.name != fitting[0].name) || fitting.is_empty() {
+            return None;
+        }
+        let are = fitting.swap_remove(0);
+        if are == among || (are.effort, are.flow) == (flow, effort) {
+            return None;
+        }
+        let says = |e: &Equation| {
+            e.rank <= 2
+                && e.owner.is_some()
+                && only_domain(e) == Some(graph)
+                && self::fitting(e, graph, system).first() == Some(&among)
+        };
+        // An element that belongs there by another of its values has a wrong unit, as of where it starts.
+        if all.iter().enumerate().any(|(j, other)| j != i && other.owner == e.owner && says(other)) {
+            return None;
+        }
+        if let Some(group) = self.groups.iter_mut().find(|g| g.graph == graph && g.are == are) {
+            if group.members.iter().all(|m| all.get(*m).map(|m| m.owner) != Some(e.owner)) {
+                group.members.push(i);
+            }
+            return Some(());
+        }
+        let witness = all.iter().take(i).position(says);
+        self.groups.push(Group { graph, are, among, members: vec![i], witness });
+        Some(())
+    }
+
+    /// Says of each group that it needs a transducer.
+    pub(super) fn tell(self, all: &[Equation], errors: &mut Vec<Diagnostic>, names: &Names<'_>) {
+        for group in self.groups {
+            let name = |i: usize| all.get(i).and_then(|e| e.owner).map_or("", |id| (names.element)(id));
+            let listed: Vec<String> = group.members.iter().map(|m| format!("`{}`", name(*m))).collect();
+            let Some((first, more)) = group.members.split_first() else { continue };
+            let Some(place) = all.get(*first).map(|e| e.found.1) else { continue };
+            let (who, are, is) = match listed.split_last() {
+                Some((last, [])) => (last.clone(), "is", "is"),
+                Some((last, others)) => (format!("{} and {last}", others.join(", ")), "are", "are"),
+                None => continue,
+            };
+            let (these, those) = (&group.are, &group.among);
+            let message = format!(
+                "{who} {are} {} ({}), and {is} bonded to what is {} ({})",
+                these.name, these.units, those.name, those.units
+            );
+            let mut error = Diagnostic::error("units::domain", place, message)
+                .here(format!("this is {} ({})", these.name, these.units));
+            for m in more {
+                if let Some(e) = all.get(*m) {
+                    error = error.label(e.found.1, format!("so is `{}`", name(*m)));
+                }
+            }
+            if let Some((w, e)) = group.witness.and_then(|w| Some((w, all.get(w)?))) {
+                error = error.label(e.found.1, format!("`{}` is {} ({})", name(w), those.name, those.units));
+            }
+            errors.push(error.help("join two domains by a transducer, a TF or a GY; within one domain, mend the unit"));
+        }
+    }
+}
