@@ -27,13 +27,15 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
     for g in &c.groups {
         if let [only] = g.states[..] {
             let s = &c.states[only];
+            let Some(column) = s.column else { continue };
             let (x, d) = (pool.var(s.symbol), pool.var(c.delta[only]));
-            map.insert(form.column(s.column).out, pool.difference(g.energy, s.symbol, x, d));
+            map.insert(form.column(column).out, pool.difference(g.energy, s.symbol, x, d));
         } else {
             // Merged storages have a quadratic energy, whose gradient at the midpoint is a discrete gradient.
             for (s, z) in g.states.iter().zip(&g.coenergy) {
+                let Some(column) = c.states[*s].column else { continue };
                 let z = pool.substitute(*z, &middle);
-                map.insert(form.column(c.states[*s].column).out, z);
+                map.insert(form.column(column).out, z);
             }
         }
     }
@@ -41,6 +43,11 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
         let (te, he) = (pool.var(t), pool.var(h));
         let he = pool.mul(half, he);
         map.insert(t, pool.add(te, he));
+        for &(_, u, du) in &c.inputs {
+            let (ue, due) = (pool.var(u), pool.var(du));
+            let ahead = pool.mul(he, due);
+            map.insert(u, pool.add(ue, ahead));
+        }
     }
     map
 }

@@ -155,14 +155,20 @@ impl<'a> Elaborator<'a> {
     /// Declares a name for an expression; its place among the `lets`, if the name was free.
     fn declare_let(&mut self, scope: ScopeId, name: &'a Name, value: &'a Expr) -> Option<usize> {
         let index = self.lets.len();
-        let entity = Entity::Let(index);
-        if self.scopes[scope].loop_variable.is_some() {
-            self.scopes[scope].locals.insert(name.text.clone(), entity);
-        } else if !self.declare(self.scopes[scope].instance, name.text.clone(), entity, name.span) {
+        if !self.declare_signal(scope, name, Entity::Let(index)) {
             return None;
         }
         self.lets.push(Let { value, scope, state: super::LetState::New, name: name.text.clone() });
         Some(index)
+    }
+
+    /// Declares a name that in a `for` belongs to the round; whether it was free.
+    pub(super) fn declare_signal(&mut self, scope: ScopeId, name: &Name, entity: Entity) -> bool {
+        if self.scopes[scope].loop_variable.is_some() {
+            self.scopes[scope].locals.insert(name.text.clone(), entity);
+            return true;
+        }
+        self.declare(self.scopes[scope].instance, name.text.clone(), entity, name.span)
     }
 
     fn block(
@@ -223,14 +229,8 @@ impl<'a> Elaborator<'a> {
                     Some(false) => self.block(c.otherwise.as_deref().unwrap_or(&[]), scope, sampling, true, chains),
                     None => {}
                 },
-                StatementKind::Input(name, _) => {
-                    self.declare(instance, name.text.clone(), Entity::Missing, name.span);
-                    self.not_yet(s.span, "`input`", "use a source with a value that depends on `t`");
-                }
-                StatementKind::State(name, ..) => {
-                    self.declare(instance, name.text.clone(), Entity::Missing, name.span);
-                    self.not_yet(s.span, "a signal `state`", "`integral(expr, start)` gives an integral");
-                }
+                StatementKind::Input(name, value) => self.input(name, value, scope),
+                StatementKind::State(name, start, fields) => self.memory(name, start, fields, scope, sampling),
                 StatementKind::Let(name, value) => {
                     if inner || self.scopes[scope].loop_variable.is_some() {
                         self.declare_let(scope, name, value);
@@ -260,7 +260,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// A probe in a loop carries the loop's numbers: `x[3]`.
-    fn looped(&self, scope: ScopeId, name: &str) -> String {
+    pub(super) fn looped(&self, scope: ScopeId, name: &str) -> String {
         let mut numbers = Vec::new();
         let mut at = Some(scope);
         while let Some(s) = at {
@@ -567,7 +567,13 @@ impl<'a> Elaborator<'a> {
                         );
                         None
                     }
-                    Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Bond(_) | Entity::Missing => None,
+                    Entity::Port(_)
+                    | Entity::Param(_)
+                    | Entity::Let(_)
+                    | Entity::Input(_)
+                    | Entity::Memory(_)
+                    | Entity::Bond(_)
+                    | Entity::Missing => None,
                 };
             }
             End::Path(path) => path,
@@ -589,7 +595,7 @@ impl<'a> Elaborator<'a> {
                 self.errors.push(wrong(&format!("`{shown}` is an instance, and a bond ends at a port of it"), help));
                 None
             }
-            Entity::Param(_) | Entity::Let(_) => {
+            Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) => {
                 self.errors.push(wrong(
                     &format!("`{shown}` is a value, and a bond joins elements"),
                     format!("did you mean an element, such as `R:{last}`?"),
@@ -630,7 +636,13 @@ impl<'a> Elaborator<'a> {
             match entity {
                 Entity::Instance(inner) => at = inner,
                 Entity::Missing => return None,
-                Entity::Element(_) | Entity::Port(_) | Entity::Param(_) | Entity::Let(_) | Entity::Bond(_) => {
+                Entity::Element(_)
+                | Entity::Port(_)
+                | Entity::Param(_)
+                | Entity::Let(_)
+                | Entity::Input(_)
+                | Entity::Memory(_)
+                | Entity::Bond(_) => {
                     let next = &path.segments[i + 1].name;
                     self.errors.push(
                         Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.text))

@@ -414,8 +414,19 @@ impl<'a> Elaborator<'a> {
                     let i = *i;
                     return Some(Typed { expr: self.pool.int(i), unit: Unit::one() });
                 }
-                if let Some(Entity::Let(l)) = self.scopes[s].locals.get(&first.name.text) {
-                    return self.let_value(*l, path.span);
+                match self.scopes[s].locals.get(&first.name.text) {
+                    Some(&Entity::Let(l)) => return self.let_value(l, path.span),
+                    Some(&Entity::Input(i)) => return self.input_value(i, path.span),
+                    Some(&Entity::Memory(i)) => return self.memory_value(i, path.span),
+                    Some(
+                        Entity::Element(_)
+                        | Entity::Instance(_)
+                        | Entity::Port(_)
+                        | Entity::Param(_)
+                        | Entity::Bond(_)
+                        | Entity::Missing,
+                    )
+                    | None => {}
                 }
                 at = self.scopes[s].parent;
             }
@@ -447,12 +458,14 @@ impl<'a> Elaborator<'a> {
                 Entity::Missing => return None,
                 Entity::Param(p) if rest.is_empty() => return self.param_value(p, path.span),
                 Entity::Let(l) if rest.is_empty() => return self.let_value(l, path.span),
-                Entity::Param(_) | Entity::Let(_) => {
+                Entity::Input(i) if rest.is_empty() => return self.input_value(i, path.span),
+                Entity::Memory(i) if rest.is_empty() => return self.memory_value(i, path.span),
+                Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) => {
                     return self.wrong(
                         "elaborate::signal",
                         path.span,
                         format!("`{}` is no signal", self.sources.slice(path.span)),
-                        "a parameter or `let` has no parts, and a probe is for the outside: use a `let`",
+                        "a parameter, `let`, `input` or `state` has no parts, and a probe is for the outside: use a `let`",
                     );
                 }
                 Entity::Element(id) => return self.element_signal(id, rest, path.span),
@@ -717,6 +730,9 @@ impl<'a> Elaborator<'a> {
                 format!("{}.{}", decl.name, if decl.kind == Kind::I { 'p' } else { 'q' })
             }
             Signal::Integral(i) => format!("integral[{i}]"),
+            Signal::Input(i) => self.inputs[i].name.clone(),
+            Signal::Slope(i) => format!("slope({})", self.inputs[i].name),
+            Signal::Memory(i) => self.memories[i].name.clone(),
             Signal::Argument(id) => self.elements[id.at()].name.clone(),
         };
         let symbol = self.pool.symbol(&name);

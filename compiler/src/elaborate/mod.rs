@@ -11,6 +11,7 @@ mod infer;
 mod join;
 mod load;
 mod settings;
+mod signal;
 mod suggest;
 
 pub use infer::{Equation, Inference, Unit};
@@ -46,6 +47,8 @@ enum Entity {
     Let(usize),
     /// An index of `raw_bonds`.
     Bond(usize),
+    Input(usize),
+    Memory(usize),
     /// Declared, but wrong: said already.
     Missing,
 }
@@ -160,6 +163,8 @@ pub(crate) struct Elaborator<'a> {
     signals: FxHashMap<Symbol, Signal>,
     symbol_of: FxHashMap<Signal, Symbol>,
     integrals: Vec<Integral>,
+    inputs: Vec<signal::Given<'a>>,
+    memories: Vec<signal::Remembered<'a>>,
     /// Names that mean something only in the law that is being read: `q`, `f`.
     pub(crate) locals: Vec<(&'static str, Typed)>,
     mode: Mode,
@@ -231,6 +236,8 @@ pub fn elaborate(
         signals: FxHashMap::default(),
         symbol_of: FxHashMap::default(),
         integrals: vec![],
+        inputs: vec![],
+        memories: vec![],
         locals: vec![],
         mode: Mode::Constant,
         extremes: vec![],
