@@ -635,13 +635,17 @@ fn program(
         for (e, ins) in entries.iter().zip(&inputs_of) {
             for ((_, slot), column) in e.supplied.iter().zip(ins) {
                 let Some(i) = steady.iter().position(|p| p == column) else { continue };
-                let mut v = b.number(0.0);
+                let mut v = None;
                 let row = rows.outputs.get(&form.column(*column).out).map(Vec::as_slice).unwrap_or(&[]);
                 for (k, x) in row.iter().enumerate().filter(|(_, x)| **x != 0.0) {
                     let (x, drive) = (b.number(*x), b.load(at(k)));
                     let part = b.mul(x, drive);
-                    v = b.add(v, part);
+                    v = Some(match v {
+                        Some(v) => b.add(v, part),
+                        None => part,
+                    });
                 }
+                let v = v.unwrap_or_else(|| b.number(0.0));
                 let m = mean(&mut b, i);
                 let q = b.mul(inputs.h, m);
                 let e = b.mul(v, q);
