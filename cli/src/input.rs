@@ -90,7 +90,7 @@ pub fn compile(path: &Path, options: &Options) -> Result<Compiled, Stop> {
 /// # Errors
 /// Status 2, with the line: a file that cannot be read, or is no such table.
 pub fn table(path: &Path, compiled: &Compiled, hold: bool) -> Result<Vec<(String, Course)>, Stop> {
-    let text = bond::read(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
+    let text = bond::read_table(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
     let wrong = |e: bond::TableError| Stop::Usage(format!("{}:{}: {}", name(path), e.line, e.message));
     Given::read(&text, &compiled.inputs()).and_then(|table| table.courses(hold)).map_err(wrong)
 }

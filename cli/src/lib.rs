@@ -35,6 +35,6 @@ pub use bond_runtime::simulate::{BarSummary, Course, ElementEnergy, RegionSummar
 pub use compile::{Compiled, Options, compile_file, compile_str};
 pub use errors::Errors;
 pub use given::{Given, TableError};
-pub use load::{FileLoader, ReadError, read};
+pub use load::{FileLoader, ReadError, read, read_table};
 pub use quantity::{Quantity, quantity, seconds};
 pub use simulation::{RunError, Simulation, Steps};

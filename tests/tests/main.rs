@@ -17,4 +17,5 @@ mod orders;
 mod parse;
 mod program;
 mod random;
+mod signals;
 mod solutions;

@@ -162,7 +162,7 @@ fn is_dash(path: Option<&Path>) -> bool {
     path == Some(Path::new("-"))
 }
 
-/// Refuses places for results that cannot be.
+/// Refuses places of tables that cannot be.
 fn places(args: &Args) -> Result<(), Stop> {
     for path in [&args.output, &args.ledger].into_iter().flatten() {
         let end = path.extension().map(|e| e.to_string_lossy().to_lowercase());
@@ -172,6 +172,9 @@ fn places(args: &Args) -> Result<(), Stop> {
                 path.display()
             )));
         }
+    }
+    if args.file == Path::new("-") && is_dash(args.input.as_deref()) {
+        return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
     }
     match (&args.output, &args.ledger) {
         (Some(a), Some(b)) if a == b => Err(Stop::Usage("-o and --ledger name the same file".into())),

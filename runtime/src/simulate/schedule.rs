@@ -640,7 +640,8 @@ impl<'a> Simulation<'a> {
         let now = self.time;
         for (c, run) in self.scene.clusters.iter().zip(&mut self.runs) {
             for k in (0..c.inputs.len()).filter(|k| c.inputs[*k] == input) {
-                let past = run.time();
+                // A sampled cluster looks at its next sample only.
+                let past = if c.period.is_some() { now } else { run.time() };
                 run.feed.set(k, now, value, past);
             }
         }
