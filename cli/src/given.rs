@@ -141,7 +141,7 @@ mod tests {
         let cases = [
             ("", 1, "empty"),
             ("time,u\n0,1\n", 1, "no column `t`"),
-            ("t,v\n0,1\n", 1, "no input `v`; did you mean `u`?"),
+            ("t,v\n0,1\n", 1, "no input `v`; its inputs are u"),
             ("t,u,u\n0,1,1\n", 1, "two columns `u`"),
             ("t,u\n", 1, "no rows"),
             ("t,u\n0,1\n1\n", 3, "1 numbers in this row under 2 columns"),

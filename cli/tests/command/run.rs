@@ -213,7 +213,7 @@ fn wrong_tables_are_refused_with_their_line() {
     let cases = [
         ("", "a.csv:1: the table is empty"),
         ("time,u\n0,1\n", "a.csv:1: there is no column `t`"),
-        ("t,v\n0,1\n", "a.csv:1: the model has no input `v`; did you mean `u`?"),
+        ("t,v\n0,1\n", "a.csv:1: the model has no input `v`; its inputs are u, w"),
         ("t,u\n0,1\n2,x\n", "a.csv:3: `x` in the column `u` is no number"),
         ("t,u\n0,1\n0,2\n", "a.csv:3: the time 0 s is not after 0 s"),
         ("t,u\n0,1,2\n", "a.csv:2: there are 3 numbers in this row under 2 columns"),
