@@ -51,7 +51,10 @@ impl Given {
         for (line, text) in lines {
             let row = cells(text);
             if row.len() != header.len() {
-                return wrong(line, format!("there are {} numbers in this row under {} columns", row.len(), header.len()));
+                return wrong(
+                    line,
+                    format!("there are {} numbers in this row under {} columns", row.len(), header.len()),
+                );
             }
             let mut columns = table.values.iter_mut();
             for (i, (cell, name)) in row.iter().zip(&header).enumerate() {

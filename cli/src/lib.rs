@@ -25,8 +25,8 @@
 
 mod compile;
 mod errors;
-mod load;
 mod given;
+mod load;
 mod quantity;
 mod simulation;
 

@@ -243,13 +243,22 @@ fn exact_steps_a_closed_loop() {
     }
 }
 
+/// Over a million steps, most of them at rest, under a controller whose terms all but cancel.
+#[test]
+fn a_closed_loop_balances_over_a_million_steps() {
+    let compiled = crate::common::example("pid_motor", "Continuous");
+    let mut sim = start(&compiled, Steps::fixed(3e-3));
+    finish(&mut sim, 3000.0);
+    let summary = sim.summary();
+    assert!(summary.regions[0].steps >= 1_000_000 && summary.regions[0].stepper == "exact");
+    assert!(summary.worst_step <= 1e-12 && summary.total <= 5e-11, "{:e} {:e}", summary.worst_step, summary.total);
+}
+
 #[test]
 fn other_methods_close_the_loop_with_their_order() {
-    for (method, order, steps) in [
-        ("euler", 1.0, [1e-4, 5e-5, 2.5e-5]),
-        ("gonzalez", 2.0, [4e-3, 2e-3, 1e-3]),
-        ("rk4", 4.0, [8e-3, 4e-3, 2e-3]),
-    ] {
+    for (method, order, steps) in
+        [("euler", 1.0, [1e-4, 5e-5, 2.5e-5]), ("gonzalez", 2.0, [4e-3, 2e-3, 1e-3]), ("rk4", 4.0, [8e-3, 4e-3, 2e-3])]
+    {
         let compiled = with(Options::new().method(method), MOTOR);
         let wanted = solution(10.0, [0.0, 0.0, 0.0, 1.0], 0.4);
         let errors: Vec<f64> = steps

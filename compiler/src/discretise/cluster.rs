@@ -103,15 +103,15 @@ fn atoms(model: &Model, form: &Form) -> Vec<Atom> {
     atoms
 }
 
-/// All signals that an atom reads, integrals apart.
-fn reads(pool: &Pool, form: &Form, atom: &Atom) -> Vec<Symbol> {
+/// All signals that an atom reads, integrals apart; `columns` are those of each region.
+fn reads(pool: &Pool, form: &Form, columns: &[Vec<usize>], atom: &Atom) -> Vec<Symbol> {
     let mut read: Vec<Expr> = atom.memories.iter().map(|m| form.memories[*m]).collect();
     if let Some(i) = atom.region {
         for (_, how) in &form.regions[i].resistors {
             let (Output::Explicit(e) | Output::Implicit(e)) = how;
             read.push(*e);
         }
-        for c in form.columns.iter().filter(|c| c.region.at() == i) {
+        for c in columns[i].iter().map(|c| &form.columns[*c]) {
             read.extend(c.row.iter().map(|t| t.1));
             if let Role::Source(v) = c.role {
                 read.push(v);
@@ -133,7 +133,11 @@ pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
         owner.extend(a.memories.iter().map(|m| (model.memories[*m].symbol, i)));
     }
     let mut pool = std::mem::take(&mut model.pool);
-    let read_by: Vec<Vec<Symbol>> = atoms.iter().map(|a| reads(&pool, form, a)).collect();
+    let mut columns: Vec<Vec<usize>> = vec![Vec::new(); form.regions.len()];
+    for (i, c) in form.columns.iter().enumerate() {
+        columns[c.region.at()].push(i);
+    }
+    let read_by: Vec<Vec<Symbol>> = atoms.iter().map(|a| reads(&pool, form, &columns, a)).collect();
     // An integral belongs with what it reads.
     let mut homes: Vec<usize> = Vec::new();
     for (integral, e) in model.integrals.iter().zip(&form.integrals) {
@@ -296,7 +300,8 @@ impl Cluster {
 
     /// Symbols that this cluster has values for.
     pub(super) fn owned(&self, form: &Form) -> Vec<Symbol> {
-        let states = self.states.iter().flat_map(|s| std::iter::once(s.symbol).chain(s.column.map(|c| form.column(c).out)));
+        let states =
+            self.states.iter().flat_map(|s| std::iter::once(s.symbol).chain(s.column.map(|c| form.column(c).out)));
         let ports = self.ports.iter().map(|c| form.column(*c).out);
         states
             .chain(self.nodes.iter().map(|n| n.out))

@@ -244,6 +244,18 @@ struct Rows {
 }
 
 impl Rows {
+    /// Sources that follow states, or inputs, and rest when those do.
+    fn settling(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
+        let settles = |i: usize| match i.checked_sub(self.system.n) {
+            None => true,
+            Some(d) => matches!(self.system.drives.get(d), Some(Drive::Ramp(..))),
+        };
+        let rests = |row: &Vec<f64>| row.iter().enumerate().any(|(i, x)| *x != 0.0 && settles(i));
+        let sources = c.nodes.iter().filter(|n| n.is_source);
+        let found = sources.filter(|n| self.outputs.get(&form.column(n.column).out).is_some_and(rests));
+        found.map(|n| n.column).collect()
+    }
+
     /// Sources that are constant over a step.
     fn steady(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
         let constant = |i: usize| {
@@ -546,10 +558,23 @@ fn program(
     // the integral of what answers it, which stays exact where two of them all but cancel.
     let steady: Vec<ColumnId> = c.ports.iter().copied().chain(rows.steady(c, form)).collect();
     linear.means = steady.iter().filter_map(|p| rows.inputs.get(p).cloned()).collect();
+    // The energy of a source that may come to rest is h (z i + (mean z - z) i) with z at the start and the mean of what answers,
+    // and a form in how far both went: at rest that is a product of two numbers, and no form's rounding adds up.
+    let moving: Vec<ColumnId> = rows.settling(c, form).into_iter().filter(|s| !steady.contains(s)).collect();
+    let first_moving = linear.means.len();
+    if with_ledger && !moving.is_empty() {
+        linear.starts = linear.a.chunks_exact(size).map(<[f64]>::to_vec).collect();
+        for column in &moving {
+            let pair = [rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)];
+            linear.starts.extend(pair.iter().copied().flatten().cloned());
+            linear.means.extend(pair.iter().copied().flatten().cloned());
+        }
+    }
     let first_integral = linear.means.len();
     linear.means.extend(rows.integrals.iter().filter_map(|i| i.as_ref().ok().cloned()));
     let (inputs_of, resistors_of): (Vec<_>, Vec<_>) = entries.iter().map(|e| c.entry_columns(form, e.region)).unzip();
     let mut quads: Vec<Slot> = Vec::new();
+    let mut drifts: Vec<(usize, Slot)> = Vec::new();
     let mut sums: Vec<(Slot, f64)> = Vec::new();
     if with_ledger {
         for ((e, ins), res) in entries.iter().zip(&inputs_of).zip(&resistors_of) {
@@ -560,9 +585,15 @@ fn program(
                 }
                 m
             };
-            for ((_, slot), column) in e.supplied.iter().zip(ins).filter(|(_, c)| !steady.contains(c)) {
-                linear.forms.push(energy(column, -1.0));
-                quads.push(Slot::new(Array::Output, *slot));
+            for ((_, slot), column) in e.supplied.iter().zip(ins) {
+                let slot = Slot::new(Array::Output, *slot);
+                if let Some(k) = moving.iter().position(|m| m == column) {
+                    linear.drifts.push(energy(column, -1.0));
+                    drifts.push((k, slot));
+                } else if !steady.contains(column) {
+                    linear.forms.push(energy(column, -1.0));
+                    quads.push(slot);
+                }
             }
             for ((_, slot), column) in e.dissipated.iter().zip(res) {
                 // An active resistor gives energy: minus a sum of squares.
@@ -602,9 +633,6 @@ fn program(
         };
         b.push(inst, means, linear.means.len());
     }
-    for (k, slot) in quads.iter().enumerate() {
-        b.push(Inst::Quad { to: *slot, table: layout.form(k) as u32, from: w, n: size as u32 }, *slot, 1);
-    }
     if !sums.is_empty() {
         let roots = b.slots(Array::Local, size);
         for (k, (slot, sign)) in sums.iter().enumerate() {
@@ -627,6 +655,33 @@ fn program(
         }
     }
     let mean = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: means.index + k as u32 });
+    for (k, slot) in quads.iter().enumerate() {
+        b.push(Inst::Quad { to: *slot, table: layout.form(k) as u32, from: w, n: size as u32 }, *slot, 1);
+    }
+    if !drifts.is_empty() {
+        let count = linear.starts.len();
+        let starts = b.slots(Array::Local, count);
+        let from = layout.start(0) as u32;
+        b.push(
+            Inst::MatVec { to: starts, table: from, from: w, rows: count as u32, cols: size as u32, low: false },
+            starts,
+            count,
+        );
+        let start = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: starts.index + k as u32 });
+        for (drift, (k, slot)) in drifts.iter().enumerate() {
+            let went = b.slot(Array::Local);
+            let table = layout.drift(drift) as u32;
+            b.push(Inst::Quad { to: went, table, from: starts, n: size as u32 }, went, 1);
+            let (z, i) = (start(&mut b, size + 2 * k), start(&mut b, size + 2 * k + 1));
+            let (mean_z, mean_i) = (mean(&mut b, first_moving + 2 * k), mean(&mut b, first_moving + 2 * k + 1));
+            let (first, off) = (b.mul(z, mean_i), b.sub(mean_z, z));
+            let second = b.mul(off, i);
+            let power = b.add(first, second);
+            let (into, went) = (b.mul(inputs.h, power), b.load(went));
+            let out = b.sub(went, into);
+            b.store(*slot, out);
+        }
+    }
     for (i, _) in c.ports.iter().enumerate() {
         let m = mean(&mut b, i);
         b.store(Slot::new(Array::Output, i), m);

@@ -142,7 +142,13 @@ impl<'a> Elaborator<'a> {
             None => (unit.div(&Unit::known(Dimension::SECOND)), "the rate of"),
             Some(_) => (unit.clone(), "the next value of"),
         };
-        self.require((&typed.unit, law.span), needed, Some(self.memories[i].value.span), format!("{about} `{name}`"), 2);
+        self.require(
+            (&typed.unit, law.span),
+            needed,
+            Some(self.memories[i].value.span),
+            format!("{about} `{name}`"),
+            2,
+        );
         let Some(Some((_, start))) = self.memories[i].start else { return None };
         let symbol = self.signal(Signal::Memory(i));
         Some((Memory { name, symbol, unit: None, start, law: typed.expr, sampling, span }, unit))

@@ -87,7 +87,10 @@ impl Course {
         let after = self.pieces.partition_point(|p| p.at <= t);
         match after.checked_sub(1).and_then(|i| self.pieces.get(i)) {
             Some(piece) => *piece,
-            None => Piece { slope: 0.0, ..self.pieces.first().copied().unwrap_or(Piece { at: 0.0, value: 0.0, slope: 0.0 }) },
+            None => Piece {
+                slope: 0.0,
+                ..self.pieces.first().copied().unwrap_or(Piece { at: 0.0, value: 0.0, slope: 0.0 })
+            },
         }
     }
 
@@ -164,7 +167,14 @@ mod tests {
         let (t, x) = ([1.0, 2.0, 4.0], [10.0, 20.0, 0.0]);
         let linear = Course::table(&t, &x, false)?;
         let held = Course::table(&t, &x, true)?;
-        let cases = [(0.0, 10.0, 10.0), (1.0, 10.0, 10.0), (1.5, 15.0, 10.0), (2.0, 20.0, 20.0), (3.0, 10.0, 20.0), (9.0, 0.0, 0.0)];
+        let cases = [
+            (0.0, 10.0, 10.0),
+            (1.0, 10.0, 10.0),
+            (1.5, 15.0, 10.0),
+            (2.0, 20.0, 20.0),
+            (3.0, 10.0, 20.0),
+            (9.0, 0.0, 0.0),
+        ];
         for (at, l, h) in cases {
             assert_eq!((linear.value(at), held.value(at)), (l, h), "at {at}");
         }
