@@ -324,6 +324,34 @@ fn an_integral_that_is_read_is_a_state() {
     close(probe(&mut sim, "v"), v, 1e-13, "v");
 }
 
+/// In a sampled region too: with a shorter period it comes to the same as in continuous time.
+#[test]
+fn a_sampled_region_steps_its_integrals() {
+    let plant = "Se:u = 3 V - 2 Hz * sum  R:r = 1 Ohm  C:c { compliance = 0.5 F; e0 = 1 V }  u -> 1:i -> r, c";
+    // v' = 2 (3 - 2 s - v) is 3.6 V/s at the start.
+    let w = 3f64.sqrt();
+    let exact = (-1.0f64).exp() * (w.cos() + 4.6 / w * w.sin());
+    for (method, order) in [("gonzalez", 2.0), ("ray", 1.0)] {
+        let errors: Vec<f64> = [0.02, 0.01, 0.005]
+            .iter()
+            .map(|period| {
+                let compiled = text(&format!(
+                    "model M {{ sampled every {period} s method {method} {{ {plant} }}
+                      let sum = integral(c.e, 0.1 V*s)  probe v = c.e }}"
+                ));
+                let mut sim = start(&compiled, Steps::new());
+                finish(&mut sim, 1.0);
+                assert!(sim.summary().worst_step <= 1e-12, "{:e}", sim.summary().worst_step);
+                (probe(&mut sim, "v") - exact).abs()
+            })
+            .collect();
+        for pair in errors.windows(2) {
+            let found = (pair[0] / pair[1]).log2();
+            assert!((found - order).abs() < 0.3, "{method}: order {found} of {errors:?}");
+        }
+    }
+}
+
 /// The integral of an integral.
 #[test]
 fn integrals_may_be_nested() {
