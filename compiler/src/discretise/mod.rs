@@ -93,7 +93,8 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
     };
     let mut scene = Scene { name: model.name.clone(), excluded: excluded(model, form), ..Scene::default() };
     for (i, c) in clusters.iter_mut().enumerate() {
-        let foreign: Vec<(usize, usize)> = c.foreign.iter().filter_map(|s| place(*s)).collect();
+        let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
+        let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
         scene.clusters.push(c.build(model, form, method, &shows[i], foreign)?);
     }
     for i in &model.inputs {
