@@ -107,6 +107,12 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
             writeln!(out, "  {name:11} {} {unit}", short(x))?;
         }
     }
+    for x in r.resistors.iter().filter(|x| x.energy < 0.0 && -x.energy > 1e-9 * r.h_max) {
+        writeln!(out, "  {:11} {} {unit} by {}", "injected", short(-x.energy), x.name)?;
+    }
+    for x in &r.produced {
+        writeln!(out, "  {:11} {} J/K by {}", "entropy", short(x.entropy), x.name)?;
+    }
     if r.leaps > 0 {
         writeln!(out, "  {:11} {}", "leaps", r.leaps)?;
     }
@@ -211,6 +217,14 @@ impl Serialize for Region<'_> {
         map.serialize_entry("debt_max", &r.debt_max)?;
         map.serialize_entry("leaps", &r.leaps)?;
         map.serialize_entry("pseudo", &r.pseudo)?;
+        let energies = |list: &[bond::ElementEnergy]| -> Vec<_> {
+            list.iter().map(|x| serde_json::json!({"name": x.name, "energy": x.energy})).collect()
+        };
+        map.serialize_entry("sources", &energies(&r.sources))?;
+        map.serialize_entry("resistors", &energies(&r.resistors))?;
+        let produced: Vec<_> =
+            r.produced.iter().map(|x| serde_json::json!({"name": x.name, "entropy": x.entropy})).collect();
+        map.serialize_entry("entropy", &produced)?;
         map.end()
     }
 }

@@ -129,6 +129,12 @@ pub fn linearize(
         for (c, how) in &r.resistors {
             let out = form.column(*c).out;
             match how {
+                Output::Curve { parameter, out: value, residual, .. } => {
+                    let s = model.pool.var(*parameter);
+                    let e = model.pool.sub(s, *residual);
+                    columns.push((*parameter, e));
+                    columns.push((out, *value));
+                }
                 Output::Explicit(e) => columns.push((out, *e)),
                 Output::Implicit(e) => {
                     // z - (z - residual): its derivative is that of the residual.
@@ -146,6 +152,12 @@ pub fn linearize(
             names.push(m.name.clone());
             rates.push(*law);
         }
+    }
+    for f in form.regions.iter().flat_map(|r| &r.following) {
+        columns.push((form.column(f.column).out, f.rate));
+    }
+    for l in &form.loops {
+        columns.push((l.unknown, l.value));
     }
     for (i, (integral, rate)) in model.integrals.iter().zip(&form.integrals).enumerate() {
         let name = format!("integral[{i}]");

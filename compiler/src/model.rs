@@ -124,6 +124,18 @@ pub struct Storage {
     pub bounded: bool,
 }
 
+/// A multiport field: ports of one energy or of one dissipative law. Each port is an element of its own, `arm.p1`; the energy of
+/// a storage field, which its ports share, is the `energy` of each of them.
+#[derive(Clone, Debug)]
+pub struct Field {
+    /// Its path.
+    pub name: String,
+    /// Its ports, in order.
+    pub members: Vec<ElementId>,
+    /// Its declaration.
+    pub span: Span,
+}
+
 /// A resistor: one variable of its bond as a function of the other.
 #[derive(Clone, Debug)]
 pub struct Resistor {
@@ -133,10 +145,25 @@ pub struct Resistor {
     pub output: Expr,
     /// What the law gives.
     pub gives: Variable,
+    /// A law that is a curve (e(s), f(s)); `output` and `argument` then mean nothing.
+    pub curve: Option<Curve>,
+    /// Of a port of a linear field, the coefficients of the arguments of all ports, in their order.
+    pub row: Option<Vec<Expr>>,
     /// r where the law is r times its argument; r may depend on signals.
     pub linear: Option<Expr>,
     /// Whether e f >= 0 is proved; `None` where it is not known.
     pub dissipative: Option<bool>,
+}
+
+/// A law that is a curve: effort and flow as functions of a bare number, so that it may stand upright or lie flat.
+#[derive(Clone, Copy, Debug)]
+pub struct Curve {
+    /// The number.
+    pub parameter: Symbol,
+    /// e(s)
+    pub effort: Expr,
+    /// f(s)
+    pub flow: Expr,
 }
 
 /// An element.
@@ -152,6 +179,8 @@ pub struct Element {
     pub sampling: Option<usize>,
     /// Written `active`.
     pub active: bool,
+    /// The field that it is a port of, and which one.
+    pub field: Option<(usize, usize)>,
     /// Its declaration.
     pub span: Span,
 }
@@ -238,6 +267,8 @@ pub enum Signal {
     Integral(usize),
     /// The argument of a resistor's law.
     Argument(ElementId),
+    /// The parameter of a resistor's law that is a curve.
+    Parameter(ElementId),
     /// An `input`.
     Input(usize),
     /// What an `input` changes by in a second.
@@ -387,6 +418,8 @@ pub struct Model {
     pub elements: Vec<Element>,
     /// Bonds in order of declaration.
     pub bonds: Vec<Bond>,
+    /// Multiport fields in order of declaration.
+    pub fields: Vec<Field>,
     /// `sampled` blocks.
     pub samplings: Vec<Sampling>,
     /// Integrals.

@@ -88,12 +88,16 @@ pub struct Entries {
     pub region: usize,
     /// H at the end of the step.
     pub energy: usize,
+    /// H at its start, where that depends on time: the end of the step before is not the same instant to the last bit.
+    pub before: Option<usize>,
     /// Sum of the magnitudes of the storages' energies: the same output where none can be negative.
     pub size: usize,
     /// Energy in by each source: name, output.
     pub supplied: Vec<(String, usize)>,
     /// Energy lost in each resistor: name, output.
     pub dissipated: Vec<(String, usize)>,
+    /// Entropy produced in each field with thermal ports, J/K: name, output.
+    pub produced: Vec<(String, usize)>,
     /// Energy that an energy leap of `ray` missed (created where positive), and 1 where there was one.
     pub leap: Option<(usize, usize)>,
 }

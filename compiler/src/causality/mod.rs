@@ -91,6 +91,9 @@ pub fn integral(kind: Kind) -> Option<Variable> {
 
 /// Whether a law cannot be run backwards: its slope is not seen to be positive everywhere.
 fn one_way(pool: &mut Pool, r: &Resistor) -> bool {
+    if r.curve.is_some() {
+        return false; // solved along the curve either way
+    }
     let slope = pool.derivative(r.output, r.argument);
     if matches!(pool.sign(slope, &|_| Sign::Unknown), Sign::Positive | Sign::Negative) {
         return false;
@@ -109,6 +112,13 @@ fn one_way(pool: &mut Pool, r: &Resistor) -> bool {
     })
 }
 
+/// Whether a storage's co-energy variable is linear in the states.
+fn quadratic(pool: &mut Pool, law: &Law) -> bool {
+    let Law::Storage(s) = law else { return false };
+    let symbols = pool.symbols(s.energy);
+    pool.affine(s.coenergy, &symbols).is_some_and(|(linear, _)| linear.iter().all(|t| pool.constant(t.1).is_some()))
+}
+
 /// Assigns causality to every bond.
 ///
 /// # Errors
@@ -117,6 +127,7 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     let mut pool = std::mem::take(&mut model.pool);
     let one_way: Vec<bool> =
         model.elements.iter().map(|e| matches!(&e.law, Law::Resistor(r) if one_way(&mut pool, r))).collect();
+    let quadratic: Vec<bool> = model.elements.iter().map(|e| quadratic(&mut pool, &e.law)).collect();
     model.pool = pool;
     let model = &*model;
     let mut a = Assignment::new(model, graph);
@@ -154,10 +165,24 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     };
     for &(id, bond) in resistors.iter().filter(|(id, _)| one_way[id.at()]) {
         if let Some(r) = law(id) {
-            a.prefer(bond, a.stroke_for(bond, id, r.gives), Cause::Law(id));
+            let wanted = a.stroke_for(bond, id, r.gives);
+            // A law that would leave a storage without integral causality is rather solved the other way.
+            let mark = a.mark();
+            let fits = a.attempt(bond, wanted, Cause::Law(id)).is_ok() && !a.costs_storage(mark);
+            if !fits && r.curve.is_none() && model.element(id).field.is_none() {
+                a.undo(mark);
+                a.prefer(bond, a.stroke_for(bond, id, r.gives.other()), Cause::Law(id));
+            } else if !fits {
+                a.undo(mark);
+                a.prefer(bond, wanted, Cause::Law(id));
+            }
         }
     }
     let storages = one_ports(&[Kind::C, Kind::I]);
+    let keeps = |id: ElementId| match &model.element(id).law {
+        Law::Storage(s) => s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()]),
+        Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
+    };
     for (i, bond) in model.bonds.iter().enumerate() {
         let id = BondId(i as u32);
         if bond.sampled && a.strokes[i].is_none() {
@@ -171,9 +196,15 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
             choose(&mut a, model, &storages, bond, model.bond(bond).other(id));
         }
     }
-    for &(id, bond) in &storages {
-        if let Some(gives) = integral(model.element(id).kind) {
-            a.prefer(bond, a.stroke_for(bond, id, gives), Cause::Storage(id));
+    // Of storages that are tied together, those with quadratic energies can best be the dependent ones; those of which a ratio
+    // reads the state have to keep it.
+    for first in [true, false] {
+        for &(id, bond) in &storages {
+            if let Some(gives) = integral(model.element(id).kind)
+                && keeps(id) == first
+            {
+                a.prefer(bond, a.stroke_for(bond, id, gives), Cause::Storage(id));
+            }
         }
     }
     for linear in [false, true] {

@@ -67,6 +67,17 @@ impl<'a> Assignment<'a> {
         }
     }
 
+    /// Whether a storage lost its integral causality since a mark.
+    pub(super) fn costs_storage(&self, mark: usize) -> bool {
+        self.trail[mark..].iter().any(|bond| {
+            let b = self.model.bond(*bond);
+            [b.tail, b.head].into_iter().any(|end| {
+                let wanted = super::integral(self.model.element(end).kind);
+                wanted.is_some() && self.gives(*bond, end) != wanted
+            })
+        })
+    }
+
     /// Assigns a stroke and all that follows from it; on conflict nothing is changed.
     pub(super) fn attempt(&mut self, bond: BondId, stroke: Stroke, cause: Cause) -> Result<(), Conflict> {
         let mark = self.mark();

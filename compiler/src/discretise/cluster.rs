@@ -1,6 +1,6 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
-use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, ray, unfit};
+use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, ray, start, unfit};
 use crate::expression::{Expr, Pool, Sign, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model, Signal};
@@ -11,6 +11,9 @@ use bond_runtime::scene::{self, Entries};
 use petgraph::Graph;
 use petgraph::graph::NodeIndex;
 use rustc_hash::{FxHashMap, FxHashSet};
+
+/// Loops of more nodes are not torn.
+const TORN: usize = 32;
 
 /// A state: that of a storage, or a signal state.
 #[derive(Clone, Debug)]
@@ -35,13 +38,62 @@ pub(super) struct Group {
     pub(super) coenergy: Vec<Expr>,
 }
 
-/// A source or resistor: an output that is computed.
+/// What an output is of.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Part {
+    /// A source.
+    Source(ColumnId),
+    /// A resistor.
+    Resistor(ColumnId),
+    /// A storage that follows sources, and its state.
+    Follower(Expr),
+    /// A signal that a ratio depends on and sets itself.
+    Signal,
+}
+
+/// An output that is computed.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
-    pub(super) column: ColumnId,
+    pub(super) part: Part,
     pub(super) out: Symbol,
     pub(super) how: Output,
-    pub(super) is_source: bool,
+    /// How it is rather had in a loop.
+    pub(super) steep: Option<Output>,
+    /// A resistor whose law is not linear.
+    pub(super) curved: bool,
+}
+
+impl Node {
+    /// The column of a source.
+    pub(super) fn source(&self) -> Option<ColumnId> {
+        match self.part {
+            Part::Source(c) => Some(c),
+            Part::Resistor(_) | Part::Follower(_) | Part::Signal => None,
+        }
+    }
+
+    /// The column of a resistor.
+    pub(super) fn resistor(&self) -> Option<ColumnId> {
+        match self.part {
+            Part::Resistor(c) => Some(c),
+            Part::Source(_) | Part::Follower(_) | Part::Signal => None,
+        }
+    }
+
+    /// What an iteration has to find, if this is in a loop.
+    pub(super) fn unknown(&self) -> Symbol {
+        self.how.unknown(self.out)
+    }
+}
+
+/// The columns of a region's entries in the ledger. A field is one entry, of all its ports.
+pub(super) struct Accounts {
+    /// Sources and ports.
+    pub(super) supplied: Vec<ColumnId>,
+    /// Resistors.
+    pub(super) dissipated: Vec<Vec<ColumnId>>,
+    /// The thermal ports of fields, whose entropy is counted.
+    pub(super) produced: Vec<Vec<ColumnId>>,
 }
 
 /// An integral of a probe.
@@ -64,6 +116,8 @@ pub(super) struct Cluster {
     pub(super) nodes: Vec<Node>,
     /// Outputs that an iteration has to find, in order.
     pub(super) loops: Vec<Symbol>,
+    /// Sources that storages follow.
+    pub(super) followed: Vec<ColumnId>,
     /// Double bars and open ports.
     pub(super) ports: Vec<ColumnId>,
     /// Signals of other clusters.
@@ -108,9 +162,9 @@ fn reads(pool: &Pool, form: &Form, columns: &[Vec<usize>], atom: &Atom) -> Vec<S
     let mut read: Vec<Expr> = atom.memories.iter().map(|m| form.memories[*m]).collect();
     if let Some(i) = atom.region {
         for (_, how) in &form.regions[i].resistors {
-            let (Output::Explicit(e) | Output::Implicit(e)) = how;
-            read.push(*e);
+            read.extend(how.expressions());
         }
+        read.extend(form.loops.iter().filter(|l| l.region.at() == i).map(|l| l.value));
         for c in columns[i].iter().map(|c| &form.columns[*c]) {
             read.extend(c.row.iter().map(|t| t.1));
             if let Role::Source(v) = c.role {
@@ -129,6 +183,7 @@ pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
         owner.extend(r.states.iter().map(|s| (s.symbol, i)));
     }
     owner.extend(form.columns.iter().map(|c| (c.out, c.region.at())));
+    owner.extend(form.loops.iter().map(|l| (l.unknown, l.region.at())));
     for (i, a) in atoms.iter().enumerate() {
         owner.extend(a.memories.iter().map(|m| (model.memories[*m].symbol, i)));
     }
@@ -241,33 +296,40 @@ impl Cluster {
         for &c in &r.inputs {
             match form.column(c).role {
                 Role::Source(v) => {
-                    self.nodes.push(Node {
-                        column: c,
-                        out: form.column(c).out,
-                        how: Output::Explicit(v),
-                        is_source: true,
-                    });
+                    let how = Output::Explicit(v);
+                    self.nodes.push(Node { part: Part::Source(c), out: form.column(c).out, how, steep: None, curved: false });
                 }
                 Role::Bar | Role::Open(_) => self.ports.push(c),
                 Role::Storage | Role::Resistor | Role::Dependent => {}
             }
         }
         for (c, how) in &r.resistors {
-            self.nodes.push(Node { column: *c, out: form.column(*c).out, how: *how, is_source: false });
+            let steep = r.steep.get(c).copied();
+            self.nodes.push(Node { part: Part::Resistor(*c), out: form.column(*c).out, how: *how, steep, curved: !r.gains.contains_key(c) });
+        }
+        for f in &r.following {
+            let how = Output::Explicit(f.rate);
+            let part = Part::Follower(f.state);
+            self.nodes.push(Node { part, out: form.column(f.column).out, how, steep: None, curved: false });
+            self.followed.extend(f.sources.iter().copied());
+        }
+        for l in form.loops.iter().filter(|l| l.region.at() == region) {
+            let how = Output::Explicit(l.value);
+            self.nodes.push(Node { part: Part::Signal, out: l.unknown, how, steep: None, curved: true });
         }
     }
 
     /// Sorts the nodes, and finds those that form loops.
     fn order(&mut self, pool: &Pool) {
-        let index: FxHashMap<Symbol, usize> = self.nodes.iter().enumerate().map(|(i, n)| (n.out, i)).collect();
+        let places = self.nodes.iter().enumerate().flat_map(|(i, n)| [(n.out, i), (n.unknown(), i)]);
+        let index: FxHashMap<Symbol, usize> = places.collect();
         let mut graph: Graph<(), ()> = Graph::new();
         for _ in &self.nodes {
             graph.add_node(());
         }
         let mut own = vec![false; self.nodes.len()];
         for (i, n) in self.nodes.iter().enumerate() {
-            let (Output::Explicit(e) | Output::Implicit(e)) = n.how;
-            for s in pool.symbols(e) {
+            for s in n.how.expressions().flat_map(|e| pool.symbols(e)) {
                 if let Some(&j) = index.get(&s) {
                     graph.add_edge(NodeIndex::new(i), NodeIndex::new(j), ());
                     own[i] |= i == j;
@@ -275,24 +337,65 @@ impl Cluster {
             }
         }
         let mut order = Vec::new();
-        let mut looped = vec![false; self.nodes.len()];
+        let mut unknown = Vec::new();
         for component in petgraph::algo::kosaraju_scc(&graph) {
             let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
             members.sort_unstable();
-            for &m in &members {
-                looped[m] = members.len() > 1 || own[m] || matches!(self.nodes[m].how, Output::Implicit(_));
+            let looped = members.len() > 1 || members.iter().any(|m| own[*m] || self.nodes[*m].how.is_root());
+            if !looped {
+                order.extend(members);
+                continue;
             }
-            order.extend(members);
+            for m in &members {
+                let n = &mut self.nodes[*m];
+                if let Some(steep) = n.steep.take().filter(|_| matches!(n.how, Output::Explicit(_))) {
+                    n.how = steep;
+                }
+            }
+            let (torn, rest) = self.tear(&graph, &members, &own);
+            unknown.extend(torn.iter().copied());
+            order.extend(torn.into_iter().chain(rest));
         }
-        self.loops = order.iter().filter(|i| looped[**i]).map(|i| self.nodes[*i].out).collect();
+        self.loops = unknown.iter().map(|i| self.nodes[*i].unknown()).collect();
         self.nodes = order.iter().map(|i| self.nodes[*i].clone()).collect();
+    }
+
+    /// Parts a loop into the nodes that an iteration finds and those that follow from them, in order. Small loops are torn at the
+    /// laws that are roots anyhow, and at as few others as leave no loop; of large ones all are unknowns, which keeps the system
+    /// sparse.
+    fn tear(&self, graph: &Graph<(), ()>, members: &[usize], own: &[bool]) -> (Vec<usize>, Vec<usize>) {
+        if members.len() > TORN {
+            return (members.to_vec(), Vec::new());
+        }
+        let mut torn: Vec<usize> =
+            members.iter().copied().filter(|m| self.nodes[*m].how.is_root() || own[*m]).collect();
+        loop {
+            let mut rest: Vec<usize> = members.iter().copied().filter(|m| !torn.contains(m)).collect();
+            let mut done: Vec<usize> = Vec::new();
+            loop {
+                let ready = |m: &usize| {
+                    graph.neighbors(NodeIndex::new(*m)).all(|j| !rest.contains(&j.index()) || done.contains(&j.index()))
+                };
+                let Some(at) = rest.iter().position(|m| !done.contains(m) && ready(m)) else { break };
+                done.push(rest[at]);
+            }
+            rest.retain(|m| !done.contains(m));
+            // A law that is not linear is the better place to cut.
+            let curved = rest.iter().copied().find(|m| self.nodes[*m].curved);
+            match curved.or(rest.first().copied()) {
+                Some(cut) => torn.push(cut),
+                None => {
+                    torn.sort_unstable();
+                    return (torn, done);
+                }
+            }
+        }
     }
 
     fn all_expressions(&self) -> Vec<Expr> {
         let mut all: Vec<Expr> = self.states.iter().map(|s| s.rate).collect();
         for n in &self.nodes {
-            let (Output::Explicit(e) | Output::Implicit(e)) = n.how;
-            all.push(e);
+            all.extend(n.how.expressions());
         }
         all.extend(self.integrals.iter().map(|i| i.rate));
         all
@@ -304,7 +407,7 @@ impl Cluster {
             self.states.iter().flat_map(|s| std::iter::once(s.symbol).chain(s.column.map(|c| form.column(c).out)));
         let ports = self.ports.iter().map(|c| form.column(*c).out);
         states
-            .chain(self.nodes.iter().map(|n| n.out))
+            .chain(self.nodes.iter().flat_map(|n| [n.out, n.unknown()]))
             .chain(ports)
             .chain(self.integrals.iter().map(|i| i.symbol))
             .collect()
@@ -313,7 +416,8 @@ impl Cluster {
     fn find_foreign(&mut self, model: &mut Model, form: &Form) {
         let own: FxHashSet<Symbol> = self.owned(form).into_iter().collect();
         let mut all = self.all_expressions();
-        let columns: Vec<ColumnId> = self.nodes.iter().map(|n| n.column).chain(self.ports.iter().copied()).collect();
+        let nodes = self.nodes.iter().filter_map(|n| n.source().or(n.resistor()));
+        let columns: Vec<ColumnId> = nodes.chain(self.ports.iter().copied()).collect();
         for c in columns {
             all.push(form.input(&mut model.pool, c));
         }
@@ -338,10 +442,10 @@ impl Cluster {
     /// the storages' outputs are; it may move time.
     pub(super) fn flat(&self, pool: &mut Pool, mut map: FxHashMap<Symbol, Expr>) -> FxHashMap<Symbol, Expr> {
         for n in &self.nodes {
-            if self.loops.contains(&n.out) {
+            if map.contains_key(&n.out) || (self.loops.contains(&n.out) && !matches!(n.how, Output::Curve { .. })) {
                 continue;
             }
-            if let Output::Explicit(e) = n.how {
+            if let Output::Explicit(e) | Output::Curve { out: e, .. } = n.how {
                 let value = pool.substitute(e, &map);
                 map.insert(n.out, value);
             }
@@ -350,12 +454,20 @@ impl Cluster {
     }
 
     /// The map for [`Self::flat`] at one instant: co-energies at the states.
-    pub(super) fn at_instant(&self, form: &Form) -> FxHashMap<Symbol, Expr> {
+    pub(super) fn at_instant(&self, pool: &mut Pool, form: &Form) -> FxHashMap<Symbol, Expr> {
         let mut map = FxHashMap::default();
+        let mut sources: FxHashMap<Symbol, Expr> = FxHashMap::default();
+        for n in &self.nodes {
+            if let (Some(c), Output::Explicit(e)) = (n.source(), n.how)
+                && self.followed.contains(&c)
+            {
+                sources.insert(n.out, e);
+            }
+        }
         for g in &self.groups {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
                 if let Some(c) = self.states[*s].column {
-                    map.insert(form.column(c).out, *z);
+                    map.insert(form.column(c).out, pool.substitute(*z, &sources));
                 }
             }
         }
@@ -366,9 +478,9 @@ impl Cluster {
     pub(super) fn loop_residuals(&self, pool: &mut Pool) -> Vec<Expr> {
         self.loops
             .iter()
-            .filter_map(|z| self.nodes.iter().find(|n| n.out == *z))
+            .filter_map(|z| self.nodes.iter().find(|n| n.unknown() == *z))
             .map(|n| match n.how {
-                Output::Implicit(e) => e,
+                Output::Implicit(e) | Output::Curve { residual: e, .. } => e,
                 Output::Explicit(e) => {
                     let z = pool.var(n.out);
                     pool.sub(z, e)
@@ -474,7 +586,7 @@ impl Cluster {
             .collect();
         let mut initial: Vec<f64> = self.states.iter().map(|s| s.initial).collect();
         initial.extend(self.integrals.iter().map(|i| i.start));
-        initial.extend(self.loops.iter().map(|_| 0.0));
+        initial.extend(start::guesses(self, model, form)?);
         initial.extend(self.states.iter().map(|_| 0.0));
         let mut names: Vec<String> = self.states.iter().map(|s| s.name.clone()).collect();
         names.extend(self.integrals.iter().map(|i| model.pool.name(i.symbol).to_string()));
@@ -509,7 +621,7 @@ impl Cluster {
 
     /// Names of the ledger's entries, with the outputs reserved in a builder: means first, then for each region H, sources and
     /// ports, resistors.
-    pub(super) fn reserve(&self, pool: &Pool, b: &mut Builder, form: &Form) -> Vec<Entries> {
+    pub(super) fn reserve(&self, model: &Model, b: &mut Builder, form: &Form) -> Vec<Entries> {
         use bond_runtime::ir::Array;
         for c in &self.ports {
             b.named(Array::Output, format!("mean({})", form.column(*c).name));
@@ -519,43 +631,65 @@ impl Cluster {
             let name = &form.regions[r.at()].name;
             let mut e = Entries { region: r.at(), ..Entries::default() };
             e.energy = b.named(Array::Output, format!("H({name})")).index as usize;
-            let signed = |g: &&Group| !pool.sign(g.energy, &|_| Sign::Unknown).is_nonnegative();
+            let late = |g: &Group| self.time.is_some_and(|t| model.pool.contains(g.energy, t));
+            if self.groups.iter().any(|g| g.region == *r && late(g)) {
+                e.before = Some(b.named(Array::Output, format!("H({name}) before")).index as usize);
+            }
+            let signed = |g: &&Group| !model.pool.sign(g.energy, &|_| Sign::Unknown).is_nonnegative();
             e.size = match self.groups.iter().filter(|g| g.region == *r).find(signed) {
                 Some(_) => b.named(Array::Output, format!("size({name})")).index as usize,
                 None => e.energy,
             };
-            let here = |c: &ColumnId| form.column(*c).region == *r;
-            let sources = self.nodes.iter().filter(|n| n.is_source).map(|n| n.column);
-            let mut inputs: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
-            inputs.sort_unstable();
-            for c in inputs {
+            let accounts = self.accounts(model, form, r.at());
+            for c in accounts.supplied {
                 let name = form.column(c).name.clone();
                 let slot = b.named(Array::Output, format!("supplied({name})"));
                 e.supplied.push((name, slot.index as usize));
             }
-            let mut resistors: Vec<ColumnId> =
-                self.nodes.iter().filter(|n| !n.is_source).map(|n| n.column).filter(here).collect();
-            resistors.sort_unstable();
-            for c in resistors {
-                let name = form.column(c).name.clone();
-                let slot = b.named(Array::Output, format!("dissipated({name})"));
-                e.dissipated.push((name, slot.index as usize));
-            }
+            let mut named = |what: &str, members: &[ColumnId]| {
+                let first = members.first().map(|c| model.element(form.column(*c).element));
+                let name = match first.and_then(|e| e.field) {
+                    Some((f, _)) => model.fields[f].name.clone(),
+                    None => first.map(|e| e.name.clone()).unwrap_or_default(),
+                };
+                let slot = b.named(Array::Output, format!("{what}({name})"));
+                (name, slot.index as usize)
+            };
+            e.dissipated.extend(accounts.dissipated.iter().map(|m| named("dissipated", m)));
+            e.produced.extend(accounts.produced.iter().map(|m| named("produced", m)));
             list.push(e);
         }
         list
     }
 
     /// The columns of a region's entries, in the order in which [`Self::reserve`] lists them.
-    pub(super) fn entry_columns(&self, form: &Form, region: usize) -> (Vec<ColumnId>, Vec<ColumnId>) {
+    pub(super) fn accounts(&self, model: &Model, form: &Form, region: usize) -> Accounts {
         let here = |c: &ColumnId| form.column(*c).region.at() == region;
-        let sources = self.nodes.iter().filter(|n| n.is_source).map(|n| n.column);
-        let mut inputs: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
-        inputs.sort_unstable();
-        let mut resistors: Vec<ColumnId> =
-            self.nodes.iter().filter(|n| !n.is_source).map(|n| n.column).filter(here).collect();
+        let sources = self.nodes.iter().filter_map(Node::source);
+        let mut supplied: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
+        supplied.sort_unstable();
+        let mut resistors: Vec<ColumnId> = self.nodes.iter().filter_map(Node::resistor).filter(here).collect();
         resistors.sort_unstable();
-        (inputs, resistors)
+        let field = |c: ColumnId| model.element(form.column(c).element).field.map(|f| f.0);
+        let mut dissipated: Vec<Vec<ColumnId>> = Vec::new();
+        for c in resistors {
+            // The ports of a field stand one after the other.
+            match dissipated.last_mut().filter(|d| field(c).is_some() && field(d[0]) == field(c)) {
+                Some(d) => d.push(c),
+                None => dissipated.push(vec![c]),
+            }
+        }
+        let thermal = |c: &&ColumnId| {
+            use crate::units::Dimension as D;
+            let c = form.column(**c);
+            model.units[c.bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
+        };
+        let of_field = dissipated.iter().filter(|d| field(d[0]).is_some());
+        let produced = of_field
+            .map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>())
+            .filter(|d| !d.is_empty())
+            .collect();
+        Accounts { supplied, dissipated, produced }
     }
 
     /// Its name: that of its first region, else of its first state.

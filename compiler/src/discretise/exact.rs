@@ -3,11 +3,11 @@
 //! With w = (x, xi), where xi are what drives the sources (constants, powers of t, sines, exponentials; anything else as its
 //! cubic through four Gauss nodes of the step), dw/dt = A w; x+ = E w, means and energies are linear and quadratic forms in w.
 
-use super::cluster::{Cluster, missing, verified};
+use super::cluster::{Accounts, Cluster, missing, verified};
 use super::write;
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::{Law, Model};
-use crate::structure::{ColumnId, Form, Output, gain};
+use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::exponential::{Layout, Linear};
 use bond_runtime::ir::{Array, Builder, Inst, Slot, Unary};
@@ -251,9 +251,8 @@ impl Rows {
             Some(d) => matches!(self.system.drives.get(d), Some(Drive::Ramp(..))),
         };
         let rests = |row: &Vec<f64>| row.iter().enumerate().any(|(i, x)| *x != 0.0 && settles(i));
-        let sources = c.nodes.iter().filter(|n| n.is_source);
-        let found = sources.filter(|n| self.outputs.get(&form.column(n.column).out).is_some_and(rests));
-        found.map(|n| n.column).collect()
+        let sources = c.nodes.iter().filter_map(|n| n.source());
+        sources.filter(|s| self.outputs.get(&form.column(*s).out).is_some_and(rests)).collect()
     }
 
     /// Sources that are constant over a step.
@@ -265,8 +264,9 @@ impl Rows {
         let sources = c
             .nodes
             .iter()
-            .filter(|n| n.is_source && self.outputs.get(&form.column(n.column).out).is_some_and(is_steady));
-        sources.map(|n| n.column).collect()
+            .filter_map(|n| n.source())
+            .filter(|s| self.outputs.get(&form.column(*s).out).is_some_and(is_steady));
+        sources.collect()
     }
 }
 
@@ -307,15 +307,17 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     let mut solved: Vec<(Symbol, Split)> = Vec::new();
     for node in &c.nodes {
         let Output::Explicit(e) = node.how else { return None };
-        if !node.is_source {
-            let g = gain(model, form, node.column, node.how)?;
-            model.pool.constant(g)?;
+        if node.source().is_none() {
+            let column = node.resistor()?;
+            for (_, g) in form.regions[form.column(column).region.at()].gains.get(&column)? {
+                model.pool.constant(*g)?;
+            }
         }
         let split = system.split(&mut model.pool, e, &signals)?;
-        if !node.is_source && !split.drives.is_empty() {
+        if node.source().is_none() && !split.drives.is_empty() {
             return None;
         }
-        if node.is_source && split.signals.is_empty() {
+        if node.source().is_some() && split.signals.is_empty() {
             sparse.insert(node.out, split.drives.into_iter().map(|(d, k)| (n + d, k)).collect());
         } else {
             solved.push((node.out, split));
@@ -382,7 +384,7 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     }
     let mut input_rows = FxHashMap::default();
     let columns =
-        c.states.iter().filter_map(|s| s.column).chain(c.nodes.iter().map(|n| n.column)).chain(c.ports.iter().copied());
+        c.states.iter().filter_map(|s| s.column).chain(c.nodes.iter().filter_map(|n| n.source().or(n.resistor()))).chain(c.ports.iter().copied());
     for column in columns.collect::<Vec<_>>() {
         let mut v = vec![0.0; size];
         for (j, k) in &form.column(column).row {
@@ -541,7 +543,7 @@ fn program(
     let mut linear = rows.linear.clone();
     let size = linear.n + linear.m;
     let mut b = Builder::new(c.title(form, if with_ledger { "exact step" } else { "exact glance" }));
-    let entries = c.reserve(&model.pool, &mut b, form);
+    let entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let w = b.slots(Array::Local, size);
@@ -572,34 +574,38 @@ fn program(
     }
     let first_integral = linear.means.len();
     linear.means.extend(rows.integrals.iter().filter_map(|i| i.as_ref().ok().cloned()));
-    let (inputs_of, resistors_of): (Vec<_>, Vec<_>) = entries.iter().map(|e| c.entry_columns(form, e.region)).unzip();
+    let accounts: Vec<Accounts> = entries.iter().map(|e| c.accounts(model, form, e.region)).collect();
     let mut quads: Vec<Slot> = Vec::new();
     let mut drifts: Vec<(usize, Slot)> = Vec::new();
     let mut sums: Vec<(Slot, f64)> = Vec::new();
     if with_ledger {
-        for ((e, ins), res) in entries.iter().zip(&inputs_of).zip(&resistors_of) {
-            let energy = |column: &ColumnId, sign: f64| {
+        for (e, account) in entries.iter().zip(&accounts) {
+            let energy = |columns: &[ColumnId], sign: f64| {
                 let mut m = vec![0.0; size * size];
-                if let (Some(z), Some(i)) = (rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)) {
-                    add_product(&mut m, z, i, sign);
+                for column in columns {
+                    if let (Some(z), Some(i)) = (rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)) {
+                        add_product(&mut m, z, i, sign);
+                    }
                 }
                 m
             };
-            for ((_, slot), column) in e.supplied.iter().zip(ins) {
+            for ((_, slot), column) in e.supplied.iter().zip(&account.supplied) {
                 let slot = Slot::new(Array::Output, *slot);
                 if let Some(k) = moving.iter().position(|m| m == column) {
-                    linear.drifts.push(energy(column, -1.0));
+                    linear.drifts.push(energy(&[*column], -1.0));
                     drifts.push((k, slot));
                 } else if !steady.contains(column) {
-                    linear.forms.push(energy(column, -1.0));
+                    linear.forms.push(energy(&[*column], -1.0));
                     quads.push(slot);
                 }
             }
-            for ((_, slot), column) in e.dissipated.iter().zip(res) {
+            for ((_, slot), columns) in e.dissipated.iter().zip(&account.dissipated) {
                 // An active resistor gives energy: minus a sum of squares.
-                let active = model.element(form.column(*column).element).active;
-                let sign = if active && is_negative(model, form, *column) { -1.0 } else { 1.0 };
-                linear.squares.push(energy(column, sign));
+                let negative = |c: &ColumnId| {
+                    model.element(form.column(*c).element).active && is_negative(model, form, *c)
+                };
+                let sign = if columns.iter().any(negative) { -1.0 } else { 1.0 };
+                linear.squares.push(energy(columns, sign));
                 sums.push((Slot::new(Array::Output, *slot), sign));
             }
         }
@@ -687,8 +693,8 @@ fn program(
         b.store(Slot::new(Array::Output, i), m);
     }
     if with_ledger {
-        for (e, ins) in entries.iter().zip(&inputs_of) {
-            for ((_, slot), column) in e.supplied.iter().zip(ins) {
+        for (e, account) in entries.iter().zip(&accounts) {
+            for ((_, slot), column) in e.supplied.iter().zip(&account.supplied) {
                 let Some(i) = steady.iter().position(|p| p == column) else { continue };
                 let mut v = None;
                 let row = rows.outputs.get(&form.column(*column).out).map(Vec::as_slice).unwrap_or(&[]);
@@ -744,7 +750,7 @@ fn program(
         b.store(Slot::new(Array::Next, n + c.integrals.len() + i), *z);
     }
     if with_ledger {
-        write::energies(c, model, &mut b, &values, &entries)?;
+        write::energies(c, model, &mut b, &values, &inputs, &entries)?;
     }
     Ok((verified(model, b.finish())?, linear, entries))
 }

@@ -5,7 +5,7 @@ use super::cluster::{Cluster, missing, verified};
 use super::{instant, write};
 use crate::expression::Lowering;
 use crate::model::Model;
-use crate::structure::{ColumnId, Form};
+use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
@@ -33,7 +33,7 @@ pub(super) fn write(
 ) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let tableau: &[(f64, f64)] = if method == Method::Euler { &EULER } else { &RK4 };
     let mut b = Builder::new(c.title(form, &format!("{} step", method.name())));
-    let entries = c.reserve(&model.pool, &mut b, form);
+    let entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut guesses = inputs.guesses.clone();
     let mut stages: Vec<Stage> = Vec::new();
@@ -93,7 +93,8 @@ pub(super) fn write(
     }
     let mut k = 0;
     for e in &entries {
-        let signs = e.supplied.iter().map(|s| (s.1, true)).chain(e.dissipated.iter().map(|d| (d.1, false)));
+        let lost = e.dissipated.iter().chain(&e.produced).map(|d| (d.1, false));
+        let signs = e.supplied.iter().map(|s| (s.1, true)).chain(lost);
         for (slot, supplied) in signs {
             let p = weighted(&mut b, &|s| s.powers[k]);
             let mut w = b.mul(inputs.h, p);
@@ -104,7 +105,7 @@ pub(super) fn write(
             k += 1;
         }
     }
-    write::energies(c, model, &mut b, &next[..c.states.len()], &entries)?;
+    write::energies(c, model, &mut b, &next[..c.states.len()], &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     let order = if method == Method::Euler { 1 } else { 4 };
     Ok((Stepper { name: method.name(), order, passive: false, program, linear: None, glance: None }, entries))
@@ -139,12 +140,26 @@ fn stage(
     }
     let mut powers = Vec::new();
     for e in entries {
-        let (inputs, resistors) = c.entry_columns(form, e.region);
-        let columns: Vec<ColumnId> = inputs.into_iter().chain(resistors).collect();
-        for column in columns {
-            let (z, i) = (model.pool.var(form.column(column).out), form.input(&mut model.pool, column));
-            let (z, i) = (lower(model, b, z)?, lower(model, b, i)?);
-            powers.push(b.mul(z, i));
+        let accounts = c.accounts(model, form, e.region);
+        let power = accounts.supplied.into_iter().map(|c| vec![c]).chain(accounts.dissipated);
+        for columns in power {
+            let mut sum = None;
+            for column in columns {
+                let (z, i) = (model.pool.var(form.column(column).out), form.input(&mut model.pool, column));
+                let (z, i) = (lower(model, b, z)?, lower(model, b, i)?);
+                let p = b.mul(z, i);
+                sum = Some(sum.map_or(p, |s| b.add(s, p)));
+            }
+            powers.push(sum.unwrap_or_else(|| b.number(0.0)));
+        }
+        for columns in accounts.produced {
+            let mut sum = b.number(0.0);
+            for column in columns {
+                let s = write::flow(model, form, column);
+                let s = lower(model, b, s)?;
+                sum = b.sub(sum, s);
+            }
+            powers.push(sum);
         }
     }
     let mut loops = Vec::new();

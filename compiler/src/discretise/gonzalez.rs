@@ -4,11 +4,11 @@
 //! gradient, which for one state is the difference quotient of H, written without cancellation. Resistors and loops are
 //! solved with it. The unknowns are the changes of the states, so that x+ = x + change is rounded once.
 
-use super::cluster::{Cluster, missing, verified};
+use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
-use crate::structure::Form;
+use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Slot, Value};
 use bond_runtime::scene::{Entries, Stepper};
@@ -23,18 +23,11 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
         let d = pool.mul(half, d);
         map.insert(s.symbol, pool.add(x, d));
     }
+    follow(c, pool, form, &mut map);
     let middle = map.clone();
     for g in &c.groups {
-        if let [only] = g.states[..] {
-            let s = &c.states[only];
-            let Some(column) = s.column else { continue };
-            let (x, d) = (pool.var(s.symbol), pool.var(c.delta[only]));
-            map.insert(form.column(column).out, pool.difference(g.energy, s.symbol, x, d));
-        } else {
-            // Merged storages have a quadratic energy, whose gradient at the midpoint is a discrete gradient.
-            for (s, z) in g.states.iter().zip(&g.coenergy) {
-                let Some(column) = c.states[*s].column else { continue };
-                let z = pool.substitute(*z, &middle);
+        for (s, z) in g.states.iter().zip(gradient(c, pool, g, &middle)) {
+            if let Some(column) = c.states[*s].column {
                 map.insert(form.column(column).out, z);
             }
         }
@@ -50,6 +43,78 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
         }
     }
     map
+}
+
+/// The discrete gradient of a group's energy.
+///
+/// Of one state it is the difference quotient; of a quadratic energy the gradient at the midpoint. Else the coordinate increments
+/// of Itoh and Abe (J. Comput. Phys. 76, 1988), which move one state after the other, in the order of the states and in the
+/// opposite one: each satisfies g . d = H(x + d) - H(x), and so does their mean, which is symmetric and so of order 2. Unlike
+/// Gonzalez' correction along d it asks for no common unit of the states, and each quotient is written without cancellation.
+fn gradient(c: &Cluster, pool: &mut Pool, g: &Group, middle: &FxHashMap<Symbol, Expr>) -> Vec<Expr> {
+    let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
+    // What follows a source is quadratic, and its energy changes with time too.
+    let late = c.time.is_some_and(|t| pool.contains(g.energy, t));
+    if let ([only], [s], false) = (&g.states[..], &symbols[..], late) {
+        let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
+        return vec![pool.difference(g.energy, *s, x, d)];
+    }
+    if g.coenergy.iter().all(|z| pool.affine(*z, &symbols).is_some_and(|(linear, _)| {
+        linear.iter().all(|(_, k)| !pool.contains_any(*k, &|s| symbols.contains(&s)))
+    })) {
+        return g.coenergy.iter().map(|z| pool.substitute(*z, middle)).collect();
+    }
+    let half = pool.ratio(1, 2);
+    let ends: Vec<Expr> = g
+        .states
+        .iter()
+        .map(|s| {
+            let (x, d) = (pool.var(c.states[*s].symbol), pool.var(c.delta[*s]));
+            pool.add(x, d)
+        })
+        .collect();
+    (0..g.states.len())
+        .map(|i| {
+            let mut quotient = |moved: std::ops::Range<usize>| {
+                let map: FxHashMap<Symbol, Expr> = moved.map(|j| (symbols[j], ends[j])).collect();
+                let energy = pool.substitute(g.energy, &map);
+                let (x, d) = (pool.var(symbols[i]), pool.var(c.delta[g.states[i]]));
+                pool.difference(energy, symbols[i], x, d)
+            };
+            let (up, down) = (quotient(0..i), quotient(i + 1..g.states.len()));
+            let sum = pool.add(up, down);
+            pool.mul(half, sum)
+        })
+        .collect()
+}
+
+/// A storage that follows sources takes the change of its state over the step; the sources give the mean of their ends, so that the
+/// change of its energy, a square, is the work done on it.
+fn follow(c: &Cluster, pool: &mut Pool, form: &Form, map: &mut FxHashMap<Symbol, Expr>) {
+    let (Some(t), Some(h)) = (c.time, c.h) else { return };
+    let (te, he, half) = (pool.var(t), pool.var(h), pool.ratio(1, 2));
+    let later = pool.add(te, he);
+    let mut end: FxHashMap<Symbol, Expr> = FxHashMap::default();
+    for (s, d) in c.states.iter().zip(&c.delta) {
+        let (x, d) = (pool.var(s.symbol), pool.var(*d));
+        end.insert(s.symbol, pool.add(x, d));
+    }
+    end.insert(t, later);
+    for n in &c.nodes {
+        match (n.part, n.how) {
+            (Part::Source(column), Output::Explicit(e)) if c.followed.contains(&column) => {
+                let after = pool.substitute(e, &end);
+                let sum = pool.add(e, after);
+                map.insert(form.column(column).out, pool.mul(half, sum));
+            }
+            (Part::Follower(state), _) => {
+                let after = pool.substitute(state, &end);
+                let change = pool.sub(after, state);
+                map.insert(n.out, pool.div(change, he));
+            }
+            (Part::Source(_) | Part::Resistor(_) | Part::Signal, _) => {}
+        }
+    }
 }
 
 /// The step's unknowns with their residuals: changes of the states, then loops.
@@ -97,7 +162,7 @@ pub(super) fn measures(
 /// Writes the step.
 pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "gonzalez step"));
-    let entries = c.reserve(&model.pool, &mut b, form);
+    let entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let map = midpoint(c, &mut model.pool, form);
@@ -141,7 +206,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         let v = lowering.lower(&model.pool, &mut b, z).map_err(|s| missing(model, s))?;
         b.store(Slot::new(Array::Next, c.states.len() + c.integrals.len() + i), v);
     }
-    write::energies(c, model, &mut b, &next, &entries)?;
+    write::energies(c, model, &mut b, &next, &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     Ok((Stepper { name: "gonzalez", order: 2, passive: true, program, linear: None, glance: None }, entries))
 }

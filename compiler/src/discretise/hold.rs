@@ -58,7 +58,7 @@ fn respond(
     let outs: Vec<Expr> = holds.iter().map(|p| form.input(&mut model.pool, c.ports[*p])).collect();
     // What the step will call for: with a discrete gradient over the step, or at its start (the paper's).
     let over_step = hold != Hold::Lagged && !is_ray;
-    let map = if over_step { gonzalez::midpoint(c, &mut model.pool, form) } else { c.at_instant(form) };
+    let map = if over_step { gonzalez::midpoint(c, &mut model.pool, form) } else { c.at_instant(&mut model.pool, form) };
     let flat = c.flat(&mut model.pool, map);
     let (mut unknowns, mut residuals, mut start, mut weight, mut scale) = if over_step {
         let (unknowns, residuals) = gonzalez::system(c, &mut model.pool, &flat);
@@ -123,8 +123,8 @@ fn respond(
     }
     // What the sources of the region are foretold to put in: the budget may spend it.
     let mut supplied = b.number(0.0);
-    for node in c.nodes.iter().filter(|n| n.is_source) {
-        let (z, i) = (model.pool.var(node.out), form.input(&mut model.pool, node.column));
+    for column in c.nodes.iter().filter_map(|n| n.source()) {
+        let (z, i) = (model.pool.var(form.column(column).out), form.input(&mut model.pool, column));
         let power = model.pool.mul(z, i);
         let power = model.pool.substitute(power, &flat);
         let p = lowering.lower(&model.pool, &mut b, power).map_err(|s| missing(model, s))?;

@@ -23,7 +23,7 @@ pub(super) fn outputs(
     lowering: &mut Lowering,
     guesses: &[bond_runtime::ir::Value],
 ) -> Result<FxHashMap<Symbol, Expr>, Vec<Diagnostic>> {
-    let map = c.at_instant(form);
+    let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
     let residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
@@ -58,7 +58,7 @@ pub(super) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Prog
 
 /// Writes the guards of a cluster's laws; `None` where no law switches on something that the states and the time tell.
 pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<Program>, Vec<Diagnostic>> {
-    let map = c.at_instant(form);
+    let map = c.at_instant(&mut model.pool, form);
     let mut roots: Vec<Expr> = map.values().copied().collect();
     let flat = c.flat(&mut model.pool, map);
     roots.extend(flat.values().copied());

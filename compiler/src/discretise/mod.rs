@@ -9,6 +9,7 @@ mod instant;
 mod jump;
 mod probes;
 mod ray;
+mod start;
 mod write;
 
 use crate::Options;
@@ -161,6 +162,7 @@ fn input_of(model: &Model, s: Symbol) -> Option<usize> {
             | Signal::State(_)
             | Signal::Integral(_)
             | Signal::Argument(_)
+            | Signal::Parameter(_)
             | Signal::Memory(_),
         )
         | None => None,

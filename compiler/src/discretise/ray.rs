@@ -17,7 +17,7 @@ use rustc_hash::FxHashMap;
 /// Writes the step.
 pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "ray step"));
-    let mut entries = c.reserve(&model.pool, &mut b, form);
+    let mut entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let flat = instant::outputs(c, model, form, &mut b, &mut lowering, &inputs.guesses)?;
@@ -164,7 +164,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         let v = lowering.lower(&model.pool, &mut b, z).map_err(|s| missing(model, s))?;
         b.store(Slot::new(Array::Next, n + c.integrals.len() + i), v);
     }
-    write::energies(c, model, &mut b, &next, &entries)?;
+    write::energies(c, model, &mut b, &next, &inputs, &entries)?;
     // What a leap missed: H+ - target where there was one.
     let mut at = Lowering::new(c.states.iter().map(|s| s.symbol).zip(next.iter().copied()));
     let after = at.lower(&model.pool, &mut b, total).map_err(|s| missing(model, s))?;
@@ -186,7 +186,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
 /// The state where a storage's energy is least, near where it starts: by walking down and Newton's method.
 fn minimum(model: &mut Model, g: &super::cluster::Group, c: &Cluster, state: usize) -> f64 {
     if g.states.len() > 1 {
-        return 0.0; // merged storages have a quadratic energy
+        return lowest(model, g, c, state);
     }
     let symbol = c.states[state].symbol;
     let Some(&slope) = g.coenergy.first() else { return 0.0 };
@@ -208,4 +208,39 @@ fn minimum(model: &mut Model, g: &super::cluster::Group, c: &Cluster, state: usi
         x -= d;
     }
     if x.is_finite() { x } else { 0.0 }
+}
+
+/// One coordinate of the state of least energy of several: down along one after the other.
+fn lowest(model: &mut Model, g: &super::cluster::Group, c: &Cluster, state: usize) -> f64 {
+    let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
+    let mut x: Vec<f64> = vec![0.0; symbols.len()];
+    let value = |model: &Model, e: Expr, x: &[f64]| {
+        model.pool.eval(e, &|s| symbols.iter().position(|t| *t == s).map_or(0.0, |i| x[i]))
+    };
+    let flat = |model: &Model, x: &[f64]| g.coenergy.iter().all(|z| value(model, *z, x) == 0.0);
+    if !flat(model, &x) {
+        x = g.states.iter().map(|s| c.states[*s].initial).collect();
+        let slopes: Vec<Expr> =
+            g.coenergy.iter().zip(&symbols).map(|(z, s)| model.pool.derivative(*z, *s)).collect();
+        for _ in 0..500 {
+            let before = x.clone();
+            for i in 0..x.len() {
+                let mut d = value(model, g.coenergy[i], &x) / value(model, slopes[i], &x).abs();
+                let h = value(model, g.energy, &x);
+                let from = x[i];
+                while d.is_finite() && d != 0.0 && d.abs() > 1e-16 * from.abs() {
+                    x[i] = from - d;
+                    if value(model, g.energy, &x) <= h {
+                        break;
+                    }
+                    x[i] = from;
+                    d *= 0.5;
+                }
+            }
+            if x == before {
+                break;
+            }
+        }
+    }
+    g.states.iter().position(|s| *s == state).map_or(0.0, |i| if x[i].is_finite() { x[i] } else { 0.0 })
 }

@@ -2,7 +2,7 @@
 
 use super::cluster::{Cluster, Node, missing};
 use crate::expression::{self, Expr, Lowering, Pool, Symbol};
-use crate::model::{Law, Model};
+use crate::model::{Law, Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{self, Array, Builder, Newton, Slot, Unary, Value};
@@ -209,11 +209,16 @@ fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Exp
     if c.loops.is_empty() {
         return Vec::new();
     }
-    let map = c.at_instant(form);
+    let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
     let mut list = Vec::new();
     for z in &c.loops {
-        let node = c.nodes.iter().find(|n| n.out == *z);
+        let node = c.nodes.iter().find(|n| n.unknown() == *z);
+        if let Some(Output::Curve { weight, .. }) = node.map(|n| n.how) {
+            let weight = model.pool.substitute(weight, &flat);
+            list.push(model.pool.mul(h, weight));
+            continue;
+        }
         let Some((slope, forward)) = node.and_then(|n| slope(model, form, &flat, n)) else {
             list.push(model.pool.int(0));
             continue;
@@ -226,7 +231,7 @@ fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Exp
 
 /// Whether a column is a resistor whose law is not linear: what that gives at one end of a step says nothing of the step.
 fn is_steep(model: &Model, form: &Form, column: ColumnId) -> bool {
-    matches!(&model.element(form.column(column).element).law, Law::Resistor(r) if r.linear.is_none())
+    matches!(&model.element(form.column(column).element).law, Law::Resistor(r) if r.linear.is_none() && r.row.is_none())
 }
 
 /// Sum of the magnitudes of the terms of a column's input, in terms of states and loops.
@@ -287,7 +292,7 @@ pub(super) fn scales(
     for (z, guess) in c.loops.iter().zip(guesses) {
         lowering.bind(*z, *guess);
     }
-    let map = c.at_instant(form);
+    let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
     let mut list: Vec<(Value, Expr)> = Vec::new();
     if let Some(h) = h {
@@ -302,8 +307,15 @@ pub(super) fn scales(
     }
     for (z, guess) in c.loops.iter().zip(guesses) {
         let mut size = model.pool.int(0);
-        if let Some(node) = c.nodes.iter().find(|n| n.out == *z && !n.is_source && !is_steep(model, form, n.column)) {
-            let t = terms(model, form, &flat, node.column);
+        let node = c.nodes.iter().find(|n| n.unknown() == *z);
+        if let Some(Output::Curve { bare: true, .. }) = node.map(|n| n.how) {
+            size = model.pool.int(1);
+        } else if let Some(Output::Curve { .. }) = node.map(|n| n.how) {
+            // Of an exponential's argument only itself says what a small change is: the slope changes too fast.
+        } else if let Some((node, column)) = node.and_then(|n| Some((n, n.resistor()?)))
+            && !is_steep(model, form, column)
+        {
+            let t = terms(model, form, &flat, column);
             if let Some((slope, forward)) = slope(model, form, &flat, node) {
                 size = if forward { model.pool.mul(t, slope) } else { model.pool.div(t, slope) };
             }
@@ -321,8 +333,9 @@ pub(super) fn scales(
 
 /// The slope of a resistor's law where it works, in terms of states and loops, and whether it runs forward.
 fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &Node) -> Option<(Expr, bool)> {
-    let Law::Resistor(law) = &model.element(form.column(node.column).element).law else { return None };
-    let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(node.column).gives);
+    let column = node.resistor()?;
+    let Law::Resistor(law) = &model.element(form.column(column).element).law else { return None };
+    let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(column).gives);
     if model.pool.symbols(output).iter().any(|s| *s != argument) {
         // A law that reads signals: its residual is in terms of states and outputs already.
         let Output::Implicit(residual) = node.how else { return None };
@@ -330,7 +343,7 @@ fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &
         return Some((model.pool.substitute(slope, flat), false));
     }
     let slope = model.pool.derivative(output, argument);
-    let at = if forward { form.input(&mut model.pool, node.column) } else { model.pool.var(node.out) };
+    let at = if forward { form.input(&mut model.pool, column) } else { model.pool.var(node.out) };
     let at = model.pool.substitute(at, flat);
     let map: FxHashMap<Symbol, Expr> = std::iter::once((argument, at)).collect();
     let slope = model.pool.substitute(slope, &map);
@@ -377,22 +390,46 @@ pub(super) fn ledger(
         b.store(Slot::new(Array::Output, i), v);
     }
     for e in entries {
-        let (inputs, resistors) = c.entry_columns(form, e.region);
-        for ((_, slot), column) in e.supplied.iter().zip(&inputs) {
+        let accounts = c.accounts(model, form, e.region);
+        for ((_, slot), column) in e.supplied.iter().zip(&accounts.supplied) {
             let (z, i) = (value(model, b, lowering, *column, true)?, value(model, b, lowering, *column, false)?);
             let p = b.mul(z, i);
             let w = b.mul(h, p);
             let w = b.unary(Unary::Neg, w);
             b.store(Slot::new(Array::Output, *slot), w);
         }
-        for ((_, slot), column) in e.dissipated.iter().zip(&resistors) {
-            let (z, i) = (value(model, b, lowering, *column, true)?, value(model, b, lowering, *column, false)?);
-            let p = b.mul(z, i);
+        for ((_, slot), columns) in e.dissipated.iter().zip(&accounts.dissipated) {
+            let mut sum = None;
+            for column in columns {
+                let (z, i) = (value(model, b, lowering, *column, true)?, value(model, b, lowering, *column, false)?);
+                let p = b.mul(z, i);
+                sum = Some(sum.map_or(p, |s| b.add(s, p)));
+            }
+            let p = sum.unwrap_or_else(|| b.number(0.0));
             let w = b.mul(h, p);
+            b.store(Slot::new(Array::Output, *slot), w);
+        }
+        for ((_, slot), columns) in e.produced.iter().zip(&accounts.produced) {
+            let mut sum = b.number(0.0);
+            for column in columns {
+                let s = flow(model, form, *column);
+                let s = model.pool.substitute(s, flat);
+                let s = lowering.lower(&model.pool, b, s).map_err(|s| missing(model, s))?;
+                sum = b.sub(sum, s);
+            }
+            let w = b.mul(h, sum);
             b.store(Slot::new(Array::Output, *slot), w);
         }
     }
     Ok(())
+}
+
+/// The flow into a column's element.
+pub(super) fn flow(model: &mut Model, form: &Form, column: ColumnId) -> Expr {
+    match form.column(column).gives {
+        Variable::Flow => model.pool.var(form.column(column).out),
+        Variable::Effort => form.input(&mut model.pool, column),
+    }
 }
 
 /// Stores H of each region at given values of the states.
@@ -401,19 +438,36 @@ pub(super) fn energies(
     model: &mut Model,
     b: &mut Builder,
     states: &[Value],
+    inputs: &Inputs,
     entries: &[Entries],
 ) -> Result<(), Vec<Diagnostic>> {
-    let mut at = Lowering::new(c.states.iter().map(|s| s.symbol).zip(states.iter().copied()));
+    let mut at = Lowering::new(inputs.env.iter().copied());
+    for (s, x) in c.states.iter().zip(states) {
+        at.bind(s.symbol, *x);
+    }
+    // The energy of what follows a source depends on the time.
+    let mut end: FxHashMap<Symbol, Expr> = FxHashMap::default();
+    if let (Some(t), Some(h)) = (c.time, c.h) {
+        let (te, he) = (model.pool.var(t), model.pool.var(h));
+        end.insert(t, model.pool.add(te, he));
+    }
     for (e, r) in entries.iter().zip(&c.regions) {
         let h = c.energy(&mut model.pool, *r);
-        let v = at.lower(&model.pool, b, h).map_err(|s| missing(model, s))?;
+        let later = model.pool.substitute(h, &end);
+        let v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
         b.store(Slot::new(Array::Output, e.energy), v);
+        if let Some(slot) = e.before {
+            let mut start = Lowering::new(inputs.env.iter().copied());
+            let v = start.lower(&model.pool, b, h).map_err(|s| missing(model, s))?;
+            b.store(Slot::new(Array::Output, slot), v);
+        }
         if e.size == e.energy {
             continue;
         }
         let mut size = b.number(0.0);
         for g in c.groups.iter().filter(|g| g.region == *r) {
-            let v = at.lower(&model.pool, b, g.energy).map_err(|s| missing(model, s))?;
+            let later = model.pool.substitute(g.energy, &end);
+            let v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
             let v = b.unary(Unary::Abs, v);
             size = b.add(size, v);
         }

@@ -287,33 +287,12 @@ impl<'a> Elaborator<'a> {
         over
     }
 
-    fn not_yet(&mut self, span: Span, what: &str, help: &str) {
-        self.errors.push(
-            Diagnostic::error(
-                "elaborate::not_yet",
-                span,
-                format!("{what} is not there yet: this version of bond reads it but cannot run it"),
-            )
-            .help(help),
-        );
-    }
-
     fn element(&mut self, e: &'a Decl_, scope: ScopeId, sampling: Option<usize>) {
         let instance = self.scopes[scope].instance;
         let Some(key) = self.key(&e.name.text, &e.index, scope) else { return };
         let name = self.full_name(instance, &key);
-        if !e.ports.is_empty() {
-            self.declare(instance, key, Entity::Missing, e.name.span);
-            self.not_yet(
-                e.span,
-                &format!("the multiport field `{}`", e.kind.text),
-                "build it from 1-port elements and junctions where that is possible",
-            );
-            return;
-        }
-        if matches!(e.kind.text.as_str(), "RS" | "IC") {
-            self.declare(instance, key, Entity::Missing, e.name.span);
-            self.not_yet(e.span, &format!("`{}`", e.kind.text), "an `R` dissipates without a thermal port");
+        if !e.ports.is_empty() || matches!(e.kind.text.as_str(), "RS" | "IC") {
+            self.field(e, key, name, scope, sampling);
             return;
         }
         let Some(kind) = element::ALL.iter().find(|(n, _)| *n == e.kind.text).map(|k| k.1) else {
@@ -338,8 +317,86 @@ impl<'a> Elaborator<'a> {
         }
         let id = ElementId(self.elements.len() as u32);
         if self.declare(instance, key, Entity::Element(id), e.name.span) {
-            self.elements.push(Decl { name, kind, ast: Some(e), scope, sampling, span: e.kind.span.to(e.name.span) });
+            let span = e.kind.span.to(e.name.span);
+            self.elements.push(Decl { name, kind, ast: Some(e), scope, sampling, span, field: None });
         }
+    }
+
+    /// Declares a multiport field: each of its ports is an element.
+    fn field(&mut self, e: &'a Decl_, key: String, name: String, scope: ScopeId, sampling: Option<usize>) {
+        let instance = self.scopes[scope].instance;
+        let kind = e.kind.text.as_str();
+        let mut wrong = |span, what: String, help: &str| {
+            self.errors.push(Diagnostic::error("elaborate::field_ports", span, what).help(help));
+        };
+        let mut sound = true;
+        let (example, kinds): (_, Vec<Option<Kind>>) = match kind {
+            "C" => ("`C(x, y):plate { H = ... }`", e.ports.iter().map(|_| Some(Kind::C)).collect()),
+            "I" => ("`I(a, b):coils { H = ... }`", e.ports.iter().map(|_| Some(Kind::I)).collect()),
+            "R" => ("`R(a, b):pair { a.e = ...; b.e = ... }`", e.ports.iter().map(|_| Some(Kind::R)).collect()),
+            "RS" => ("`RS(r, th):heater = 10 Ohm`", e.ports.iter().map(|_| Some(Kind::R)).collect()),
+            "IC" => {
+                let of = |n: &Name| match n.text.as_str() {
+                    "I" => Some(Kind::I),
+                    "C" => Some(Kind::C),
+                    _ => None,
+                };
+                ("`IC(I p, C q):arm { H = ... }`", e.ports.iter().map(|p| p.kind.as_ref().and_then(of)).collect())
+            }
+            _ => ("C, I, IC, R and RS", vec![]),
+        };
+        if kinds.is_empty() && !e.ports.is_empty() {
+            wrong(e.kind.span, format!("`{name}` (a `{kind}`) takes no list of ports"), &format!("the fields are {example}"));
+            sound = false;
+        } else if e.ports.is_empty() || (kind == "RS" && e.ports.len() != 2) {
+            let what = if kind == "RS" { "two ports, the resistor's and the thermal one" } else { "its ports named" };
+            wrong(e.kind.span, format!("`{name}` (a `{kind}`) needs {what}"), &format!("write {example}"));
+            sound = false;
+        }
+        for (i, (p, k)) in e.ports.iter().zip(&kinds).enumerate() {
+            if k.is_none() || (kind != "IC" && p.kind.is_some()) {
+                let what = if kind == "IC" { "is neither `I` nor `C`" } else { "has a kind of its own" };
+                wrong(p.name.span, format!("the port `{}` of `{name}` {what}", p.name.text), &format!("write {example}"));
+                sound = false;
+            }
+            if e.ports[..i].iter().any(|q| q.name.text == p.name.text) {
+                wrong(p.name.span, format!("`{name}` has two ports `{}`", p.name.text), "rename one of them");
+                sound = false;
+            }
+        }
+        if !e.args.is_empty() {
+            wrong(e.span, format!("`{name}` is a field, and takes no arguments in parentheses"), "give fields in braces");
+            sound = false;
+        }
+        if e.active && kind != "R" {
+            wrong(e.span, format!("`{name}` cannot be active: only an `R` can"), "take `active` away");
+            sound = false;
+        }
+        if !sound {
+            self.declare(instance, key, Entity::Missing, e.name.span);
+            return;
+        }
+        let field = self.fields.len();
+        if !self.declare(instance, key, Entity::Field(field), e.name.span) {
+            return;
+        }
+        let span = e.kind.span.to(e.name.span);
+        let mut members = Vec::new();
+        for (place, (p, kind)) in e.ports.iter().zip(kinds).enumerate() {
+            let Some(kind) = kind else { continue };
+            members.push(ElementId(self.elements.len() as u32));
+            self.elements.push(Decl {
+                name: format!("{name}.{}", p.name.text),
+                kind,
+                ast: Some(e),
+                scope,
+                sampling,
+                span,
+                field: Some((field, place)),
+            });
+        }
+        let ports = e.ports.iter().map(|p| p.name.text.clone()).collect();
+        self.fields.push(super::FieldDecl { name, ast: e, ports, members });
     }
 
     fn instance_or_unknown(
@@ -398,7 +455,8 @@ impl<'a> Elaborator<'a> {
             // An open port of the scene is an element of its own.
             let id = ElementId(self.elements.len() as u32);
             if self.declare(instance, name.text.clone(), Entity::Element(id), name.span) {
-                self.elements.push(Decl { name: full, kind: Kind::Port, ast: None, scope, sampling, span: name.span });
+                let span = name.span;
+                self.elements.push(Decl { name: full, kind: Kind::Port, ast: None, scope, sampling, span, field: None });
                 self.open_ports.push((id, fields, scope));
             }
             return;
@@ -567,6 +625,7 @@ impl<'a> Elaborator<'a> {
                         );
                         None
                     }
+                    Entity::Field(f) => self.bare_field(f, e.span),
                     Entity::Port(_)
                     | Entity::Param(_)
                     | Entity::Let(_)
@@ -609,8 +668,24 @@ impl<'a> Elaborator<'a> {
                 ));
                 None
             }
+            Entity::Field(f) => self.bare_field(f, path.span),
             Entity::Missing => None,
         }
+    }
+
+    /// A bond ends at a port of a field, not at the field.
+    fn bare_field(&mut self, field: usize, at: Span) -> Option<(RawEnd, String)> {
+        let f = &self.fields[field];
+        let list: Vec<String> = f.ports.iter().map(|p| format!("`{}.{p}`", f.ast.name.text)).collect();
+        self.errors.push(
+            Diagnostic::error(
+                "elaborate::end",
+                at,
+                format!("`{}` is a field, and a bond ends at one of its ports", f.name),
+            )
+            .help(format!("its ports are {}", list.join(", "))),
+        );
+        None
     }
 
     fn port_names(&self, instance: usize) -> Vec<String> {
@@ -636,6 +711,21 @@ impl<'a> Elaborator<'a> {
             match entity {
                 Entity::Instance(inner) => at = inner,
                 Entity::Missing => return None,
+                Entity::Field(f) => {
+                    let next = &path.segments[i + 1];
+                    let place = self.fields[f].ports.iter().position(|p| *p == next.name.text);
+                    if let (Some(place), true) = (place, i + 2 == path.segments.len() && next.index.is_empty()) {
+                        let key = format!("{key}.{}", next.name.text);
+                        return Some((at, key, Entity::Element(self.fields[f].members[place]), span));
+                    }
+                    let list = self.fields[f].ports.join(", ");
+                    self.errors.push(
+                        Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.name.text))
+                            .label(span, "is declared here")
+                            .help(format!("its ports are {list}")),
+                    );
+                    return None;
+                }
                 Entity::Element(_)
                 | Entity::Port(_)
                 | Entity::Param(_)

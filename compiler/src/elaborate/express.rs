@@ -34,7 +34,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// The words of an expression, for messages.
-    pub(super) fn words(&self, e: &ast::Expr) -> String {
+    pub(crate) fn words(&self, e: &ast::Expr) -> String {
         let text = self.sources.slice(e.span).split_whitespace().collect::<Vec<_>>().join(" ");
         if text.chars().count() > 60 { format!("{}...", text.chars().take(57).collect::<String>()) } else { text }
     }
@@ -401,6 +401,14 @@ impl<'a> Elaborator<'a> {
 
     fn path(&mut self, path: &'a ast::Path, scope: ScopeId) -> Option<Typed> {
         let first = &path.segments[0];
+        // The pair of a port, in the law of a field: `a.f`.
+        if let [port, variable] = &path.segments[..]
+            && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| {
+                n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str()))
+            })
+        {
+            return Some(t.clone());
+        }
         if path.segments.len() == 1 && first.index.is_empty() {
             if let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == first.name.text) {
                 return Some(t.clone());
@@ -424,6 +432,7 @@ impl<'a> Elaborator<'a> {
                         | Entity::Port(_)
                         | Entity::Param(_)
                         | Entity::Bond(_)
+                        | Entity::Field(_)
                         | Entity::Missing,
                     )
                     | None => {}
@@ -469,6 +478,7 @@ impl<'a> Elaborator<'a> {
                     );
                 }
                 Entity::Element(id) => return self.element_signal(id, rest, path.span),
+                Entity::Field(f) => return self.field_signal(f, rest, path.span),
                 Entity::Port(p) => {
                     let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
                     let shown = self.ports[p].name.clone();
@@ -612,6 +622,45 @@ impl<'a> Elaborator<'a> {
         }
     }
 
+    /// `arm.p1`, the state; `arm.p1.e`; `arm.H`.
+    fn field_signal(&mut self, field: usize, rest: &'a [ast::Segment], span: Span) -> Option<Typed> {
+        let f = &self.fields[field];
+        let name = f.name.clone();
+        if let [port, rest @ ..] = rest
+            && let Some(place) = f.ports.iter().position(|p| *p == port.name.text)
+        {
+            let id = f.members[place];
+            let kind = self.elements[id.at()].kind;
+            if !rest.is_empty() || self.mode == Mode::Constant || !matches!(kind, Kind::C | Kind::I) {
+                return self.element_signal(id, rest, span);
+            }
+            return self.state_signal(id);
+        }
+        let first = f.members.first().copied()?;
+        if let ([h], Kind::C | Kind::I) = (rest, self.elements[first.at()].kind)
+            && h.name.text == "H"
+        {
+            return self.element_signal(first, rest, span);
+        }
+        let list = f.ports.join(", ");
+        self.wrong(
+            "elaborate::signal",
+            span,
+            format!("`{}` is no signal", self.sources.slice(span)),
+            &format!("`{name}` is a field: name one of its ports, {list}, and then .e or .f"),
+        )
+    }
+
+    /// The state of a storage.
+    fn state_signal(&mut self, id: ElementId) -> Option<Typed> {
+        let bond = self.bonds_of.get(id.at()).and_then(|b| b.first().copied())?;
+        let symbol = self.signal(Signal::State(id));
+        let d = self.domain_of[bond.at()];
+        let is_c = self.elements[id.at()].kind == Kind::C;
+        let other = if is_c { Inference::flow(d) } else { Inference::effort(d) };
+        Some(Typed { expr: self.pool.var(symbol), unit: other.mul(&Unit::known(Dimension::SECOND)) })
+    }
+
     fn element_signal(&mut self, id: ElementId, rest: &'a [ast::Segment], span: Span) -> Option<Typed> {
         let decl = &self.elements[id.at()];
         let (name, kind) = (decl.name.clone(), decl.kind);
@@ -626,13 +675,7 @@ impl<'a> Elaborator<'a> {
         let words: Vec<&str> = rest.iter().map(|s| s.name.text.as_str()).collect();
         let bond = self.bonds_of.get(id.at()).and_then(|b| b.first().copied());
         match (kind, &words[..]) {
-            (Kind::C, ["q"]) | (Kind::I, ["p"]) => {
-                let bond = bond?;
-                let symbol = self.signal(Signal::State(id));
-                let d = self.domain_of[bond.at()];
-                let other = if kind == Kind::C { Inference::flow(d) } else { Inference::effort(d) };
-                Some(Typed { expr: self.pool.var(symbol), unit: other.mul(&Unit::known(Dimension::SECOND)) })
-            }
+            (Kind::C, ["q"]) | (Kind::I, ["p"]) if decl.field.is_none() => self.state_signal(id),
             (Kind::C | Kind::I, ["H"]) => {
                 let bond = bond?;
                 let expr = self.energy(id)?;
@@ -651,6 +694,7 @@ impl<'a> Elaborator<'a> {
             ) => self.bond_signal(bond, &name, rest, span),
             _ => {
                 let has = match kind {
+                    Kind::C | Kind::I if decl.field.is_some() => "the state under its own name, and .e .f .P",
                     Kind::C => ".e .f .P .q .H",
                     Kind::I => ".e .f .P .p .H",
                     Kind::Zero => ".e, its common effort; the flows are those of its bonds",
@@ -727,13 +771,18 @@ impl<'a> Elaborator<'a> {
             Signal::Flow(b) => format!("{}.f", self.bond_word(b)),
             Signal::State(id) => {
                 let decl = &self.elements[id.at()];
-                format!("{}.{}", decl.name, if decl.kind == Kind::I { 'p' } else { 'q' })
+                match (decl.field, decl.kind) {
+                    (Some(_), _) => decl.name.clone(),
+                    (None, Kind::I) => format!("{}.p", decl.name),
+                    (None, _) => format!("{}.q", decl.name),
+                }
             }
             Signal::Integral(i) => format!("integral[{i}]"),
             Signal::Input(i) => self.inputs[i].name.clone(),
             Signal::Slope(i) => format!("slope({})", self.inputs[i].name),
             Signal::Memory(i) => self.memories[i].name.clone(),
             Signal::Argument(id) => self.elements[id.at()].name.clone(),
+            Signal::Parameter(id) => format!("{}.s", self.elements[id.at()].name),
         };
         let symbol = self.pool.symbol(&name);
         self.signals.insert(symbol, signal);

@@ -3,7 +3,7 @@
 use super::{Elaborator, Inference, Mode, Typed, Unit};
 use crate::Options;
 use crate::expression::Expr;
-use crate::model::{BondId, Element, ElementId, Input, Kind, Law, Memory, Model, Parameter, Probe, Signal};
+use crate::model::{BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, Parameter, Probe, Signal};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -66,6 +66,11 @@ impl<'a> Elaborator<'a> {
             pool: self.pool,
             elements: laws.into_iter().flatten().collect(),
             bonds: self.bonds,
+            fields: self
+                .fields
+                .into_iter()
+                .map(|f| Field { name: f.name, members: f.members, span: f.ast.kind.span.to(f.ast.name.span) })
+                .collect(),
             samplings: self.samplings,
             integrals: self.integrals,
             inputs,
@@ -109,7 +114,9 @@ impl<'a> Elaborator<'a> {
         let decl = &self.elements[id.at()];
         let (kind, ast, scope, span) = (decl.kind, decl.ast, decl.scope, decl.span);
         let bonds = self.bonds_of.get(id.at()).cloned().unwrap_or_default();
+        let field = decl.field;
         let law = match (kind, ast) {
+            (_, Some(_)) if field.is_some() => self.field_law(id, field?.0, scope)?,
             (Kind::Zero | Kind::One, Some(ast)) => {
                 self.no_value(ast, "a junction");
                 Law::Junction
@@ -152,7 +159,7 @@ impl<'a> Elaborator<'a> {
         };
         let decl = &self.elements[id.at()];
         let active = ast.is_some_and(|a| a.active);
-        Some(Element { name: decl.name.clone(), kind, law, sampling: decl.sampling, active, span })
+        Some(Element { name: decl.name.clone(), kind, law, sampling: decl.sampling, active, span, field })
     }
 
     fn no_value(&mut self, ast: &ast::Element, what: &str) {

@@ -49,6 +49,8 @@ enum Entity {
     Bond(usize),
     Input(usize),
     Memory(usize),
+    /// A multiport field.
+    Field(usize),
     /// Declared, but wrong: said already.
     Missing,
 }
@@ -105,6 +107,16 @@ pub(crate) struct Decl<'a> {
     pub(crate) scope: usize,
     pub(crate) sampling: Option<usize>,
     pub(crate) span: Span,
+    /// The field that it is a port of, and which one.
+    pub(crate) field: Option<(usize, usize)>,
+}
+
+/// A multiport field: what its ports are called, and the elements that they are.
+pub(crate) struct FieldDecl<'a> {
+    pub(crate) name: String,
+    pub(crate) ast: &'a ast::Element,
+    pub(crate) ports: Vec<String>,
+    pub(crate) members: Vec<ElementId>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -143,7 +155,8 @@ pub(crate) struct Elaborator<'a> {
     scopes: Vec<Scope>,
     params: Vec<Param<'a>>,
     lets: Vec<Let<'a>>,
-    elements: Vec<Decl<'a>>,
+    pub(crate) elements: Vec<Decl<'a>>,
+    pub(crate) fields: Vec<FieldDecl<'a>>,
     open_ports: Vec<(ElementId, &'a [ast::Field], ScopeId)>,
     ports: Vec<PortDecl>,
     raw_bonds: Vec<RawBond>,
@@ -157,7 +170,7 @@ pub(crate) struct Elaborator<'a> {
     bonds: Vec<Bond>,
     /// The flat bond of each raw one.
     merged: Vec<Option<BondId>>,
-    bonds_of: Vec<Vec<BondId>>,
+    pub(crate) bonds_of: Vec<Vec<BondId>>,
     domain_of: Vec<usize>,
     pub(crate) equations: Vec<Equation>,
     signals: FxHashMap<Symbol, Signal>,
@@ -166,7 +179,7 @@ pub(crate) struct Elaborator<'a> {
     inputs: Vec<signal::Given<'a>>,
     memories: Vec<signal::Remembered<'a>>,
     /// Names that mean something only in the law that is being read: `q`, `f`.
-    pub(crate) locals: Vec<(&'static str, Typed)>,
+    pub(crate) locals: Vec<(String, Typed)>,
     mode: Mode,
     extremes: Vec<(Symbol, Expr, bool)>,
     energies: Vec<Option<Expr>>,
@@ -220,6 +233,7 @@ pub fn elaborate(
         params: vec![],
         lets: vec![],
         elements: vec![],
+        fields: vec![],
         open_ports: vec![],
         ports: vec![],
         raw_bonds: vec![],

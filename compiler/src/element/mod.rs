@@ -1,5 +1,6 @@
 //! What each kind of element takes: its fields, its law, its units.
 
+mod field;
 mod fields;
 mod resistor;
 mod source;

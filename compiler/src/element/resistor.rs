@@ -2,7 +2,7 @@
 
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Inference, Typed};
-use crate::model::{BondId, ElementId, Resistor, Variable};
+use crate::model::{BondId, Curve, ElementId, Resistor, Variable};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 
@@ -16,6 +16,9 @@ impl<'a> Elaborator<'a> {
         bond: BondId,
     ) -> Option<Resistor> {
         let name = ast.name.text.clone();
+        if let Some(curve) = self.curve(id, ast, scope, bond) {
+            return curve;
+        }
         let fields = Fields::read(self, ast, "resistance", &["resistance", "conductance", "e", "f"], &[])?;
         let d = self.bond_domain(bond);
         let (effort, flow) = (Inference::effort(d), Inference::flow(d));
@@ -42,7 +45,7 @@ impl<'a> Elaborator<'a> {
                 Variable::Effort => ("f", flow, effort),
                 Variable::Flow => ("e", effort, flow),
             };
-            self.locals.push((local, Typed { expr: x, unit: own }));
+            self.locals.push((local.to_string(), Typed { expr: x, unit: own }));
             let typed = self.with_signals(value, scope);
             self.locals.pop();
             let typed = typed?;
@@ -72,6 +75,84 @@ impl<'a> Elaborator<'a> {
             );
             return None;
         }
-        Some(Resistor { argument, output, gives, linear, dissipative })
+        Some(Resistor { argument, output, gives, curve: None, row: None, linear, dissipative })
+    }
+
+    /// A law that is a curve, `{ e = ...; f = ... }` in a bare number `s`: an ideal diode, a switch, friction that sticks. Both
+    /// must rise with `s` where they move. `None` where the law is none.
+    fn curve(
+        &mut self,
+        id: ElementId,
+        ast: &'a ast::Element,
+        scope: usize,
+        bond: BondId,
+    ) -> Option<Option<Resistor>> {
+        let list = ast.fields.as_ref().map(|f| f.0.as_slice()).unwrap_or(&[]);
+        let field = |name: &str| list.iter().find(|f| f.path.len() == 1 && f.path[0].text == name).map(|f| &f.value);
+        let (e, f) = (field("e")?, field("f")?);
+        if list.len() != 2 {
+            return None; // what is too much is said by the fields
+        }
+        Some(self.curve_of(id, ast, scope, bond, (e, f)))
+    }
+
+    fn curve_of(
+        &mut self,
+        id: ElementId,
+        ast: &'a ast::Element,
+        scope: usize,
+        bond: BondId,
+        (e, f): (&'a ast::Expr, &'a ast::Expr),
+    ) -> Option<Resistor> {
+        let name = ast.name.text.clone();
+        let d = self.bond_domain(bond);
+        let parameter = self.signal(crate::model::Signal::Parameter(id));
+        let s = Typed { expr: self.pool.var(parameter), unit: crate::elaborate::Unit::one() };
+        self.locals.push(("s".to_string(), s));
+        let (effort, flow) = (self.with_signals(e, scope), self.with_signals(f, scope));
+        self.locals.pop();
+        let (effort, flow) = (effort?, flow?);
+        self.require((&effort.unit, e.span), Inference::effort(d), None, format!("the effort of `{name}`"), 2);
+        self.require((&flow.unit, f.span), Inference::flow(d), None, format!("the flow of `{name}`"), 2);
+        let (effort, flow) = (effort.expr, flow.expr);
+        let mut verdict = Some(true);
+        for (what, x) in [("effort", effort), ("flow", flow)] {
+            if !self.pool.contains(x, parameter) {
+                self.errors.push(
+                    Diagnostic::error("elaborate::curve", ast.span, format!("the {what} of `{name}` does not depend on `s`"))
+                        .help("give both e and f in the bare number `s`, which runs along the curve; or one of them, in the other"),
+                );
+                return None;
+            }
+            match self.pool.dissipative(x, parameter) {
+                // Both have the sign of s: so the product is not negative.
+                Some(true) => {}
+                None => verdict = None,
+                Some(false) => {
+                    verdict = None;
+                }
+            }
+        }
+        if verdict.is_none() {
+            let power = self.pool.mul(effort, flow);
+            let known = self.pool.symbols(power).iter().all(|x| *x == parameter);
+            let sizes = [1e-6, 1e-3, 0.1, 0.5, 1.0, 1.5, 3.0, 10.0, 1e3, 1e6];
+            let gives = known
+                && sizes.iter().flat_map(|x| [*x, -*x]).any(|x| {
+                    let p = self.pool.eval(power, &|_| x);
+                    p < 0.0 && p.is_finite()
+                });
+            if gives && !ast.active {
+                self.errors.push(
+                    Diagnostic::error("elaborate::law", ast.span, format!("the law of `{name}` gives power: there e f < 0"))
+                        .help("both e and f must have the sign of `s`, or be 0"),
+                );
+                return None;
+            }
+        }
+        let argument = self.argument(id);
+        let curve = Some(Curve { parameter, effort, flow });
+        let output = self.pool.var(argument);
+        Some(Resistor { argument, output, gives: Variable::Effort, curve, row: None, linear: None, dissipative: verdict })
     }
 }

@@ -48,7 +48,7 @@ impl<'a> Elaborator<'a> {
                 let one = self.pool.int(1);
                 self.pool.div(one, typed.expr)
             };
-            self.own_state_only(k, state, value, &name)?;
+            self.own_states_only(k, &[state], value, &name)?;
             let co = self.pool.mul(k, x);
             let half = self.pool.ratio(1, 2);
             let square = self.pool.powi(x, 2);
@@ -56,14 +56,14 @@ impl<'a> Elaborator<'a> {
         } else {
             let (field, energy_given) = if fields.get("H").is_some() { ("H", true) } else { (law_name, false) };
             let value = fields.get(field)?;
-            self.locals.push((state_name, local));
+            self.locals.push((state_name.to_string(), local));
             let typed = self.with_signals(value, scope);
             self.locals.pop();
             let typed = typed?;
             let needed = if energy_given { self.energy_unit(bond) } else { co_unit.clone() };
             let what = if energy_given { "energy" } else { "law" };
             self.require((&typed.unit, value.span), needed, None, format!("the {what} of `{name}`"), 2);
-            self.own_state_only(typed.expr, state, value, &name)?;
+            self.own_states_only(typed.expr, &[state], value, &name)?;
             let (h, co) = if energy_given {
                 (typed.expr, self.pool.derivative(typed.expr, state))
             } else {
@@ -83,7 +83,7 @@ impl<'a> Elaborator<'a> {
             (h, co, linear)
         };
         self.energies_set(id, energy);
-        let bounded = self.is_bounded(energy, state);
+        let bounded = self.is_bounded(energy, &[state]);
         let mut storage = Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded };
         let start = [(if c { "q0" } else { "p0" }, true), (if c { "e0" } else { "f0" }, false)];
         let given: Vec<_> = start.iter().filter_map(|(f, is_state)| Some((fields.get(f)?, *is_state, *f))).collect();
@@ -131,8 +131,8 @@ impl<'a> Elaborator<'a> {
         None
     }
 
-    fn own_state_only(&mut self, e: Expr, state: Symbol, ast: &ast::Expr, name: &str) -> Option<()> {
-        let others: Vec<Symbol> = self.pool.symbols(e).into_iter().filter(|s| *s != state).collect();
+    pub(super) fn own_states_only(&mut self, e: Expr, states: &[Symbol], ast: &ast::Expr, name: &str) -> Option<()> {
+        let others: Vec<Symbol> = self.pool.symbols(e).into_iter().filter(|s| !states.contains(s)).collect();
         let Some(first) = others.first() else { return Some(()) };
         let other = self.pool.name(*first).to_string();
         self.errors.push(
@@ -164,13 +164,21 @@ impl<'a> Elaborator<'a> {
     }
 
     /// Whether H has a lower bound, as far as can be seen: by its sign, else by looking far out and near 0.
-    fn is_bounded(&self, energy: Expr, state: Symbol) -> bool {
+    pub(super) fn is_bounded(&self, energy: Expr, states: &[Symbol]) -> bool {
         if matches!(self.pool.sign(energy, &|_| Sign::Unknown), Sign::Zero | Sign::Positive | Sign::NonNegative) {
             return true;
         }
-        let at = |x: f64| self.pool.eval(energy, &|s| if s == state { x } else { f64::NAN });
+        // In a number of directions; of one state, both ways.
+        let n = states.len();
+        let directions: Vec<Vec<f64>> = (0..if n == 1 { 1 } else { 40 })
+            .map(|k| (0..n).map(|i| if k < n { f64::from(u8::from(i == k)) } else { ((k * 37 + i * 101) % 19) as f64 / 9.0 - 1.0 }).collect())
+            .collect();
+        let at = |x: f64, along: &[f64]| {
+            self.pool.eval(energy, &|s| states.iter().position(|t| *t == s).map_or(f64::NAN, |i| x * along[i]))
+        };
         let least = |xs: &[f64]| {
-            xs.iter().flat_map(|x| [at(*x), at(-*x)]).filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min)
+            let all = xs.iter().flat_map(|x| directions.iter().flat_map(move |d| [at(*x, d), at(-*x, d)]));
+            all.filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min)
         };
         let near = least(&[0.0, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3]);
         let far = least(&[1e-30, 1e-12, 1e-8, 1e5, 1e8, 1e12, 1e30]);

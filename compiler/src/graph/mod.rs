@@ -53,6 +53,10 @@ pub fn build(model: &Model) -> BondGraph {
             pieces.union(bond.tail.at(), bond.head.at());
         }
     }
+    // A field is in one place, though its ports may be of different domains.
+    for pair in model.fields.iter().flat_map(|f| f.members.windows(2)) {
+        pieces.union(pair[0].at(), pair[1].at());
+    }
     let mut number = vec![None; model.elements.len()];
     let mut regions: Vec<Region> = Vec::new();
     let mut region_of = Vec::with_capacity(model.elements.len());

@@ -85,16 +85,19 @@ fn resistors(
     known: &mut FxHashMap<Symbol, Expr>,
 ) -> (Vec<Unknown>, Vec<(Vec<ColumnId>, bool)>) {
     let place: FxHashMap<Symbol, usize> =
-        region.resistors.iter().enumerate().map(|(i, (c, _))| (form.column(*c).out, i)).collect();
+        region.resistors.iter().enumerate().flat_map(|(i, (c, how))| {
+            let out = form.column(*c).out;
+            [(out, i), (how.unknown(out), i)]
+        }).collect();
     let mut needs: Graph<(), ()> = Graph::with_capacity(region.resistors.len(), 0);
     for _ in &region.resistors {
         needs.add_node(());
     }
     let law = |i: usize| match region.resistors[i].1 {
-        Output::Explicit(e) | Output::Implicit(e) => e,
+        Output::Explicit(e) | Output::Implicit(e) | Output::Curve { residual: e, .. } => e,
     };
-    for i in 0..region.resistors.len() {
-        for s in pool.symbols(law(i)) {
+    for (i, (_, how)) in region.resistors.iter().enumerate() {
+        for s in how.expressions().flat_map(|e| pool.symbols(e)) {
             if let Some(&j) = place.get(&s) {
                 needs.add_edge(NodeIndex::new(i), NodeIndex::new(j), ());
             }
@@ -120,8 +123,13 @@ fn resistors(
             None => {
                 for (i, law) in members.iter().zip(laws) {
                     let (c, how) = region.resistors[*i];
-                    let name = format!("{}.{}", names[c.at()], form.column(c).gives.letter());
-                    unknowns.push(Unknown { name, law, root: matches!(how, Output::Implicit(_)) });
+                    let mut name = format!("{}.{}", names[c.at()], form.column(c).gives.letter());
+                    if let Output::Curve { parameter, out, .. } = how {
+                        let law = replace(pool, out, known);
+                        unknowns.push(Unknown { name, law, root: false });
+                        name = pool.name(parameter).to_string();
+                    }
+                    unknowns.push(Unknown { name, law, root: how.is_root() });
                 }
             }
         }

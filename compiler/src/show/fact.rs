@@ -70,7 +70,7 @@ pub(super) fn semidefinite(
         return (verdict, "by its eigenvalues");
     }
     let linear = region.resistors.iter().filter_map(|(c, _)| match &model.element(form.column(*c).element).law {
-        Law::Resistor(r) if r.linear.is_some() => Some(r.dissipative),
+        Law::Resistor(r) if r.linear.is_some() || r.row.is_some() => Some(r.dissipative),
         Law::Resistor(_) | Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
     });
     if linear.into_iter().all(|d| d == Some(true)) {

@@ -82,9 +82,9 @@ fn resistive(model: &mut Model, form: &Form, r: &Region) -> Vec<Value> {
         let Some((left, right)) = name::resistor(model, id) else { continue };
         let e = model.element(id);
         let Law::Resistor(law) = &e.law else { continue };
-        let text = format!("{left} = {}", name::expression(&model.pool, right));
+        let text = format!("{left} = {}", name::expressions(&model.pool, &right));
         list.push(json!(
-            object! { "name": e.name, "law": text, "linear": law.linear.is_some(), "proved": law.dissipative }
+            object! { "name": e.name, "law": text, "linear": law.linear.is_some() || law.row.is_some(), "proved": law.dissipative }
         ));
     }
     list

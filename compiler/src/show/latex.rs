@@ -145,7 +145,9 @@ fn laws(model: &mut Model, form: &Form, r: &Region, names: &[String], text: &mut
         }
     }
     for (c, _) in &r.resistors {
-        lines.extend(name::resistor(model, form.column(*c).element));
+        if let Some((left, right)) = name::resistor(model, form.column(*c).element) {
+            lines.extend(left.split(", ").map(str::to_string).zip(right));
+        }
     }
     let pool = &mut model.pool;
     let lines: Vec<String> = lines

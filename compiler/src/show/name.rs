@@ -2,7 +2,7 @@
 
 use super::Shown;
 use crate::expression::{Expr, Pool};
-use crate::model::{Bond, BondId, Element, ElementId, Kind, Law, Model, Variable};
+use crate::model::{Bond, BondId, Element, ElementId, Kind, Law, Model, Signal, Variable};
 use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
 use bond_grammar::ast::Stroke;
@@ -179,16 +179,28 @@ pub(super) fn port(form: &Form, names: &[String], id: ColumnId) -> Port {
     }
 }
 
-/// The law of a resistor in its own variables: `damper.e = b*damper.f`, and what is right of the sign.
-pub(super) fn resistor(model: &mut Model, id: ElementId) -> Option<(String, Expr)> {
+/// Several expressions, as `a, b`.
+pub(super) fn expressions(pool: &Pool, all: &[Expr]) -> String {
+    all.iter().map(|e| expression(pool, *e)).collect::<Vec<_>>().join(", ")
+}
+
+/// The law of a resistor in its own variables: `damper.e = b*damper.f`, and what is right of the sign. Of a curve, both.
+pub(super) fn resistor(model: &mut Model, id: ElementId) -> Option<(String, Vec<Expr>)> {
     let e = model.element(id);
     let Law::Resistor(r) = e.law.clone() else { return None };
-    let (left, argument) =
-        (format!("{}.{}", e.name, r.gives.letter()), format!("{}.{}", e.name, r.gives.other().letter()));
-    let x = model.pool.symbol(&argument);
-    let x = model.pool.var(x);
-    let map: FxHashMap<_, _> = std::iter::once((r.argument, x)).collect();
-    Some((left, model.pool.substitute(r.output, &map)))
+    if let Some(curve) = r.curve {
+        return Some((format!("{0}.e, {0}.f", e.name), vec![curve.effort, curve.flow]));
+    }
+    let left = format!("{}.{}", e.name, r.gives.letter());
+    let mut map: FxHashMap<_, _> = FxHashMap::default();
+    for s in model.pool.symbols(r.output) {
+        let Some(Signal::Argument(id)) = model.signals.get(&s) else { continue };
+        let Law::Resistor(other) = &model.element(*id).law else { continue };
+        let name = format!("{}.{}", model.element(*id).name, other.gives.other().letter());
+        let x = model.pool.symbol(&name);
+        map.insert(s, model.pool.var(x));
+    }
+    Some((left, vec![model.pool.substitute(r.output, &map)]))
 }
 
 /// The law of an element, in a few words.
@@ -201,6 +213,9 @@ pub(super) fn law(shown: &Shown<'_>, id: ElementId) -> String {
         Law::Source(v) => format!("{} = {}", if e.kind == Kind::Se { "e" } else { "f" }, text(*v)),
         Law::Storage(s) => format!("H = {}", text(s.energy)),
         Law::Resistor(r) => {
+            if let Some(curve) = r.curve {
+                return format!("e = {}, f = {}", text(curve.effort), text(curve.flow));
+            }
             let argument = r.gives.other().letter();
             match r.linear {
                 Some(k) => {

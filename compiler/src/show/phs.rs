@@ -3,7 +3,7 @@
 use super::matrix::{self, Explicit};
 use super::{Shown, equation, fact, name, region, signal, table};
 use crate::model::{Law, Model};
-use crate::structure::{ColumnId, Form, Output, Region, Role};
+use crate::structure::{ColumnId, Form, Region, Role};
 use std::fmt::Write;
 
 /// The form of all regions.
@@ -114,12 +114,14 @@ fn laws(model: &mut Model, form: &Form, r: &Region, names: &[String], text: &mut
             Some(false) => "gives power",
             None => "not proved to take power",
         }];
-        if matches!(how, Output::Implicit(_)) {
+        if law.curve.is_some() {
+            notes.push("a curve, solved in each step");
+        } else if how.is_root() {
             notes.push("solved the other way");
         } else if law.gives != form.column(*c).gives {
             notes.push("inverted");
         }
-        rows.push(vec![left, format!("= {}", name::expression(&model.pool, right)), notes.join(", ")]);
+        rows.push(vec![left, format!("= {}", name::expressions(&model.pool, &right)), notes.join(", ")]);
     }
     if !rows.is_empty() {
         text.push_str("  laws\n");

@@ -1,8 +1,8 @@
 //! The explicit form of a large region: the same formulas as `structure::explicit`, on rows of entries.
 
 use crate::expression::{Expr, Pool};
-use crate::model::{Law, Model};
-use crate::structure::{ColumnId, Form, Output, Region, Row};
+use crate::model::Model;
+use crate::structure::{ColumnId, Form, Region, Row};
 use rustc_hash::FxHashMap;
 use std::collections::BTreeMap;
 
@@ -26,9 +26,10 @@ pub(super) struct Sparse {
 pub(super) fn explicit(model: &mut Model, form: &Form, region: &Region) -> Option<Sparse> {
     let mut inputs = region.inputs.clone();
     let mut linear: Vec<(ColumnId, Expr)> = Vec::new();
-    for (c, how) in &region.resistors {
-        match gain(model, form, *c, *how) {
-            Some(k) => linear.push((*c, k)),
+    for (c, _) in &region.resistors {
+        match region.gains.get(c).map(Vec::as_slice) {
+            Some([(own, k)]) if own == c => linear.push((*c, *k)),
+            Some(_) => return None, // a field of resistors
             None => inputs.push(*c),
         }
     }
@@ -91,16 +92,6 @@ fn put_feed(pool: &Pool, matrices: &mut [Entries; 6], at: (usize, usize), m: Exp
             matrices[k].insert(at, e);
         }
     }
-}
-
-/// Output over input of a linear resistor, in its causality.
-fn gain(model: &mut Model, form: &Form, column: ColumnId, how: Output) -> Option<Expr> {
-    let (Law::Resistor(law), Output::Explicit(_)) = (&model.element(form.column(column).element).law, how) else {
-        return None;
-    };
-    let (k, straight) = (law.linear?, law.gives == form.column(column).gives);
-    let one = model.pool.one();
-    Some(if straight { k } else { model.pool.div(one, k) })
 }
 
 /// A row in which the outputs of resistors are replaced.

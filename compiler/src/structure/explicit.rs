@@ -4,9 +4,9 @@
 //!
 //! with J and M skew and [[R, P], [P^T, S]] >= 0. Resistors with a law that is not linear stay, as inputs of their own.
 
-use super::{ColumnId, Form, Output, Region};
+use super::{ColumnId, Form, Region};
 use crate::expression::{Expr, Pool};
-use crate::model::{Law, Model};
+use crate::model::Model;
 
 /// A matrix of expressions.
 pub type Matrix = Vec<Vec<Expr>>;
@@ -66,30 +66,12 @@ pub fn inverse(pool: &mut Pool, a: &Matrix) -> Option<Matrix> {
     Some(w.into_iter().map(|row| row[n..].to_vec()).collect())
 }
 
-/// The linear gain of a resistor in its causality: output = gain times input.
-pub(crate) fn gain(model: &mut Model, form: &Form, column: ColumnId, how: Output) -> Option<Expr> {
-    let c = form.column(column);
-    let Law::Resistor(law) = &model.element(c.element).law else { return None };
-    let gives = law.gives;
-    let Output::Explicit(_) = how else { return None };
-    let law_linear = law.linear?;
-    Some(if gives == c.gives {
-        law_linear
-    } else {
-        let one = model.pool.int(1);
-        model.pool.div(one, law_linear)
-    })
-}
-
 /// The explicit form; `None` where the loop of the linear resistors is singular or too large to write out.
 pub fn explicit(model: &mut Model, form: &Form, region: &Region) -> Option<Explicit> {
-    let mut linear: Vec<(ColumnId, Expr)> = Vec::new();
+    let mut resistors: Vec<ColumnId> = Vec::new();
     let mut inputs = region.inputs.clone();
-    for (c, how) in &region.resistors {
-        match gain(model, form, *c, *how) {
-            Some(k) => linear.push((*c, k)),
-            None => inputs.push(*c),
-        }
+    for (c, _) in &region.resistors {
+        if region.gains.contains_key(c) { &mut resistors } else { &mut inputs }.push(*c);
     }
     let nonlinear = inputs.len() - region.inputs.len();
     let pool = &mut model.pool;
@@ -98,9 +80,13 @@ pub fn explicit(model: &mut Model, form: &Form, region: &Region) -> Option<Expli
     let block = |rows: &[ColumnId], columns: &[ColumnId]| -> Matrix {
         rows.iter().map(|r| columns.iter().map(|c| form.entry(*r, *c).unwrap_or(zero)).collect()).collect()
     };
-    let resistors: Vec<ColumnId> = linear.iter().map(|l| l.0).collect();
+    let gain = |r: &ColumnId, c: &ColumnId| -> Option<Expr> {
+        region.gains.get(r)?.iter().find(|t| t.0 == *c).map(|t| t.1)
+    };
+    let gains: Matrix =
+        resistors.iter().map(|r| resistors.iter().map(|c| gain(r, c).unwrap_or(zero)).collect()).collect();
     // z_R = N (D_RC z_C + D_RI u) with N = (1 - K D_RR)^-1 K; only resistors in loops make the inverse more than 1.
-    let n = loop_gain(pool, &block(&resistors, &resistors), &linear.iter().map(|l| l.1).collect::<Vec<_>>())?;
+    let n = loop_gain(pool, &block(&resistors, &resistors), &gains)?;
     let (cr, ir) = (block(&states, &resistors), block(&inputs, &resistors));
     let (rc, ri) = (block(&resistors, &states), block(&resistors, &inputs));
     let full = |pool: &mut Pool, direct: Matrix, left: &Matrix, right: &Matrix| {
@@ -181,14 +167,14 @@ fn sum(pool: &mut Pool, a: &Matrix, b: &Matrix) -> Matrix {
 }
 
 /// (1 - K D)^-1 K, taken apart into the resistors that are tied together.
-fn loop_gain(pool: &mut Pool, d: &Matrix, k: &[Expr]) -> Option<Matrix> {
+fn loop_gain(pool: &mut Pool, d: &Matrix, k: &Matrix) -> Option<Matrix> {
     let n = k.len();
     let (zero, one) = (pool.int(0), pool.int(1));
     let mut sets = petgraph::unionfind::UnionFind::<usize>::new(n);
-    for (i, row) in d.iter().enumerate() {
+    for (i, row) in d.iter().chain(k).enumerate() {
         for (j, x) in row.iter().enumerate() {
             if !pool.is_zero(*x) {
-                sets.union(i, j);
+                sets.union(i % n, j);
             }
         }
     }
@@ -196,30 +182,29 @@ fn loop_gain(pool: &mut Pool, d: &Matrix, k: &[Expr]) -> Option<Matrix> {
     let labels: Vec<usize> = (0..n).map(|i| sets.find(i)).collect();
     for root in 0..n {
         let members: Vec<usize> = (0..n).filter(|i| labels[*i] == root).collect();
-        match members[..] {
-            [] => {}
-            [i] if pool.is_zero(d[i][i]) => result[i][i] = k[i],
-            _ if members.len() > 8 => return None,
-            _ => {
-                let a: Matrix = members
-                    .iter()
-                    .map(|&i| {
-                        members
-                            .iter()
-                            .map(|&j| {
-                                let t = pool.mul(k[i], d[i][j]);
-                                let unit = if i == j { one } else { zero };
-                                pool.sub(unit, t)
-                            })
-                            .collect()
-                    })
-                    .collect();
-                let inv = inverse(pool, &a)?;
-                for (p, &i) in members.iter().enumerate() {
-                    for (q, &j) in members.iter().enumerate() {
-                        result[i][j] = pool.mul(inv[p][q], k[j]);
-                    }
+        let part = |m: &Matrix| -> Matrix {
+            members.iter().map(|&i| members.iter().map(|&j| m[i][j]).collect()).collect()
+        };
+        let (own, ties) = (part(k), part(d));
+        let loose = ties.iter().flatten().all(|x| pool.is_zero(*x));
+        let found = if loose {
+            own
+        } else if members.len() > 8 {
+            return None;
+        } else {
+            let mut a = product(pool, &own, &ties);
+            for (i, row) in a.iter_mut().enumerate() {
+                for (j, x) in row.iter_mut().enumerate() {
+                    let unit = if i == j { one } else { zero };
+                    *x = pool.sub(unit, *x);
                 }
+            }
+            let inv = inverse(pool, &a)?;
+            product(pool, &inv, &own)
+        };
+        for (p, &i) in members.iter().enumerate() {
+            for (q, &j) in members.iter().enumerate() {
+                result[i][j] = found[p][q];
             }
         }
     }

@@ -3,13 +3,16 @@
 //! Every element that is no junction, TF or GY is a *column*: it gives one variable to the network, its output z, and receives
 //! the other, its input. Power is counted into the element, so that the inputs are D(x) z with D skew.
 
+mod curved;
 mod dependent;
 mod explicit;
 mod junction;
+mod quadratic;
+mod resistor;
 mod resolve;
+mod start;
 
-pub(crate) use explicit::gain;
-pub use explicit::{Explicit, explicit};
+pub use explicit::{Explicit, explicit, inverse};
 
 use crate::causality::{Causality, holder};
 use crate::expression::{Expr, Pool, Symbol};
@@ -47,7 +50,7 @@ pub enum Role {
     Storage,
     /// A resistor.
     Resistor,
-    /// A storage in derivative causality; gone after the elimination.
+    /// A storage in derivative causality; gone after the elimination, but where it follows a source.
     Dependent,
 }
 
@@ -90,6 +93,46 @@ pub enum Output {
     Explicit(Expr),
     /// As the root of a residual.
     Implicit(Expr),
+    /// On a curve: the output in its parameter, and the residual that the parameter is the root of.
+    Curve {
+        /// The unknown.
+        parameter: Symbol,
+        /// The output.
+        out: Expr,
+        /// 0 where the curve's other variable is the input; in the unit of the parameter.
+        residual: Expr,
+        /// Power per square of the parameter.
+        weight: Expr,
+        /// Whether the parameter is a bare number; else it is the law's argument.
+        bare: bool,
+    },
+}
+
+impl Output {
+    /// What it is made of: the law and, of a curve, its output too.
+    pub fn expressions(self) -> impl Iterator<Item = Expr> {
+        let (first, second) = match self {
+            Output::Explicit(e) | Output::Implicit(e) => (e, None),
+            Output::Curve { out, residual, .. } => (residual, Some(out)),
+        };
+        std::iter::once(first).chain(second)
+    }
+
+    /// What an iteration has to find, where one has to: of the column's output or of a curve's parameter.
+    pub fn unknown(self, out: Symbol) -> Symbol {
+        match self {
+            Output::Explicit(_) | Output::Implicit(_) => out,
+            Output::Curve { parameter, .. } => parameter,
+        }
+    }
+
+    /// Whether it is the root of something, rather than a value.
+    pub fn is_root(self) -> bool {
+        match self {
+            Output::Explicit(_) => false,
+            Output::Implicit(_) | Output::Curve { .. } => true,
+        }
+    }
 }
 
 /// A state of a region.
@@ -131,6 +174,19 @@ pub struct Dependent {
     pub into: Vec<String>,
 }
 
+/// A dependent storage that follows sources: a load of theirs. Its energy is in a group.
+#[derive(Clone, Debug)]
+pub struct Follower {
+    /// Its column, whose output is d/dt of its state.
+    pub column: ColumnId,
+    /// Its state, in states and time.
+    pub state: Expr,
+    /// d/dt of that.
+    pub rate: Expr,
+    /// The sources.
+    pub sources: Vec<ColumnId>,
+}
+
 /// A region's part of the form.
 #[derive(Clone, Debug)]
 pub struct Region {
@@ -146,8 +202,14 @@ pub struct Region {
     pub groups: Vec<Group>,
     /// Resistors and how their outputs are had.
     pub resistors: Vec<(ColumnId, Output)>,
+    /// Laws that grow so fast that in a loop their argument is the better unknown, as curves with the argument as parameter.
+    pub steep: FxHashMap<ColumnId, Output>,
+    /// Of linear resistors and ports of linear fields: the output as a combination of inputs.
+    pub gains: FxHashMap<ColumnId, Row>,
     /// Storages that were merged into others.
     pub dependent: Vec<Dependent>,
+    /// Dependent storages that follow sources.
+    pub following: Vec<Follower>,
     /// Effort times flow is no power here.
     pub pseudo: bool,
 }
@@ -164,6 +226,8 @@ pub struct Form {
     pub bars: Vec<Bar>,
     /// The column whose output a symbol is.
     pub column_of: FxHashMap<Symbol, ColumnId>,
+    /// Signals that a ratio depends on and sets itself: unknowns of the step.
+    pub loops: Vec<Loop>,
     /// Probes, integrals and conditions in terms of states, outputs and time.
     pub probes: Vec<Expr>,
     /// Rates of the integrals.
@@ -172,6 +236,21 @@ pub struct Form {
     pub memories: Vec<Expr>,
     /// The expressions of `expect`, in order: value, or condition and what its extremes are of.
     pub expectations: Vec<Vec<Expr>>,
+}
+
+/// A loop through modulation: a signal that stands in a ratio and comes out of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Loop {
+    /// The signal.
+    pub signal: Symbol,
+    /// The unknown that stands for it.
+    pub unknown: Symbol,
+    /// What it must equal, in terms of itself.
+    pub value: Expr,
+    /// Where it lies.
+    pub region: RegionId,
+    /// Its bond.
+    pub bond: BondId,
 }
 
 /// A double bar.
@@ -197,6 +276,7 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         columns,
         regions: Vec::new(),
         bars: Vec::new(),
+        loops: Vec::new(),
         probes: Vec::new(),
         integrals: Vec::new(),
         memories: Vec::new(),

@@ -2,7 +2,7 @@
 
 use super::dependent::Eliminated;
 use super::junction::Rows;
-use super::{ColumnId, Form, Group, Output, Region, Role, Row, State};
+use super::{ColumnId, Form, Group, Loop, Region, Role, Row, State, resistor};
 use crate::causality::holder;
 use crate::expression::{Expr, Symbol};
 use crate::graph::{BondGraph, RegionId};
@@ -11,20 +11,26 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use rustc_hash::FxHashMap;
 
-struct Resolver<'a> {
-    model: &'a mut Model,
+pub(super) struct Resolver<'a> {
+    pub(super) model: &'a mut Model,
     graph: &'a BondGraph,
     rows: &'a Rows,
+    /// Outputs of the columns as the bonds' rows mean them, before storages were merged.
+    before: Vec<Symbol>,
+    /// The same now.
     out: Vec<Symbol>,
     /// What is already known to be replaced: states and outputs of merged storages.
     fixed: &'a FxHashMap<Symbol, Expr>,
     memo: FxHashMap<(Symbol, Option<RegionId>), Expr>,
     open: Vec<Symbol>,
+    /// Signals that depend on themselves; one that was met and not closed yet has no value.
+    loops: Vec<Loop>,
+    met: Vec<(Symbol, Symbol)>,
 }
 
 impl Resolver<'_> {
     /// Replaces all signals of an expression that is read in a region.
-    fn resolve(&mut self, e: Expr, region: Option<RegionId>, span: Span) -> Result<Expr, Diagnostic> {
+    pub(super) fn resolve(&mut self, e: Expr, region: Option<RegionId>, span: Span) -> Result<Expr, Diagnostic> {
         let mut map: FxHashMap<Symbol, Expr> = FxHashMap::default();
         for s in self.model.pool.symbols(e) {
             if let Some(x) = self.symbol(s, region, span)? {
@@ -35,11 +41,15 @@ impl Resolver<'_> {
     }
 
     fn symbol(&mut self, s: Symbol, region: Option<RegionId>, span: Span) -> Result<Option<Expr>, Diagnostic> {
+        if let Some(l) = self.loops.iter().find(|l| l.signal == s) {
+            let unknown = l.unknown;
+            return Ok(Some(self.model.pool.var(unknown)));
+        }
         if let Some(&x) = self.memo.get(&(s, region)) {
             return Ok(Some(x));
         }
         let found = if let Some(&x) = self.fixed.get(&s) {
-            self.guarded(s, x, region, span)?
+            self.guarded(s, x, (region, None), span)?
         } else {
             match self.model.signals.get(&s) {
                 Some(Signal::Effort(b)) => self.bond(s, *b, Variable::Effort, region, span)?,
@@ -49,6 +59,7 @@ impl Resolver<'_> {
                     | Signal::State(_)
                     | Signal::Integral(_)
                     | Signal::Argument(_)
+                    | Signal::Parameter(_)
                     | Signal::Input(_)
                     | Signal::Slope(_)
                     | Signal::Memory(_),
@@ -82,39 +93,65 @@ impl Resolver<'_> {
             bond.other(holder(self.model, b))
         };
         let row = self.rows.get(self.model, b, end, variable).clone();
-        let e = self.expression(&row);
-        self.guarded(s, e, region, span)
+        let e = self.expression(&row, true);
+        self.guarded(s, e, (region, Some(b)), span)
     }
 
-    fn expression(&mut self, row: &Row) -> Expr {
+    /// A column's row as an expression of outputs.
+    pub(super) fn row(&mut self, row: &Row) -> Expr {
+        self.expression(row, false)
+    }
+
+    fn expression(&mut self, row: &Row, before: bool) -> Expr {
         let pool = &mut self.model.pool;
+        let outs = if before { &self.before } else { &self.out };
         let terms: Vec<Expr> = row
             .iter()
             .map(|&(c, k)| {
-                let z = pool.var(self.out[c.at()]);
+                let z = pool.var(outs[c.at()]);
                 pool.mul(k, z)
             })
             .collect();
         pool.sum(&terms)
     }
 
-    fn guarded(&mut self, s: Symbol, e: Expr, region: Option<RegionId>, span: Span) -> Result<Expr, Diagnostic> {
+    /// Resolves what a signal stands for; a signal of a bond that comes back to itself becomes an unknown.
+    fn guarded(
+        &mut self,
+        s: Symbol,
+        e: Expr,
+        (region, bond): (Option<RegionId>, Option<BondId>),
+        span: Span,
+    ) -> Result<Expr, Diagnostic> {
         if self.open.contains(&s) {
-            let names: Vec<&str> = self.open.iter().map(|s| self.model.pool.name(*s)).collect();
-            return Err(Diagnostic::error(
-                "structure::modulation",
-                span,
-                format!(
-                    "a loop through modulation: the ratio of a TF or GY depends on itself by way of {}",
-                    names.join(", ")
-                ),
-            )
-            .help("let the ratio depend on states (`.q`, `.p`) rather than on the efforts and flows that it sets"));
+            let name = self.model.pool.name(s).to_string();
+            if bond.is_none() {
+                return Err(Diagnostic::error(
+                    "structure::modulation",
+                    span,
+                    format!("a loop through modulation: `{name}`, of a storage in derivative causality, depends on itself"),
+                )
+                .help("let the ratio depend on states (`.q`, `.p`) rather than on the efforts and flows that it sets"));
+            }
+            let unknown = match self.met.iter().find(|m| m.0 == s) {
+                Some(m) => m.1,
+                None => {
+                    let unknown = self.model.pool.symbol(&name);
+                    self.met.push((s, unknown));
+                    unknown
+                }
+            };
+            return Ok(self.model.pool.var(unknown));
         }
         self.open.push(s);
         let x = self.resolve(e, region, span);
         self.open.pop();
-        x
+        let x = x?;
+        let (Some(i), Some(bond)) = (self.met.iter().position(|m| m.0 == s), bond) else { return Ok(x) };
+        let (signal, unknown) = self.met.swap_remove(i);
+        let region = region.unwrap_or(self.graph.region_of[self.model.bond(bond).tail.at()]);
+        self.loops.push(Loop { signal, unknown, value: x, region, bond });
+        Ok(self.model.pool.var(unknown))
     }
 }
 
@@ -122,13 +159,15 @@ impl Resolver<'_> {
 pub(super) fn rows(model: &mut Model, graph: &BondGraph, rows: &Rows, form: &mut Form) -> Result<(), Vec<Diagnostic>> {
     let out: Vec<Symbol> = form.columns.iter().map(|c| c.out).collect();
     let fixed = FxHashMap::default();
-    let mut r = Resolver { model, graph, rows, out, fixed: &fixed, memo: FxHashMap::default(), open: vec![] };
+    let before = out.clone();
+    let mut r = Resolver { model, graph, rows, before, out, fixed: &fixed, memo: FxHashMap::default(), open: vec![], loops: vec![], met: vec![] };
     for c in &mut form.columns {
         let span = r.model.element(c.element).span;
         for (_, k) in &mut c.row {
             *k = r.resolve(*k, Some(c.region), span).map_err(|d| vec![d])?;
         }
     }
+    form.loops = r.loops;
     Ok(())
 }
 
@@ -142,7 +181,7 @@ pub(super) fn outputs(
 ) -> Result<(), Vec<Diagnostic>> {
     let out: Vec<Symbol> = form.columns.iter().map(|c| c.out).collect();
     let mut r =
-        Resolver { model, graph, rows, out, fixed: &eliminated.fixed, memo: FxHashMap::default(), open: vec![] };
+        Resolver { model, graph, rows, before: eliminated.before.clone(), out, fixed: &eliminated.fixed, memo: FxHashMap::default(), open: vec![], loops: form.loops.clone(), met: vec![] };
     let one = |d: Diagnostic| vec![d];
     let mut regions: Vec<Region> = graph
         .regions
@@ -154,10 +193,14 @@ pub(super) fn outputs(
             states: vec![],
             groups: vec![],
             resistors: vec![],
+            gains: FxHashMap::default(),
+            steep: FxHashMap::default(),
             dependent: vec![],
+            following: vec![],
             pseudo: false,
         })
         .collect();
+    let mut group_of: FxHashMap<usize, usize> = FxHashMap::default();
     for (i, c) in form.columns.iter_mut().enumerate() {
         let id = ColumnId(i as u32);
         let region = &mut regions[c.region.at()];
@@ -177,55 +220,67 @@ pub(super) fn outputs(
                 let unit =
                     if c.gives == Variable::Effort { f } else { e }.map(|u| u.mul(crate::units::Dimension::SECOND));
                 let name = r.model.pool.name(s.state).to_string();
-                let (symbol, initial) = match eliminated.states.get(&id) {
-                    Some(&(symbol, initial)) => (symbol, initial),
+                let (symbol, initial, unit) = match eliminated.states.get(&id) {
+                    Some(&(symbol, initial, same)) => (symbol, initial, unit.filter(|_| same)),
+                    None => (s.state, s.initial, unit),
+                };
+                let state = region.states.len();
+                let merged = eliminated.groups.iter().any(|g| g.columns.contains(&id));
+                // The ports of a field share a group.
+                let shared = element.field.map(|f| f.0).and_then(|f| Some((f, *group_of.get(&f)?)));
+                match shared {
+                    _ if merged => {}
+                    Some((_, at)) => {
+                        let group: &mut Group = &mut region.groups[at];
+                        group.states.push(state);
+                        group.coenergy.push(s.coenergy);
+                    }
                     None => {
-                        let states = vec![region.states.len()];
+                        group_of.extend(element.field.map(|f| (f.0, region.groups.len())));
                         region.groups.push(Group {
-                            states,
+                            states: vec![state],
                             energy: s.energy,
                             coenergy: vec![s.coenergy],
                             bounded: s.bounded,
                         });
-                        (s.state, s.initial)
                     }
-                };
+                }
                 region.states.push(State { symbol, name, column: id, unit, initial });
             }
-            Role::Resistor => {
-                let Law::Resistor(law) = element.law.clone() else { continue };
-                let row = c.row.clone();
-                let input = r.expression(&row);
-                let input = r.resolve(input, Some(c.region), span).map_err(one)?;
-                let output = r.resolve(law.output, Some(c.region), span).map_err(one)?;
-                let pool = &mut r.model.pool;
-                let z = pool.var(c.out);
-                let with = |pool: &mut crate::expression::Pool, x: Expr| {
-                    let map: FxHashMap<Symbol, Expr> = std::iter::once((law.argument, x)).collect();
-                    pool.substitute(output, &map)
-                };
-                let how = if law.gives == c.gives {
-                    Output::Explicit(with(pool, input))
-                } else if let Some(k) = law.linear.filter(|k| pool.constant(*k).is_some()) {
-                    Output::Explicit(pool.div(input, k))
-                } else {
-                    // The law gives the input; its root is sought.
-                    let law_of_z = with(pool, z);
-                    Output::Implicit(pool.sub(law_of_z, input))
-                };
-                region.resistors.push((id, how));
-            }
+            Role::Resistor => {}
+        }
+    }
+    for i in 0..form.columns.len() {
+        let id = ColumnId(i as u32);
+        let c = form.column(id);
+        if c.role != Role::Resistor {
+            continue;
+        }
+        let region = c.region.at();
+        if let Some(found) = resistor::output(&mut r, form, id).map_err(one)? {
+            regions[region].resistors.push((id, found.how));
+            regions[region].gains.extend(found.gain.map(|g| (id, g)));
+            regions[region].steep.extend(found.steep.map(|s| (id, s)));
         }
     }
     for g in &eliminated.groups {
         let region = &mut regions[g.region.at()];
-        let states: Vec<usize> =
-            g.columns.iter().filter_map(|c| region.states.iter().position(|s| s.column == *c)).collect();
-        let into: Vec<String> = states.iter().map(|s| region.states[*s].name.clone()).collect();
+        let places = |list: &[ColumnId]| -> Vec<usize> {
+            list.iter().filter_map(|c| region.states.iter().position(|s| s.column == *c)).collect()
+        };
+        let states = places(&g.columns);
+        let into: Vec<String> = places(&g.into).iter().map(|s| region.states[*s].name.clone()).collect();
         for d in &g.dependent {
             region.dependent.push(super::Dependent { element: d.0, state: d.1, into: into.clone() });
         }
-        region.groups.push(Group { states, energy: g.energy, coenergy: g.coenergy.clone(), bounded: true });
+        region.groups.push(Group { states, energy: g.energy, coenergy: g.coenergy.clone(), bounded: g.bounded });
+    }
+    for f in &eliminated.following {
+        let c = form.column(f.column);
+        let (region, sources) = (c.region, c.row.iter().map(|t| t.0).collect());
+        let span = r.model.element(c.element).span;
+        let rate = r.resolve(f.rate, Some(region), span).map_err(one)?;
+        regions[region.at()].following.push(super::Follower { column: f.column, state: f.state, rate, sources });
     }
     form.regions = regions;
     let probes: Vec<(Expr, Span)> = r.model.probes.iter().map(|p| (p.value, p.span)).collect();
@@ -251,5 +306,6 @@ pub(super) fn outputs(
         let list = list.into_iter().map(|e| r.resolve(e, None, x.span)).collect::<Result<Vec<_>, _>>().map_err(one)?;
         form.expectations.push(list);
     }
+    form.loops = r.loops;
     Ok(())
 }

@@ -101,6 +101,11 @@ pub(super) struct Book {
     pub(super) turnover_max: f64,
     pub(super) sources: Vec<Sum>,
     pub(super) resistors: Vec<Sum>,
+    /// Entropy produced by each field with thermal ports, J/K.
+    pub(super) produced: Vec<Sum>,
+    /// The largest change of entropy in a step, and the largest that was below 0.
+    pub(super) entropy: f64,
+    pub(super) sunk: f64,
     pub(super) leaps: u64,
     pub(super) tank: f64,
     pub(super) debt_max: f64,
@@ -174,6 +179,7 @@ impl Run {
                     h_max: h.abs(),
                     sources: vec![Sum::new(); e.supplied.len()],
                     resistors: vec![Sum::new(); e.dissipated.len()],
+                    produced: vec![Sum::new(); e.produced.len()],
                     ..Book::default()
                 }
             })
@@ -626,7 +632,7 @@ impl Run {
         outputs.copy_from_slice(&self.step.work.output);
         self.input[0] = t + 0.5 * h;
         self.step.run(half, &self.input, 0.5 * h)?;
-        let h_max: f64 = self.books.iter().map(|b| b.h_max).sum();
+        let h_max: f64 = self.books.iter().map(|b| b.h_max.max(b.turnover_max)).sum();
         let divisor = (2f64.powi(c.step.order as i32) - 1.0).max(1.0);
         let mut worst: f64 = 0.0;
         for i in 0..c.states {
@@ -778,12 +784,19 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64], floor: f64) {
             sum.add(w);
             b.dissipated.add(w);
         }
+        for ((_, slot), sum) in e.produced.iter().zip(&mut b.produced) {
+            let s = out[*slot];
+            sum.add(s);
+            b.entropy = b.entropy.max(s.abs());
+            b.sunk = b.sunk.max(-s);
+        }
         let leap = e.leap.map_or(0.0, |(slot, _)| out[slot]);
         if let Some((_, count)) = e.leap {
             b.leaps += u64::from(out[count] != 0.0);
         }
         let h = out[e.energy];
-        let residual = (h - b.h) - ((supplied - dissipated) + leap);
+        let before = e.before.map_or(b.h, |slot| out[slot]);
+        let residual = (h - before) - ((supplied - dissipated) + leap);
         // A step in which next to nothing moves is measured against a trace of the largest energy seen.
         let trace = (TRACE * b.h_max.max(b.turnover_max)).max(floor);
         let scale = out[e.size].abs().max(b.h.abs()).max(turnover).max(trace);

@@ -7,7 +7,7 @@ mod schedule;
 mod summary;
 
 pub use given::{Course, Unfit};
-pub use summary::{BarSummary, ElementEnergy, RegionSummary, Summary};
+pub use summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 
 use crate::kernel::Failure;
 use thiserror::Error;

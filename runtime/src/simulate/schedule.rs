@@ -3,7 +3,7 @@
 use super::cluster::{Look, Run};
 use super::given::Course;
 use super::hold::{Held, within_budget};
-use super::summary::{BarSummary, ElementEnergy, RegionSummary, Summary};
+use super::summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 use super::{Error, Options};
 use crate::scene::{Respond, Scene};
 
@@ -685,6 +685,13 @@ impl<'a> Simulation<'a> {
                 pseudo: region.pseudo,
                 sources: list(&e.supplied, &b.sources),
                 resistors: list(&e.dissipated, &b.resistors),
+                produced: e
+                    .produced
+                    .iter()
+                    .zip(&b.produced)
+                    .map(|(n, s)| ElementEntropy { name: n.0.clone(), entropy: s.value() })
+                    .collect(),
+                sunk: if b.entropy > 0.0 { b.sunk / b.entropy } else { 0.0 },
             });
         }
         let bars = self
@@ -720,6 +727,9 @@ impl<'a> Simulation<'a> {
                     "`{}` gave out up to {:.3e} J more than it had been given",
                     region.name, region.debt_max
                 ));
+            }
+            if region.sunk > 1e-12 {
+                reasons.push(format!("entropy fell in `{}`", region.name));
             }
             if book_gain > 1e-12 {
                 reasons.push(format!("a resistor of `{}` gave energy", region.name));

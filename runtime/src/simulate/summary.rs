@@ -9,6 +9,15 @@ pub struct ElementEnergy {
     pub energy: f64,
 }
 
+/// What a resistor with thermal ports produced.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ElementEntropy {
+    /// The element.
+    pub name: String,
+    /// J/K
+    pub entropy: f64,
+}
+
 /// A region's ledger at one instant. Energies in J, since the start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionSummary {
@@ -58,8 +67,12 @@ pub struct RegionSummary {
     pub pseudo: bool,
     /// By source, port or double bar.
     pub sources: Vec<ElementEnergy>,
-    /// By resistor.
+    /// By resistor; below 0 where an active one injected energy.
     pub resistors: Vec<ElementEnergy>,
+    /// Entropy produced by each field with thermal ports.
+    pub produced: Vec<ElementEntropy>,
+    /// The largest fall of entropy in a step, relative to the largest change in one; 0 where none fell.
+    pub sunk: f64,
 }
 
 /// A double bar's ledger: what crossed, as each side counts it.

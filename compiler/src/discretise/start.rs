@@ -1,0 +1,242 @@
+//! Where loops start: their solution at the first instant, found here so that no user has to guess it.
+//!
+//! Newton's method on the homotopy F(z) - (1 - s) F(z_0) = 0 from s = 0, where z_0 solves it, to s = 1: for monotone laws that path
+//! never turns back (Ortega and Rheinboldt, Iterative Solution of Nonlinear Equations, chapter 7). From other starts too, since a
+//! loop may have several solutions, and then the model does not say which one it is in.
+
+use super::cluster::Cluster;
+use crate::expression::{Expr, Symbol};
+use crate::model::{Model, Signal};
+use crate::structure::Form;
+use bond_grammar::diagnostic::Diagnostic;
+use nalgebra::{DMatrix, DVector};
+use rustc_hash::FxHashMap;
+
+/// Larger loops start from 0.
+const LARGEST: usize = 128;
+/// Loops up to this size are tried from several starts.
+const SEVERAL: usize = 24;
+/// Solutions that differ by less are one.
+const SAME: f64 = 1e-6;
+
+struct System<'a> {
+    model: &'a Model,
+    unknowns: &'a [Symbol],
+    place: FxHashMap<Symbol, usize>,
+    known: FxHashMap<Symbol, f64>,
+    residuals: Vec<Expr>,
+    slopes: Vec<(usize, usize, Expr)>,
+}
+
+impl System<'_> {
+    fn at<'z>(&'z self, z: &'z DVector<f64>) -> impl Fn(Symbol) -> f64 + 'z {
+        move |s| match self.place.get(&s) {
+            Some(i) => z[*i],
+            None => self.known.get(&s).copied().unwrap_or(0.0),
+        }
+    }
+
+    fn residual(&self, z: &DVector<f64>) -> DVector<f64> {
+        DVector::from_vec(self.model.pool.eval_all(&self.residuals, &self.at(z)))
+    }
+
+    fn jacobian(&self, z: &DVector<f64>) -> DMatrix<f64> {
+        let n = self.unknowns.len();
+        let all: Vec<Expr> = self.slopes.iter().map(|t| t.2).collect();
+        let mut j = DMatrix::zeros(n, n);
+        for ((r, c, _), x) in self.slopes.iter().zip(self.model.pool.eval_all(&all, &self.at(z))) {
+            j[(*r, *c)] = x;
+        }
+        j
+    }
+
+    /// Newton's method, halved while that does not make the residual less; whether it got there.
+    fn newton(&self, z: &mut DVector<f64>, off: &DVector<f64>, rounds: usize) -> bool {
+        let mut r = self.residual(z) - off;
+        for _ in 0..rounds {
+            if r.iter().all(|x| *x == 0.0) {
+                return true;
+            }
+            let Some(d) = self.jacobian(z).lu().solve(&r).filter(|d| d.iter().all(|x| x.is_finite())) else {
+                return false;
+            };
+            let (size, mut part) = (r.norm(), 1.0);
+            loop {
+                let next = &*z - &d * part;
+                let after = self.residual(&next) - off;
+                if after.norm() < size || (part < 1e-9 && after.norm().is_finite()) {
+                    *z = next;
+                    r = after;
+                    break;
+                }
+                part *= 0.5;
+                if part < 1e-12 {
+                    // Rounding may be all that is left.
+                    return d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-9 * z.abs());
+                }
+            }
+            if part == 1.0 && d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs()) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The solution that the path from `start` leads to.
+    fn follow(&self, start: DVector<f64>) -> Option<DVector<f64>> {
+        let mut z = start.clone();
+        let none = DVector::zeros(z.len());
+        if self.newton(&mut z, &none, 60) {
+            return Some(z);
+        }
+        let mut z = start;
+        let first = self.residual(&z);
+        if !first.iter().all(|x| x.is_finite()) {
+            return None;
+        }
+        let (mut s, mut step) = (0.0f64, 0.125f64);
+        for _ in 0..200 {
+            if s >= 1.0 {
+                return Some(z);
+            }
+            let next = (s + step).min(1.0);
+            let mut trial = z.clone();
+            if self.newton(&mut trial, &(&first * (1.0 - next)), 40) {
+                z = trial;
+                s = next;
+                step *= 2.0;
+            } else {
+                step *= 0.25;
+                if step < 1e-9 {
+                    return None;
+                }
+            }
+        }
+        None
+    }
+
+    /// Whether a solution stands alone.
+    fn isolated(&self, z: &DVector<f64>) -> bool {
+        let j = self.jacobian(z);
+        let rows: Vec<f64> = j.row_iter().map(|r| r.amax()).collect();
+        if rows.iter().any(|x| *x == 0.0 || !x.is_finite()) {
+            return false;
+        }
+        let scaled = DMatrix::from_fn(j.nrows(), j.ncols(), |r, c| j[(r, c)] / rows[r]);
+        let singular = scaled.singular_values();
+        singular.min() > 1e-9 * singular.max()
+    }
+}
+
+/// Values of the loops' unknowns at the start.
+///
+/// # Errors
+/// Where there is no solution, or more than one, with the bonds.
+pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, Vec<Diagnostic>> {
+    let n = c.loops.len();
+    if n == 0 || n > LARGEST {
+        return Ok(vec![0.0; n]);
+    }
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    let residuals: Vec<Expr> =
+        c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
+    let place: FxHashMap<Symbol, usize> = c.loops.iter().enumerate().map(|(i, s)| (*s, i)).collect();
+    let mut slopes = Vec::new();
+    for (i, r) in residuals.iter().enumerate() {
+        let mut inside: Vec<(usize, Symbol)> =
+            model.pool.symbols(*r).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
+        inside.sort_unstable();
+        for (j, s) in inside {
+            slopes.push((i, j, model.pool.derivative(*r, s)));
+        }
+    }
+    let known = c
+        .states
+        .iter()
+        .map(|s| (s.symbol, s.initial))
+        .chain(c.integrals.iter().map(|i| (i.symbol, i.start)))
+        .chain(c.inputs.iter().map(|i| (i.1, model.inputs[i.0].value)))
+        .collect();
+    let system = System { model, unknowns: &c.loops, place, known, residuals, slopes };
+    let first = system.follow(DVector::zeros(n));
+    // What comes from elsewhere is not known here.
+    let told = c.ports.is_empty()
+        && c.inputs.is_empty()
+        && c.foreign.is_empty()
+        && system.residuals.iter().all(|r| {
+            model.pool.symbols(*r).iter().all(|s| {
+                system.place.contains_key(s)
+                    || system.known.contains_key(s)
+                    || model.signals.get(s) == Some(&Signal::Time)
+                    || model.pool.value(*s).is_some()
+            })
+        });
+    if !told || n > SEVERAL {
+        return Ok(first.map_or_else(|| vec![0.0; n], |z| z.iter().copied().collect()));
+    }
+    let mut found: Vec<DVector<f64>> = first.into_iter().collect();
+    // Other starts: along the way to where the slopes at 0 point to, which has the units of the unknowns.
+    let zero = DVector::zeros(n);
+    let mut ways: Vec<DVector<f64>> = Vec::new();
+    for at in [zero.clone(), DVector::from_element(n, 1e-3)] {
+        ways.extend(system.jacobian(&at).lu().solve(&system.residual(&at)).filter(|d| d.iter().all(|x| x.is_finite())));
+    }
+    ways.push(DVector::from_element(n, -1.0));
+    for way in ways {
+        for part in [0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.5, -0.5, -2.0] {
+            let mut z = &way * -part;
+            if system.newton(&mut z, &zero, 60) {
+                found.push(z);
+            }
+        }
+    }
+    // Between two solutions the equations do not hold; between two roundings of one they hold as well as at the ends.
+    let apart = |a: &DVector<f64>, b: &DVector<f64>| {
+        let off = (a - b).amax();
+        let middle = system.residual(&((a + b) * 0.5)).norm();
+        let ends = system.residual(a).norm().max(system.residual(b).norm());
+        off > SAME * a.amax().max(b.amax()) && middle > 1e3 * ends
+    };
+    let Some(solution) = found.first().cloned() else {
+        let what = "no solution was found at the start";
+        let help = "check the laws; a law that jumps where it should hold still, as friction written with `sign`, is better given as a curve, `{ e = ...; f = ... }` in `s`";
+        return Err(vec![complain(c, model, form, what, help)]);
+    };
+    let other = found.iter().skip(1).find(|z| apart(z, &solution) && system.isolated(z));
+    if other.is_some() && system.isolated(&solution) {
+        let what = "it has more than one solution at the start";
+        let help = "the graph does not tell which one it is in: put a storage into the loop, such as the small C or I that the real part has";
+        return Err(vec![complain(c, model, form, what, help)]);
+    }
+    Ok(solution.iter().copied().collect())
+}
+
+fn complain(c: &Cluster, model: &Model, form: &Form, what: &str, help: &str) -> Diagnostic {
+    let mut names: Vec<String> = Vec::new();
+    let mut bonds = Vec::new();
+    for z in &c.loops {
+        let Some(node) = c.nodes.iter().find(|n| n.unknown() == *z) else { continue };
+        let bond = match node.resistor() {
+            Some(column) => {
+                names.push(format!("`{}`", form.column(column).name));
+                Some(form.column(column).bond)
+            }
+            None => {
+                names.push(format!("`{}`", model.pool.name(node.out)));
+                form.loops.iter().find(|l| l.unknown == node.out).map(|l| l.bond)
+            }
+        };
+        bonds.extend(bond);
+    }
+    let span = bonds.first().map_or(model.span, |b| model.bond(*b).span);
+    let mut error = Diagnostic::error(
+        "discretise::loop",
+        span,
+        format!("an algebraic loop through {}: {what}", names.join(", ")),
+    );
+    for b in bonds.iter().take(16) {
+        error = error.label(model.bond(*b).span, format!("the bond {} is in it", model.bond(*b).name));
+    }
+    error.help(help)
+}

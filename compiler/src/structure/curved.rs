@@ -1,0 +1,184 @@
+//! Tied storages of which the independent ones have any energy; the dependent ones are quadratic, the ratios A constant.
+//!
+//! With z(x) the co-energy variables of the independent ones, a dependent one has the state x_d = L A z(x), so that
+//! (1 + A^T L A dz/dx) dx/dt = F. The states stay; H(x) = H_i(x) + z^T A^T L A z / 2 is the energy of all, and since dz/dx is
+//! symmetric dH/dx = N^T z with N = 1 + A^T L A dz/dx: a change of coordinates by N^-1.
+
+use super::dependent::{self, Change, Eliminated, Merged, Tied, family, stiffness, storage};
+use super::{ColumnId, Form, inverse};
+use crate::expression::{Expr, Symbol};
+use crate::model::{Model, Storage};
+use bond_grammar::diagnostic::Diagnostic;
+
+/// Merges them.
+pub(super) fn merge(
+    model: &mut Model,
+    form: &mut Form,
+    tied: &Tied,
+    start: &[f64],
+    done: &mut Eliminated,
+) -> Result<(), Diagnostic> {
+    let (independent, n) = (&tied.independent, tied.independent.len());
+    let refuse = |model: &Model, form: &Form, why: String| {
+        let c = form.column(tied.dependent[0]);
+        let e = model.element(c.element);
+        Diagnostic::error(
+            "structure::not_yet",
+            e.span,
+            format!("`{}` is in derivative causality, and {why}: this version of bond cannot take that", e.name),
+        )
+        .help("put a stiff part and some resistance between the two, as the real parts have")
+    };
+    let curved = independent.iter().find(|c| stiffness(model, form, **c).is_none()).copied();
+    let curved = curved.map(|c| form.column(c).name.clone()).unwrap_or_default();
+    if !tied.others.is_empty() {
+        let why = format!("it depends on `{curved}`, whose energy is not quadratic, by a ratio that changes with the state");
+        return Err(refuse(model, form, why));
+    }
+    if tied.sources.iter().any(|s| !s.is_empty()) {
+        let why = format!("it follows a source and `{curved}`, whose energy is not quadratic");
+        return Err(refuse(model, form, why));
+    }
+    if tied.dependent.iter().any(|d| family(model, form, *d).len() > 1) {
+        return Err(refuse(model, form, format!("it is a port of a field, and `{curved}` has an energy that is not quadratic")));
+    }
+    let storages: Vec<Storage> =
+        independent.iter().filter_map(|c| storage(model, form.column(*c).element).cloned()).collect();
+    let states: Vec<Symbol> = storages.iter().map(|s| s.state).collect();
+    let z: Vec<Expr> = storages.iter().map(|s| s.coenergy).collect();
+    let mut softness: Vec<Expr> = Vec::new();
+    for d in &tied.dependent {
+        let k = stiffness(model, form, *d).and_then(|row| row.first().map(|t| t.1));
+        let one = model.pool.int(1);
+        softness.push(k.map_or(one, |k| model.pool.div(one, k)));
+    }
+    let pool = &mut model.pool;
+    let (zero, one) = (pool.int(0), pool.int(1));
+    // A z, L A z of each dependent one
+    let seen: Vec<Expr> = tied
+        .ratio
+        .iter()
+        .map(|row| {
+            let terms: Vec<Expr> = row.iter().zip(&z).map(|(a, z)| pool.mul(*a, *z)).collect();
+            pool.sum(&terms)
+        })
+        .collect();
+    let own: Vec<Expr> = seen.iter().zip(&softness).map(|(e, l)| pool.mul(*e, *l)).collect();
+    // N = 1 + A^T d(x_d)/dx
+    let mut matrix = vec![vec![zero; n]; n];
+    for (j, s) in states.iter().enumerate() {
+        let slopes: Vec<Expr> = own.iter().map(|x| pool.derivative(*x, *s)).collect();
+        for (i, row) in matrix.iter_mut().enumerate() {
+            let mut terms: Vec<Expr> = tied.ratio.iter().zip(&slopes).map(|(r, k)| pool.mul(r[i], *k)).collect();
+            if i == j {
+                terms.push(one);
+            }
+            row[j] = pool.sum(&terms);
+        }
+    }
+    let Some(back) = inverse(pool, &matrix) else {
+        return Err(refuse(model, form, "the storages have no common state".to_string()));
+    };
+    let change: Change = independent
+        .iter()
+        .enumerate()
+        .map(|(i, c)| {
+            let terms = independent.iter().enumerate().map(|(j, b)| (*b, back[i][j]));
+            (*c, terms.filter(|t| !model.pool.is_zero(t.1)).collect())
+        })
+        .collect();
+    dependent::transform(&mut model.pool, form, &change);
+    let outs: Vec<Symbol> = independent
+        .iter()
+        .map(|c| {
+            let name = format!("{}'", model.pool.name(form.column(*c).out));
+            model.pool.symbol(&name)
+        })
+        .collect();
+    for (j, c) in independent.iter().enumerate() {
+        let old = form.column(*c).out;
+        let terms: Vec<Expr> = (0..n)
+            .map(|i| {
+                let new = model.pool.var(outs[i]);
+                model.pool.mul(back[i][j], new)
+            })
+            .collect();
+        let sum = model.pool.sum(&terms);
+        done.fixed.insert(old, sum);
+        form.columns[c.at()].out = outs[j];
+        form.column_of.insert(outs[j], *c);
+    }
+    // The energies of the families, each once.
+    let mut terms: Vec<Expr> = Vec::new();
+    let mut counted: Vec<ColumnId> = Vec::new();
+    let mut bounded = true;
+    for (c, s) in independent.iter().zip(&storages) {
+        if !counted.contains(c) {
+            counted.extend(family(model, form, *c));
+            terms.push(s.energy);
+            bounded &= s.bounded;
+        }
+    }
+    let half = model.pool.ratio(1, 2);
+    for (e, x) in seen.iter().zip(&own) {
+        terms.push(model.pool.product(&[half, *e, *x]));
+    }
+    let energy = model.pool.sum(&terms);
+    let coenergy: Vec<Expr> = states.iter().map(|s| model.pool.derivative(energy, *s)).collect();
+    for (i, c) in independent.iter().enumerate() {
+        let initial = settle(model, &storages[i], start[i]).ok_or_else(|| {
+            let why = format!("no state of `{}` was found that goes with the stated start", form.column(*c).name);
+            refuse(model, form, why)
+        })?;
+        done.states.insert(*c, (states[i], initial, true));
+    }
+    let moving: Vec<(ColumnId, Symbol)> = independent.iter().copied().zip(states.iter().copied()).collect();
+    let mut list = Vec::new();
+    for (d, x) in tied.dependent.iter().zip(&own) {
+        let column = form.column(*d).clone();
+        let rate = dependent::rate(model, form, *x, &moving);
+        done.fixed.insert(column.out, rate);
+        if let Some(s) = storage(model, column.element) {
+            done.fixed.insert(s.state, *x);
+        }
+        list.push((column.element, *x));
+    }
+    let region = form.column(independent[0]).region;
+    done.groups.push(Merged {
+        region,
+        columns: independent.clone(),
+        energy,
+        coenergy,
+        bounded,
+        dependent: list,
+        into: independent.clone(),
+    });
+    Ok(())
+}
+
+/// The initial state: what is stated, or where the co-energy variable is what a dependent storage's start asks for.
+fn settle(model: &mut Model, s: &Storage, z: f64) -> Option<f64> {
+    let alone = model.pool.symbols(s.coenergy).iter().all(|x| *x == s.state);
+    if s.explicit || !alone {
+        return Some(s.initial);
+    }
+    let slope = model.pool.derivative(s.coenergy, s.state);
+    let at = |model: &Model, e: Expr, x: f64| model.pool.eval(e, &|_| x);
+    let mut x = s.initial;
+    for _ in 0..200 {
+        let off = at(model, s.coenergy, x) - z;
+        if off.abs() <= 1e-14 * z.abs() {
+            return Some(x);
+        }
+        let mut d = off / at(model, slope, x);
+        if !d.is_finite() {
+            return None;
+        }
+        while (at(model, s.coenergy, x - d) - z).abs() > off.abs() && d.abs() > 1e-300 {
+            d *= 0.5;
+        }
+        x -= d;
+    }
+    let off = at(model, s.coenergy, x) - z;
+    (off.abs() <= 1e-10 * z.abs().max(1e-300)).then_some(x)
+}

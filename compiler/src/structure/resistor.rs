@@ -1,0 +1,196 @@
+//! Outputs of resistors: the law as it is written where causality goes its way, inverted where it is linear, else the root of a
+//! residual. A port of a field reads the variables of the others.
+
+use super::resolve::Resolver;
+use super::{ColumnId, Form, Output, Role, Row, inverse};
+use crate::expression::{Expr, Node, Pool, Symbol};
+use crate::model::{ElementId, Law, Resistor, Variable};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir::Unary;
+use rustc_hash::FxHashMap;
+
+/// A resistor's output, and its coefficients where it is linear.
+pub(super) struct Found {
+    pub(super) how: Output,
+    pub(super) gain: Option<Row>,
+    /// See [`super::Region::steep`].
+    pub(super) steep: Option<Output>,
+}
+
+impl Found {
+    fn plain(how: Output) -> Self {
+        Self { how, gain: None, steep: None }
+    }
+}
+
+fn law_of<'m>(r: &'m Resolver<'_>, id: ElementId) -> Option<&'m Resistor> {
+    match &r.model.element(id).law {
+        Law::Resistor(law) => Some(law),
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+    }
+}
+
+/// How the output of a resistor's column is had.
+pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<Option<Found>, Diagnostic> {
+    let c = form.column(id);
+    let span = r.model.element(c.element).span;
+    let Some(law) = law_of(r, c.element).cloned() else { return Ok(None) };
+    // The columns of the field, or this one alone.
+    let members: Vec<ColumnId> = match r.model.element(c.element).field {
+        Some((f, _)) => r.model.fields[f]
+            .members
+            .iter()
+            .filter_map(|m| form.columns.iter().position(|c| c.element == *m && c.role == Role::Resistor))
+            .map(|i| ColumnId(i as u32))
+            .collect(),
+        None => vec![id],
+    };
+    let mut inputs: Vec<Expr> = Vec::new();
+    for m in &members {
+        let row = r.row(&form.column(*m).row);
+        inputs.push(r.resolve(row, Some(c.region), span)?);
+    }
+    let place = members.iter().position(|m| *m == id).unwrap_or(0);
+    let forward = |r: &Resolver<'_>, m: ColumnId| {
+        law_of(r, form.column(m).element).is_some_and(|l| l.gives == form.column(m).gives)
+    };
+    // A linear field: its matrix, inverted in the ports that causality runs backwards.
+    if let Some(rows) = rows(r, form, &members, (c.region, span))? {
+        let flipped: Vec<usize> = (0..members.len()).filter(|i| !forward(r, members[*i])).collect();
+        if let Some(hybrid) = hybrid(r, rows, &flipped) {
+            let pool = &mut r.model.pool;
+            let terms: Vec<Expr> = hybrid[place].iter().zip(&inputs).map(|(k, x)| pool.mul(*k, *x)).collect();
+            let mut gain: Row = members.iter().copied().zip(hybrid[place].iter().copied()).collect();
+            gain.retain(|t| !pool.is_zero(t.1));
+            gain.sort_unstable_by_key(|t| t.0);
+            return Ok(Some(Found { gain: Some(gain), ..Found::plain(Output::Explicit(pool.sum(&terms))) }));
+        }
+    }
+    if let Some(curve) = law.curve {
+        let effort = r.resolve(curve.effort, Some(c.region), span)?;
+        let flow = r.resolve(curve.flow, Some(c.region), span)?;
+        let (out, other) = if c.gives == Variable::Effort { (effort, flow) } else { (flow, effort) };
+        let (along, across) = (steepness(r, out, curve.parameter), steepness(r, other, curve.parameter));
+        let pool = &mut r.model.pool;
+        let off = pool.sub(other, inputs[place]);
+        let residual = pool.div(off, across);
+        let weight = pool.mul(along, across);
+        let how = Output::Curve { parameter: curve.parameter, out, residual, weight, bare: true };
+        return Ok(Some(Found::plain(how)));
+    }
+    if let (None, Some(k)) = (r.model.element(c.element).field, law.linear) {
+        let k = r.resolve(k, Some(c.region), span)?;
+        let pool = &mut r.model.pool;
+        if law.gives == c.gives {
+            let how = Output::Explicit(pool.mul(k, inputs[0]));
+            return Ok(Some(Found { gain: Some(vec![(id, k)]), ..Found::plain(how) }));
+        }
+        if pool.constant(k).is_some() {
+            let one = pool.int(1);
+            let gain = Some(vec![(id, pool.div(one, k))]);
+            let how = Output::Explicit(pool.div(inputs[0], k));
+            return Ok(Some(Found { gain, ..Found::plain(how) }));
+        }
+    }
+    // What the law's arguments are: inputs where causality goes its way, outputs where it does not.
+    let mut arguments: FxHashMap<Symbol, Expr> = FxHashMap::default();
+    for (m, input) in members.iter().zip(&inputs) {
+        let Some(other) = law_of(r, form.column(*m).element).cloned() else { continue };
+        let value = if forward(r, *m) { *input } else { r.model.pool.var(form.column(*m).out) };
+        arguments.insert(other.argument, value);
+    }
+    let law_output = r.resolve(law.output, Some(c.region), span)?;
+    let value = r.model.pool.substitute(law_output, &arguments);
+    if law.gives != c.gives {
+        // The law gives the input; its root is sought.
+        return Ok(Some(Found::plain(Output::Implicit(r.model.pool.sub(value, inputs[place])))));
+    }
+    let mut found = Found::plain(Output::Explicit(value));
+    if members.len() == 1 && grows(&r.model.pool, law.output) {
+        let pool = &mut r.model.pool;
+        let x = pool.var(law.argument);
+        let (slope, residual) = (pool.derivative(law_output, law.argument), pool.sub(x, inputs[0]));
+        let weight = pool.unary(Unary::Abs, slope);
+        found.steep =
+            Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, bare: false });
+    }
+    Ok(Some(found))
+}
+
+/// Whether a law has an exponential in it, as that of a junction diode.
+fn grows(pool: &Pool, law: Expr) -> bool {
+    let mut stack = vec![law];
+    while let Some(e) = stack.pop() {
+        let node = pool.node(e);
+        if matches!(node, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _) | Node::Power(..)) {
+            return true;
+        }
+        node.each_child(&mut |c| stack.push(c));
+    }
+    false
+}
+
+/// How fast a variable rises along a curve, where it does: the sum of its slopes at some places.
+fn steepness(r: &mut Resolver<'_>, e: Expr, parameter: Symbol) -> Expr {
+    let pool = &mut r.model.pool;
+    let slope = pool.derivative(e, parameter);
+    let mut terms = Vec::new();
+    for at in [0.5, -0.5, 2.0, -2.0, 1e3, -1e3] {
+        let at = pool.float(at);
+        let map: FxHashMap<Symbol, Expr> = std::iter::once((parameter, at)).collect();
+        let k = pool.substitute(slope, &map);
+        terms.push(pool.unary(Unary::Abs, k));
+    }
+    pool.sum(&terms)
+}
+
+/// The matrix of a linear field, resolved.
+fn rows(
+    r: &mut Resolver<'_>,
+    form: &Form,
+    members: &[ColumnId],
+    (region, span): (crate::graph::RegionId, bond_grammar::source::Span),
+) -> Result<Option<Vec<Vec<Expr>>>, Diagnostic> {
+    let mut list = Vec::new();
+    for m in members {
+        let Some(row) = law_of(r, form.column(*m).element).and_then(|l| l.row.clone()) else { return Ok(None) };
+        let row = row.into_iter().map(|e| r.resolve(e, Some(region), span)).collect::<Result<Vec<_>, _>>()?;
+        list.push(row);
+    }
+    Ok(Some(list))
+}
+
+/// y = K x solved for (y of the ports as they are, x of the flipped ones): the partial inverse.
+fn hybrid(r: &mut Resolver<'_>, k: Vec<Vec<Expr>>, flipped: &[usize]) -> Option<Vec<Vec<Expr>>> {
+    if flipped.is_empty() {
+        return Some(k);
+    }
+    let pool = &mut r.model.pool;
+    let n = k.len();
+    let block: Vec<Vec<Expr>> = flipped.iter().map(|i| flipped.iter().map(|j| k[*i][*j]).collect()).collect();
+    let inv = inverse(pool, &block)?;
+    let zero = pool.int(0);
+    let mut h = vec![vec![zero; n]; n];
+    // x_b = inv (y_b - K_ba x_a)
+    for (p, &i) in flipped.iter().enumerate() {
+        for (q, &j) in flipped.iter().enumerate() {
+            h[i][j] = inv[p][q];
+        }
+        for j in (0..n).filter(|j| !flipped.contains(j)) {
+            let terms: Vec<Expr> = flipped.iter().enumerate().map(|(q, b)| pool.mul(inv[p][q], k[*b][j])).collect();
+            let sum = pool.sum(&terms);
+            h[i][j] = pool.neg(sum);
+        }
+    }
+    // y_a = K_aa x_a + K_ab x_b
+    for i in (0..n).filter(|i| !flipped.contains(i)) {
+        for j in 0..n {
+            let mut terms: Vec<Expr> = flipped.iter().map(|b| pool.mul(k[i][*b], h[*b][j])).collect();
+            if !flipped.contains(&j) {
+                terms.push(k[i][j]);
+            }
+            h[i][j] = pool.sum(&terms);
+        }
+    }
+    Some(h)
+}
