@@ -66,8 +66,34 @@ pub fn compile(
     let mut model = elaborate::elaborate(sources, main, &files, options, errors)?;
     let graph = graph::build(&model);
     let causality = causality::assign(&mut model, &graph)?;
-    let form = structure::build(&mut model, &graph, &causality)?;
+    let (model, graph, causality, form) = form(model, graph, causality)?;
+    let mut model = model;
     let method = discretise::method(&model, options)?;
     let scene = discretise::discretise(&mut model, &form, method)?;
     Ok(Compiled { model, graph, causality, form, scene })
+}
+
+/// The form; where storages are tied by ratios that change, first with speeds of their own for the junctions that drive them.
+fn form(
+    model: Model,
+    graph: BondGraph,
+    causality: Causality,
+) -> Result<(Model, BondGraph, Causality, Form), Vec<Diagnostic>> {
+    let speeds = causality::speeds(&model, &graph, &causality);
+    if !speeds.is_empty() {
+        let mut with = model.clone();
+        for j in speeds {
+            with.add_massless(j);
+        }
+        let graph = graph::build(&with);
+        if let Ok(causality) = causality::assign(&mut with, &graph)
+            && causality.dependent.iter().all(|d| !with.element(*d).is_massless())
+            && let Ok(form) = structure::build(&mut with, &graph, &causality)
+        {
+            return Ok((with, graph, causality, form));
+        }
+    }
+    let mut model = model;
+    let form = structure::build(&mut model, &graph, &causality)?;
+    Ok((model, graph, causality, form))
 }

@@ -122,6 +122,8 @@ pub struct Storage {
     pub explicit: bool,
     /// Whether H could be seen to have a lower bound.
     pub bounded: bool,
+    /// An inertia of 0, put on a junction by the compiler as the speed that others follow.
+    pub massless: bool,
 }
 
 /// A multiport field: ports of one energy or of one dissipative law. Each port is an element of its own, `arm.p1`; the energy of
@@ -183,6 +185,13 @@ pub struct Element {
     pub field: Option<(usize, usize)>,
     /// Its declaration.
     pub span: Span,
+}
+
+impl Element {
+    /// Whether it is an inertia of 0 that the compiler put there.
+    pub fn is_massless(&self) -> bool {
+        matches!(&self.law, Law::Storage(s) if s.massless)
+    }
 }
 
 /// A bond; positive power flows from tail to head.
@@ -463,6 +472,39 @@ impl Model {
             list[bond.head.at()].push(BondId(i as u32));
         }
         list
+    }
+
+    /// Puts an inertia of 0 on a 1-junction, whose flow then is a speed of its own.
+    pub fn add_massless(&mut self, junction: ElementId) {
+        let Some(neighbour) = self.bonds_of().get(junction.at()).and_then(|b| b.first().copied()) else { return };
+        let owner = self.element(junction).clone();
+        let state = self.pool.symbol(&format!("{}.p", owner.name));
+        let zero = self.pool.int(0);
+        let id = ElementId(self.elements.len() as u32);
+        self.signals.insert(state, Signal::State(id));
+        let law = Law::Storage(Storage {
+            state,
+            energy: zero,
+            coenergy: zero,
+            linear: None,
+            initial: 0.0,
+            explicit: false,
+            bounded: true,
+            massless: true,
+        });
+        let bond = Bond {
+            tail: junction,
+            head: id,
+            sampled: false,
+            stroke: None,
+            name: format!("{} -> its speed", owner.name),
+            span: owner.span,
+        };
+        self.elements.push(Element { kind: Kind::I, law, active: false, field: None, ..owner });
+        self.bonds.push(bond);
+        let (unit, pseudo) = (self.units[neighbour.at()], self.pseudo[neighbour.at()]);
+        self.units.push(unit);
+        self.pseudo.push(pseudo);
     }
 
     /// Elements with their ids.

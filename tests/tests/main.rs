@@ -12,6 +12,7 @@ mod form;
 mod holds;
 mod ledger;
 mod linearize;
+mod multiports;
 mod mutations;
 mod orders;
 mod parse;

@@ -9,7 +9,7 @@ mod propagate;
 
 use crate::expression::{Pool, Sign};
 use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Law, Model, Resistor, Variable};
+use crate::model::{BondId, ElementId, Kind, Law, Model, Resistor, Signal, Variable};
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
 use propagate::Assignment;
@@ -180,7 +180,7 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     }
     let storages = one_ports(&[Kind::C, Kind::I]);
     let keeps = |id: ElementId| match &model.element(id).law {
-        Law::Storage(s) => s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()]),
+        Law::Storage(s) => s.massless || s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()]),
         Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
     };
     for (i, bond) in model.bonds.iter().enumerate() {
@@ -237,6 +237,42 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
         .collect();
     let strokes = a.strokes.iter().map(|s| s.unwrap_or(Stroke::Head)).collect();
     Ok(Causality { strokes, causes: a.causes, dependent, implicit })
+}
+
+/// The 1-junctions that drive others through ratios which change with states, where storages are tied together by those and nothing
+/// on the junction gives it a flow of its own: the turning of a pendulum whose mass has two Cartesian speeds. Read the other way, such
+/// a ratio would be divided by, and it may pass 0.
+pub fn speeds(model: &Model, graph: &BondGraph, causality: &Causality) -> Vec<ElementId> {
+    if !causality.dependent.iter().any(|d| model.element(*d).kind == Kind::I) {
+        return Vec::new();
+    }
+    let changes = |id: ElementId| match &model.element(id).law {
+        Law::Ratio(v) => model.pool.symbols(*v).iter().any(|s| matches!(model.signals.get(s), Some(Signal::State(_)))),
+        Law::Source(_) | Law::Storage(_) | Law::Resistor(_) | Law::Junction | Law::Port(_) => false,
+    };
+    let drives = |j: ElementId, b: BondId| {
+        let other = model.bond(b).other(j);
+        model.element(other).kind == Kind::Tf && model.bond(b).head == other && changes(other)
+    };
+    // A storage, or a source of flow, on the junction.
+    let has_flow = |j: ElementId, b: BondId| {
+        let other = model.bond(b).other(j);
+        match model.element(other).kind {
+            Kind::I | Kind::Sf | Kind::De | Kind::Port => true,
+            Kind::Tf | Kind::Gy => model.bond(b).head == j,
+            Kind::Zero | Kind::One => true,
+            Kind::Se | Kind::C | Kind::R | Kind::Df => model.bond(b).sampled,
+        }
+    };
+    model
+        .ids()
+        .filter(|(_, e)| e.kind == Kind::One)
+        .map(|(id, _)| id)
+        .filter(|id| {
+            let bonds = &graph.bonds_of[id.at()];
+            bonds.iter().any(|b| drives(*id, *b)) && !bonds.iter().any(|b| has_flow(*id, *b))
+        })
+        .collect()
 }
 
 /// The end of a double bar that holds its variable: the sampled one; of two, the slower; of two alike, the head.

@@ -53,9 +53,10 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
 /// Gonzalez' correction along d it asks for no common unit of the states, and each quotient is written without cancellation.
 fn gradient(c: &Cluster, pool: &mut Pool, g: &Group, middle: &FxHashMap<Symbol, Expr>) -> Vec<Expr> {
     let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
-    // What follows a source is quadratic, and its energy changes with time too.
-    let late = c.time.is_some_and(|t| pool.contains(g.energy, t));
-    if let ([only], [s], false) = (&g.states[..], &symbols[..], late) {
+    // Of storages that follow sources the outputs are no derivatives of H alone: they are quadratic, and so affine.
+    let is_source = |s: Symbol| c.nodes.iter().any(|n| n.out == s && n.source().is_some());
+    let driven = g.coenergy.iter().any(|z| pool.contains_any(*z, &is_source));
+    if let ([only], [s], false) = (&g.states[..], &symbols[..], driven) {
         let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
         return vec![pool.difference(g.energy, *s, x, d)];
     }

@@ -1,13 +1,16 @@
 //! Observation: what signals are at one instant, from the states and what comes in.
 
-use super::cluster::{Cluster, missing, verified};
+use super::cluster::{self, Cluster, missing, verified};
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Node, Symbol};
 use crate::model::Model;
-use crate::structure::Form;
+use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{self, Array, Builder, Program, Slot, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
+
+/// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
+const HOLD: f64 = 1e-6;
 
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
@@ -25,8 +28,21 @@ pub(super) fn outputs(
 ) -> Result<FxHashMap<Symbol, Expr>, Vec<Diagnostic>> {
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
-    let residuals: Vec<Expr> =
+    let mut residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
+    // Where a curve stands upright its parameter cannot be told from an instant: the force that holds a body at rest follows from
+    // the whole step. It then stays what the step found.
+    for ((r, z), guess) in residuals.iter_mut().zip(&c.loops).zip(guesses) {
+        let is_bare = |n: &cluster::Node| n.unknown() == *z && matches!(n.how, Output::Curve { bare: true, .. });
+        if c.nodes.iter().any(is_bare) {
+            let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
+            lowering.bind(held, *guess);
+            let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(HOLD));
+            let off = model.pool.sub(s, before);
+            let pull = model.pool.mul(little, off);
+            *r = model.pool.add(*r, pull);
+        }
+    }
     // Power counts here as energy does in a step.
     let one = model.pool.int(1);
     let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;

@@ -191,12 +191,14 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
             }
         }
     }
-    // Between two solutions the equations do not hold; between two roundings of one they hold as well as at the ends.
+    // Between two solutions that stand alone the slopes turn over (the degree of the map); between two roundings of one they do not.
     let apart = |a: &DVector<f64>, b: &DVector<f64>| {
-        let off = (a - b).amax();
-        let middle = system.residual(&((a + b) * 0.5)).norm();
-        let ends = system.residual(a).norm().max(system.residual(b).norm());
-        off > SAME * a.amax().max(b.amax()) && middle > 1e3 * ends
+        let first = system.jacobian(a).determinant().signum();
+        (a - b).amax() > SAME * a.amax().max(b.amax())
+            && (1..=32).any(|k| {
+                let way = f64::from(k) / 32.0;
+                system.jacobian(&(a * (1.0 - way) + b * way)).determinant().signum() == -first
+            })
     };
     let Some(solution) = found.first().cloned() else {
         let what = "no solution was found at the start";

@@ -75,9 +75,11 @@ impl<'a> Elaborator<'a> {
             let typed = self.with_signals(value, scope);
             self.locals.truncate(before);
             let typed = typed?;
-            for b in bonds {
+            for (i, b) in bonds.iter().enumerate() {
                 let needed = self.energy_unit(*b);
-                self.require((&typed.unit, value.span), needed, None, format!("the energy of `{name}`"), 2);
+                let found = if i == 0 { typed.unit.clone() } else { self.energy_unit(bonds[0]) };
+                let about = if i == 0 { "the energy of" } else { "the power on the ports of" };
+                self.require((&found, value.span), needed, None, format!("{about} `{name}`"), 2);
             }
             self.own_states_only(typed.expr, &symbols, value, &name)?;
             typed.expr
@@ -109,7 +111,7 @@ impl<'a> Elaborator<'a> {
                 initial = self.number(&typed, value)?;
                 self.finite(typed.expr, value, &name)?;
             }
-            list.push(Storage { state: *s, energy, coenergy, linear: None, initial, explicit: given.is_some(), bounded });
+            list.push(Storage { state: *s, energy, coenergy, linear: None, initial, explicit: given.is_some(), bounded, massless: false });
         }
         Some(list)
     }

@@ -84,7 +84,7 @@ impl<'a> Elaborator<'a> {
         };
         self.energies_set(id, energy);
         let bounded = self.is_bounded(energy, &[state]);
-        let mut storage = Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded };
+        let mut storage = Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded, massless: false };
         let start = [(if c { "q0" } else { "p0" }, true), (if c { "e0" } else { "f0" }, false)];
         let given: Vec<_> = start.iter().filter_map(|(f, is_state)| Some((fields.get(f)?, *is_state, *f))).collect();
         if let [first, second, ..] = given[..] {

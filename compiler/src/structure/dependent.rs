@@ -141,8 +141,12 @@ pub(super) fn family(model: &Model, form: &Form, id: ColumnId) -> Vec<ColumnId> 
 
 /// The second derivatives of a storage's energy with the states of its family, where they are numbers.
 pub(super) fn stiffness(model: &mut Model, form: &Form, id: ColumnId) -> Option<Vec<(ColumnId, Expr)>> {
-    let coenergy = storage(model, form.column(id).element)?.coenergy;
+    let found = storage(model, form.column(id).element)?;
+    let coenergy = found.coenergy;
     let mut row = Vec::new();
+    if found.massless {
+        return Some(row);
+    }
     let mut rest = coenergy;
     for c in family(model, form, id) {
         let state = storage(model, form.column(c).element)?.state;
@@ -332,8 +336,21 @@ pub(super) fn transform(pool: &mut Pool, form: &mut Form, change: &Change) {
             (*a, combine(pool, parts.iter().map(|(k, r)| (*k, r))))
         })
         .collect();
-    for (a, row) in rows {
+    // What two changed rows say of each other is the same but for the sign, and taken from one of them.
+    let changed: Vec<ColumnId> = rows.iter().map(|r| r.0).collect();
+    for (a, mut row) in rows {
+        row.retain(|(b, _)| *b != a && (*b < a || !changed.contains(b)));
         form.columns[a.at()].row = row;
+    }
+    for &a in &changed {
+        let mirrored: Row = changed
+            .iter()
+            .filter(|b| **b > a)
+            .filter_map(|b| Some((*b, pool.neg(form.entry(*b, a)?))))
+            .collect();
+        let row = &mut form.columns[a.at()].row;
+        row.extend(mirrored);
+        row.sort_unstable_by_key(|t| t.0);
     }
 }
 

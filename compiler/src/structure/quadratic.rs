@@ -252,6 +252,17 @@ pub(super) fn merge(
 /// The inverse of the second derivatives of H over some storages.
 fn compliance(model: &mut Model, form: &Form, all: &[ColumnId]) -> Option<Vec<Vec<Expr>>> {
     let zero = model.pool.int(0);
+    // An inertia of 0 has no momentum, whatever its speed.
+    let massless = |c: &ColumnId| storage(model, form.column(*c).element).is_some_and(|s| s.massless);
+    if let Some(i) = all.iter().position(massless) {
+        let rest: Vec<ColumnId> = all.iter().copied().filter(|c| *c != all[i]).collect();
+        let mut l = compliance(model, form, &rest)?;
+        for row in &mut l {
+            row.insert(i, zero);
+        }
+        l.insert(i, vec![zero; all.len()]);
+        return Some(l);
+    }
     let mut k = vec![vec![zero; all.len()]; all.len()];
     for (i, c) in all.iter().enumerate() {
         for (other, value) in stiffness(model, form, *c)? {
