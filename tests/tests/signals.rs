@@ -529,3 +529,56 @@ fn what_is_shown() {
     assert_eq!(json["signal_states"][1]["next"], "k/2");
     assert_eq!(json["signal_states"][1]["period"], 0.01);
 }
+
+/// A force that rises evenly overcomes friction of 1 N at 1 s: v = (t - 1)^2/2 from there on.
+#[test]
+fn an_input_overcomes_friction() {
+    let compiled = text(
+        "model Stick(Fc = 1 N) {
+          input u = 0 N
+          Se:force = u
+          I:m = 1 kg
+          R:fr { e = Fc * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }
+          force -> 1:v -> m, fr
+          state x = 0 m { dx = v.f }
+          probe speed = v.f
+          probe place = x
+        }",
+    );
+    let mut sim = fed(&compiled, Steps::fixed(0.01), "u", course(&[(0.0, 0.0), (4.0, 4.0)], false));
+    for k in 1..=10 {
+        let t = 0.25 * f64::from(k);
+        advance(&mut sim, t);
+        let moved = (t - 1.0).max(0.0);
+        close(probe(&mut sim, "speed"), moved.powi(2) / 2.0, 1e-12, &format!("speed at {t}"));
+        close(probe(&mut sim, "place"), moved.powi(3) / 6.0, 2e-4, &format!("place at {t}"));
+    }
+    let summary = sim.summary();
+    assert!(summary.passive && summary.worst_step <= 1e-12, "{:?}", summary.reasons);
+}
+
+/// Coupled coils and resistors with two ports, under a source that reads its own current: `exact` against `rk4`.
+#[test]
+fn fields_in_a_closed_loop() {
+    let field = "model F {
+      input u = 1 V
+      Se:s = u - 0.5 Ohm * i1.f
+      R(a, b):pair = [[2 Ohm, 1 Ohm], [1 Ohm, 3 Ohm]]
+      I(p1, p2):coils { H = 1 H^-1 * (p1^2 + p1*p2 + p2^2) }
+      s -> 1:i1 -> pair.a, coils.p1
+      1:i2 -> pair.b, coils.p2
+      state q = 0 C { dq = i2.f }
+      probe x = i1.f
+      probe y = q
+    }";
+    let ends = [("exact", 0.37), ("rk4", 1e-3)].map(|(method, step)| {
+        let compiled = with(Options::new().method(method), field);
+        let mut sim = fed(&compiled, Steps::fixed(step), "u", course(&ROWS, false));
+        finish(&mut sim, 2.5);
+        let summary = sim.summary();
+        assert!(method != "exact" || (summary.passive && summary.worst_step <= 1e-12), "{:e}", summary.worst_step);
+        (probe(&mut sim, "x"), probe(&mut sim, "y"))
+    });
+    close(ends[0].0, ends[1].0, 1e-10, "current");
+    close(ends[0].1, ends[1].1, 1e-10, "charge");
+}
