@@ -129,14 +129,22 @@ impl Feed {
     }
 
     /// The end of the piece of time from `t` on over which each of the signals changes evenly, if it lies before `end`.
+    #[inline]
     pub(super) fn cut(&self, t: f64, end: f64) -> Option<f64> {
+        if self.courses.is_empty() {
+            return None;
+        }
         let slack = slack(t, end);
         let next = self.courses.iter().filter_map(|c| c.next(t, slack)).min_by(f64::total_cmp)?;
         (next < end - slack).then_some(next)
     }
 
     /// Tells the programs what holds from `t` to `end`, between which no piece begins.
+    #[inline]
     pub(super) fn aim(&self, input: &mut [f64], t: f64, end: f64) {
+        if self.courses.is_empty() {
+            return;
+        }
         let middle = t + 0.5 * (end - t);
         for (slots, course) in input[self.at..].chunks_exact_mut(GIVEN).zip(&self.courses) {
             let p = course.piece(middle.max(t + slack(t, end)));
