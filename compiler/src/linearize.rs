@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 /// The matrices, with names.
 #[derive(Clone, Debug)]
 pub struct Linearized {
-    /// Energy states, then integrals.
+    /// Energy states, signal states, then integrals.
     pub states: Vec<String>,
     /// The scene's inputs, open ports, and what sampled regions hold at the others' bonds.
     pub inputs: Vec<String>,
@@ -70,7 +70,8 @@ fn settle(pool: &crate::expression::Pool, columns: &[(Symbol, Expr)], at: &mut F
     order
 }
 
-/// Linearizes the continuous regions at a time and at values of their states (energy states by name, then integrals).
+/// Linearizes what is continuous at a time and at values of the states (energy and signal states by name, then integrals). What
+/// is given from outside is at its default.
 ///
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.
@@ -93,6 +94,10 @@ pub fn linearize(
     let mut rates: Vec<Expr> = Vec::new();
     let mut columns: Vec<(Symbol, Expr)> = Vec::new();
     let mut inputs: Vec<(String, Symbol)> = Vec::new();
+    for i in &model.inputs {
+        at.insert(i.symbol, i.value);
+        inputs.push((i.name.clone(), i.symbol));
+    }
     for (i, r) in form.regions.iter().enumerate() {
         for s in &r.states {
             at.insert(s.symbol, states(&s.name).unwrap_or(s.initial));
@@ -138,6 +143,14 @@ pub fn linearize(
                     columns.push((out, e));
                 }
             }
+        }
+    }
+    for (m, law) in model.memories.iter().zip(&form.memories) {
+        at.insert(m.symbol, states(&m.name).unwrap_or(m.start));
+        if m.sampling.is_none() {
+            symbols.push(m.symbol);
+            names.push(m.name.clone());
+            rates.push(*law);
         }
     }
     for f in form.regions.iter().flat_map(|r| &r.following) {

@@ -19,5 +19,6 @@ mod orders;
 mod parse;
 mod program;
 mod random;
+mod signals;
 mod solutions;
 mod values;

@@ -31,7 +31,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     // The change of energy is the power into the storages times T: their outputs times their rates.
     let mut change: Option<Value> = None;
     for (s, rate) in c.states.iter().zip(&rates) {
-        let z = model.pool.var(form.column(s.column).out);
+        let Some(column) = s.column else { continue };
+        let z = model.pool.var(form.column(column).out);
         let z = model.pool.substitute(z, &flat);
         let z = lowering.lower(&model.pool, &mut b, z).map_err(|s| missing(model, s))?;
         let p = b.mul(z, *rate);
@@ -138,6 +139,12 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         let leap = b.select(found, mirror, low);
         let chosen = b.select(met, on_line, leap);
         let x = inputs.states[next.len()];
+        if s.column.is_none() {
+            // A signal state has no energy, and goes its own way.
+            let change = b.mul(inputs.h, rates[next.len()]);
+            next.push(b.add(x, change));
+            continue;
+        }
         next.push(b.select(stands, x, chosen));
     }
     b.slots(Array::Next, c.slots());

@@ -156,11 +156,13 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
         .iter()
         .map(|s| (s.symbol, s.initial))
         .chain(c.integrals.iter().map(|i| (i.symbol, i.start)))
+        .chain(c.inputs.iter().map(|i| (i.1, model.inputs[i.0].value)))
         .collect();
     let system = System { model, unknowns: &c.loops, place, known, residuals, slopes };
     let first = system.follow(DVector::zeros(n));
     // What comes from elsewhere is not known here.
     let told = c.ports.is_empty()
+        && c.inputs.is_empty()
         && c.foreign.is_empty()
         && system.residuals.iter().all(|r| {
             model.pool.symbols(*r).iter().all(|s| {

@@ -231,7 +231,10 @@ fn others(model: &Model, form: &Form, tied: &Tied) -> Result<Vec<ColumnId>, Diag
                     | Signal::Flow(_)
                     | Signal::Integral(_)
                     | Signal::Argument(_)
-                    | Signal::Parameter(_),
+                    | Signal::Parameter(_)
+                    | Signal::Input(_)
+                    | Signal::Slope(_)
+                    | Signal::Memory(_),
                 )
                 | None => None,
             };

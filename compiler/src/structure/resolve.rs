@@ -54,7 +54,17 @@ impl Resolver<'_> {
             match self.model.signals.get(&s) {
                 Some(Signal::Effort(b)) => self.bond(s, *b, Variable::Effort, region, span)?,
                 Some(Signal::Flow(b)) => self.bond(s, *b, Variable::Flow, region, span)?,
-                Some(Signal::Time | Signal::State(_) | Signal::Integral(_) | Signal::Argument(_) | Signal::Parameter(_)) | None => {
+                Some(
+                    Signal::Time
+                    | Signal::State(_)
+                    | Signal::Integral(_)
+                    | Signal::Argument(_)
+                    | Signal::Parameter(_)
+                    | Signal::Input(_)
+                    | Signal::Slope(_)
+                    | Signal::Memory(_),
+                )
+                | None => {
                     return Ok(None);
                 }
             }
@@ -280,6 +290,10 @@ pub(super) fn outputs(
     }
     for (e, span) in integrals {
         form.integrals.push(r.resolve(e, None, span).map_err(one)?);
+    }
+    let memories: Vec<(Expr, Span)> = r.model.memories.iter().map(|m| (m.law, m.span)).collect();
+    for (e, span) in memories {
+        form.memories.push(r.resolve(e, None, span).map_err(one)?);
     }
     for x in r.model.expectations.clone() {
         let list: Vec<Expr> = match &x.kind {
