@@ -297,7 +297,13 @@ impl Cluster {
             match form.column(c).role {
                 Role::Source(v) => {
                     let how = Output::Explicit(v);
-                    self.nodes.push(Node { part: Part::Source(c), out: form.column(c).out, how, steep: None, curved: false });
+                    self.nodes.push(Node {
+                        part: Part::Source(c),
+                        out: form.column(c).out,
+                        how,
+                        steep: None,
+                        curved: false,
+                    });
                 }
                 Role::Bar | Role::Open(_) => self.ports.push(c),
                 Role::Storage | Role::Resistor | Role::Dependent => {}
@@ -305,7 +311,13 @@ impl Cluster {
         }
         for (c, how) in &r.resistors {
             let steep = r.steep.get(c).copied();
-            self.nodes.push(Node { part: Part::Resistor(*c), out: form.column(*c).out, how: *how, steep, curved: !r.gains.contains_key(c) });
+            self.nodes.push(Node {
+                part: Part::Resistor(*c),
+                out: form.column(*c).out,
+                how: *how,
+                steep,
+                curved: !r.gains.contains_key(c),
+            });
         }
         for f in &r.following {
             let how = Output::Explicit(f.rate);
@@ -685,10 +697,8 @@ impl Cluster {
             model.units[c.bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
         };
         let of_field = dissipated.iter().filter(|d| field(d[0]).is_some());
-        let produced = of_field
-            .map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>())
-            .filter(|d| !d.is_empty())
-            .collect();
+        let produced =
+            of_field.map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>()).filter(|d| !d.is_empty()).collect();
         Accounts { supplied, dissipated, produced }
     }
 

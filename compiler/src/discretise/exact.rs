@@ -383,8 +383,12 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
         }
     }
     let mut input_rows = FxHashMap::default();
-    let columns =
-        c.states.iter().filter_map(|s| s.column).chain(c.nodes.iter().filter_map(|n| n.source().or(n.resistor()))).chain(c.ports.iter().copied());
+    let columns = c
+        .states
+        .iter()
+        .filter_map(|s| s.column)
+        .chain(c.nodes.iter().filter_map(|n| n.source().or(n.resistor())))
+        .chain(c.ports.iter().copied());
     for column in columns.collect::<Vec<_>>() {
         let mut v = vec![0.0; size];
         for (j, k) in &form.column(column).row {
@@ -601,9 +605,8 @@ fn program(
             }
             for ((_, slot), columns) in e.dissipated.iter().zip(&account.dissipated) {
                 // An active resistor gives energy: minus a sum of squares.
-                let negative = |c: &ColumnId| {
-                    model.element(form.column(*c).element).active && is_negative(model, form, *c)
-                };
+                let negative =
+                    |c: &ColumnId| model.element(form.column(*c).element).active && is_negative(model, form, *c);
                 let sign = if columns.iter().any(negative) { -1.0 } else { 1.0 };
                 linear.squares.push(energy(columns, sign));
                 sums.push((Slot::new(Array::Output, *slot), sign));

@@ -60,9 +60,10 @@ fn gradient(c: &Cluster, pool: &mut Pool, g: &Group, middle: &FxHashMap<Symbol, 
         let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
         return vec![pool.difference(g.energy, *s, x, d)];
     }
-    if g.coenergy.iter().all(|z| pool.affine(*z, &symbols).is_some_and(|(linear, _)| {
-        linear.iter().all(|(_, k)| !pool.contains_any(*k, &|s| symbols.contains(&s)))
-    })) {
+    if g.coenergy.iter().all(|z| {
+        pool.affine(*z, &symbols)
+            .is_some_and(|(linear, _)| linear.iter().all(|(_, k)| !pool.contains_any(*k, &|s| symbols.contains(&s))))
+    }) {
         return g.coenergy.iter().map(|z| pool.substitute(*z, middle)).collect();
     }
     let half = pool.ratio(1, 2);

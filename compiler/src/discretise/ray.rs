@@ -220,8 +220,7 @@ fn lowest(model: &mut Model, g: &super::cluster::Group, c: &Cluster, state: usiz
     let flat = |model: &Model, x: &[f64]| g.coenergy.iter().all(|z| value(model, *z, x) == 0.0);
     if !flat(model, &x) {
         x = g.states.iter().map(|s| c.states[*s].initial).collect();
-        let slopes: Vec<Expr> =
-            g.coenergy.iter().zip(&symbols).map(|(z, s)| model.pool.derivative(*z, *s)).collect();
+        let slopes: Vec<Expr> = g.coenergy.iter().zip(&symbols).map(|(z, s)| model.pool.derivative(*z, *s)).collect();
         for _ in 0..500 {
             let before = x.clone();
             for i in 0..x.len() {

@@ -232,11 +232,8 @@ fn complain(c: &Cluster, model: &Model, form: &Form, what: &str, help: &str) -> 
         bonds.extend(bond);
     }
     let span = bonds.first().map_or(model.span, |b| model.bond(*b).span);
-    let mut error = Diagnostic::error(
-        "discretise::loop",
-        span,
-        format!("an algebraic loop through {}: {what}", names.join(", ")),
-    );
+    let mut error =
+        Diagnostic::error("discretise::loop", span, format!("an algebraic loop through {}: {what}", names.join(", ")));
     for b in bonds.iter().take(16) {
         error = error.label(model.bond(*b).span, format!("the bond {} is in it", model.bond(*b).name));
     }

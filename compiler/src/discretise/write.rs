@@ -473,13 +473,14 @@ pub(super) fn energies(
         let later = model.pool.substitute(h, &end);
         let mut v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
         let of_states = |z: &Expr| {
-            model.pool.symbols(*z).iter().all(|s| {
-                model.pool.value(*s).is_some() || c.states.iter().any(|x| x.symbol == *s)
-            })
+            model
+                .pool
+                .symbols(*z)
+                .iter()
+                .all(|s| model.pool.value(*s).is_some() || c.states.iter().any(|x| x.symbol == *s))
         };
-        let angles = |g: &&Group| {
-            g.region == *r && has_angle(&model.pool, g.energy) && g.coenergy.iter().all(of_states)
-        };
+        let angles =
+            |g: &&Group| g.region == *r && has_angle(&model.pool, g.energy) && g.coenergy.iter().all(of_states);
         for g in c.groups.iter().filter(angles) {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
                 let Some(rest) = rests.get(*s) else { continue };

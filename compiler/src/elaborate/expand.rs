@@ -349,7 +349,11 @@ impl<'a> Elaborator<'a> {
             _ => ("C, I, IC, R and RS", vec![]),
         };
         if kinds.is_empty() && !e.ports.is_empty() {
-            wrong(e.kind.span, format!("`{name}` (a `{kind}`) takes no list of ports"), &format!("the fields are {example}"));
+            wrong(
+                e.kind.span,
+                format!("`{name}` (a `{kind}`) takes no list of ports"),
+                &format!("the fields are {example}"),
+            );
             sound = false;
         } else if e.ports.is_empty() || (kind == "RS" && e.ports.len() != 2) {
             let what = if kind == "RS" { "two ports, the resistor's and the thermal one" } else { "its ports named" };
@@ -359,7 +363,11 @@ impl<'a> Elaborator<'a> {
         for (i, (p, k)) in e.ports.iter().zip(&kinds).enumerate() {
             if k.is_none() || (kind != "IC" && p.kind.is_some()) {
                 let what = if kind == "IC" { "is neither `I` nor `C`" } else { "has a kind of its own" };
-                wrong(p.name.span, format!("the port `{}` of `{name}` {what}", p.name.text), &format!("write {example}"));
+                wrong(
+                    p.name.span,
+                    format!("the port `{}` of `{name}` {what}", p.name.text),
+                    &format!("write {example}"),
+                );
                 sound = false;
             }
             if e.ports[..i].iter().any(|q| q.name.text == p.name.text) {
@@ -368,7 +376,11 @@ impl<'a> Elaborator<'a> {
             }
         }
         if !e.args.is_empty() {
-            wrong(e.span, format!("`{name}` is a field, and takes no arguments in parentheses"), "give fields in braces");
+            wrong(
+                e.span,
+                format!("`{name}` is a field, and takes no arguments in parentheses"),
+                "give fields in braces",
+            );
             sound = false;
         }
         if e.active && kind != "R" {
@@ -459,7 +471,15 @@ impl<'a> Elaborator<'a> {
             let id = ElementId(self.elements.len() as u32);
             if self.declare(instance, name.text.clone(), Entity::Element(id), name.span) {
                 let span = name.span;
-                self.elements.push(Decl { name: full, kind: Kind::Port, ast: None, scope, sampling, span, field: None });
+                self.elements.push(Decl {
+                    name: full,
+                    kind: Kind::Port,
+                    ast: None,
+                    scope,
+                    sampling,
+                    span,
+                    field: None,
+                });
                 self.open_ports.push((id, fields, scope));
             }
             return;
@@ -724,9 +744,13 @@ impl<'a> Elaborator<'a> {
                     }
                     let list = self.fields[f].ports.join(", ");
                     self.errors.push(
-                        Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.name.text))
-                            .label(span, "is declared here")
-                            .help(format!("its ports are {list}")),
+                        Diagnostic::error(
+                            "elaborate::end",
+                            path.span,
+                            format!("`{key}` has no port `{}`", next.name.text),
+                        )
+                        .label(span, "is declared here")
+                        .help(format!("its ports are {list}")),
                     );
                     return None;
                 }

@@ -464,9 +464,11 @@ impl<'a> Elaborator<'a> {
         let first = &path.segments[0];
         // The pair of a port, in the law of a field: `a.f`.
         if let [port, variable] = &path.segments[..]
-            && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| {
-                n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str()))
-            })
+            && let Some((_, t)) = self
+                .locals
+                .iter()
+                .rev()
+                .find(|(n, _)| n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str())))
         {
             return Some(Value::Scalar(t.clone()));
         }
