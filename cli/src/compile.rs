@@ -9,6 +9,7 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{Respond, Scene};
+use bond_runtime::simulate::Course;
 use std::path::Path;
 
 /// What to compile a model with.
@@ -196,9 +197,45 @@ impl Compiled {
     /// # Errors
     /// A step length that makes no sense, or a program that fails at the start.
     pub fn simulate(&self, steps: Steps) -> Result<Simulation<'_>, RunError> {
+        self.simulate_with(steps, [])
+    }
+
+    /// The same with signals given from outside: the path of an `input`, and what it is over time.
+    ///
+    /// ```
+    /// let text = "
+    ///     model Charge {
+    ///       input u = 0 A
+    ///       Sf:source = u
+    ///       C:cap = 1 F
+    ///       source -> cap
+    ///       probe v = cap.e
+    ///     }";
+    /// let compiled = bond::compile_str("charge.bond", text)?;
+    /// let ramp = bond::Course::table(&[0.0, 2.0], &[0.0, 4.0], false)?; // linear from 0 A at 0 s to 4 A at 2 s
+    /// let mut sim = compiled.simulate_with(bond::Steps::new(), [("u".to_string(), ramp)])?;
+    /// sim.advance(2.0)?;
+    /// sim.set_input("u", -1.0)?; // from now on
+    /// sim.advance(3.0)?;
+    /// assert!((sim.probe("v")? - 3.0).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// A step length that makes no sense, a name that there is not, or a program that fails at the start.
+    pub fn simulate_with(
+        &self,
+        steps: Steps,
+        inputs: impl IntoIterator<Item = (String, Course)>,
+    ) -> Result<Simulation<'_>, RunError> {
         let settings = &self.inner.model.settings;
         let stop = settings.stop.unwrap_or(1.0);
-        Simulation::new(&self.inner.scene, &steps.resolve(settings, stop, settings.every)?)
+        Simulation::with(&self.inner.scene, &steps.resolve(settings, stop, settings.every)?, inputs)
+    }
+
+    /// The paths of the inputs, in order of declaration.
+    pub fn inputs(&self) -> Vec<&str> {
+        self.inner.scene.inputs.iter().map(|i| i.name.as_str()).collect()
     }
 }
 

@@ -106,7 +106,7 @@ pub fn document(
 fn models(file: &File) -> impl Iterator<Item = &Model> {
     file.items.iter().filter_map(|item| match item {
         Item::Model(m) => Some(m),
-        Item::Use(_) => None,
+        Item::Use(_) | Item::Function(_) => None,
     })
 }
 
@@ -150,6 +150,7 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
         | StatementKind::If(_)
         | StatementKind::Input(..)
         | StatementKind::Let(..)
+        | StatementKind::Function(_)
         | StatementKind::State(..)
         | StatementKind::Simulate(_)
         | StatementKind::Expect(_) => {}
@@ -228,6 +229,7 @@ fn statements<'a>(body: &'a [Statement], look: &mut dyn FnMut(&'a Statement)) {
             | StatementKind::Port(..)
             | StatementKind::Input(..)
             | StatementKind::Let(..)
+            | StatementKind::Function(_)
             | StatementKind::Probe(..)
             | StatementKind::State(..)
             | StatementKind::Simulate(_)

@@ -24,9 +24,9 @@ pub fn possible(scene: &Scene, options: &Options, stop: f64) -> Result<(), Stop>
     if let Some(h) = options.step {
         refuse(stop / h, format!("steps of {h} s"))?;
     }
-    for r in &scene.regions {
-        if let Some(period) = r.period {
-            refuse(stop / period, format!("the period {period} s of `{}`", r.name))?;
+    for c in &scene.clusters {
+        if let Some(period) = c.period {
+            refuse(stop / period, format!("the period {period} s of `{}`", c.name))?;
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use crate::report;
 use crate::stop::Stop;
-use bond::{Compiled, Errors, Options, Quantity, ReadError};
+use bond::{Compiled, Course, Errors, Given, Options, Quantity, ReadError};
 use std::path::Path;
 
 /// `--model`.
@@ -83,6 +83,16 @@ pub fn options(which: &Which, set: &Set) -> Options {
 pub fn compile(path: &Path, options: &Options) -> Result<Compiled, Stop> {
     let text = read(path)?;
     options.compile_str(&name(path), text).map_err(|e| wrong(&e))
+}
+
+/// The inputs of a run, from a table; the column of each must be one of the model's.
+///
+/// # Errors
+/// Status 2, with the line: a file that cannot be read, or is no such table.
+pub fn table(path: &Path, compiled: &Compiled, hold: bool) -> Result<Vec<(String, Course)>, Stop> {
+    let text = bond::read_table(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
+    let wrong = |e: bond::TableError| Stop::Usage(format!("{}:{}: {}", name(path), e.line, e.message));
+    Given::read(&text, &compiled.inputs()).and_then(|table| table.courses(hold)).map_err(wrong)
 }
 
 /// Draws what is wrong.

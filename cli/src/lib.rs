@@ -25,14 +25,16 @@
 
 mod compile;
 mod errors;
+mod given;
 mod load;
 mod quantity;
 mod simulation;
 
 pub use bond_compiler::show::{As, What};
-pub use bond_runtime::simulate::{BarSummary, ElementEnergy, RegionSummary, Summary};
+pub use bond_runtime::simulate::{BarSummary, Course, ElementEnergy, RegionSummary, Summary};
 pub use compile::{Compiled, Options, compile_file, compile_str};
 pub use errors::Errors;
-pub use load::{FileLoader, ReadError, read};
+pub use given::{Given, TableError};
+pub use load::{FileLoader, ReadError, read, read_table};
 pub use quantity::{Quantity, quantity, seconds};
 pub use simulation::{RunError, Simulation, Steps};

@@ -9,6 +9,8 @@ use thiserror::Error;
 
 /// A little more than the grammar takes, so that it is the one to say that a text is too large.
 const BYTES: u64 = 17 << 20;
+/// The largest table that is read.
+const TABLE: u64 = 1 << 30;
 
 /// Why a text could not be had.
 #[derive(Debug, Error)]
@@ -29,21 +31,43 @@ pub enum ReadError {
 /// # Errors
 /// A file that is not there, is a directory or no UTF-8 text.
 pub fn read(path: &Path) -> Result<String, ReadError> {
+    let bytes = bytes(path, BYTES)?;
+    if bytes.len() as u64 == BYTES {
+        // Cut within a letter, perhaps: what is left is too large all the same.
+        return Ok(String::from_utf8_lossy(&bytes).into_owned());
+    }
+    text(bytes)
+}
+
+/// The text of a table of numbers, or of standard input where the path is `-`.
+///
+/// # Errors
+/// A file that is not there, is a directory, no UTF-8 text or larger than a gigabyte.
+pub fn read_table(path: &Path) -> Result<String, ReadError> {
+    let bytes = bytes(path, TABLE + 1)?;
+    if bytes.len() as u64 > TABLE {
+        return Err(ReadError::Unreadable("it is larger than a gigabyte".into()));
+    }
+    text(bytes)
+}
+
+/// What a file holds, up to a number of bytes.
+fn bytes(path: &Path, most: u64) -> Result<Vec<u8>, ReadError> {
     let unreadable = |e: std::io::Error| ReadError::Unreadable(plain(&e));
     let mut bytes = Vec::new();
     if path == Path::new("-") {
-        std::io::stdin().lock().take(BYTES).read_to_end(&mut bytes).map_err(unreadable)?;
+        std::io::stdin().lock().take(most).read_to_end(&mut bytes).map_err(unreadable)?;
     } else {
         let file = File::open(path).map_err(unreadable)?;
         if file.metadata().map_err(unreadable)?.is_dir() {
             return Err(ReadError::Unreadable("it is a directory".into()));
         }
-        file.take(BYTES).read_to_end(&mut bytes).map_err(unreadable)?;
+        file.take(most).read_to_end(&mut bytes).map_err(unreadable)?;
     }
-    if bytes.len() as u64 == BYTES {
-        // Cut within a letter, perhaps: what is left is too large all the same.
-        return Ok(String::from_utf8_lossy(&bytes).into_owned());
-    }
+    Ok(bytes)
+}
+
+fn text(bytes: Vec<u8>) -> Result<String, ReadError> {
     String::from_utf8(bytes).map_err(|e| {
         let good = &e.as_bytes()[..e.utf8_error().valid_up_to()];
         ReadError::NotText { line: good.iter().filter(|b| **b == b'\n').count() + 1 }

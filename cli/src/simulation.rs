@@ -2,7 +2,7 @@
 
 use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Summary};
+use bond_runtime::simulate::{self, Course, Summary};
 use thiserror::Error;
 
 /// How continuous regions are stepped. Sampled regions step at their period.
@@ -86,7 +86,7 @@ pub enum RunError {
     /// A name that there is not.
     #[error("there is no {what} `{name}`; there is {}", if known.is_empty() { "none".to_string() } else { known.join(", ") })]
     Unknown {
-        /// A probe, an open port.
+        /// A probe, an open port, an input.
         what: &'static str,
         /// What was asked for.
         name: String,
@@ -108,6 +108,21 @@ impl<'a> Simulation<'a> {
     /// A program that fails at the start.
     pub fn new(scene: &'a Scene, options: &simulate::Options) -> Result<Self, RunError> {
         Ok(Self { inner: simulate::Simulation::new(scene, options)?, scene })
+    }
+
+    /// A scene at its start, with signals given from outside: the path of an `input`, and what it is over time. Others are what
+    /// they are by default.
+    ///
+    /// # Errors
+    /// A name that there is not, or a program that fails at the start.
+    pub fn with(
+        scene: &'a Scene,
+        options: &simulate::Options,
+        inputs: impl IntoIterator<Item = (String, Course)>,
+    ) -> Result<Self, RunError> {
+        let courses = inputs.into_iter().map(|(name, course)| Ok((input(scene, &name)?, course)));
+        let courses = courses.collect::<Result<Vec<_>, RunError>>()?;
+        Ok(Self { inner: simulate::Simulation::with(scene, options, courses)?, scene })
     }
 
     /// Now, s.
@@ -197,10 +212,28 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
+    /// Sets a signal given from outside, an `input` by its path, from now on, in SI. A sampled region meets it at its next sample.
+    ///
+    /// # Errors
+    /// A name that there is not.
+    pub fn set_input(&mut self, name: &str, value: f64) -> Result<(), RunError> {
+        let i = input(self.scene, name)?;
+        self.inner.set_input(i, value);
+        Ok(())
+    }
+
     /// The ledger now.
     pub fn summary(&self) -> Summary {
         self.inner.summary()
     }
+}
+
+/// Which input a path names.
+fn input(scene: &Scene, name: &str) -> Result<usize, RunError> {
+    scene.inputs.iter().position(|i| i.name == name).ok_or_else(|| {
+        let known: Vec<String> = scene.inputs.iter().map(|i| i.name.clone()).collect();
+        unknown("input", name, &known)
+    })
 }
 
 fn unknown(what: &'static str, name: &str, known: &[String]) -> RunError {

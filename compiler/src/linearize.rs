@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 /// The matrices, with names.
 #[derive(Clone, Debug)]
 pub struct Linearized {
-    /// Energy states, then integrals.
+    /// Energy states, signal states, then integrals.
     pub states: Vec<String>,
     /// The scene's inputs, open ports, and what sampled regions hold at the others' bonds.
     pub inputs: Vec<String>,
@@ -40,7 +40,8 @@ impl Linearized {
 /// Derivatives by what is varied, sorted.
 type Row = std::collections::BTreeMap<usize, f64>;
 
-/// Linearizes the continuous regions at a time and at values of their states (energy states by name, then integrals).
+/// Linearizes what is continuous at a time and at values of the states (energy and signal states by name, then integrals). What
+/// is given from outside is at its default.
 ///
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.

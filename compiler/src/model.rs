@@ -278,6 +278,48 @@ pub enum Signal {
     Argument(ElementId),
     /// The parameter of a resistor's law that is a curve.
     Parameter(ElementId),
+    /// An `input`.
+    Input(usize),
+    /// What an `input` changes by in a second.
+    Slope(usize),
+    /// A signal state.
+    Memory(usize),
+}
+
+/// `input u = value`: a signal given from outside.
+#[derive(Clone, Debug)]
+pub struct Input {
+    /// Its path.
+    pub name: String,
+    /// Its symbol.
+    pub symbol: Symbol,
+    /// The symbol of what it changes by in a second, 0 where it jumps.
+    pub slope: Symbol,
+    /// Its unit, where it is determined.
+    pub unit: Option<Dimension>,
+    /// What it is where nothing is given, SI.
+    pub value: f64,
+    /// Its name's place.
+    pub span: Span,
+}
+
+/// A signal state: `state z = z0 { dz = law }`, in a sampled region `{ next = law }`.
+#[derive(Clone, Debug)]
+pub struct Memory {
+    /// Its path.
+    pub name: String,
+    /// Its symbol.
+    pub symbol: Symbol,
+    /// Its unit, where it is determined.
+    pub unit: Option<Dimension>,
+    /// Value at the start, SI.
+    pub start: f64,
+    /// dz/dt; of a sampled one, what z is an interval later.
+    pub law: Expr,
+    /// The sampled block it stands in.
+    pub sampling: Option<usize>,
+    /// Its name's place.
+    pub span: Span,
 }
 
 /// `integral(expr, start)`.
@@ -391,6 +433,10 @@ pub struct Model {
     pub samplings: Vec<Sampling>,
     /// Integrals.
     pub integrals: Vec<Integral>,
+    /// Inputs in order of declaration.
+    pub inputs: Vec<Input>,
+    /// Signal states in order of declaration.
+    pub memories: Vec<Memory>,
     /// Probes in order of declaration.
     pub probes: Vec<Probe>,
     /// Expectations in order of declaration.

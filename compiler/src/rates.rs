@@ -17,9 +17,9 @@ const HALVINGS: usize = 40;
 
 /// A state of the continuous regions, with all that follows from it.
 pub(crate) struct Point {
-    /// Energy states, then integrals: name, symbol, rate.
+    /// Energy states, signal states, then integrals: name, symbol, rate.
     pub(crate) states: Vec<(String, Symbol, Expr)>,
-    /// Open ports and what sampled regions hold: name and symbol. They are 0.
+    /// What is given from outside, at its default; open ports and what sampled regions hold, at 0: name and symbol.
     pub(crate) inputs: Vec<(String, Symbol)>,
     /// Definitions: outputs of storages, sources and resistors.
     pub(crate) columns: Vec<(Symbol, Expr)>,
@@ -34,7 +34,7 @@ pub(crate) struct Point {
 }
 
 impl Point {
-    /// The scene at a time and at values of its states (energy states by name, then `integral[0]` and so on); a state that is not
+    /// The scene at a time and at values of its states (energy and signal states by name, then `integral[0]` and so on); a state that is not
     /// given is at its start.
     pub(crate) fn new(
         compiled: &mut Compiled,
@@ -65,6 +65,10 @@ impl Point {
     fn define(&mut self, compiled: &mut Compiled, time: f64, states: &dyn Fn(&str) -> Option<f64>) {
         let (model, form) = (&mut compiled.model, &compiled.form);
         self.at.extend(model.signals.iter().filter(|s| *s.1 == Signal::Time).map(|s| (*s.0, time)));
+        for i in &model.inputs {
+            self.at.insert(i.symbol, i.value);
+            self.inputs.push((i.name.clone(), i.symbol));
+        }
         for r in &form.regions {
             let here = r.sampling.is_none();
             for s in &r.states {
@@ -109,6 +113,12 @@ impl Point {
             self.columns.push((form.column(f.column).out, f.rate));
         }
         self.columns.extend(form.loops.iter().map(|l| (l.unknown, l.value)));
+        for (m, law) in model.memories.iter().zip(&form.memories) {
+            self.at.insert(m.symbol, states(&m.name).unwrap_or(m.start));
+            if m.sampling.is_none() {
+                self.states.push((m.name.clone(), m.symbol, *law));
+            }
+        }
         for (i, (integral, rate)) in model.integrals.iter().zip(&form.integrals).enumerate() {
             let name = format!("integral[{i}]");
             self.at.insert(integral.symbol, states(&name).unwrap_or(integral.start));
@@ -205,7 +215,7 @@ fn steps(slopes: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>>
     slopes.lu().solve(&residual)
 }
 
-/// How fast each state of the continuous regions changes, in SI units a second: dx/dt of the energy states by name, then
+/// How fast each state of the continuous regions changes, in SI units a second: dx/dt of the energy and signal states by name, then
 /// of the integrals `integral[0]` and so on. A state that is not given is at its start.
 ///
 /// # Errors

@@ -6,6 +6,7 @@
 //! first, by powers of two.
 
 mod balance;
+mod drift;
 mod twice;
 
 use thiserror::Error;
@@ -27,6 +28,10 @@ pub struct Linear {
     /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = L^T L`: a sum of squares keeps its digits where a form
     /// in entries would cancel.
     pub squares: Vec<Vec<f64>>,
+    /// Rows `c`, each `n + m` long: `c w` at the start of the step is wanted.
+    pub starts: Vec<Vec<f64>>,
+    /// Symmetric matrices `M`: the integral of `(w(s) - w(0))^T M (w(s) - w(0))` is wanted, as a form in `dw/dt` at the start.
+    pub drifts: Vec<Vec<f64>>,
     /// Whether the change of the states is wanted where they change little: the rows of `exp(A h)` then lack their 1 on the
     /// diagonal where [`Layout::keep`] says 1.
     pub changes: bool,
@@ -40,14 +45,24 @@ pub struct Layout {
     means: usize,
     forms: usize,
     squares: usize,
+    starts: usize,
+    drifts: usize,
     changes: bool,
 }
 
 impl Layout {
     /// The layout of the table of a system.
     pub fn of(linear: &Linear) -> Self {
-        let (means, forms, squares) = (linear.means.len(), linear.forms.len(), linear.squares.len());
-        Self { rows: linear.n, columns: linear.n + linear.m, means, forms, squares, changes: linear.changes }
+        Self {
+            rows: linear.n,
+            columns: linear.n + linear.m,
+            means: linear.means.len(),
+            forms: linear.forms.len(),
+            squares: linear.squares.len(),
+            starts: linear.starts.len(),
+            drifts: linear.drifts.len(),
+            changes: linear.changes,
+        }
     }
 
     /// Start of the first `n` rows of `exp(A h)`, directly followed by their low-order part.
@@ -80,9 +95,19 @@ impl Layout {
         self.form(self.forms) + k * self.columns * self.columns
     }
 
+    /// Start of the row of start value `k`. Those of all lie one after the other.
+    pub fn start(&self, k: usize) -> usize {
+        self.square(self.squares) + k * self.columns
+    }
+
+    /// Start of drift `k`, laid out as a form is.
+    pub fn drift(&self, k: usize) -> usize {
+        self.start(self.starts) + k * (self.columns * (self.columns + 1) / 2)
+    }
+
     /// Start of the `n` numbers, 1 or 0, that say how much of a state the rows of the exponential leave to be added.
     pub fn keep(&self) -> usize {
-        self.square(self.squares)
+        self.drift(self.drifts)
     }
 
     /// Length of the table.
@@ -120,12 +145,13 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
         return Err(Unfit::Step(h));
     }
     if linear.a.len() != square
-        || linear.means.iter().any(|c| c.len() != size)
-        || linear.forms.iter().chain(&linear.squares).any(|m| m.len() != square)
+        || linear.means.iter().chain(&linear.starts).any(|c| c.len() != size)
+        || linear.forms.iter().chain(&linear.squares).chain(&linear.drifts).any(|m| m.len() != square)
     {
         return Err(Unfit::Shape);
     }
-    let all = linear.means.iter().chain(&linear.forms).chain(&linear.squares).flatten();
+    let rows = linear.means.iter().chain(&linear.starts);
+    let all = rows.chain(&linear.forms).chain(&linear.squares).chain(&linear.drifts).flatten();
     let mut numbers = linear.a.iter().chain(all);
     if !numbers.all(|x| x.is_finite()) {
         return Err(Unfit::Coefficient);
@@ -158,15 +184,22 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
             table.push(sum.high);
         }
     }
-    for q in &forms {
+    let triangle = |table: &mut Vec<f64>, q: &[f64]| {
         for i in 0..size {
             table.push(q[i * size + i]);
             table.extend(q[i * size + i + 1..(i + 1) * size].iter().map(|x| 2.0 * x));
         }
+    };
+    for q in &forms {
+        triangle(&mut table, q);
     }
     for m in &linear.squares {
         let l = factor(flow.form(m, &d), size <= FINE);
         table.extend((0..square).map(|k| l[k] / d[k % size]));
+    }
+    table.extend(linear.starts.iter().flatten());
+    for m in &linear.drifts {
+        triangle(&mut table, &given(flow.drift(m, &d)));
     }
     if linear.changes {
         table.extend(keep);

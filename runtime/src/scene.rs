@@ -19,11 +19,24 @@ pub struct Scene {
     pub bars: Vec<Bar>,
     /// Open ports.
     pub open: Vec<Open>,
+    /// Signals given from outside, in order of declaration.
+    pub inputs: Vec<Input>,
     /// What is shown.
     pub probes: Probes,
     /// Names of elements that may give energy, so that no passivity is claimed for them: active resistors, storages whose energy
     /// has no lower bound.
     pub excluded: Vec<String>,
+}
+
+/// A signal given from outside.
+#[derive(Clone, Debug, Default)]
+pub struct Input {
+    /// Its path.
+    pub name: String,
+    /// Its unit as text, where determined.
+    pub unit: Option<String>,
+    /// What it is where nothing is given, SI.
+    pub value: f64,
 }
 
 /// A region, as the ledger names it.
@@ -104,26 +117,32 @@ pub struct Port {
     pub instant: usize,
 }
 
+/// Input slots of a signal given from outside: value, slope, and the instant at which it has that value. It is
+/// `value + slope (t - instant)` over a whole step.
+pub const GIVEN: usize = 3;
+
 /// What steps as one.
 #[derive(Clone, Debug)]
 pub struct Cluster {
+    /// Its name: that of its first region, else of its first state.
+    pub name: String,
     /// Period in s; `None` where it is continuous.
     pub period: Option<f64>,
     /// `lagged`, `predicted`, `matched`; only for a sampled one.
     pub hold: &'static str,
     /// Whether the energy budget is on.
     pub budget: bool,
-    /// Energy states; they come first in the state.
+    /// Energy states, then signal states; they come first in the state.
     pub states: usize,
     /// Integrals; they come next.
     pub integrals: usize,
-    /// What an iteration starts from; they come next, and last what rounding took from each energy state.
+    /// What an iteration starts from; they come next, and last what rounding took from each state.
     pub guesses: usize,
     /// The state at the start.
     pub initial: Vec<f64>,
     /// Names of all of them.
     pub names: Vec<String>,
-    /// One step. Inputs: t at its start, its length h, then the ports and foreign signals.
+    /// One step. Inputs: t at its start, its length h, then the ports, foreign signals and what is given from outside.
     pub step: Stepper,
     /// The held variables of a sampled cluster, in the order of `holds`.
     pub respond: Option<Respond>,
@@ -131,11 +150,11 @@ pub struct Cluster {
     pub instant: Program,
     /// What the conditions of its laws compare, less what they compare it with: 0 where a law switches. Inputs as for `instant`.
     pub guards: Option<Program>,
-    /// What is stored: H of each region, then d2H/dx2 of each energy state. Inputs as for `instant`; it depends on the state alone.
+    /// What is stored: H of each region, then d2H/dx2 of each state. Inputs as for `instant`; it depends on the state alone.
     pub stored: Program,
     /// H of each region of the cluster: region, output of `stored`.
     pub energies: Vec<(usize, usize)>,
-    /// d2H/dx2 of each energy state, as an output of `stored`.
+    /// d2H/dx2 of each state, as an output of `stored`; 0 of a signal state.
     pub curvatures: Vec<usize>,
     /// The ports.
     pub ports: Vec<Port>,
@@ -143,12 +162,27 @@ pub struct Cluster {
     pub holds: Vec<usize>,
     /// Signals of other clusters that it reads: cluster, output of its `instant`; in order of the input slots.
     pub foreign: Vec<(usize, usize)>,
-    /// First input slot of the foreign signals; after them, for each energy state, comes a trace of the largest value it had.
+    /// First input slot of the foreign signals; after them come [`GIVEN`] slots for each of `inputs`, then for each state a trace
+    /// of the largest value it had.
     pub foreign_at: usize,
+    /// Signals given from outside that it reads, as indices into the scene's.
+    pub inputs: Vec<usize>,
     /// The ledger's parts.
     pub entries: Vec<Entries>,
     /// Indices into the state and what they are called where the clusters' steps cannot reach: linear continuous clusters only.
     pub is_linear: bool,
+}
+
+impl Cluster {
+    /// First input slot of what is given from outside.
+    pub fn given_at(&self) -> usize {
+        self.foreign_at + self.foreign.len()
+    }
+
+    /// First input slot of the traces.
+    pub fn traces_at(&self) -> usize {
+        self.given_at() + GIVEN * self.inputs.len()
+    }
 }
 
 /// A double bar between two clusters. The holder's variable v is held over its period; the other side answers with q, the
@@ -186,10 +220,12 @@ pub struct Probes {
     pub names: Vec<String>,
     /// Units as text, where determined.
     pub units: Vec<Option<String>>,
-    /// Inputs: t, then the gathered signals. Outputs: the probes, then the values of the expectations.
+    /// Inputs: t, then the gathered signals, then what is given from outside. Outputs: the probes, then the values of the expectations.
     pub program: Option<Program>,
     /// Which signals: cluster, output of its `instant`.
     pub gather: Vec<(usize, usize)>,
+    /// Signals given from outside, as indices into the scene's; their values come after the gathered signals.
+    pub inputs: Vec<usize>,
     /// What is expected of a run.
     pub expectations: Vec<Expectation>,
 }

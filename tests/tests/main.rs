@@ -20,5 +20,6 @@ mod orders;
 mod parse;
 mod program;
 mod random;
+mod signals;
 mod solutions;
 mod values;

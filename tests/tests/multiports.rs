@@ -177,7 +177,8 @@ fn a_four_bar_linkage_stays_closed() {
         ))
     };
     let compiled = model(10.0);
-    let off = |h: f64| end(&compiled, Steps::fixed(h), 1.0, "x").abs().max(end(&compiled, Steps::fixed(h), 1.0, "y").abs());
+    let off =
+        |h: f64| end(&compiled, Steps::fixed(h), 1.0, "x").abs().max(end(&compiled, Steps::fixed(h), 1.0, "y").abs());
     let (coarse, fine) = (off(2e-3), off(1e-3));
     assert!(fine < 1e-5 && coarse / fine > 3.0, "{coarse:e} and {fine:e}");
     let mut sim = start(&compiled, Steps::fixed(1e-3));
@@ -287,7 +288,12 @@ fn friction_sticks_and_slips() {
     // Starting at rest the block slips, F = Fc: x = Fc/k (1 - cos w t) until its speed is the belt's.
     let w = 10f64.sqrt();
     let stuck = ((0.1 * w / 1.0) * (10.0 / 10.0)).asin() / w;
-    close(end(&compiled, Steps::fixed(1e-3), 0.5 * stuck, "x"), 0.1 * (1.0 - (0.5 * w * stuck).cos()), 1e-7, "slipping");
+    close(
+        end(&compiled, Steps::fixed(1e-3), 0.5 * stuck, "x"),
+        0.1 * (1.0 - (0.5 * w * stuck).cos()),
+        1e-7,
+        "slipping",
+    );
     let mut sim = start(&compiled, Steps::fixed(1e-3));
     advance(&mut sim, stuck + 0.2);
     // The mean over a step is the belt's speed; its ends keep what the step into sticking left, of order h.
@@ -320,9 +326,8 @@ fn rectifiers_find_their_own_start() {
             law("d4")
         )
     };
-    let ideal = |n: &str| {
-        format!("R:{n} {{ e = (min(s, 0) + 0.01*max(s, 0)) * 1 V; f = (max(s, 0) + 1e-9*min(s, 0)) * 1 A }}")
-    };
+    let ideal =
+        |n: &str| format!("R:{n} {{ e = (min(s, 0) + 0.01*max(s, 0)) * 1 V; f = (max(s, 0) + 1e-9*min(s, 0)) * 1 A }}");
     let shockley = |n: &str| match n {
         "d1" | "d2" => format!("R:{n} {{ f = 1 nA * (exp(e / 50 mV) - 1) }}"),
         _ => format!("R:{n} {{ f = 1 nA * (1 - exp(-e / 50 mV)) }}"),

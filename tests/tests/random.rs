@@ -60,7 +60,13 @@ fn field() -> impl Strategy<Value = Field> {
 }
 
 /// Declares the fields between junctions of one block, and bonds them.
-fn write_fields(fields: &[Field], block: &[usize], inside: &mut [String], bonds: &mut String, states: &[(usize, String)]) {
+fn write_fields(
+    fields: &[Field],
+    block: &[usize],
+    inside: &mut [String],
+    bonds: &mut String,
+    states: &[(usize, String)],
+) {
     for (i, f) in fields.iter().enumerate() {
         let (a, b) = (f.at.0.index(block.len()), f.at.1.index(block.len()));
         if block[a] != block[b] {

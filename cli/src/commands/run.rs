@@ -17,7 +17,9 @@ use std::time::Instant;
 /// Simulate a model, and tell what became of the energy
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv\n  \
-                  bond run wall.bond --set wall.k=2e3 --set \"m=0.5 kg\" --at 40ms,1s -o - --summary json\n\nTimes are seconds or carry a unit.")]
+                  bond run wall.bond --set wall.k=2e3 --set \"m=0.5 kg\" --at 40ms,1s -o - --summary json\n  \
+                  bond run wall_of_a_house.bond --input weather.csv\n\nThe table of --input begins with a line such as `t,T_out`: the time in \
+                  seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.")]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
@@ -44,6 +46,12 @@ pub struct Args {
     set: Set,
     #[command(flatten)]
     which: Which,
+    /// Read inputs over time from a CSV file: column `t`, and one column an input; linear between rows
+    #[arg(long, value_name = "FILE.csv")]
+    input: Option<PathBuf>,
+    /// Inputs keep the value of a row until the next one
+    #[arg(long, requires = "input")]
+    input_hold: bool,
     /// Write time and probes to a CSV file; `-` is standard output
     #[arg(short, long, value_name = "FILE.csv")]
     output: Option<PathBuf>,
@@ -90,8 +98,12 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     let options = steps.resolve(&compiled.stages().model.settings, stop, every)?;
     drive::possible(compiled.scene(), &options, stop)?;
 
+    let given = match &args.input {
+        Some(path) => input::table(path, &compiled, args.input_hold)?,
+        None => Vec::new(),
+    };
     let started = Instant::now();
-    let mut sim = Simulation::new(compiled.scene(), &options)?;
+    let mut sim = Simulation::with(compiled.scene(), &options, given)?;
     let mut files = Files::open(args, &compiled, &sim)?;
     let progress = Progress::new();
     let halted = drive(&mut sim, rows, stop, &mut |sim, t| {
@@ -150,7 +162,7 @@ fn is_dash(path: Option<&Path>) -> bool {
     path == Some(Path::new("-"))
 }
 
-/// Refuses places for results that cannot be.
+/// Refuses places of tables that cannot be.
 fn places(args: &Args) -> Result<(), Stop> {
     for path in [&args.output, &args.ledger].into_iter().flatten() {
         let end = path.extension().map(|e| e.to_string_lossy().to_lowercase());
@@ -160,6 +172,9 @@ fn places(args: &Args) -> Result<(), Stop> {
                 path.display()
             )));
         }
+    }
+    if args.file == Path::new("-") && is_dash(args.input.as_deref()) {
+        return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
     }
     match (&args.output, &args.ledger) {
         (Some(a), Some(b)) if a == b => Err(Stop::Usage("-o and --ledger name the same file".into())),

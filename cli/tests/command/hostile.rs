@@ -27,7 +27,7 @@ fn arguments_that_are_no_numbers() {
     here.bond(&["run", "a.bond", "-o", "x.parquet"]).is(2, &[], &["only CSV"]);
     here.bond(&["run", "a.bond", "-o", "x.csv", "--ledger", "x.csv"]).is(2, &[], &["same file"]);
     here.bond(&["run", "a.bond", "-o", "-", "--ledger", "-"]).is(2, &[], &["same file"]);
-    here.bond(&["run", "a.bond", "--input", "x.csv"]).is(2, &[], &["unexpected argument"]);
+    here.bond(&["run", "a.bond", "--input", "x.csv"]).is(2, &[], &["cannot read x.csv"]);
     assert_eq!(here.list(), ["a.bond"]);
 }
 

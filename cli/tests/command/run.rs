@@ -175,3 +175,57 @@ fn devices_are_written_to_and_stay() {
     here.bond(&["run", "a.bond", "-o", "/dev/null"]).is(0, &["Oscillator"], &[]);
     assert!(!std::fs::metadata("/dev/null").unwrap().is_file());
 }
+
+/// A current source that charges a capacitor: the input's integral.
+const CHARGE: &str = "\
+model Charge {
+  input u = 2 A
+  input w = 3 A
+  Sf:source = u + w
+  C:cap = 1 F
+  source -> cap
+  probe q = cap.q
+  simulate { stop = 2 s }
+}
+";
+
+#[test]
+fn inputs_come_from_a_table() {
+    let here = Folder::new().with("a.bond", CHARGE).with("a.csv", "u,t\r\n0,0.5\r\n4,1.5\r\n");
+    let run = |args: &[&str]| {
+        let done = here.bond(&[&["run", "a.bond", "-o", "-", "--at", "1,2"], args].concat()).is(0, &[], &[]);
+        done.table().1.iter().map(|r| r[1]).collect::<Vec<_>>()
+    };
+    let close = |found: Vec<f64>, wanted: [f64; 2]| {
+        assert!(found.iter().zip(wanted).all(|(x, y)| (x - y).abs() < 1e-13), "{found:?} where {wanted:?} is wanted");
+    };
+    close(run(&[]), [5.0, 10.0]);
+    // What no column names keeps its default, 3 A.
+    close(run(&["--input", "a.csv"]), [3.5, 10.0]);
+    close(run(&["--input", "a.csv", "--input-hold"]), [3.0, 8.0]);
+    let piped = here.fed(&["run", "a.bond", "--input", "-", "-o", "-", "--at", "2"], "t,w\n0,0\n");
+    assert_eq!(piped.is(0, &[], &[]).table().1[0][1], 4.0);
+    here.bond(&["run", "--help"]).is(0, &["--input <FILE.csv>", "--input weather.csv", "--input-hold"], &[]);
+}
+
+#[test]
+fn wrong_tables_are_refused_with_their_line() {
+    let cases = [
+        ("", "a.csv:1: the table is empty"),
+        ("time,u\n0,1\n", "a.csv:1: there is no column `t`"),
+        ("t,v\n0,1\n", "a.csv:1: the model has no input `v`; its inputs are u, w"),
+        ("t,u\n0,1\n2,x\n", "a.csv:3: `x` in the column `u` is no number"),
+        ("t,u\n0,1\n0,2\n", "a.csv:3: the time 0 s is not after 0 s"),
+        ("t,u\n0,1,2\n", "a.csv:2: there are 3 numbers in this row under 2 columns"),
+        ("t,u\n", "a.csv:1: there are no rows"),
+    ];
+    for (text, words) in cases {
+        let here = Folder::new().with("a.bond", CHARGE).with("a.csv", text);
+        here.bond(&["run", "a.bond", "--input", "a.csv", "-o", "out.csv"]).is(2, &[], &[words]);
+        assert!(!here.list().contains(&"out.csv".to_string()), "{text:?}");
+    }
+    let here = Folder::new().with("a.bond", CHARGE).with("b.bond", OSCILLATOR).with("a.csv", "t,u\n0,1\n");
+    here.bond(&["run", "b.bond", "--input", "a.csv"]).is(2, &[], &["no input `u`", "the model has none"]);
+    here.bond(&["run", "a.bond", "--input", "none.csv"]).is(2, &[], &["cannot read none.csv"]);
+    here.bond(&["run", "a.bond", "--input-hold"]).is(2, &[], &["--input <FILE.csv>"]);
+}

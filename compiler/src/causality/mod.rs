@@ -180,7 +180,9 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     }
     let storages = one_ports(&[Kind::C, Kind::I]);
     let keeps = |id: ElementId| match &model.element(id).law {
-        Law::Storage(s) => s.massless || s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()]),
+        Law::Storage(s) => {
+            s.massless || s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()])
+        }
         Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
     };
     for (i, bond) in model.bonds.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
-use super::{Method, exact, explicit, gonzalez, hold, instant, is_time, ray, start, unfit};
+use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, ray, start, unfit};
 use crate::expression::{Expr, Pool, Sign, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model, Signal};
@@ -15,15 +15,18 @@ use rustc_hash::{FxHashMap, FxHashSet};
 /// Loops of more nodes are not torn.
 const TORN: usize = 32;
 
-/// An energy state.
+/// A state: that of a storage, or a signal state.
 #[derive(Clone, Debug)]
 pub(super) struct State {
     pub(super) symbol: Symbol,
     pub(super) name: String,
-    pub(super) column: ColumnId,
+    /// The storage's; a signal state has none.
+    pub(super) column: Option<ColumnId>,
     pub(super) initial: f64,
-    /// dx/dt in terms of outputs.
+    /// dx/dt in terms of outputs; of a state that jumps, what it is after the step.
     pub(super) rate: Expr,
+    /// A signal state of a sampled block.
+    pub(super) jumps: bool,
 }
 
 /// Storages with one energy; states by their place in the cluster.
@@ -119,77 +122,137 @@ pub(super) struct Cluster {
     pub(super) ports: Vec<ColumnId>,
     /// Signals of other clusters.
     pub(super) foreign: Vec<Symbol>,
+    /// Inputs that it reads, by number: value and slope.
+    pub(super) inputs: Vec<(usize, Symbol, Symbol)>,
     pub(super) time: Option<Symbol>,
     pub(super) h: Option<Symbol>,
     /// Change of each state over a step.
     pub(super) delta: Vec<Symbol>,
 }
 
+/// What is never torn apart: a region, a signal state of continuous time, or all signal states of a sampled block.
+#[derive(Default)]
+struct Atom {
+    sampling: Option<usize>,
+    region: Option<usize>,
+    memories: Vec<usize>,
+    integrals: Vec<usize>,
+}
+
+/// The atoms: regions first, then signal states.
+fn atoms(model: &Model, form: &Form) -> Vec<Atom> {
+    let regions = form.regions.iter().enumerate();
+    let mut atoms: Vec<Atom> =
+        regions.map(|(i, r)| Atom { sampling: r.sampling, region: Some(i), ..Atom::default() }).collect();
+    for (i, m) in model.memories.iter().enumerate() {
+        let block = |a: &&mut Atom| a.region.is_none() && a.sampling.is_some() && a.sampling == m.sampling;
+        match atoms.iter_mut().find(block) {
+            Some(atom) => atom.memories.push(i),
+            None => atoms.push(Atom { sampling: m.sampling, memories: vec![i], ..Atom::default() }),
+        }
+    }
+    if atoms.is_empty() && !model.integrals.is_empty() {
+        atoms.push(Atom::default());
+    }
+    atoms
+}
+
+/// All signals that an atom reads, integrals apart; `columns` are those of each region.
+fn reads(pool: &Pool, form: &Form, columns: &[Vec<usize>], atom: &Atom) -> Vec<Symbol> {
+    let mut read: Vec<Expr> = atom.memories.iter().map(|m| form.memories[*m]).collect();
+    if let Some(i) = atom.region {
+        for (_, how) in &form.regions[i].resistors {
+            read.extend(how.expressions());
+        }
+        read.extend(form.loops.iter().filter(|l| l.region.at() == i).map(|l| l.value));
+        for c in columns[i].iter().map(|c| &form.columns[*c]) {
+            read.extend(c.row.iter().map(|t| t.1));
+            if let Role::Source(v) = c.role {
+                read.push(v);
+            }
+        }
+    }
+    read.into_iter().flat_map(|e| pool.symbols(e)).collect()
+}
+
 /// All clusters: sampled regions alone, continuous ones with those whose signals they read or that read theirs.
 pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
+    let mut atoms = atoms(model, form);
     let mut owner: FxHashMap<Symbol, usize> = FxHashMap::default();
     for (i, r) in form.regions.iter().enumerate() {
         owner.extend(r.states.iter().map(|s| (s.symbol, i)));
     }
     owner.extend(form.columns.iter().map(|c| (c.out, c.region.at())));
     owner.extend(form.loops.iter().map(|l| (l.unknown, l.region.at())));
-    let continuous = |i: usize| form.regions[i].sampling.is_none();
-    let mut sets = petgraph::unionfind::UnionFind::<usize>::new(form.regions.len());
-    let mut pool = std::mem::take(&mut model.pool);
-    for (i, r) in form.regions.iter().enumerate().filter(|(i, _)| continuous(*i)) {
-        let mut read: Vec<Expr> = Vec::new();
-        for (_, how) in &r.resistors {
-            read.extend(how.expressions());
-        }
-        for c in form.columns.iter().filter(|c| c.region.at() == i) {
-            read.extend(c.row.iter().map(|t| t.1));
-            if let Role::Source(v) = c.role {
-                read.push(v);
-            }
-        }
-        for e in read {
-            for s in pool.symbols(e) {
-                if let Some(&j) = owner.get(&s)
-                    && continuous(j)
-                {
-                    sets.union(i, j);
-                }
-            }
-        }
+    for (i, a) in atoms.iter().enumerate() {
+        owner.extend(a.memories.iter().map(|m| (model.memories[*m].symbol, i)));
     }
-    // An integral belongs with the regions it reads.
+    let mut pool = std::mem::take(&mut model.pool);
+    let mut columns: Vec<Vec<usize>> = vec![Vec::new(); form.regions.len()];
+    for (i, c) in form.columns.iter().enumerate() {
+        columns[c.region.at()].push(i);
+    }
+    let read_by: Vec<Vec<Symbol>> = atoms.iter().map(|a| reads(&pool, form, &columns, a)).collect();
+    // An integral belongs with what it reads.
     let mut homes: Vec<usize> = Vec::new();
-    for &e in &form.integrals {
-        let mut read: Vec<usize> = pool.symbols(e).iter().filter_map(|s| owner.get(s).copied()).collect();
+    for (integral, e) in model.integrals.iter().zip(&form.integrals) {
+        let continuous = |i: &usize| atoms[*i].sampling.is_none();
+        let mut read: Vec<usize> = pool.symbols(*e).iter().filter_map(|s| owner.get(s).copied()).collect();
         read.sort_unstable();
-        let home = read.iter().copied().find(|r| continuous(*r)).or(read.first().copied());
-        let home = home.or_else(|| (0..form.regions.len()).find(|r| continuous(*r))).unwrap_or(0);
-        for r in read {
-            if continuous(r) && continuous(home) {
-                sets.union(r, home);
-            }
-        }
+        let home = read.iter().copied().find(continuous).or(read.first().copied());
+        let home = home.or_else(|| (0..atoms.len()).find(continuous)).unwrap_or(0);
+        owner.insert(integral.symbol, home);
         homes.push(home);
     }
+    for (i, &home) in homes.iter().enumerate() {
+        atoms[home].integrals.push(i);
+    }
+    let mut sets = petgraph::unionfind::UnionFind::<usize>::new(atoms.len());
+    let mut solved: FxHashSet<Symbol> = FxHashSet::default();
+    let of_integrals = homes.iter().zip(&form.integrals).map(|(home, e)| (*home, pool.symbols(*e)));
+    for (i, read) in read_by.into_iter().enumerate().chain(of_integrals) {
+        for s in read {
+            let Some(&j) = owner.get(&s) else { continue };
+            solved.insert(s);
+            if atoms[i].sampling.is_none() && atoms[j].sampling.is_none() {
+                sets.union(i, j);
+            }
+        }
+    }
     let mut clusters: Vec<(usize, Cluster)> = Vec::new();
-    for i in 0..form.regions.len() {
+    for (i, atom) in atoms.iter().enumerate() {
         let root = sets.find(i);
         let at = match clusters.iter().position(|c| c.0 == root) {
             Some(at) => at,
             None => {
-                clusters.push((root, Cluster { sampling: form.regions[i].sampling, ..Cluster::default() }));
+                clusters.push((root, Cluster { sampling: atom.sampling, ..Cluster::default() }));
                 clusters.len() - 1
             }
         };
         let c = &mut clusters[at].1;
-        c.regions.push(RegionId(i as u32));
-        c.add(&mut pool, form, i);
+        if let Some(region) = atom.region {
+            c.regions.push(RegionId(region as u32));
+            c.add(&mut pool, form, region);
+        }
     }
-    for (i, &home) in homes.iter().enumerate() {
-        let root = sets.find(home);
-        if let Some((_, c)) = clusters.iter_mut().find(|c| c.0 == root) {
-            let integral = &model.integrals[i];
-            c.integrals.push(Integral { symbol: integral.symbol, rate: form.integrals[i], start: integral.start });
+    for (i, atom) in atoms.iter().enumerate() {
+        let root = sets.find(i);
+        let Some((_, c)) = clusters.iter_mut().find(|c| c.0 == root) else { continue };
+        for &m in &atom.memories {
+            let (m, rate) = (&model.memories[m], form.memories[m]);
+            let (symbol, name) = (m.symbol, m.name.clone());
+            c.states.push(State { symbol, name, column: None, initial: m.start, rate, jumps: m.sampling.is_some() });
+        }
+        for &k in &atom.integrals {
+            let (integral, rate) = (&model.integrals[k], form.integrals[k]);
+            let (symbol, start) = (integral.symbol, integral.start);
+            // One that something else reads is solved with it.
+            if solved.contains(&symbol) {
+                let name = pool.name(symbol).to_string();
+                c.states.push(State { symbol, name, column: None, initial: start, rate, jumps: false });
+            } else {
+                c.integrals.push(Integral { symbol, rate, start });
+            }
         }
     }
     let mut clusters: Vec<Cluster> = clusters.into_iter().map(|c| c.1).collect();
@@ -216,9 +279,10 @@ impl Cluster {
             self.states.push(State {
                 symbol: s.symbol,
                 name: s.name.clone(),
-                column: s.column,
+                column: Some(s.column),
                 initial: s.initial,
                 rate,
+                jumps: false,
             });
         }
         for g in &r.groups {
@@ -233,7 +297,13 @@ impl Cluster {
             match form.column(c).role {
                 Role::Source(v) => {
                     let how = Output::Explicit(v);
-                    self.nodes.push(Node { part: Part::Source(c), out: form.column(c).out, how, steep: None, curved: false });
+                    self.nodes.push(Node {
+                        part: Part::Source(c),
+                        out: form.column(c).out,
+                        how,
+                        steep: None,
+                        curved: false,
+                    });
                 }
                 Role::Bar | Role::Open(_) => self.ports.push(c),
                 Role::Storage | Role::Resistor | Role::Dependent => {}
@@ -241,7 +311,13 @@ impl Cluster {
         }
         for (c, how) in &r.resistors {
             let steep = r.steep.get(c).copied();
-            self.nodes.push(Node { part: Part::Resistor(*c), out: form.column(*c).out, how: *how, steep, curved: !r.gains.contains_key(c) });
+            self.nodes.push(Node {
+                part: Part::Resistor(*c),
+                out: form.column(*c).out,
+                how: *how,
+                steep,
+                curved: !r.gains.contains_key(c),
+            });
         }
         for f in &r.following {
             let how = Output::Explicit(f.rate);
@@ -339,7 +415,8 @@ impl Cluster {
 
     /// Symbols that this cluster has values for.
     pub(super) fn owned(&self, form: &Form) -> Vec<Symbol> {
-        let states = self.states.iter().flat_map(|s| [s.symbol, form.column(s.column).out]);
+        let states =
+            self.states.iter().flat_map(|s| std::iter::once(s.symbol).chain(s.column.map(|c| form.column(c).out)));
         let ports = self.ports.iter().map(|c| form.column(*c).out);
         states
             .chain(self.nodes.iter().flat_map(|n| [n.out, n.unknown()]))
@@ -359,11 +436,17 @@ impl Cluster {
         let mut foreign: Vec<Symbol> = Vec::new();
         for e in all {
             for s in model.pool.symbols(e) {
-                if !own.contains(&s) && !is_time(model, s) && !foreign.contains(&s) {
+                if let Some(i) = input_of(model, s) {
+                    let given = (i, model.inputs[i].symbol, model.inputs[i].slope);
+                    if !self.inputs.contains(&given) {
+                        self.inputs.push(given);
+                    }
+                } else if !own.contains(&s) && !is_time(model, s) && !foreign.contains(&s) {
                     foreign.push(s);
                 }
             }
         }
+        self.inputs.sort_unstable();
         self.foreign = foreign;
     }
 
@@ -395,7 +478,9 @@ impl Cluster {
         }
         for g in &self.groups {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
-                map.insert(form.column(self.states[*s].column).out, pool.substitute(*z, &sources));
+                if let Some(c) = self.states[*s].column {
+                    map.insert(form.column(c).out, pool.substitute(*z, &sources));
+                }
             }
         }
         map
@@ -473,6 +558,7 @@ impl Cluster {
                 let is_linear = step.linear.is_some();
                 (step, entries, is_linear)
             }
+            Some(_) if self.regions.is_empty() => (jump::write(self, model, form)?, Vec::new(), false),
             Some(_) => {
                 let wanted = own.or(method.filter(|m| *m == Method::Ray));
                 let (step, entries) = match wanted {
@@ -519,6 +605,7 @@ impl Cluster {
         names.extend(self.loops.iter().map(|z| model.pool.name(*z).to_string()));
         names.extend(self.states.iter().map(|s| format!("carry({})", s.name)));
         Ok(scene::Cluster {
+            name: self.name(form),
             period: sampling.as_ref().map(|s| s.period),
             hold: hold.map_or("", Hold::name),
             budget: sampling.as_ref().is_some_and(|s| s.budget),
@@ -538,6 +625,7 @@ impl Cluster {
             holds,
             foreign,
             foreign_at: 2 + self.ports.len(),
+            inputs: self.inputs.iter().map(|i| i.0).collect(),
             entries,
             is_linear,
         })
@@ -609,16 +697,23 @@ impl Cluster {
             model.units[c.bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
         };
         let of_field = dissipated.iter().filter(|d| field(d[0]).is_some());
-        let produced = of_field
-            .map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>())
-            .filter(|d| !d.is_empty())
-            .collect();
+        let produced =
+            of_field.map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>()).filter(|d| !d.is_empty()).collect();
         Accounts { supplied, dissipated, produced }
+    }
+
+    /// Its name: that of its first region, else of its first state.
+    pub(super) fn name(&self, form: &Form) -> String {
+        let region = self.regions.first().map(|r| form.regions[r.at()].name.clone());
+        region.or_else(|| self.states.first().map(|s| s.name.clone())).unwrap_or_default()
     }
 
     /// Name of the cluster's programs.
     pub(super) fn title(&self, form: &Form, what: &str) -> String {
         let names: Vec<&str> = self.regions.iter().take(3).map(|r| form.regions[r.at()].name.as_str()).collect();
+        if names.is_empty() {
+            return format!("{what} of {}", self.name(form));
+        }
         format!("{what} of {}{}", names.join(", "), if self.regions.len() > 3 { ", ..." } else { "" })
     }
 }

@@ -25,6 +25,8 @@ enum Drive {
     One,
     /// Held over the step: a port's variable or an expression without time.
     Held(Expr),
+    /// A value at the start of the step, and what it changes by in a second, which is held over the step.
+    Ramp(Expr, Expr),
     /// sin or cos (true: cos) of `rate t + phase`
     Wave(f64, f64, bool),
     /// exp(rate t + phase)
@@ -35,12 +37,23 @@ enum Drive {
     Cubic(Expr, u32),
 }
 
+/// A value as a sum: coefficients of signals of the cluster, and of drives.
+#[derive(Default)]
+struct Split {
+    signals: Vec<(Symbol, f64)>,
+    drives: Vec<(usize, f64)>,
+}
+
 /// Nodes of the Gauss-Legendre rule of four points on [0, 1].
 const NODES: [f64; 4] =
     [0.069_431_844_202_973_71, 0.330_009_478_207_571_87, 0.669_990_521_792_428_1, 0.930_568_155_797_026_3];
 
 struct System {
     n: usize,
+    time: Symbol,
+    /// What is given from outside, with its slope; and what else is held.
+    given: Vec<(Symbol, Symbol)>,
+    held: Vec<Symbol>,
     drives: Vec<Drive>,
     /// Coefficients of each drive's derivative.
     moves: Vec<Vec<(usize, f64)>>,
@@ -56,6 +69,7 @@ impl System {
         self.moves.push(Vec::new());
         let moves = match d {
             Drive::One | Drive::Held(_) => vec![],
+            Drive::Ramp(_, slope) => vec![(self.drive(Drive::Held(slope)), 1.0)],
             Drive::Wave(rate, phase, cos) => {
                 let other = self.drive(Drive::Wave(rate, phase, !cos));
                 vec![(other, if cos { -rate } else { rate })]
@@ -76,26 +90,67 @@ impl System {
         i
     }
 
-    /// A source's value as a combination of drives.
-    fn source(&mut self, pool: &mut Pool, value: Expr, time: Symbol) -> Vec<(usize, f64)> {
-        if !pool.contains(value, time) {
-            return match pool.constant(value) {
-                Some(x) => vec![(self.drive(Drive::One), x)],
-                None => vec![(self.drive(Drive::Held(value)), 1.0)],
-            };
+    /// The drive of a signal that comes from outside the cluster.
+    fn outer(&mut self, pool: &mut Pool, s: Symbol) -> Option<usize> {
+        if s == self.time {
+            return Some(self.drive(Drive::Power(1)));
         }
-        let before = (self.drives.len(), self.drives.clone(), self.moves.clone());
-        if let Some(found) = self.terms(pool, value, time) {
+        let value = pool.var(s);
+        if let Some(&(_, slope)) = self.given.iter().find(|g| g.0 == s) {
+            let slope = pool.var(slope);
+            return Some(self.drive(Drive::Ramp(value, slope)));
+        }
+        self.held.contains(&s).then(|| self.drive(Drive::Held(value)))
+    }
+
+    /// Whether an expression may change within a step.
+    fn moves(&self, pool: &Pool, e: Expr) -> bool {
+        pool.contains_any(e, &|s| s == self.time || self.given.iter().any(|g| g.0 == s))
+    }
+
+    /// A value whose dependence on `signals` is linear with constant coefficients; `None` where it is not.
+    fn split(&mut self, pool: &mut Pool, value: Expr, signals: &[Symbol]) -> Option<Split> {
+        let (linear, rest) = pool.affine(value, signals)?;
+        let mut split = Split::default();
+        for (i, k) in linear {
+            split.signals.push((signals[i], pool.constant(k)?));
+        }
+        // What comes from outside by itself, then what is left.
+        let outer: Vec<Symbol> = self.given.iter().map(|g| g.0).chain(self.held.iter().copied()).collect();
+        let parts = pool.affine(rest, &outer);
+        let parts = parts.and_then(|(linear, rest)| {
+            let linear: Option<Vec<(Symbol, f64)>> =
+                linear.into_iter().map(|(i, k)| Some((outer[i], pool.constant(k)?))).collect();
+            Some((linear?, rest))
+        });
+        let (linear, rest) = parts.unwrap_or((Vec::new(), rest));
+        for (s, k) in linear {
+            split.drives.push((self.outer(pool, s)?, k));
+        }
+        if !pool.is_zero(rest) {
+            split.drives.extend(self.source(pool, rest));
+        }
+        Some(split)
+    }
+
+    /// A value without signals of the cluster as a combination of drives.
+    fn source(&mut self, pool: &mut Pool, value: Expr) -> Vec<(usize, f64)> {
+        let before = (self.drives.clone(), self.moves.clone());
+        if let Some(found) = self.terms(pool, value) {
             return found;
         }
-        (self.drives, self.moves) = (before.1, before.2);
+        (self.drives, self.moves) = before;
         vec![(self.drive(Drive::Cubic(value, 0)), 1.0)]
     }
 
-    fn terms(&mut self, pool: &mut Pool, value: Expr, time: Symbol) -> Option<Vec<(usize, f64)>> {
+    fn terms(&mut self, pool: &mut Pool, value: Expr) -> Option<Vec<(usize, f64)>> {
         if let Some(x) = pool.constant(value) {
             return Some(vec![(self.drive(Drive::One), x)]);
         }
+        if !self.moves(pool, value) {
+            return Some(vec![(self.drive(Drive::Held(value)), 1.0)]);
+        }
+        let time = self.time;
         match pool.node(value).clone() {
             Node::Sum(constant, pairs) => {
                 let mut all = Vec::new();
@@ -103,7 +158,7 @@ impl System {
                     all.push((self.drive(Drive::One), constant.to_f64()));
                 }
                 for &(e, k) in pairs.iter() {
-                    all.extend(self.terms(pool, e, time)?.into_iter().map(|(d, c)| (d, c * k.to_f64())));
+                    all.extend(self.terms(pool, e)?.into_iter().map(|(d, c)| (d, c * k.to_f64())));
                 }
                 Some(all)
             }
@@ -114,12 +169,12 @@ impl System {
                     match pool.constant(e) {
                         Some(x) => factor *= pool_pow(x, n),
                         None if moving.is_none() => moving = Some((e, n)),
-                        None => return None,
+                        None => return self.ramp(pool, value),
                     }
                 }
                 let (e, n) = moving?;
                 let found = match n.integer() {
-                    Some(1) => self.terms_of_factor(pool, e, time)?,
+                    Some(1) => self.terms_of_factor(pool, e)?,
                     Some(n) if (2..=6).contains(&n) && matches!(pool.node(e), Node::Symbol(s) if *s == time) => {
                         vec![(self.drive(Drive::Power(n as u32)), 1.0)]
                     }
@@ -132,12 +187,23 @@ impl System {
             | Node::Power(..)
             | Node::Unary(..)
             | Node::Binary(..)
-            | Node::Select(..) => self.terms_of_factor(pool, value, time),
+            | Node::Select(..) => self.terms_of_factor(pool, value),
         }
     }
 
-    fn terms_of_factor(&mut self, pool: &mut Pool, e: Expr, time: Symbol) -> Option<Vec<(usize, f64)>> {
+    /// A product of time and what is held.
+    fn ramp(&mut self, pool: &mut Pool, value: Expr) -> Option<Vec<(usize, f64)>> {
+        let (slope, rest) = pool.linear(value, self.time)?;
+        let held = !self.moves(pool, slope) && !self.moves(pool, rest);
+        held.then(|| vec![(self.drive(Drive::Ramp(value, slope)), 1.0)])
+    }
+
+    fn terms_of_factor(&mut self, pool: &mut Pool, e: Expr) -> Option<Vec<(usize, f64)>> {
+        let time = self.time;
         match pool.node(e).clone() {
+            Node::Symbol(s) if s != time && self.given.iter().any(|g| g.0 == s) => {
+                Some(vec![(self.outer(pool, s)?, 1.0)])
+            }
             Node::Symbol(s) if s == time => Some(vec![(self.drive(Drive::Power(1)), 1.0)]),
             Node::Unary(f @ (Unary::Sin | Unary::Cos | Unary::Exp), arg) => {
                 let (rate, phase) = pool.linear(arg, time)?;
@@ -148,7 +214,7 @@ impl System {
                 };
                 Some(vec![(self.drive(drive), 1.0)])
             }
-            Node::Sum(..) | Node::Product(..) => self.terms(pool, e, time),
+            Node::Sum(..) | Node::Product(..) => self.terms(pool, e),
             Node::Number(_)
             | Node::Symbol(_)
             | Node::Power(..)
@@ -178,6 +244,17 @@ struct Rows {
 }
 
 impl Rows {
+    /// Sources that follow states, or inputs, and rest when those do.
+    fn settling(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
+        let settles = |i: usize| match i.checked_sub(self.system.n) {
+            None => true,
+            Some(d) => matches!(self.system.drives.get(d), Some(Drive::Ramp(..))),
+        };
+        let rests = |row: &Vec<f64>| row.iter().enumerate().any(|(i, x)| *x != 0.0 && settles(i));
+        let sources = c.nodes.iter().filter_map(|n| n.source());
+        sources.filter(|s| self.outputs.get(&form.column(*s).out).is_some_and(rests)).collect()
+    }
+
     /// Sources that are constant over a step.
     fn steady(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
         let constant = |i: usize| {
@@ -201,7 +278,8 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
         return None;
     }
     let state_symbols: Vec<Symbol> = c.states.iter().map(|s| s.symbol).collect();
-    let mut system = System { n, drives: Vec::new(), moves: Vec::new() };
+    let given = c.inputs.iter().map(|(_, u, du)| (*u, *du)).collect();
+    let mut system = System { n, time, given, held: c.foreign.clone(), drives: Vec::new(), moves: Vec::new() };
     // Each output as a sparse row: states by index, drives by n + index.
     let mut sparse: FxHashMap<Symbol, Vec<(usize, f64)>> = FxHashMap::default();
     for g in &c.groups {
@@ -214,7 +292,7 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
                 row.push((n + system.drive(Drive::One), rest));
             }
             // An energy with a kink may have an affine slope in each piece; `affine` refuses those.
-            sparse.insert(form.column(c.states[*s].column).out, row);
+            sparse.insert(form.column(c.states[*s].column?).out, row);
         }
     }
     for p in &c.ports {
@@ -222,51 +300,41 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
         let d = system.drive(Drive::Held(v));
         sparse.insert(form.column(*p).out, vec![(n + d, 1.0)]);
     }
-    let mut resistors: Vec<(Symbol, Expr)> = Vec::new();
+    sparse.extend(state_symbols.iter().enumerate().map(|(i, s)| (*s, vec![(i, 1.0)])));
+    let mut signals: Vec<Symbol> = sparse.keys().copied().chain(c.nodes.iter().map(|n| n.out)).collect();
+    signals.sort_unstable();
+    // What depends on other signals is solved for: resistors, and sources that do so.
+    let mut solved: Vec<(Symbol, Split)> = Vec::new();
     for node in &c.nodes {
         let Output::Explicit(e) = node.how else { return None };
-        if node.source().is_some() {
-            let mut symbols = model.pool.symbols(e);
-            symbols.retain(|s| *s != time && !c.foreign.contains(s));
-            if !symbols.is_empty() {
-                return None;
-            }
-            let row = system.source(&mut model.pool, e, time);
-            sparse.insert(node.out, row.into_iter().map(|(d, k)| (n + d, k)).collect());
-        } else {
+        if node.source().is_none() {
             let column = node.resistor()?;
             for (_, g) in form.regions[form.column(column).region.at()].gains.get(&column)? {
                 model.pool.constant(*g)?;
             }
-            resistors.push((node.out, e));
+        }
+        let split = system.split(&mut model.pool, e, &signals)?;
+        if node.source().is_none() && !split.drives.is_empty() {
+            return None;
+        }
+        if node.source().is_some() && split.signals.is_empty() {
+            sparse.insert(node.out, split.drives.into_iter().map(|(d, k)| (n + d, k)).collect());
+        } else {
+            solved.push((node.out, split));
         }
     }
+    let mut rates: Vec<Split> = Vec::new();
+    for s in c.states.iter().filter(|s| s.column.is_none()) {
+        rates.push(system.split(&mut model.pool, s.rate, &signals)?);
+    }
     // The integrals may need drives of their own, so that the sizes are known only after them.
-    let mut rates = Vec::new();
-    let all: Vec<Symbol> = sparse
-        .keys()
-        .copied()
-        .chain(resistors.iter().map(|r| r.0))
-        .chain(state_symbols.iter().copied())
-        .chain([time])
-        .collect();
-    let mut all = all;
-    all.sort_unstable();
+    let mut sums: Vec<Result<Split, Squares>> = Vec::new();
     for i in &c.integrals {
-        let (square, linear, constant) = model.pool.quadratic(i.rate, &all)?;
-        for s in square.iter().flat_map(|t| [t.0, t.1]).chain(linear.iter().map(|t| t.0)) {
-            if all[s] == time {
-                system.drive(Drive::Power(1));
-            }
-        }
-        let number = |k: &Expr| model.pool.constant(*k);
-        let square = square.iter().map(|(a, b, k)| Some((all[*a], all[*b], number(k)?))).collect::<Option<Vec<_>>>()?;
-        let linear = linear.iter().map(|(a, k)| Some((all[*a], number(k)?))).collect::<Option<Vec<_>>>()?;
-        let constant = number(&constant)?;
-        if constant != 0.0 || !square.is_empty() {
-            system.drive(Drive::One);
-        }
-        rates.push((square, linear, constant));
+        let linear = system.split(&mut model.pool, i.rate, &signals);
+        sums.push(match linear {
+            Some(split) => Ok(split),
+            None => Err(squares(&mut system, &mut model.pool, i.rate, &signals)?),
+        });
     }
     let size = n + system.drives.len();
     if size > LARGEST {
@@ -280,45 +348,47 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
         v
     };
     let mut outputs: FxHashMap<Symbol, Vec<f64>> = sparse.iter().map(|(s, row)| (*s, dense(row))).collect();
-    // Resistors, loops and all, as one linear system.
-    let r = resistors.len();
-    let place: FxHashMap<Symbol, usize> = resistors.iter().enumerate().map(|(i, t)| (t.0, i)).collect();
+    // All that is solved for, loops and all, as one linear system.
+    let r = solved.len();
+    let place: FxHashMap<Symbol, usize> = solved.iter().enumerate().map(|(i, t)| (t.0, i)).collect();
     let mut matrix = DMatrix::<f64>::identity(r, r);
     let mut right = DMatrix::<f64>::zeros(r, size);
-    for (i, (_, e)) in resistors.iter().enumerate() {
-        let (linear, rest) = model.pool.affine(*e, &all)?;
-        if model.pool.constant(rest)? != 0.0 {
-            return None;
-        }
-        for (s, k) in linear {
-            let (s, k) = (all[s], model.pool.constant(k)?);
-            if let Some(&j) = place.get(&s) {
+    for (i, (_, split)) in solved.iter().enumerate() {
+        for (s, k) in &split.signals {
+            if let Some(&j) = place.get(s) {
                 matrix[(i, j)] -= k;
             } else {
-                let row = outputs.get(&s)?;
+                let row = outputs.get(s)?;
                 for (t, x) in row.iter().enumerate() {
                     right[(i, t)] += k * x;
                 }
             }
         }
+        for (d, k) in &split.drives {
+            right[(i, n + d)] += k;
+        }
     }
     if r > 0 {
         let acyclic = c.loops.is_empty();
-        let solved = if acyclic {
+        let found = if acyclic {
             forward(&matrix, &right, &c.nodes.iter().filter_map(|n| place.get(&n.out).copied()).collect::<Vec<_>>())
         } else {
             matrix.lu().solve(&right)?
         };
-        if solved.iter().any(|x| !x.is_finite()) {
+        if found.iter().any(|x| !x.is_finite()) {
             return None;
         }
-        for (i, (s, _)) in resistors.iter().enumerate() {
-            outputs.insert(*s, solved.row(i).iter().copied().collect());
+        for (i, (s, _)) in solved.iter().enumerate() {
+            outputs.insert(*s, found.row(i).iter().copied().collect());
         }
     }
     let mut input_rows = FxHashMap::default();
-    let columns =
-        c.states.iter().map(|s| s.column).chain(c.nodes.iter().filter_map(|n| n.source().or(n.resistor()))).chain(c.ports.iter().copied());
+    let columns = c
+        .states
+        .iter()
+        .filter_map(|s| s.column)
+        .chain(c.nodes.iter().filter_map(|n| n.source().or(n.resistor())))
+        .chain(c.ports.iter().copied());
     for column in columns.collect::<Vec<_>>() {
         let mut v = vec![0.0; size];
         for (j, k) in &form.column(column).row {
@@ -329,45 +399,46 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
         }
         input_rows.insert(column, v);
     }
+    let row_of = |split: &Split| -> Option<Vec<f64>> {
+        let mut row = vec![0.0; size];
+        for (s, k) in &split.signals {
+            for (t, x) in outputs.get(s)?.iter().enumerate() {
+                row[t] += k * x;
+            }
+        }
+        for (d, k) in &split.drives {
+            row[n + d] += k;
+        }
+        Some(row)
+    };
     let mut a = vec![0.0; size * size];
+    let mut rates = rates.iter();
     for (i, s) in c.states.iter().enumerate() {
-        a[i * size..(i + 1) * size].copy_from_slice(input_rows.get(&s.column)?);
+        let row = match s.column {
+            Some(column) => input_rows.get(&column)?.clone(),
+            None => row_of(rates.next()?)?,
+        };
+        a[i * size..(i + 1) * size].copy_from_slice(&row);
     }
     for (i, moves) in system.moves.iter().enumerate() {
         for &(j, k) in moves {
             a[(n + i) * size + n + j] += k;
         }
     }
-    let row_of = |s: Symbol, system: &mut System| -> Option<Vec<f64>> {
-        if s == time {
-            return Some(dense(&[(n + system.drive(Drive::Power(1)), 1.0)]));
-        }
-        match state_symbols.iter().position(|x| *x == s) {
-            Some(i) => Some(dense(&[(i, 1.0)])),
-            None => outputs.get(&s).cloned(),
-        }
-    };
     let mut integrals = Vec::new();
-    for (square, linear, constant) in rates {
-        let mut row = vec![0.0; size];
-        for (s, k) in &linear {
-            for (t, x) in row_of(*s, &mut system)?.iter().enumerate() {
-                row[t] += k * x;
+    for sum in &sums {
+        let parts = match sum {
+            Ok(split) => {
+                integrals.push(Ok(row_of(split)?));
+                continue;
             }
-        }
-        if constant != 0.0 {
-            row[n + system.drive(Drive::One)] += constant;
-        }
-        if square.is_empty() {
-            integrals.push(Ok(row));
-            continue;
-        }
+            Err(parts) => parts,
+        };
         let mut m = vec![0.0; size * size];
-        for (s, t, k) in &square {
-            add_product(&mut m, &row_of(*s, &mut system)?, &row_of(*t, &mut system)?, *k);
+        for (s, t, k) in &parts.square {
+            add_product(&mut m, &row_of(s)?, &row_of(t)?, *k);
         }
-        let one = dense(&[(n + system.drive(Drive::One), 1.0)]);
-        add_product(&mut m, &row, &one, 1.0);
+        add_product(&mut m, &row_of(&parts.linear)?, &row_of(&parts.one)?, 1.0);
         integrals.push(Err(m));
     }
     if a.iter().any(|x| !x.is_finite()) {
@@ -375,6 +446,43 @@ fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     }
     let linear = Linear { n, m: size - n, a, changes: true, ..Linear::default() };
     Some(Rows { linear, system, outputs, inputs: input_rows, integrals })
+}
+
+/// A quadratic rate: products of pairs, the linear part, and 1.
+struct Squares {
+    square: Vec<(Split, Split, f64)>,
+    linear: Split,
+    one: Split,
+}
+
+/// A rate of second degree in the cluster's signals, time, and what comes from outside; `None` where it is not.
+fn squares(system: &mut System, pool: &mut Pool, rate: Expr, signals: &[Symbol]) -> Option<Squares> {
+    let outer = system.given.iter().map(|g| g.0).chain(system.held.iter().copied()).chain([system.time]);
+    let all: Vec<Symbol> = signals.iter().copied().chain(outer).collect();
+    let (square, linear, constant) = pool.quadratic(rate, &all)?;
+    let lone = |system: &mut System, pool: &mut Pool, i: usize, k: f64| -> Option<Split> {
+        let s = all[i];
+        Some(if i < signals.len() {
+            Split { signals: vec![(s, k)], drives: vec![] }
+        } else {
+            Split { signals: vec![], drives: vec![(system.outer(pool, s)?, k)] }
+        })
+    };
+    let mut found = Squares { square: vec![], linear: Split::default(), one: Split::default() };
+    for (i, j, k) in square {
+        let pair = (lone(system, pool, i, 1.0)?, lone(system, pool, j, 1.0)?, pool.constant(k)?);
+        found.square.push(pair);
+    }
+    for (i, k) in linear {
+        let k = pool.constant(k)?;
+        let part = lone(system, pool, i, k)?;
+        found.linear.signals.extend(part.signals);
+        found.linear.drives.extend(part.drives);
+    }
+    let one = system.drive(Drive::One);
+    found.linear.drives.push((one, pool.constant(constant)?));
+    found.one.drives.push((one, 1.0));
+    Some(found)
 }
 
 /// Solves a system whose unknowns, taken in order, depend on earlier ones only.
@@ -448,7 +556,7 @@ fn program(
         b.store(at(i), *x);
     }
     for (i, d) in rows.system.drives.clone().iter().enumerate() {
-        let e = drive_value(model, d, time, c.h.unwrap_or(time));
+        let e = drive_value(model, d, &rows.system.given, (time, c.h.unwrap_or(time)));
         let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
         b.store(at(rows.system.n + i), v);
     }
@@ -456,10 +564,23 @@ fn program(
     // the integral of what answers it, which stays exact where two of them all but cancel.
     let steady: Vec<ColumnId> = c.ports.iter().copied().chain(rows.steady(c, form)).collect();
     linear.means = steady.iter().filter_map(|p| rows.inputs.get(p).cloned()).collect();
+    // The energy of a source that may come to rest is h (z i + (mean z - z) i) with z at the start and the mean of what answers,
+    // and a form in how far both went: at rest that is a product of two numbers, and no form's rounding adds up.
+    let moving: Vec<ColumnId> = rows.settling(c, form).into_iter().filter(|s| !steady.contains(s)).collect();
+    let first_moving = linear.means.len();
+    if with_ledger && !moving.is_empty() {
+        linear.starts = linear.a.chunks_exact(size).map(<[f64]>::to_vec).collect();
+        for column in &moving {
+            let pair = [rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)];
+            linear.starts.extend(pair.iter().copied().flatten().cloned());
+            linear.means.extend(pair.iter().copied().flatten().cloned());
+        }
+    }
     let first_integral = linear.means.len();
     linear.means.extend(rows.integrals.iter().filter_map(|i| i.as_ref().ok().cloned()));
     let accounts: Vec<Accounts> = entries.iter().map(|e| c.accounts(model, form, e.region)).collect();
     let mut quads: Vec<Slot> = Vec::new();
+    let mut drifts: Vec<(usize, Slot)> = Vec::new();
     let mut sums: Vec<(Slot, f64)> = Vec::new();
     if with_ledger {
         for (e, account) in entries.iter().zip(&accounts) {
@@ -472,15 +593,20 @@ fn program(
                 }
                 m
             };
-            for ((_, slot), column) in e.supplied.iter().zip(&account.supplied).filter(|(_, c)| !steady.contains(c)) {
-                linear.forms.push(energy(&[*column], -1.0));
-                quads.push(Slot::new(Array::Output, *slot));
+            for ((_, slot), column) in e.supplied.iter().zip(&account.supplied) {
+                let slot = Slot::new(Array::Output, *slot);
+                if let Some(k) = moving.iter().position(|m| m == column) {
+                    linear.drifts.push(energy(&[*column], -1.0));
+                    drifts.push((k, slot));
+                } else if !steady.contains(column) {
+                    linear.forms.push(energy(&[*column], -1.0));
+                    quads.push(slot);
+                }
             }
             for ((_, slot), columns) in e.dissipated.iter().zip(&account.dissipated) {
                 // An active resistor gives energy: minus a sum of squares.
-                let negative = |c: &ColumnId| {
-                    model.element(form.column(*c).element).active && is_negative(model, form, *c)
-                };
+                let negative =
+                    |c: &ColumnId| model.element(form.column(*c).element).active && is_negative(model, form, *c);
                 let sign = if columns.iter().any(negative) { -1.0 } else { 1.0 };
                 linear.squares.push(energy(columns, sign));
                 sums.push((Slot::new(Array::Output, *slot), sign));
@@ -516,9 +642,6 @@ fn program(
         };
         b.push(inst, means, linear.means.len());
     }
-    for (k, slot) in quads.iter().enumerate() {
-        b.push(Inst::Quad { to: *slot, table: layout.form(k) as u32, from: w, n: size as u32 }, *slot, 1);
-    }
     if !sums.is_empty() {
         let roots = b.slots(Array::Local, size);
         for (k, (slot, sign)) in sums.iter().enumerate() {
@@ -541,6 +664,33 @@ fn program(
         }
     }
     let mean = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: means.index + k as u32 });
+    for (k, slot) in quads.iter().enumerate() {
+        b.push(Inst::Quad { to: *slot, table: layout.form(k) as u32, from: w, n: size as u32 }, *slot, 1);
+    }
+    if !drifts.is_empty() {
+        let count = linear.starts.len();
+        let starts = b.slots(Array::Local, count);
+        let from = layout.start(0) as u32;
+        b.push(
+            Inst::MatVec { to: starts, table: from, from: w, rows: count as u32, cols: size as u32, low: false },
+            starts,
+            count,
+        );
+        let start = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: starts.index + k as u32 });
+        for (drift, (k, slot)) in drifts.iter().enumerate() {
+            let went = b.slot(Array::Local);
+            let table = layout.drift(drift) as u32;
+            b.push(Inst::Quad { to: went, table, from: starts, n: size as u32 }, went, 1);
+            let (z, i) = (start(&mut b, size + 2 * k), start(&mut b, size + 2 * k + 1));
+            let (mean_z, mean_i) = (mean(&mut b, first_moving + 2 * k), mean(&mut b, first_moving + 2 * k + 1));
+            let (first, off) = (b.mul(z, mean_i), b.sub(mean_z, z));
+            let second = b.mul(off, i);
+            let power = b.add(first, second);
+            let (into, went) = (b.mul(inputs.h, power), b.load(went));
+            let out = b.sub(went, into);
+            b.store(*slot, out);
+        }
+    }
     for (i, _) in c.ports.iter().enumerate() {
         let m = mean(&mut b, i);
         b.store(Slot::new(Array::Output, i), m);
@@ -549,11 +699,17 @@ fn program(
         for (e, account) in entries.iter().zip(&accounts) {
             for ((_, slot), column) in e.supplied.iter().zip(&account.supplied) {
                 let Some(i) = steady.iter().position(|p| p == column) else { continue };
-                let out = match c.nodes.iter().find(|n| n.source() == Some(*column)).map(|n| n.how) {
-                    Some(Output::Explicit(e)) => e,
-                    Some(Output::Implicit(_) | Output::Curve { .. }) | None => model.pool.var(form.column(*column).out),
-                };
-                let v = lowering.lower(&model.pool, &mut b, out).map_err(|s| missing(model, s))?;
+                let mut v = None;
+                let row = rows.outputs.get(&form.column(*column).out).map(Vec::as_slice).unwrap_or(&[]);
+                for (k, x) in row.iter().enumerate().filter(|(_, x)| **x != 0.0) {
+                    let (x, drive) = (b.number(*x), b.load(at(k)));
+                    let part = b.mul(x, drive);
+                    v = Some(match v {
+                        Some(v) => b.add(v, part),
+                        None => part,
+                    });
+                }
+                let v = v.unwrap_or_else(|| b.number(0.0));
                 let m = mean(&mut b, i);
                 let q = b.mul(inputs.h, m);
                 let e = b.mul(v, q);
@@ -611,12 +767,12 @@ fn is_negative(model: &Model, form: &Form, column: ColumnId) -> bool {
 }
 
 /// The value of a drive at the start of a step.
-fn drive_value(model: &mut Model, d: &Drive, time: Symbol, h: Symbol) -> Expr {
+fn drive_value(model: &mut Model, d: &Drive, given: &[(Symbol, Symbol)], (time, h): (Symbol, Symbol)) -> Expr {
     let pool = &mut model.pool;
     let t = pool.var(time);
     match d {
         Drive::One => pool.int(1),
-        Drive::Held(e) => *e,
+        Drive::Held(e) | Drive::Ramp(e, _) => *e,
         Drive::Wave(rate, phase, cos) => {
             let arg = affine(pool, *rate, *phase, t);
             pool.unary(if *cos { Unary::Cos } else { Unary::Sin }, arg)
@@ -638,7 +794,12 @@ fn drive_value(model: &mut Model, d: &Drive, time: Symbol, h: Symbol) -> Expr {
                 let c = pool.float(*node);
                 let ahead = pool.mul(c, h);
                 let at = pool.add(t, ahead);
-                let map: FxHashMap<Symbol, Expr> = std::iter::once((time, at)).collect();
+                let mut map: FxHashMap<Symbol, Expr> = std::iter::once((time, at)).collect();
+                for &(u, du) in given {
+                    let (ue, due) = (pool.var(u), pool.var(du));
+                    let gone = pool.mul(ahead, due);
+                    map.insert(u, pool.add(ue, gone));
+                }
                 let sample = pool.substitute(*e, &map);
                 let weight = pool.float(weight);
                 terms.push(pool.mul(weight, sample));

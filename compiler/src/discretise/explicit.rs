@@ -45,6 +45,11 @@ pub(super) fn write(
         if let Some(t) = c.time {
             lowering.bind(t, time);
         }
+        for ((_, u, _), (x, slope)) in c.inputs.iter().zip(&inputs.given) {
+            let gone = b.mul(ahead, *slope);
+            let x = b.add(*x, gone);
+            lowering.bind(*u, x);
+        }
         if let Some(before) = stages.last() {
             for ((s, x), k) in c.states.iter().zip(&inputs.states).zip(&before.rates) {
                 let d = b.mul(ahead, *k);

@@ -27,13 +27,20 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
     let middle = map.clone();
     for g in &c.groups {
         for (s, z) in g.states.iter().zip(gradient(c, pool, g, &middle)) {
-            map.insert(form.column(c.states[*s].column).out, z);
+            if let Some(column) = c.states[*s].column {
+                map.insert(form.column(column).out, z);
+            }
         }
     }
     if let (Some(t), Some(h)) = (c.time, c.h) {
         let (te, he) = (pool.var(t), pool.var(h));
         let he = pool.mul(half, he);
         map.insert(t, pool.add(te, he));
+        for &(_, u, du) in &c.inputs {
+            let (ue, due) = (pool.var(u), pool.var(du));
+            let ahead = pool.mul(he, due);
+            map.insert(u, pool.add(ue, ahead));
+        }
     }
     map
 }
@@ -53,9 +60,10 @@ fn gradient(c: &Cluster, pool: &mut Pool, g: &Group, middle: &FxHashMap<Symbol, 
         let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
         return vec![pool.difference(g.energy, *s, x, d)];
     }
-    if g.coenergy.iter().all(|z| pool.affine(*z, &symbols).is_some_and(|(linear, _)| {
-        linear.iter().all(|(_, k)| !pool.contains_any(*k, &|s| symbols.contains(&s)))
-    })) {
+    if g.coenergy.iter().all(|z| {
+        pool.affine(*z, &symbols)
+            .is_some_and(|(linear, _)| linear.iter().all(|(_, k)| !pool.contains_any(*k, &|s| symbols.contains(&s))))
+    }) {
         return g.coenergy.iter().map(|z| pool.substitute(*z, middle)).collect();
     }
     let half = pool.ratio(1, 2);

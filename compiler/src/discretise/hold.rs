@@ -58,7 +58,8 @@ fn respond(
     let outs: Vec<Expr> = holds.iter().map(|p| form.input(&mut model.pool, c.ports[*p])).collect();
     // What the step will call for: with a discrete gradient over the step, or at its start (the paper's).
     let over_step = hold != Hold::Lagged && !is_ray;
-    let map = if over_step { gonzalez::midpoint(c, &mut model.pool, form) } else { c.at_instant(&mut model.pool, form) };
+    let map =
+        if over_step { gonzalez::midpoint(c, &mut model.pool, form) } else { c.at_instant(&mut model.pool, form) };
     let flat = c.flat(&mut model.pool, map);
     let (mut unknowns, mut residuals, mut start, mut weight, mut scale) = if over_step {
         let (unknowns, residuals) = gonzalez::system(c, &mut model.pool, &flat);

@@ -86,6 +86,9 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
     let mut roots: Vec<Expr> = map.values().copied().collect();
     let flat = c.flat(&mut model.pool, map);
     roots.extend(flat.values().copied());
+    for s in c.states.iter().filter(|s| s.column.is_none()) {
+        roots.push(model.pool.substitute(s.rate, &flat));
+    }
     roots.sort_unstable();
     let mut seen: FxHashSet<Expr> = FxHashSet::default();
     let mut found: Vec<Expr> = Vec::new();
@@ -108,7 +111,9 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
             | Node::Product(..) => continue,
             Node::Power(..) | Node::Select(..) => continue,
         };
-        let told = |s: crate::expression::Symbol| Some(s) == c.time || c.states.iter().any(|x| x.symbol == s);
+        let told = |s: crate::expression::Symbol| {
+            Some(s) == c.time || c.states.iter().any(|x| x.symbol == s) || c.inputs.iter().any(|i| i.1 == s)
+        };
         let symbols = model.pool.symbols(guard);
         if !symbols.is_empty() && symbols.iter().all(|s| told(*s)) && !found.contains(&guard) {
             found.push(guard);

@@ -6,6 +6,7 @@ mod explicit;
 mod gonzalez;
 mod hold;
 mod instant;
+mod jump;
 mod probes;
 mod ray;
 mod start;
@@ -93,8 +94,13 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
     };
     let mut scene = Scene { name: model.name.clone(), excluded: excluded(model, form), ..Scene::default() };
     for (i, c) in clusters.iter_mut().enumerate() {
-        let foreign: Vec<(usize, usize)> = c.foreign.iter().filter_map(|s| place(*s)).collect();
+        let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
+        let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
         scene.clusters.push(c.build(model, form, method, &shows[i], foreign)?);
+    }
+    for i in &model.inputs {
+        let (name, unit) = (i.name.clone(), i.unit.map(|u| u.to_string()));
+        scene.inputs.push(scene::Input { name, unit, value: i.value });
     }
     for (i, r) in form.regions.iter().enumerate() {
         scene.regions.push(scene::Region {
@@ -147,11 +153,29 @@ fn is_time(model: &Model, s: Symbol) -> bool {
     model.signals.get(&s) == Some(&Signal::Time)
 }
 
+/// Which input a symbol is, or is the slope of.
+fn input_of(model: &Model, s: Symbol) -> Option<usize> {
+    match model.signals.get(&s) {
+        Some(Signal::Input(i) | Signal::Slope(i)) => Some(*i),
+        Some(
+            Signal::Time
+            | Signal::Effort(_)
+            | Signal::Flow(_)
+            | Signal::State(_)
+            | Signal::Integral(_)
+            | Signal::Argument(_)
+            | Signal::Parameter(_)
+            | Signal::Memory(_),
+        )
+        | None => None,
+    }
+}
+
 /// Makes the error for a method that a region cannot take.
 fn unfit(model: &Model, cluster: &Cluster, form: &Form, method: Method, why: &str) -> Vec<Diagnostic> {
     let own = cluster.sampling.map(|s| &model.samplings[s]).filter(|s| s.method.is_some()).map(|s| s.span);
     let span = own.or(model.settings.method.as_ref().map(|m| m.1)).unwrap_or(model.span);
-    let region = cluster.regions.first().map(|r| form.regions[r.at()].name.as_str()).unwrap_or("");
+    let region = cluster.name(form);
     vec![
         Diagnostic::error(
             "discretise::method",

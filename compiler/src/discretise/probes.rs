@@ -1,7 +1,7 @@
 //! Probes and expectations: a program over signals of all clusters.
 
 use super::cluster::verified;
-use super::is_time;
+use super::{input_of, is_time};
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::{ExpectationKind, Model};
 use crate::structure::Form;
@@ -14,7 +14,7 @@ pub(super) fn wanted(model: &Model, form: &Form) -> Vec<Symbol> {
     let mut list = Vec::new();
     for e in form.probes.iter().chain(form.expectations.iter().flatten()) {
         for s in model.pool.symbols(*e) {
-            if !is_time(model, s) && !is_extreme(model, s) && !list.contains(&s) {
+            if !is_time(model, s) && input_of(model, s).is_none() && !is_extreme(model, s) && !list.contains(&s) {
                 list.push(s);
             }
         }
@@ -46,6 +46,13 @@ pub(super) fn build(
         let slot = b.named(Array::Input, model.pool.name(s));
         let v = b.load(slot);
         lowering.bind(s, v);
+    }
+    let mut given = Vec::new();
+    for (i, input) in model.inputs.iter().enumerate() {
+        let slot = b.named(Array::Input, input.name.clone());
+        let v = b.load(slot);
+        lowering.bind(input.symbol, v);
+        given.push(i);
     }
     let time: Vec<Symbol> =
         model.signals.iter().filter(|(_, s)| **s == crate::model::Signal::Time).map(|(s, _)| *s).collect();
@@ -99,6 +106,7 @@ pub(super) fn build(
         probes.expectations.push(scene::Expectation { text: x.text.clone(), kind });
     }
     probes.gather = gather;
+    probes.inputs = given;
     probes.program = verified(model, b.finish()).ok();
     Ok(probes)
 }

@@ -31,7 +31,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     // The change of energy is the power into the storages times T: their outputs times their rates.
     let mut change: Option<Value> = None;
     for (s, rate) in c.states.iter().zip(&rates) {
-        let z = model.pool.var(form.column(s.column).out);
+        let Some(column) = s.column else { continue };
+        let z = model.pool.var(form.column(column).out);
         let z = model.pool.substitute(z, &flat);
         let z = lowering.lower(&model.pool, &mut b, z).map_err(|s| missing(model, s))?;
         let p = b.mul(z, *rate);
@@ -138,6 +139,12 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         let leap = b.select(found, mirror, low);
         let chosen = b.select(met, on_line, leap);
         let x = inputs.states[next.len()];
+        if s.column.is_none() {
+            // A signal state has no energy, and goes its own way.
+            let change = b.mul(inputs.h, rates[next.len()]);
+            next.push(b.add(x, change));
+            continue;
+        }
         next.push(b.select(stands, x, chosen));
     }
     b.slots(Array::Next, c.slots());
@@ -213,8 +220,7 @@ fn lowest(model: &mut Model, g: &super::cluster::Group, c: &Cluster, state: usiz
     let flat = |model: &Model, x: &[f64]| g.coenergy.iter().all(|z| value(model, *z, x) == 0.0);
     if !flat(model, &x) {
         x = g.states.iter().map(|s| c.states[*s].initial).collect();
-        let slopes: Vec<Expr> =
-            g.coenergy.iter().zip(&symbols).map(|(z, s)| model.pool.derivative(*z, *s)).collect();
+        let slopes: Vec<Expr> = g.coenergy.iter().zip(&symbols).map(|(z, s)| model.pool.derivative(*z, *s)).collect();
         for _ in 0..500 {
             let before = x.clone();
             for i in 0..x.len() {

@@ -156,11 +156,13 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
         .iter()
         .map(|s| (s.symbol, s.initial))
         .chain(c.integrals.iter().map(|i| (i.symbol, i.start)))
+        .chain(c.inputs.iter().map(|i| (i.1, model.inputs[i.0].value)))
         .collect();
     let system = System { model, unknowns: &c.loops, place, known, residuals, slopes };
     let first = system.follow(DVector::zeros(n));
     // What comes from elsewhere is not known here.
     let told = c.ports.is_empty()
+        && c.inputs.is_empty()
         && c.foreign.is_empty()
         && system.residuals.iter().all(|r| {
             model.pool.symbols(*r).iter().all(|s| {
@@ -230,11 +232,8 @@ fn complain(c: &Cluster, model: &Model, form: &Form, what: &str, help: &str) -> 
         bonds.extend(bond);
     }
     let span = bonds.first().map_or(model.span, |b| model.bond(*b).span);
-    let mut error = Diagnostic::error(
-        "discretise::loop",
-        span,
-        format!("an algebraic loop through {}: {what}", names.join(", ")),
-    );
+    let mut error =
+        Diagnostic::error("discretise::loop", span, format!("an algebraic loop through {}: {what}", names.join(", ")));
     for b in bonds.iter().take(16) {
         error = error.label(model.bond(*b).span, format!("the bond {} is in it", model.bond(*b).name));
     }

@@ -1,12 +1,12 @@
 //! What the steppers share: inputs of a program, iterations, the ledger's terms.
 
 use super::cluster::{Cluster, Group, Node, missing};
-use crate::expression::{Expr, Lowering, Pool, Symbol};
+use crate::expression::{self, Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{self, Array, Builder, Newton, Slot, Unary, Value};
-use bond_runtime::scene::Entries;
+use bond_runtime::scene::{Entries, GIVEN};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// The values that a program starts from.
@@ -20,6 +20,8 @@ pub(super) struct Inputs {
     pub(super) carries: Vec<Slot>,
     /// For each state a trace of the largest value it had.
     pub(super) traces: Vec<Slot>,
+    /// Value at the start of the step and slope of what is given from outside.
+    pub(super) given: Vec<(Value, Value)>,
     pub(super) env: Vec<(Symbol, Value)>,
 }
 
@@ -35,6 +37,12 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
     for s in &c.foreign {
         env.push((*s, b.named(Array::Input, model.pool.name(*s))));
     }
+    let given: Vec<Slot> = c
+        .inputs
+        .iter()
+        .flat_map(|(_, u, _)| ["value", "slope", "since"].map(|what| format!("{what}({})", model.pool.name(*u))))
+        .map(|name| b.named(Array::Input, name))
+        .collect();
     let traces: Vec<Slot> = c.states.iter().map(|s| b.named(Array::Input, format!("trace({})", s.name))).collect();
     let states: Vec<Slot> = c.states.iter().map(|s| b.named(Array::State, s.name.clone())).collect();
     let integrals: Vec<Slot> = c.integrals.iter().map(|i| b.named(Array::State, model.pool.name(i.symbol))).collect();
@@ -46,11 +54,21 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
         env.push((time, t));
         env.push((step, h));
     }
+    let given: Vec<(Value, Value)> = given
+        .chunks_exact(GIVEN)
+        .map(|slots| {
+            let (value, slope, since) = (b.load(slots[0]), b.load(slots[1]), b.load(slots[2]));
+            let past = b.sub(t, since);
+            let gone = b.mul(slope, past);
+            (b.add(value, gone), slope)
+        })
+        .collect();
+    env.extend(c.inputs.iter().zip(&given).flat_map(|((_, u, du), (x, dx))| [(*u, *x), (*du, *dx)]));
     let load = |b: &mut Builder, list: &[Slot]| -> Vec<Value> { list.iter().map(|s| b.load(*s)).collect() };
     let (states, integrals, guesses) = (load(b, &states), load(b, &integrals), load(b, &guesses));
     env.extend(c.states.iter().map(|s| s.symbol).zip(states.iter().copied()));
     env.extend(c.integrals.iter().map(|i| i.symbol).zip(integrals.iter().copied()));
-    Inputs { t, h, states, integrals, guesses, carries, traces, env }
+    Inputs { t, h, states, integrals, guesses, carries, traces, given, env }
 }
 
 /// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at rest under a
@@ -231,6 +249,33 @@ fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column:
     model.pool.sum(&list)
 }
 
+/// Sum of the magnitudes of an expression's summands, in terms of states and loops.
+fn summands(model: &mut Model, flat: &FxHashMap<Symbol, Expr>, e: Expr) -> Expr {
+    let pool = &mut model.pool;
+    let parts: Vec<Expr> = match pool.node(e).clone() {
+        expression::Node::Sum(constant, pairs) => {
+            let constant = pool.numeral(constant);
+            let pairs: Vec<Expr> = pairs.iter().map(|(e, k)| pool.scale(*e, *k)).collect();
+            pairs.into_iter().chain([constant]).collect()
+        }
+        expression::Node::Number(_)
+        | expression::Node::Symbol(_)
+        | expression::Node::Product(..)
+        | expression::Node::Power(..)
+        | expression::Node::Unary(..)
+        | expression::Node::Binary(..)
+        | expression::Node::Select(..) => vec![e],
+    };
+    let sizes: Vec<Expr> = parts
+        .into_iter()
+        .map(|e| {
+            let e = pool.substitute(e, flat);
+            pool.unary(Unary::Abs, e)
+        })
+        .collect();
+    pool.sum(&sizes)
+}
+
 /// What changes of the states (over `h`) and loops are measured against: themselves at the start, and the terms that they are
 /// the sum of, so that what cancels is not asked for digits that it does not have.
 pub(super) fn scales(
@@ -252,7 +297,10 @@ pub(super) fn scales(
     let mut list: Vec<(Value, Expr)> = Vec::new();
     if let Some(h) = h {
         for ((s, x), trace) in c.states.iter().zip(states).zip(traces) {
-            let t = terms(model, form, &flat, s.column);
+            let t = match s.column {
+                Some(column) => terms(model, form, &flat, column),
+                None => summands(model, &flat, s.rate),
+            };
             let (x, trace) = (b.unary(Unary::Abs, *x), b.load(*trace));
             list.push((b.add(x, trace), model.pool.mul(h, t)));
         }
@@ -425,13 +473,14 @@ pub(super) fn energies(
         let later = model.pool.substitute(h, &end);
         let mut v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
         let of_states = |z: &Expr| {
-            model.pool.symbols(*z).iter().all(|s| {
-                model.pool.value(*s).is_some() || c.states.iter().any(|x| x.symbol == *s)
-            })
+            model
+                .pool
+                .symbols(*z)
+                .iter()
+                .all(|s| model.pool.value(*s).is_some() || c.states.iter().any(|x| x.symbol == *s))
         };
-        let angles = |g: &&Group| {
-            g.region == *r && has_angle(&model.pool, g.energy) && g.coenergy.iter().all(of_states)
-        };
+        let angles =
+            |g: &&Group| g.region == *r && has_angle(&model.pool, g.energy) && g.coenergy.iter().all(of_states);
         for g in c.groups.iter().filter(angles) {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
                 let Some(rest) = rests.get(*s) else { continue };

@@ -153,14 +153,20 @@ impl<'a> Elaborator<'a> {
     /// Declares a name for an expression; its place among the `lets`, if the name was free.
     fn declare_let(&mut self, scope: ScopeId, name: &'a Name, value: &'a Expr) -> Option<usize> {
         let index = self.lets.len();
-        let entity = Entity::Let(index);
-        if self.scopes[scope].loop_variable.is_some() {
-            self.scopes[scope].locals.insert(name.text.clone(), entity);
-        } else if !self.declare(self.scopes[scope].instance, name.text.clone(), entity, name.span) {
+        if !self.declare_signal(scope, name, Entity::Let(index)) {
             return None;
         }
         self.lets.push(Let { value, scope, state: super::LetState::New, name: name.text.clone() });
         Some(index)
+    }
+
+    /// Declares a name that in a `for` belongs to the round; whether it was free.
+    pub(super) fn declare_signal(&mut self, scope: ScopeId, name: &Name, entity: Entity) -> bool {
+        if self.scopes[scope].loop_variable.is_some() {
+            self.scopes[scope].locals.insert(name.text.clone(), entity);
+            return true;
+        }
+        self.declare(self.scopes[scope].instance, name.text.clone(), entity, name.span)
     }
 
     fn block(
@@ -221,14 +227,8 @@ impl<'a> Elaborator<'a> {
                     Some(false) => self.block(c.otherwise.as_deref().unwrap_or(&[]), scope, sampling, true, chains),
                     None => {}
                 },
-                StatementKind::Input(name, _) => {
-                    self.declare(instance, name.text.clone(), Entity::Missing, name.span);
-                    self.not_yet(s.span, "`input`", "use a source with a value that depends on `t`");
-                }
-                StatementKind::State(name, ..) => {
-                    self.declare(instance, name.text.clone(), Entity::Missing, name.span);
-                    self.not_yet(s.span, "a signal `state`", "`integral(expr, start)` gives an integral");
-                }
+                StatementKind::Input(name, value) => self.input(name, value, scope),
+                StatementKind::State(name, start, fields) => self.memory(name, start, fields, scope, sampling),
                 StatementKind::Let(name, value) => {
                     if inner || self.scopes[scope].loop_variable.is_some() {
                         self.declare_let(scope, name, value);
@@ -263,7 +263,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// A probe in a loop carries the loop's numbers: `x[3]`.
-    fn looped(&self, scope: ScopeId, name: &str) -> String {
+    pub(super) fn looped(&self, scope: ScopeId, name: &str) -> String {
         let mut numbers = Vec::new();
         let mut at = Some(scope);
         while let Some(s) = at {
@@ -288,17 +288,6 @@ impl<'a> Elaborator<'a> {
             );
         }
         over
-    }
-
-    fn not_yet(&mut self, span: Span, what: &str, help: &str) {
-        self.errors.push(
-            Diagnostic::error(
-                "elaborate::not_yet",
-                span,
-                format!("{what} is not there yet: this version of bond reads it but cannot run it"),
-            )
-            .help(help),
-        );
     }
 
     fn element(&mut self, e: &'a Decl_, scope: ScopeId, sampling: Option<usize>) {
@@ -360,7 +349,11 @@ impl<'a> Elaborator<'a> {
             _ => ("C, I, IC, R and RS", vec![]),
         };
         if kinds.is_empty() && !e.ports.is_empty() {
-            wrong(e.kind.span, format!("`{name}` (a `{kind}`) takes no list of ports"), &format!("the fields are {example}"));
+            wrong(
+                e.kind.span,
+                format!("`{name}` (a `{kind}`) takes no list of ports"),
+                &format!("the fields are {example}"),
+            );
             sound = false;
         } else if e.ports.is_empty() || (kind == "RS" && e.ports.len() != 2) {
             let what = if kind == "RS" { "two ports, the resistor's and the thermal one" } else { "its ports named" };
@@ -370,7 +363,11 @@ impl<'a> Elaborator<'a> {
         for (i, (p, k)) in e.ports.iter().zip(&kinds).enumerate() {
             if k.is_none() || (kind != "IC" && p.kind.is_some()) {
                 let what = if kind == "IC" { "is neither `I` nor `C`" } else { "has a kind of its own" };
-                wrong(p.name.span, format!("the port `{}` of `{name}` {what}", p.name.text), &format!("write {example}"));
+                wrong(
+                    p.name.span,
+                    format!("the port `{}` of `{name}` {what}", p.name.text),
+                    &format!("write {example}"),
+                );
                 sound = false;
             }
             if e.ports[..i].iter().any(|q| q.name.text == p.name.text) {
@@ -379,7 +376,11 @@ impl<'a> Elaborator<'a> {
             }
         }
         if !e.args.is_empty() {
-            wrong(e.span, format!("`{name}` is a field, and takes no arguments in parentheses"), "give fields in braces");
+            wrong(
+                e.span,
+                format!("`{name}` is a field, and takes no arguments in parentheses"),
+                "give fields in braces",
+            );
             sound = false;
         }
         if e.active && kind != "R" {
@@ -470,7 +471,15 @@ impl<'a> Elaborator<'a> {
             let id = ElementId(self.elements.len() as u32);
             if self.declare(instance, name.text.clone(), Entity::Element(id), name.span) {
                 let span = name.span;
-                self.elements.push(Decl { name: full, kind: Kind::Port, ast: None, scope, sampling, span, field: None });
+                self.elements.push(Decl {
+                    name: full,
+                    kind: Kind::Port,
+                    ast: None,
+                    scope,
+                    sampling,
+                    span,
+                    field: None,
+                });
                 self.open_ports.push((id, fields, scope));
             }
             return;
@@ -644,6 +653,8 @@ impl<'a> Elaborator<'a> {
                     | Entity::Param(_)
                     | Entity::Let(_)
                     | Entity::Function(_)
+                    | Entity::Input(_)
+                    | Entity::Memory(_)
                     | Entity::Bond(_)
                     | Entity::Missing => None,
                 };
@@ -667,7 +678,7 @@ impl<'a> Elaborator<'a> {
                 self.errors.push(wrong(&format!("`{shown}` is an instance, and a bond ends at a port of it"), help));
                 None
             }
-            Entity::Param(_) | Entity::Let(_) | Entity::Function(_) => {
+            Entity::Param(_) | Entity::Let(_) | Entity::Function(_) | Entity::Input(_) | Entity::Memory(_) => {
                 self.errors.push(wrong(
                     &format!("`{shown}` is a value, and a bond joins elements"),
                     format!("did you mean an element, such as `R:{last}`?"),
@@ -733,9 +744,13 @@ impl<'a> Elaborator<'a> {
                     }
                     let list = self.fields[f].ports.join(", ");
                     self.errors.push(
-                        Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.name.text))
-                            .label(span, "is declared here")
-                            .help(format!("its ports are {list}")),
+                        Diagnostic::error(
+                            "elaborate::end",
+                            path.span,
+                            format!("`{key}` has no port `{}`", next.name.text),
+                        )
+                        .label(span, "is declared here")
+                        .help(format!("its ports are {list}")),
                     );
                     return None;
                 }
@@ -744,6 +759,8 @@ impl<'a> Elaborator<'a> {
                 | Entity::Param(_)
                 | Entity::Let(_)
                 | Entity::Function(_)
+                | Entity::Input(_)
+                | Entity::Memory(_)
                 | Entity::Bond(_) => {
                     let next = &path.segments[i + 1].name;
                     self.errors.push(

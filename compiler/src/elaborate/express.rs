@@ -464,9 +464,11 @@ impl<'a> Elaborator<'a> {
         let first = &path.segments[0];
         // The pair of a port, in the law of a field: `a.f`.
         if let [port, variable] = &path.segments[..]
-            && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| {
-                n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str()))
-            })
+            && let Some((_, t)) = self
+                .locals
+                .iter()
+                .rev()
+                .find(|(n, _)| n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str())))
         {
             return Some(Value::Scalar(t.clone()));
         }
@@ -485,11 +487,27 @@ impl<'a> Elaborator<'a> {
                     let i = *i;
                     return Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() }));
                 }
-                if let Some(&Entity::Let(l)) = self.scopes[s].locals.get(&first.name.text)
-                    && (plain || !self.is_declared(first, scope, s)?)
-                {
-                    let value = self.let_value(l, path.span)?;
-                    return self.entry(value, first, scope);
+                match self.scopes[s].locals.get(&first.name.text).copied() {
+                    Some(Entity::Let(l)) if plain || !self.is_declared(first, scope, s)? => {
+                        let value = self.let_value(l, path.span)?;
+                        return self.entry(value, first, scope);
+                    }
+                    Some(Entity::Input(i)) if plain => return self.input_value(i, path.span).map(Value::Scalar),
+                    Some(Entity::Memory(i)) if plain => return self.memory_value(i, path.span).map(Value::Scalar),
+                    Some(
+                        Entity::Element(_)
+                        | Entity::Instance(_)
+                        | Entity::Port(_)
+                        | Entity::Param(_)
+                        | Entity::Let(_)
+                        | Entity::Input(_)
+                        | Entity::Memory(_)
+                        | Entity::Function(_)
+                        | Entity::Bond(_)
+                        | Entity::Field(_)
+                        | Entity::Missing,
+                    )
+                    | None => {}
                 }
                 at = self.scopes[s].parent;
             }
@@ -531,12 +549,14 @@ impl<'a> Elaborator<'a> {
                 Entity::Missing => return None,
                 Entity::Param(p) if rest.is_empty() => return self.param_value(p, path.span),
                 Entity::Let(l) if rest.is_empty() => return self.let_value(l, path.span),
-                Entity::Param(_) | Entity::Let(_) => {
+                Entity::Input(i) if rest.is_empty() => return self.input_value(i, path.span).map(Value::Scalar),
+                Entity::Memory(i) if rest.is_empty() => return self.memory_value(i, path.span).map(Value::Scalar),
+                Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) => {
                     return self.wrong(
                         "elaborate::signal",
                         path.span,
                         format!("`{}` is no signal", self.sources.slice(path.span)),
-                        "a parameter or `let` has no parts, and a probe is for the outside: use a `let`",
+                        "a parameter, `let`, `input` or `state` has no parts, and a probe is for the outside: use a `let`",
                     );
                 }
                 Entity::Function(_) => return self.no_call(&key, path.span),
@@ -860,6 +880,9 @@ impl<'a> Elaborator<'a> {
                 }
             }
             Signal::Integral(i) => format!("integral[{i}]"),
+            Signal::Input(i) => self.inputs[i].name.clone(),
+            Signal::Slope(i) => format!("slope({})", self.inputs[i].name),
+            Signal::Memory(i) => self.memories[i].name.clone(),
             Signal::Argument(id) => self.elements[id.at()].name.clone(),
             Signal::Parameter(id) => format!("{}.s", self.elements[id.at()].name),
         };

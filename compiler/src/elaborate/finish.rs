@@ -3,7 +3,7 @@
 use super::{Elaborator, Inference, Mode, Typed, Unit};
 use crate::Options;
 use crate::expression::Expr;
-use crate::model::{BondId, Element, ElementId, Field, Kind, Law, Model, Parameter, Probe, Signal};
+use crate::model::{BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, Parameter, Probe, Signal};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -20,6 +20,8 @@ impl<'a> Elaborator<'a> {
         if !joined {
             return Err(self.errors);
         }
+        let memories = self.make_memories();
+        let inputs = self.make_inputs();
         let probes = self.make_probes();
         let expectations = self.make_expectations();
         let settings = self.make_settings();
@@ -56,6 +58,8 @@ impl<'a> Elaborator<'a> {
             .into_iter()
             .map(|(name, span, t)| Probe { name, value: t.expr, unit: known(&t.unit), span })
             .collect();
+        let inputs = inputs.into_iter().map(|(i, unit)| Input { unit: known(&unit), ..i }).collect();
+        let memories = memories.into_iter().map(|(m, unit)| Memory { unit: known(&unit), ..m }).collect();
         let bond_units =
             self.domain_of.iter().map(|&d| (known(&Inference::effort(d)), known(&Inference::flow(d)))).collect();
         let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
@@ -73,6 +77,8 @@ impl<'a> Elaborator<'a> {
                 .collect(),
             samplings: self.samplings,
             integrals: self.integrals,
+            inputs,
+            memories,
             probes,
             expectations,
             settings,

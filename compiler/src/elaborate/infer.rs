@@ -223,6 +223,11 @@ impl Inference {
         Unit::unknown(Unknown(2 * domain as u32 + 1))
     }
 
+    /// A unit of its own, that of the signal with this number, where what it starts with does not tell it.
+    pub fn signal(number: usize) -> Unit {
+        Unit::unknown(Unknown(1 << 31 | number as u32))
+    }
+
     /// Asks for two units to be the same.
     pub fn equate(&mut self, equation: Equation) {
         self.equations.push(equation);

@@ -15,6 +15,7 @@ mod join;
 mod library;
 mod load;
 mod settings;
+mod signal;
 mod suggest;
 mod table;
 mod value;
@@ -55,6 +56,8 @@ enum Entity {
     Function(usize),
     /// An index of `raw_bonds`.
     Bond(usize),
+    Input(usize),
+    Memory(usize),
     /// A multiport field.
     Field(usize),
     /// Declared, but wrong: said already.
@@ -184,6 +187,8 @@ pub(crate) struct Elaborator<'a> {
     signals: FxHashMap<Symbol, Signal>,
     symbol_of: FxHashMap<Signal, Symbol>,
     integrals: Vec<Integral>,
+    inputs: Vec<signal::Given<'a>>,
+    memories: Vec<signal::Remembered<'a>>,
     /// Names that mean something only in the law that is being read: `q`, `f`.
     pub(crate) locals: Vec<(String, Typed)>,
     mode: Mode,
@@ -258,6 +263,8 @@ pub fn elaborate(
         signals: FxHashMap::default(),
         symbol_of: FxHashMap::default(),
         integrals: vec![],
+        inputs: vec![],
+        memories: vec![],
         locals: vec![],
         mode: Mode::Constant,
         extremes: vec![],

@@ -151,6 +151,8 @@ impl<'a> Elaborator<'a> {
             | Entity::Instance(_)
             | Entity::Port(_)
             | Entity::Field(_)
+            | Entity::Input(_)
+            | Entity::Memory(_)
             | Entity::Function(_)
             | Entity::Bond(_)
             | Entity::Missing => None,

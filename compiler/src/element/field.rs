@@ -114,7 +114,16 @@ impl<'a> Elaborator<'a> {
                 initial = self.number(&typed, value)?;
                 self.finite(typed.expr, value, &name)?;
             }
-            list.push(Storage { state: *s, energy, coenergy, linear: None, initial, explicit: given.is_some(), bounded, massless: false });
+            list.push(Storage {
+                state: *s,
+                energy,
+                coenergy,
+                linear: None,
+                initial,
+                explicit: given.is_some(),
+                bounded,
+                massless: false,
+            });
         }
         Some(list)
     }
@@ -136,8 +145,7 @@ impl<'a> Elaborator<'a> {
         let fields = Fields::read(self, ast, "resistance", &["resistance", "conductance"], &[])?;
         let resistance = fields.get("resistance").is_some();
         let value = fields.get("resistance").or_else(|| fields.get("conductance"))?;
-        let (what, gives) =
-            if resistance { ("resistance", Variable::Effort) } else { ("conductance", Variable::Flow) };
+        let (what, gives) = if resistance { ("resistance", Variable::Effort) } else { ("conductance", Variable::Flow) };
         let domain = |this: &Self, i: usize| this.bond_domain(bonds[i]);
         let domains: Vec<usize> = (0..n).map(|i| domain(self, i)).collect();
         let entry = |i: usize, j: usize| match gives {
@@ -151,9 +159,14 @@ impl<'a> Elaborator<'a> {
                 Diagnostic::error(
                     "elaborate::law",
                     value.span,
-                    format!("the {what} matrix of `{name}` gives power: its symmetric part is not positive semi-definite"),
+                    format!(
+                        "the {what} matrix of `{name}` gives power: its symmetric part is not positive semi-definite"
+                    ),
                 )
-                .help(format!("mend the matrix; one that gives power must say so: `active R({}):{name}`", ports.join(", "))),
+                .help(format!(
+                    "mend the matrix; one that gives power must say so: `active R({}):{name}`",
+                    ports.join(", ")
+                )),
             );
             return None;
         }
@@ -215,8 +228,12 @@ impl<'a> Elaborator<'a> {
             };
             if given[place].is_some() {
                 self.errors.push(
-                    Diagnostic::error("elaborate::twice", f.span, format!("`{name}` has two laws for `{}`", ports[place]))
-                        .help("give its effort or its flow, and leave the other to the graph"),
+                    Diagnostic::error(
+                        "elaborate::twice",
+                        f.span,
+                        format!("`{name}` has two laws for `{}`", ports[place]),
+                    )
+                    .help("give its effort or its flow, and leave the other to the graph"),
                 );
                 sound = false;
             }
@@ -259,8 +276,15 @@ impl<'a> Elaborator<'a> {
         let verdict = self.takes_power(power, &arguments);
         if verdict == Some(false) && !ast.active {
             self.errors.push(
-                Diagnostic::error("elaborate::law", ast.span, format!("the laws of `{name}` give power: there the sum of e f is below 0"))
-                    .help(format!("the ports together must take power; a field that gives it must say so: `active R({}):{name}`", ports.join(", "))),
+                Diagnostic::error(
+                    "elaborate::law",
+                    ast.span,
+                    format!("the laws of `{name}` give power: there the sum of e f is below 0"),
+                )
+                .help(format!(
+                    "the ports together must take power; a field that gives it must say so: `active R({}):{name}`",
+                    ports.join(", ")
+                )),
             );
             return None;
         }
@@ -291,7 +315,13 @@ impl<'a> Elaborator<'a> {
         let power = self.energy_unit(bonds[0]).div(&self.energy_unit(bonds[1]));
         let about = format!("the power of `{name}` on its two ports (the thermal one is a true bond, K and W/K)");
         self.require((&power, ast.name.span), Unit::one(), None, about, 3);
-        self.require((&Inference::effort(d), ast.name.span), Unit::known(Dimension::KELVIN), None, format!("the effort at the thermal port of `{name}`"), 3);
+        self.require(
+            (&Inference::effort(d), ast.name.span),
+            Unit::known(Dimension::KELVIN),
+            None,
+            format!("the effort at the thermal port of `{name}`"),
+            3,
+        );
         let loss = match first.curve {
             Some(c) => self.pool.mul(c.effort, c.flow),
             None => {
@@ -365,20 +395,33 @@ impl<'a> Elaborator<'a> {
     fn symmetric_positive(&mut self, m: &[Vec<Expr>], value: &ast::Expr, name: &str, what: &str) -> Option<()> {
         let words = self.words(value);
         let Some(a) = self.scaled(m) else {
-            let e = Diagnostic::error("elaborate::constant", value.span, format!("`{words}` must be known before the run"));
+            let e =
+                Diagnostic::error("elaborate::constant", value.span, format!("`{words}` must be known before the run"));
             self.errors.push(e.help("write an energy H for what depends on states"));
             return None;
         };
         let skew = (&a - a.transpose()).amax();
         if skew > ROUNDING * a.amax() {
-            let e = Diagnostic::error("elaborate::matrix", value.span, format!("the {what} matrix of `{name}` is not symmetric: it has no energy"));
-            self.errors.push(e.help("the entries on both sides of the diagonal are the same, since both are second derivatives of H"));
+            let e = Diagnostic::error(
+                "elaborate::matrix",
+                value.span,
+                format!("the {what} matrix of `{name}` is not symmetric: it has no energy"),
+            );
+            self.errors.push(e.help(
+                "the entries on both sides of the diagonal are the same, since both are second derivatives of H",
+            ));
             return None;
         }
         let least = a.symmetric_eigenvalues().min();
         if !(least > ROUNDING && least.is_finite()) {
-            let e = Diagnostic::error("elaborate::value", value.span, format!("the {what} matrix of `{name}` is not positive definite"));
-            self.errors.push(e.help("of two coupled ports, the entry off the diagonal is at most the root of the product of those on it"));
+            let e = Diagnostic::error(
+                "elaborate::value",
+                value.span,
+                format!("the {what} matrix of `{name}` is not positive definite"),
+            );
+            self.errors.push(e.help(
+                "of two coupled ports, the entry off the diagonal is at most the root of the product of those on it",
+            ));
             return None;
         }
         Some(())

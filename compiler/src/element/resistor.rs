@@ -144,8 +144,12 @@ impl<'a> Elaborator<'a> {
                 });
             if gives && !ast.active {
                 self.errors.push(
-                    Diagnostic::error("elaborate::law", ast.span, format!("the law of `{name}` gives power: there e f < 0"))
-                        .help("both e and f must have the sign of `s`, or be 0"),
+                    Diagnostic::error(
+                        "elaborate::law",
+                        ast.span,
+                        format!("the law of `{name}` gives power: there e f < 0"),
+                    )
+                    .help("both e and f must have the sign of `s`, or be 0"),
                 );
                 return None;
             }
@@ -153,6 +157,14 @@ impl<'a> Elaborator<'a> {
         let argument = self.argument(id);
         let curve = Some(Curve { parameter, effort, flow });
         let output = self.pool.var(argument);
-        Some(Resistor { argument, output, gives: Variable::Effort, curve, row: None, linear: None, dissipative: verdict })
+        Some(Resistor {
+            argument,
+            output,
+            gives: Variable::Effort,
+            curve,
+            row: None,
+            linear: None,
+            dissipative: verdict,
+        })
     }
 }

@@ -84,7 +84,8 @@ impl<'a> Elaborator<'a> {
         };
         self.energies_set(id, energy);
         let bounded = self.is_bounded(energy, &[state]);
-        let mut storage = Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded, massless: false };
+        let mut storage =
+            Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded, massless: false };
         let start = [(if c { "q0" } else { "p0" }, true), (if c { "e0" } else { "f0" }, false)];
         let given: Vec<_> = start.iter().filter_map(|(f, is_state)| Some((fields.get(f)?, *is_state, *f))).collect();
         if let [first, second, ..] = given[..] {
@@ -170,9 +171,20 @@ impl<'a> Elaborator<'a> {
         }
         // In a number of directions; of one state, both ways.
         let n = states.len();
-        let directions: Vec<Vec<f64>> = (0..if n == 1 { 1 } else { 40 })
-            .map(|k| (0..n).map(|i| if k < n { f64::from(u8::from(i == k)) } else { ((k * 37 + i * 101) % 19) as f64 / 9.0 - 1.0 }).collect())
-            .collect();
+        let directions: Vec<Vec<f64>> =
+            (0..if n == 1 { 1 } else { 40 })
+                .map(|k| {
+                    (0..n)
+                        .map(|i| {
+                            if k < n {
+                                f64::from(u8::from(i == k))
+                            } else {
+                                ((k * 37 + i * 101) % 19) as f64 / 9.0 - 1.0
+                            }
+                        })
+                        .collect()
+                })
+                .collect();
         let at = |x: f64, along: &[f64]| {
             self.pool.eval(energy, &|s| states.iter().position(|t| *t == s).map_or(f64::NAN, |i| x * along[i]))
         };

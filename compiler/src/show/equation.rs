@@ -84,11 +84,15 @@ fn resistors(
     names: &[String],
     known: &mut FxHashMap<Symbol, Expr>,
 ) -> (Vec<Unknown>, Vec<(Vec<ColumnId>, bool)>) {
-    let place: FxHashMap<Symbol, usize> =
-        region.resistors.iter().enumerate().flat_map(|(i, (c, how))| {
+    let place: FxHashMap<Symbol, usize> = region
+        .resistors
+        .iter()
+        .enumerate()
+        .flat_map(|(i, (c, how))| {
             let out = form.column(*c).out;
             [(out, i), (how.unknown(out), i)]
-        }).collect();
+        })
+        .collect();
     let mut needs: Graph<(), ()> = Graph::with_capacity(region.resistors.len(), 0);
     for _ in &region.resistors {
         needs.add_node(());

@@ -1,7 +1,7 @@
 //! Everything as JSON.
 
 use super::json_form::form;
-use super::{Shown, What, causality, name, region};
+use super::{Shown, What, causality, name, region, signal};
 use crate::model::{BondId, Law};
 use bond_grammar::ast::Stroke;
 use serde_json::{Map, Value, json};
@@ -197,5 +197,7 @@ fn forms(shown: &mut Shown<'_>) -> Value {
         o.extend(form(shown.model, shown.form, &shown.form.regions[at], &names));
         list.push(Value::Object(o));
     }
-    json!(object! { "regions": list })
+    let mut all = object! { "regions": list };
+    all.extend(signal::fields(shown));
+    Value::Object(all)
 }

@@ -18,6 +18,7 @@ mod name;
 mod phs;
 mod region;
 mod settle;
+mod signal;
 mod sparse;
 mod summary;
 mod svg;

@@ -1,7 +1,7 @@
 //! `phs` as text: the port-Hamiltonian form of each region.
 
 use super::matrix::{self, Explicit};
-use super::{Shown, equation, fact, name, region, table};
+use super::{Shown, equation, fact, name, region, signal, table};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Region, Role};
 use std::fmt::Write;
@@ -15,7 +15,7 @@ pub(super) fn text(shown: &mut Shown<'_>) -> String {
         let _ = writeln!(text, "\nregion {}: {kind}", r.name);
         one(shown.model, shown.form, r, &names, &mut text);
     }
-    text
+    text + &signal::text(shown)
 }
 
 fn one(model: &mut Model, form: &Form, r: &Region, names: &[String], text: &mut String) {

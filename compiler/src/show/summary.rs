@@ -1,6 +1,6 @@
 //! `all` as text: what the model is, on a page.
 
-use super::{Shown, equation, fact, graph, matrix, name, phs, region, table};
+use super::{Shown, equation, fact, graph, matrix, name, phs, region, signal, table};
 use crate::model::Kind;
 use std::fmt::Write;
 
@@ -130,6 +130,7 @@ fn outputs(shown: &Shown<'_>, text: &mut String) {
             .collect();
         let _ = write!(text, "\ndouble bars\n{}", cut(rows, 2, ""));
     }
+    text.push_str(&signal::text(shown));
     if !model.probes.is_empty() {
         let rows: Vec<Vec<String>> = model
             .probes

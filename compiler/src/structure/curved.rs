@@ -32,7 +32,8 @@ pub(super) fn merge(
     let curved = independent.iter().find(|c| stiffness(model, form, **c).is_none()).copied();
     let curved = curved.map(|c| form.column(c).name.clone()).unwrap_or_default();
     if !tied.others.is_empty() {
-        let why = format!("it depends on `{curved}`, whose energy is not quadratic, by a ratio that changes with the state");
+        let why =
+            format!("it depends on `{curved}`, whose energy is not quadratic, by a ratio that changes with the state");
         return Err(refuse(model, form, why));
     }
     if tied.sources.iter().any(|s| !s.is_empty()) {
@@ -40,7 +41,11 @@ pub(super) fn merge(
         return Err(refuse(model, form, why));
     }
     if tied.dependent.iter().any(|d| family(model, form, *d).len() > 1) {
-        return Err(refuse(model, form, format!("it is a port of a field, and `{curved}` has an energy that is not quadratic")));
+        return Err(refuse(
+            model,
+            form,
+            format!("it is a port of a field, and `{curved}` has an energy that is not quadratic"),
+        ));
     }
     let storages: Vec<Storage> =
         independent.iter().filter_map(|c| storage(model, form.column(*c).element).cloned()).collect();

@@ -132,9 +132,7 @@ pub(super) fn ids(form: &Form, role: Role) -> Vec<ColumnId> {
 pub(super) fn family(model: &Model, form: &Form, id: ColumnId) -> Vec<ColumnId> {
     let Some((f, _)) = model.element(form.column(id).element).field else { return vec![id] };
     let column = |m: &ElementId| {
-        form.columns.iter().position(|c| {
-            c.element == *m && matches!(c.role, Role::Storage | Role::Dependent)
-        })
+        form.columns.iter().position(|c| c.element == *m && matches!(c.role, Role::Storage | Role::Dependent))
     };
     model.fields[f].members.iter().filter_map(column).map(|i| ColumnId(i as u32)).collect()
 }
@@ -224,22 +222,26 @@ fn others(model: &Model, form: &Form, tied: &Tied) -> Result<Vec<ColumnId>, Diag
     for e in ratios {
         for s in model.pool.symbols(e) {
             let found = match model.signals.get(&s) {
-                Some(Signal::State(id)) => form.columns.iter().position(|c| c.element == *id && c.role == Role::Storage),
+                Some(Signal::State(id)) => {
+                    form.columns.iter().position(|c| c.element == *id && c.role == Role::Storage)
+                }
                 Some(
                     Signal::Time
                     | Signal::Effort(_)
                     | Signal::Flow(_)
                     | Signal::Integral(_)
                     | Signal::Argument(_)
-                    | Signal::Parameter(_),
+                    | Signal::Parameter(_)
+                    | Signal::Input(_)
+                    | Signal::Slope(_)
+                    | Signal::Memory(_),
                 )
                 | None => None,
             };
             let found = found.map(|i| ColumnId(i as u32)).filter(|c| !tied.independent.contains(c));
             let Some(found) = found else {
-                let first = tied.dependent.first().copied().map_or(model.span, |d| {
-                    model.element(form.column(d).element).span
-                });
+                let first =
+                    tied.dependent.first().copied().map_or(model.span, |d| model.element(form.column(d).element).span);
                 let name = tied.dependent.first().map(|d| form.column(*d).name.clone()).unwrap_or_default();
                 return Err(Diagnostic::error(
                     "structure::not_yet",
@@ -297,16 +299,31 @@ fn check(model: &mut Model, form: &Form, d: ColumnId) -> Option<Diagnostic> {
             Role::Source(v) => {
                 let time = |s: Symbol| model.signals.get(&s) == Some(&Signal::Time);
                 if !model.pool.symbols(v).iter().all(|s| time(*s)) {
-                    let help = "give the source a value in time alone, or put some resistance between the two".to_string();
-                    return refuse(format!("follows the source `{name}`, whose derivative is not known, since it depends on signals"), Some(other.element), help);
+                    let help =
+                        "give the source a value in time alone, or put some resistance between the two".to_string();
+                    return refuse(
+                        format!(
+                            "follows the source `{name}`, whose derivative is not known, since it depends on signals"
+                        ),
+                        Some(other.element),
+                        help,
+                    );
                 }
                 if model.pool.constant(*k).is_none() {
-                    return refuse(format!("follows the source `{name}` by a ratio that changes"), Some(other.element), part);
+                    return refuse(
+                        format!("follows the source `{name}` by a ratio that changes"),
+                        Some(other.element),
+                        part,
+                    );
                 }
             }
             Role::Bar | Role::Open(_) => {
                 let help = format!("put some resistance between the two, or a {}", if soft == "C" { "I" } else { "C" });
-                return refuse(format!("follows `{name}` across a double bar or open port, which jumps"), Some(other.element), help);
+                return refuse(
+                    format!("follows `{name}` across a double bar or open port, which jumps"),
+                    Some(other.element),
+                    help,
+                );
             }
             Role::Resistor => {
                 return refuse(format!("depends on the resistor `{name}`"), Some(other.element), part);
@@ -345,8 +362,7 @@ pub(super) fn transform(pool: &mut Pool, form: &mut Form, change: &Change) {
     let rows: Vec<(ColumnId, Row)> = change
         .iter()
         .map(|(a, terms)| {
-            let parts: Vec<(Expr, Row)> =
-                terms.iter().map(|(b, k)| (*k, form.column(*b).row.clone())).collect();
+            let parts: Vec<(Expr, Row)> = terms.iter().map(|(b, k)| (*k, form.column(*b).row.clone())).collect();
             (*a, combine(pool, parts.iter().map(|(k, r)| (*k, r))))
         })
         .collect();
@@ -357,11 +373,8 @@ pub(super) fn transform(pool: &mut Pool, form: &mut Form, change: &Change) {
         form.columns[a.at()].row = row;
     }
     for &a in &changed {
-        let mirrored: Row = changed
-            .iter()
-            .filter(|b| **b > a)
-            .filter_map(|b| Some((*b, pool.neg(form.entry(*b, a)?))))
-            .collect();
+        let mirrored: Row =
+            changed.iter().filter(|b| **b > a).filter_map(|b| Some((*b, pool.neg(form.entry(*b, a)?)))).collect();
         let row = &mut form.columns[a.at()].row;
         row.extend(mirrored);
         row.sort_unstable_by_key(|t| t.0);

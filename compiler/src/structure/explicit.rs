@@ -80,9 +80,8 @@ pub fn explicit(model: &mut Model, form: &Form, region: &Region) -> Option<Expli
     let block = |rows: &[ColumnId], columns: &[ColumnId]| -> Matrix {
         rows.iter().map(|r| columns.iter().map(|c| form.entry(*r, *c).unwrap_or(zero)).collect()).collect()
     };
-    let gain = |r: &ColumnId, c: &ColumnId| -> Option<Expr> {
-        region.gains.get(r)?.iter().find(|t| t.0 == *c).map(|t| t.1)
-    };
+    let gain =
+        |r: &ColumnId, c: &ColumnId| -> Option<Expr> { region.gains.get(r)?.iter().find(|t| t.0 == *c).map(|t| t.1) };
     let gains: Matrix =
         resistors.iter().map(|r| resistors.iter().map(|c| gain(r, c).unwrap_or(zero)).collect()).collect();
     // z_R = N (D_RC z_C + D_RI u) with N = (1 - K D_RR)^-1 K; only resistors in loops make the inverse more than 1.
@@ -182,9 +181,8 @@ fn loop_gain(pool: &mut Pool, d: &Matrix, k: &Matrix) -> Option<Matrix> {
     let labels: Vec<usize> = (0..n).map(|i| sets.find(i)).collect();
     for root in 0..n {
         let members: Vec<usize> = (0..n).filter(|i| labels[*i] == root).collect();
-        let part = |m: &Matrix| -> Matrix {
-            members.iter().map(|&i| members.iter().map(|&j| m[i][j]).collect()).collect()
-        };
+        let part =
+            |m: &Matrix| -> Matrix { members.iter().map(|&i| members.iter().map(|&j| m[i][j]).collect()).collect() };
         let (own, ties) = (part(k), part(d));
         let loose = ties.iter().flatten().all(|x| pool.is_zero(*x));
         let found = if loose {

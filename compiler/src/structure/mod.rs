@@ -232,6 +232,8 @@ pub struct Form {
     pub probes: Vec<Expr>,
     /// Rates of the integrals.
     pub integrals: Vec<Expr>,
+    /// Laws of the signal states: rates, or what comes next.
+    pub memories: Vec<Expr>,
     /// The expressions of `expect`, in order: value, or condition and what its extremes are of.
     pub expectations: Vec<Vec<Expr>>,
 }
@@ -277,6 +279,7 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         loops: Vec::new(),
         probes: Vec::new(),
         integrals: Vec::new(),
+        memories: Vec::new(),
         expectations: Vec::new(),
     };
     resolve::rows(model, graph, &rows, &mut form)?;

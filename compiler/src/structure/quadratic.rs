@@ -147,11 +147,8 @@ pub(super) fn merge(
     };
     // The change of coordinates.
     let mut change: Change = Vec::new();
-    let others: Vec<(ColumnId, Symbol)> = tied
-        .others
-        .iter()
-        .filter_map(|c| Some((*c, storage(model, form.column(*c).element)?.state)))
-        .collect();
+    let others: Vec<(ColumnId, Symbol)> =
+        tied.others.iter().filter_map(|c| Some((*c, storage(model, form.column(*c).element)?.state))).collect();
     let pool = &mut model.pool;
     for i in 0..n {
         let mut terms = vec![(independent[i], factors[i])];
@@ -331,4 +328,3 @@ fn spread(pool: &mut crate::expression::Pool, a: Expr, g: Expr) -> Expr {
         _ => pool.mul(a, g),
     }
 }
-

@@ -111,8 +111,7 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         let x = pool.var(law.argument);
         let (slope, residual) = (pool.derivative(law_output, law.argument), pool.sub(x, inputs[0]));
         let weight = pool.unary(Unary::Abs, slope);
-        found.steep =
-            Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, bare: false });
+        found.steep = Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, bare: false });
     }
     Ok(Some(found))
 }

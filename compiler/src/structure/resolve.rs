@@ -54,7 +54,17 @@ impl Resolver<'_> {
             match self.model.signals.get(&s) {
                 Some(Signal::Effort(b)) => self.bond(s, *b, Variable::Effort, region, span)?,
                 Some(Signal::Flow(b)) => self.bond(s, *b, Variable::Flow, region, span)?,
-                Some(Signal::Time | Signal::State(_) | Signal::Integral(_) | Signal::Argument(_) | Signal::Parameter(_)) | None => {
+                Some(
+                    Signal::Time
+                    | Signal::State(_)
+                    | Signal::Integral(_)
+                    | Signal::Argument(_)
+                    | Signal::Parameter(_)
+                    | Signal::Input(_)
+                    | Signal::Slope(_)
+                    | Signal::Memory(_),
+                )
+                | None => {
                     return Ok(None);
                 }
             }
@@ -119,9 +129,13 @@ impl Resolver<'_> {
                 return Err(Diagnostic::error(
                     "structure::modulation",
                     span,
-                    format!("a loop through modulation: `{name}`, of a storage in derivative causality, depends on itself"),
+                    format!(
+                        "a loop through modulation: `{name}`, of a storage in derivative causality, depends on itself"
+                    ),
                 )
-                .help("let the ratio depend on states (`.q`, `.p`) rather than on the efforts and flows that it sets"));
+                .help(
+                    "let the ratio depend on states (`.q`, `.p`) rather than on the efforts and flows that it sets",
+                ));
             }
             let unknown = match self.met.iter().find(|m| m.0 == s) {
                 Some(m) => m.1,
@@ -150,7 +164,18 @@ pub(super) fn rows(model: &mut Model, graph: &BondGraph, rows: &Rows, form: &mut
     let out: Vec<Symbol> = form.columns.iter().map(|c| c.out).collect();
     let fixed = FxHashMap::default();
     let before = out.clone();
-    let mut r = Resolver { model, graph, rows, before, out, fixed: &fixed, memo: FxHashMap::default(), open: vec![], loops: vec![], met: vec![] };
+    let mut r = Resolver {
+        model,
+        graph,
+        rows,
+        before,
+        out,
+        fixed: &fixed,
+        memo: FxHashMap::default(),
+        open: vec![],
+        loops: vec![],
+        met: vec![],
+    };
     for c in &mut form.columns {
         let span = r.model.element(c.element).span;
         for (_, k) in &mut c.row {
@@ -170,8 +195,18 @@ pub(super) fn outputs(
     form: &mut Form,
 ) -> Result<(), Vec<Diagnostic>> {
     let out: Vec<Symbol> = form.columns.iter().map(|c| c.out).collect();
-    let mut r =
-        Resolver { model, graph, rows, before: eliminated.before.clone(), out, fixed: &eliminated.fixed, memo: FxHashMap::default(), open: vec![], loops: form.loops.clone(), met: vec![] };
+    let mut r = Resolver {
+        model,
+        graph,
+        rows,
+        before: eliminated.before.clone(),
+        out,
+        fixed: &eliminated.fixed,
+        memo: FxHashMap::default(),
+        open: vec![],
+        loops: form.loops.clone(),
+        met: vec![],
+    };
     let one = |d: Diagnostic| vec![d];
     let mut regions: Vec<Region> = graph
         .regions
@@ -280,6 +315,10 @@ pub(super) fn outputs(
     }
     for (e, span) in integrals {
         form.integrals.push(r.resolve(e, None, span).map_err(one)?);
+    }
+    let memories: Vec<(Expr, Span)> = r.model.memories.iter().map(|m| (m.law, m.span)).collect();
+    for (e, span) in memories {
+        form.memories.push(r.resolve(e, None, span).map_err(one)?);
     }
     for x in r.model.expectations.clone() {
         let list: Vec<Expr> = match &x.kind {

@@ -14,7 +14,9 @@ const SAME: f64 = 1e-9;
 pub(super) fn at_start(model: &Model, form: &Form, e: Expr) -> f64 {
     model.pool.eval(e, &|s: Symbol| match model.signals.get(&s) {
         Some(Signal::State(id)) => storage(model, *id).map_or(f64::NAN, |x| x.initial),
-        Some(Signal::Time) => 0.0,
+        Some(Signal::Time | Signal::Slope(_)) => 0.0,
+        Some(Signal::Input(i)) => model.inputs.get(*i).map_or(f64::NAN, |i| i.value),
+        Some(Signal::Memory(i)) => model.memories.get(*i).map_or(f64::NAN, |m| m.start),
         Some(
             Signal::Effort(_) | Signal::Flow(_) | Signal::Integral(_) | Signal::Argument(_) | Signal::Parameter(_),
         )

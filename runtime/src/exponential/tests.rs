@@ -251,3 +251,29 @@ fn squares_agree_with_forms_on_long_lines() {
         }
     }
 }
+
+/// A product of two signals is what it is at the start, its means, and a drift: against the plain form.
+#[test]
+fn drifts_are_what_is_left_of_a_product() {
+    let a = [-3.0, 7.0, 1.0, -7.0, -0.5, 0.25, 0.0, 0.0, -0.8];
+    let (z, y) = ([1.0, 2.0, -1.0], [0.5, -1.0, 3.0]);
+    let product: Vec<f64> = (0..9).map(|k| 0.5 * (z[k / 3] * y[k % 3] + y[k / 3] * z[k % 3])).collect();
+    for h in [1e-3, 0.1, 3.0, 40.0] {
+        let mut linear = system(3, 0, &a);
+        linear.means = vec![z.to_vec(), y.to_vec()];
+        linear.forms = vec![product.clone()];
+        linear.starts = a.chunks(3).map(<[f64]>::to_vec).collect();
+        linear.drifts = vec![product.clone()];
+        let table = table(&linear, h).unwrap();
+        let layout = Layout::of(&linear);
+        let w = [0.3, -1.2, 0.7];
+        let row = |at: usize| (0..3).map(|j| table[at + j] * w[j]).sum::<f64>();
+        let g = [row(layout.start(0)), row(layout.start(1)), row(layout.start(2))];
+        let dot = |r: [f64; 3]| (0..3).map(|j| r[j] * w[j]).sum::<f64>();
+        let (mean_z, mean_y) = (row(layout.mean(0)), row(layout.mean(1)));
+        let drift = value(&table[layout.drift(0)..], &g);
+        let found = h * (dot(z) * mean_y + (mean_z - dot(z)) * dot(y)) + drift;
+        close(found, value(&table[layout.form(0)..], &w), 1e-13 * (1.0 + h));
+        assert_eq!(layout.size(), table.len());
+    }
+}

@@ -1,5 +1,6 @@
 //! A cluster as it runs: its state, its steps, its ledger.
 
+use super::given::{Course, Feed};
 use super::{Error, Options};
 use crate::exponential;
 use crate::interpreter::Interpreter;
@@ -125,8 +126,9 @@ pub(super) struct Run {
     /// What a matched hold falls back to.
     pub(super) fallback: Option<Look>,
     pub(super) state: Vec<f64>,
-    /// t, h, ports, foreign signals.
+    /// t, h, ports, foreign signals, what is given from outside, traces.
     pub(super) input: Vec<f64>,
+    pub(super) feed: Feed,
     pub(super) books: Vec<Book>,
     pub(super) steps: u64,
     pub(super) rejected: u64,
@@ -150,16 +152,18 @@ pub(super) struct Run {
 }
 
 impl Run {
-    pub(super) fn new(index: usize, c: &Cluster, options: &Options) -> Result<Self, Error> {
+    pub(super) fn new(index: usize, c: &Cluster, given: &[Course], options: &Options) -> Result<Self, Error> {
         let instant = Look::new(&c.instant);
         let mut stored = Look::new(&c.stored);
         let state = c.initial.clone();
-        let mut input = vec![0.0; c.foreign_at + c.foreign.len() + c.states];
+        let mut input = vec![0.0; c.traces_at() + c.states];
+        let feed = Feed::new(c, given);
+        feed.latch(&mut input, 0.0);
         leave_traces(&mut input, &state, c);
         let n = c.states;
         let out = stored.run(&state, &input).map_err(|why| Error::Step {
             time: 0.0,
-            region: c.names.first().cloned().unwrap_or_default(),
+            region: c.name.clone(),
             state: None,
             why,
         })?;
@@ -202,6 +206,7 @@ impl Run {
             glanced: state.clone(),
             state,
             input,
+            feed,
             books,
             steps: 0,
             rejected: 0,
@@ -353,13 +358,30 @@ impl Run {
         h: f64,
         moved: &mut Vec<f64>,
     ) -> Result<(), Error> {
-        let (mut at, mut rest) = (t, h);
-        while let Some(part) = self.switch(c, at, rest) {
-            self.split(c, names, at, part, moved, 0)?;
-            at += part;
-            rest = t + h - at;
+        if c.period.is_some() {
+            return self.split(c, names, t, h, moved, 0);
         }
-        self.split(c, names, at, rest, moved, 0)
+        let end = t + h;
+        let (mut at, mut rest) = (t, h);
+        loop {
+            let cut = self.feed.cut(at, end);
+            let piece = cut.unwrap_or(end);
+            if cut.is_some() || at > t {
+                // Rows that lie evenly leave steps that differ by rounding alone.
+                rest = self.step.known(piece - at, end);
+            }
+            self.feed.aim(&mut self.input, at, piece);
+            while let Some(part) = self.switch(c, at, rest) {
+                self.split(c, names, at, part, moved, 0)?;
+                at += part;
+                rest = piece - at;
+            }
+            self.split(c, names, at, rest, moved, 0)?;
+            if cut.is_none() {
+                return Ok(());
+            }
+            at = piece;
+        }
     }
 
     /// The way from `t` to just past where a source of a linear cluster first switches, if it does so within `h`: the exact step
@@ -471,6 +493,9 @@ impl Run {
         let order = f64::from(c.step.order.max(1));
         let mut last_failure = None;
         let mut refused: Option<(f64, f64)> = None;
+        // What is given from outside changes evenly until then.
+        let end = self.feed.cut(t, end).unwrap_or(end);
+        self.feed.aim(&mut self.input, t, end);
         if let Some(guards) = &mut self.guards {
             self.input[0] = t;
             if let Ok(out) = guards.run(&self.state, &self.input) {
@@ -497,7 +522,7 @@ impl Run {
             }
             match self.attempt(c, t, h) {
                 Ok(error) => {
-                    self.crawl = if h < CRAWL.1 * self.default_step { self.crawl + 1 } else { 0 };
+                    self.crawl = if h < CRAWL.1 * self.default_step && !last { self.crawl + 1 } else { 0 };
                     if self.crawl > CRAWL.0 {
                         let region = names.get(self.index).cloned().unwrap_or_default();
                         return Err(Error::TooSmall { time: t, region, step: h });
@@ -632,13 +657,24 @@ impl Run {
         }
         self.glanced.copy_from_slice(&self.state);
         let (mut at, mut rest) = (now, h);
-        while let Some(part) = self.switch(c, at, rest) {
-            self.glance(c, names, at, part)?;
-            at += part;
-            rest = t - at;
+        loop {
+            let cut = self.feed.cut(at, t);
+            let piece = cut.unwrap_or(t);
+            if cut.is_some() || at > now {
+                rest = piece - at;
+            }
+            self.feed.aim(&mut self.input, at, piece);
+            while let Some(part) = self.switch(c, at, rest) {
+                self.glance(c, names, at, part)?;
+                at += part;
+                rest = piece - at;
+            }
+            self.glance(c, names, at, rest)?;
+            if cut.is_none() {
+                return Ok(&self.glanced);
+            }
+            at = piece;
         }
-        self.glance(c, names, at, rest)?;
-        Ok(&self.glanced)
     }
 
     /// Moves what is looked at by one step.
@@ -663,6 +699,9 @@ impl Run {
     pub(super) fn observe(&mut self, c: &Cluster, names: &[String], t: f64) -> Result<(), Error> {
         self.look_at(c, names, t)?;
         self.input[0] = t;
+        if c.period.is_none() {
+            self.feed.latch(&mut self.input, t);
+        }
         let result = self.instant.run(&self.glanced, &self.input).map(|_| ());
         result.map_err(|why| self.failure(c, names, t, why))
     }
@@ -719,7 +758,7 @@ impl Run {
 
 /// Tells the programs a trace of the largest value of each state: below it a change is as good as none.
 fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
-    let at = c.foreign_at + c.foreign.len();
+    let at = c.traces_at();
     for (trace, x) in input[at..].iter_mut().zip(&largest[..c.states]) {
         *trace = 1e-6 * x.abs();
     }

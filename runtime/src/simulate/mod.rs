@@ -1,10 +1,12 @@
 //! Runs a scene: the multi-rate schedule, sample and hold, adaptive steps, and what is recorded.
 
 mod cluster;
+mod given;
 mod hold;
 mod schedule;
 mod summary;
 
+pub use given::{Course, Unfit};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 
 use crate::kernel::Failure;

@@ -1,6 +1,7 @@
 //! The multi-rate schedule: sampled regions at their instants, continuous ones between.
 
 use super::cluster::{Look, Run};
+use super::given::Course;
 use super::hold::{Held, within_budget};
 use super::summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 use super::{Error, Options};
@@ -37,6 +38,8 @@ pub struct Simulation<'a> {
     moved: Vec<Vec<f64>>,
     probes: Option<Look>,
     probe_input: Vec<f64>,
+    /// What is given from outside.
+    given: Vec<Course>,
     /// Answers of open ports for the interval that runs.
     open: Vec<f64>,
     time: f64,
@@ -72,12 +75,25 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A program that fails at the start.
     pub fn new(scene: &'a Scene, options: &Options) -> Result<Self, Error> {
+        Self::with(scene, options, Vec::new())
+    }
+
+    /// A scene at its start, with the first samples taken. Signals given from outside take the courses listed with their index;
+    /// the others are what they are by default.
+    ///
+    /// # Errors
+    /// A program that fails at the start.
+    pub fn with(scene: &'a Scene, options: &Options, courses: Vec<(usize, Course)>) -> Result<Self, Error> {
         let n = scene.clusters.len();
-        let names = (0..n)
-            .map(|i| scene.regions.iter().find(|r| r.cluster == i).map(|r| r.name.clone()).unwrap_or_default())
-            .collect();
-        let runs =
-            scene.clusters.iter().enumerate().map(|(i, c)| Run::new(i, c, options)).collect::<Result<Vec<_>, _>>()?;
+        let names = scene.clusters.iter().map(|c| c.name.clone()).collect();
+        let mut given: Vec<Course> = scene.inputs.iter().map(|i| Course::constant(i.value)).collect();
+        for (i, course) in courses {
+            if let Some(place) = given.get_mut(i) {
+                *place = course;
+            }
+        }
+        let runs = scene.clusters.iter().enumerate();
+        let runs = runs.map(|(i, c)| Run::new(i, c, &given, options)).collect::<Result<Vec<_>, _>>()?;
         let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
         for (i, c) in scene.clusters.iter().enumerate() {
             for &port in &c.holds {
@@ -93,6 +109,9 @@ impl<'a> Simulation<'a> {
         }
         for (i, c) in scene.clusters.iter().enumerate() {
             connected[i] |= !c.foreign.is_empty();
+            for (other, _) in &c.foreign {
+                connected[*other] = true;
+            }
         }
         let mut order: Vec<usize> = (0..n).filter(|i| scene.clusters[*i].period.is_some()).collect();
         let rank = |i: usize| scene.clusters[i].period.unwrap_or(0.0);
@@ -122,7 +141,8 @@ impl<'a> Simulation<'a> {
             connected,
             moved: scene.clusters.iter().map(|c| vec![0.0; c.ports.len()]).collect(),
             probes: scene.probes.program.as_ref().map(Look::new),
-            probe_input: vec![0.0; 1 + scene.probes.gather.len()],
+            probe_input: vec![0.0; 1 + scene.probes.gather.len() + scene.probes.inputs.len()],
+            given,
             open: vec![0.0; scene.open.len()],
             time: 0.0,
             last_sample: 0.0,
@@ -287,13 +307,13 @@ impl<'a> Simulation<'a> {
                 self.collect();
             }
         }
-        self.refresh_foreign(at)?;
+        self.refresh_foreign(at, &scratch.due)?;
         for k in (0..scratch.due.len()).rev() {
             let i = scratch.due[k];
             self.respond(i, at, scratch)?;
             self.next[i] += 1;
         }
-        self.refresh_foreign(at)
+        self.refresh_foreign(at, &scratch.due)
     }
 
     /// Hands what continuous and sampled clusters gave out at their ports to those who hold them.
@@ -514,13 +534,21 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// Samples the signals that clusters read of each other.
-    fn refresh_foreign(&mut self, at: f64) -> Result<(), Error> {
+    /// Samples the signals that clusters read of each other, and those given from outside: continuous clusters at each sample,
+    /// sampled ones when they are due.
+    fn refresh_foreign(&mut self, at: f64, due: &[usize]) -> Result<(), Error> {
         for k in 0..self.read.len() {
             let i = self.read[k];
             self.runs[i].observe(&self.scene.clusters[i], &self.names, at)?;
         }
         for (i, c) in self.scene.clusters.iter().enumerate() {
+            if c.period.is_some() && !due.contains(&i) {
+                continue;
+            }
+            let run = &mut self.runs[i];
+            if c.period.is_some() {
+                run.feed.latch(&mut run.input, at);
+            }
             for (k, (cluster, output)) in c.foreign.iter().enumerate() {
                 let x = self.runs[*cluster].instant.work.output[*output];
                 self.runs[i].input[c.foreign_at + k] = x;
@@ -541,6 +569,10 @@ impl<'a> Simulation<'a> {
         self.probe_input[0] = self.time;
         for (k, (cluster, output)) in self.scene.probes.gather.iter().enumerate() {
             self.probe_input[1 + k] = self.runs[*cluster].instant.work.output[*output];
+        }
+        let at = 1 + self.scene.probes.gather.len();
+        for (slot, i) in self.probe_input[at..].iter_mut().zip(&self.scene.probes.inputs) {
+            *slot = self.given[*i].value(self.time);
         }
         match &mut self.probes {
             None => Ok(&[]),
@@ -598,6 +630,22 @@ impl<'a> Simulation<'a> {
         if c.period.is_none() {
             self.runs[cluster].input[c.ports[port].input] = self.scene.open[open].along * value;
         }
+    }
+
+    /// Sets a signal given from outside, from now on; a sampled region meets it at its next sample.
+    ///
+    /// # Panics
+    /// If there is no such input.
+    pub fn set_input(&mut self, input: usize, value: f64) {
+        let now = self.time;
+        for (c, run) in self.scene.clusters.iter().zip(&mut self.runs) {
+            for k in (0..c.inputs.len()).filter(|k| c.inputs[*k] == input) {
+                // A sampled cluster looks at its next sample only.
+                let past = if c.period.is_some() { now } else { run.time() };
+                run.feed.set(k, now, value, past);
+            }
+        }
+        self.given[input].set(now, value, now);
     }
 
     /// The ledger.

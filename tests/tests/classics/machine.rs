@@ -4,6 +4,7 @@ use super::{System, hand};
 
 pub(super) fn systems() -> Vec<System> {
     let mut list = motors();
+    list.extend(controlled());
     list.extend(transducers());
     list
 }
@@ -99,6 +100,29 @@ fn motors() -> Vec<System> {
             },
         },
     ]
+}
+
+/// A motor with its controller.
+fn controlled() -> Vec<System> {
+    vec![System {
+        name: "pi_motor",
+        states: &[("coil.p", -0.02, 0.02), ("rotor.p", -0.2, 0.2), ("z", -5.0, 5.0)],
+        until: 6.0,
+        // The supply gives kp (w_set - w) + z with z' = ki (w_set - w); z stores no energy.
+        by_hand: |x| {
+            let (i, w) = (x["coil.p"] / x["l"], x["rotor.p"] / x["J"]);
+            let missing = x["w_set"] - w;
+            let load = if x.t > 3.0 { x["load"] } else { 0.0 };
+            hand(
+                [
+                    ("coil.p", x["kp"] * missing + x["z"] - x["r"] * i - x["K"] * w),
+                    ("rotor.p", x["K"] * i - x["b"] * w - load),
+                    ("z", x["ki"] * missing),
+                ],
+                0.5 * (x["l"] * i * i + x["J"] * w * w),
+            )
+        },
+    }]
 }
 
 fn transducers() -> Vec<System> {

@@ -20,7 +20,7 @@ mod slopes;
 
 use crate::common::{file, models, title};
 use bond::{Compiled, Options};
-use place::{At, Dice, place};
+use place::{At, Dice, place, states};
 use std::collections::BTreeMap;
 
 /// A system with its derivation.
@@ -77,7 +77,7 @@ fn agrees(system: &System, compiled: &Compiled, dice: &mut Dice) -> Result<(), S
         let wanted = (system.by_hand)(&at);
         let found = compiled.rates(at.t, &given)?;
         let found: BTreeMap<&str, f64> = found.iter().map(|(name, x)| (name.as_str(), *x)).collect();
-        let states = compiled.stages().form.regions.iter().map(|r| r.states.len()).sum::<usize>();
+        let states = states(compiled).len();
         if wanted.rates.len() != states {
             return Err(format!("{} states by hand, {states} in the form", wanted.rates.len()));
         }
@@ -170,8 +170,7 @@ fn every_classic_is_in_the_docs() {
     let named = rows.iter().filter(|r| r.get(1).is_some_and(|c| c.starts_with('`'))).count();
     let list = all();
     for system in &list {
-        let states: usize =
-            compiled(system.name, Options::new()).stages().form.regions.iter().map(|r| r.states.len()).sum();
+        let states = states(&compiled(system.name, Options::new())).len();
         let wanted = format!("`{}`", system.name);
         let row = rows.iter().find(|r| r.get(1) == Some(&wanted.as_str()));
         assert_eq!(

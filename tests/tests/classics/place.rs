@@ -58,11 +58,18 @@ pub(super) fn plain(name: &str) -> String {
 pub(super) fn place(system: &System, compiled: &Compiled, dice: &mut Dice) -> Result<At, String> {
     let stages = compiled.stages();
     let mut values: BTreeMap<String, f64> = stages.model.parameters.iter().map(|p| (p.name.clone(), p.value)).collect();
-    for state in stages.form.regions.iter().flat_map(|r| &r.states) {
-        let short = plain(&state.name);
+    for (name, _) in states(compiled) {
+        let short = plain(&name);
         let bounds = system.states.iter().find(|s| s.0 == short);
-        let (_, low, high) = bounds.ok_or_else(|| format!("`{}` has no bounds", state.name))?;
-        values.insert(state.name.clone(), dice.between(*low, *high));
+        let (_, low, high) = bounds.ok_or_else(|| format!("`{name}` has no bounds"))?;
+        values.insert(name, dice.between(*low, *high));
     }
     Ok(At { t: dice.between(0.0, system.until), values })
+}
+
+/// The states of the compiled form, those of signals too: name and start.
+pub(super) fn states(compiled: &Compiled) -> Vec<(String, f64)> {
+    let stages = compiled.stages();
+    let energy = stages.form.regions.iter().flat_map(|r| &r.states).map(|s| (s.name.clone(), s.initial));
+    energy.chain(stages.model.memories.iter().map(|m| (m.name.clone(), m.start))).collect()
 }

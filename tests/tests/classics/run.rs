@@ -1,6 +1,6 @@
 //! The beginning of each run, against the derivation integrated by itself.
 
-use super::place::At;
+use super::place::{At, states};
 use super::{System, all, compiled};
 use bond::{Options, Steps};
 use std::collections::BTreeMap;
@@ -52,8 +52,7 @@ fn follows(system: &System) -> Result<(), String> {
     // Before any switch.
     let end = f64::min(crate::common::stop(&compiled) / 50.0, system.until / 4.0);
     let values: States = stages.model.parameters.iter().map(|p| (p.name.clone(), p.value)).collect();
-    let start: States =
-        stages.form.regions.iter().flat_map(|r| &r.states).map(|s| (s.name.clone(), s.initial)).collect();
+    let start: States = states(&compiled).into_iter().collect();
     let at = At { t: 0.0, values };
     let (mut n, mut wanted) = (500, integrated(system, &at, &start, end, 250));
     loop {

@@ -1,0 +1,162 @@
+//! Tables of what is given from outside: CSV with the column `t` and one column an input.
+
+use bond_compiler::elaborate::nearest;
+use bond_runtime::simulate::Course;
+use thiserror::Error;
+
+/// What is wrong with a table, and in which line of its text, from 1.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[error("line {line}: {message}")]
+pub struct TableError {
+    /// The line.
+    pub line: usize,
+    /// In words.
+    pub message: String,
+}
+
+/// A table: instants in s, and the values of inputs at them, in SI.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    names: Vec<String>,
+    instants: Vec<f64>,
+    /// By column.
+    values: Vec<Vec<f64>>,
+}
+
+fn wrong<T>(line: usize, message: impl Into<String>) -> Result<T, TableError> {
+    Err(TableError { line, message: message.into() })
+}
+
+impl Given {
+    /// Reads a table whose columns are `t` and some of the inputs `known`. The header is the first line that is not empty; empty
+    /// lines, and lines that begin with `#`, are skipped.
+    ///
+    /// # Errors
+    /// The line that is wrong, and what is wrong with it.
+    pub fn read(text: &str, known: &[&str]) -> Result<Self, TableError> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let mut lines = text
+            .lines()
+            .enumerate()
+            .map(|(i, l)| (i + 1, l.trim()))
+            .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
+        let Some((head, header)) = lines.next() else { return wrong(1, "the table is empty; it begins with `t,...`") };
+        let header = cells(header);
+        let Some(time) = header.iter().position(|c| c == "t") else {
+            return wrong(head, "there is no column `t`, the time in seconds");
+        };
+        columns(head, &header, known)?;
+        let names = header.iter().enumerate().filter(|(i, _)| *i != time).map(|(_, n)| n.clone()).collect();
+        let mut table = Self { names, instants: Vec::new(), values: vec![Vec::new(); header.len() - 1] };
+        for (line, text) in lines {
+            let row = cells(text);
+            if row.len() != header.len() {
+                return wrong(
+                    line,
+                    format!("there are {} numbers in this row under {} columns", row.len(), header.len()),
+                );
+            }
+            let mut columns = table.values.iter_mut();
+            for (i, (cell, name)) in row.iter().zip(&header).enumerate() {
+                let x = match cell.parse::<f64>() {
+                    Ok(x) if x.is_finite() => x,
+                    Ok(_) | Err(_) => return wrong(line, format!("`{cell}` in the column `{name}` is no number")),
+                };
+                if i == time {
+                    if let Some(before) = table.instants.last().filter(|t| **t >= x) {
+                        return wrong(line, format!("the time {x} s is not after {before} s, that of the row before"));
+                    }
+                    table.instants.push(x);
+                } else if let Some(column) = columns.next() {
+                    column.push(x);
+                }
+            }
+        }
+        if table.instants.is_empty() {
+            return wrong(head, "there are no rows below the header");
+        }
+        Ok(table)
+    }
+
+    /// What each input is over time: linear between rows, or that of the row before where `hold` is set.
+    ///
+    /// # Errors
+    /// A table whose numbers make no course.
+    pub fn courses(&self, hold: bool) -> Result<Vec<(String, Course)>, TableError> {
+        let one = |(name, values): (&String, &Vec<f64>)| match Course::table(&self.instants, values, hold) {
+            Ok(course) => Ok((name.clone(), course)),
+            Err(e) => wrong(1, format!("the column `{name}`: {e}")),
+        };
+        self.names.iter().zip(&self.values).map(one).collect()
+    }
+}
+
+/// The columns must be inputs, each once.
+fn columns(line: usize, header: &[String], known: &[&str]) -> Result<(), TableError> {
+    for (i, name) in header.iter().enumerate() {
+        if header[..i].contains(name) {
+            return wrong(line, format!("there are two columns `{name}`"));
+        }
+        if name == "t" || known.contains(&name.as_str()) {
+            continue;
+        }
+        let mend = match nearest(name, known.iter().copied()) {
+            Some(near) => format!("did you mean `{near}`?"),
+            None if known.is_empty() => "the model has none; declare one with `input name = default`".to_string(),
+            None => format!("its inputs are {}", known.join(", ")),
+        };
+        return wrong(line, format!("the model has no input `{name}`; {mend}"));
+    }
+    Ok(())
+}
+
+/// The cells of a line. A name with a comma stands in quotes, as `"u[1,2]"`.
+fn cells(line: &str) -> Vec<String> {
+    let (mut list, mut cell, mut quoted) = (Vec::new(), String::new(), false);
+    for c in line.chars() {
+        match c {
+            '"' => quoted = !quoted,
+            ',' if !quoted => list.push(std::mem::take(&mut cell)),
+            c => cell.push(c),
+        }
+    }
+    list.push(cell);
+    list.iter().map(|c| c.trim().to_string()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_read() -> Result<(), TableError> {
+        let table = Given::read("\u{feff}# weather\n u , t,\"w[1,2]\"\n\n1, 0 ,2\r\n-3e1,0.5,4\n", &["u", "w[1,2]"])?;
+        assert_eq!(table.instants, [0.0, 0.5]);
+        let courses = table.courses(false)?;
+        assert_eq!(courses[0].0, "u");
+        assert_eq!(courses[1].0, "w[1,2]");
+        assert_eq!((courses[0].1.value(0.25), courses[1].1.value(0.25)), (-14.5, 3.0));
+        Ok(())
+    }
+
+    #[test]
+    fn each_mistake_is_named_with_its_line() {
+        let cases = [
+            ("", 1, "empty"),
+            ("time,u\n0,1\n", 1, "no column `t`"),
+            ("t,v\n0,1\n", 1, "no input `v`; its inputs are u"),
+            ("t,u,u\n0,1,1\n", 1, "two columns `u`"),
+            ("t,u\n", 1, "no rows"),
+            ("t,u\n0,1\n1\n", 3, "1 numbers in this row under 2 columns"),
+            ("t,u\n0,1\n\n1,x\n", 4, "`x` in the column `u` is no number"),
+            ("t,u\n0,inf\n", 2, "no number"),
+            ("t,u\n0,1\n1,1\n1,2\n", 4, "not after 1 s"),
+        ];
+        for (text, line, words) in cases {
+            match Given::read(text, &["u"]) {
+                Ok(_) => panic!("{text:?} is read"),
+                Err(e) => assert!(e.line == line && e.message.contains(words), "{text:?}: {e}"),
+            }
+        }
+    }
+}

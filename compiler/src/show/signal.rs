@@ -1,0 +1,67 @@
+//! Signals that no bond carries: what is given from outside, and signal states.
+
+use super::json::object;
+use super::{Shown, name, table};
+use crate::model::Memory;
+use serde_json::{Map, Value, json};
+
+/// `dz/dt` or `next z`, and the period of one that moves from sample to sample.
+fn left(shown: &Shown<'_>, m: &Memory) -> (String, Option<f64>) {
+    let period = m.sampling.and_then(|s| shown.model.samplings.get(s)).map(|s| s.period);
+    (if period.is_some() { format!("next {}", m.name) } else { format!("d({})/dt", m.name) }, period)
+}
+
+/// Both as lists, nothing where there are none.
+pub(super) fn text(shown: &Shown<'_>) -> String {
+    let (model, form) = (&*shown.model, shown.form);
+    let mut text = String::new();
+    let rows: Vec<Vec<String>> = model
+        .inputs
+        .iter()
+        .map(|i| vec![i.name.clone(), format!("= {} where nothing is given", name::quantity(i.value, i.unit))])
+        .collect();
+    if !rows.is_empty() {
+        text.push_str("\ninputs from outside\n");
+        text.push_str(&table::lines(2, &rows));
+    }
+    let mut rows: Vec<Vec<String>> = Vec::new();
+    for (m, law) in model.memories.iter().zip(&form.memories) {
+        let (left, period) = left(shown, m);
+        let clock = period.map_or_else(String::new, |p| format!("every {} s", name::number(p)));
+        let law = format!("{left} = {}", name::expression(&model.pool, *law));
+        rows.push(vec![m.name.clone(), format!("= {} at 0", name::quantity(m.start, m.unit)), law, clock]);
+    }
+    if !rows.is_empty() {
+        text.push_str("\nsignal states\n");
+        text.push_str(&table::lines(2, &rows));
+    }
+    text
+}
+
+/// Fields for both, none where there are none.
+pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
+    let (model, form) = (&*shown.model, shown.form);
+    let mut fields = Map::new();
+    let unit = |u: Option<crate::units::Dimension>| u.map(|u| u.to_string());
+    if !model.inputs.is_empty() {
+        let list = model.inputs.iter();
+        let list: Vec<Value> =
+            list.map(|i| json!(object! { "name": i.name, "unit": unit(i.unit), "default": i.value })).collect();
+        fields.insert("inputs".into(), json!(list));
+    }
+    if !model.memories.is_empty() {
+        let list = model.memories.iter().zip(&form.memories);
+        let list: Vec<Value> = list
+            .map(|(m, law)| {
+                let period = left(shown, m).1;
+                let key = if period.is_some() { "next" } else { "rate" };
+                let mut o = object! { "name": m.name, "unit": unit(m.unit), "initial": m.start };
+                o.insert(key.into(), json!(name::expression(&model.pool, *law)));
+                o.insert("period".into(), json!(period));
+                Value::Object(o)
+            })
+            .collect();
+        fields.insert("signal_states".into(), json!(list));
+    }
+    fields
+}
