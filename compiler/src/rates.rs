@@ -179,6 +179,7 @@ impl Point {
                 self.loops[(*i, *j)] -= self.value(pool, *d);
             }
             let mut step = steps(&self.loops, &residual).ok_or(SINGULAR)?;
+            let whole = step.amax();
             let mut next = self.misfit(pool, &symbols, &laws, &(&z - &step));
             for _ in 0..HALVINGS {
                 if next.norm() <= residual.norm() || step.amax() <= 1e-14 * z.amax() {
@@ -190,7 +191,9 @@ impl Point {
             z -= &step;
             residual = next;
             if step.amax() <= 1e-14 * z.amax() {
-                return if residual.iter().all(|r| r.is_finite()) { Ok(()) } else { Err(OPEN.into()) };
+                // What was halved to nothing is at rounding, or stuck.
+                let found = whole <= 1e-9 * z.amax() && residual.iter().all(|r| r.is_finite());
+                return if found { Ok(()) } else { Err(OPEN.into()) };
             }
         }
         Err(OPEN.into())

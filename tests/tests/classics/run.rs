@@ -39,7 +39,7 @@ fn apart(system: &System, a: &States, b: &States, start: &States) -> (f64, Strin
         let bounds = system.states.iter().find(|s| s.0 == super::place::plain(name));
         let size = x.abs().max(start[name].abs()) + 1e-2 * bounds.map_or(0.0, |(_, low, high)| high - low);
         let off = (x - b[name]).abs() / size;
-        if !(off <= worst.0) {
+        if off > worst.0 || off.is_nan() {
             worst = (off, format!("{name} = {x:e} and {:e}", b[name]));
         }
     }
