@@ -10,10 +10,9 @@ use bond_runtime::ir::{self, Array, Builder, Program, Slot, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
-const HOLD: f64 = 1e-6;
-
-/// Slopes of a curve's residual below this count as none.
-const UPRIGHT: f64 = 1e-12;
+const HOLD: f64 = 1e-9;
+/// Where only that holds it, rounding moves the parameter by so much; what moves it by less is no change.
+const LOOSE: f64 = 1e8;
 
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
@@ -35,26 +34,26 @@ pub(super) fn outputs(
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
     // Where a curve stands upright its parameter cannot be told from an instant: the force that holds a body at rest follows from
     // the whole step. It then stays what the step found.
-    for ((r, z), guess) in residuals.iter_mut().zip(&c.loops).zip(guesses) {
+    let mut bare = vec![false; residuals.len()];
+    for (((r, z), guess), bare) in residuals.iter_mut().zip(&c.loops).zip(guesses).zip(&mut bare) {
         let is_bare = |n: &cluster::Node| n.unknown() == *z && matches!(n.how, Output::Curve { bare: true, .. });
         if c.nodes.iter().any(is_bare) {
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
             lowering.bind(held, *guess);
             let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(HOLD));
             let off = model.pool.sub(s, before);
-            let slope = model.pool.derivative(*r, *z);
-            let (slope, least, none) =
-                (model.pool.unary(Unary::Abs, slope), model.pool.float(UPRIGHT), model.pool.int(0));
-            let upright = model.pool.binary(ir::Binary::Lt, slope, least);
-            let strength = model.pool.select(upright, little, none);
-            let pull = model.pool.mul(strength, off);
+            let pull = model.pool.mul(little, off);
             *r = model.pool.add(*r, pull);
+            *bare = true;
         }
     }
     // Power counts here as energy does in a step.
     let one = model.pool.int(1);
     let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
-    let scale = write::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
+    let mut scale = write::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
+    for (s, _) in scale.iter_mut().zip(&bare).filter(|(_, bare)| **bare) {
+        *s = b.number(LOOSE);
+    }
     let system = System { unknowns: &c.loops, start: guesses.to_vec(), residuals, weight, scale, flag: None };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
