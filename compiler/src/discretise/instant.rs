@@ -10,9 +10,7 @@ use bond_runtime::ir::{self, Array, Builder, Program, Slot, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
-const HOLD: f64 = 1e-9;
-/// Where only that holds it, rounding moves the parameter by so much; what moves it by less is no change.
-const LOOSE: f64 = 1e8;
+const HOLD: f64 = 1e-2;
 
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
@@ -32,31 +30,36 @@ pub(super) fn outputs(
     let flat = c.flat(&mut model.pool, map);
     let mut residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
-    // Where a curve stands upright its parameter cannot be told from an instant: the force that holds a body at rest follows from
-    // the whole step. It then stays what the step found.
-    let mut bare = vec![false; residuals.len()];
-    for (((r, z), guess), bare) in residuals.iter_mut().zip(&c.loops).zip(guesses).zip(&mut bare) {
+    // Where the states alone impose what a curve receives, and it stands upright there, its parameter cannot be told from an
+    // instant: the force that holds a body at rest follows from the whole step. It stays near what the step found.
+    for ((r, z), guess) in residuals.iter_mut().zip(&c.loops).zip(guesses) {
         let is_bare = |n: &cluster::Node| n.unknown() == *z && matches!(n.how, Output::Curve { bare: true, .. });
-        if c.nodes.iter().any(is_bare) {
+        let imposed = model.pool.symbols(*r).iter().all(|s| s == z || !c.loops.contains(s));
+        let own = imposed && c.nodes.iter().any(|n| is_bare(n) && !reads(c, model, form, n));
+        if own {
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
             lowering.bind(held, *guess);
             let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(HOLD));
             let off = model.pool.sub(s, before);
             let pull = model.pool.mul(little, off);
             *r = model.pool.add(*r, pull);
-            *bare = true;
         }
     }
     // Power counts here as energy does in a step.
     let one = model.pool.int(1);
     let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
-    let mut scale = write::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
-    for (s, _) in scale.iter_mut().zip(&bare).filter(|(_, bare)| **bare) {
-        *s = b.number(LOOSE);
-    }
+    let scale = write::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
     let system = System { unknowns: &c.loops, start: guesses.to_vec(), residuals, weight, scale, flag: None };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
+}
+
+/// Whether what a resistor receives depends on any output that is computed, and so perhaps on its own.
+fn reads(c: &Cluster, model: &mut Model, form: &Form, n: &cluster::Node) -> bool {
+    let Some(column) = n.resistor() else { return true };
+    let input = form.input(&mut model.pool, column);
+    let symbols = model.pool.symbols(input);
+    c.nodes.iter().any(|m| m.source().is_none() && symbols.contains(&m.out))
 }
 
 /// Writes what is stored: H of each region, then the curvature of each state.
