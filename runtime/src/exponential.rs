@@ -216,7 +216,7 @@ const FORM_TERMS: u32 = 18;
 
 /// Up to so many states, forms are computed with twice the digits: what a slow motion turns over may be 1e-16 of what a fast one
 /// would. Beyond, that would take seconds.
-const FINE: usize = 32;
+const FINE: usize = 64;
 
 /// A system over the step, in even units.
 struct Flow {
@@ -304,7 +304,7 @@ fn factor(mut q: Matrix, fine: bool) -> Vec<f64> {
             *x = if s > 0.0 { x.scale(1.0 / size[i]).scale(1.0 / size[j]) } else { Twice::default() };
         }
     }
-    let least = if fine { 1e-29 } else { 1e-15 };
+    let least = if fine { 1e-29 } else { 4e-15 };
     let mut l = vec![0.0; n * n];
     let mut open: Vec<usize> = (0..n).collect();
     for row in 0..n {
