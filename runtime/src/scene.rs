@@ -96,6 +96,8 @@ pub struct Entries {
     pub supplied: Vec<(String, usize)>,
     /// Energy lost in each resistor: name, output.
     pub dissipated: Vec<(String, usize)>,
+    /// What of H is no more than its zero: the sum of the storages' least energies.
+    pub floor: f64,
     /// Entropy produced in each field with thermal ports, J/K: name, output.
     pub produced: Vec<(String, usize)>,
     /// Energy that an energy leap of `ray` missed (created where positive), and 1 where there was one.

@@ -261,7 +261,9 @@ proptest! {
         for r in &summary.regions {
             // Where all of a region's flows cancel, its energies are the rounding of what goes on around it.
             let nothing = size(r) <= 1e-14 * largest;
-            prop_assert!(nothing || r.worst_step <= 1e-10, "the balance of {} is off by {:e}\n{text}", r.name, r.worst_step);
+            // So may be those of a single step of a region without states, between two bars that hold the same.
+            let cancels = r.states == 0 && r.total <= 1e-13;
+            prop_assert!(nothing || cancels || r.worst_step <= 1e-10, "the balance of {} is off by {:e}\n{text}", r.name, r.worst_step);
         }
         for bar in &summary.bars {
             prop_assert!(bar.difference == 0.0, "the sides of {} differ by {:e}\n{text}", bar.name, bar.difference);

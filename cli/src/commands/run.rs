@@ -131,9 +131,11 @@ fn tell(
     failure: Option<RunError>,
 ) -> Result<(), Stop> {
     let shown = compiled.probes().len();
-    let values = match (&failure, sim.probes()) {
-        (None, Ok(values)) => values[..shown.min(values.len())].to_vec(),
-        _ => vec![f64::NAN; shown],
+    // A run that got to its end, and whose signals cannot be told there, failed too.
+    let (values, failure) = match (sim.probes().map(|v| v[..shown.min(v.len())].to_vec()), failure) {
+        (Ok(values), None) => (values, None),
+        (Err(e), None) => (vec![f64::NAN; shown], Some(e)),
+        (_, failure) => (vec![f64::NAN; shown], failure),
     };
     let outcome = Outcome {
         scene: compiled.scene(),

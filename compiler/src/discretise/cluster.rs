@@ -1,6 +1,6 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
-use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, ray, start, unfit};
+use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, start, unfit};
 use crate::expression::{Expr, Pool, Sign, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model, Signal};
@@ -36,6 +36,8 @@ pub(super) struct Group {
     pub(super) states: Vec<usize>,
     pub(super) energy: Expr,
     pub(super) coenergy: Vec<Expr>,
+    /// Whether it was seen to have a lower bound.
+    pub(super) bounded: bool,
 }
 
 /// What an output is of.
@@ -291,6 +293,7 @@ impl Cluster {
                 states: g.states.iter().map(|s| base + s).collect(),
                 energy: g.energy,
                 coenergy: g.coenergy.clone(),
+                bounded: g.bounded,
             });
         }
         for &c in &r.inputs {
@@ -503,7 +506,12 @@ impl Cluster {
 
     /// H of a region of the cluster.
     pub(super) fn energy(&self, pool: &mut Pool, region: RegionId) -> Expr {
-        let terms: Vec<Expr> = self.groups.iter().filter(|g| g.region == region).map(|g| g.energy).collect();
+        let one = |g: &Group| match g.states[..] {
+            [only] => Some(self.states[only].symbol),
+            _ => None,
+        };
+        let groups = self.groups.iter().filter(|g| g.region == region);
+        let terms: Vec<Expr> = groups.map(|g| level::energy(pool, one(g), g.energy)).collect();
         pool.sum(&terms)
     }
 
@@ -571,6 +579,12 @@ impl Cluster {
                 (step, entries, false)
             }
         };
+        let mut entries = entries;
+        for e in &mut entries {
+            let groups: Vec<Group> =
+                self.groups.iter().filter(|g| g.region.at() == e.region && g.bounded).cloned().collect();
+            e.floor = groups.iter().map(|g| level::least(model, g, self)).sum();
+        }
         let is_ray = step.name == "ray";
         let holds = hold::held_ports(self, form);
         let hold = match &sampling {

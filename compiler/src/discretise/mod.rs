@@ -7,6 +7,7 @@ mod gonzalez;
 mod hold;
 mod instant;
 mod jump;
+mod level;
 mod probes;
 mod ray;
 mod start;

@@ -4,8 +4,8 @@
 //! energy, and the energy that is missing is booked.
 
 use super::cluster::{Cluster, missing, verified};
-use super::instant;
 use super::write::{self, System};
+use super::{instant, level};
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::Model;
 use crate::structure::Form;
@@ -100,7 +100,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let mut lowest = vec![0.0; n];
     for g in &c.groups {
         for s in &g.states {
-            lowest[*s] = minimum(model, g, c, *s);
+            lowest[*s] = level::minimum(model, g, c, *s);
         }
     }
     let minimum = lowest;
@@ -181,65 +181,4 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     }
     let program = verified(model, b.finish())?;
     Ok((Stepper { name: "ray", order: 1, passive: true, program, linear: None, glance: None }, entries))
-}
-
-/// The state where a storage's energy is least, near where it starts: by walking down and Newton's method.
-fn minimum(model: &mut Model, g: &super::cluster::Group, c: &Cluster, state: usize) -> f64 {
-    if g.states.len() > 1 {
-        return lowest(model, g, c, state);
-    }
-    let symbol = c.states[state].symbol;
-    let Some(&slope) = g.coenergy.first() else { return 0.0 };
-    let curvature = model.pool.derivative(slope, symbol);
-    let at = |e: Expr, x: f64| model.pool.eval(e, &|_| x);
-    if at(slope, 0.0) == 0.0 && at(curvature, 0.0) >= 0.0 {
-        return 0.0;
-    }
-    let mut x = c.states[state].initial;
-    for _ in 0..200 {
-        let d = at(slope, x) / at(curvature, x).abs();
-        if !d.is_finite() || d.abs() <= 1e-15 * x.abs() {
-            break;
-        }
-        let mut d = d;
-        while at(g.energy, x - d) > at(g.energy, x) && d.abs() > 1e-300 {
-            d *= 0.5;
-        }
-        x -= d;
-    }
-    if x.is_finite() { x } else { 0.0 }
-}
-
-/// One coordinate of the state of least energy of several: down along one after the other.
-fn lowest(model: &mut Model, g: &super::cluster::Group, c: &Cluster, state: usize) -> f64 {
-    let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
-    let mut x: Vec<f64> = vec![0.0; symbols.len()];
-    let value = |model: &Model, e: Expr, x: &[f64]| {
-        model.pool.eval(e, &|s| symbols.iter().position(|t| *t == s).map_or(0.0, |i| x[i]))
-    };
-    let flat = |model: &Model, x: &[f64]| g.coenergy.iter().all(|z| value(model, *z, x) == 0.0);
-    if !flat(model, &x) {
-        x = g.states.iter().map(|s| c.states[*s].initial).collect();
-        let slopes: Vec<Expr> = g.coenergy.iter().zip(&symbols).map(|(z, s)| model.pool.derivative(*z, *s)).collect();
-        for _ in 0..500 {
-            let before = x.clone();
-            for i in 0..x.len() {
-                let mut d = value(model, g.coenergy[i], &x) / value(model, slopes[i], &x).abs();
-                let h = value(model, g.energy, &x);
-                let from = x[i];
-                while d.is_finite() && d != 0.0 && d.abs() > 1e-16 * from.abs() {
-                    x[i] = from - d;
-                    if value(model, g.energy, &x) <= h {
-                        break;
-                    }
-                    x[i] = from;
-                    d *= 0.5;
-                }
-            }
-            if x == before {
-                break;
-            }
-        }
-    }
-    g.states.iter().position(|s| *s == state).map_or(0.0, |i| if x[i].is_finite() { x[i] } else { 0.0 })
 }

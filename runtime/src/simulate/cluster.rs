@@ -6,7 +6,7 @@ use crate::exponential;
 use crate::interpreter::Interpreter;
 use crate::kernel::{Failure, Kernel, Workspace};
 use crate::ledger::Sum;
-use crate::scene::{Cluster, Respond, Stepper};
+use crate::scene::{Cluster, Entries, Respond, Stepper};
 use std::collections::HashMap;
 
 /// So many steps in a row may be shorter than this part of the usual one; then a run does not get on, and stops.
@@ -93,6 +93,8 @@ pub(super) struct Book {
     pub(super) h_initial: f64,
     pub(super) h: f64,
     pub(super) h_max: f64,
+    /// The highest, with its sign.
+    pub(super) h_top: f64,
     pub(super) supplied: Sum,
     pub(super) dissipated: Sum,
     pub(super) leaked: Sum,
@@ -177,6 +179,7 @@ impl Run {
                     h_initial: h,
                     h,
                     h_max: h.abs(),
+                    h_top: h,
                     sources: vec![Sum::new(); e.supplied.len()],
                     resistors: vec![Sum::new(); e.dissipated.len()],
                     produced: vec![Sum::new(); e.produced.len()],
@@ -632,7 +635,8 @@ impl Run {
         outputs.copy_from_slice(&self.step.work.output);
         self.input[0] = t + 0.5 * h;
         self.step.run(half, &self.input, 0.5 * h)?;
-        let h_max: f64 = self.books.iter().map(|b| b.h_max.max(b.turnover_max)).sum();
+        let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
+        let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
         let divisor = (2f64.powi(c.step.order as i32) - 1.0).max(1.0);
         let mut worst: f64 = 0.0;
         for i in 0..c.states {
@@ -809,6 +813,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64], floor: f64) {
         b.turnover_max = b.turnover_max.max(turnover);
         b.h = h;
         b.h_max = b.h_max.max(h.abs());
+        b.h_top = b.h_top.max(h);
     }
 }
 

@@ -1,0 +1,132 @@
+//! Where energies are least, and how far they stand above 0 without cancellation.
+
+use super::cluster::{Cluster, Group};
+use crate::expression::{Expr, Node, Pool, Symbol};
+use crate::model::Model;
+use bond_runtime::ir::{Binary, Unary};
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// H of a group as it is to be computed. Of one state it is H(0) and the change from there, written without cancellation: as in
+/// `1 - cos q` near 0, else what H is near its least would be rounding of its largest term. Where H is a polynomial, has a choice
+/// in it or no value at 0, as it stands.
+pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> Expr {
+    let Some(s) = symbol.filter(|s| pool.symbols(energy).contains(s) && is_smooth(pool, energy)) else {
+        return energy;
+    };
+    let zero = pool.int(0);
+    let map: FxHashMap<Symbol, Expr> = std::iter::once((s, zero)).collect();
+    let base = pool.substitute(energy, &map);
+    if !pool.constant(base).is_some_and(f64::is_finite) {
+        return energy;
+    }
+    let x = pool.var(s);
+    let slope = pool.difference(energy, s, zero, x);
+    let rise = pool.mul(x, slope);
+    let level = pool.add(base, rise);
+    let same = [1e-3, -0.02, 0.3, -1.7, 12.0].iter().all(|at| {
+        let value = |e: Expr| pool.eval(e, &|t| if t == s { *at } else { 0.7 });
+        let (a, b, c) = (value(energy), value(level), value(base));
+        !a.is_finite() || (a - b).abs() <= 1e-9 * (a.abs() + c.abs())
+    });
+    if same { level } else { energy }
+}
+
+/// Whether an expression has a function or a root in it, and no choice.
+fn is_smooth(pool: &Pool, e: Expr) -> bool {
+    let (mut seen, mut stack, mut curved) = (FxHashSet::default(), vec![e], false);
+    while let Some(e) = stack.pop() {
+        if !seen.insert(e) {
+            continue;
+        }
+        let node = pool.node(e);
+        match node {
+            Node::Select(..)
+            | Node::Binary(Binary::Min | Binary::Max | Binary::Lt | Binary::Le | Binary::Eq, ..)
+            | Node::Unary(Unary::Abs | Unary::Sign | Unary::Not, _) => return false,
+            Node::Unary(..) | Node::Power(..) => curved = true,
+            Node::Product(_, factors) => curved |= factors.iter().any(|f| f.1.integer().is_none_or(|n| n < 0)),
+            Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Binary(..) => {}
+        }
+        node.each_child(&mut |c| stack.push(c));
+    }
+    curved
+}
+
+/// The least energy of a group near where it starts; where there is none, as of heat, which is least at no temperature, its energy
+/// at the start.
+pub(super) fn least(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
+    let at: Vec<(Symbol, f64)> = g.states.iter().map(|s| (c.states[*s].symbol, minimum(model, g, c, *s))).collect();
+    let level = |e: Expr, initial: bool| {
+        model.pool.eval(e, &|s| {
+            let state = c.states.iter().find(|x| x.symbol == s && initial).map(|x| x.initial);
+            state.or(at.iter().find(|t| t.0 == s).map(|t| t.1)).unwrap_or(0.0)
+        })
+    };
+    let flat = g.coenergy.iter().zip(&g.states).zip(&at).all(|((z, s), (_, low))| {
+        let way = (c.states[*s].initial - low).abs();
+        level(*z, false).abs() * way <= 1e-6 * (level(g.energy, true) - level(g.energy, false)).abs()
+    });
+    let h = level(g.energy, !flat);
+    if h.is_finite() { h } else { 0.0 }
+}
+
+/// The state where a storage's energy is least, near where it starts: by walking down and Newton's method.
+pub(super) fn minimum(model: &mut Model, g: &Group, c: &Cluster, state: usize) -> f64 {
+    if g.states.len() > 1 {
+        return lowest(model, g, c, state);
+    }
+    let symbol = c.states[state].symbol;
+    let Some(&slope) = g.coenergy.first() else { return 0.0 };
+    let curvature = model.pool.derivative(slope, symbol);
+    let at = |e: Expr, x: f64| model.pool.eval(e, &|_| x);
+    if at(slope, 0.0) == 0.0 && at(curvature, 0.0) >= 0.0 {
+        return 0.0;
+    }
+    let mut x = c.states[state].initial;
+    for _ in 0..24 {
+        let d = at(slope, x) / at(curvature, x).abs();
+        if !d.is_finite() || d.abs() <= 1e-15 * x.abs() {
+            break;
+        }
+        let mut d = d;
+        while at(g.energy, x - d) > at(g.energy, x) && d.abs() > 1e-300 {
+            d *= 0.5;
+        }
+        x -= d;
+    }
+    if x.is_finite() { x } else { 0.0 }
+}
+
+/// One coordinate of the state of least energy of several: down along one after the other.
+fn lowest(model: &mut Model, g: &Group, c: &Cluster, state: usize) -> f64 {
+    let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
+    let mut x: Vec<f64> = vec![0.0; symbols.len()];
+    let value = |model: &Model, e: Expr, x: &[f64]| {
+        model.pool.eval(e, &|s| symbols.iter().position(|t| *t == s).map_or(0.0, |i| x[i]))
+    };
+    let flat = |model: &Model, x: &[f64]| g.coenergy.iter().all(|z| value(model, *z, x) == 0.0);
+    if !flat(model, &x) {
+        x = g.states.iter().map(|s| c.states[*s].initial).collect();
+        let slopes: Vec<Expr> = g.coenergy.iter().zip(&symbols).map(|(z, s)| model.pool.derivative(*z, *s)).collect();
+        for _ in 0..500 {
+            let before = x.clone();
+            for i in 0..x.len() {
+                let mut d = value(model, g.coenergy[i], &x) / value(model, slopes[i], &x).abs();
+                let h = value(model, g.energy, &x);
+                let from = x[i];
+                while d.is_finite() && d != 0.0 && d.abs() > 1e-16 * from.abs() {
+                    x[i] = from - d;
+                    if value(model, g.energy, &x) <= h {
+                        break;
+                    }
+                    x[i] = from;
+                    d *= 0.5;
+                }
+            }
+            if x == before {
+                break;
+            }
+        }
+    }
+    g.states.iter().position(|s| *s == state).map_or(0.0, |i| if x[i].is_finite() { x[i] } else { 0.0 })
+}
