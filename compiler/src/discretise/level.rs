@@ -55,17 +55,18 @@ fn is_smooth(pool: &Pool, e: Expr) -> bool {
 /// The least energy of a group near where it starts; where there is none, as of heat, which is least at no temperature, its energy
 /// at the start.
 pub(super) fn least(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
-    let at: Vec<(Symbol, f64)> = g.states.iter().map(|s| (c.states[*s].symbol, minimum(model, g, c, *s))).collect();
+    // Of each state its symbol, where the energy is least, and where it starts.
+    let at: Vec<(Symbol, f64, f64)> = g
+        .states
+        .iter()
+        .map(|s| (c.states[*s].symbol, minimum(model, g, c, *s), c.states[*s].initial))
+        .collect();
     let level = |e: Expr, initial: bool| {
-        model.pool.eval(e, &|s| {
-            let state = c.states.iter().find(|x| x.symbol == s && initial).map(|x| x.initial);
-            state.or(at.iter().find(|t| t.0 == s).map(|t| t.1)).unwrap_or(0.0)
-        })
+        model.pool.eval(e, &|s| at.iter().find(|t| t.0 == s).map_or(0.0, |t| if initial { t.2 } else { t.1 }))
     };
-    let flat = g.coenergy.iter().zip(&g.states).zip(&at).all(|((z, s), (_, low))| {
-        let way = (c.states[*s].initial - low).abs();
-        level(*z, false).abs() * way <= 1e-6 * (level(g.energy, true) - level(g.energy, false)).abs()
-    });
+    let rise = (level(g.energy, true) - level(g.energy, false)).abs();
+    let flat =
+        g.coenergy.iter().zip(&at).all(|(z, t)| level(*z, false).abs() * (t.2 - t.1).abs() <= 1e-6 * rise);
     let h = level(g.energy, !flat);
     if h.is_finite() { h } else { 0.0 }
 }
