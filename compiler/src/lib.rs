@@ -74,15 +74,17 @@ pub fn compile(
     Ok(Compiled { model, graph, causality, form, scene })
 }
 
-/// The form; where storages are tied by ratios that change, first with speeds of their own for the junctions that drive them.
+/// The form. Where several storages are tied together by ratios that are divided by, and may pass 0, the junctions that drive them
+/// get speeds of their own first.
 fn form(
-    model: Model,
+    mut model: Model,
     graph: BondGraph,
     causality: Causality,
 ) -> Result<(Model, BondGraph, Causality, Form), Vec<Diagnostic>> {
     let speeds = causality::speeds(&model, &graph, &causality);
-    if !speeds.is_empty() {
-        let mut with = model.clone();
+    let with = (!speeds.is_empty()).then(|| model.clone());
+    let plain = structure::build(&mut model, &graph, &causality);
+    if let Some(mut with) = with.filter(|_| plain.as_ref().map_or(true, |form| form.divided)) {
         for j in speeds {
             with.add_massless(j);
         }
@@ -94,7 +96,5 @@ fn form(
             return Ok((with, graph, causality, form));
         }
     }
-    let mut model = model;
-    let form = structure::build(&mut model, &graph, &causality)?;
-    Ok((model, graph, causality, form))
+    Ok((model, graph, causality, plain?))
 }

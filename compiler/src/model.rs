@@ -130,6 +130,8 @@ pub struct Storage {
 /// a storage field, which its ports share, is the `energy` of each of them.
 #[derive(Clone, Debug)]
 pub struct Field {
+    /// As it is written: `C`, `I`, `IC`, `R`, `RS`.
+    pub kind: String,
     /// Its path.
     pub name: String,
     /// Its ports, in order.

@@ -56,17 +56,13 @@ fn is_smooth(pool: &Pool, e: Expr) -> bool {
 /// at the start.
 pub(super) fn least(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
     // Of each state its symbol, where the energy is least, and where it starts.
-    let at: Vec<(Symbol, f64, f64)> = g
-        .states
-        .iter()
-        .map(|s| (c.states[*s].symbol, minimum(model, g, c, *s), c.states[*s].initial))
-        .collect();
+    let at: Vec<(Symbol, f64, f64)> =
+        g.states.iter().map(|s| (c.states[*s].symbol, minimum(model, g, c, *s), c.states[*s].initial)).collect();
     let level = |e: Expr, initial: bool| {
         model.pool.eval(e, &|s| at.iter().find(|t| t.0 == s).map_or(0.0, |t| if initial { t.2 } else { t.1 }))
     };
     let rise = (level(g.energy, true) - level(g.energy, false)).abs();
-    let flat =
-        g.coenergy.iter().zip(&at).all(|(z, t)| level(*z, false).abs() * (t.2 - t.1).abs() <= 1e-6 * rise);
+    let flat = g.coenergy.iter().zip(&at).all(|(z, t)| level(*z, false).abs() * (t.2 - t.1).abs() <= 1e-6 * rise);
     let h = level(g.energy, !flat);
     if h.is_finite() { h } else { 0.0 }
 }

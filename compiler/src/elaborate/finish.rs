@@ -73,7 +73,12 @@ impl<'a> Elaborator<'a> {
             fields: self
                 .fields
                 .into_iter()
-                .map(|f| Field { name: f.name, members: f.members, span: f.ast.kind.span.to(f.ast.name.span) })
+                .map(|f| Field {
+                    kind: f.ast.kind.text.clone(),
+                    name: f.name,
+                    members: f.members,
+                    span: f.ast.kind.span.to(f.ast.name.span),
+                })
                 .collect(),
             samplings: self.samplings,
             integrals: self.integrals,

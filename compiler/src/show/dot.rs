@@ -1,6 +1,6 @@
 //! The bond graph for Graphviz: half arrows, causal strokes, regions as clusters, double bars bold.
 
-use super::{Shown, What, name, region};
+use super::{Shown, What, name, node, region};
 use crate::model::{BondId, ElementId, Kind};
 use bond_grammar::ast::Stroke;
 use std::fmt::Write;
@@ -12,6 +12,7 @@ fn quoted(text: &str) -> String {
 /// The graph; `graph` without causal strokes.
 pub(super) fn text(shown: &Shown<'_>, what: What) -> String {
     let model = &*shown.model;
+    let nodes = node::nodes(model);
     let mut text = format!("digraph {} {{\n", quoted(&model.name));
     text.push_str("  graph [rankdir=LR, overlap=false, splines=line, nodesep=0.3];\n");
     text.push_str("  node [shape=plaintext, fontname=\"Helvetica\", margin=0.05, width=0, height=0];\n");
@@ -32,14 +33,14 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> String {
             };
             let _ = writeln!(text, "    {style}");
         }
-        for &id in &r.elements {
-            let _ = writeln!(text, "{indent}{}", node(shown, id));
+        for &id in r.elements.iter().filter(|id| nodes.first[nodes.of[id.at()]] == **id) {
+            let _ = writeln!(text, "{indent}{}", label(shown, id));
         }
         if cluster {
             text.push_str("  }\n");
         }
     }
-    for (i, b) in model.bonds.iter().enumerate() {
+    for (i, b) in model.bonds.iter().enumerate().filter(|(_, b)| !node::hidden(model, b)) {
         let stroke = if what == What::Graph { b.stroke } else { shown.causality.strokes.get(i).copied() };
         let (mut head, mut tail) = ("lnormal", "none");
         match stroke {
@@ -51,14 +52,14 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> String {
         if b.sampled {
             more.push_str(", penwidth=3, color=\"#31588c\"");
         }
-        if let Some(n) = name::own_name(model, b) {
+        if let Some(n) = node::bond_name(model, b) {
             let _ = write!(more, ", label={}", quoted(n));
         }
         let _ = writeln!(
             text,
             "  n{} -> n{} [dir=both, arrowhead={head}, arrowtail={tail}{more}, tooltip={}];",
-            b.tail.0,
-            b.head.0,
+            nodes.first[nodes.of[b.tail.at()]].0,
+            nodes.first[nodes.of[b.head.at()]].0,
             quoted(&name::bond(model, BondId(i as u32), stroke))
         );
     }
@@ -66,7 +67,7 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> String {
     text
 }
 
-fn node(shown: &Shown<'_>, id: ElementId) -> String {
+fn label(shown: &Shown<'_>, id: ElementId) -> String {
     let e = shown.model.element(id);
     let more = match e.kind {
         Kind::Zero | Kind::One => ", fontname=\"Helvetica-Bold\"",
@@ -76,5 +77,12 @@ fn node(shown: &Shown<'_>, id: ElementId) -> String {
         Kind::Tf | Kind::Gy => ", fontcolor=\"#6b21a8\"",
         Kind::De | Kind::Df => ", fontcolor=\"#57534e\"",
     };
-    format!("n{} [label={}{more}];", id.0, quoted(&name::element(e)))
+    let text = match e.field {
+        Some(_) => {
+            let (kind, name) = node::title(shown.model, e);
+            format!("{}{kind}:{name}", if e.active { "active " } else { "" })
+        }
+        None => name::element(e),
+    };
+    format!("n{} [label={}{more}];", id.0, quoted(&text))
 }

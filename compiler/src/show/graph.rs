@@ -1,15 +1,16 @@
 //! `graph` as text: elements with their laws, bonds, parameters.
 
-use super::{Shown, name, table};
+use super::{Shown, name, node, table};
 use crate::model::{BondId, Law, Variable};
 use std::fmt::Write;
 
 /// Elements, bonds and parameters.
 pub(super) fn text(shown: &Shown<'_>) -> String {
     let model = &*shown.model;
-    let mut text = format!("{}: {} elements, {} bonds\n", model.name, model.elements.len(), model.bonds.len());
-    let rows: Vec<Vec<String>> = model
-        .ids()
+    let elements = || model.ids().filter(|(_, e)| !e.is_massless());
+    let drawn = model.bonds.iter().filter(|b| !node::hidden(model, b)).count();
+    let mut text = format!("{}: {} elements, {drawn} bonds\n", model.name, elements().count());
+    let rows: Vec<Vec<String>> = elements()
         .map(|(id, e)| {
             let bond = shown.graph.bonds_of[id.at()].first().copied();
             vec![name::element(e), name::law(shown, id), start(shown, id, bond), units(shown, bond)]
@@ -57,6 +58,7 @@ fn bonds(shown: &Shown<'_>) -> String {
     let rows: Vec<Vec<String>> = model
         .bonds
         .iter()
+        .filter(|b| !node::hidden(model, b))
         .map(|b| {
             let ends = (name::element(model.element(b.tail)), name::element(model.element(b.head)));
             let note = if b.stroke.is_some() { "asserted" } else { "" };

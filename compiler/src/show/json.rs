@@ -81,6 +81,7 @@ fn graph(shown: &Shown<'_>) -> Value {
     let model = &*shown.model;
     let elements: Vec<Value> = model
         .ids()
+        .filter(|(_, e)| !e.is_massless())
         .map(|(id, e)| {
             let region = &shown.graph.regions[shown.graph.region_of[id.at()].at()];
             let mut o = object! { "name": e.name, "kind": name::kind(e.kind), "law": name::law(shown, id), "region": region.name };
@@ -100,6 +101,7 @@ fn graph(shown: &Shown<'_>) -> Value {
         .bonds
         .iter()
         .enumerate()
+        .filter(|(_, b)| !super::node::hidden(model, b))
         .map(|(i, b)| {
             let unit = |v| name::bond_unit(model, BondId(i as u32), v).map(|u| u.to_string());
             let units = [unit(crate::model::Variable::Effort), unit(crate::model::Variable::Flow)];

@@ -15,6 +15,7 @@ mod latex;
 mod layout;
 mod matrix;
 mod name;
+mod node;
 mod phs;
 mod region;
 mod settle;

@@ -2,9 +2,10 @@
 
 use super::arrow::{Arrow, escape};
 use super::layout::{Drawing, Point, place};
-use super::{Shown, What, name, region};
+use super::{Shown, What, name, node, region};
 use crate::graph::Region;
-use crate::model::{Element, Kind};
+use crate::model::{Bond, Element, Kind, Model};
+use rustc_hash::FxHashMap;
 use std::fmt::Write;
 
 /// Pictures of more elements can't be read.
@@ -23,7 +24,7 @@ const STYLE: &str = "text{font-family:'DejaVu Sans',Verdana,Helvetica,Arial,sans
 .sampled{fill:#e4ecf7;stroke:#e4ecf7;stroke-linejoin:round}";
 
 /// What stands at a node: the kind, and the name where it fits.
-fn label(e: &Element) -> String {
+fn label(model: &Model, e: &Element) -> String {
     match e.kind {
         Kind::Port => e.name.clone(),
         Kind::Se
@@ -36,7 +37,10 @@ fn label(e: &Element) -> String {
         | Kind::Zero
         | Kind::One
         | Kind::De
-        | Kind::Df => format!("{}:{}", name::kind(e.kind), e.name),
+        | Kind::Df => {
+            let (kind, name) = node::title(model, e);
+            format!("{kind}:{name}")
+        }
     }
 }
 
@@ -68,11 +72,14 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> Result<String, String> {
             model.elements.len()
         ));
     }
-    let labels: Vec<String> = model.elements.iter().map(label).collect();
+    let nodes = node::nodes(model);
+    let labels: Vec<String> = nodes.first.iter().map(|id| label(model, model.element(*id))).collect();
     let sizes: Vec<Point> = labels.iter().map(|l| [0.5 * width(l, 14.0), 8.5]).collect();
+    let drawn = || model.bonds.iter().enumerate().filter(|(_, b)| !node::hidden(model, b));
+    let ends = |b: &Bond| (nodes.of[b.tail.at()], nodes.of[b.head.at()]);
     let bonds: Vec<(usize, usize, f64)> =
-        model.bonds.iter().map(|b| (b.tail.at(), b.head.at(), if b.sampled { 2.0 } else { 1.0 })).collect();
-    let parts: Vec<usize> = shown.graph.region_of.iter().map(|r| r.at()).collect();
+        drawn().map(|(_, b)| (ends(b).0, ends(b).1, if b.sampled { 2.0 } else { 1.0 })).collect();
+    let parts: Vec<usize> = nodes.first.iter().map(|id| shown.graph.region_of[id.at()].at()).collect();
     let x = place(&Drawing { sizes: &sizes, bonds: &bonds, parts: &parts });
     let mut body = String::new();
     let mut bounds = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
@@ -82,26 +89,41 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> Result<String, String> {
             bounds[k + 2] = bounds[k + 2].max(p[k] + half[k]);
         }
     };
-    let lines: Vec<(Point, Point)> = model.bonds.iter().map(|b| (x[b.tail.at()], x[b.head.at()])).collect();
+    let lines: Vec<(Point, Point)> = drawn().map(|(_, b)| (x[ends(b).0], x[ends(b).1])).collect();
     let mut names = String::new();
     for r in shown.graph.regions.iter().filter(|r| r.sampling.is_some()) {
-        shade(shown, r, (&x, &sizes, &lines), (&mut body, &mut names), &mut cover);
+        let mut inside: Vec<usize> = r.elements.iter().map(|e| nodes.of[e.at()]).collect();
+        inside.dedup();
+        shade((shown, r, &inside), (&x, &sizes, &lines), (&mut body, &mut names), &mut cover);
     }
-    for (i, b) in model.bonds.iter().enumerate() {
-        let end = |i: usize| (x[i], sizes[i]);
+    let mut between: FxHashMap<(usize, usize), usize> = FxHashMap::default();
+    for (i, b) in drawn() {
+        // Bonds between the same two lie beside each other.
+        let (from, to) = ends(b);
+        let pair = (from.min(to), from.max(to));
+        let count = drawn().filter(|(_, other)| {
+            let (s, t) = ends(other);
+            (s.min(t), s.max(t)) == pair
+        });
+        let (count, at) = (count.count(), between.entry(pair).or_default());
+        let d = [x[pair.1][0] - x[pair.0][0], x[pair.1][1] - x[pair.0][1]];
+        let length = d[0].hypot(d[1]).max(1e-6);
+        let aside = 26.0 * (*at as f64 - 0.5 * (count as f64 - 1.0)) / length;
+        *at += 1;
+        let end = |i: usize| ([x[i][0] - aside * d[1], x[i][1] + aside * d[0]], sizes[i]);
         let stroke = if what == What::Graph { b.stroke } else { shown.causality.strokes.get(i).copied() };
         let arrow = Arrow {
-            tail: end(b.tail.at()),
-            head: end(b.head.at()),
+            tail: end(ends(b).0),
+            head: end(ends(b).1),
             stroke,
             sampled: b.sampled,
-            name: name::own_name(model, b),
+            name: node::bond_name(model, b),
         };
         arrow.svg(&mut body);
     }
-    for (i, e) in model.elements.iter().enumerate() {
+    for (i, id) in nodes.first.iter().enumerate() {
         cover(x[i], sizes[i]);
-        node(e, x[i], &mut body);
+        draw(model, model.element(*id), x[i], &mut body);
     }
     body.push_str(&names);
     if model.elements.is_empty() {
@@ -125,7 +147,7 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> Result<String, String> {
     Ok(text)
 }
 
-fn node(e: &Element, p: Point, text: &mut String) {
+fn draw(model: &Model, e: &Element, p: Point, text: &mut String) {
     let y = p[1] + 5.0;
     let name = escape(&e.name);
     let _ = match e.kind {
@@ -139,22 +161,23 @@ fn node(e: &Element, p: Point, text: &mut String) {
             writeln!(text, "<text class=\"node\" font-style=\"italic\" x=\"{:.1}\" y=\"{y:.1}\">{name}</text>", p[0])
         }
         Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df => {
-            writeln!(text, "<text class=\"node\" x=\"{:.1}\" y=\"{y:.1}\">{}:{name}</text>", p[0], name::kind(e.kind))
+            let (kind, name) = node::title(model, e);
+            let name = escape(&name);
+            writeln!(text, "<text class=\"node\" x=\"{:.1}\" y=\"{y:.1}\">{kind}:{name}</text>", p[0])
         }
     };
 }
 
 /// A sampled region: the hull of its labels, shaded, and what it is above or below it, where fewer bonds run.
 fn shade(
-    shown: &Shown<'_>,
-    r: &Region,
+    (shown, r, inside): (&Shown<'_>, &Region, &[usize]),
     (x, sizes, lines): (&[Point], &[Point], &[(Point, Point)]),
     (text, names): (&mut String, &mut String),
     cover: &mut dyn FnMut(Point, Point),
 ) {
     let mut corners = Vec::new();
-    for e in &r.elements {
-        let (p, s) = (x[e.at()], sizes[e.at()]);
+    for &i in inside {
+        let (p, s) = (x[i], sizes[i]);
         for (sx, sy) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
             corners.push([p[0] + sx * s[0], p[1] + sy * s[1]]);
         }

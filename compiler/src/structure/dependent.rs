@@ -48,6 +48,8 @@ pub(super) struct Eliminated {
     /// The outputs of all columns before the change of coordinates.
     pub(super) before: Vec<Symbol>,
     pub(super) following: Vec<Following>,
+    /// See [`Form::divided`].
+    pub(super) divided: bool,
 }
 
 /// Storages that are tied together.

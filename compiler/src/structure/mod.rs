@@ -226,6 +226,8 @@ pub struct Form {
     pub bars: Vec<Bar>,
     /// The column whose output a symbol is.
     pub column_of: FxHashMap<Symbol, ColumnId>,
+    /// Whether several tied storages see one another through ratios that are divided by.
+    pub divided: bool,
     /// Signals that a ratio depends on and sets itself: unknowns of the step.
     pub loops: Vec<Loop>,
     /// Probes, integrals and conditions in terms of states, outputs and time.
@@ -277,6 +279,7 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         regions: Vec::new(),
         bars: Vec::new(),
         loops: Vec::new(),
+        divided: false,
         probes: Vec::new(),
         integrals: Vec::new(),
         memories: Vec::new(),
@@ -284,6 +287,7 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
     };
     resolve::rows(model, graph, &rows, &mut form)?;
     let eliminated = dependent::eliminate(model, causality, &mut form)?;
+    form.divided = eliminated.divided;
     resolve::outputs(model, graph, &rows, &eliminated, &mut form)?;
     form.bars = bars(model, &form);
     form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;

@@ -36,6 +36,7 @@ pub(super) fn merge(
             denominator(&mut model.pool, &column, &is_state)
         })
         .collect();
+    done.divided |= n > 1 && factors.iter().any(|g| !model.pool.is_one(*g));
     let mut p: Vec<Vec<Expr>> =
         (0..n).map(|i| (0..n).map(|j| if i == j { factors[i] } else { zero }).collect()).collect();
     for row in &tied.ratio {
@@ -53,12 +54,13 @@ pub(super) fn merge(
             driven_by_time[n + d] = model.pool.add(driven_by_time[n + d], s);
         }
     }
-    let names: Vec<String> = independent
-        .iter()
-        .map(|c| storage(model, form.column(*c).element).map(|s| model.pool.name(s.state).to_string()))
-        .map(Option::unwrap_or_default)
-        .collect();
-    let states: Vec<Symbol> = names.iter().map(|name| model.pool.symbol(name)).collect();
+    // A storage that sees the rest by a factor of its own has another momentum, and its state another name.
+    let mut states: Vec<Symbol> = Vec::new();
+    for (c, g) in independent.iter().zip(&factors) {
+        let name = storage(model, form.column(*c).element).map(|s| model.pool.name(s.state).to_string());
+        let mark = if model.pool.is_one(*g) { "" } else { "'" };
+        states.push(model.pool.symbol(&format!("{}{mark}", name.unwrap_or_default())));
+    }
     let outs: Vec<Symbol> = (0..n)
         .map(|i| {
             let out = form.column(independent[i]).out;

@@ -244,11 +244,11 @@ pub(super) fn outputs(
                 let (e, f) = r.model.units[c.bond.at()];
                 let unit =
                     if c.gives == Variable::Effort { f } else { e }.map(|u| u.mul(crate::units::Dimension::SECOND));
-                let name = r.model.pool.name(s.state).to_string();
                 let (symbol, initial, unit) = match eliminated.states.get(&id) {
                     Some(&(symbol, initial, same)) => (symbol, initial, unit.filter(|_| same)),
                     None => (s.state, s.initial, unit),
                 };
+                let name = r.model.pool.name(symbol).to_string();
                 let state = region.states.len();
                 let merged = eliminated.groups.iter().any(|g| g.columns.contains(&id));
                 // The ports of a field share a group.

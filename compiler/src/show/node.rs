@@ -1,0 +1,54 @@
+//! The nodes of a picture: a field is one, whatever its ports; an inertia of 0 that the compiler put on a junction is none.
+
+use super::name;
+use crate::model::{Bond, Element, ElementId, Model};
+
+/// Nodes in the order of their first elements.
+pub(super) struct Nodes {
+    /// The node of each element.
+    pub(super) of: Vec<usize>,
+    /// The first element of each node.
+    pub(super) first: Vec<ElementId>,
+}
+
+/// The nodes of a model.
+pub(super) fn nodes(model: &Model) -> Nodes {
+    let mut nodes = Nodes { of: vec![0; model.elements.len()], first: Vec::new() };
+    let mut of_field: Vec<Option<usize>> = vec![None; model.fields.len()];
+    for (id, e) in model.ids().filter(|(_, e)| !e.is_massless()) {
+        let known = e.field.and_then(|f| of_field[f.0]);
+        nodes.of[id.at()] = known.unwrap_or(nodes.first.len());
+        if known.is_none() {
+            if let Some((f, _)) = e.field {
+                of_field[f] = Some(nodes.first.len());
+            }
+            nodes.first.push(id);
+        }
+    }
+    for b in model.bonds.iter().filter(|b| hidden(model, b)) {
+        nodes.of[b.head.at()] = nodes.of[b.tail.at()];
+    }
+    nodes
+}
+
+/// Whether a bond leads to what is not drawn.
+pub(super) fn hidden(model: &Model, b: &Bond) -> bool {
+    model.element(b.head).is_massless()
+}
+
+/// The kind and name of a node.
+pub(super) fn title(model: &Model, e: &Element) -> (String, String) {
+    match e.field {
+        Some((f, _)) => (model.fields[f].kind.clone(), model.fields[f].name.clone()),
+        None => (name::kind(e.kind).to_string(), e.name.clone()),
+    }
+}
+
+/// What a bond is called in a picture: its name, else the port of the field where it ends.
+pub(super) fn bond_name<'m>(model: &'m Model, b: &'m Bond) -> Option<&'m str> {
+    let port = |id: ElementId| {
+        let e = model.element(id);
+        e.field.and_then(|_| e.name.rsplit_once('.')).map(|n| n.1)
+    };
+    name::own_name(model, b).or_else(|| port(b.head)).or_else(|| port(b.tail))
+}
