@@ -113,14 +113,13 @@ fn linkages() -> Vec<System> {
     vec![
         System {
             name: "pendulum_cartesian",
-            states: &[("angle.q", -7.0, 7.0), ("w.p", -3.0, 3.0)],
+            states: &[("angle.q", -7.0, 7.0), ("mass_x.p'", -3.0, 3.0)],
             until: 1.0,
-            // On the circle: m len^2 a'' = -m g len sin(a). The state that the two masses share is the angular momentum.
+            // On the circle: m len a'' = -m g sin(a). The state that the two masses share is the momentum along it, m len a'.
             by_hand: |x| {
-                let inertia = x["m"] * x["len"].powi(2);
-                let w = x["w.p"] / inertia;
-                let fall = -x["m"] * x["g"] * x["len"] * x["angle.q"].sin();
-                hand([("angle.q", w), ("w.p", fall)], 0.5 * inertia * w * w)
+                let speed = x["mass_x.p'"] / x["m"];
+                let fall = -x["m"] * x["g"] * x["angle.q"].sin();
+                hand([("angle.q", speed / x["len"]), ("mass_x.p'", fall)], 0.5 * x["m"] * speed * speed)
             },
         },
         System {
