@@ -1,19 +1,14 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
 use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, start, unfit};
-use crate::expression::{Expr, Pool, Sign, Symbol};
+use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
-use crate::model::{Hold, Model, Signal};
+use crate::model::{Hold, Model};
 use crate::structure::{ColumnId, Form, Output, Role};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Builder, Program};
-use bond_runtime::scene::{self, Entries};
-use petgraph::Graph;
-use petgraph::graph::NodeIndex;
+use bond_runtime::ir::Program;
+use bond_runtime::scene::{self};
 use rustc_hash::{FxHashMap, FxHashSet};
-
-/// Loops of more nodes are not torn.
-const TORN: usize = 32;
 
 /// A state: that of a storage, or a signal state.
 #[derive(Clone, Debug)]
@@ -88,16 +83,6 @@ impl Node {
     }
 }
 
-/// The columns of a region's entries in the ledger. A field is one entry, of all its ports.
-pub(super) struct Accounts {
-    /// Sources and ports.
-    pub(super) supplied: Vec<ColumnId>,
-    /// Resistors.
-    pub(super) dissipated: Vec<Vec<ColumnId>>,
-    /// The thermal ports of fields, whose entropy is counted.
-    pub(super) produced: Vec<Vec<ColumnId>>,
-}
-
 /// An integral of a probe.
 #[derive(Clone, Debug)]
 pub(super) struct Integral {
@@ -132,148 +117,8 @@ pub(super) struct Cluster {
     pub(super) delta: Vec<Symbol>,
 }
 
-/// What is never torn apart: a region, a signal state of continuous time, or all signal states of a sampled block.
-#[derive(Default)]
-struct Atom {
-    sampling: Option<usize>,
-    region: Option<usize>,
-    memories: Vec<usize>,
-    integrals: Vec<usize>,
-}
-
-/// The atoms: regions first, then signal states.
-fn atoms(model: &Model, form: &Form) -> Vec<Atom> {
-    let regions = form.regions.iter().enumerate();
-    let mut atoms: Vec<Atom> =
-        regions.map(|(i, r)| Atom { sampling: r.sampling, region: Some(i), ..Atom::default() }).collect();
-    for (i, m) in model.memories.iter().enumerate() {
-        let block = |a: &&mut Atom| a.region.is_none() && a.sampling.is_some() && a.sampling == m.sampling;
-        match atoms.iter_mut().find(block) {
-            Some(atom) => atom.memories.push(i),
-            None => atoms.push(Atom { sampling: m.sampling, memories: vec![i], ..Atom::default() }),
-        }
-    }
-    if atoms.is_empty() && !model.integrals.is_empty() {
-        atoms.push(Atom::default());
-    }
-    atoms
-}
-
-/// All signals that an atom reads, integrals apart; `columns` are those of each region.
-fn reads(pool: &Pool, form: &Form, columns: &[Vec<usize>], atom: &Atom) -> Vec<Symbol> {
-    let mut read: Vec<Expr> = atom.memories.iter().map(|m| form.memories[*m]).collect();
-    if let Some(i) = atom.region {
-        for (_, how) in &form.regions[i].resistors {
-            read.extend(how.expressions());
-        }
-        read.extend(form.loops.iter().filter(|l| l.region.at() == i).map(|l| l.value));
-        for c in columns[i].iter().map(|c| &form.columns[*c]) {
-            read.extend(c.row.iter().map(|t| t.1));
-            if let Role::Source(v) = c.role {
-                read.push(v);
-            }
-        }
-    }
-    read.into_iter().flat_map(|e| pool.symbols(e)).collect()
-}
-
-/// All clusters: sampled regions alone, continuous ones with those whose signals they read or that read theirs.
-pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
-    let mut atoms = atoms(model, form);
-    let mut owner: FxHashMap<Symbol, usize> = FxHashMap::default();
-    for (i, r) in form.regions.iter().enumerate() {
-        owner.extend(r.states.iter().map(|s| (s.symbol, i)));
-    }
-    owner.extend(form.columns.iter().map(|c| (c.out, c.region.at())));
-    owner.extend(form.loops.iter().map(|l| (l.unknown, l.region.at())));
-    for (i, a) in atoms.iter().enumerate() {
-        owner.extend(a.memories.iter().map(|m| (model.memories[*m].symbol, i)));
-    }
-    let mut pool = std::mem::take(&mut model.pool);
-    let mut columns: Vec<Vec<usize>> = vec![Vec::new(); form.regions.len()];
-    for (i, c) in form.columns.iter().enumerate() {
-        columns[c.region.at()].push(i);
-    }
-    let read_by: Vec<Vec<Symbol>> = atoms.iter().map(|a| reads(&pool, form, &columns, a)).collect();
-    // An integral belongs with what it reads.
-    let mut homes: Vec<usize> = Vec::new();
-    for (integral, e) in model.integrals.iter().zip(&form.integrals) {
-        let continuous = |i: &usize| atoms[*i].sampling.is_none();
-        let mut read: Vec<usize> = pool.symbols(*e).iter().filter_map(|s| owner.get(s).copied()).collect();
-        read.sort_unstable();
-        let home = read.iter().copied().find(continuous).or(read.first().copied());
-        let home = home.or_else(|| (0..atoms.len()).find(continuous)).unwrap_or(0);
-        owner.insert(integral.symbol, home);
-        homes.push(home);
-    }
-    for (i, &home) in homes.iter().enumerate() {
-        atoms[home].integrals.push(i);
-    }
-    let mut sets = petgraph::unionfind::UnionFind::<usize>::new(atoms.len());
-    let mut solved: FxHashSet<Symbol> = FxHashSet::default();
-    let of_integrals = homes.iter().zip(&form.integrals).map(|(home, e)| (*home, pool.symbols(*e)));
-    for (i, read) in read_by.into_iter().enumerate().chain(of_integrals) {
-        for s in read {
-            let Some(&j) = owner.get(&s) else { continue };
-            solved.insert(s);
-            if atoms[i].sampling.is_none() && atoms[j].sampling.is_none() {
-                sets.union(i, j);
-            }
-        }
-    }
-    let mut clusters: Vec<(usize, Cluster)> = Vec::new();
-    for (i, atom) in atoms.iter().enumerate() {
-        let root = sets.find(i);
-        let at = match clusters.iter().position(|c| c.0 == root) {
-            Some(at) => at,
-            None => {
-                clusters.push((root, Cluster { sampling: atom.sampling, ..Cluster::default() }));
-                clusters.len() - 1
-            }
-        };
-        let c = &mut clusters[at].1;
-        if let Some(region) = atom.region {
-            c.regions.push(RegionId(region as u32));
-            c.add(&mut pool, form, region);
-        }
-    }
-    for (i, atom) in atoms.iter().enumerate() {
-        let root = sets.find(i);
-        let Some((_, c)) = clusters.iter_mut().find(|c| c.0 == root) else { continue };
-        for &m in &atom.memories {
-            let (m, rate) = (&model.memories[m], form.memories[m]);
-            let (symbol, name) = (m.symbol, m.name.clone());
-            c.states.push(State { symbol, name, column: None, initial: m.start, rate, jumps: m.sampling.is_some() });
-        }
-        for &k in &atom.integrals {
-            let (integral, rate) = (&model.integrals[k], form.integrals[k]);
-            let (symbol, start) = (integral.symbol, integral.start);
-            // One that something else reads is solved with it.
-            if solved.contains(&symbol) {
-                let name = pool.name(symbol).to_string();
-                c.states.push(State { symbol, name, column: None, initial: start, rate, jumps: false });
-            } else {
-                c.integrals.push(Integral { symbol, rate, start });
-            }
-        }
-    }
-    let mut clusters: Vec<Cluster> = clusters.into_iter().map(|c| c.1).collect();
-    let time = model.signals.iter().find(|(_, s)| **s == Signal::Time).map(|s| *s.0);
-    for c in &mut clusters {
-        c.time = Some(time.unwrap_or_else(|| pool.symbol("t")));
-        c.h = Some(pool.symbol("h"));
-        c.delta = c.states.iter().map(|s| pool.symbol(&format!("d({})", s.name))).collect();
-        c.order(&pool);
-    }
-    model.pool = pool;
-    for c in &mut clusters {
-        c.find_foreign(model, form);
-    }
-    clusters
-}
-
 impl Cluster {
-    fn add(&mut self, pool: &mut Pool, form: &Form, region: usize) {
+    pub(super) fn add(&mut self, pool: &mut Pool, form: &Form, region: usize) {
         let r = &form.regions[region];
         let base = self.states.len();
         for s in &r.states {
@@ -334,80 +179,7 @@ impl Cluster {
         }
     }
 
-    /// Sorts the nodes, and finds those that form loops.
-    fn order(&mut self, pool: &Pool) {
-        let places = self.nodes.iter().enumerate().flat_map(|(i, n)| [(n.out, i), (n.unknown(), i)]);
-        let index: FxHashMap<Symbol, usize> = places.collect();
-        let mut graph: Graph<(), ()> = Graph::new();
-        for _ in &self.nodes {
-            graph.add_node(());
-        }
-        let mut own = vec![false; self.nodes.len()];
-        for (i, n) in self.nodes.iter().enumerate() {
-            for s in n.how.expressions().flat_map(|e| pool.symbols(e)) {
-                if let Some(&j) = index.get(&s) {
-                    graph.add_edge(NodeIndex::new(i), NodeIndex::new(j), ());
-                    own[i] |= i == j;
-                }
-            }
-        }
-        let mut order = Vec::new();
-        let mut unknown = Vec::new();
-        for component in petgraph::algo::kosaraju_scc(&graph) {
-            let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
-            members.sort_unstable();
-            let looped = members.len() > 1 || members.iter().any(|m| own[*m] || self.nodes[*m].how.is_root());
-            if !looped {
-                order.extend(members);
-                continue;
-            }
-            for m in &members {
-                let n = &mut self.nodes[*m];
-                if let Some(steep) = n.steep.take().filter(|_| matches!(n.how, Output::Explicit(_))) {
-                    n.how = steep;
-                }
-            }
-            let (torn, rest) = self.tear(&graph, &members, &own);
-            unknown.extend(torn.iter().copied());
-            order.extend(torn.into_iter().chain(rest));
-        }
-        self.loops = unknown.iter().map(|i| self.nodes[*i].unknown()).collect();
-        self.nodes = order.iter().map(|i| self.nodes[*i].clone()).collect();
-    }
-
-    /// Parts a loop into the nodes that an iteration finds and those that follow from them, in order. Small loops are torn at the
-    /// laws that are roots anyhow, and at as few others as leave no loop; of large ones all are unknowns, which keeps the system
-    /// sparse.
-    fn tear(&self, graph: &Graph<(), ()>, members: &[usize], own: &[bool]) -> (Vec<usize>, Vec<usize>) {
-        if members.len() > TORN {
-            return (members.to_vec(), Vec::new());
-        }
-        let mut torn: Vec<usize> =
-            members.iter().copied().filter(|m| self.nodes[*m].how.is_root() || own[*m]).collect();
-        loop {
-            let mut rest: Vec<usize> = members.iter().copied().filter(|m| !torn.contains(m)).collect();
-            let mut done: Vec<usize> = Vec::new();
-            loop {
-                let ready = |m: &usize| {
-                    graph.neighbors(NodeIndex::new(*m)).all(|j| !rest.contains(&j.index()) || done.contains(&j.index()))
-                };
-                let Some(at) = rest.iter().position(|m| !done.contains(m) && ready(m)) else { break };
-                done.push(rest[at]);
-            }
-            rest.retain(|m| !done.contains(m));
-            // A law that is not linear is the better place to cut.
-            let curved = rest.iter().copied().find(|m| self.nodes[*m].curved);
-            match curved.or(rest.first().copied()) {
-                Some(cut) => torn.push(cut),
-                None => {
-                    torn.sort_unstable();
-                    return (torn, done);
-                }
-            }
-        }
-    }
-
-    fn all_expressions(&self) -> Vec<Expr> {
+    pub(super) fn all_expressions(&self) -> Vec<Expr> {
         let mut all: Vec<Expr> = self.states.iter().map(|s| s.rate).collect();
         for n in &self.nodes {
             all.extend(n.how.expressions());
@@ -428,7 +200,7 @@ impl Cluster {
             .collect()
     }
 
-    fn find_foreign(&mut self, model: &mut Model, form: &Form) {
+    pub(super) fn find_foreign(&mut self, model: &mut Model, form: &Form) {
         let own: FxHashSet<Symbol> = self.owned(form).into_iter().collect();
         let mut all = self.all_expressions();
         let nodes = self.nodes.iter().filter_map(|n| n.source().or(n.resistor()));
@@ -643,77 +415,6 @@ impl Cluster {
             entries,
             is_linear,
         })
-    }
-
-    /// Names of the ledger's entries, with the outputs reserved in a builder: means first, then for each region H, sources and
-    /// ports, resistors.
-    pub(super) fn reserve(&self, model: &Model, b: &mut Builder, form: &Form) -> Vec<Entries> {
-        use bond_runtime::ir::Array;
-        for c in &self.ports {
-            b.named(Array::Output, format!("mean({})", form.column(*c).name));
-        }
-        let mut list = Vec::new();
-        for r in &self.regions {
-            let name = &form.regions[r.at()].name;
-            let mut e = Entries { region: r.at(), ..Entries::default() };
-            e.energy = b.named(Array::Output, format!("H({name})")).index as usize;
-            let late = |g: &Group| self.time.is_some_and(|t| model.pool.contains(g.energy, t));
-            if self.groups.iter().any(|g| g.region == *r && late(g)) {
-                e.before = Some(b.named(Array::Output, format!("H({name}) before")).index as usize);
-            }
-            let signed = |g: &&Group| !model.pool.sign(g.energy, &|_| Sign::Unknown).is_nonnegative();
-            e.size = match self.groups.iter().filter(|g| g.region == *r).find(signed) {
-                Some(_) => b.named(Array::Output, format!("size({name})")).index as usize,
-                None => e.energy,
-            };
-            let accounts = self.accounts(model, form, r.at());
-            for c in accounts.supplied {
-                let name = form.column(c).name.clone();
-                let slot = b.named(Array::Output, format!("supplied({name})"));
-                e.supplied.push((name, slot.index as usize));
-            }
-            let mut named = |what: &str, members: &[ColumnId]| {
-                let first = members.first().map(|c| model.element(form.column(*c).element));
-                let name = match first.and_then(|e| e.field) {
-                    Some((f, _)) => model.fields[f].name.clone(),
-                    None => first.map(|e| e.name.clone()).unwrap_or_default(),
-                };
-                let slot = b.named(Array::Output, format!("{what}({name})"));
-                (name, slot.index as usize)
-            };
-            e.dissipated.extend(accounts.dissipated.iter().map(|m| named("dissipated", m)));
-            e.produced.extend(accounts.produced.iter().map(|m| named("produced", m)));
-            list.push(e);
-        }
-        list
-    }
-
-    /// The columns of a region's entries, in the order in which [`Self::reserve`] lists them.
-    pub(super) fn accounts(&self, model: &Model, form: &Form, region: usize) -> Accounts {
-        let here = |c: &ColumnId| form.column(*c).region.at() == region;
-        let sources = self.nodes.iter().filter_map(Node::source);
-        let mut supplied: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
-        supplied.sort_unstable();
-        let mut resistors: Vec<ColumnId> = self.nodes.iter().filter_map(Node::resistor).filter(here).collect();
-        resistors.sort_unstable();
-        let field = |c: ColumnId| model.element(form.column(c).element).field.map(|f| f.0);
-        let mut dissipated: Vec<Vec<ColumnId>> = Vec::new();
-        for c in resistors {
-            // The ports of a field stand one after the other.
-            match dissipated.last_mut().filter(|d| field(c).is_some() && field(d[0]) == field(c)) {
-                Some(d) => d.push(c),
-                None => dissipated.push(vec![c]),
-            }
-        }
-        let thermal = |c: &&ColumnId| {
-            use crate::units::Dimension as D;
-            let c = form.column(**c);
-            model.units[c.bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
-        };
-        let of_field = dissipated.iter().filter(|d| field(d[0]).is_some());
-        let produced =
-            of_field.map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>()).filter(|d| !d.is_empty()).collect();
-        Accounts { supplied, dissipated, produced }
     }
 
     /// Its name: that of its first region, else of its first state.

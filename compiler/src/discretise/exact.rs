@@ -3,7 +3,8 @@
 //! With w = (x, xi), where xi are what drives the sources (constants, powers of t, sines, exponentials; anything else as its
 //! cubic through four Gauss nodes of the step), dw/dt = A w; x+ = E w, means and energies are linear and quadratic forms in w.
 
-use super::cluster::{Accounts, Cluster, missing, verified};
+use super::accounts::Accounts;
+use super::cluster::{Cluster, missing, verified};
 use super::write;
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::{Law, Model};

@@ -1,13 +1,16 @@
 //! From the port-Hamiltonian form to step programs: one file a stepper, one for the holds.
 
+mod accounts;
 mod cluster;
 mod exact;
 mod explicit;
+mod gather;
 mod gonzalez;
 mod hold;
 mod instant;
 mod jump;
 mod level;
+mod order;
 mod probes;
 mod ray;
 mod start;
@@ -76,7 +79,7 @@ pub fn method(model: &Model, options: &Options) -> Result<Option<Method>, Vec<Di
 /// # Errors
 /// A method that a region cannot take.
 pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Result<Scene, Vec<Diagnostic>> {
-    let mut clusters = cluster::gather(model, form);
+    let mut clusters = gather::gather(model, form);
     let wanted = probes::wanted(model, form);
     // Which signals does each cluster have to show to the others and to the probes?
     let mut shows: Vec<Vec<Symbol>> = vec![Vec::new(); clusters.len()];

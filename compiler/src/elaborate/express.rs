@@ -1,8 +1,8 @@
 //! Turns written expressions into expressions of the pool, with their units.
 
-use super::{Elaborator, Entity, Equation, Inference, LetState, Mode, ParamState, ScopeId, Typed, Unit, Value};
+use super::{Elaborator, Equation, Mode, ScopeId, Typed, Unit, Value};
 use crate::expression::Symbol;
-use crate::model::{BondId, ElementId, Integral, Kind, Signal};
+use crate::model::{ElementId, Integral, Signal};
 use crate::units::{self, Dimension};
 use bond_grammar::ast::{self, Binary, ExprKind, Unary};
 use bond_grammar::diagnostic::Diagnostic;
@@ -41,7 +41,7 @@ impl<'a> Elaborator<'a> {
         if text.chars().count() > 60 { format!("{}...", text.chars().take(57).collect::<String>()) } else { text }
     }
 
-    fn wrong<T>(&mut self, code: &'static str, span: Span, message: String, help: &str) -> Option<T> {
+    pub(super) fn wrong<T>(&mut self, code: &'static str, span: Span, message: String, help: &str) -> Option<T> {
         self.errors.push(Diagnostic::error(code, span, message).help(help));
         None
     }
@@ -153,7 +153,7 @@ impl<'a> Elaborator<'a> {
         }
     }
 
-    fn quantity(&mut self, digits: &str, unit: Option<&ast::Unit>, span: Span) -> Option<Typed> {
+    pub(super) fn quantity(&mut self, digits: &str, unit: Option<&ast::Unit>, span: Span) -> Option<Typed> {
         let Some(number) = self.pool.decimal(digits) else {
             return self.wrong(
                 "elaborate::number",
@@ -211,13 +211,13 @@ impl<'a> Elaborator<'a> {
     }
 
     /// Two things that must have one unit; gives that unit.
-    fn same(&mut self, a: (&Typed, &ast::Expr), b: (&Typed, &ast::Expr), about: &str) -> Unit {
+    pub(super) fn same(&mut self, a: (&Typed, &ast::Expr), b: (&Typed, &ast::Expr), about: &str) -> Unit {
         let about = format!("{about}, `{}`,", self.words(b.1));
         self.require((&b.0.unit, b.1.span), a.0.unit.clone(), Some(a.1.span), about, 3);
         if a.0.unit == Unit::Any { b.0.unit.clone() } else { a.0.unit.clone() }
     }
 
-    fn binary(&mut self, op: Binary, a: &'a ast::Expr, b: &'a ast::Expr, scope: ScopeId) -> Option<Value> {
+    pub(super) fn binary(&mut self, op: Binary, a: &'a ast::Expr, b: &'a ast::Expr, scope: ScopeId) -> Option<Value> {
         let (x, y) = (self.value(a, scope), self.value(b, scope));
         match (x?, y?) {
             (Value::Scalar(x), Value::Scalar(y)) => self.scalar_operation(op, (x, a), (y, b)).map(Value::Scalar),
@@ -300,7 +300,13 @@ impl<'a> Elaborator<'a> {
         Some(Typed { expr, unit })
     }
 
-    fn call(&mut self, name: &ast::Name, args: &'a [ast::Expr], span: Span, scope: ScopeId) -> Option<Value> {
+    pub(super) fn call(
+        &mut self,
+        name: &ast::Name,
+        args: &'a [ast::Expr],
+        span: Span,
+        scope: ScopeId,
+    ) -> Option<Value> {
         let f = name.text.as_str();
         if let Some(function) = self.function(f, scope) {
             return self.apply(function, args, span, scope);
@@ -319,7 +325,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// A function of the language, of numbers.
-    fn known_function(
+    pub(super) fn known_function(
         &mut self,
         name: &ast::Name,
         values: &[Typed],
@@ -428,7 +434,7 @@ impl<'a> Elaborator<'a> {
         }
     }
 
-    fn integral(&mut self, args: &'a [ast::Expr], span: Span, scope: ScopeId) -> Option<Typed> {
+    pub(super) fn integral(&mut self, args: &'a [ast::Expr], span: Span, scope: ScopeId) -> Option<Typed> {
         if !matches!(self.mode, Mode::Outputs | Mode::Expect) {
             return self.wrong(
                 "elaborate::integral",
@@ -458,450 +464,6 @@ impl<'a> Elaborator<'a> {
         let symbol = self.signal(Signal::Integral(index));
         self.integrals.push(Integral { symbol, rate: rate.expr, start, span });
         Some(Typed { expr: self.pool.var(symbol), unit })
-    }
-
-    fn path(&mut self, path: &'a ast::Path, scope: ScopeId) -> Option<Value> {
-        let first = &path.segments[0];
-        // The pair of a port, in the law of a field: `a.f`.
-        if let [port, variable] = &path.segments[..]
-            && let Some((_, t)) = self
-                .locals
-                .iter()
-                .rev()
-                .find(|(n, _)| n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str())))
-        {
-            return Some(Value::Scalar(t.clone()));
-        }
-        if path.segments.len() == 1 {
-            let plain = first.index.is_empty();
-            if plain && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == first.name.text) {
-                return Some(Value::Scalar(t.clone()));
-            }
-            let mut at = Some(scope);
-            while let Some(s) = at {
-                if let Some((v, i)) = &self.scopes[s].loop_variable
-                    && *v == first.name.text
-                    && plain
-                {
-                    // A count may be 0 and is still a bare number.
-                    let i = *i;
-                    return Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() }));
-                }
-                match self.scopes[s].locals.get(&first.name.text).copied() {
-                    Some(Entity::Let(l)) if plain || !self.is_declared(first, scope, s)? => {
-                        let value = self.let_value(l, path.span)?;
-                        return self.entry(value, first, scope);
-                    }
-                    Some(Entity::Input(i)) if plain => return self.input_value(i, path.span).map(Value::Scalar),
-                    Some(Entity::Memory(i)) if plain => return self.memory_value(i, path.span).map(Value::Scalar),
-                    Some(
-                        Entity::Element(_)
-                        | Entity::Instance(_)
-                        | Entity::Port(_)
-                        | Entity::Param(_)
-                        | Entity::Let(_)
-                        | Entity::Input(_)
-                        | Entity::Memory(_)
-                        | Entity::Function(_)
-                        | Entity::Bond(_)
-                        | Entity::Field(_)
-                        | Entity::Missing,
-                    )
-                    | None => {}
-                }
-                at = self.scopes[s].parent;
-            }
-        }
-        // As far as the path leads through instances.
-        let mut at = self.scopes[scope].instance;
-        for (i, segment) in path.segments.iter().enumerate() {
-            let builtin =
-                i == 0 && segment.index.is_empty() && !self.instances[at].names.contains_key(&segment.name.text);
-            if builtin {
-                match segment.name.text.as_str() {
-                    "t" if path.segments.len() == 1 => return self.time(path.span).map(Value::Scalar),
-                    "pi" if path.segments.len() == 1 => {
-                        return Some(Value::Scalar(Typed { expr: self.pool.pi(), unit: Unit::one() }));
-                    }
-                    _ => {}
-                }
-            }
-            let rest = &path.segments[i + 1..];
-            if rest.is_empty()
-                && let Some(entry) = self.indexed(at, segment, scope)
-            {
-                return entry;
-            }
-            if builtin && self.function(&segment.name.text, scope).is_some() {
-                return self.no_call(&segment.name.text, path.span);
-            }
-            let (key, entity, _) = self.find(at, segment, scope, i > 0)?;
-            match entity {
-                Entity::Instance(_) if rest.is_empty() => {
-                    return self.wrong(
-                        "elaborate::signal",
-                        path.span,
-                        format!("`{key}` is an instance, not a signal"),
-                        "name a signal of it, as in `wall.spring.q`",
-                    );
-                }
-                Entity::Instance(inner) => at = inner,
-                Entity::Missing => return None,
-                Entity::Param(p) if rest.is_empty() => return self.param_value(p, path.span),
-                Entity::Let(l) if rest.is_empty() => return self.let_value(l, path.span),
-                Entity::Input(i) if rest.is_empty() => return self.input_value(i, path.span).map(Value::Scalar),
-                Entity::Memory(i) if rest.is_empty() => return self.memory_value(i, path.span).map(Value::Scalar),
-                Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) => {
-                    return self.wrong(
-                        "elaborate::signal",
-                        path.span,
-                        format!("`{}` is no signal", self.sources.slice(path.span)),
-                        "a parameter, `let`, `input` or `state` has no parts, and a probe is for the outside: use a `let`",
-                    );
-                }
-                Entity::Function(_) => return self.no_call(&key, path.span),
-                Entity::Element(id) => return self.element_signal(id, rest, path.span).map(Value::Scalar),
-                Entity::Field(f) => return self.field_signal(f, rest, path.span).map(Value::Scalar),
-                Entity::Port(p) => {
-                    let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
-                    let shown = self.ports[p].name.clone();
-                    return self
-                        .bond_signal(raw.and_then(|r| self.merged.get(r).copied().flatten()), &shown, rest, path.span)
-                        .map(Value::Scalar);
-                }
-                Entity::Bond(b) => {
-                    let shown = self.raw_bonds[b].name.clone();
-                    return self
-                        .bond_signal(self.merged.get(b).copied().flatten(), &shown, rest, path.span)
-                        .map(Value::Scalar);
-                }
-            }
-        }
-        None
-    }
-
-    fn no_call<T>(&mut self, function: &str, span: Span) -> Option<T> {
-        let message = format!("`{function}` is a function, not a value");
-        self.wrong("elaborate::signal", span, message, &format!("call it, as in `{function}(x)`"))
-    }
-
-    fn time(&mut self, span: Span) -> Option<Typed> {
-        if self.mode == Mode::Constant {
-            return self.wrong(
-                "elaborate::constant",
-                span,
-                "time is not known before the run".into(),
-                "use parameters and numbers only",
-            );
-        }
-        let symbol = self.signal(Signal::Time);
-        Some(Typed { expr: self.pool.var(symbol), unit: Unit::known(Dimension::SECOND) })
-    }
-
-    /// The value of a parameter.
-    pub(super) fn param_value(&mut self, p: usize, at: Span) -> Option<Value> {
-        match self.params[p].state.clone() {
-            ParamState::Done(t) => t,
-            ParamState::Open => {
-                let name = self.params[p].name.clone();
-                self.params[p].state = ParamState::Done(None);
-                self.wrong(
-                    "elaborate::circular",
-                    at,
-                    format!("the parameter `{name}` depends on itself"),
-                    "give it a value of its own",
-                )
-            }
-            ParamState::New => {
-                self.params[p].state = ParamState::Open;
-                let found = self.compute_param(p, at);
-                self.params[p].state = ParamState::Done(found.clone());
-                found
-            }
-        }
-    }
-
-    fn compute_param(&mut self, p: usize, at: Span) -> Option<Value> {
-        let name = self.params[p].name.clone();
-        let over = self.params[p].overridden;
-        let mut given = None;
-        match self.params[p].value {
-            Some((ast, scope)) => {
-                let mode = std::mem::replace(&mut self.mode, Mode::Constant);
-                let locals = std::mem::take(&mut self.locals);
-                let value = self.value(ast, scope);
-                self.mode = mode;
-                self.locals = locals;
-                given = Some((value?, ast));
-            }
-            None if over.is_none() => {
-                let span = self.params[p].span;
-                self.errors.push(
-                    Diagnostic::error("elaborate::parameter", at, format!("the parameter `{name}` has no value"))
-                        .label(span, "has no default")
-                        .help(format!(
-                            "give it where the instance is made, `({name} = ...)`, or with --set {name}=..."
-                        )),
-                );
-                return None;
-            }
-            None => {}
-        }
-        let span = self.params[p].span;
-        if let Some((number, dimension)) = over {
-            if let Some((value @ Value::List(_), _)) = &given {
-                return self.wrong(
-                    "elaborate::set",
-                    span,
-                    format!("--set {name}: `{name}` is {}, and --set gives one number", value.words()),
-                    "change the array in the file, or give its entries by parameters of their own",
-                );
-            }
-            if let Some((Value::Scalar(t), ast)) = &given {
-                self.number(t, ast)?;
-            }
-            let mut unit = match &given {
-                Some((Value::Scalar(t), _)) => t.unit.clone(),
-                Some((Value::List(_), _)) | None => Unit::Any,
-            };
-            if let Some(d) = dimension {
-                let about = format!("the value of `{name}` given with --set");
-                self.require((&Unit::known(d), span), unit.clone(), None, about, 1);
-                unit = Unit::known(d);
-            }
-            return self.known_parameter(&name, number, unit, span).map(Value::Scalar);
-        }
-        let (value, ast) = given?;
-        let mut names = value.leaves().into_iter().map(|(index, _)| format!("{name}{index}")).collect::<Vec<_>>();
-        names.reverse();
-        value.map(&mut |t| {
-            let number = self.number(&t, ast)?;
-            self.known_parameter(&names.pop()?, number, t.unit, span)
-        })
-    }
-
-    /// A symbol with this value.
-    fn known_parameter(&mut self, name: &str, value: f64, unit: Unit, span: Span) -> Option<Typed> {
-        if !value.is_finite() {
-            return self.wrong(
-                "elaborate::number",
-                span,
-                format!("the parameter `{name}` is {value}"),
-                "its value must be a finite number",
-            );
-        }
-        let symbol = self.pool.parameter(name, value);
-        Some(Typed { expr: self.pool.var(symbol), unit })
-    }
-
-    pub(super) fn let_value(&mut self, l: usize, at: Span) -> Option<Value> {
-        match self.lets[l].state.clone() {
-            LetState::Done(t) => t,
-            LetState::Open => {
-                let name = self.lets[l].name.clone();
-                self.wrong("elaborate::circular", at, format!("`{name}` depends on itself"), "break the circle")
-            }
-            LetState::New => {
-                let before = self.errors.len();
-                self.lets[l].state = LetState::Open;
-                let (value, scope) = (self.lets[l].value, self.lets[l].scope);
-                let mode = self.mode;
-                if mode == Mode::Signals || mode == Mode::Expect {
-                    self.mode = Mode::Outputs;
-                }
-                let locals = std::mem::take(&mut self.locals);
-                let found = self.value(value, scope);
-                self.mode = mode;
-                self.locals = locals;
-                // What cannot be said before the run may well be said in it.
-                let retry = found.is_none() && mode == Mode::Constant;
-                self.lets[l].state = if retry { LetState::New } else { LetState::Done(found.clone()) };
-                if retry {
-                    self.errors.truncate(before + 1);
-                }
-                found
-            }
-        }
-    }
-
-    /// `arm.p1`, the state; `arm.p1.e`; `arm.H`.
-    fn field_signal(&mut self, field: usize, rest: &'a [ast::Segment], span: Span) -> Option<Typed> {
-        let f = &self.fields[field];
-        let name = f.name.clone();
-        if let [port, rest @ ..] = rest
-            && let Some(place) = f.ports.iter().position(|p| *p == port.name.text)
-        {
-            let id = f.members[place];
-            let kind = self.elements[id.at()].kind;
-            if !rest.is_empty() || self.mode == Mode::Constant || !matches!(kind, Kind::C | Kind::I) {
-                return self.element_signal(id, rest, span);
-            }
-            return self.state_signal(id);
-        }
-        let first = f.members.first().copied()?;
-        if let ([h], Kind::C | Kind::I) = (rest, self.elements[first.at()].kind)
-            && h.name.text == "H"
-        {
-            return self.element_signal(first, rest, span);
-        }
-        let list = f.ports.join(", ");
-        self.wrong(
-            "elaborate::signal",
-            span,
-            format!("`{}` is no signal", self.sources.slice(span)),
-            &format!("`{name}` is a field: name one of its ports, {list}, and then .e or .f"),
-        )
-    }
-
-    /// The state of a storage.
-    fn state_signal(&mut self, id: ElementId) -> Option<Typed> {
-        let bond = self.bonds_of.get(id.at()).and_then(|b| b.first().copied())?;
-        let symbol = self.signal(Signal::State(id));
-        let d = self.domain_of[bond.at()];
-        let is_c = self.elements[id.at()].kind == Kind::C;
-        let other = if is_c { Inference::flow(d) } else { Inference::effort(d) };
-        Some(Typed { expr: self.pool.var(symbol), unit: other.mul(&Unit::known(Dimension::SECOND)) })
-    }
-
-    fn element_signal(&mut self, id: ElementId, rest: &'a [ast::Segment], span: Span) -> Option<Typed> {
-        let decl = &self.elements[id.at()];
-        let (name, kind) = (decl.name.clone(), decl.kind);
-        if self.mode == Mode::Constant {
-            return self.wrong(
-                "elaborate::constant",
-                span,
-                format!("a signal of `{name}` is not known before the run"),
-                "use parameters and numbers only",
-            );
-        }
-        let words: Vec<&str> = rest.iter().map(|s| s.name.text.as_str()).collect();
-        let bond = self.bonds_of.get(id.at()).and_then(|b| b.first().copied());
-        match (kind, &words[..]) {
-            (Kind::C, ["q"]) | (Kind::I, ["p"]) if decl.field.is_none() => self.state_signal(id),
-            (Kind::C | Kind::I, ["H"]) => {
-                let bond = bond?;
-                let expr = self.energy(id)?;
-                Some(Typed { expr, unit: self.energy_unit(bond) })
-            }
-            (Kind::Tf | Kind::Gy, [side @ ("in" | "out"), _]) => {
-                let inward = *side == "in";
-                let found =
-                    self.bonds_of.get(id.at())?.iter().copied().find(|b| (self.bonds[b.at()].head == id) == inward);
-                self.bond_signal(found, &name, &rest[1..], span)
-            }
-            (Kind::Zero, ["e"]) | (Kind::One, ["f"]) => self.bond_signal(bond, &name, rest, span),
-            (
-                Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port,
-                ["e" | "f" | "P"],
-            ) => self.bond_signal(bond, &name, rest, span),
-            _ => {
-                let has = match kind {
-                    Kind::C | Kind::I if decl.field.is_some() => "the state under its own name, and .e .f .P",
-                    Kind::C => ".e .f .P .q .H",
-                    Kind::I => ".e .f .P .p .H",
-                    Kind::Zero => ".e, its common effort; the flows are those of its bonds",
-                    Kind::One => ".f, its common flow; the efforts are those of its bonds",
-                    Kind::Tf | Kind::Gy => ".in.e .in.f .out.e .out.f",
-                    Kind::Se | Kind::Sf | Kind::R | Kind::De | Kind::Df | Kind::Port => ".e .f .P",
-                };
-                let asked = if words.is_empty() {
-                    format!("`{name}` is an element, not a signal")
-                } else {
-                    format!("`{name}` has no signal `.{}`", words.join("."))
-                };
-                let decl = self.elements[id.at()].span;
-                self.errors.push(
-                    Diagnostic::error("elaborate::signal", span, asked)
-                        .label(decl, "is declared here")
-                        .help(format!("it has {has}")),
-                );
-                None
-            }
-        }
-    }
-
-    fn bond_signal(&mut self, bond: Option<BondId>, name: &str, rest: &'a [ast::Segment], span: Span) -> Option<Typed> {
-        if self.mode == Mode::Constant {
-            return self.wrong(
-                "elaborate::constant",
-                span,
-                format!("a signal of `{name}` is not known before the run"),
-                "use parameters and numbers only",
-            );
-        }
-        let bond = bond?;
-        let d = self.domain_of[bond.at()];
-        let words: Vec<&str> = rest.iter().map(|s| s.name.text.as_str()).collect();
-        let (effort, flow) = (Inference::effort(d), Inference::flow(d));
-        match words[..] {
-            ["e"] => {
-                let s = self.signal(Signal::Effort(bond));
-                Some(Typed { expr: self.pool.var(s), unit: effort })
-            }
-            ["f"] => {
-                let s = self.signal(Signal::Flow(bond));
-                Some(Typed { expr: self.pool.var(s), unit: flow })
-            }
-            ["P"] => {
-                let (e, f) = (self.signal(Signal::Effort(bond)), self.signal(Signal::Flow(bond)));
-                let (e, f) = (self.pool.var(e), self.pool.var(f));
-                Some(Typed { expr: self.pool.mul(e, f), unit: effort.mul(&flow) })
-            }
-            _ => self.wrong(
-                "elaborate::signal",
-                span,
-                format!("`{}` is no signal", self.sources.slice(span)),
-                &format!("`{name}` has .e .f .P"),
-            ),
-        }
-    }
-
-    /// Unit of H on a bond: joule on a true one.
-    pub(crate) fn energy_unit(&self, bond: BondId) -> Unit {
-        let d = self.domain_of[bond.at()];
-        Inference::effort(d).mul(&Inference::flow(d)).mul(&Unit::known(Dimension::SECOND))
-    }
-
-    /// The symbol of a signal.
-    pub(crate) fn signal(&mut self, signal: Signal) -> Symbol {
-        if let Some(s) = self.symbol_of.get(&signal) {
-            return *s;
-        }
-        let name = match signal {
-            Signal::Time => "t".to_string(),
-            Signal::Effort(b) => format!("{}.e", self.bond_word(b)),
-            Signal::Flow(b) => format!("{}.f", self.bond_word(b)),
-            Signal::State(id) => {
-                let decl = &self.elements[id.at()];
-                match (decl.field, decl.kind) {
-                    (Some(_), _) => decl.name.clone(),
-                    (None, Kind::I) => format!("{}.p", decl.name),
-                    (None, _) => format!("{}.q", decl.name),
-                }
-            }
-            Signal::Integral(i) => format!("integral[{i}]"),
-            Signal::Input(i) => self.inputs[i].name.clone(),
-            Signal::Slope(i) => format!("slope({})", self.inputs[i].name),
-            Signal::Memory(i) => self.memories[i].name.clone(),
-            Signal::Argument(id) => self.elements[id.at()].name.clone(),
-            Signal::Parameter(id) => format!("{}.s", self.elements[id.at()].name),
-        };
-        let symbol = self.pool.symbol(&name);
-        self.signals.insert(symbol, signal);
-        self.symbol_of.insert(signal, symbol);
-        symbol
-    }
-
-    /// A bond named after the element at one of its ends, where only one of them can be meant.
-    fn bond_word(&self, b: BondId) -> String {
-        let bond = &self.bonds[b.at()];
-        for end in [bond.head, bond.tail] {
-            let decl = &self.elements[end.at()];
-            if self.bonds_of[end.at()].len() == 1 && !matches!(decl.kind, Kind::Zero | Kind::One) {
-                return decl.name.clone();
-            }
-        }
-        bond.name.replace(' ', "")
     }
 }
 

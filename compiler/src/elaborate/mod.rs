@@ -5,6 +5,7 @@
 //! and units are solved (`infer`).
 
 mod array;
+mod bond;
 mod domain;
 mod expand;
 mod express;
@@ -14,6 +15,8 @@ mod infer;
 mod join;
 mod library;
 mod load;
+mod name;
+mod reading;
 mod settings;
 mod signal;
 mod suggest;

@@ -1,0 +1,91 @@
+//! What the ledger has of a cluster: names of its entries, and the columns whose powers they are.
+
+use super::cluster::{Cluster, Group, Node};
+use crate::expression::Sign;
+use crate::model::Model;
+use crate::structure::{ColumnId, Form};
+use bond_runtime::ir::Builder;
+use bond_runtime::scene::Entries;
+
+/// The columns of a region's entries in the ledger. A field is one entry, of all its ports.
+pub(super) struct Accounts {
+    /// Sources and ports.
+    pub(super) supplied: Vec<ColumnId>,
+    /// Resistors.
+    pub(super) dissipated: Vec<Vec<ColumnId>>,
+    /// The thermal ports of fields, whose entropy is counted.
+    pub(super) produced: Vec<Vec<ColumnId>>,
+}
+
+impl Cluster {
+    /// Names of the ledger's entries, with the outputs reserved in a builder: means first, then for each region H, sources and
+    /// ports, resistors.
+    pub(super) fn reserve(&self, model: &Model, b: &mut Builder, form: &Form) -> Vec<Entries> {
+        use bond_runtime::ir::Array;
+        for c in &self.ports {
+            b.named(Array::Output, format!("mean({})", form.column(*c).name));
+        }
+        let mut list = Vec::new();
+        for r in &self.regions {
+            let name = &form.regions[r.at()].name;
+            let mut e = Entries { region: r.at(), ..Entries::default() };
+            e.energy = b.named(Array::Output, format!("H({name})")).index as usize;
+            let late = |g: &Group| self.time.is_some_and(|t| model.pool.contains(g.energy, t));
+            if self.groups.iter().any(|g| g.region == *r && late(g)) {
+                e.before = Some(b.named(Array::Output, format!("H({name}) before")).index as usize);
+            }
+            let signed = |g: &&Group| !model.pool.sign(g.energy, &|_| Sign::Unknown).is_nonnegative();
+            e.size = match self.groups.iter().filter(|g| g.region == *r).find(signed) {
+                Some(_) => b.named(Array::Output, format!("size({name})")).index as usize,
+                None => e.energy,
+            };
+            let accounts = self.accounts(model, form, r.at());
+            for c in accounts.supplied {
+                let name = form.column(c).name.clone();
+                let slot = b.named(Array::Output, format!("supplied({name})"));
+                e.supplied.push((name, slot.index as usize));
+            }
+            let mut named = |what: &str, members: &[ColumnId]| {
+                let first = members.first().map(|c| model.element(form.column(*c).element));
+                let name = match first.and_then(|e| e.field) {
+                    Some((f, _)) => model.fields[f].name.clone(),
+                    None => first.map(|e| e.name.clone()).unwrap_or_default(),
+                };
+                let slot = b.named(Array::Output, format!("{what}({name})"));
+                (name, slot.index as usize)
+            };
+            e.dissipated.extend(accounts.dissipated.iter().map(|m| named("dissipated", m)));
+            e.produced.extend(accounts.produced.iter().map(|m| named("produced", m)));
+            list.push(e);
+        }
+        list
+    }
+
+    /// The columns of a region's entries, in the order in which [`Self::reserve`] lists them.
+    pub(super) fn accounts(&self, model: &Model, form: &Form, region: usize) -> Accounts {
+        let here = |c: &ColumnId| form.column(*c).region.at() == region;
+        let sources = self.nodes.iter().filter_map(Node::source);
+        let mut supplied: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
+        supplied.sort_unstable();
+        let mut resistors: Vec<ColumnId> = self.nodes.iter().filter_map(Node::resistor).filter(here).collect();
+        resistors.sort_unstable();
+        let field = |c: ColumnId| model.element(form.column(c).element).field.map(|f| f.0);
+        let mut dissipated: Vec<Vec<ColumnId>> = Vec::new();
+        for c in resistors {
+            // The ports of a field stand one after the other.
+            match dissipated.last_mut().filter(|d| field(c).is_some() && field(d[0]) == field(c)) {
+                Some(d) => d.push(c),
+                None => dissipated.push(vec![c]),
+            }
+        }
+        let thermal = |c: &&ColumnId| {
+            use crate::units::Dimension as D;
+            let c = form.column(**c);
+            model.units[c.bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
+        };
+        let of_field = dissipated.iter().filter(|d| field(d[0]).is_some());
+        let produced =
+            of_field.map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>()).filter(|d| !d.is_empty()).collect();
+        Accounts { supplied, dissipated, produced }
+    }
+}

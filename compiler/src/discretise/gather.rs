@@ -1,0 +1,148 @@
+//! Which regions and signal states step as one.
+
+use super::cluster::{Cluster, Integral, State};
+use crate::expression::{Expr, Pool, Symbol};
+use crate::graph::RegionId;
+use crate::model::{Model, Signal};
+use crate::structure::{Form, Role};
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// What is never torn apart: a region, a signal state of continuous time, or all signal states of a sampled block.
+#[derive(Default)]
+struct Atom {
+    sampling: Option<usize>,
+    region: Option<usize>,
+    memories: Vec<usize>,
+    integrals: Vec<usize>,
+}
+
+/// The atoms: regions first, then signal states.
+fn atoms(model: &Model, form: &Form) -> Vec<Atom> {
+    let regions = form.regions.iter().enumerate();
+    let mut atoms: Vec<Atom> =
+        regions.map(|(i, r)| Atom { sampling: r.sampling, region: Some(i), ..Atom::default() }).collect();
+    for (i, m) in model.memories.iter().enumerate() {
+        let block = |a: &&mut Atom| a.region.is_none() && a.sampling.is_some() && a.sampling == m.sampling;
+        match atoms.iter_mut().find(block) {
+            Some(atom) => atom.memories.push(i),
+            None => atoms.push(Atom { sampling: m.sampling, memories: vec![i], ..Atom::default() }),
+        }
+    }
+    if atoms.is_empty() && !model.integrals.is_empty() {
+        atoms.push(Atom::default());
+    }
+    atoms
+}
+
+/// All signals that an atom reads, integrals apart; `columns` are those of each region.
+fn reads(pool: &Pool, form: &Form, columns: &[Vec<usize>], atom: &Atom) -> Vec<Symbol> {
+    let mut read: Vec<Expr> = atom.memories.iter().map(|m| form.memories[*m]).collect();
+    if let Some(i) = atom.region {
+        for (_, how) in &form.regions[i].resistors {
+            read.extend(how.expressions());
+        }
+        read.extend(form.loops.iter().filter(|l| l.region.at() == i).map(|l| l.value));
+        for c in columns[i].iter().map(|c| &form.columns[*c]) {
+            read.extend(c.row.iter().map(|t| t.1));
+            if let Role::Source(v) = c.role {
+                read.push(v);
+            }
+        }
+    }
+    read.into_iter().flat_map(|e| pool.symbols(e)).collect()
+}
+
+/// All clusters: sampled regions alone, continuous ones with those whose signals they read or that read theirs.
+pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
+    let mut atoms = atoms(model, form);
+    let mut owner: FxHashMap<Symbol, usize> = FxHashMap::default();
+    for (i, r) in form.regions.iter().enumerate() {
+        owner.extend(r.states.iter().map(|s| (s.symbol, i)));
+    }
+    owner.extend(form.columns.iter().map(|c| (c.out, c.region.at())));
+    owner.extend(form.loops.iter().map(|l| (l.unknown, l.region.at())));
+    for (i, a) in atoms.iter().enumerate() {
+        owner.extend(a.memories.iter().map(|m| (model.memories[*m].symbol, i)));
+    }
+    let mut pool = std::mem::take(&mut model.pool);
+    let mut columns: Vec<Vec<usize>> = vec![Vec::new(); form.regions.len()];
+    for (i, c) in form.columns.iter().enumerate() {
+        columns[c.region.at()].push(i);
+    }
+    let read_by: Vec<Vec<Symbol>> = atoms.iter().map(|a| reads(&pool, form, &columns, a)).collect();
+    // An integral belongs with what it reads.
+    let mut homes: Vec<usize> = Vec::new();
+    for (integral, e) in model.integrals.iter().zip(&form.integrals) {
+        let continuous = |i: &usize| atoms[*i].sampling.is_none();
+        let mut read: Vec<usize> = pool.symbols(*e).iter().filter_map(|s| owner.get(s).copied()).collect();
+        read.sort_unstable();
+        let home = read.iter().copied().find(continuous).or(read.first().copied());
+        let home = home.or_else(|| (0..atoms.len()).find(continuous)).unwrap_or(0);
+        owner.insert(integral.symbol, home);
+        homes.push(home);
+    }
+    for (i, &home) in homes.iter().enumerate() {
+        atoms[home].integrals.push(i);
+    }
+    let mut sets = petgraph::unionfind::UnionFind::<usize>::new(atoms.len());
+    let mut solved: FxHashSet<Symbol> = FxHashSet::default();
+    let of_integrals = homes.iter().zip(&form.integrals).map(|(home, e)| (*home, pool.symbols(*e)));
+    for (i, read) in read_by.into_iter().enumerate().chain(of_integrals) {
+        for s in read {
+            let Some(&j) = owner.get(&s) else { continue };
+            solved.insert(s);
+            if atoms[i].sampling.is_none() && atoms[j].sampling.is_none() {
+                sets.union(i, j);
+            }
+        }
+    }
+    let mut clusters: Vec<(usize, Cluster)> = Vec::new();
+    for (i, atom) in atoms.iter().enumerate() {
+        let root = sets.find(i);
+        let at = match clusters.iter().position(|c| c.0 == root) {
+            Some(at) => at,
+            None => {
+                clusters.push((root, Cluster { sampling: atom.sampling, ..Cluster::default() }));
+                clusters.len() - 1
+            }
+        };
+        let c = &mut clusters[at].1;
+        if let Some(region) = atom.region {
+            c.regions.push(RegionId(region as u32));
+            c.add(&mut pool, form, region);
+        }
+    }
+    for (i, atom) in atoms.iter().enumerate() {
+        let root = sets.find(i);
+        let Some((_, c)) = clusters.iter_mut().find(|c| c.0 == root) else { continue };
+        for &m in &atom.memories {
+            let (m, rate) = (&model.memories[m], form.memories[m]);
+            let (symbol, name) = (m.symbol, m.name.clone());
+            c.states.push(State { symbol, name, column: None, initial: m.start, rate, jumps: m.sampling.is_some() });
+        }
+        for &k in &atom.integrals {
+            let (integral, rate) = (&model.integrals[k], form.integrals[k]);
+            let (symbol, start) = (integral.symbol, integral.start);
+            // One that something else reads is solved with it.
+            if solved.contains(&symbol) {
+                let name = pool.name(symbol).to_string();
+                c.states.push(State { symbol, name, column: None, initial: start, rate, jumps: false });
+            } else {
+                c.integrals.push(Integral { symbol, rate, start });
+            }
+        }
+    }
+    let mut clusters: Vec<Cluster> = clusters.into_iter().map(|c| c.1).collect();
+    let time = model.signals.iter().find(|(_, s)| **s == Signal::Time).map(|s| *s.0);
+    for c in &mut clusters {
+        c.time = Some(time.unwrap_or_else(|| pool.symbol("t")));
+        c.h = Some(pool.symbol("h"));
+        c.delta = c.states.iter().map(|s| pool.symbol(&format!("d({})", s.name))).collect();
+        c.order(&pool);
+    }
+    model.pool = pool;
+    for c in &mut clusters {
+        c.find_foreign(model, form);
+    }
+    clusters
+}

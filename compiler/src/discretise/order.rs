@@ -1,0 +1,86 @@
+//! The order in which the outputs of a cluster are computed, and where their loops are cut.
+
+use super::cluster::Cluster;
+use crate::expression::{Pool, Symbol};
+use crate::structure::Output;
+use petgraph::Graph;
+use petgraph::graph::NodeIndex;
+use rustc_hash::FxHashMap;
+
+/// Loops of more nodes are not torn.
+const TORN: usize = 32;
+
+impl Cluster {
+    /// Sorts the nodes, and finds those that form loops.
+    pub(super) fn order(&mut self, pool: &Pool) {
+        let places = self.nodes.iter().enumerate().flat_map(|(i, n)| [(n.out, i), (n.unknown(), i)]);
+        let index: FxHashMap<Symbol, usize> = places.collect();
+        let mut graph: Graph<(), ()> = Graph::new();
+        for _ in &self.nodes {
+            graph.add_node(());
+        }
+        let mut own = vec![false; self.nodes.len()];
+        for (i, n) in self.nodes.iter().enumerate() {
+            for s in n.how.expressions().flat_map(|e| pool.symbols(e)) {
+                if let Some(&j) = index.get(&s) {
+                    graph.add_edge(NodeIndex::new(i), NodeIndex::new(j), ());
+                    own[i] |= i == j;
+                }
+            }
+        }
+        let mut order = Vec::new();
+        let mut unknown = Vec::new();
+        for component in petgraph::algo::kosaraju_scc(&graph) {
+            let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
+            members.sort_unstable();
+            let looped = members.len() > 1 || members.iter().any(|m| own[*m] || self.nodes[*m].how.is_root());
+            if !looped {
+                order.extend(members);
+                continue;
+            }
+            for m in &members {
+                let n = &mut self.nodes[*m];
+                if let Some(steep) = n.steep.take().filter(|_| matches!(n.how, Output::Explicit(_))) {
+                    n.how = steep;
+                }
+            }
+            let (torn, rest) = self.tear(&graph, &members, &own);
+            unknown.extend(torn.iter().copied());
+            order.extend(torn.into_iter().chain(rest));
+        }
+        self.loops = unknown.iter().map(|i| self.nodes[*i].unknown()).collect();
+        self.nodes = order.iter().map(|i| self.nodes[*i].clone()).collect();
+    }
+
+    /// Parts a loop into the nodes that an iteration finds and those that follow from them, in order. Small loops are torn at the
+    /// laws that are roots anyhow, and at as few others as leave no loop; of large ones all are unknowns, which keeps the system
+    /// sparse.
+    pub(super) fn tear(&self, graph: &Graph<(), ()>, members: &[usize], own: &[bool]) -> (Vec<usize>, Vec<usize>) {
+        if members.len() > TORN {
+            return (members.to_vec(), Vec::new());
+        }
+        let mut torn: Vec<usize> =
+            members.iter().copied().filter(|m| self.nodes[*m].how.is_root() || own[*m]).collect();
+        loop {
+            let mut rest: Vec<usize> = members.iter().copied().filter(|m| !torn.contains(m)).collect();
+            let mut done: Vec<usize> = Vec::new();
+            loop {
+                let ready = |m: &usize| {
+                    graph.neighbors(NodeIndex::new(*m)).all(|j| !rest.contains(&j.index()) || done.contains(&j.index()))
+                };
+                let Some(at) = rest.iter().position(|m| !done.contains(m) && ready(m)) else { break };
+                done.push(rest[at]);
+            }
+            rest.retain(|m| !done.contains(m));
+            // A law that is not linear is the better place to cut.
+            let curved = rest.iter().copied().find(|m| self.nodes[*m].curved);
+            match curved.or(rest.first().copied()) {
+                Some(cut) => torn.push(cut),
+                None => {
+                    torn.sort_unstable();
+                    return (torn, done);
+                }
+            }
+        }
+    }
+}

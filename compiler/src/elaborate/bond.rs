@@ -1,0 +1,259 @@
+//! Bonds as they are written: chains of ends, and the paths that lead to them.
+
+use super::suggest::nearest;
+use super::{Elaborator, Entity, RawBond, RawEnd, ScopeId};
+use bond_grammar::ast::{Chain, End, Path, Segment};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
+
+impl<'a> Elaborator<'a> {
+    pub(super) fn chain(&mut self, chain: &'a Chain, scope: ScopeId) {
+        let groups: Vec<Vec<Option<(RawEnd, String)>>> =
+            chain.groups.iter().map(|g| g.iter().map(|e| self.end(e, scope)).collect()).collect();
+        for (i, arrow) in chain.arrows.iter().enumerate() {
+            let (tails, heads) = (&groups[i], &groups[i + 1]);
+            if tails.len() > 1 && heads.len() > 1 {
+                self.errors.push(
+                    Diagnostic::error("elaborate::fan", arrow.span, "this arrow joins several ends with several ends")
+                        .help("write the bonds one by one, or put a junction between"),
+                );
+                continue;
+            }
+            let name = match &arrow.name {
+                Some((n, index)) => {
+                    if tails.len() * heads.len() > 1 {
+                        self.errors.push(
+                            Diagnostic::error(
+                                "elaborate::name",
+                                n.span,
+                                format!("the bond `{}` is several bonds", n.text),
+                            )
+                            .help("name a bond that has one tail and one head"),
+                        );
+                    }
+                    self.key(&n.text, index, scope).map(|k| (k, n.span))
+                }
+                None => None,
+            };
+            for tail in tails {
+                for head in heads {
+                    let (Some((tail, tail_name)), Some((head, head_name))) = (tail, head) else { continue };
+                    let index = self.raw_bonds.len();
+                    let instance = self.scopes[scope].instance;
+                    let mut shown = format!("{tail_name} -> {head_name}");
+                    if let Some((key, span)) = &name {
+                        shown = self.full_name(instance, key);
+                        self.declare(instance, key.clone(), Entity::Bond(index), *span);
+                    }
+                    for (end, out) in [(tail, true), (head, false)] {
+                        if let RawEnd::Port(p, inside) = *end {
+                            let list = if inside { &mut self.ports[p].inside } else { &mut self.ports[p].outside };
+                            list.push((index, out));
+                        }
+                    }
+                    self.raw_bonds.push(RawBond {
+                        tail: *tail,
+                        head: *head,
+                        sampled: arrow.sampled,
+                        stroke: arrow.stroke,
+                        name: shown,
+                        span: arrow.span,
+                    });
+                }
+            }
+        }
+    }
+
+    /// The end of a bond, and its name for messages.
+    pub(super) fn end(&mut self, end: &'a End, scope: ScopeId) -> Option<(RawEnd, String)> {
+        let instance = self.scopes[scope].instance;
+        let path = match end {
+            End::Declare(e) => {
+                let key = self.key(&e.name.text, &e.index, scope)?;
+                return match self.instances[instance].names.get(&key)?.0 {
+                    Entity::Element(id) => Some((RawEnd::Element(id), self.full_name(instance, &key))),
+                    Entity::Instance(_) => {
+                        self.errors.push(
+                            Diagnostic::error(
+                                "elaborate::end",
+                                e.span,
+                                format!("`{key}` is an instance, and a bond ends at a port of it"),
+                            )
+                            .help("declare the instance by itself, and bond to `name.port`"),
+                        );
+                        None
+                    }
+                    Entity::Field(f) => self.bare_field(f, e.span),
+                    Entity::Port(_)
+                    | Entity::Param(_)
+                    | Entity::Let(_)
+                    | Entity::Function(_)
+                    | Entity::Input(_)
+                    | Entity::Memory(_)
+                    | Entity::Bond(_)
+                    | Entity::Missing => None,
+                };
+            }
+            End::Path(path) => path,
+        };
+        let (at, last, entity, span) = self.walk(path, scope)?;
+        let shown = self.full_name(at, &last);
+        let wrong = |what: &str, help: String| {
+            Diagnostic::error("elaborate::end", path.span, what.to_string()).label(span, "is declared here").help(help)
+        };
+        match entity {
+            Entity::Element(id) => Some((RawEnd::Element(id), shown)),
+            Entity::Port(p) => Some((RawEnd::Port(p, at == instance), shown)),
+            Entity::Instance(i) => {
+                let ports = self.port_names(i);
+                let help = match ports.first() {
+                    Some(p) => format!("name a port of it: `{shown}.{p}`"),
+                    None => "the model has no ports; declare one with `port name`".to_string(),
+                };
+                self.errors.push(wrong(&format!("`{shown}` is an instance, and a bond ends at a port of it"), help));
+                None
+            }
+            Entity::Param(_) | Entity::Let(_) | Entity::Function(_) | Entity::Input(_) | Entity::Memory(_) => {
+                self.errors.push(wrong(
+                    &format!("`{shown}` is a value, and a bond joins elements"),
+                    format!("did you mean an element, such as `R:{last}`?"),
+                ));
+                None
+            }
+            Entity::Bond(_) => {
+                self.errors.push(wrong(
+                    &format!("`{shown}` is a bond, and a bond joins elements"),
+                    "put a junction there".into(),
+                ));
+                None
+            }
+            Entity::Field(f) => self.bare_field(f, path.span),
+            Entity::Missing => None,
+        }
+    }
+
+    /// A bond ends at a port of a field, not at the field.
+    pub(super) fn bare_field(&mut self, field: usize, at: Span) -> Option<(RawEnd, String)> {
+        let f = &self.fields[field];
+        let list: Vec<String> = f.ports.iter().map(|p| format!("`{}.{p}`", f.ast.name.text)).collect();
+        self.errors.push(
+            Diagnostic::error(
+                "elaborate::end",
+                at,
+                format!("`{}` is a field, and a bond ends at one of its ports", f.name),
+            )
+            .help(format!("its ports are {}", list.join(", "))),
+        );
+        None
+    }
+
+    pub(super) fn port_names(&self, instance: usize) -> Vec<String> {
+        let mut list: Vec<String> = self.instances[instance]
+            .names
+            .iter()
+            .filter(|(_, (e, _))| matches!(e, Entity::Port(_)))
+            .map(|(k, _)| k.clone())
+            .collect();
+        list.sort();
+        list
+    }
+
+    /// Follows all segments of a path: the instance its last name stands in, that name with its indices, what it is, and where
+    /// it was declared.
+    pub(super) fn walk(&mut self, path: &'a Path, scope: ScopeId) -> Option<(usize, String, Entity, Span)> {
+        let mut at = self.scopes[scope].instance;
+        for (i, segment) in path.segments.iter().enumerate() {
+            let (key, entity, span) = self.find(at, segment, scope, i > 0)?;
+            if i + 1 == path.segments.len() {
+                return Some((at, key, entity, span));
+            }
+            match entity {
+                Entity::Instance(inner) => at = inner,
+                Entity::Missing => return None,
+                Entity::Field(f) => {
+                    let next = &path.segments[i + 1];
+                    let place = self.fields[f].ports.iter().position(|p| *p == next.name.text);
+                    if let (Some(place), true) = (place, i + 2 == path.segments.len() && next.index.is_empty()) {
+                        let key = format!("{key}.{}", next.name.text);
+                        return Some((at, key, Entity::Element(self.fields[f].members[place]), span));
+                    }
+                    let list = self.fields[f].ports.join(", ");
+                    self.errors.push(
+                        Diagnostic::error(
+                            "elaborate::end",
+                            path.span,
+                            format!("`{key}` has no port `{}`", next.name.text),
+                        )
+                        .label(span, "is declared here")
+                        .help(format!("its ports are {list}")),
+                    );
+                    return None;
+                }
+                Entity::Element(_)
+                | Entity::Port(_)
+                | Entity::Param(_)
+                | Entity::Let(_)
+                | Entity::Function(_)
+                | Entity::Input(_)
+                | Entity::Memory(_)
+                | Entity::Bond(_) => {
+                    let next = &path.segments[i + 1].name;
+                    self.errors.push(
+                        Diagnostic::error("elaborate::end", path.span, format!("`{key}` has no port `{}`", next.text))
+                            .label(span, "is declared here")
+                            .help(format!("bond to `{key}` itself")),
+                    );
+                    return None;
+                }
+            }
+        }
+        None
+    }
+
+    /// Looks a segment up in an instance.
+    pub(super) fn find(
+        &mut self,
+        at: usize,
+        segment: &'a Segment,
+        scope: ScopeId,
+        inside: bool,
+    ) -> Option<(String, Entity, Span)> {
+        let key = self.key(&segment.name.text, &segment.index, scope)?;
+        if let Some((entity, span)) = self.instances[at].names.get(&key) {
+            return Some((key, *entity, *span));
+        }
+        let names = &self.instances[at].names;
+        let span = segment.name.span;
+        let mut error = if inside {
+            let model = self.files.model(self.instances[at].model);
+            let what = model.map(|m| m.name.text.as_str()).unwrap_or("");
+            let ports = self.port_names(at);
+            let mut e = Diagnostic::error(
+                "elaborate::unknown",
+                span,
+                format!("`{}` (a `{what}`) has no port or part `{key}`", self.instances[at].path),
+            );
+            if let Some(m) = model {
+                e = e.label(m.name.span, "is the model");
+            }
+            if !ports.is_empty() && nearest(&key, names.keys().map(String::as_str)).is_none() {
+                e = e.help(format!("its ports are {}", ports.join(", ")));
+            }
+            e
+        } else {
+            Diagnostic::error("elaborate::unknown", span, format!("there is no `{key}` here"))
+        };
+        let mut known: Vec<&str> = names.keys().map(String::as_str).collect();
+        known.sort_unstable();
+        if let Some(n) = nearest(&key, known) {
+            error = error.help(format!("did you mean `{n}`?"));
+        } else if self.files.model(self.instances[at].model).is_none() {
+            error = error
+                .help("a function outside of models sees its arguments and other functions; pass it as an argument");
+        } else if error.help.is_none() {
+            error = error.help(format!("declare it, for instance as `1:{key}`, or check the spelling"));
+        }
+        self.errors.push(error);
+        None
+    }
+}

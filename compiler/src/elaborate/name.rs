@@ -1,0 +1,274 @@
+//! What the names in an expression mean: parameters, `let`s, inputs, states, time, and whatever a path leads to.
+
+use super::{Elaborator, Entity, LetState, Mode, ParamState, ScopeId, Typed, Unit, Value};
+use crate::model::Signal;
+use crate::units::Dimension;
+use bond_grammar::ast;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
+
+impl<'a> Elaborator<'a> {
+    pub(super) fn path(&mut self, path: &'a ast::Path, scope: ScopeId) -> Option<Value> {
+        let first = &path.segments[0];
+        // The pair of a port, in the law of a field: `a.f`.
+        if let [port, variable] = &path.segments[..]
+            && let Some((_, t)) = self
+                .locals
+                .iter()
+                .rev()
+                .find(|(n, _)| n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str())))
+        {
+            return Some(Value::Scalar(t.clone()));
+        }
+        if path.segments.len() == 1 {
+            let plain = first.index.is_empty();
+            if plain && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == first.name.text) {
+                return Some(Value::Scalar(t.clone()));
+            }
+            let mut at = Some(scope);
+            while let Some(s) = at {
+                if let Some((v, i)) = &self.scopes[s].loop_variable
+                    && *v == first.name.text
+                    && plain
+                {
+                    // A count may be 0 and is still a bare number.
+                    let i = *i;
+                    return Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() }));
+                }
+                match self.scopes[s].locals.get(&first.name.text).copied() {
+                    Some(Entity::Let(l)) if plain || !self.is_declared(first, scope, s)? => {
+                        let value = self.let_value(l, path.span)?;
+                        return self.entry(value, first, scope);
+                    }
+                    Some(Entity::Input(i)) if plain => return self.input_value(i, path.span).map(Value::Scalar),
+                    Some(Entity::Memory(i)) if plain => return self.memory_value(i, path.span).map(Value::Scalar),
+                    Some(
+                        Entity::Element(_)
+                        | Entity::Instance(_)
+                        | Entity::Port(_)
+                        | Entity::Param(_)
+                        | Entity::Let(_)
+                        | Entity::Input(_)
+                        | Entity::Memory(_)
+                        | Entity::Function(_)
+                        | Entity::Bond(_)
+                        | Entity::Field(_)
+                        | Entity::Missing,
+                    )
+                    | None => {}
+                }
+                at = self.scopes[s].parent;
+            }
+        }
+        // As far as the path leads through instances.
+        let mut at = self.scopes[scope].instance;
+        for (i, segment) in path.segments.iter().enumerate() {
+            let builtin =
+                i == 0 && segment.index.is_empty() && !self.instances[at].names.contains_key(&segment.name.text);
+            if builtin {
+                match segment.name.text.as_str() {
+                    "t" if path.segments.len() == 1 => return self.time(path.span).map(Value::Scalar),
+                    "pi" if path.segments.len() == 1 => {
+                        return Some(Value::Scalar(Typed { expr: self.pool.pi(), unit: Unit::one() }));
+                    }
+                    _ => {}
+                }
+            }
+            let rest = &path.segments[i + 1..];
+            if rest.is_empty()
+                && let Some(entry) = self.indexed(at, segment, scope)
+            {
+                return entry;
+            }
+            if builtin && self.function(&segment.name.text, scope).is_some() {
+                return self.no_call(&segment.name.text, path.span);
+            }
+            let (key, entity, _) = self.find(at, segment, scope, i > 0)?;
+            match entity {
+                Entity::Instance(_) if rest.is_empty() => {
+                    return self.wrong(
+                        "elaborate::signal",
+                        path.span,
+                        format!("`{key}` is an instance, not a signal"),
+                        "name a signal of it, as in `wall.spring.q`",
+                    );
+                }
+                Entity::Instance(inner) => at = inner,
+                Entity::Missing => return None,
+                Entity::Param(p) if rest.is_empty() => return self.param_value(p, path.span),
+                Entity::Let(l) if rest.is_empty() => return self.let_value(l, path.span),
+                Entity::Input(i) if rest.is_empty() => return self.input_value(i, path.span).map(Value::Scalar),
+                Entity::Memory(i) if rest.is_empty() => return self.memory_value(i, path.span).map(Value::Scalar),
+                Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) => {
+                    return self.wrong(
+                        "elaborate::signal",
+                        path.span,
+                        format!("`{}` is no signal", self.sources.slice(path.span)),
+                        "a parameter, `let`, `input` or `state` has no parts, and a probe is for the outside: use a `let`",
+                    );
+                }
+                Entity::Function(_) => return self.no_call(&key, path.span),
+                Entity::Element(id) => return self.element_signal(id, rest, path.span).map(Value::Scalar),
+                Entity::Field(f) => return self.field_signal(f, rest, path.span).map(Value::Scalar),
+                Entity::Port(p) => {
+                    let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
+                    let shown = self.ports[p].name.clone();
+                    return self
+                        .bond_signal(raw.and_then(|r| self.merged.get(r).copied().flatten()), &shown, rest, path.span)
+                        .map(Value::Scalar);
+                }
+                Entity::Bond(b) => {
+                    let shown = self.raw_bonds[b].name.clone();
+                    return self
+                        .bond_signal(self.merged.get(b).copied().flatten(), &shown, rest, path.span)
+                        .map(Value::Scalar);
+                }
+            }
+        }
+        None
+    }
+
+    pub(super) fn no_call<T>(&mut self, function: &str, span: Span) -> Option<T> {
+        let message = format!("`{function}` is a function, not a value");
+        self.wrong("elaborate::signal", span, message, &format!("call it, as in `{function}(x)`"))
+    }
+
+    pub(super) fn time(&mut self, span: Span) -> Option<Typed> {
+        if self.mode == Mode::Constant {
+            return self.wrong(
+                "elaborate::constant",
+                span,
+                "time is not known before the run".into(),
+                "use parameters and numbers only",
+            );
+        }
+        let symbol = self.signal(Signal::Time);
+        Some(Typed { expr: self.pool.var(symbol), unit: Unit::known(Dimension::SECOND) })
+    }
+
+    /// The value of a parameter.
+    pub(super) fn param_value(&mut self, p: usize, at: Span) -> Option<Value> {
+        match self.params[p].state.clone() {
+            ParamState::Done(t) => t,
+            ParamState::Open => {
+                let name = self.params[p].name.clone();
+                self.params[p].state = ParamState::Done(None);
+                self.wrong(
+                    "elaborate::circular",
+                    at,
+                    format!("the parameter `{name}` depends on itself"),
+                    "give it a value of its own",
+                )
+            }
+            ParamState::New => {
+                self.params[p].state = ParamState::Open;
+                let found = self.compute_param(p, at);
+                self.params[p].state = ParamState::Done(found.clone());
+                found
+            }
+        }
+    }
+
+    pub(super) fn compute_param(&mut self, p: usize, at: Span) -> Option<Value> {
+        let name = self.params[p].name.clone();
+        let over = self.params[p].overridden;
+        let mut given = None;
+        match self.params[p].value {
+            Some((ast, scope)) => {
+                let mode = std::mem::replace(&mut self.mode, Mode::Constant);
+                let locals = std::mem::take(&mut self.locals);
+                let value = self.value(ast, scope);
+                self.mode = mode;
+                self.locals = locals;
+                given = Some((value?, ast));
+            }
+            None if over.is_none() => {
+                let span = self.params[p].span;
+                self.errors.push(
+                    Diagnostic::error("elaborate::parameter", at, format!("the parameter `{name}` has no value"))
+                        .label(span, "has no default")
+                        .help(format!(
+                            "give it where the instance is made, `({name} = ...)`, or with --set {name}=..."
+                        )),
+                );
+                return None;
+            }
+            None => {}
+        }
+        let span = self.params[p].span;
+        if let Some((number, dimension)) = over {
+            if let Some((value @ Value::List(_), _)) = &given {
+                return self.wrong(
+                    "elaborate::set",
+                    span,
+                    format!("--set {name}: `{name}` is {}, and --set gives one number", value.words()),
+                    "change the array in the file, or give its entries by parameters of their own",
+                );
+            }
+            if let Some((Value::Scalar(t), ast)) = &given {
+                self.number(t, ast)?;
+            }
+            let mut unit = match &given {
+                Some((Value::Scalar(t), _)) => t.unit.clone(),
+                Some((Value::List(_), _)) | None => Unit::Any,
+            };
+            if let Some(d) = dimension {
+                let about = format!("the value of `{name}` given with --set");
+                self.require((&Unit::known(d), span), unit.clone(), None, about, 1);
+                unit = Unit::known(d);
+            }
+            return self.known_parameter(&name, number, unit, span).map(Value::Scalar);
+        }
+        let (value, ast) = given?;
+        let mut names = value.leaves().into_iter().map(|(index, _)| format!("{name}{index}")).collect::<Vec<_>>();
+        names.reverse();
+        value.map(&mut |t| {
+            let number = self.number(&t, ast)?;
+            self.known_parameter(&names.pop()?, number, t.unit, span)
+        })
+    }
+
+    /// A symbol with this value.
+    pub(super) fn known_parameter(&mut self, name: &str, value: f64, unit: Unit, span: Span) -> Option<Typed> {
+        if !value.is_finite() {
+            return self.wrong(
+                "elaborate::number",
+                span,
+                format!("the parameter `{name}` is {value}"),
+                "its value must be a finite number",
+            );
+        }
+        let symbol = self.pool.parameter(name, value);
+        Some(Typed { expr: self.pool.var(symbol), unit })
+    }
+
+    pub(super) fn let_value(&mut self, l: usize, at: Span) -> Option<Value> {
+        match self.lets[l].state.clone() {
+            LetState::Done(t) => t,
+            LetState::Open => {
+                let name = self.lets[l].name.clone();
+                self.wrong("elaborate::circular", at, format!("`{name}` depends on itself"), "break the circle")
+            }
+            LetState::New => {
+                let before = self.errors.len();
+                self.lets[l].state = LetState::Open;
+                let (value, scope) = (self.lets[l].value, self.lets[l].scope);
+                let mode = self.mode;
+                if mode == Mode::Signals || mode == Mode::Expect {
+                    self.mode = Mode::Outputs;
+                }
+                let locals = std::mem::take(&mut self.locals);
+                let found = self.value(value, scope);
+                self.mode = mode;
+                self.locals = locals;
+                // What cannot be said before the run may well be said in it.
+                let retry = found.is_none() && mode == Mode::Constant;
+                self.lets[l].state = if retry { LetState::New } else { LetState::Done(found.clone()) };
+                if retry {
+                    self.errors.truncate(before + 1);
+                }
+                found
+            }
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! Signals of elements, fields and bonds, with their units.
+
+use super::{Elaborator, Inference, Mode, Typed, Unit};
+use crate::expression::Symbol;
+use crate::model::{BondId, ElementId, Kind, Signal};
+use crate::units::Dimension;
+use bond_grammar::ast;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
+
+impl<'a> Elaborator<'a> {
+    /// `arm.p1`, the state; `arm.p1.e`; `arm.H`.
+    pub(super) fn field_signal(&mut self, field: usize, rest: &'a [ast::Segment], span: Span) -> Option<Typed> {
+        let f = &self.fields[field];
+        let name = f.name.clone();
+        if let [port, rest @ ..] = rest
+            && let Some(place) = f.ports.iter().position(|p| *p == port.name.text)
+        {
+            let id = f.members[place];
+            let kind = self.elements[id.at()].kind;
+            if !rest.is_empty() || self.mode == Mode::Constant || !matches!(kind, Kind::C | Kind::I) {
+                return self.element_signal(id, rest, span);
+            }
+            return self.state_signal(id);
+        }
+        let first = f.members.first().copied()?;
+        if let ([h], Kind::C | Kind::I) = (rest, self.elements[first.at()].kind)
+            && h.name.text == "H"
+        {
+            return self.element_signal(first, rest, span);
+        }
+        let list = f.ports.join(", ");
+        self.wrong(
+            "elaborate::signal",
+            span,
+            format!("`{}` is no signal", self.sources.slice(span)),
+            &format!("`{name}` is a field: name one of its ports, {list}, and then .e or .f"),
+        )
+    }
+
+    /// The state of a storage.
+    pub(super) fn state_signal(&mut self, id: ElementId) -> Option<Typed> {
+        let bond = self.bonds_of.get(id.at()).and_then(|b| b.first().copied())?;
+        let symbol = self.signal(Signal::State(id));
+        let d = self.domain_of[bond.at()];
+        let is_c = self.elements[id.at()].kind == Kind::C;
+        let other = if is_c { Inference::flow(d) } else { Inference::effort(d) };
+        Some(Typed { expr: self.pool.var(symbol), unit: other.mul(&Unit::known(Dimension::SECOND)) })
+    }
+
+    pub(super) fn element_signal(&mut self, id: ElementId, rest: &'a [ast::Segment], span: Span) -> Option<Typed> {
+        let decl = &self.elements[id.at()];
+        let (name, kind) = (decl.name.clone(), decl.kind);
+        if self.mode == Mode::Constant {
+            return self.wrong(
+                "elaborate::constant",
+                span,
+                format!("a signal of `{name}` is not known before the run"),
+                "use parameters and numbers only",
+            );
+        }
+        let words: Vec<&str> = rest.iter().map(|s| s.name.text.as_str()).collect();
+        let bond = self.bonds_of.get(id.at()).and_then(|b| b.first().copied());
+        match (kind, &words[..]) {
+            (Kind::C, ["q"]) | (Kind::I, ["p"]) if decl.field.is_none() => self.state_signal(id),
+            (Kind::C | Kind::I, ["H"]) => {
+                let bond = bond?;
+                let expr = self.energy(id)?;
+                Some(Typed { expr, unit: self.energy_unit(bond) })
+            }
+            (Kind::Tf | Kind::Gy, [side @ ("in" | "out"), _]) => {
+                let inward = *side == "in";
+                let found =
+                    self.bonds_of.get(id.at())?.iter().copied().find(|b| (self.bonds[b.at()].head == id) == inward);
+                self.bond_signal(found, &name, &rest[1..], span)
+            }
+            (Kind::Zero, ["e"]) | (Kind::One, ["f"]) => self.bond_signal(bond, &name, rest, span),
+            (
+                Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port,
+                ["e" | "f" | "P"],
+            ) => self.bond_signal(bond, &name, rest, span),
+            _ => {
+                let has = match kind {
+                    Kind::C | Kind::I if decl.field.is_some() => "the state under its own name, and .e .f .P",
+                    Kind::C => ".e .f .P .q .H",
+                    Kind::I => ".e .f .P .p .H",
+                    Kind::Zero => ".e, its common effort; the flows are those of its bonds",
+                    Kind::One => ".f, its common flow; the efforts are those of its bonds",
+                    Kind::Tf | Kind::Gy => ".in.e .in.f .out.e .out.f",
+                    Kind::Se | Kind::Sf | Kind::R | Kind::De | Kind::Df | Kind::Port => ".e .f .P",
+                };
+                let asked = if words.is_empty() {
+                    format!("`{name}` is an element, not a signal")
+                } else {
+                    format!("`{name}` has no signal `.{}`", words.join("."))
+                };
+                let decl = self.elements[id.at()].span;
+                self.errors.push(
+                    Diagnostic::error("elaborate::signal", span, asked)
+                        .label(decl, "is declared here")
+                        .help(format!("it has {has}")),
+                );
+                None
+            }
+        }
+    }
+
+    pub(super) fn bond_signal(
+        &mut self,
+        bond: Option<BondId>,
+        name: &str,
+        rest: &'a [ast::Segment],
+        span: Span,
+    ) -> Option<Typed> {
+        if self.mode == Mode::Constant {
+            return self.wrong(
+                "elaborate::constant",
+                span,
+                format!("a signal of `{name}` is not known before the run"),
+                "use parameters and numbers only",
+            );
+        }
+        let bond = bond?;
+        let d = self.domain_of[bond.at()];
+        let words: Vec<&str> = rest.iter().map(|s| s.name.text.as_str()).collect();
+        let (effort, flow) = (Inference::effort(d), Inference::flow(d));
+        match words[..] {
+            ["e"] => {
+                let s = self.signal(Signal::Effort(bond));
+                Some(Typed { expr: self.pool.var(s), unit: effort })
+            }
+            ["f"] => {
+                let s = self.signal(Signal::Flow(bond));
+                Some(Typed { expr: self.pool.var(s), unit: flow })
+            }
+            ["P"] => {
+                let (e, f) = (self.signal(Signal::Effort(bond)), self.signal(Signal::Flow(bond)));
+                let (e, f) = (self.pool.var(e), self.pool.var(f));
+                Some(Typed { expr: self.pool.mul(e, f), unit: effort.mul(&flow) })
+            }
+            _ => self.wrong(
+                "elaborate::signal",
+                span,
+                format!("`{}` is no signal", self.sources.slice(span)),
+                &format!("`{name}` has .e .f .P"),
+            ),
+        }
+    }
+
+    /// Unit of H on a bond: joule on a true one.
+    pub(crate) fn energy_unit(&self, bond: BondId) -> Unit {
+        let d = self.domain_of[bond.at()];
+        Inference::effort(d).mul(&Inference::flow(d)).mul(&Unit::known(Dimension::SECOND))
+    }
+
+    /// The symbol of a signal.
+    pub(crate) fn signal(&mut self, signal: Signal) -> Symbol {
+        if let Some(s) = self.symbol_of.get(&signal) {
+            return *s;
+        }
+        let name = match signal {
+            Signal::Time => "t".to_string(),
+            Signal::Effort(b) => format!("{}.e", self.bond_word(b)),
+            Signal::Flow(b) => format!("{}.f", self.bond_word(b)),
+            Signal::State(id) => {
+                let decl = &self.elements[id.at()];
+                match (decl.field, decl.kind) {
+                    (Some(_), _) => decl.name.clone(),
+                    (None, Kind::I) => format!("{}.p", decl.name),
+                    (None, _) => format!("{}.q", decl.name),
+                }
+            }
+            Signal::Integral(i) => format!("integral[{i}]"),
+            Signal::Input(i) => self.inputs[i].name.clone(),
+            Signal::Slope(i) => format!("slope({})", self.inputs[i].name),
+            Signal::Memory(i) => self.memories[i].name.clone(),
+            Signal::Argument(id) => self.elements[id.at()].name.clone(),
+            Signal::Parameter(id) => format!("{}.s", self.elements[id.at()].name),
+        };
+        let symbol = self.pool.symbol(&name);
+        self.signals.insert(symbol, signal);
+        self.symbol_of.insert(signal, symbol);
+        symbol
+    }
+
+    /// A bond named after the element at one of its ends, where only one of them can be meant.
+    pub(super) fn bond_word(&self, b: BondId) -> String {
+        let bond = &self.bonds[b.at()];
+        for end in [bond.head, bond.tail] {
+            let decl = &self.elements[end.at()];
+            if self.bonds_of[end.at()].len() == 1 && !matches!(decl.kind, Kind::Zero | Kind::One) {
+                return decl.name.clone();
+            }
+        }
+        bond.name.replace(' ', "")
+    }
+}
