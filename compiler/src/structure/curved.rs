@@ -4,7 +4,11 @@
 //! (1 + A^T L A dz/dx) dx/dt = F. The states stay; H(x) = H_i(x) + z^T A^T L A z / 2 is the energy of all, and since dz/dx is
 //! symmetric dH/dx = N^T z with N = 1 + A^T L A dz/dx: a change of coordinates by N^-1.
 
-use super::dependent::{self, Change, Eliminated, Merged, Tied, family, stiffness, storage};
+use super::change::{self, Change};
+use super::dependent::{Eliminated, Merged, family, stiffness, storage};
+use super::quadratic::LARGEST;
+use super::start::{self, Stated, at_start};
+use super::tied::{Tied, refused};
 use super::{ColumnId, Form, inverse};
 use crate::expression::{Expr, Symbol};
 use crate::model::{Model, Storage};
@@ -15,20 +19,18 @@ pub(super) fn merge(
     model: &mut Model,
     form: &mut Form,
     tied: &Tied,
-    start: &[f64],
+    start: &[Option<f64>],
     done: &mut Eliminated,
 ) -> Result<(), Diagnostic> {
     let (independent, n) = (&tied.independent, tied.independent.len());
-    let refuse = |model: &Model, form: &Form, why: String| {
-        let c = form.column(tied.dependent[0]);
-        let e = model.element(c.element);
-        Diagnostic::error(
-            "structure::not_yet",
-            e.span,
-            format!("`{}` is in derivative causality, and {why}: this version of bond cannot take that", e.name),
-        )
-        .help("put a stiff part and some resistance between the two, as the real parts have")
-    };
+    let refuse = |model: &Model, form: &Form, why: String| refused(model, form, tied.dependent[0], &why, None);
+    if n > LARGEST {
+        return Err(refuse(
+            model,
+            form,
+            format!("it depends on {n} storages with energies that are not quadratic among them, more than {LARGEST}"),
+        ));
+    }
     let curved = independent.iter().find(|c| stiffness(model, form, **c).is_none()).copied();
     let curved = curved.map(|c| form.column(c).name.clone()).unwrap_or_default();
     if !tied.others.is_empty() {
@@ -92,7 +94,7 @@ pub(super) fn merge(
             (*c, terms.filter(|t| !model.pool.is_zero(t.1)).collect())
         })
         .collect();
-    dependent::transform(&mut model.pool, form, &change);
+    change::transform(&mut model.pool, form, &change);
     let outs: Vec<Symbol> = independent
         .iter()
         .map(|c| {
@@ -141,7 +143,7 @@ pub(super) fn merge(
     let mut list = Vec::new();
     for (d, x) in tied.dependent.iter().zip(&own) {
         let column = form.column(*d).clone();
-        let rate = dependent::rate(model, form, *x, &moving);
+        let rate = change::rate(model, form, *x, &moving);
         done.fixed.insert(column.out, rate);
         if let Some(s) = storage(model, column.element) {
             done.fixed.insert(s.state, *x);
@@ -161,18 +163,42 @@ pub(super) fn merge(
     Ok(())
 }
 
-/// The initial state: what is stated, or where the co-energy variable is what a dependent storage's start asks for.
-fn settle(model: &mut Model, s: &Storage, z: f64) -> Option<f64> {
-    let alone = model.pool.symbols(s.coenergy).iter().all(|x| *x == s.state);
-    if s.explicit || !alone {
-        return Some(s.initial);
+/// The co-energy variables that what is stated settles. Ports of fields start where they say, or at 0.
+///
+/// # Errors
+/// A clash, with the elements.
+pub(super) fn start(model: &Model, form: &Form, tied: &Tied) -> Result<Vec<Option<f64>>, Diagnostic> {
+    let n = tied.independent.len();
+    let mut stated: Vec<Stated> = Vec::new();
+    let mut otherwise = vec![0.0; n];
+    for (i, c) in tied.independent.iter().enumerate() {
+        let Some(s) = storage(model, form.column(*c).element) else { continue };
+        otherwise[i] = at_start(model, form, s.coenergy);
+        if s.explicit || family(model, form, *c).len() > 1 {
+            let row = (0..n).map(|j| f64::from(u8::from(i == j))).collect();
+            stated.push(Stated { column: *c, row, value: otherwise[i] });
+        }
     }
+    for (d, c) in tied.dependent.iter().enumerate() {
+        let Some(s) = storage(model, form.column(*c).element).filter(|s| s.explicit) else { continue };
+        let row = tied.ratio[d].iter().map(|k| at_start(model, form, *k)).collect();
+        let value = at_start(model, form, s.coenergy) - start::driven(model, form, &tied.sources[d]);
+        stated.push(Stated { column: *c, row, value });
+    }
+    start::solve(model, form, tied, &stated, &otherwise)
+}
+
+/// The initial state: what is stated, or where the co-energy variable is what a dependent storage's start asks for.
+fn settle(model: &mut Model, s: &Storage, z: Option<f64>) -> Option<f64> {
+    let alone = model.pool.symbols(s.coenergy).iter().all(|x| *x == s.state);
+    let Some(z) = z.filter(|_| !s.explicit && alone) else { return Some(s.initial) };
     let slope = model.pool.derivative(s.coenergy, s.state);
     let at = |model: &Model, e: Expr, x: f64| model.pool.eval(e, &|_| x);
     let mut x = s.initial;
+    let size = z.abs() + at(model, s.coenergy, x).abs();
     for _ in 0..200 {
         let off = at(model, s.coenergy, x) - z;
-        if off.abs() <= 1e-14 * z.abs() {
+        if off.abs() <= 1e-15 * size {
             return Some(x);
         }
         let mut d = off / at(model, slope, x);
@@ -185,5 +211,5 @@ fn settle(model: &mut Model, s: &Storage, z: f64) -> Option<f64> {
         x -= d;
     }
     let off = at(model, s.coenergy, x) - z;
-    (off.abs() <= 1e-10 * z.abs().max(1e-300)).then_some(x)
+    (off.abs() <= 1e-10 * size).then_some(x)
 }

@@ -3,6 +3,7 @@
 //! Every element that is no junction, TF or GY is a *column*: it gives one variable to the network, its output z, and receives
 //! the other, its input. Power is counted into the element, so that the inputs are D(x) z with D skew.
 
+mod change;
 mod curved;
 mod dependent;
 mod explicit;
@@ -11,6 +12,7 @@ mod quadratic;
 mod resistor;
 mod resolve;
 mod start;
+mod tied;
 
 pub use explicit::{Explicit, explicit, inverse};
 
@@ -224,6 +226,8 @@ pub struct Form {
     /// For each double bar, the column on the holder's far side (in the region that sees the held variable), and the one in
     /// the holder's region.
     pub bars: Vec<Bar>,
+    /// The column of each element that has one of its own.
+    pub column_of_element: Vec<Option<ColumnId>>,
     /// The column whose output a symbol is.
     pub column_of: FxHashMap<Symbol, ColumnId>,
     /// Whether several tied storages see one another through ratios that are divided by.
@@ -273,7 +277,12 @@ pub struct Bar {
 pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Result<Form, Vec<Diagnostic>> {
     let mut columns = columns(model, graph, causality);
     let rows = junction::rows(model, graph, causality, &mut columns)?;
+    let mut column_of_element = vec![None; model.elements.len()];
+    for (i, c) in columns.iter().enumerate().filter(|(_, c)| c.role != Role::Bar) {
+        column_of_element[c.element.at()] = Some(ColumnId(i as u32));
+    }
     let mut form = Form {
+        column_of_element,
         column_of: columns.iter().enumerate().map(|(i, c)| (c.out, ColumnId(i as u32))).collect(),
         columns,
         regions: Vec::new(),
@@ -309,6 +318,8 @@ fn sign_on(kind: Kind, law: &Law) -> Variable {
 /// A column for each 1-port element, and one on each side of each double bar.
 fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<Column> {
     let mut columns = Vec::new();
+    let mut is_dependent = vec![false; model.elements.len()];
+    causality.dependent.iter().for_each(|d| is_dependent[d.at()] = true);
     let mut pool = std::mem::take(&mut model.pool);
     for (id, e) in model.ids() {
         let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
@@ -316,7 +327,7 @@ fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<C
         let role = match &e.law {
             Law::Source(v) => Role::Source(*v),
             Law::Port(inertia) => Role::Open(*inertia),
-            Law::Storage(_) if causality.dependent.contains(&id) => Role::Dependent,
+            Law::Storage(_) if is_dependent[id.at()] => Role::Dependent,
             Law::Storage(_) => Role::Storage,
             Law::Resistor(_) => Role::Resistor,
             Law::Ratio(_) | Law::Junction => continue,

@@ -9,21 +9,20 @@
 //! coordinates they stand in D' = T D T^T with both signs. Where an independent storage is seen through a ratio that passes 0, as
 //! the horizontal speed of a pendulum, P takes that ratio as the storage's own factor, so that M stays regular.
 
-use super::dependent::{self, Change, Eliminated, Following, Merged, Tied, family, stiffness, storage};
-use super::start::at_start;
+use super::change::{self, Change};
+use super::dependent::{Eliminated, Following, Merged, family, stiffness, storage};
+use super::start::{self, Stated, at_start};
+use super::tied::{Tied, refused};
 use super::{ColumnId, Form, Role, inverse};
 use crate::expression::{Expr, Node, Symbol};
 use crate::model::{Model, Signal};
 use bond_grammar::diagnostic::Diagnostic;
 
+/// So many storages may be independent where the ratios change: the inverse of their masses is written out.
+pub(super) const LARGEST: usize = 8;
+
 /// Merges them.
-pub(super) fn merge(
-    model: &mut Model,
-    form: &mut Form,
-    tied: &Tied,
-    start: &[f64],
-    done: &mut Eliminated,
-) -> Result<(), Diagnostic> {
+pub(super) fn merge(model: &mut Model, form: &mut Form, tied: &Tied, done: &mut Eliminated) -> Result<(), Diagnostic> {
     let (independent, n) = (&tied.independent, tied.independent.len());
     let all: Vec<ColumnId> = independent.iter().chain(&tied.dependent).copied().collect();
     let compliance = compliance(model, form, &all).ok_or_else(|| singular(model, form, tied))?;
@@ -105,7 +104,30 @@ pub(super) fn merge(
     };
     let (lb, nu) = loads(pool, &driven);
     let (lb_t, nu_t) = loads(pool, &driven_by_time);
+    let known = m.iter().flatten().all(|e| pool.constant(*e).is_some());
+    if n > LARGEST && !known {
+        let why = format!("{n} storages are tied together by ratios that change, more than {LARGEST}");
+        return Err(refused(model, form, tied.dependent[0], &why, None));
+    }
     let minv = if n == 0 { vec![] } else { inverse(pool, &m).ok_or_else(|| singular(model, form, tied))? };
+    // Where they start: of a storage alone its co-energy variable is compared, of a port of a field its state.
+    let mut stated: Vec<Stated> = Vec::new();
+    for (i, c) in all.iter().enumerate() {
+        let Some(s) = storage(model, form.column(*c).element).filter(|s| s.explicit) else { continue };
+        let value = |e: &Expr| at_start(model, form, *e);
+        let alone = family(model, form, *c).len() == 1;
+        stated.push(if alone {
+            Stated {
+                column: *c,
+                row: p[i].iter().map(value).collect(),
+                value: value(&s.coenergy) - value(&driven_by_time[i]),
+            }
+        } else {
+            Stated { column: *c, row: lp[i].iter().map(value).collect(), value: s.initial - value(&lb_t[i]) }
+        });
+    }
+    let start = start::solve(model, form, tied, &stated, &vec![0.0; n])?;
+    let start: Vec<f64> = start.into_iter().map(|w| w.unwrap_or(0.0)).collect();
     let pool = &mut model.pool;
     // w as a function of the new states; z and x of all as functions of w, and of the states.
     let pi: Vec<Expr> = states.iter().map(|s| pool.var(*s)).collect();
@@ -171,7 +193,7 @@ pub(super) fn merge(
     }
     let moved = !touched.is_empty() || factors.iter().any(|g| !pool.is_one(*g));
     if moved {
-        dependent::transform(pool, form, &change);
+        change::transform(pool, form, &change);
     }
     // New outputs where they changed, and the old ones in their terms.
     for (i, c) in independent.iter().enumerate() {
@@ -218,12 +240,8 @@ pub(super) fn merge(
     }
     // States, old ones and what dependent storages give.
     for (i, c) in independent.iter().enumerate() {
-        let terms: f64 = (0..n)
-            .map(|j| {
-                let (m, g) = (at_start(model, form, m[i][j]), at_start(model, form, factors[j]));
-                if start[j] == 0.0 { 0.0 } else { m * start[j] / g }
-            })
-            .sum();
+        let terms: f64 =
+            (0..n).map(|j| if start[j] == 0.0 { 0.0 } else { at_start(model, form, m[i][j]) * start[j] }).sum();
         let initial = terms + at_start(model, form, nu_t[i]);
         done.states.insert(*c, (states[i], initial, model.pool.is_one(factors[i])));
     }
@@ -237,7 +255,7 @@ pub(super) fn merge(
     let mut list = Vec::new();
     for (d, c) in tied.dependent.iter().enumerate() {
         let state = x_time[n + d];
-        let rate = dependent::rate(model, form, state, &moving);
+        let rate = change::rate(model, form, state, &moving);
         done.fixed.insert(form.column(*c).out, rate);
         if !tied.sources[d].is_empty() {
             done.following.push(Following { column: *c, state, rate });

@@ -2,7 +2,7 @@
 //! residual. A port of a field reads the variables of the others.
 
 use super::resolve::Resolver;
-use super::{ColumnId, Form, Output, Role, Row, inverse};
+use super::{ColumnId, Form, Output, Row, inverse};
 use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::{ElementId, Law, Resistor, Variable};
 use bond_grammar::diagnostic::Diagnostic;
@@ -37,12 +37,7 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     let Some(law) = law_of(r, c.element).cloned() else { return Ok(None) };
     // The columns of the field, or this one alone.
     let members: Vec<ColumnId> = match r.model.element(c.element).field {
-        Some((f, _)) => r.model.fields[f]
-            .members
-            .iter()
-            .filter_map(|m| form.columns.iter().position(|c| c.element == *m && c.role == Role::Resistor))
-            .map(|i| ColumnId(i as u32))
-            .collect(),
+        Some((f, _)) => r.model.fields[f].members.iter().filter_map(|m| form.column_of_element[m.at()]).collect(),
         None => vec![id],
     };
     let mut inputs: Vec<Expr> = Vec::new();
@@ -167,6 +162,10 @@ fn hybrid(r: &mut Resolver<'_>, k: Vec<Vec<Expr>>, flipped: &[usize]) -> Option<
     let pool = &mut r.model.pool;
     let n = k.len();
     let block: Vec<Vec<Expr>> = flipped.iter().map(|i| flipped.iter().map(|j| k[*i][*j]).collect()).collect();
+    // One that changes may pass 0.
+    if block.iter().flatten().any(|e| pool.constant(*e).is_none()) {
+        return None;
+    }
     let inv = inverse(pool, &block)?;
     let zero = pool.int(0);
     let mut h = vec![vec![zero; n]; n];

@@ -9,7 +9,7 @@ use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, ExpectationKind, Law, Model, Signal, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 pub(super) struct Resolver<'a> {
     pub(super) model: &'a mut Model,
@@ -226,6 +226,8 @@ pub(super) fn outputs(
         })
         .collect();
     let mut group_of: FxHashMap<usize, usize> = FxHashMap::default();
+    let merged_columns: FxHashSet<ColumnId> =
+        eliminated.groups.iter().flat_map(|g| g.columns.iter().copied()).collect();
     for (i, c) in form.columns.iter_mut().enumerate() {
         let id = ColumnId(i as u32);
         let region = &mut regions[c.region.at()];
@@ -250,7 +252,7 @@ pub(super) fn outputs(
                 };
                 let name = r.model.pool.name(symbol).to_string();
                 let state = region.states.len();
-                let merged = eliminated.groups.iter().any(|g| g.columns.contains(&id));
+                let merged = merged_columns.contains(&id);
                 // The ports of a field share a group.
                 let shared = element.field.map(|f| f.0).and_then(|f| Some((f, *group_of.get(&f)?)));
                 match shared {

@@ -1,0 +1,223 @@
+//! Which storages derivative causality ties together, by what, and whether that can be taken.
+
+use super::dependent::{family, ids, stiffness};
+use super::{ColumnId, Form, Role};
+use crate::expression::{Expr, Symbol};
+use crate::model::{ElementId, Model, Signal, Variable};
+use bond_grammar::diagnostic::Diagnostic;
+use petgraph::unionfind::UnionFind;
+use rustc_hash::FxHashMap;
+
+/// Storages that are tied together.
+#[derive(Default)]
+pub(super) struct Tied {
+    pub(super) independent: Vec<ColumnId>,
+    pub(super) dependent: Vec<ColumnId>,
+    /// What each dependent one sees of each independent one.
+    pub(super) ratio: Vec<Vec<Expr>>,
+    /// What each dependent one sees of sources: column and coefficient.
+    pub(super) sources: Vec<Vec<(ColumnId, Expr)>>,
+    /// Storages on whose states the ratios depend.
+    pub(super) others: Vec<ColumnId>,
+}
+
+/// Which storages are tied together, and by what. Sets whose ratios read the state of one storage are one, since that storage's
+/// energy then belongs to both.
+///
+/// # Errors
+/// Ratios of what they cannot depend on, named.
+pub(super) fn gather(model: &mut Model, form: &Form, dependent: &[ColumnId]) -> Result<Vec<Tied>, Diagnostic> {
+    let n = form.columns.len();
+    // The second half stands for storages that ratios read.
+    let mut sets = UnionFind::<usize>::new(2 * n);
+    for &d in dependent {
+        for (c, _) in form.column(d).row.iter().filter(|(c, _)| form.column(*c).role == Role::Storage) {
+            sets.union(d.at(), c.at());
+        }
+    }
+    let storages = ids(form, Role::Storage);
+    for &c in storages.iter().chain(dependent) {
+        for f in family(model, form, c) {
+            sets.union(c.at(), f.at());
+            sets.union(n + c.at(), n + f.at());
+        }
+    }
+    let is_tied: rustc_hash::FxHashSet<usize> = dependent.iter().map(|d| sets.find(d.at())).collect();
+    let mut read: Vec<(ColumnId, ColumnId)> = Vec::new();
+    for &d in dependent {
+        for (_, k) in &form.column(d).row {
+            for s in model.pool.symbols(*k) {
+                let q = other(model, form, d, s)?;
+                if is_tied.contains(&sets.find(q.at())) {
+                    let why = format!("reads the state of `{}`, which is tied to others itself", form.column(q).name);
+                    return Err(refused(model, form, d, &why, Some(q)));
+                }
+                read.push((d, q));
+            }
+        }
+    }
+    for &(d, q) in &read {
+        sets.union(d.at(), n + q.at());
+    }
+    let mut place: FxHashMap<usize, usize> = FxHashMap::default();
+    let mut list: Vec<Tied> = Vec::new();
+    for &d in dependent {
+        let at = *place.entry(sets.find(d.at())).or_insert_with(|| {
+            list.push(Tied::default());
+            list.len() - 1
+        });
+        list[at].dependent.push(d);
+    }
+    for &c in &storages {
+        if let Some(&at) = place.get(&sets.find(c.at())) {
+            list[at].independent.push(c);
+        }
+    }
+    for &(d, q) in &read {
+        if let Some(&at) = place.get(&sets.find(d.at()))
+            && !list[at].others.contains(&q)
+        {
+            list[at].others.push(q);
+        }
+    }
+    let zero = model.pool.int(0);
+    for tied in &mut list {
+        tied.others.sort_unstable();
+        for d in &tied.dependent {
+            tied.ratio.push(tied.independent.iter().map(|i| form.entry(*d, *i).unwrap_or(zero)).collect());
+            let sources = form.column(*d).row.iter().filter(|(c, _)| matches!(form.column(*c).role, Role::Source(_)));
+            tied.sources.push(sources.copied().collect());
+        }
+        if let (Some(source), Some(q), Some(d)) =
+            (tied.sources.iter().flatten().next(), tied.others.first(), tied.dependent.first())
+        {
+            let (source, q) = (source.0, form.column(*q).name.clone());
+            let name = &form.column(source).name;
+            let why = format!("is tied to what follows the source `{name}`, by ratios that change with `{q}`");
+            return Err(refused(model, form, *d, &why, Some(source)));
+        }
+    }
+    Ok(list)
+}
+
+/// The storage whose state a ratio between tied storages reads.
+fn other(model: &Model, form: &Form, d: ColumnId, s: Symbol) -> Result<ColumnId, Diagnostic> {
+    let found = match model.signals.get(&s) {
+        Some(Signal::State(id)) => form.column_of_element[id.at()].filter(|c| form.column(*c).role == Role::Storage),
+        Some(
+            Signal::Time
+            | Signal::Effort(_)
+            | Signal::Flow(_)
+            | Signal::Integral(_)
+            | Signal::Argument(_)
+            | Signal::Parameter(_)
+            | Signal::Input(_)
+            | Signal::Slope(_)
+            | Signal::Memory(_),
+        )
+        | None => None,
+    };
+    let name = model.pool.name(s);
+    match found {
+        Some(q) if form.column(q).region == form.column(d).region => Ok(q),
+        Some(q) => {
+            let why = format!("its ratio depends on `{name}` of another region, from where no bond brings the power");
+            Err(refused(model, form, d, &why, Some(q)))
+        }
+        None => {
+            let why = format!("its ratio depends on `{name}`, which is not the state of another storage");
+            Err(refused(model, form, d, &why, None))
+        }
+    }
+}
+
+/// What this version does not take.
+pub(super) fn refused(model: &Model, form: &Form, d: ColumnId, why: &str, because: Option<ColumnId>) -> Diagnostic {
+    let e = model.element(form.column(d).element);
+    let mut error = Diagnostic::error(
+        "structure::not_yet",
+        e.span,
+        format!("`{}` is in derivative causality, and {why}: this version of bond cannot take that", e.name),
+    );
+    if let Some(c) = because {
+        error = error.label(model.element(form.column(c).element).span, "is what it depends on");
+    }
+    let soft = if form.column(d).gives == Variable::Effort { "C" } else { "I" };
+    error.help(format!(
+        "put a stiff {soft} and some resistance between the two, as the real parts have; a ratio may depend on the state of a `C` of its region, such as one with `H = 0` that counts the angle"
+    ))
+}
+
+/// Why a dependent storage cannot be merged, if so.
+pub(super) fn check(model: &mut Model, form: &Form, d: ColumnId) -> Option<Diagnostic> {
+    let linear = stiffness(model, form, d).is_some();
+    let column = form.column(d);
+    let e = model.element(column.element);
+    let refuse = |why: String, other: Option<ElementId>, help: String| {
+        let mut error = Diagnostic::error(
+            "structure::not_yet",
+            e.span,
+            format!("`{}` is in derivative causality, and {why}: this version of bond cannot take that", e.name),
+        );
+        if let Some(o) = other {
+            error = error.label(model.element(o).span, "is what it depends on");
+        }
+        Some(error.help(help))
+    };
+    let soft = if column.gives == Variable::Effort { "C" } else { "I" };
+    let part = format!("put a stiff {soft} and some resistance between the two, as the real parts have");
+    if column.row.is_empty() {
+        return refuse("nothing drives it".into(), None, part);
+    }
+    if !linear {
+        let other = column.row.iter().map(|t| form.column(t.0)).find(|c| c.role == Role::Storage);
+        let why = match other {
+            Some(c) => format!("neither its energy nor that of `{}`, which it depends on, is quadratic", c.name),
+            None => "its energy is not quadratic".to_string(),
+        };
+        return refuse(why, other.map(|c| c.element), part);
+    }
+    for (c, k) in &column.row {
+        let other = form.column(*c);
+        let name = &other.name;
+        match other.role {
+            Role::Storage => {}
+            Role::Source(v) => {
+                let time = |s: Symbol| model.signals.get(&s) == Some(&Signal::Time);
+                if !model.pool.symbols(v).iter().all(|s| time(*s)) {
+                    let help =
+                        "give the source a value in time alone, or put some resistance between the two".to_string();
+                    return refuse(
+                        format!(
+                            "follows the source `{name}`, whose derivative is not known, since it depends on signals"
+                        ),
+                        Some(other.element),
+                        help,
+                    );
+                }
+                if model.pool.constant(*k).is_none() {
+                    return refuse(
+                        format!("follows the source `{name}` by a ratio that changes"),
+                        Some(other.element),
+                        part,
+                    );
+                }
+            }
+            Role::Bar | Role::Open(_) => {
+                let help = format!("put some resistance between the two, or a {}", if soft == "C" { "I" } else { "C" });
+                return refuse(
+                    format!("follows `{name}` across a double bar or open port, which jumps"),
+                    Some(other.element),
+                    help,
+                );
+            }
+            Role::Resistor => {
+                return refuse(format!("depends on the resistor `{name}`"), Some(other.element), part);
+            }
+            Role::Dependent => {
+                return refuse(format!("depends on `{name}`, which is so too"), Some(other.element), part);
+            }
+        }
+    }
+    None
+}
