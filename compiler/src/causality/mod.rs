@@ -4,6 +4,7 @@
 //! causality, laws that are explicit one way, resistors, and what is left. Each choice is propagated at once through junctions,
 //! TF and GY. Everything runs in declaration order, and the cost is linear in the number of bonds.
 
+mod complete;
 mod conflict;
 mod propagate;
 
@@ -119,27 +120,36 @@ fn quadratic(pool: &mut Pool, law: &Law) -> bool {
     pool.affine(s.coenergy, &symbols).is_some_and(|(linear, _)| linear.iter().all(|t| pool.constant(t.1).is_some()))
 }
 
-/// Assigns causality to every bond.
-///
-/// # Errors
-/// Conflicts, with the chain of bonds, and junctions that nothing determines.
-pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Diagnostic>> {
-    let mut pool = std::mem::take(&mut model.pool);
-    let one_way: Vec<bool> =
-        model.elements.iter().map(|e| matches!(&e.law, Law::Resistor(r) if one_way(&mut pool, r))).collect();
-    let quadratic: Vec<bool> = model.elements.iter().map(|e| quadratic(&mut pool, &e.law)).collect();
-    model.pool = pool;
-    let model = &*model;
+/// The elements of some kinds that have one port, with their bonds.
+fn one_ports(model: &Model, graph: &BondGraph, kinds: &[Kind]) -> Vec<(ElementId, BondId)> {
+    model
+        .ids()
+        .filter(|(_, e)| kinds.contains(&e.kind))
+        .filter_map(|(id, _)| graph.bonds_of[id.at()].first().map(|b| (id, *b)))
+        .collect()
+}
+
+/// The law of a resistor.
+fn law(model: &Model, id: ElementId) -> Option<&Resistor> {
+    match &model.element(id).law {
+        Law::Resistor(r) => Some(r),
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+    }
+}
+
+/// Gives every bond its stroke, choice by choice; `thorough` takes only those that leave the rest a completion.
+fn strokes<'a>(
+    model: &'a Model,
+    graph: &'a BondGraph,
+    one_way: &[bool],
+    quadratic: &[bool],
+    thorough: bool,
+) -> Result<Assignment<'a>, Vec<Diagnostic>> {
     let mut a = Assignment::new(model, graph);
+    a.thorough = thorough;
     let mut errors = Vec::new();
     let mut seen: Vec<Vec<String>> = Vec::new();
-    let one_ports = |kinds: &[Kind]| -> Vec<(ElementId, BondId)> {
-        model
-            .ids()
-            .filter(|(_, e)| kinds.contains(&e.kind))
-            .filter_map(|(id, _)| graph.bonds_of[id.at()].first().map(|b| (id, *b)))
-            .collect()
-    };
+    let one_ports = |kinds: &[Kind]| one_ports(model, graph, kinds);
     for (id, bond) in one_ports(&[Kind::Se, Kind::Sf, Kind::De, Kind::Df]) {
         let Some(gives) = forced(model.element(id).kind) else { continue };
         if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), Cause::Source(id))
@@ -159,12 +169,8 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
         return Err(errors);
     }
     let resistors = one_ports(&[Kind::R]);
-    let law = |id: ElementId| match &model.element(id).law {
-        Law::Resistor(r) => Some(r),
-        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
-    };
     for &(id, bond) in resistors.iter().filter(|(id, _)| one_way[id.at()]) {
-        if let Some(r) = law(id) {
+        if let Some(r) = law(model, id) {
             let wanted = a.stroke_for(bond, id, r.gives);
             // A law that would leave a storage without integral causality is rather solved the other way.
             let mark = a.mark();
@@ -211,7 +217,7 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     }
     for linear in [false, true] {
         for &(id, bond) in &resistors {
-            let Some(r) = law(id).filter(|r| r.linear.is_some() == linear) else { continue };
+            let Some(r) = law(model, id).filter(|r| r.linear.is_some() == linear) else { continue };
             a.prefer(bond, a.stroke_for(bond, id, r.gives), if linear { Cause::Free } else { Cause::Law(id) });
         }
     }
@@ -224,6 +230,25 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     if !errors.is_empty() {
         return Err(errors);
     }
+    Ok(a)
+}
+
+/// Assigns causality to every bond.
+///
+/// # Errors
+/// Conflicts, with the chain of bonds, and junctions that nothing determines.
+pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Diagnostic>> {
+    let mut pool = std::mem::take(&mut model.pool);
+    let one_way: Vec<bool> =
+        model.elements.iter().map(|e| matches!(&e.law, Law::Resistor(r) if one_way(&mut pool, r))).collect();
+    let quadratic: Vec<bool> = model.elements.iter().map(|e| quadratic(&mut pool, &e.law)).collect();
+    model.pool = pool;
+    let model = &*model;
+    // A choice shows only later that it cannot be completed where junctions stand in rings: then each is looked at more closely.
+    let a = strokes(model, graph, &one_way, &quadratic, false)
+        .or_else(|errors| strokes(model, graph, &one_way, &quadratic, true).map_err(|_| errors))?;
+    let one_ports = |kinds: &[Kind]| one_ports(model, graph, kinds);
+    let (resistors, storages) = (one_ports(&[Kind::R]), one_ports(&[Kind::C, Kind::I]));
     let given = |a: &Assignment, id: ElementId, bond: BondId, gives: Variable| {
         a.strokes[bond.at()] == Some(a.stroke_for(bond, id, gives))
     };
@@ -234,7 +259,7 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
         .collect();
     let implicit = resistors
         .iter()
-        .filter(|(id, bond)| law(*id).is_some_and(|r| r.linear.is_none() && !given(&a, *id, *bond, r.gives)))
+        .filter(|(id, bond)| law(model, *id).is_some_and(|r| r.linear.is_none() && !given(&a, *id, *bond, r.gives)))
         .map(|s| s.0)
         .collect();
     let strokes = a.strokes.iter().map(|s| s.unwrap_or(Stroke::Head)).collect();

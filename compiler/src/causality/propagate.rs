@@ -1,7 +1,7 @@
 //! Strokes as they are assigned, and the rules that carry them on.
 
 use super::conflict::Conflict;
-use super::{Cause, forced};
+use super::{Cause, complete, forced};
 use crate::graph::BondGraph;
 use crate::model::{BondId, ElementId, Kind, Model, Variable};
 use bond_grammar::ast::Stroke;
@@ -28,6 +28,8 @@ pub(super) struct Assignment<'a> {
     giving: Vec<u32>,
     assigned: Vec<u32>,
     trail: Vec<BondId>,
+    /// Whether a choice is taken only where the rest can still be completed.
+    pub(super) thorough: bool,
 }
 
 impl<'a> Assignment<'a> {
@@ -40,6 +42,7 @@ impl<'a> Assignment<'a> {
             giving: vec![0; model.elements.len()],
             assigned: vec![0; model.elements.len()],
             trail: Vec::new(),
+            thorough: false,
         }
     }
 
@@ -81,7 +84,10 @@ impl<'a> Assignment<'a> {
     /// Assigns a stroke and all that follows from it; on conflict nothing is changed.
     pub(super) fn attempt(&mut self, bond: BondId, stroke: Stroke, cause: Cause) -> Result<(), Conflict> {
         let mark = self.mark();
-        let result = self.assign_all(bond, stroke, cause);
+        let mut result = self.assign_all(bond, stroke, cause);
+        if result.is_ok() && self.thorough && !complete::possible(self) {
+            result = Err(Conflict::new(self, bond, cause));
+        }
         if result.is_err() {
             self.undo(mark);
         }
@@ -117,6 +123,11 @@ impl<'a> Assignment<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Whether some bond gives a junction its common variable.
+    pub(super) fn has_giver(&self, junction: ElementId) -> bool {
+        self.giving[junction.at()] > 0
     }
 
     /// Whether a bond gives its end, a junction, the common variable: the junction itself then gives the other one.

@@ -1,6 +1,7 @@
 //! A cluster as it runs: its state, its steps, its ledger.
 
 use super::given::{Course, Feed};
+use super::worst::Worst;
 use super::{Error, Options};
 use crate::exponential;
 use crate::interpreter::Interpreter;
@@ -13,9 +14,6 @@ use std::collections::HashMap;
 const CRAWL: (u32, f64) = (20_000, 1e-5);
 /// How often a fixed step that fails is halved.
 const HALVINGS: u32 = 12;
-/// What a balance is measured against at least, as a part of the largest energy held or turned over in a step: a residual of
-/// 1e-23 of that is rounding, whatever the step did.
-const TRACE: f64 = 1e-11;
 /// Tables for different step lengths kept at most.
 const TABLES: usize = 256;
 
@@ -99,7 +97,8 @@ pub(super) struct Book {
     pub(super) dissipated: Sum,
     pub(super) leaked: Sum,
     pub(super) residual: Sum,
-    pub(super) worst: f64,
+    /// What the balances of the steps are off by.
+    pub(super) worst: Worst,
     pub(super) turnover_max: f64,
     pub(super) sources: Vec<Sum>,
     pub(super) resistors: Vec<Sum>,
@@ -111,8 +110,10 @@ pub(super) struct Book {
     pub(super) leaps: u64,
     pub(super) tank: f64,
     pub(super) debt_max: f64,
-    /// Most negative dissipation of a resistor in a step, relative to the step's turnover.
-    pub(super) gained: f64,
+    /// What resistors gave in the steps.
+    pub(super) gained: Worst,
+    /// Which of them gave most in a step, and how much (below 0).
+    pub(super) giver: (usize, f64),
 }
 
 /// A cluster that runs.
@@ -140,8 +141,6 @@ pub(super) struct Run {
     h: f64,
     /// Length of the next adaptive step.
     ahead: f64,
-    /// Energies below this are rounding beside those of the rest of the scene.
-    pub(super) floor: f64,
     /// Steps in a row that were far smaller than the usual one.
     crawl: u32,
     largest: Vec<f64>,
@@ -217,7 +216,6 @@ impl Run {
             count: 0,
             h: options.step.unwrap_or(options.default_step),
             ahead: options.default_step,
-            floor: 0.0,
             crawl: 0,
             adaptive: if is_exact { None } else { options.tolerance },
             fixed: options.step,
@@ -247,6 +245,10 @@ impl Run {
         };
         let state = slot.and_then(|s| c.names.get(s).cloned());
         Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why }
+    }
+
+    fn unsound(&self, names: &[String], time: f64, what: String) -> Error {
+        Error::Energy { time, region: names.get(self.index).cloned().unwrap_or_default(), what }
     }
 
     /// The fixed step that was asked for.
@@ -465,7 +467,7 @@ impl Run {
         }
         self.state.copy_from_slice(&self.step.work.next);
         self.steps += 1;
-        book(&mut self.books, c, &self.step.work.output, self.floor);
+        book(&mut self.books, c, &self.step.work.output).map_err(|what| self.unsound(names, t + h, what))?;
         advance_ports(c, &self.step.work.output, h, moved);
         self.track(c);
         Ok(())
@@ -548,9 +550,10 @@ impl Run {
                         last = false;
                     }
                     // The halves count: first the one kept aside, then the one still in the workspace.
-                    book(&mut self.books, c, &self.buffers[3], self.floor);
+                    book(&mut self.books, c, &self.buffers[3]).map_err(|what| self.unsound(names, t + h, what))?;
                     advance_ports(c, &self.buffers[3], 0.5 * h, moved);
-                    book(&mut self.books, c, &self.step.work.output, self.floor);
+                    book(&mut self.books, c, &self.step.work.output)
+                        .map_err(|what| self.unsound(names, t + h, what))?;
                     advance_ports(c, &self.step.work.output, 0.5 * h, moved);
                     self.state.copy_from_slice(&self.step.work.next);
                     self.steps += 2;
@@ -769,27 +772,42 @@ fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
 }
 
 /// Adds a step to the ledgers.
-pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64], floor: f64) {
+///
+/// # Errors
+/// The energy that is not a finite number.
+pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), String> {
     for (b, e) in books.iter_mut().zip(&c.entries) {
         let (mut supplied, mut dissipated, mut turnover) = (0.0, 0.0, 0.0);
-        for ((_, slot), sum) in e.supplied.iter().zip(&mut b.sources) {
+        for ((name, slot), sum) in e.supplied.iter().zip(&mut b.sources) {
             let w = out[*slot];
+            if !w.is_finite() {
+                return Err(format!("what `{name}` supplies"));
+            }
             supplied += w;
             turnover += f64::abs(w);
             sum.add(w);
             b.supplied.add(w);
         }
         let mut least = 0.0f64;
-        for ((_, slot), sum) in e.dissipated.iter().zip(&mut b.resistors) {
+        for (k, ((name, slot), sum)) in e.dissipated.iter().zip(&mut b.resistors).enumerate() {
             let w = out[*slot];
+            if !w.is_finite() {
+                return Err(format!("what `{name}` dissipates"));
+            }
             dissipated += w;
             turnover += f64::abs(w);
             least = least.min(w);
+            if w < b.giver.1 {
+                b.giver = (k, w);
+            }
             sum.add(w);
             b.dissipated.add(w);
         }
-        for ((_, slot), sum) in e.produced.iter().zip(&mut b.produced) {
+        for ((name, slot), sum) in e.produced.iter().zip(&mut b.produced) {
             let s = out[*slot];
+            if !s.is_finite() {
+                return Err(format!("the entropy that `{name}` produces"));
+            }
             sum.add(s);
             b.entropy = b.entropy.max(s.abs());
             b.sunk = b.sunk.max(-s);
@@ -799,15 +817,14 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64], floor: f64) {
             b.leaps += u64::from(out[count] != 0.0);
         }
         let h = out[e.energy];
+        if !h.is_finite() {
+            return Err("what is stored".into());
+        }
         let before = e.before.map_or(b.h, |slot| out[slot]);
         let residual = (h - before) - ((supplied - dissipated) + leap);
-        // A step in which next to nothing moves is measured against a trace of the largest energy seen.
-        let trace = (TRACE * b.h_max.max(b.turnover_max)).max(floor);
-        let scale = out[e.size].abs().max(b.h.abs()).max(turnover).max(trace);
-        if scale > 0.0 {
-            b.worst = b.worst.max(residual.abs() / scale);
-            b.gained = b.gained.max(-least / scale);
-        }
+        let scale = out[e.size].abs().max(b.h.abs()).max(turnover);
+        b.worst.add(residual.abs(), scale);
+        b.gained.add(-least, scale);
         b.residual.add(residual);
         b.leaked.add(leap);
         b.turnover_max = b.turnover_max.max(turnover);
@@ -815,6 +832,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64], floor: f64) {
         b.h_max = b.h_max.max(h.abs());
         b.h_top = b.h_top.max(h);
     }
+    Ok(())
 }
 
 /// Adds to each port the integral of what it gave out.

@@ -5,6 +5,7 @@ mod given;
 mod hold;
 mod schedule;
 mod summary;
+mod worst;
 
 pub use given::{Course, Unfit};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
@@ -49,6 +50,16 @@ pub enum Error {
         region: String,
         /// The step that failed.
         step: f64,
+    },
+    /// An energy is infinite or no number.
+    #[error("at t = {time} s, the ledger of `{region}` fails: {what} is not a finite number")]
+    Energy {
+        /// When.
+        time: f64,
+        /// Where.
+        region: String,
+        /// Which energy.
+        what: String,
     },
     /// The exact step could not be prepared.
     #[error("the exact step of `{region}` cannot be prepared: {why}")]

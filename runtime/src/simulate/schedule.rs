@@ -7,8 +7,13 @@ use super::summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, S
 use super::{Error, Options};
 use crate::scene::{Respond, Scene};
 
-/// Energies below this part of the scene's largest are rounding.
+/// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held or turned
+/// over in a step: what is off by 1e-12 of that is the rounding of that energy.
+const TRACE: f64 = 1e-4;
+/// The same as a part of the scene's largest energy: below that a region holds nothing but rounding.
 const FLOOR: f64 = 1e-14;
+/// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
+const GAIN: f64 = 1e-9;
 
 /// The clusters of some signals, each once.
 fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<usize> {
@@ -229,10 +234,6 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A step that fails. What was computed until then stays.
     pub fn advance(&mut self, until: f64) -> Result<(), Error> {
-        let largest = self.runs.iter().flat_map(|r| &r.books).map(|b| b.h_max.max(b.turnover_max)).fold(0.0, f64::max);
-        for run in &mut self.runs {
-            run.floor = FLOOR * largest;
-        }
         while let Some(at) = self.next_sample().filter(|at| *at <= until * (1.0 + 1e-12)) {
             self.meet(at)?;
             self.sample(at)?;
@@ -651,6 +652,8 @@ impl<'a> Simulation<'a> {
     /// The ledger.
     pub fn summary(&self) -> Summary {
         let mut regions = Vec::new();
+        let mut gained = Vec::new();
+        let largest = self.runs.iter().flat_map(|r| &r.books).map(|b| b.h_max.max(b.turnover_max)).fold(0.0, f64::max);
         for (r, region) in self.scene.regions.iter().enumerate() {
             let c = &self.scene.clusters[region.cluster];
             let run = &self.runs[region.cluster];
@@ -660,6 +663,8 @@ impl<'a> Simulation<'a> {
                 names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
             };
             let base = b.h_max.max(b.turnover_max);
+            let floor = (TRACE * base).max(FLOOR * largest);
+            gained.push((b.gained.above(floor), b.giver));
             regions.push(RegionSummary {
                 name: region.name.clone(),
                 kind: if region.period.is_some() { "sampled" } else { "continuous" },
@@ -679,7 +684,7 @@ impl<'a> Simulation<'a> {
                 debt_max: b.debt_max,
                 tank: b.tank,
                 leaps: b.leaps,
-                worst_step: b.worst,
+                worst_step: b.worst.above(floor),
                 total: if base > 0.0 { b.residual.value().abs() / base } else { 0.0 },
                 passive_stepper: c.step.passive,
                 pseudo: region.pseudo,
@@ -710,8 +715,7 @@ impl<'a> Simulation<'a> {
             })
             .collect();
         let mut reasons: Vec<String> = self.scene.excluded.clone();
-        for (r, region) in regions.iter().enumerate() {
-            let book_gain = self.gained(r);
+        for (region, (gained, (giver, least))) in regions.iter().zip(gained) {
             if !region.passive_stepper {
                 reasons.push(format!(
                     "`{}` was stepped by {}, which does not keep the balance",
@@ -731,8 +735,9 @@ impl<'a> Simulation<'a> {
             if region.sunk > 1e-12 {
                 reasons.push(format!("entropy fell in `{}`", region.name));
             }
-            if book_gain > 1e-12 {
-                reasons.push(format!("a resistor of `{}` gave energy", region.name));
+            if gained > GAIN {
+                let name = region.resistors.get(giver).map_or("", |r| &r.name);
+                reasons.push(format!("`{name}` in `{}` gave energy, up to {:.1e} J in a step", region.name, -least));
             }
         }
         let passive_ones = || regions.iter().filter(|r| r.passive_stepper);
@@ -745,11 +750,5 @@ impl<'a> Simulation<'a> {
             regions,
             bars,
         }
-    }
-
-    fn gained(&self, region: usize) -> f64 {
-        let r = &self.scene.regions[region];
-        let c = &self.scene.clusters[r.cluster];
-        c.entries.iter().position(|e| e.region == region).map_or(0.0, |k| self.runs[r.cluster].books[k].gained)
     }
 }
