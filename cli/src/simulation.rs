@@ -50,6 +50,9 @@ impl Steps {
         };
         positive("the step", step)?;
         positive("the tolerance", tolerance)?;
+        if let Some(x) = tolerance.filter(|x| *x < 1e-14) {
+            return Err(RunError::Tolerance(x));
+        }
         positive("the longest step", self.longest)?;
         match (step, tolerance) {
             (None, None) => tolerance = Some(1e-6),
@@ -80,6 +83,9 @@ pub enum RunError {
         /// What it is.
         value: f64,
     },
+    /// A tolerance that rounding alone misses.
+    #[error("the tolerance is {0:e}; it must be 1e-14 at least, which is rounding")]
+    Tolerance(f64),
     /// An instant that is none.
     #[error("{0} is no instant to run to")]
     Instant(f64),

@@ -66,6 +66,10 @@ pub fn compile(
     let files = elaborate::load(sources, main, loader, &mut errors);
     let mut model = elaborate::elaborate(sources, main, &files, options, errors)?;
     let graph = graph::build(&model);
+    let within = graph.bars_within(&model);
+    if !within.is_empty() {
+        return Err(within);
+    }
     let causality = causality::assign(&mut model, &graph)?;
     let (model, graph, causality, form) = form(model, graph, causality)?;
     let mut model = model;

@@ -220,7 +220,7 @@ impl Bond {
     }
 }
 
-/// How a sampled region couples to its surroundings (mathematics, section 4).
+/// How a sampled region couples to its surroundings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Hold {
     /// The held value from the last interval's flow.

@@ -111,3 +111,28 @@ fn the_oscillator_by_hand() {
     assert_eq!(entries(&region["P"]), [["0"], ["0"]]);
     assert_eq!(entries(&region["S"]), [["0"]]);
 }
+
+/// Energies that fall without end are not taken for bounded, however slowly they fall.
+#[test]
+fn energies_without_a_lower_bound_are_seen() {
+    let bounded = |h: &str| {
+        let model = format!("model M {{ C:c {{ H = {h} }} I:m = 1 kg  R:r = 0.1 N*s/m  1:v -> c, m, r }}");
+        text(&model).show("phs").contains("H is bounded below")
+    };
+    for h in [
+        "-10 J * log(1 + (q/(1 m))^2)",
+        "-1 J * log(1 + abs(q)/(1 m))",
+        "1 J * log(1 + exp(q/(1 m))) - 1.5 N * q",
+        "1e-200 J/m^3 * q^3",
+    ] {
+        assert!(!bounded(h), "{h}");
+    }
+    for h in [
+        "-3 J * cos(q/(1 m))",
+        "1 J * (1 - exp(-q/(1 m)))^2 - 1 J",
+        "0.5 N/m * (q - 3 m)^2 - 8 J",
+        "1 J * cosh(q/(1 m)) - 5 N * q",
+    ] {
+        assert!(bounded(h), "{h}");
+    }
+}

@@ -182,3 +182,48 @@ fn efforts_that_cancel() {
     sim.finish(0.5).unwrap_or_else(|e| panic!("{e}"));
     assert_balanced("cancelling efforts", &sim.summary());
 }
+
+/// What is no number is no result, and not passive.
+#[test]
+fn a_source_that_has_no_value_ends_the_run() {
+    let compiled = crate::common::text("model M { Se:s = 1 V * sqrt(0.5 - t/(1 s))   R:r = 1 Ohm   s -> r }");
+    let mut sim = compiled.simulate(Steps::fixed(0.01)).unwrap_or_else(|e| panic!("{e}"));
+    let error = sim.finish(1.0).expect_err("there is no root of a negative number").to_string();
+    assert!(error.contains("what `s` supplies is not a finite number"), "{error}");
+}
+
+/// A controller whose parts all but cancel: at rest the balance is no better than the rounding of its efforts.
+#[test]
+fn a_servo_that_comes_to_rest() {
+    let compiled = crate::common::text(
+        "model M {
+          C:ang { H = 0 }
+          I:J = 0.01 kg*m^2
+          R:b = 0.02 N*m*s
+          MSe:u = 2 N*m * (1 rad - ang.q) - 0.1 N*m*s * w.f
+          u -> 1:w -> ang, J, b
+        }",
+    );
+    for step in [1e-3, 2e-3, 1e-2] {
+        let mut sim = compiled.simulate(Steps::fixed(step)).unwrap_or_else(|e| panic!("{e}"));
+        sim.finish(20.0).unwrap_or_else(|e| panic!("{e}"));
+        assert_balanced("servo", &sim.summary());
+    }
+}
+
+/// Dry friction that sticks from the start: what a resistor gives by rounding, while nothing has moved yet, is nothing.
+#[test]
+fn friction_that_sticks_from_rest() {
+    let compiled = crate::common::text(
+        "model M {
+          Se:F = 5 N * sin(3 rad/s * t)
+          I:m = 1 kg
+          C:k = 0.01 m/N
+          R:dry { e = 2 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }
+          F -> 1:v -> m, dry, k
+        }",
+    );
+    let mut sim = compiled.simulate(Steps::fixed(1e-3)).unwrap_or_else(|e| panic!("{e}"));
+    sim.finish(0.2).unwrap_or_else(|e| panic!("{e}"));
+    assert_balanced("friction", &sim.summary());
+}

@@ -1,4 +1,4 @@
-//! What a sampled region holds at its ports (mathematics, section 4): `lagged`, `predicted`, `matched`.
+//! What a sampled region holds at its ports: `lagged`, `predicted`, `matched`.
 
 use super::cluster::{Cluster, missing, verified};
 use super::gonzalez;

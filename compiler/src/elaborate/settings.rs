@@ -35,12 +35,12 @@ impl<'a> Elaborator<'a> {
                     "tolerance" => {
                         settings.tolerance =
                             self.constant(&field.value, scope, Dimension::DIMENSIONLESS, "the tolerance");
-                        if settings.tolerance.is_some_and(|t| t <= 0.0 || t >= 1.0) {
+                        if settings.tolerance.is_some_and(|t| !(1e-14..1.0).contains(&t)) {
                             self.errors.push(
                                 Diagnostic::error(
                                     "elaborate::simulate",
                                     field.value.span,
-                                    "the tolerance must lie between 0 and 1",
+                                    "the tolerance must lie between 1e-14, which is rounding, and 1",
                                 )
                                 .help("such as `tolerance = 1e-6`"),
                             );

@@ -192,6 +192,17 @@ impl<'a> Elaborator<'a> {
             let all = xs.iter().flat_map(|x| directions.iter().flat_map(move |d| [at(*x, d), at(-*x, d)]));
             all.filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min)
         };
+        // Where it falls without end, its fall from one power of 2 to the next does not shrink: -log(x) has falls that are alike.
+        let falls = |along: &[f64], sign: f64| {
+            let values: Vec<f64> =
+                (0..1000).map(|k| at(sign * f64::from(k).exp2(), along)).take_while(|h| h.is_finite()).collect();
+            let drops: Vec<f64> = values.windows(2).map(|w| w[0] - w[1]).collect();
+            let last = drops.len().checked_sub(7).map_or(&[][..], |n| &drops[n..]);
+            !last.is_empty() && last[0] > 1e-9 * values[0].abs() && last.windows(2).all(|w| w[1] >= 0.5 * w[0])
+        };
+        if directions.iter().any(|d| falls(d, 1.0) || falls(d, -1.0)) {
+            return false;
+        }
         let near = least(&[0.0, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3]);
         let far = least(&[1e-30, 1e-12, 1e-8, 1e5, 1e8, 1e12, 1e30]);
         near > f64::NEG_INFINITY && far >= near - 1e3 * (1.0 + near.abs())

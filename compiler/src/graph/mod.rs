@@ -1,6 +1,7 @@
 //! The bond graph of a flat model, and its regions.
 
-use crate::model::{BondId, ElementId, Kind, Model};
+use crate::model::{Bond, BondId, ElementId, Kind, Model};
+use bond_grammar::diagnostic::Diagnostic;
 use petgraph::Graph;
 use petgraph::graph::NodeIndex;
 use std::fmt;
@@ -88,6 +89,22 @@ fn name(model: &Model, elements: &[ElementId]) -> String {
 }
 
 impl BondGraph {
+    /// Double bars whose ends plain bonds join as well: there is nothing between them to hold.
+    pub fn bars_within(&self, model: &Model) -> Vec<Diagnostic> {
+        let inside = |b: &&Bond| b.sampled && self.region_of[b.tail.at()] == self.region_of[b.head.at()];
+        let error = |b: &Bond| {
+            let (tail, head) = (&model.element(b.tail).name, &model.element(b.head).name);
+            Diagnostic::error(
+                "structure::bar",
+                b.span,
+                format!("the double bar {} joins two ends of one region: plain bonds lead from `{tail}` to `{head}` too", b.name),
+            )
+            .label(model.element(b.tail).span, "is joined to it by plain bonds")
+            .help("make it a plain bond, `->`; or make every bond between the two parts a double bar, so that they are two regions")
+        };
+        model.bonds.iter().filter(inside).map(error).collect()
+    }
+
     /// Checks that every edge joins the elements that its bond names.
     ///
     /// # Errors

@@ -7,6 +7,7 @@ use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::{ElementId, Law, Resistor, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Unary;
+use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 
 /// A resistor's output, and its coefficients where it is linear.
@@ -52,6 +53,15 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     // A linear field: its matrix, inverted in the ports that causality runs backwards.
     if let Some(rows) = rows(r, form, &members, (c.region, span))? {
         let flipped: Vec<usize> = (0..members.len()).filter(|i| !forward(r, members[*i])).collect();
+        if is_singular(&r.model.pool, &rows, &flipped) {
+            let names: Vec<String> = flipped.iter().map(|i| format!("`{}`", form.column(members[*i]).name)).collect();
+            return Err(Diagnostic::error(
+                "structure::singular",
+                span,
+                format!("what {} give does not follow from what they are given: the matrix is singular there", names.join(", ")),
+            )
+            .help("give it what its matrix multiplies, as an I does with flows and a C with efforts; or state the matrix otherwise"));
+        }
         if let Some(hybrid) = hybrid(r, rows, &flipped) {
             let pool = &mut r.model.pool;
             let terms: Vec<Expr> = hybrid[place].iter().zip(&inputs).map(|(k, x)| pool.mul(*k, *x)).collect();
@@ -152,6 +162,30 @@ fn rows(
         list.push(row);
     }
     Ok(Some(list))
+}
+
+/// Whether a matrix of numbers cannot be inverted in some of its rows and columns, up to rounding.
+fn is_singular(pool: &Pool, k: &[Vec<Expr>], flipped: &[usize]) -> bool {
+    let n = flipped.len();
+    let number = |i: usize, j: usize| pool.constant(k[flipped[i]][flipped[j]]);
+    if n == 0 || !(0..n).all(|i| (0..n).all(|j| number(i, j).is_some())) {
+        return false;
+    }
+    let mut a = DMatrix::from_fn(n, n, |i, j| number(i, j).unwrap_or(f64::NAN));
+    // Ports are of different units: rows and columns are scaled to 1.
+    for mut row in a.row_iter_mut() {
+        let size = row.amax();
+        row.apply(|x| *x /= size);
+    }
+    for mut column in a.column_iter_mut() {
+        let size = column.amax();
+        column.apply(|x| *x /= size);
+    }
+    if a.iter().any(|x| !x.is_finite()) {
+        return true;
+    }
+    let values = a.singular_values();
+    values.min() <= 1e-14 * values.max()
 }
 
 /// y = K x solved for (y of the ports as they are, x of the flipped ones): the partial inverse.

@@ -14,6 +14,9 @@ use std::collections::HashMap;
 const CRAWL: (u32, f64) = (20_000, 1e-5);
 /// How often a fixed step that fails is halved.
 const HALVINGS: u32 = 12;
+/// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held or turned
+/// over in a step: what is off by 1e-12 of that is the rounding of that energy.
+const TRACE: f64 = 1e-4;
 /// Tables for different step lengths kept at most.
 const TABLES: usize = 256;
 
@@ -114,6 +117,18 @@ pub(super) struct Book {
     pub(super) gained: Worst,
     /// Which of them gave most in a step, and how much (below 0).
     pub(super) giver: (usize, f64),
+}
+
+impl Book {
+    /// The largest energy that was held, or turned over in a step.
+    pub(super) fn largest(&self) -> f64 {
+        self.h_max.max(self.turnover_max)
+    }
+
+    /// What balances are measured against at least.
+    pub(super) fn floor(&self) -> f64 {
+        TRACE * self.largest()
+    }
 }
 
 /// A cluster that runs.
@@ -823,14 +838,15 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         let before = e.before.map_or(b.h, |slot| out[slot]);
         let residual = (h - before) - ((supplied - dissipated) + leap);
         let scale = out[e.size].abs().max(b.h.abs()).max(turnover);
-        b.worst.add(residual.abs(), scale);
-        b.gained.add(-least, scale);
-        b.residual.add(residual);
-        b.leaked.add(leap);
         b.turnover_max = b.turnover_max.max(turnover);
         b.h = h;
         b.h_max = b.h_max.max(h.abs());
         b.h_top = b.h_top.max(h);
+        let floor = b.floor();
+        b.worst.add(residual.abs(), scale, floor);
+        b.gained.add(-least, scale, floor);
+        b.residual.add(residual);
+        b.leaked.add(leap);
     }
     Ok(())
 }

@@ -1,16 +1,13 @@
 //! The multi-rate schedule: sampled regions at their instants, continuous ones between.
 
-use super::cluster::{Look, Run};
+use super::cluster::{Book, Look, Run};
 use super::given::Course;
 use super::hold::{Held, within_budget};
 use super::summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 use super::{Error, Options};
 use crate::scene::{Respond, Scene};
 
-/// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held or turned
-/// over in a step: what is off by 1e-12 of that is the rounding of that energy.
-const TRACE: f64 = 1e-4;
-/// The same as a part of the scene's largest energy: below that a region holds nothing but rounding.
+/// Energies below this part of the scene's largest are rounding.
 const FLOOR: f64 = 1e-14;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
@@ -653,7 +650,7 @@ impl<'a> Simulation<'a> {
     pub fn summary(&self) -> Summary {
         let mut regions = Vec::new();
         let mut gained = Vec::new();
-        let largest = self.runs.iter().flat_map(|r| &r.books).map(|b| b.h_max.max(b.turnover_max)).fold(0.0, f64::max);
+        let largest = self.runs.iter().flat_map(|r| &r.books).map(Book::largest).fold(0.0, f64::max);
         for (r, region) in self.scene.regions.iter().enumerate() {
             let c = &self.scene.clusters[region.cluster];
             let run = &self.runs[region.cluster];
@@ -662,8 +659,7 @@ impl<'a> Simulation<'a> {
             let list = |names: &[(String, usize)], sums: &[crate::ledger::Sum]| {
                 names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
             };
-            let base = b.h_max.max(b.turnover_max);
-            let floor = (TRACE * base).max(FLOOR * largest);
+            let floor = b.floor().max(FLOOR * largest);
             gained.push((b.gained.above(floor), b.giver));
             regions.push(RegionSummary {
                 name: region.name.clone(),
@@ -685,7 +681,7 @@ impl<'a> Simulation<'a> {
                 tank: b.tank,
                 leaps: b.leaps,
                 worst_step: b.worst.above(floor),
-                total: if base > 0.0 { b.residual.value().abs() / base } else { 0.0 },
+                total: if b.largest() > 0.0 { b.residual.value().abs() / b.largest() } else { 0.0 },
                 passive_stepper: c.step.passive,
                 pseudo: region.pseudo,
                 sources: list(&e.supplied, &b.sources),
