@@ -28,6 +28,8 @@ use crate::kernel::Failure;
 
 /// How often a start is moved where the Jacobian there cannot be solved: by a thousandth of the scale to one side, then to the other.
 const NUDGES: u32 = 2;
+/// How often an update that ends where the Jacobian is singular is made twice as long, to get beyond.
+const STRETCHES: u32 = 6;
 /// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly tell.
 pub const STALLS: u32 = 6;
 /// How often one update is halved at most.
@@ -139,6 +141,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     let mut best = f64::INFINITY;
     let mut before: Option<f64> = None; // |d|² of the update made last
     let mut halvings = 0; // of the update made last
+    let mut stretches = 0; // the same, doubled
     let mut nudges = 0;
     let mut stalls = 0; // updates in a row that were not much smaller than the one before
     for _ in 0..plan.limit {
@@ -167,6 +170,25 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         let solved = plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear);
         let square = measure.square(trial);
         if solved.is_err() || !square.is_finite() {
+            if before.is_some() && solved.is_err() && stretches < STRETCHES {
+                // On the flat part of a law, such as one that sticks: beyond it there may be a slope again.
+                stretches += 1;
+                for (u, d) in system.unknowns().iter_mut().zip(&mut scratch.update) {
+                    *d *= 2.0;
+                    *u -= *d;
+                }
+                best = f64::INFINITY;
+                continue;
+            }
+            if stretches == STRETCHES {
+                // There was none: back to where the flat part was met.
+                stretches += 1;
+                let back = f64::from(STRETCHES).exp2();
+                for (u, d) in system.unknowns().iter_mut().zip(&mut scratch.update) {
+                    *u += *d * (2.0 - 2.0 / back);
+                    *d /= back;
+                }
+            }
             if may_halve {
                 halve(&mut scratch.update, system.unknowns());
                 halvings += 1;
@@ -204,6 +226,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         }
         before = Some(square);
         halvings = 0;
+        stretches = 0;
     }
     let (worst, change) = measure.worst(system.unknowns(), &scratch.update);
     Err(Failure::NoConvergence { iterations: plan.limit, unknown: plan.unknowns + worst, change })
@@ -376,6 +399,17 @@ mod tests {
         });
         assert_eq!(result, Ok(()));
         assert!((u[0] - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_flat_part_is_crossed() {
+        // Dry friction along its curve: nothing moves while |s| < 1.
+        let (result, u, _) = run(&[-1.3], 0.0, 1.0, |u, r, j| {
+            r[0] = u[0] - u[0].clamp(-1.0, 1.0) - 0.1;
+            j[0] = if u[0].abs() > 1.0 { 1.0 } else { 0.0 };
+        });
+        assert_eq!(result, Ok(()));
+        assert!((u[0] - 1.1).abs() < 1e-15, "{u:?}");
     }
 
     #[test]
