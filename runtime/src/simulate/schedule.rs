@@ -722,7 +722,7 @@ impl<'a> Simulation<'a> {
                 reasons
                     .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
             }
-            if region.debt_max > 1e-11 * region.h_max.max(region.supplied.abs()) {
+            if region.debt_max > (1e-11 * region.h_max.max(region.supplied.abs())).max(10.0 * FLOOR * largest) {
                 reasons.push(format!(
                     "`{}` gave out up to {:.3e} J more than it had been given",
                     region.name, region.debt_max

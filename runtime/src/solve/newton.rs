@@ -26,8 +26,8 @@ use super::linear;
 use crate::ir;
 use crate::kernel::Failure;
 
-/// How often a start is moved where the Jacobian there cannot be solved: by a thousandth of the scale to one side, then to the other.
-const NUDGES: u32 = 2;
+/// Where else to start, in scales, where the Jacobian at the start cannot be solved.
+const NUDGES: [f64; 6] = [1e-3, -1e-3, 2.0, -2.0, 30.0, -30.0];
 /// How often an update that ends where the Jacobian is singular is made twice as long, to get beyond.
 const STRETCHES: u32 = 6;
 /// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly tell.
@@ -194,10 +194,10 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
                 halvings += 1;
                 continue;
             }
-            if before.is_none() && nudges < NUDGES {
-                // A law with an infinite slope just where the iteration starts: start a little beside it.
+            if before.is_none() && nudges < NUDGES.len() {
+                // A law with an infinite slope just where the iteration starts, or none: start beside it.
+                let side = NUDGES[nudges] - nudges.checked_sub(1).map_or(0.0, |k| NUDGES[k]);
                 nudges += 1;
-                let side = if nudges % 2 == 1 { 1e-3 } else { -2e-3 };
                 for (u, s) in system.unknowns().iter_mut().zip(&scratch.scale) {
                     *u += side * if *s > 0.0 { *s } else { 1.0 };
                 }
