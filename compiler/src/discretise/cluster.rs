@@ -343,6 +343,15 @@ impl Cluster {
                 let wanted = own.or(method.filter(|m| *m == Method::Ray));
                 let (step, entries) = match wanted {
                     None | Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
+                    Some(m @ Method::Ray) if !self.followed.is_empty() => {
+                        return Err(unfit(
+                            model,
+                            self,
+                            form,
+                            m,
+                            "a storage of it follows a source, which the construction along a line does not know",
+                        ));
+                    }
                     Some(Method::Ray) => ray::write(self, model, form)?,
                     Some(m @ (Method::Exact | Method::Euler | Method::Rk4)) => {
                         return Err(unfit(model, self, form, m, "a sampled region takes `gonzalez` or `ray`"));

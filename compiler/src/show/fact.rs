@@ -152,7 +152,11 @@ pub(super) fn lines(
     lines.extend(resistor_lines(model, form, region));
     for d in &region.dependent {
         let e = model.element(d.element);
-        let mut line = format!("{} is dependent: merged into {}", name::element(e), d.into.join(", "));
+        let mut line = if d.into.is_empty() {
+            format!("{} is dependent: it follows its sources alone, and loads them", name::element(e))
+        } else {
+            format!("{} is dependent: merged into {}", name::element(e), d.into.join(", "))
+        };
         let letter = if e.kind == crate::model::Kind::I { 'p' } else { 'q' };
         let _ = write!(line, ", {}.{letter} = {}", e.name, name::expression(&model.pool, d.state));
         lines.push(line);
