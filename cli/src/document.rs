@@ -3,7 +3,7 @@
 use bond_compiler::elaborate::{Files, Loader, elaborate, load};
 use bond_compiler::model::{Kind, Model as Flat};
 use bond_compiler::units::Dimension;
-use bond_grammar::ast::{Chain, End, Expr, ExprKind, File, Item, Model, Statement, StatementKind};
+use bond_grammar::ast::{self, Chain, End, Expr, ExprKind, File, Item, Model, Statement, StatementKind};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources};
 use serde::Serialize;
@@ -132,7 +132,7 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
             value: known.filter(|_| p.default.is_some()).map(|q| q.value),
         });
     }
-    statements(&model.body, &mut |s| match &s.kind {
+    ast::each_statement(&model.body, &mut |s| match &s.kind {
         StatementKind::Port(name, _) => {
             let (effort, flow) = units(flat, &name.text);
             let arrow = arrow(&model.body, &name.text);
@@ -193,7 +193,7 @@ fn units(flat: Option<&Flat>, port: &str) -> (Option<String>, Option<String>) {
 /// Which way the half arrow of a port runs, as its bond inside says.
 fn arrow(body: &[Statement], port: &str) -> Option<Arrow> {
     let mut found = None;
-    statements(body, &mut |s| {
+    ast::each_statement(body, &mut |s| {
         if let StatementKind::Chain(chain) = &s.kind
             && found.is_none()
         {
@@ -211,29 +211,4 @@ fn place(chain: &Chain, port: &str) -> Option<Arrow> {
     };
     let at = chain.groups.iter().position(|group| group.iter().any(names))?;
     Some(if at == 0 { Arrow::In } else { Arrow::Out })
-}
-
-/// Walks all statements, also those in blocks.
-fn statements<'a>(body: &'a [Statement], look: &mut dyn FnMut(&'a Statement)) {
-    for s in body {
-        look(s);
-        match &s.kind {
-            StatementKind::Sampled(block) => statements(&block.body, look),
-            StatementKind::For(repeat) => statements(&repeat.body, look),
-            StatementKind::If(choice) => {
-                statements(&choice.body, look);
-                statements(choice.otherwise.as_deref().unwrap_or(&[]), look);
-            }
-            StatementKind::Element(_)
-            | StatementKind::Chain(_)
-            | StatementKind::Port(..)
-            | StatementKind::Input(..)
-            | StatementKind::Let(..)
-            | StatementKind::Function(_)
-            | StatementKind::Probe(..)
-            | StatementKind::State(..)
-            | StatementKind::Simulate(_)
-            | StatementKind::Expect(_) => {}
-        }
-    }
 }

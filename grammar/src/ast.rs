@@ -402,3 +402,28 @@ pub enum Binary {
     /// `or`
     Or,
 }
+
+/// Walks all statements, also those in blocks.
+pub fn each_statement<'a>(body: &'a [Statement], look: &mut dyn FnMut(&'a Statement)) {
+    for s in body {
+        look(s);
+        match &s.kind {
+            StatementKind::Sampled(block) => each_statement(&block.body, look),
+            StatementKind::For(repeat) => each_statement(&repeat.body, look),
+            StatementKind::If(choice) => {
+                each_statement(&choice.body, look);
+                each_statement(choice.otherwise.as_deref().unwrap_or(&[]), look);
+            }
+            StatementKind::Element(_)
+            | StatementKind::Chain(_)
+            | StatementKind::Port(..)
+            | StatementKind::Input(..)
+            | StatementKind::Let(..)
+            | StatementKind::Function(_)
+            | StatementKind::Probe(..)
+            | StatementKind::State(..)
+            | StatementKind::Simulate(_)
+            | StatementKind::Expect(_) => {}
+        }
+    }
+}

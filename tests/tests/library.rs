@@ -3,7 +3,7 @@
 use crate::common::{files, models, read, texts};
 use bond::Options;
 use bond_compiler::elaborate::LIBRARY;
-use bond_grammar::ast::{End, File, Item, Model, Statement, StatementKind};
+use bond_grammar::ast::{self, End, File, Item, Model, Statement, StatementKind};
 use bond_grammar::source::Sources;
 
 fn parsed(name: &str, text: &str) -> File {
@@ -37,29 +37,17 @@ fn all() -> Vec<(&'static str, Model)> {
 
 /// The kinds of all elements and instances of a model, those in blocks too.
 fn kinds(body: &[Statement], found: &mut Vec<String>) {
-    for s in body {
-        match &s.kind {
-            StatementKind::Element(e) => found.push(e.kind.text.clone()),
-            StatementKind::Chain(chain) => found.extend(chain.groups.iter().flatten().filter_map(|end| match end {
+    ast::each_statement(body, &mut |s| {
+        if let StatementKind::Element(e) = &s.kind {
+            found.push(e.kind.text.clone());
+        }
+        if let StatementKind::Chain(chain) = &s.kind {
+            found.extend(chain.groups.iter().flatten().filter_map(|end| match end {
                 End::Declare(e) => Some(e.kind.text.clone()),
                 End::Path(_) => None,
-            })),
-            StatementKind::Sampled(block) => kinds(&block.body, found),
-            StatementKind::For(repeat) => kinds(&repeat.body, found),
-            StatementKind::If(choice) => {
-                kinds(&choice.body, found);
-                kinds(choice.otherwise.as_deref().unwrap_or(&[]), found);
-            }
-            StatementKind::Port(..)
-            | StatementKind::Input(..)
-            | StatementKind::Let(..)
-            | StatementKind::Function(_)
-            | StatementKind::Probe(..)
-            | StatementKind::State(..)
-            | StatementKind::Simulate(_)
-            | StatementKind::Expect(_) => {}
+            }));
         }
-    }
+    });
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use bond::{Compiled, Options, Simulation, Steps};
-use bond_grammar::ast::{Item, Statement, StatementKind};
+use bond_grammar::ast::{self, Item, Statement, StatementKind};
 use bond_grammar::source::Sources;
 use bond_runtime::scene::ExpectationKind;
 use std::fs;
@@ -155,21 +155,9 @@ fn scenes(name: &str, text: &str) -> Vec<Option<String>> {
 }
 
 fn expects(body: &[Statement]) -> bool {
-    body.iter().any(|s| match &s.kind {
-        StatementKind::Expect(_) => true,
-        StatementKind::Sampled(s) => expects(&s.body),
-        StatementKind::For(f) => expects(&f.body),
-        StatementKind::If(i) => expects(&i.body) || i.otherwise.as_deref().is_some_and(expects),
-        StatementKind::Element(_)
-        | StatementKind::Chain(_)
-        | StatementKind::Port(..)
-        | StatementKind::Input(..)
-        | StatementKind::Let(..)
-        | StatementKind::Function(_)
-        | StatementKind::Probe(..)
-        | StatementKind::State(..)
-        | StatementKind::Simulate(_) => false,
-    })
+    let mut any = false;
+    ast::each_statement(body, &mut |s| any |= matches!(s.kind, StatementKind::Expect(_)));
+    any
 }
 
 /// Runs a scene, and checks what it expects.

@@ -228,8 +228,9 @@ impl Cluster {
     /// Expressions of all outputs in terms of states, ports, time, foreign signals and loops. `start` says what the states and
     /// the storages' outputs are; it may move time.
     pub(super) fn flat(&self, pool: &mut Pool, mut map: FxHashMap<Symbol, Expr>) -> FxHashMap<Symbol, Expr> {
+        let loops: FxHashSet<Symbol> = self.loops.iter().copied().collect();
         for n in &self.nodes {
-            if map.contains_key(&n.out) || (self.loops.contains(&n.out) && !matches!(n.how, Output::Curve { .. })) {
+            if map.contains_key(&n.out) || (loops.contains(&n.out) && !matches!(n.how, Output::Curve { .. })) {
                 continue;
             }
             if let Output::Explicit(e) | Output::Curve { out: e, .. } = n.how {
@@ -261,11 +262,16 @@ impl Cluster {
         map
     }
 
+    /// The nodes that are solved for, in the order of the loops' unknowns.
+    pub(super) fn loop_nodes(&self) -> Vec<&Node> {
+        let by: FxHashMap<Symbol, &Node> = self.nodes.iter().map(|n| (n.unknown(), n)).collect();
+        self.loops.iter().filter_map(|z| by.get(z).copied()).collect()
+    }
+
     /// Residuals of the loops, in order, in terms of outputs.
     pub(super) fn loop_residuals(&self, pool: &mut Pool) -> Vec<Expr> {
-        self.loops
-            .iter()
-            .filter_map(|z| self.nodes.iter().find(|n| n.unknown() == *z))
+        self.loop_nodes()
+            .into_iter()
             .map(|n| match n.how {
                 Output::Implicit(e) | Output::Curve { residual: e, .. } => e,
                 Output::Explicit(e) => {

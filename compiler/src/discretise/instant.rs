@@ -32,11 +32,11 @@ pub(super) fn outputs(
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
     // Where the states alone impose what a curve receives, and it stands upright there, its parameter cannot be told from an
     // instant: the force that holds a body at rest follows from the whole step. It stays near what the step found.
-    for ((r, z), guess) in residuals.iter_mut().zip(&c.loops).zip(guesses) {
-        let is_bare = |n: &cluster::Node| n.unknown() == *z && matches!(n.how, Output::Curve { bare: true, .. });
-        let imposed = model.pool.symbols(*r).iter().all(|s| s == z || !c.loops.contains(s));
-        let own = imposed && c.nodes.iter().any(|n| is_bare(n) && !reads(c, model, form, n));
-        if own {
+    let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
+    for (((r, z), n), guess) in residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses) {
+        let is_bare = matches!(n.how, Output::Curve { bare: true, .. });
+        let imposed = || !model.pool.contains_any(*r, &|s| s != *z && loops.contains(&s));
+        if is_bare && imposed() && !reads(c, model, form, n) {
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
             lowering.bind(held, *guess);
             let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(HOLD));

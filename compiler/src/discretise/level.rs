@@ -4,7 +4,7 @@ use super::cluster::{Cluster, Group};
 use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::Model;
 use bond_runtime::ir::{Binary, Unary};
-use rustc_hash::{FxHashMap, FxHashSet};
+use rustc_hash::FxHashMap;
 
 /// H of a group as it is to be computed. Of one state it is H(0) and the change from there, written without cancellation: as in
 /// `1 - cos q` near 0, else what H is near its least would be rounding of its largest term. Where H is a polynomial, has a choice
@@ -33,23 +33,20 @@ pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> E
 
 /// Whether an expression has a function or a root in it, and no choice.
 fn is_smooth(pool: &Pool, e: Expr) -> bool {
-    let (mut seen, mut stack, mut curved) = (FxHashSet::default(), vec![e], false);
-    while let Some(e) = stack.pop() {
-        if !seen.insert(e) {
-            continue;
-        }
-        let node = pool.node(e);
-        match node {
+    let chooses = |n: &Node| {
+        matches!(
+            n,
             Node::Select(..)
-            | Node::Binary(Binary::Min | Binary::Max | Binary::Lt | Binary::Le | Binary::Eq, ..)
-            | Node::Unary(Unary::Abs | Unary::Sign | Unary::Not, _) => return false,
-            Node::Unary(..) | Node::Power(..) => curved = true,
-            Node::Product(_, factors) => curved |= factors.iter().any(|f| f.1.integer().is_none_or(|n| n < 0)),
-            Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Binary(..) => {}
-        }
-        node.each_child(&mut |c| stack.push(c));
-    }
-    curved
+                | Node::Binary(Binary::Min | Binary::Max | Binary::Lt | Binary::Le | Binary::Eq, ..)
+                | Node::Unary(Unary::Abs | Unary::Sign | Unary::Not, _)
+        )
+    };
+    let is_curved = |n: &Node| match n {
+        Node::Unary(..) | Node::Power(..) => true,
+        Node::Product(_, factors) => factors.iter().any(|f| f.1.integer().is_none_or(|n| n < 0)),
+        Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Binary(..) | Node::Select(..) => false,
+    };
+    pool.any_node(e, &is_curved) && !pool.any_node(e, &chooses)
 }
 
 /// The least energy of a group near where it starts; where there is none, as of heat, which is least at no temperature, its energy

@@ -217,8 +217,7 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
 fn complain(c: &Cluster, model: &Model, form: &Form, what: &str, help: &str) -> Diagnostic {
     let mut names: Vec<String> = Vec::new();
     let mut bonds = Vec::new();
-    for z in &c.loops {
-        let Some(node) = c.nodes.iter().find(|n| n.unknown() == *z) else { continue };
+    for node in c.loop_nodes() {
         let bond = match node.resistor() {
             Some(column) => {
                 names.push(format!("`{}`", form.column(column).name));

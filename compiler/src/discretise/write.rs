@@ -212,14 +212,13 @@ fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Exp
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
     let mut list = Vec::new();
-    for z in &c.loops {
-        let node = c.nodes.iter().find(|n| n.unknown() == *z);
-        if let Some(Output::Curve { weight, .. }) = node.map(|n| n.how) {
+    for node in c.loop_nodes() {
+        if let Output::Curve { weight, .. } = node.how {
             let weight = model.pool.substitute(weight, &flat);
             list.push(model.pool.mul(h, weight));
             continue;
         }
-        let Some((slope, forward)) = node.and_then(|n| slope(model, form, &flat, n)) else {
+        let Some((slope, forward)) = slope(model, form, &flat, node) else {
             list.push(model.pool.int(0));
             continue;
         };
@@ -305,14 +304,12 @@ pub(super) fn scales(
             list.push((b.add(x, trace), model.pool.mul(h, t)));
         }
     }
-    for (z, guess) in c.loops.iter().zip(guesses) {
+    for (node, guess) in c.loop_nodes().into_iter().zip(guesses) {
         let mut size = model.pool.int(0);
-        let node = c.nodes.iter().find(|n| n.unknown() == *z);
-        if let Some(Output::Curve { bare: true, .. }) = node.map(|n| n.how) {
-            size = model.pool.int(1);
-        } else if let Some(Output::Curve { .. }) = node.map(|n| n.how) {
+        if let Output::Curve { bare, .. } = node.how {
             // Of an exponential's argument only itself says what a small change is: the slope changes too fast.
-        } else if let Some((node, column)) = node.and_then(|n| Some((n, n.resistor()?)))
+            size = model.pool.int(i64::from(bare));
+        } else if let Some(column) = node.resistor()
             && !is_steep(model, form, column)
         {
             let t = terms(model, form, &flat, column);
@@ -424,22 +421,6 @@ pub(super) fn ledger(
     Ok(())
 }
 
-/// Whether an expression has a sine or cosine in it.
-fn has_angle(pool: &Pool, e: Expr) -> bool {
-    let (mut seen, mut stack) = (FxHashSet::default(), vec![e]);
-    while let Some(e) = stack.pop() {
-        if !seen.insert(e) {
-            continue;
-        }
-        let node = pool.node(e);
-        if matches!(node, crate::expression::Node::Unary(Unary::Sin | Unary::Cos, _)) {
-            return true;
-        }
-        node.each_child(&mut |c| stack.push(c));
-    }
-    false
-}
-
 /// The flow into a column's element.
 pub(super) fn flow(model: &mut Model, form: &Form, column: ColumnId) -> Expr {
     match form.column(column).gives {
@@ -479,8 +460,9 @@ pub(super) fn energies(
                 .iter()
                 .all(|s| model.pool.value(*s).is_some() || c.states.iter().any(|x| x.symbol == *s))
         };
+        let is_angle = |n: &expression::Node| matches!(n, expression::Node::Unary(Unary::Sin | Unary::Cos, _));
         let angles =
-            |g: &&Group| g.region == *r && has_angle(&model.pool, g.energy) && g.coenergy.iter().all(of_states);
+            |g: &&Group| g.region == *r && model.pool.any_node(g.energy, &is_angle) && g.coenergy.iter().all(of_states);
         for g in c.groups.iter().filter(angles) {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
                 let Some(rest) = rests.get(*s) else { continue };

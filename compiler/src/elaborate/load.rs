@@ -102,30 +102,14 @@ impl Loading<'_> {
         for (i, item) in file.items.iter().enumerate() {
             let Item::Model(m) = item else { continue };
             if let Some(first) = own.insert(&m.name.text, m.name.span) {
-                self.errors.push(
-                    Diagnostic::error(
-                        "elaborate::twice",
-                        m.name.span,
-                        format!("the model `{}` is declared twice", m.name.text),
-                    )
-                    .label(first, "is the first one")
-                    .help("rename one of them"),
-                );
+                self.errors.push(twice("model", &m.name, first));
             }
             visible.insert(m.name.text.clone(), (at, i));
         }
         let mut own: FxHashMap<&str, Span> = FxHashMap::default();
         for (i, f) in self.files.functions_of(at) {
             if let Some(first) = own.insert(&f.name.text, f.name.span) {
-                self.errors.push(
-                    Diagnostic::error(
-                        "elaborate::twice",
-                        f.name.span,
-                        format!("the function `{}` is declared twice", f.name.text),
-                    )
-                    .label(first, "is the first one")
-                    .help("rename one of them"),
-                );
+                self.errors.push(twice("function", &f.name, first));
             }
             functions.insert(f.name.text.clone(), (at, i));
         }
@@ -187,4 +171,10 @@ fn library(path: &[Name], span: Span) -> Result<(String, String), Diagnostic> {
             None => format!("the bundled ones are {}; a file is used by its path in quotes", known()),
         },
     ))
+}
+
+fn twice(what: &str, name: &Name, first: Span) -> Diagnostic {
+    Diagnostic::error("elaborate::twice", name.span, format!("the {what} `{}` is declared twice", name.text))
+        .label(first, "is the first one")
+        .help("rename one of them")
 }

@@ -1,7 +1,7 @@
 //! Ways through the graph of an expression, none of them recursive.
 
 use super::pool::Support;
-use super::{Expr, Pool, Symbol};
+use super::{Expr, Node, Pool, Symbol};
 use rustc_hash::FxHashSet;
 
 impl Pool {
@@ -42,6 +42,16 @@ impl Pool {
                 false
             }
             Support::Many => !found,
+        });
+        found
+    }
+
+    /// Whether any node is such a one.
+    pub fn any_node(&self, e: Expr, is: &dyn Fn(&Node) -> bool) -> bool {
+        let mut found = false;
+        self.walk(e, &mut |pool, e| {
+            found |= is(pool.node(e));
+            !found
         });
         found
     }

@@ -111,7 +111,9 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         return Ok(Some(Found::plain(Output::Implicit(r.model.pool.sub(value, inputs[place])))));
     }
     let mut found = Found::plain(Output::Explicit(value));
-    if members.len() == 1 && grows(&r.model.pool, law.output) {
+    let grows = |n: &Node| matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _) | Node::Power(..));
+    if members.len() == 1 && r.model.pool.any_node(law.output, &grows) {
+        // It has an exponential in it, as that of a junction diode.
         let pool = &mut r.model.pool;
         let x = pool.var(law.argument);
         let (slope, residual) = (pool.derivative(law_output, law.argument), pool.sub(x, inputs[0]));
@@ -119,19 +121,6 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         found.steep = Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, bare: false });
     }
     Ok(Some(found))
-}
-
-/// Whether a law has an exponential in it, as that of a junction diode.
-fn grows(pool: &Pool, law: Expr) -> bool {
-    let mut stack = vec![law];
-    while let Some(e) = stack.pop() {
-        let node = pool.node(e);
-        if matches!(node, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _) | Node::Power(..)) {
-            return true;
-        }
-        node.each_child(&mut |c| stack.push(c));
-    }
-    false
 }
 
 /// How fast a variable rises along a curve, where it does: the sum of its slopes at some places.
