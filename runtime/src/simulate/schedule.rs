@@ -5,6 +5,8 @@ use super::given::Course;
 use super::hold::{Held, within_budget};
 use super::summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 use super::{Error, Options};
+use crate::interpreter::Interpret;
+use crate::kernel::Backend;
 use crate::scene::{Respond, Scene};
 
 /// Energies below this part of the scene's largest are rounding.
@@ -81,11 +83,24 @@ impl<'a> Simulation<'a> {
     }
 
     /// A scene at its start, with the first samples taken. Signals given from outside take the courses listed with their index;
-    /// the others are what they are by default.
+    /// the others are what they are by default. Programs are interpreted.
     ///
     /// # Errors
     /// A program that fails at the start.
     pub fn with(scene: &'a Scene, options: &Options, courses: Vec<(usize, Course)>) -> Result<Self, Error> {
+        Self::on(&Interpret, scene, options, courses)
+    }
+
+    /// The same, with programs run by this back end.
+    ///
+    /// # Errors
+    /// A program that fails at the start.
+    pub fn on(
+        backend: &dyn Backend,
+        scene: &'a Scene,
+        options: &Options,
+        courses: Vec<(usize, Course)>,
+    ) -> Result<Self, Error> {
         let n = scene.clusters.len();
         let names = scene.clusters.iter().map(|c| c.name.clone()).collect();
         let mut given: Vec<Course> = scene.inputs.iter().map(|i| Course::constant(i.value)).collect();
@@ -95,7 +110,7 @@ impl<'a> Simulation<'a> {
             }
         }
         let runs = scene.clusters.iter().enumerate();
-        let runs = runs.map(|(i, c)| Run::new(i, c, &given, options)).collect::<Result<Vec<_>, _>>()?;
+        let runs = runs.map(|(i, c)| Run::new(i, c, &given, options, backend)).collect::<Result<Vec<_>, _>>()?;
         let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
         for (i, c) in scene.clusters.iter().enumerate() {
             for &port in &c.holds {
@@ -142,7 +157,7 @@ impl<'a> Simulation<'a> {
             order,
             connected,
             moved: scene.clusters.iter().map(|c| vec![0.0; c.ports.len()]).collect(),
-            probes: scene.probes.program.as_ref().map(Look::new),
+            probes: scene.probes.program.as_ref().map(|p| Look::new(p, backend)),
             probe_input: vec![0.0; 1 + scene.probes.gather.len() + scene.probes.inputs.len()],
             given,
             open: vec![0.0; scene.open.len()],

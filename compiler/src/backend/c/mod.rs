@@ -1,0 +1,3 @@
+//! C99: text that needs nothing but `libm`.
+
+mod print;
