@@ -5,6 +5,7 @@ mod csv;
 mod diff;
 mod document;
 mod drive;
+mod emit;
 mod expectation;
 mod input;
 mod output;
@@ -16,7 +17,7 @@ mod summary;
 mod text;
 
 use clap::{Parser, Subcommand};
-use commands::{check, doc, fmt, linearize, new, run, show, test};
+use commands::{build, check, doc, fmt, linearize, new, run, show, test};
 use std::process::ExitCode;
 use stop::Stop;
 
@@ -41,6 +42,7 @@ struct Line {
 #[derive(Subcommand)]
 enum Command {
     New(new::Args),
+    Build(build::Args),
     Check(check::Args),
     Doc(doc::Args),
     Fmt(fmt::Args),
@@ -68,6 +70,7 @@ fn main() -> ExitCode {
 fn done(command: &Command) -> u8 {
     let result = match command {
         Command::New(args) => new::new(args),
+        Command::Build(args) => build::build(args),
         Command::Check(args) => check::check(args),
         Command::Doc(args) => doc::doc(args),
         Command::Fmt(args) => fmt::fmt(args),

@@ -6,4 +6,6 @@ mod lower;
 #[cfg(feature = "native")]
 pub mod native;
 
+pub mod unit;
+
 pub use lower::lower;

@@ -26,19 +26,19 @@ fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<us
 pub struct Simulation<'a> {
     scene: &'a Scene,
     names: Vec<String>,
-    runs: Vec<Run>,
+    pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
-    held: Vec<Vec<Held>>,
+    pub(super) held: Vec<Vec<Held>>,
     /// By cluster, the matrix beta of those ports, its like for the interval after, and what of a motion is left after one.
-    beta: Vec<Vec<f64>>,
-    gamma: Vec<Vec<f64>>,
-    decay: Vec<Vec<f64>>,
+    pub(super) beta: Vec<Vec<f64>>,
+    pub(super) gamma: Vec<Vec<f64>>,
+    pub(super) decay: Vec<Vec<f64>>,
     /// By cluster, the next sample's number.
     next: Vec<u64>,
     /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
-    order: Vec<usize>,
+    pub(super) order: Vec<usize>,
     /// By cluster, whether samples of others concern it.
-    connected: Vec<bool>,
+    pub(super) connected: Vec<bool>,
     moved: Vec<Vec<f64>>,
     probes: Option<Look>,
     probe_input: Vec<f64>,
@@ -50,8 +50,8 @@ pub struct Simulation<'a> {
     last_sample: f64,
     respond_input: Vec<Vec<f64>>,
     /// Clusters whose signals others read, and those that probes read.
-    read: Vec<usize>,
-    probed: Vec<usize>,
+    pub(super) read: Vec<usize>,
+    pub(super) probed: Vec<usize>,
     scratch: Scratch,
 }
 

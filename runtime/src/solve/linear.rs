@@ -53,6 +53,14 @@ impl Plan {
         Self { n, method }
     }
 
+    /// The sparse elimination, where that is what is done; else it is dense.
+    pub fn sparse(&self) -> Option<&Symbolic> {
+        match &self.method {
+            Method::Sparse(symbolic) => Some(symbolic),
+            Method::Dense | Method::Never(_) => None,
+        }
+    }
+
     /// Memory for it.
     pub fn scratch(&self) -> Scratch {
         let n = self.n;

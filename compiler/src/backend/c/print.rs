@@ -20,8 +20,9 @@ pub(super) fn letter(memory: Memory) -> char {
     }
 }
 
-/// The body of a function whose memories are pointers named as [`letter`] says; returns 0, or why it failed.
-pub(super) fn body(routine: &Routine, needs: &mut Needs) -> String {
+/// The body of a function whose memories are pointers named as [`letter`] says; returns 0, or why it failed. Its systems are
+/// numbered from `first` on.
+pub(super) fn body(routine: &Routine, first: usize, needs: &mut Needs) -> String {
     let mut out = String::new();
     let mut used = Used::default();
     used.block(&routine.body);
@@ -31,7 +32,7 @@ pub(super) fn body(routine: &Routine, needs: &mut Needs) -> String {
     for i in &used.indices {
         let _ = writeln!(out, "    unsigned long i{i};");
     }
-    let mut printer = Printer { routine, out, needs };
+    let mut printer = Printer { routine, first, out, needs };
     printer.block(&routine.body, 1);
     let mut out = printer.out;
     if !matches!(routine.body.last(), Some(Stmt::Fail(_))) {
@@ -92,6 +93,7 @@ impl Used {
 
 struct Printer<'a> {
     routine: &'a Routine,
+    first: usize,
     out: String,
     needs: &'a mut Needs,
 }
@@ -167,23 +169,27 @@ impl Printer<'_> {
                     self.line(depth, "}");
                 }
                 Stmt::Solve { system, matrix, vector, row } => {
+                    let system = self.first + *system as usize;
                     self.line(depth, &format!("m{} = bond_solve_{system}(s + {matrix}, s + {vector}, s);", row.0));
                 }
-                Stmt::Count(_) => {}
+                Stmt::Count(v) => self.unused(depth, *v),
                 Stmt::Fail(reason) => {
                     let (code, notes) = match reason {
                         Reason::NoConvergence(_, a, b) => ("BOND_NO_CONVERGENCE", vec![*a, *b]),
                         Reason::Singular(a) => ("BOND_SINGULAR", vec![*a]),
                         Reason::NotFinite => ("BOND_NOT_FINITE", Vec::new()),
                     };
-                    for v in notes {
-                        if self.routine.numbers[v.0 as usize].is_none() {
-                            self.line(depth, &format!("(void)v{};", v.0));
-                        }
-                    }
+                    notes.into_iter().for_each(|v| self.unused(depth, v));
                     self.line(depth, &format!("return {code};"));
                 }
             }
+        }
+    }
+
+    /// Says that a value is left alone on purpose.
+    fn unused(&mut self, depth: usize, v: Value) {
+        if self.routine.numbers[v.0 as usize].is_none() {
+            self.line(depth, &format!("(void)v{};", v.0));
         }
     }
 
