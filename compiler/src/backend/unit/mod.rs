@@ -236,7 +236,13 @@ impl Writing<'_> {
                 None => self.block.image[at + k] = self.scene.inputs[*i].value,
             }
         }
-        let w = self.program(w, program, 0, 0, inputs, None, "the probes")?;
+        let seen = self.block.take("probes", program.size(bond_runtime::ir::Array::Output));
+        let mut w = self.program(w, program, 0, 0, inputs, seen, "the probes")?;
+        // After the probes, the program gives what expectations ask for.
+        for k in 0..self.scene.probes.names.len() {
+            let x = w.kept(seen + k);
+            w.push(Stmt::Store(Place { memory: Memory::Output, base: k as u32, along: Vec::new() }, x));
+        }
         Ok(w.routine("probes".into()))
     }
 
@@ -245,10 +251,10 @@ impl Writing<'_> {
         let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
         let t = w.kept(self.time);
         w.keep(place.input, t);
-        self.program(w, &c.instant, place.state, 0, place.input, Some(place.seen), &c.name)
+        self.program(w, &c.instant, place.state, 0, place.input, place.seen, &c.name)
     }
 
-    /// Writes a program: places of state, next state and inputs; without a place, outputs are the routine's.
+    /// Writes a program: places of state, next state, inputs and outputs.
     #[expect(clippy::too_many_arguments, reason = "a program has as many arrays")]
     fn program(
         &self,
@@ -257,13 +263,12 @@ impl Writing<'_> {
         state: usize,
         next: usize,
         input: usize,
-        output: Option<usize>,
+        output: usize,
         of: &str,
     ) -> Result<Writer, String> {
         let s = |at: usize| (Memory::State, at as u32);
-        let output = output.map_or((Memory::Output, 0), s);
         let table = self.clusters.iter().find(|c| c.state == state && c.next == next).map_or(0, |c| c.table);
-        let places = [s(state), s(next), s(input), (Memory::Table, table as u32), (Memory::Scratch, 0), output];
+        let places = [s(state), s(next), s(input), (Memory::Table, table as u32), (Memory::Scratch, 0), s(output)];
         write(w, program, places)
             .ok_or_else(|| format!("`{of}` has iterations inside iterations, which have no compiled form"))
     }

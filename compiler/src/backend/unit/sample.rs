@@ -227,7 +227,7 @@ impl Writing<'_> {
                 w.keep(extra + k, *a);
             }
         }
-        let mut w = self.program(w, program, place.state, 0, place.input, Some(place.called), &c.name)?;
+        let mut w = self.program(w, program, place.state, 0, place.input, place.called, &c.name)?;
         let values: Vec<_> = (0..n)
             .map(|k| {
                 let (var, x) = (w.var(), w.kept(place.called + k));
@@ -346,7 +346,7 @@ impl Writing<'_> {
                 let flow = w.div(back, length);
                 w.keep(place.input + c.ports[h.port].input, flow);
             }
-            w = self.program(w, fallback, place.state, 0, place.input, Some(place.called), &c.name)?;
+            w = self.program(w, fallback, place.state, 0, place.input, place.called, &c.name)?;
             let v = w.kept(place.called + k);
             let s = w.get(stage);
             let asked = w.eq(s, zero);

@@ -66,8 +66,7 @@ impl Writing<'_> {
         let length = w.number(h);
         w.keep(place.input, t);
         w.keep(place.input + 1, length);
-        let output = Some(place.output);
-        let mut w = self.program(w, &c.step.program, place.state, place.next, place.input, output, &c.name)?;
+        let mut w = self.program(w, &c.step.program, place.state, place.next, place.input, place.output, &c.name)?;
         let n = self.start.clusters[i].state.len();
         w.each(n, |w, at| {
             let x = w.read(place.next, at);
