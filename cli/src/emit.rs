@@ -32,6 +32,20 @@ impl Emission<'_> {
         output::put(Some(&source), &c::source(&unit, &options))
     }
 
+    /// Writes NAME.o and NAME.h.
+    ///
+    /// # Errors
+    /// A scene that has no compiled form, a file that cannot be written.
+    #[cfg(feature = "native")]
+    pub fn object(&self, compiled: &Compiled) -> Result<(), Stop> {
+        let (object, header) = self.places("o")?;
+        let unit = self.unit(compiled)?;
+        let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(Stop::Model)?;
+        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header) };
+        output::put(Some(&header), &c::header(&unit, &options))?;
+        output::put_bytes(&object, &code)
+    }
+
     /// The scene as a unit.
     fn unit(&self, compiled: &Compiled) -> Result<unit::Unit, Stop> {
         let settings = &compiled.stages().model.settings;

@@ -39,6 +39,9 @@ pub struct Args {
 pub enum Emit {
     /// C99 source and its header
     C,
+    /// An object file for machines like this one, and its header
+    #[cfg(feature = "native")]
+    Object,
 }
 
 /// Builds.
@@ -54,5 +57,7 @@ pub fn build(args: &Args) -> Result<(), Stop> {
     let emission = Emission { file: &args.file, output: args.output.as_deref(), step: args.step, prefix: &args.prefix };
     match args.emit {
         Emit::C => emission.c(&compiled),
+        #[cfg(feature = "native")]
+        Emit::Object => emission.object(&compiled),
     }
 }

@@ -65,3 +65,8 @@ pub(super) const TWO: &[(Binary, extern "C" fn(f64, f64) -> f64)] = &[(Binary::P
 
 /// The name of the function that solves large systems: context, system, matrix entries, right side; gives -1 or a row.
 pub(super) const SOLVE: &str = "bond_solve";
+
+/// The name of a function in the system's `libm`.
+pub(super) fn libm(name: &'static str) -> &'static str {
+    name.strip_prefix("bond_").unwrap_or(name)
+}

@@ -13,7 +13,7 @@ use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
 use bond_runtime::solve::linear;
 use cranelift_codegen::settings::{self, Configurable};
 use cranelift_jit::{JITBuilder, JITModule};
-use cranelift_module::default_libcall_names;
+use cranelift_module::{Linkage, default_libcall_names};
 
 /// Statements in a function at most: above, compiling takes longer than it saves.
 const LARGEST: usize = 30_000;
@@ -74,7 +74,7 @@ impl Compiled {
         }
         builder.symbol(SOLVE, solve as *const u8);
         let mut module = JITModule::new(builder);
-        let id = define(&mut module, "step", &routine).ok()?;
+        let id = define(&mut module, "step", &routine, Linkage::Export, |name| name).ok()?;
         module.finalize_definitions().ok()?;
         let code = module.get_finalized_function(id);
         // SAFETY: `define` gives the function this signature, in the platform's C convention, which `extern "C"` is too.

@@ -2,6 +2,8 @@
 
 mod functions;
 pub mod jit;
+mod object;
 mod translate;
 
 pub use jit::Jit;
+pub use object::object;

@@ -18,12 +18,20 @@ pub(super) const NOT_FINITE: i64 = 3;
 
 /// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report (iterations, then
 /// what a failure tells), and the context for [`functions::SOLVE`]; returns 0 or why it failed.
-pub(super) fn define<M: Module>(module: &mut M, name: &str, routine: &Routine) -> Result<FuncId, ModuleError> {
+///
+/// `names` says under which names functions of numbers are found.
+pub(super) fn define<M: Module>(
+    module: &mut M,
+    name: &str,
+    routine: &Routine,
+    linkage: Linkage,
+    names: fn(&'static str) -> &'static str,
+) -> Result<FuncId, ModuleError> {
     let pointer = module.target_config().pointer_type();
     let mut signature = module.make_signature();
     signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 2];
     signature.returns = vec![AbiParam::new(types::I32)];
-    let id = module.declare_function(name, Linkage::Export, &signature)?;
+    let id = module.declare_function(name, linkage, &signature)?;
     let mut context = module.make_context();
     context.func.signature = signature;
     let mut frontend = FunctionBuilderContext::new();
@@ -39,6 +47,7 @@ pub(super) fn define<M: Module>(module: &mut M, name: &str, routine: &Routine) -
         flags: FxHashMap::default(),
         functions: FxHashMap::default(),
         loops: Vec::new(),
+        names,
         routine,
         params,
         pointer,
@@ -63,6 +72,7 @@ pub(super) fn define<M: Module>(module: &mut M, name: &str, routine: &Routine) -
 struct Translate<'a, 'f, M> {
     module: &'a mut M,
     b: FunctionBuilder<'f>,
+    names: fn(&'static str) -> &'static str,
     routine: &'a Routine,
     params: Vec<ir::Value>,
     pointer: ir::Type,
@@ -352,7 +362,7 @@ impl<M: Module> Translate<'_, '_, M> {
         let mut signature = self.module.make_signature();
         signature.params = params.iter().map(|t| AbiParam::new(*t)).collect();
         signature.returns = vec![AbiParam::new(types::F64)];
-        let id = self.module.declare_function(name, Linkage::Import, &signature).ok()?;
+        let id = self.module.declare_function((self.names)(name), Linkage::Import, &signature).ok()?;
         let f = self.module.declare_func_in_func(id, self.b.func);
         self.functions.insert(name, f);
         Some(f)

@@ -1,0 +1,229 @@
+//! Object files: a unit as machine code with the functions that its header declares.
+
+use super::functions;
+use super::translate::define;
+use crate::backend::code::Memory;
+use crate::backend::unit::Unit;
+use cranelift_codegen::ir::condcodes::IntCC;
+use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, StackSlotData, StackSlotKind, types};
+use cranelift_codegen::settings::{self, Configurable};
+use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext};
+use cranelift_module::{DataDescription, DataId, FuncId, Linkage, Module, default_libcall_names};
+use cranelift_object::{ObjectBuilder, ObjectModule};
+
+/// The object file of a unit, for machines like this one; its public names begin with `prefix`.
+///
+/// # Errors
+/// In words: iterations too large to be written out, or a machine that is not known.
+pub fn object(unit: &Unit, prefix: &str) -> Result<Vec<u8>, String> {
+    if !unit.commit.systems.is_empty() || !unit.observe.systems.is_empty() {
+        return Err("a step of this scene solves for more than 8 unknowns at once, which object files have no form for: take --emit c".into());
+    }
+    let text = |e: &dyn std::fmt::Display| e.to_string();
+    let mut flags = settings::builder();
+    for (name, value) in [("opt_level", "speed"), ("is_pic", "true")] {
+        flags.set(name, value).map_err(|e| text(&e))?;
+    }
+    let isa = cranelift_native::builder()?.finish(settings::Flags::new(flags)).map_err(|e| text(&e))?;
+    let builder = ObjectBuilder::new(isa, unit.name.clone(), default_libcall_names()).map_err(|e| text(&e))?;
+    let mut writer = Writer { module: ObjectModule::new(builder), unit, prefix };
+    writer.all().map_err(|e| text(&e))?;
+    writer.module.finish().emit().map_err(|e| text(&e))
+}
+
+type Result1<T> = std::result::Result<T, cranelift_module::ModuleError>;
+
+/// An object in the making.
+struct Writer<'a> {
+    module: ObjectModule,
+    unit: &'a Unit,
+    prefix: &'a str,
+}
+
+/// What a public function takes and gives.
+struct Face<'n> {
+    name: &'n str,
+    params: Vec<ir::Type>,
+    gives: Option<ir::Type>,
+}
+
+impl Writer<'_> {
+    fn all(&mut self) -> Result1<()> {
+        let own = |name: &str| format!("{}_{name}_", self.prefix);
+        let (commit, observe) = (own("commit"), own("observe"));
+        let start = self.numbers("start", &self.unit.image)?;
+        let table = self.numbers("table", &self.unit.table)?;
+        let commit = define(&mut self.module, &commit, &self.unit.commit, Linkage::Local, functions::libm)?;
+        let observe = define(&mut self.module, &observe, &self.unit.observe, Linkage::Local, functions::libm)?;
+        let pointer = self.module.target_config().pointer_type();
+        let n = self.unit.image.len() as i64;
+        let face = |name, params: &[ir::Type], gives| Face { name, params: params.to_vec(), gives };
+
+        self.function(face("init", &[pointer], None), |w, b, args| {
+            let from = w.data(b, start);
+            copy(b, args[0], from, n);
+            None
+        })?;
+        self.function(face("save", &[pointer, pointer], None), |_, b, args| {
+            copy(b, args[1], args[0], n);
+            None
+        })?;
+        self.function(face("restore", &[pointer, pointer], None), |_, b, args| {
+            copy(b, args[0], args[1], n);
+            None
+        })?;
+        self.function(face("commit", &[pointer, pointer], Some(types::I32)), |w, b, args| {
+            Some(w.run(b, commit, table, args[0], Memory::Input, args[1]))
+        })?;
+        self.function(face("probes", &[pointer, pointer], Some(types::I32)), |w, b, args| {
+            Some(w.run(b, observe, table, args[0], Memory::Output, args[1]))
+        })?;
+        self.function(face("output", &[pointer, pointer], None), |w, b, args| {
+            for (k, o) in w.unit.open.iter().enumerate() {
+                let x = load(b, args[0], o.at);
+                b.ins().store(MemFlagsData::trusted(), x, args[1], 8 * k as i32);
+            }
+            None
+        })?;
+        self.function(face("time", &[pointer], Some(types::F64)), |w, b, args| Some(load(b, args[0], w.unit.time)))?;
+        self.function(face("energy", &[pointer], Some(types::F64)), |w, b, args| {
+            let mut list = w.unit.regions.iter();
+            let mut sum = match list.next() {
+                Some(r) => load(b, args[0], r.at),
+                None => b.ins().f64const(0.0),
+            };
+            for r in list {
+                let x = load(b, args[0], r.at);
+                sum = b.ins().fadd(sum, x);
+            }
+            Some(sum)
+        })?;
+        self.function(face("ledger", &[pointer, types::I32, types::I32], Some(types::F64)), |w, b, args| {
+            let mut at = b.ins().iconst(types::I64, 0);
+            for (k, r) in w.unit.regions.iter().enumerate() {
+                let is = b.ins().icmp_imm_u(IntCC::Equal, args[1], k as i64);
+                let own = b.ins().iconst(types::I64, r.at as i64);
+                at = b.ins().select(is, own, at);
+            }
+            let what = b.ins().uextend(types::I64, args[2]);
+            let at = b.ins().iadd(at, what);
+            let at = b.ins().imul_imm_u(at, 8);
+            let place = b.ins().iadd(args[0], at);
+            Some(b.ins().load(types::F64, MemFlagsData::trusted(), place, 0))
+        })?;
+        self.function(face("input", &[pointer, types::I32, types::F64], None), |w, b, args| {
+            for (k, given) in w.unit.inputs.iter().enumerate() {
+                let is = b.ins().icmp_imm_u(IntCC::Equal, args[1], k as i64);
+                for &at in &given.at {
+                    let before = load(b, args[0], at);
+                    let x = b.ins().select(is, args[2], before);
+                    b.ins().store(MemFlagsData::trusted(), x, args[0], 8 * at as i32);
+                }
+            }
+            None
+        })?;
+        Ok(())
+    }
+
+    /// Constant numbers.
+    fn numbers(&mut self, name: &str, list: &[f64]) -> Result1<DataId> {
+        let id = self.module.declare_data(&format!("{}_{name}_", self.prefix), Linkage::Local, false, false)?;
+        let mut data = DataDescription::new();
+        let mut bytes: Vec<u8> = list.iter().flat_map(|x| x.to_ne_bytes()).collect();
+        bytes.resize(bytes.len().max(8), 0);
+        data.define(bytes.into_boxed_slice());
+        data.set_align(8);
+        self.module.define_data(id, &data)?;
+        Ok(id)
+    }
+
+    /// The address of constant numbers.
+    fn data(&mut self, b: &mut FunctionBuilder<'_>, id: DataId) -> ir::Value {
+        let pointer = self.module.target_config().pointer_type();
+        let global = self.module.declare_data_in_func(id, b.func);
+        b.ins().symbol_value(pointer, global)
+    }
+
+    /// Runs a routine on a state, with one of its other memories given.
+    fn run(
+        &mut self,
+        b: &mut FunctionBuilder<'_>,
+        routine: FuncId,
+        table: DataId,
+        state: ir::Value,
+        given: Memory,
+        what: ir::Value,
+    ) -> ir::Value {
+        let pointer = self.module.target_config().pointer_type();
+        let none = b.ins().iconst(pointer, 0);
+        let report = b.create_sized_stack_slot(StackSlotData::new(StackSlotKind::ExplicitSlot, 32, 3));
+        let report = b.ins().stack_addr(pointer, report, 0);
+        let table = self.data(b, table);
+        let scratch = b.ins().iadd_imm_u(state, 8 * self.unit.image.len() as i64);
+        let mut args: Vec<ir::Value> = Memory::ALL
+            .into_iter()
+            .map(|m| match m {
+                Memory::State => state,
+                Memory::Table => table,
+                Memory::Scratch => scratch,
+                m if m == given => what,
+                Memory::Input | Memory::Next | Memory::Output => none,
+            })
+            .collect();
+        args.extend([report, none]);
+        let f = self.module.declare_func_in_func(routine, b.func);
+        let call = b.ins().call(f, &args);
+        b.inst_results(call)[0]
+    }
+
+    /// Defines a public function.
+    fn function(
+        &mut self,
+        face: Face<'_>,
+        write: impl FnOnce(&mut Self, &mut FunctionBuilder<'_>, &[ir::Value]) -> Option<ir::Value>,
+    ) -> Result1<()> {
+        let mut signature = self.module.make_signature();
+        signature.params = face.params.into_iter().map(AbiParam::new).collect();
+        signature.returns = face.gives.into_iter().map(AbiParam::new).collect();
+        let name = format!("{}_{}", self.prefix, face.name);
+        let id = self.module.declare_function(&name, Linkage::Export, &signature)?;
+        let mut context = self.module.make_context();
+        context.func.signature = signature;
+        let mut frontend = FunctionBuilderContext::new();
+        let mut b = FunctionBuilder::new(&mut context.func, &mut frontend);
+        let entry = b.create_block();
+        b.append_block_params_for_function_params(entry);
+        b.switch_to_block(entry);
+        let args = b.block_params(entry).to_vec();
+        let result = write(self, &mut b, &args);
+        b.ins().return_(result.as_slice());
+        b.seal_all_blocks();
+        let config = self.module.target_config();
+        b.finalize(config);
+        self.module.define_function(id, &mut context)
+    }
+}
+
+/// A number of the state.
+fn load(b: &mut FunctionBuilder<'_>, state: ir::Value, at: usize) -> ir::Value {
+    b.ins().load(types::F64, MemFlagsData::trusted(), state, 8 * at as i32)
+}
+
+/// Copies `n` numbers.
+fn copy(b: &mut FunctionBuilder<'_>, to: ir::Value, from: ir::Value, n: i64) {
+    let i = b.declare_var(types::I64);
+    let zero = b.ins().iconst(types::I64, 0);
+    b.def_var(i, zero);
+    let (head, end) = (b.create_block(), b.create_block());
+    b.ins().jump(head, &[] as &[BlockArg]);
+    b.switch_to_block(head);
+    let at = b.use_var(i);
+    let (source, target) = (b.ins().iadd(from, at), b.ins().iadd(to, at));
+    let x = b.ins().load(types::F64, MemFlagsData::trusted(), source, 0);
+    b.ins().store(MemFlagsData::trusted(), x, target, 0);
+    let at = b.ins().iadd_imm_u(at, 8);
+    b.def_var(i, at);
+    let more = b.ins().icmp_imm_u(IntCC::UnsignedLessThan, at, 8 * n);
+    b.ins().brif(more, head, &[] as &[BlockArg], end, &[] as &[BlockArg]);
+    b.switch_to_block(end);
+}
