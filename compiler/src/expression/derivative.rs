@@ -15,8 +15,13 @@ impl Pool {
         if !self.contains(e, s) {
             return zero;
         }
+        // The derivative of the variable by itself is not worth remembering.
+        let one = self.one();
+        if let Node::Symbol(_) = self.node(e) {
+            return one;
+        }
         for e in self.dependents(e, &|x| x == s) {
-            if !self.derivatives.contains_key(&(e, s)) {
+            if !matches!(self.node(e), Node::Symbol(_)) && !self.derivatives.contains_key(&(e, s)) {
                 let d = self.differentiate(e, s);
                 self.derivatives.insert((e, s), d);
             }
@@ -59,7 +64,17 @@ impl Pool {
     /// The derivative of a node whose children's are known.
     fn differentiate(&mut self, e: Expr, s: Symbol) -> Expr {
         let zero = self.zero();
-        let known = |pool: &Pool, c: Expr| pool.derivatives.get(&(c, s)).copied().unwrap_or(zero);
+        let one = self.one();
+        let known = |pool: &Pool, c: Expr| match pool.node(c) {
+            Node::Symbol(x) if *x == s => one,
+            Node::Number(_) | Node::Symbol(_) => zero,
+            Node::Sum(..)
+            | Node::Product(..)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => pool.derivatives.get(&(c, s)).copied().unwrap_or(zero),
+        };
         match self.node(e).clone() {
             Node::Number(_) => zero,
             Node::Symbol(x) => self.int(i64::from(x == s)),
@@ -84,7 +99,6 @@ impl Pool {
             }
             Node::Power(a, b) => {
                 let (da, db) = (known(self, a), known(self, b));
-                let one = self.one();
                 let lower = self.sub(b, one);
                 let lower = self.pow(a, lower);
                 let base = self.product(&[b, lower, da]);
