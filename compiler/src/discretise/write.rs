@@ -128,8 +128,9 @@ pub(super) fn solve(
         let mut by: Vec<(u32, Symbol)> =
             model.pool.symbols(*r).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
         by.sort_unstable();
-        for (j, s) in by {
-            let d = model.pool.derivative(*r, s);
+        let symbols: Vec<Symbol> = by.iter().map(|b| b.1).collect();
+        let slopes = model.pool.derivatives(*r, &symbols);
+        for ((j, _), d) in by.into_iter().zip(slopes) {
             if !model.pool.is_zero(d) {
                 jacobian.push((i as u32, j, d));
             }

@@ -65,10 +65,10 @@ fn folded(hasher: &FxHasher) -> u32 {
 /// The hash of a sum or a product.
 pub(super) fn hash_of_pairs(is_sum: bool, c: Number, pairs: &[(Expr, Number)]) -> u32 {
     let mut hasher = FxHasher::default();
-    (if is_sum { 1u32 } else { 2 }).hash(&mut hasher);
+    u64::from(is_sum).hash(&mut hasher);
     c.hash(&mut hasher);
     for &(e, n) in pairs {
-        e.0.hash(&mut hasher);
+        e.hash(&mut hasher);
         if !n.is_one() {
             n.hash(&mut hasher);
         }

@@ -27,6 +27,7 @@ mod power;
 mod print;
 mod pythagoras;
 mod sign;
+mod slopes;
 mod substitute;
 mod support;
 mod table;

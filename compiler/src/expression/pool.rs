@@ -2,6 +2,7 @@
 
 use super::Number;
 use super::known::{Known, hash_of, hash_of_pairs};
+use super::slopes::Slopes;
 use super::support::Supports;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
@@ -78,7 +79,7 @@ pub struct Pool {
     /// Of each symbol, the expression that it is alone.
     alone: Vec<Option<Expr>>,
     small: [Option<Expr>; 8],
-    pub(super) derivatives: FxHashMap<(Expr, Symbol), Expr>,
+    pub(super) derivatives: Slopes,
 }
 
 impl Default for Pool {
@@ -99,7 +100,7 @@ impl Pool {
             symbols: Vec::new(),
             alone: Vec::new(),
             small: [None; 8],
-            derivatives: FxHashMap::default(),
+            derivatives: Slopes::default(),
         }
     }
 

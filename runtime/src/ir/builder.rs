@@ -1,24 +1,15 @@
 //! Makes programs. Equal values of one block are made once.
 
+use super::known::{Key, Known};
 use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Unary, Value};
-use rustc_hash::FxHashMap;
 
 /// A block that is being written, and the loads and values known in it.
 #[derive(Default)]
 struct Scope {
     body: Vec<Inst>,
-    known: FxHashMap<Key, Value>,
+    known: Known,
     /// Loads apart, for they are forgotten one by one: of each array, what was loaded of each slot.
     loads: [Vec<Option<Value>>; 6],
-}
-
-/// An op by its bits, so that it can be looked up.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-enum Key {
-    Const(u64),
-    Unary(Unary, Value),
-    Binary(Binary, Value, Value),
-    Select(Value, Value, Value),
 }
 
 /// Writes a [`Program`] instruction by instruction.
@@ -70,7 +61,7 @@ impl Builder {
             Op::Select(c, a, b) => Key::Select(c, a, b),
         };
         for scope in self.scopes.iter().rev() {
-            if let Some(&v) = scope.known.get(&key) {
+            if let Some(v) = scope.known.get(key) {
                 return v;
             }
         }

@@ -6,6 +6,7 @@
 
 mod builder;
 mod display;
+mod known;
 mod op;
 mod verify;
 
