@@ -6,6 +6,7 @@ use crate::model::Model;
 use crate::structure::{ColumnId, Form};
 use bond_runtime::ir::Builder;
 use bond_runtime::scene::Entries;
+use rustc_hash::FxHashMap;
 
 /// The columns of a region's entries in the ledger. A field is one entry, of all its ports.
 pub(super) struct Accounts {
@@ -26,20 +27,19 @@ impl Cluster {
             b.named(Array::Output, format!("mean({})", form.column(*c).name));
         }
         let mut list = Vec::new();
-        for r in &self.regions {
+        for (r, accounts) in self.regions.iter().zip(self.accounts(model, form)) {
             let name = &form.regions[r.at()].name;
             let mut e = Entries { region: r.at(), ..Entries::default() };
             e.energy = b.named(Array::Output, format!("H({name})")).index as usize;
             let late = |g: &Group| self.time.is_some_and(|t| model.pool.contains(g.energy, t));
-            if self.groups.iter().any(|g| g.region == *r && late(g)) {
+            if self.groups_in(*r).iter().any(late) {
                 e.before = Some(b.named(Array::Output, format!("H({name}) before")).index as usize);
             }
-            let signed = |g: &&Group| !model.pool.sign(g.energy, &|_| Sign::Unknown).is_nonnegative();
-            e.size = match self.groups.iter().filter(|g| g.region == *r).find(signed) {
-                Some(_) => b.named(Array::Output, format!("size({name})")).index as usize,
-                None => e.energy,
+            let signed = |g: &Group| !model.pool.sign(g.energy, &|_| Sign::Unknown).is_nonnegative();
+            e.size = match self.groups_in(*r).iter().any(signed) {
+                true => b.named(Array::Output, format!("size({name})")).index as usize,
+                false => e.energy,
             };
-            let accounts = self.accounts(model, form, r.at());
             for c in accounts.supplied {
                 let name = form.column(c).name.clone();
                 let slot = b.named(Array::Output, format!("supplied({name})"));
@@ -61,31 +61,42 @@ impl Cluster {
         list
     }
 
-    /// The columns of a region's entries, in the order in which [`Self::reserve`] lists them.
-    pub(super) fn accounts(&self, model: &Model, form: &Form, region: usize) -> Accounts {
-        let here = |c: &ColumnId| form.column(*c).region.at() == region;
-        let sources = self.nodes.iter().filter_map(Node::source);
-        let mut supplied: Vec<ColumnId> = sources.chain(self.ports.iter().copied()).filter(here).collect();
-        supplied.sort_unstable();
-        let mut resistors: Vec<ColumnId> = self.nodes.iter().filter_map(Node::resistor).filter(here).collect();
-        resistors.sort_unstable();
-        let field = |c: ColumnId| model.element(form.column(c).element).field.map(|f| f.0);
-        let mut dissipated: Vec<Vec<ColumnId>> = Vec::new();
-        for c in resistors {
-            // The ports of a field stand one after the other.
-            match dissipated.last_mut().filter(|d| field(c).is_some() && field(d[0]) == field(c)) {
-                Some(d) => d.push(c),
-                None => dissipated.push(vec![c]),
-            }
+    /// The columns of the entries of each region of the cluster, in the order in which [`Self::reserve`] lists them.
+    pub(super) fn accounts(&self, model: &Model, form: &Form) -> Vec<Accounts> {
+        let mut of: FxHashMap<usize, (Vec<ColumnId>, Vec<ColumnId>)> = FxHashMap::default();
+        for c in self.nodes.iter().filter_map(Node::source).chain(self.ports.iter().copied()) {
+            of.entry(form.column(c).region.at()).or_default().0.push(c);
         }
-        let thermal = |c: &&ColumnId| {
-            use crate::units::Dimension as D;
-            let c = form.column(**c);
-            model.units[c.bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
+        for c in self.nodes.iter().filter_map(Node::resistor) {
+            of.entry(form.column(c).region.at()).or_default().1.push(c);
+        }
+        let sorted = |mut list: Vec<ColumnId>| {
+            list.sort_unstable();
+            list
         };
-        let of_field = dissipated.iter().filter(|d| field(d[0]).is_some());
-        let produced =
-            of_field.map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>()).filter(|d| !d.is_empty()).collect();
-        Accounts { supplied, dissipated, produced }
+        let parts = self.regions.iter().map(|r| of.remove(&r.at()).unwrap_or_default());
+        parts.map(|(supplied, resistors)| account(model, form, sorted(supplied), sorted(resistors))).collect()
     }
+}
+
+/// The entries of a region with these columns, in order.
+fn account(model: &Model, form: &Form, supplied: Vec<ColumnId>, resistors: Vec<ColumnId>) -> Accounts {
+    let field = |c: ColumnId| model.element(form.column(c).element).field.map(|f| f.0);
+    let mut dissipated: Vec<Vec<ColumnId>> = Vec::new();
+    for c in resistors {
+        // The ports of a field stand one after the other.
+        match dissipated.last_mut().filter(|d| field(c).is_some() && field(d[0]) == field(c)) {
+            Some(d) => d.push(c),
+            None => dissipated.push(vec![c]),
+        }
+    }
+    let thermal = |c: &&ColumnId| {
+        use crate::units::Dimension as D;
+        let c = form.column(**c);
+        model.units[c.bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
+    };
+    let of_field = dissipated.iter().filter(|d| field(d[0]).is_some());
+    let produced =
+        of_field.map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>()).filter(|d| !d.is_empty()).collect();
+    Accounts { supplied, dissipated, produced }
 }

@@ -9,6 +9,7 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{self};
 use rustc_hash::{FxHashMap, FxHashSet};
+use std::cell::OnceCell;
 
 /// A state: that of a storage, or a signal state.
 #[derive(Clone, Debug)]
@@ -31,6 +32,8 @@ pub(super) struct Group {
     pub(super) states: Vec<usize>,
     pub(super) energy: Expr,
     pub(super) coenergy: Vec<Expr>,
+    /// H as it is to be computed, once that was asked for.
+    pub(super) level: OnceCell<Expr>,
     /// Whether it was seen to have a lower bound.
     pub(super) bounded: bool,
 }
@@ -118,7 +121,8 @@ pub(super) struct Cluster {
 }
 
 impl Cluster {
-    pub(super) fn add(&mut self, pool: &mut Pool, form: &Form, region: usize) {
+    /// Takes a region in; `loops` are its loops through modulation.
+    pub(super) fn add(&mut self, pool: &mut Pool, form: &Form, region: usize, loops: &[usize]) {
         let r = &form.regions[region];
         let base = self.states.len();
         for s in &r.states {
@@ -138,6 +142,7 @@ impl Cluster {
                 states: g.states.iter().map(|s| base + s).collect(),
                 energy: g.energy,
                 coenergy: g.coenergy.clone(),
+                level: OnceCell::new(),
                 bounded: g.bounded,
             });
         }
@@ -173,7 +178,7 @@ impl Cluster {
             self.nodes.push(Node { part, out: form.column(f.column).out, how, steep: None, curved: false });
             self.followed.extend(f.sources.iter().copied());
         }
-        for l in form.loops.iter().filter(|l| l.region.at() == region) {
+        for l in loops.iter().map(|l| &form.loops[*l]) {
             let how = Output::Explicit(l.value);
             self.nodes.push(Node { part: Part::Signal, out: l.unknown, how, steep: None, curved: true });
         }
@@ -209,14 +214,14 @@ impl Cluster {
             all.push(form.input(&mut model.pool, c));
         }
         let mut foreign: Vec<Symbol> = Vec::new();
+        let (mut known, mut given_by) = (FxHashSet::default(), FxHashSet::default());
         for e in all {
             for s in model.pool.symbols(e) {
                 if let Some(i) = input_of(model, s) {
-                    let given = (i, model.inputs[i].symbol, model.inputs[i].slope);
-                    if !self.inputs.contains(&given) {
-                        self.inputs.push(given);
+                    if given_by.insert(i) {
+                        self.inputs.push((i, model.inputs[i].symbol, model.inputs[i].slope));
                     }
-                } else if !own.contains(&s) && !is_time(model, s) && !foreign.contains(&s) {
+                } else if !own.contains(&s) && !is_time(model, s) && known.insert(s) {
                     foreign.push(s);
                 }
             }
@@ -245,9 +250,10 @@ impl Cluster {
     pub(super) fn at_instant(&self, pool: &mut Pool, form: &Form) -> FxHashMap<Symbol, Expr> {
         let mut map = FxHashMap::default();
         let mut sources: FxHashMap<Symbol, Expr> = FxHashMap::default();
+        let followed: FxHashSet<ColumnId> = self.followed.iter().copied().collect();
         for n in &self.nodes {
             if let (Some(c), Output::Explicit(e)) = (n.source(), n.how)
-                && self.followed.contains(&c)
+                && followed.contains(&c)
             {
                 sources.insert(n.out, e);
             }
@@ -282,14 +288,21 @@ impl Cluster {
             .collect()
     }
 
+    /// The groups of a region, which stand together: regions are added in order.
+    pub(super) fn groups_in(&self, region: RegionId) -> &[Group] {
+        let first = self.groups.partition_point(|g| g.region.0 < region.0);
+        let past = self.groups.partition_point(|g| g.region.0 <= region.0);
+        &self.groups[first..past]
+    }
+
     /// H of a region of the cluster.
     pub(super) fn energy(&self, pool: &mut Pool, region: RegionId) -> Expr {
         let one = |g: &Group| match g.states[..] {
             [only] => Some(self.states[only].symbol),
             _ => None,
         };
-        let groups = self.groups.iter().filter(|g| g.region == region);
-        let terms: Vec<Expr> = groups.map(|g| level::energy(pool, one(g), g.energy)).collect();
+        let groups = self.groups_in(region).iter();
+        let terms: Vec<Expr> = groups.map(|g| *g.level.get_or_init(|| level::energy(pool, one(g), g.energy))).collect();
         pool.sum(&terms)
     }
 
@@ -368,9 +381,8 @@ impl Cluster {
         };
         let mut entries = entries;
         for e in &mut entries {
-            let groups: Vec<Group> =
-                self.groups.iter().filter(|g| g.region.at() == e.region && g.bounded).cloned().collect();
-            e.floor = groups.iter().map(|g| level::least(model, g, self)).sum();
+            let groups = self.groups_in(RegionId(e.region as u32)).iter().filter(|g| g.bounded);
+            e.floor = groups.map(|g| level::least(model, g, self)).sum();
         }
         let is_ray = step.name == "ray";
         let holds = hold::held_ports(self, form);

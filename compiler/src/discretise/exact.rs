@@ -579,7 +579,7 @@ fn program(
     }
     let first_integral = linear.means.len();
     linear.means.extend(rows.integrals.iter().filter_map(|i| i.as_ref().ok().cloned()));
-    let accounts: Vec<Accounts> = entries.iter().map(|e| c.accounts(model, form, e.region)).collect();
+    let accounts: Vec<Accounts> = c.accounts(model, form);
     let mut quads: Vec<Slot> = Vec::new();
     let mut drifts: Vec<(usize, Slot)> = Vec::new();
     let mut sums: Vec<(Slot, f64)> = Vec::new();

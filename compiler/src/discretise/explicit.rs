@@ -57,7 +57,7 @@ pub(super) fn write(
                 lowering.bind(s.symbol, x);
             }
         }
-        let stage = stage(c, model, form, &mut b, &mut lowering, &guesses, &entries)?;
+        let stage = stage(c, model, form, &mut b, &mut lowering, &guesses)?;
         guesses.clone_from(&stage.loops);
         stages.push(stage);
     }
@@ -118,7 +118,6 @@ fn stage(
     b: &mut Builder,
     lowering: &mut Lowering,
     guesses: &[Value],
-    entries: &[Entries],
 ) -> Result<Stage, Vec<Diagnostic>> {
     let flat = instant::outputs(c, model, form, b, lowering, guesses)?;
     let mut lower = |model: &mut Model, b: &mut Builder, e| {
@@ -139,8 +138,7 @@ fn stage(
         means.push(lower(model, b, e)?);
     }
     let mut powers = Vec::new();
-    for e in entries {
-        let accounts = c.accounts(model, form, e.region);
+    for accounts in c.accounts(model, form) {
         let power = accounts.supplied.into_iter().map(|c| vec![c]).chain(accounts.dissipated);
         for columns in power {
             let mut sum = None;

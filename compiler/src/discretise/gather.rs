@@ -21,11 +21,14 @@ fn atoms(model: &Model, form: &Form) -> Vec<Atom> {
     let regions = form.regions.iter().enumerate();
     let mut atoms: Vec<Atom> =
         regions.map(|(i, r)| Atom { sampling: r.sampling, region: Some(i), ..Atom::default() }).collect();
+    let mut blocks: FxHashMap<usize, usize> = FxHashMap::default();
     for (i, m) in model.memories.iter().enumerate() {
-        let block = |a: &&mut Atom| a.region.is_none() && a.sampling.is_some() && a.sampling == m.sampling;
-        match atoms.iter_mut().find(block) {
-            Some(atom) => atom.memories.push(i),
-            None => atoms.push(Atom { sampling: m.sampling, memories: vec![i], ..Atom::default() }),
+        match m.sampling.and_then(|s| blocks.get(&s)) {
+            Some(at) => atoms[*at].memories.push(i),
+            None => {
+                blocks.extend(m.sampling.map(|s| (s, atoms.len())));
+                atoms.push(Atom { sampling: m.sampling, memories: vec![i], ..Atom::default() });
+            }
         }
     }
     if atoms.is_empty() && !model.integrals.is_empty() {
@@ -35,13 +38,13 @@ fn atoms(model: &Model, form: &Form) -> Vec<Atom> {
 }
 
 /// All signals that an atom reads, integrals apart; `columns` are those of each region.
-fn reads(pool: &Pool, form: &Form, columns: &[Vec<usize>], atom: &Atom) -> Vec<Symbol> {
+fn reads(pool: &Pool, form: &Form, (columns, loops): (&[Vec<usize>], &[Vec<usize>]), atom: &Atom) -> Vec<Symbol> {
     let mut read: Vec<Expr> = atom.memories.iter().map(|m| form.memories[*m]).collect();
     if let Some(i) = atom.region {
         for (_, how) in &form.regions[i].resistors {
             read.extend(how.expressions());
         }
-        read.extend(form.loops.iter().filter(|l| l.region.at() == i).map(|l| l.value));
+        read.extend(loops[i].iter().map(|l| form.loops[*l].value));
         for c in columns[i].iter().map(|c| &form.columns[*c]) {
             read.extend(c.row.iter().map(|t| t.1));
             if let Role::Source(v) = c.role {
@@ -69,7 +72,11 @@ pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
     for (i, c) in form.columns.iter().enumerate() {
         columns[c.region.at()].push(i);
     }
-    let read_by: Vec<Vec<Symbol>> = atoms.iter().map(|a| reads(&pool, form, &columns, a)).collect();
+    let mut loops: Vec<Vec<usize>> = vec![Vec::new(); form.regions.len()];
+    for (i, l) in form.loops.iter().enumerate() {
+        loops[l.region.at()].push(i);
+    }
+    let read_by: Vec<Vec<Symbol>> = atoms.iter().map(|a| reads(&pool, form, (&columns, &loops), a)).collect();
     // An integral belongs with what it reads.
     let mut homes: Vec<usize> = Vec::new();
     for (integral, e) in model.integrals.iter().zip(&form.integrals) {
@@ -96,25 +103,21 @@ pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
             }
         }
     }
-    let mut clusters: Vec<(usize, Cluster)> = Vec::new();
+    let mut clusters: Vec<Cluster> = Vec::new();
+    let mut cluster_of: FxHashMap<usize, usize> = FxHashMap::default();
     for (i, atom) in atoms.iter().enumerate() {
-        let root = sets.find(i);
-        let at = match clusters.iter().position(|c| c.0 == root) {
-            Some(at) => at,
-            None => {
-                clusters.push((root, Cluster { sampling: atom.sampling, ..Cluster::default() }));
-                clusters.len() - 1
-            }
-        };
-        let c = &mut clusters[at].1;
+        let at = *cluster_of.entry(sets.find(i)).or_insert(clusters.len());
+        if at == clusters.len() {
+            clusters.push(Cluster { sampling: atom.sampling, ..Cluster::default() });
+        }
+        let c = &mut clusters[at];
         if let Some(region) = atom.region {
             c.regions.push(RegionId(region as u32));
-            c.add(&mut pool, form, region);
+            c.add(&mut pool, form, region, &loops[region]);
         }
     }
     for (i, atom) in atoms.iter().enumerate() {
-        let root = sets.find(i);
-        let Some((_, c)) = clusters.iter_mut().find(|c| c.0 == root) else { continue };
+        let Some(c) = cluster_of.get(&sets.find(i)).and_then(|at| clusters.get_mut(*at)) else { continue };
         for &m in &atom.memories {
             let (m, rate) = (&model.memories[m], form.memories[m]);
             let (symbol, name) = (m.symbol, m.name.clone());
@@ -132,7 +135,6 @@ pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
             }
         }
     }
-    let mut clusters: Vec<Cluster> = clusters.into_iter().map(|c| c.1).collect();
     let time = model.signals.iter().find(|(_, s)| **s == Signal::Time).map(|s| *s.0);
     for c in &mut clusters {
         c.time = Some(time.unwrap_or_else(|| pool.symbol("t")));

@@ -8,11 +8,11 @@ use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
-use crate::structure::{Form, Output};
+use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Slot, Value};
 use bond_runtime::scene::{Entries, Stepper};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// States at the midpoint, storages' outputs as discrete gradients, time at the midpoint.
 pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<Symbol, Expr> {
@@ -24,9 +24,10 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
         map.insert(s.symbol, pool.add(x, d));
     }
     follow(c, pool, form, &mut map);
-    let middle = map.clone();
-    for g in &c.groups {
-        for (s, z) in g.states.iter().zip(gradient(c, pool, g, &middle)) {
+    let sources: FxHashSet<Symbol> = c.nodes.iter().filter(|n| n.source().is_some()).map(|n| n.out).collect();
+    let gradients: Vec<Vec<Expr>> = c.groups.iter().map(|g| gradient(c, pool, g, (&map, &sources))).collect();
+    for (g, list) in c.groups.iter().zip(gradients) {
+        for (s, z) in g.states.iter().zip(list) {
             if let Some(column) = c.states[*s].column {
                 map.insert(form.column(column).out, z);
             }
@@ -51,11 +52,15 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
 /// of Itoh and Abe (J. Comput. Phys. 76, 1988), which move one state after the other, in the order of the states and in the
 /// opposite one: each satisfies g . d = H(x + d) - H(x), and so does their mean, which is symmetric and so of order 2. Unlike
 /// Gonzalez' correction along d it asks for no common unit of the states, and each quotient is written without cancellation.
-fn gradient(c: &Cluster, pool: &mut Pool, g: &Group, middle: &FxHashMap<Symbol, Expr>) -> Vec<Expr> {
+fn gradient(
+    c: &Cluster,
+    pool: &mut Pool,
+    g: &Group,
+    (middle, sources): (&FxHashMap<Symbol, Expr>, &FxHashSet<Symbol>),
+) -> Vec<Expr> {
     let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
     // Of storages that follow sources the outputs are no derivatives of H alone: they are quadratic, and so affine.
-    let is_source = |s: Symbol| c.nodes.iter().any(|n| n.out == s && n.source().is_some());
-    let driven = g.coenergy.iter().any(|z| pool.contains_any(*z, &is_source));
+    let driven = g.coenergy.iter().any(|z| pool.contains_any(*z, &|s| sources.contains(&s)));
     if let ([only], [s], false) = (&g.states[..], &symbols[..], driven) {
         let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
         return vec![pool.difference(g.energy, *s, x, d)];
@@ -102,9 +107,10 @@ fn follow(c: &Cluster, pool: &mut Pool, form: &Form, map: &mut FxHashMap<Symbol,
         end.insert(s.symbol, pool.add(x, d));
     }
     end.insert(t, later);
+    let followed: FxHashSet<ColumnId> = c.followed.iter().copied().collect();
     for n in &c.nodes {
         match (n.part, n.how) {
-            (Part::Source(column), Output::Explicit(e)) if c.followed.contains(&column) => {
+            (Part::Source(column), Output::Explicit(e)) if followed.contains(&column) => {
                 let after = pool.substitute(e, &end);
                 let sum = pool.add(e, after);
                 map.insert(form.column(column).out, pool.mul(half, sum));

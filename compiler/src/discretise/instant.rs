@@ -94,6 +94,8 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
     roots.sort_unstable();
     let mut seen: FxHashSet<Expr> = FxHashSet::default();
     let mut found: Vec<Expr> = Vec::new();
+    let given = c.inputs.iter().map(|i| i.1).chain(c.time);
+    let told: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(given).collect();
     while let Some(e) = roots.pop() {
         if !seen.insert(e) {
             continue;
@@ -113,11 +115,8 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
             | Node::Product(..) => continue,
             Node::Power(..) | Node::Select(..) => continue,
         };
-        let told = |s: crate::expression::Symbol| {
-            Some(s) == c.time || c.states.iter().any(|x| x.symbol == s) || c.inputs.iter().any(|i| i.1 == s)
-        };
         let symbols = model.pool.symbols(guard);
-        if !symbols.is_empty() && symbols.iter().all(|s| told(*s)) && !found.contains(&guard) {
+        if !symbols.is_empty() && symbols.iter().all(|s| told.contains(s)) {
             found.push(guard);
         }
     }
@@ -125,6 +124,7 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
         return Ok(None);
     }
     found.sort_unstable();
+    found.dedup();
     let mut b = Builder::new(c.title(form, "guards"));
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());

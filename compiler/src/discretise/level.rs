@@ -24,8 +24,8 @@ pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> E
     let rise = pool.mul(x, slope);
     let level = pool.add(base, rise);
     let same = [1e-3, -0.02, 0.3, -1.7, 12.0].iter().all(|at| {
-        let value = |e: Expr| pool.eval(e, &|t| if t == s { *at } else { 0.7 });
-        let (a, b, c) = (value(energy), value(level), value(base));
+        let values = pool.eval_all(&[energy, level, base], &|t| if t == s { *at } else { 0.7 });
+        let (a, b, c) = (values[0], values[1], values[2]);
         !a.is_finite() || (a - b).abs() <= 1e-9 * (a.abs() + c.abs())
     });
     if same { level } else { energy }

@@ -85,17 +85,16 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
     let mut shows: Vec<Vec<Symbol>> = vec![Vec::new(); clusters.len()];
     let owner: FxHashMap<Symbol, usize> =
         clusters.iter().enumerate().flat_map(|(i, c)| c.owned(form).into_iter().map(move |s| (s, i))).collect();
+    let mut places: FxHashMap<Symbol, (usize, usize)> = FxHashMap::default();
     for s in clusters.iter().flat_map(|c| c.foreign.iter().copied()).chain(wanted) {
         if let Some(&i) = owner.get(&s)
-            && !shows[i].contains(&s)
+            && !places.contains_key(&s)
         {
+            places.insert(s, (i, shows[i].len()));
             shows[i].push(s);
         }
     }
-    let place = |s: Symbol| {
-        let i = *owner.get(&s)?;
-        Some((i, shows[i].iter().position(|t| *t == s)?))
-    };
+    let place = |s: Symbol| places.get(&s).copied();
     let mut scene = Scene { name: model.name.clone(), excluded: excluded(model, form), ..Scene::default() };
     for (i, c) in clusters.iter_mut().enumerate() {
         let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
@@ -106,18 +105,23 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
         let (name, unit) = (i.name.clone(), i.unit.map(|u| u.to_string()));
         scene.inputs.push(scene::Input { name, unit, value: i.value });
     }
+    let mut home = vec![0; form.regions.len()];
+    for (i, c) in clusters.iter().enumerate() {
+        c.regions.iter().for_each(|r| home[r.at()] = i);
+    }
     for (i, r) in form.regions.iter().enumerate() {
         scene.regions.push(scene::Region {
             name: r.name.clone(),
             period: r.sampling.map(|s| model.samplings[s].period),
             states: r.states.len(),
-            cluster: clusters.iter().position(|c| c.regions.iter().any(|x| x.at() == i)).unwrap_or(0),
+            cluster: home[i],
             pseudo: r.pseudo,
         });
     }
-    let port_of = |column: ColumnId| {
-        clusters.iter().enumerate().find_map(|(i, c)| c.ports.iter().position(|p| *p == column).map(|p| (i, p)))
-    };
+    let ports =
+        clusters.iter().enumerate().flat_map(|(i, c)| c.ports.iter().enumerate().map(move |(p, id)| (*id, (i, p))));
+    let ports: FxHashMap<ColumnId, (usize, usize)> = ports.collect();
+    let port_of = |column: ColumnId| ports.get(&column).copied();
     for bar in &form.bars {
         let (Some(holder), Some(other)) = (port_of(bar.holder), port_of(bar.held)) else { continue };
         let answer = form.column(bar.holder).gives;

@@ -128,8 +128,9 @@ pub(super) fn solve(
         let mut by: Vec<(u32, Symbol)> =
             model.pool.symbols(*r).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
         by.sort_unstable();
-        for (j, s) in by {
-            let d = model.pool.derivative(*r, s);
+        let symbols: Vec<Symbol> = by.iter().map(|b| b.1).collect();
+        let slopes = model.pool.derivatives(*r, &symbols);
+        for ((j, _), d) in by.into_iter().zip(slopes) {
             if !model.pool.is_zero(d) {
                 jacobian.push((i as u32, j, d));
             }
@@ -386,8 +387,7 @@ pub(super) fn ledger(
         let v = value(model, b, lowering, *p, false)?;
         b.store(Slot::new(Array::Output, i), v);
     }
-    for e in entries {
-        let accounts = c.accounts(model, form, e.region);
+    for (e, accounts) in entries.iter().zip(c.accounts(model, form)) {
         for ((_, slot), column) in e.supplied.iter().zip(&accounts.supplied) {
             let (z, i) = (value(model, b, lowering, *column, true)?, value(model, b, lowering, *column, false)?);
             let p = b.mul(z, i);
@@ -449,21 +449,16 @@ pub(super) fn energies(
         let (te, he) = (model.pool.var(t), model.pool.var(h));
         end.insert(t, model.pool.add(te, he));
     }
+    let symbols: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).collect();
     for (e, r) in entries.iter().zip(&c.regions) {
         let h = c.energy(&mut model.pool, *r);
         let later = model.pool.substitute(h, &end);
         let mut v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
-        let of_states = |z: &Expr| {
-            model
-                .pool
-                .symbols(*z)
-                .iter()
-                .all(|s| model.pool.value(*s).is_some() || c.states.iter().any(|x| x.symbol == *s))
-        };
+        let of_states =
+            |z: &Expr| model.pool.symbols(*z).iter().all(|s| model.pool.value(*s).is_some() || symbols.contains(s));
         let is_angle = |n: &expression::Node| matches!(n, expression::Node::Unary(Unary::Sin | Unary::Cos, _));
-        let angles =
-            |g: &&Group| g.region == *r && model.pool.any_node(g.energy, &is_angle) && g.coenergy.iter().all(of_states);
-        for g in c.groups.iter().filter(angles) {
+        let angles = |g: &&Group| model.pool.any_node(g.energy, &is_angle) && g.coenergy.iter().all(of_states);
+        for g in c.groups_in(*r).iter().filter(angles) {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
                 let Some(rest) = rests.get(*s) else { continue };
                 let z = at.lower(&model.pool, b, *z).map_err(|s| missing(model, s))?;
@@ -481,7 +476,7 @@ pub(super) fn energies(
             continue;
         }
         let mut size = b.number(0.0);
-        for g in c.groups.iter().filter(|g| g.region == *r) {
+        for g in c.groups_in(*r) {
             // What several states share may cancel within itself, as the double pendulum's kinetic energy and its height do.
             let parts = if g.states.len() > 1 {
                 summands(model, &end, g.energy)

@@ -87,7 +87,7 @@ impl Pool {
             }
             Node::Product(c, factors) => self.make_product(c * by, factors),
             Node::Symbol(_) | Node::Power(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => {
-                self.intern(Node::Product(by, Pairs::from([(a, Number::ONE)])))
+                self.intern_product(by, Vec::from([(a, Number::ONE)]))
             }
         }
     }
@@ -106,6 +106,7 @@ impl Pool {
                     constant = constant + c * n;
                     terms.extend(inner.iter().map(|&(t, c)| (t, c * n)));
                 }
+                Node::Product(c, _) if c.is_one() => terms.push((e, n)),
                 Node::Product(c, factors) => {
                     let bare = self.make_product(Number::ONE, factors);
                     terms.push((bare, c * n));
@@ -122,16 +123,20 @@ impl Pool {
         match terms[..] {
             [] => self.numeral(constant),
             [(e, n)] if constant.is_zero() => self.scale(e, n),
-            [..] => self.intern(Node::Sum(constant, terms.into())),
+            [..] => self.intern_sum(constant, terms),
         }
     }
 
     /// The product of canonical factors; distributes the coefficient over a sum that stands alone.
-    pub(super) fn make_product(&mut self, coefficient: Number, factors: Pairs) -> Expr {
-        if coefficient.is_zero() || factors.is_empty() {
+    pub(super) fn make_product(
+        &mut self,
+        coefficient: Number,
+        factors: impl AsRef<[(Expr, Number)]> + Into<Pairs>,
+    ) -> Expr {
+        if coefficient.is_zero() || factors.as_ref().is_empty() {
             return self.numeral(coefficient);
         }
-        if let [(e, n)] = factors[..]
+        if let &[(e, n)] = factors.as_ref()
             && n.is_one()
         {
             if coefficient.is_one() {
@@ -141,7 +146,7 @@ impl Pool {
                 return self.scale(e, coefficient);
             }
         }
-        self.intern(Node::Product(coefficient, factors))
+        self.intern_product(coefficient, factors)
     }
 
     /// The product of all, each to its rational exponent.
@@ -180,7 +185,7 @@ impl Pool {
                 self.collect(&mut product, e, n);
             }
         }
-        self.make_product(product.coefficient, product.pairs.into())
+        self.make_product(product.coefficient, product.pairs)
     }
 
     /// Puts `e^n` into a product.

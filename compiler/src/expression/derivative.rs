@@ -8,20 +8,94 @@ impl Pool {
     /// The derivative with respect to a variable, piecewise at kinks: that of a sign or a comparison is 0.
     /// Derivatives are remembered for as long as the pool lives.
     pub fn derivative(&mut self, e: Expr, s: Symbol) -> Expr {
-        if let Some(&known) = self.derivatives.get(&(e, s)) {
+        if let Some(known) = self.remembered(e, s) {
             return known;
         }
         let zero = self.zero();
         if !self.contains(e, s) {
             return zero;
         }
-        for e in self.dependents(e, &|x| x == s) {
-            if !self.derivatives.contains_key(&(e, s)) {
-                let d = self.differentiate(e, s);
-                self.derivatives.insert((e, s), d);
+        // The derivative of the variable by itself is not worth remembering.
+        let one = self.one();
+        if let Node::Symbol(_) = self.node(e) {
+            return one;
+        }
+        self.differentiate_all(self.dependents(e, &|x| x == s), s);
+        self.remembered(e, s).unwrap_or(zero)
+    }
+
+    /// The derivatives with respect to several variables, as [`Pool::derivative`] gives them one by one: of a long sum, each looks
+    /// only at the terms that it is in.
+    pub fn derivatives(&mut self, e: Expr, all: &[Symbol]) -> Vec<Expr> {
+        let Node::Sum(_, terms) = self.node(e).clone() else {
+            return all.iter().map(|&s| self.derivative(e, s)).collect();
+        };
+        if self.variables.few(e).is_some() {
+            return all.iter().map(|&s| self.derivative(e, s)).collect();
+        }
+        let place: FxHashMap<Symbol, usize> = all.iter().enumerate().map(|(i, &s)| (s, i)).collect();
+        let mut terms_of: Vec<Vec<(Expr, Number)>> = vec![Vec::new(); all.len()];
+        for &(t, n) in terms.iter() {
+            for s in self.symbols(t) {
+                if let Some(&i) = place.get(&s) {
+                    terms_of[i].push((t, n));
+                }
             }
         }
-        self.derivatives.get(&(e, s)).copied().unwrap_or(zero)
+        let zero = self.zero();
+        let mut list = Vec::with_capacity(all.len());
+        for (&s, terms) in all.iter().zip(&terms_of) {
+            let slope = match self.remembered(e, s) {
+                Some(known) => known,
+                None if terms.is_empty() => zero,
+                None => {
+                    self.one();
+                    let mut nodes: Vec<Expr> = terms.iter().flat_map(|t| self.dependents(t.0, &|x| x == s)).collect();
+                    nodes.sort_unstable();
+                    nodes.dedup();
+                    self.differentiate_all(nodes, s);
+                    let parts: Vec<_> =
+                        terms.iter().map(|&(t, n)| (self.slope_of(t, s), n)).filter(|&(d, _)| d != zero).collect();
+                    let slope = self.combine(&parts);
+                    self.derivatives.insert(e, s, false, slope);
+                    slope
+                }
+            };
+            list.push(slope);
+        }
+        list
+    }
+
+    /// The derivative, where it was taken before.
+    fn remembered(&self, e: Expr, s: Symbol) -> Option<Expr> {
+        self.derivatives.get(e, s, self.variables.few(e).is_some())
+    }
+
+    /// Takes the derivatives of nodes, children first, and remembers them.
+    fn differentiate_all(&mut self, nodes: Vec<Expr>, s: Symbol) {
+        for e in nodes {
+            if !matches!(self.node(e), Node::Symbol(_)) && self.remembered(e, s).is_none() {
+                let slope = self.differentiate(e, s);
+                self.derivatives.insert(e, s, self.variables.few(e).is_some(), slope);
+            }
+        }
+    }
+
+    /// The derivative of a node that was differentiated, or that needs not be.
+    fn slope_of(&mut self, e: Expr, s: Symbol) -> Expr {
+        match self.node(e) {
+            Node::Symbol(x) if *x == s => self.one(),
+            Node::Number(_) | Node::Symbol(_) => self.zero(),
+            Node::Sum(..)
+            | Node::Product(..)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => match self.remembered(e, s) {
+                Some(known) => known,
+                None => self.zero(),
+            },
+        }
     }
 
     /// The derivatives with respect to several variables that are not 0, in the order of the list. A long sum is gone
@@ -59,7 +133,7 @@ impl Pool {
     /// The derivative of a node whose children's are known.
     fn differentiate(&mut self, e: Expr, s: Symbol) -> Expr {
         let zero = self.zero();
-        let known = |pool: &Pool, c: Expr| pool.derivatives.get(&(c, s)).copied().unwrap_or(zero);
+        let known = |pool: &mut Pool, c: Expr| pool.slope_of(c, s);
         match self.node(e).clone() {
             Node::Number(_) => zero,
             Node::Symbol(x) => self.int(i64::from(x == s)),

@@ -3,7 +3,6 @@
 use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::eval;
 use bond_runtime::ir::Binary;
-use rustc_hash::FxHashMap;
 
 impl Pool {
     /// The value where each variable has the value `at` gives it; parameters have their own.
@@ -13,13 +12,14 @@ impl Pool {
 
     /// The values of several expressions at one place; what they share is computed once.
     pub fn eval_all(&self, all: &[Expr], at: &dyn Fn(Symbol) -> f64) -> Vec<f64> {
-        let mut values: FxHashMap<Expr, f64> = FxHashMap::default();
-        let get = |values: &FxHashMap<Expr, f64>, e: Expr| {
-            self.constant(e).or_else(|| values.get(&e).copied()).unwrap_or(f64::NAN)
+        let nodes = self.ascending(all, &|e| self.constant(e).is_none());
+        let mut values: Vec<f64> = Vec::with_capacity(nodes.len());
+        let get = |values: &[f64], e: Expr| {
+            self.constant(e).unwrap_or_else(|| nodes[..values.len()].binary_search(&e).map_or(f64::NAN, |i| values[i]))
         };
-        for e in self.ascending(all, &|e| self.constant(e).is_none()) {
+        for &e in &nodes {
             let x = self.evaluate(self.node(e), &|c| get(&values, c), at);
-            values.insert(e, x);
+            values.push(x);
         }
         all.iter().map(|&e| get(&values, e)).collect()
     }

@@ -1,27 +1,39 @@
 //! Expressions as instructions of a step program.
 
+use super::pages::Pages;
+use super::walk::Found;
 use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Builder, Unary, Value};
-use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Writes expressions into a program; what was written once is not written again.
 ///
 /// Use one of these as long as the values of its symbols and of what was lowered are in scope in the builder.
 #[derive(Clone)]
 pub struct Lowering {
-    env: FxHashMap<Symbol, Value>,
-    memo: FxHashMap<Expr, Value>,
+    /// The values of symbols.
+    env: Pages,
+    /// The values of expressions.
+    memo: Pages,
+    /// Symbols that were not looked at yet.
+    fresh: Vec<Symbol>,
+    /// Whether a parameter was given a value.
+    given: bool,
 }
 
 impl Lowering {
     /// Symbols with their values. A parameter that is not among them is its number.
     pub fn new(env: impl IntoIterator<Item = (Symbol, Value)>) -> Self {
-        Lowering { env: env.into_iter().collect(), memo: FxHashMap::default() }
+        let mut lowering = Lowering { env: Pages::default(), memo: Pages::default(), fresh: Vec::new(), given: false };
+        env.into_iter().for_each(|(s, value)| lowering.bind(s, value));
+        lowering
     }
 
     /// Gives a symbol its value. What was lowered with another one keeps that.
     pub fn bind(&mut self, s: Symbol, value: Value) {
-        self.env.insert(s, value);
+        self.env.insert(s.0, value.0);
+        if !self.given {
+            self.fresh.push(s);
+        }
     }
 
     /// The value of an expression. Parameters and constant parts become one number each.
@@ -30,29 +42,35 @@ impl Lowering {
     /// A variable that has no value.
     pub fn lower(&mut self, pool: &Pool, builder: &mut Builder, e: Expr) -> Result<Value, Symbol> {
         // parameters that were given a value make constants variable
-        let given = pool.has_parameter(&self.env);
+        self.given |= self.fresh.drain(..).any(|s| pool.value(s).is_some());
+        let given = self.given;
         let folded = |e: Expr| if given { None } else { pool.constant(e) };
-        for e in self.needed(pool, e, &|e| !self.memo.contains_key(&e) && folded(e).is_none()) {
+        if let Some(value) = self.known(e) {
+            return Ok(value);
+        }
+        for e in self.needed(pool, e, &|e| folded(e).is_none() && self.known(e).is_none()) {
             let value = self.node(pool, builder, e, &folded)?;
-            self.memo.insert(e, value);
+            self.memo.insert(e.0, value.0);
         }
         Ok(self.child(builder, e, &folded))
     }
 
+    fn known(&self, e: Expr) -> Option<Value> {
+        self.memo.get(e.0).map(Value)
+    }
+
     /// What is to be written, in order. A product that is a term of a sum is written there, with its coefficient.
     fn needed(&self, pool: &Pool, root: Expr, enter: &dyn Fn(Expr) -> bool) -> Vec<Expr> {
-        let mut seen = FxHashSet::default();
-        let mut stack = Vec::new();
+        let mut found = Found::default();
         if enter(root) {
-            seen.insert(root);
-            stack.push(root);
+            found.add(root);
         }
-        let mut all = stack.clone();
-        while let Some(e) = stack.pop() {
+        let mut at = 0;
+        while let Some(&e) = found.all.get(at) {
+            at += 1;
             let mut visit = |c: Expr| {
-                if enter(c) && seen.insert(c) {
-                    stack.push(c);
-                    all.push(c);
+                if enter(c) {
+                    found.add(c);
                 }
             };
             if let Node::Sum(_, terms) = pool.node(e) {
@@ -73,13 +91,13 @@ impl Lowering {
                 pool.node(e).each_child(&mut visit);
             }
         }
-        all.sort_unstable();
-        all
+        found.all.sort_unstable();
+        found.all
     }
 
     fn child(&self, builder: &mut Builder, e: Expr, folded: &dyn Fn(Expr) -> Option<f64>) -> Value {
-        match (self.memo.get(&e), folded(e)) {
-            (Some(&value), _) => value,
+        match (self.known(e), folded(e)) {
+            (Some(value), _) => value,
             (None, x) => builder.number(x.unwrap_or(f64::NAN)),
         }
     }
@@ -93,8 +111,8 @@ impl Lowering {
     ) -> Result<Value, Symbol> {
         Ok(match pool.node(e) {
             Node::Number(n) => builder.number(n.to_f64()),
-            Node::Symbol(s) => match (self.env.get(s), pool.value(*s)) {
-                (Some(&value), _) => value,
+            Node::Symbol(s) => match (self.env.get(s.0), pool.value(*s)) {
+                (Some(value), _) => Value(value),
                 (None, Some(x)) => builder.number(x),
                 (None, None) => return Err(*s),
             },
@@ -168,7 +186,7 @@ impl Lowering {
         folded: &dyn Fn(Expr) -> Option<f64>,
     ) -> Value {
         if let Node::Product(_, factors) = pool.node(t)
-            && !self.memo.contains_key(&t)
+            && !self.memo.contains(t.0)
         {
             return self.product(builder, n, factors, folded);
         }

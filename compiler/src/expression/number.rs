@@ -44,6 +44,12 @@ impl From<i64> for Number {
 const DIGITS: usize = 12;
 
 fn gcd(mut a: u128, mut b: u128) -> u128 {
+    if let (Ok(mut a), Ok(mut b)) = (u64::try_from(a), u64::try_from(b)) {
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        return u128::from(a);
+    }
     while b != 0 {
         (a, b) = (b, a % b);
     }
@@ -72,6 +78,12 @@ impl Number {
     }
 
     fn exact(n: i128, d: i128) -> Number {
+        if d == 1
+            && let Ok(n) = i64::try_from(n)
+            && n != i64::MIN
+        {
+            return Number::Ratio(n, 1);
+        }
         if d == 0 {
             return Number::Float(n as f64 / 0.0);
         }
@@ -274,6 +286,12 @@ impl std::ops::Neg for Number {
 impl std::ops::Add for Number {
     type Output = Number;
     fn add(self, other: Number) -> Number {
+        if self.is_zero() {
+            return other;
+        }
+        if other.is_zero() {
+            return self;
+        }
         if let (Number::Ratio(a, b), Number::Ratio(c, d)) = (self, other) {
             let [a, b, c, d] = [a, b, c, d].map(i128::from);
             // each product is below 2^126, so is their sum below 2^127
@@ -286,6 +304,12 @@ impl std::ops::Add for Number {
 impl std::ops::Mul for Number {
     type Output = Number;
     fn mul(self, other: Number) -> Number {
+        if self.is_one() {
+            return other;
+        }
+        if other.is_one() {
+            return self;
+        }
         if let (Number::Ratio(a, b), Number::Ratio(c, d)) = (self, other) {
             return Number::exact(i128::from(a) * i128::from(c), i128::from(b) * i128::from(d));
         }

@@ -1,6 +1,9 @@
 //! The pool that owns all expressions, its nodes and its symbols.
 
 use super::Number;
+use super::known::{Known, hash_of, hash_of_pairs};
+use super::slopes::Slopes;
+use super::support::Supports;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 use std::sync::Arc;
@@ -52,17 +55,8 @@ impl Node {
     }
 }
 
-/// Which variables an expression has.
-#[derive(Clone, Debug)]
-pub(super) enum Support {
-    /// All of them, sorted.
-    Few(Arc<[Symbol]>),
-    /// More than [`FEW`].
-    Many,
-}
-
-/// Expressions with more variables than this don't carry the list of them.
-const FEW: usize = 16;
+/// Whole numbers from here on are remembered apart.
+const SMALLEST: i64 = -2;
 
 #[derive(Clone, Debug)]
 struct SymbolData {
@@ -74,13 +68,18 @@ struct SymbolData {
 #[derive(Clone, Debug)]
 pub struct Pool {
     nodes: Vec<Node>,
-    known: FxHashMap<Node, Expr>,
-    pub(super) support: Vec<Support>,
-    constants: FxHashMap<Expr, f64>,
+    known: Known,
+    /// The variables of each expression.
+    pub(super) variables: Supports,
+    /// The parameters of each expression.
+    parameters: Supports,
+    /// Of each expression that has no variables, its value.
+    constants: Vec<f64>,
     symbols: Vec<SymbolData>,
-    parameters: Vec<Symbol>,
-    empty: Arc<[Symbol]>,
-    pub(super) derivatives: FxHashMap<(Expr, Symbol), Expr>,
+    /// Of each symbol, the expression that it is alone.
+    alone: Vec<Option<Expr>>,
+    small: [Option<Expr>; 8],
+    pub(super) derivatives: Slopes,
 }
 
 impl Default for Pool {
@@ -94,36 +93,38 @@ impl Pool {
     pub fn new() -> Pool {
         Pool {
             nodes: Vec::new(),
-            known: FxHashMap::default(),
-            support: Vec::new(),
-            constants: FxHashMap::default(),
+            known: Known::default(),
+            variables: Supports::default(),
+            parameters: Supports::default(),
+            constants: Vec::new(),
             symbols: Vec::new(),
-            parameters: Vec::new(),
-            empty: Arc::from([]),
-            derivatives: FxHashMap::default(),
+            alone: Vec::new(),
+            small: [None; 8],
+            derivatives: Slopes::default(),
         }
     }
 
     /// A new variable with this name; names need not be unique.
     pub fn symbol(&mut self, name: &str) -> Symbol {
-        self.symbols.push(SymbolData { name: name.to_string(), value: None });
-        Symbol((self.symbols.len() - 1) as u32)
+        self.new_symbol(name, None)
     }
 
     /// A new parameter, a symbol whose value is known. It stays a symbol in expressions.
     pub fn parameter(&mut self, name: &str, value: f64) -> Symbol {
-        self.symbols.push(SymbolData { name: name.to_string(), value: Some(value) });
-        let s = Symbol((self.symbols.len() - 1) as u32);
-        self.parameters.push(s);
-        s
+        self.new_symbol(name, Some(value))
     }
 
-    /// Whether a parameter is among the keys of a map.
-    pub(super) fn has_parameter<T>(&self, map: &FxHashMap<Symbol, T>) -> bool {
-        if self.parameters.len() < map.len() {
-            self.parameters.iter().any(|s| map.contains_key(s))
-        } else {
-            map.keys().any(|&s| self.value(s).is_some())
+    fn new_symbol(&mut self, name: &str, value: Option<f64>) -> Symbol {
+        self.symbols.push(SymbolData { name: name.to_string(), value });
+        self.alone.push(None);
+        Symbol((self.symbols.len() - 1) as u32)
+    }
+
+    /// Whether any parameter of an expression is among the keys of a map.
+    pub(super) fn has_parameter<T>(&self, e: Expr, map: &FxHashMap<Symbol, T>) -> bool {
+        match self.parameters.few(e) {
+            Some(few) => few.iter().any(|s| map.contains_key(s)),
+            None => map.keys().any(|&s| self.value(s).is_some()),
         }
     }
 
@@ -139,7 +140,14 @@ impl Pool {
 
     /// A symbol as an expression.
     pub fn var(&mut self, s: Symbol) -> Expr {
-        self.intern(Node::Symbol(s))
+        if let Some(Some(e)) = self.alone.get(s.0 as usize) {
+            return *e;
+        }
+        let e = self.intern(Node::Symbol(s));
+        if let Some(alone) = self.alone.get_mut(s.0 as usize) {
+            *alone = Some(e);
+        }
+        e
     }
 
     /// An integer.
@@ -164,7 +172,14 @@ impl Pool {
 
     /// A number of any form.
     pub fn numeral(&mut self, n: Number) -> Expr {
-        self.intern(Node::Number(n))
+        let small = n.integer().and_then(|n| usize::try_from(n - SMALLEST).ok()).filter(|i| *i < self.small.len());
+        let Some(i) = small else { return self.intern(Node::Number(n)) };
+        if let Some(e) = self.small[i] {
+            return e;
+        }
+        let e = self.intern(Node::Number(n));
+        self.small[i] = Some(e);
+        e
     }
 
     /// The number pi, rounded.
@@ -207,7 +222,7 @@ impl Pool {
 
     /// Its value, if only numbers and parameters occur in it.
     pub fn constant(&self, e: Expr) -> Option<f64> {
-        self.constants.get(&e).copied()
+        self.variables.is_empty(e).then(|| self.constants[e.0 as usize])
     }
 
     /// How many nodes there are.
@@ -222,55 +237,65 @@ impl Pool {
 
     /// The one expression that is this node, which must be canonical.
     pub(super) fn intern(&mut self, node: Node) -> Expr {
-        if let Some(&e) = self.known.get(&node) {
-            return e;
+        let hash = hash_of(&node);
+        match self.known.find(hash, |e| self.nodes[e.0 as usize] == node) {
+            Some(e) => e,
+            None => self.append(hash, node),
         }
-        let e = Expr(self.nodes.len() as u32);
-        let support = self.support_of(&node);
-        let constant = match &support {
-            Support::Few(s) if s.is_empty() => {
-                Some(self.evaluate(&node, &|c| self.constant(c).unwrap_or(f64::NAN), &|_| f64::NAN))
-            }
-            Support::Few(_) | Support::Many => None,
-        };
-        if let Some(x) = constant {
-            self.constants.insert(e, x);
-        }
-        self.support.push(support);
-        self.nodes.push(node.clone());
-        self.known.insert(node, e);
-        e
     }
 
-    fn support_of(&self, node: &Node) -> Support {
-        if let Node::Symbol(s) = node {
-            let known = self.value(*s).is_some();
-            return Support::Few(if known { self.empty.clone() } else { Arc::from([*s]) });
+    /// The one sum of these terms.
+    pub(super) fn intern_sum(&mut self, c: Number, terms: impl AsRef<[(Expr, Number)]> + Into<Pairs>) -> Expr {
+        let hash = hash_of_pairs(true, c, terms.as_ref());
+        let is =
+            |e: Expr| matches!(&self.nodes[e.0 as usize], Node::Sum(d, list) if *d == c && **list == *terms.as_ref());
+        match self.known.find(hash, is) {
+            Some(e) => e,
+            None => self.append(hash, Node::Sum(c, terms.into())),
         }
-        let mut all: Vec<Symbol> = Vec::new();
-        let mut largest = self.empty.clone();
-        let mut many = false;
-        node.each_child(&mut |c| match &self.support[c.0 as usize] {
-            Support::Many => many = true,
-            Support::Few(_) if many => {}
-            Support::Few(few) => {
-                for s in few.iter() {
-                    if let Err(i) = all.binary_search(s) {
-                        all.insert(i, *s);
-                    }
-                }
-                many = all.len() > FEW;
-                if few.len() > largest.len() {
-                    largest = few.clone();
-                }
+    }
+
+    /// The one product of these factors.
+    pub(super) fn intern_product(&mut self, c: Number, factors: impl AsRef<[(Expr, Number)]> + Into<Pairs>) -> Expr {
+        let hash = hash_of_pairs(false, c, factors.as_ref());
+        let is = |e: Expr| matches!(&self.nodes[e.0 as usize], Node::Product(d, list) if *d == c && **list == *factors.as_ref());
+        match self.known.find(hash, is) {
+            Some(e) => e,
+            None => self.append(hash, Node::Product(c, factors.into())),
+        }
+    }
+
+    /// Adds a node that is not there yet.
+    fn append(&mut self, hash: u32, node: Node) -> Expr {
+        let e = Expr(self.nodes.len() as u32);
+        let mut of_children = |children: &[Expr]| {
+            self.variables.push_union(children.iter().copied());
+            self.parameters.push_union(children.iter().copied());
+        };
+        match &node {
+            Node::Symbol(s) => {
+                let is_known = self.symbols.get(s.0 as usize).is_some_and(|d| d.value.is_some());
+                self.variables.push((!is_known).then_some(*s));
+                self.parameters.push(is_known.then_some(*s));
             }
-        });
-        if many {
-            Support::Many
-        } else if largest.len() == all.len() {
-            Support::Few(largest)
-        } else {
-            Support::Few(all.into())
+            Node::Number(_) => of_children(&[]),
+            Node::Sum(_, pairs) | Node::Product(_, pairs) => {
+                let children = pairs.iter().map(|p| p.0);
+                self.variables.push_union(children.clone());
+                self.parameters.push_union(children);
+            }
+            Node::Unary(_, a) => of_children(&[*a]),
+            Node::Power(a, b) | Node::Binary(_, a, b) => of_children(&[*a, *b]),
+            Node::Select(c, a, b) => of_children(&[*c, *a, *b]),
         }
+        let constant = if self.variables.is_empty(e) {
+            self.evaluate(&node, &|c| self.constant(c).unwrap_or(f64::NAN), &|_| f64::NAN)
+        } else {
+            f64::NAN
+        };
+        self.constants.push(constant);
+        self.nodes.push(node);
+        self.known.add(hash, e);
+        e
     }
 }

@@ -104,7 +104,7 @@ impl Pool {
             }
             [] if coefficient.is_one() => {}
             [..] => {
-                let rest = self.make_product(coefficient, inside.into());
+                let rest = self.make_product(coefficient, inside);
                 out.push((rest, n));
             }
         }

@@ -6,8 +6,37 @@ use rustc_hash::FxHashMap;
 impl Pool {
     /// The expression with symbols replaced, all at once.
     pub fn substitute(&mut self, e: Expr, map: &FxHashMap<Symbol, Expr>) -> Expr {
-        let mut memo = FxHashMap::default();
-        self.substitute_with(&mut memo, e, map)
+        let nodes = self.changing(e, map, &|_| true);
+        let mut new: Vec<Expr> = Vec::with_capacity(nodes.len());
+        for &e in &nodes {
+            let child = |c: Expr| nodes[..new.len()].binary_search(&c).map_or(c, |i| new[i]);
+            let changed = self.replaced(e, map, &child);
+            new.push(changed);
+        }
+        // The whole is younger than its parts.
+        new.last().copied().unwrap_or(e)
+    }
+
+    /// The nodes below `e` that may change, in ascending order.
+    fn changing(&self, e: Expr, map: &FxHashMap<Symbol, Expr>, enter: &dyn Fn(Expr) -> bool) -> Vec<Expr> {
+        // Parameters are in no list of variables, so that a map that has one walks everything.
+        let everything = self.has_parameter(e, map);
+        let changes = |s: Symbol| map.contains_key(&s);
+        self.ascending(&[e], &|e| enter(e) && (everything || self.may_contain(e, &changes)))
+    }
+
+    /// A node whose children are replaced.
+    fn replaced(&mut self, e: Expr, map: &FxHashMap<Symbol, Expr>, child: &dyn Fn(Expr) -> Expr) -> Expr {
+        match self.node(e) {
+            Node::Symbol(s) => map.get(s).copied().unwrap_or(e),
+            Node::Number(_)
+            | Node::Sum(..)
+            | Node::Product(..)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => self.rebuild(e, child),
+        }
     }
 
     /// The expressions with symbols replaced, all at once; what they share is walked once.
@@ -26,21 +55,8 @@ impl Pool {
         if let Some(&known) = memo.get(&e) {
             return known;
         }
-        // parameters are in no list of variables, so that a map that has one walks everything
-        let everything = self.has_parameter(map);
-        let changes = |s: Symbol| map.contains_key(&s);
-        let nodes = self.ascending(&[e], &|e| !memo.contains_key(&e) && (everything || self.may_contain(e, &changes)));
-        for e in nodes {
-            let new = match self.node(e) {
-                Node::Symbol(s) => map.get(s).copied().unwrap_or(e),
-                Node::Number(_)
-                | Node::Sum(..)
-                | Node::Product(..)
-                | Node::Power(..)
-                | Node::Unary(..)
-                | Node::Binary(..)
-                | Node::Select(..) => self.rebuild(e, &|c| memo.get(&c).copied().unwrap_or(c)),
-            };
+        for e in self.changing(e, map, &|e| !memo.contains_key(&e)) {
+            let new = self.replaced(e, map, &|c| memo.get(&c).copied().unwrap_or(c));
             memo.insert(e, new);
         }
         memo.get(&e).copied().unwrap_or(e)

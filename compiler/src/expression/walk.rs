@@ -1,19 +1,47 @@
 //! Ways through the graph of an expression, none of them recursive.
 
-use super::pool::Support;
 use super::{Expr, Node, Pool, Symbol};
 use rustc_hash::FxHashSet;
+
+/// So many expressions are looked through one by one.
+const FEW: usize = 32;
+
+/// Expressions in order of finding, each once.
+#[derive(Default)]
+pub(super) struct Found {
+    /// In order.
+    pub(super) all: Vec<Expr>,
+    /// The same, where they are many.
+    many: FxHashSet<Expr>,
+}
+
+impl Found {
+    /// Adds one; whether it is new.
+    pub(super) fn add(&mut self, e: Expr) -> bool {
+        let is_new = if self.many.is_empty() { !self.all.contains(&e) } else { self.many.insert(e) };
+        if is_new {
+            self.all.push(e);
+            if self.all.len() == FEW {
+                self.many.extend(&self.all);
+            }
+        }
+        is_new
+    }
+}
 
 impl Pool {
     /// The variables that occur, sorted; parameters are not among them.
     pub fn symbols(&self, e: Expr) -> Vec<Symbol> {
+        if let Some(few) = self.variables.few(e) {
+            return few.to_vec();
+        }
         let mut all = FxHashSet::default();
-        self.walk(e, &mut |pool, e| match &pool.support[e.0 as usize] {
-            Support::Few(few) => {
+        self.walk(e, &mut |pool, e| match pool.variables.few(e) {
+            Some(few) => {
                 all.extend(few.iter().copied());
                 false
             }
-            Support::Many => true,
+            None => true,
         });
         let mut all: Vec<Symbol> = all.into_iter().collect();
         all.sort_unstable();
@@ -22,26 +50,18 @@ impl Pool {
 
     /// Whether a variable occurs.
     pub fn contains(&self, e: Expr, s: Symbol) -> bool {
-        let mut found = false;
-        self.walk(e, &mut |pool, e| match &pool.support[e.0 as usize] {
-            Support::Few(few) => {
-                found |= few.contains(&s);
-                false
-            }
-            Support::Many => !found,
-        });
-        found
+        self.contains_any(e, &|x| x == s)
     }
 
     /// Whether any of the variables occurs.
     pub fn contains_any(&self, e: Expr, in_set: &dyn Fn(Symbol) -> bool) -> bool {
         let mut found = false;
-        self.walk(e, &mut |pool, e| match &pool.support[e.0 as usize] {
-            Support::Few(few) => {
+        self.walk(e, &mut |pool, e| match pool.variables.few(e) {
+            Some(few) => {
                 found |= few.iter().any(|&s| in_set(s));
                 false
             }
-            Support::Many => !found,
+            None => !found,
         });
         found
     }
@@ -61,11 +81,11 @@ impl Pool {
         if !enter(self, e) {
             return;
         }
-        let mut seen = FxHashSet::default();
+        let mut seen = Found::default();
         let mut stack = vec![e];
         while let Some(e) = stack.pop() {
             self.node(e).each_child(&mut |c| {
-                if seen.insert(c) && enter(self, c) {
+                if seen.add(c) && enter(self, c) {
                     stack.push(c);
                 }
             });
@@ -74,32 +94,28 @@ impl Pool {
 
     /// The nodes reachable from `roots` over nodes that `enter` admits, in ascending order: children before parents.
     pub(super) fn ascending(&self, roots: &[Expr], enter: &dyn Fn(Expr) -> bool) -> Vec<Expr> {
-        let mut seen = FxHashSet::default();
-        let mut stack = Vec::new();
+        let mut found = Found::default();
         for &e in roots {
-            if enter(e) && seen.insert(e) {
-                stack.push(e);
+            if enter(e) {
+                found.add(e);
             }
         }
-        let mut all = stack.clone();
-        while let Some(e) = stack.pop() {
+        let mut at = 0;
+        while let Some(&e) = found.all.get(at) {
+            at += 1;
             self.node(e).each_child(&mut |c| {
-                if enter(c) && seen.insert(c) {
-                    stack.push(c);
-                    all.push(c);
+                if enter(c) {
+                    found.add(c);
                 }
             });
         }
-        all.sort_unstable();
-        all
+        found.all.sort_unstable();
+        found.all
     }
 
     /// Whether a variable of the set occurs, as far as can be told at once: never false where one does.
     pub(super) fn may_contain(&self, e: Expr, in_set: &dyn Fn(Symbol) -> bool) -> bool {
-        match &self.support[e.0 as usize] {
-            Support::Few(few) => few.iter().any(|&s| in_set(s)),
-            Support::Many => true,
-        }
+        self.variables.few(e).is_none_or(|few| few.iter().any(|&s| in_set(s)))
     }
 
     /// The nodes below `e` (itself included) in which a variable of the set occurs, in ascending order.
@@ -107,18 +123,17 @@ impl Pool {
     /// Takes time in proportion to the nodes reachable from `e`.
     pub(super) fn dependents(&self, e: Expr, in_set: &dyn Fn(Symbol) -> bool) -> Vec<Expr> {
         let candidates = self.ascending(&[e], &|e| self.may_contain(e, in_set));
+        if self.variables.few(e).is_some() {
+            return candidates;
+        }
         let mut yes = FxHashSet::default();
         candidates
             .into_iter()
             .filter(|&e| {
-                let depends = match &self.support[e.0 as usize] {
-                    Support::Few(_) => true,
-                    Support::Many => {
-                        let mut any = false;
-                        self.node(e).each_child(&mut |c| any |= yes.contains(&c));
-                        any
-                    }
-                };
+                let mut depends = self.variables.few(e).is_some();
+                if !depends {
+                    self.node(e).each_child(&mut |c| depends |= yes.contains(&c));
+                }
                 if depends {
                     yes.insert(e);
                 }

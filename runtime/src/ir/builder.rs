@@ -1,24 +1,15 @@
 //! Makes programs. Equal values of one block are made once.
 
+use super::known::{Key, Known};
 use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Unary, Value};
-use std::collections::HashMap;
 
 /// A block that is being written, and the loads and values known in it.
 #[derive(Default)]
 struct Scope {
     body: Vec<Inst>,
-    known: HashMap<Key, Value>,
-    /// Loads apart, for they are forgotten one by one.
-    loads: HashMap<Slot, Value>,
-}
-
-/// An op by its bits, so that it can be looked up.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-enum Key {
-    Const(u64),
-    Unary(Unary, Value),
-    Binary(Binary, Value, Value),
-    Select(Value, Value, Value),
+    known: Known,
+    /// Loads apart, for they are forgotten one by one: of each array, what was loaded of each slot.
+    loads: [Vec<Option<Value>>; 6],
 }
 
 /// Writes a [`Program`] instruction by instruction.
@@ -70,7 +61,7 @@ impl Builder {
             Op::Select(c, a, b) => Key::Select(c, a, b),
         };
         for scope in self.scopes.iter().rev() {
-            if let Some(&v) = scope.known.get(&key) {
+            if let Some(v) = scope.known.get(key) {
                 return v;
             }
         }
@@ -99,13 +90,17 @@ impl Builder {
     /// What a slot holds now.
     pub fn load(&mut self, slot: Slot) -> Value {
         for scope in self.scopes.iter().rev() {
-            if let Some(&v) = scope.loads.get(&slot) {
-                return v;
+            if let Some(Some(v)) = scope.loads[slot.array as usize].get(slot.index as usize) {
+                return *v;
             }
         }
         let v = self.define(Op::Load(slot));
         if let Some(scope) = self.scopes.last_mut() {
-            scope.loads.insert(slot, v);
+            let (loads, at) = (&mut scope.loads[slot.array as usize], slot.index as usize);
+            if loads.len() <= at {
+                loads.resize(at + 1, None);
+            }
+            loads[at] = Some(v);
         }
         v
     }
@@ -184,7 +179,7 @@ impl Builder {
             self.forget(f.array, f.index, 1);
         }
         if let Some(scope) = self.scopes.last_mut() {
-            scope.body.push(Inst::Newton(newton));
+            scope.body.push(Inst::Newton(Box::new(newton)));
         }
     }
 
@@ -202,14 +197,11 @@ impl Builder {
         if array != Array::Local {
             return; // nothing else is both written and read
         }
-        let last = first.saturating_add(count);
         for scope in &mut self.scopes {
-            if (count as usize) < scope.loads.len() {
-                for index in first..last {
-                    scope.loads.remove(&Slot { array, index });
-                }
-            } else {
-                scope.loads.retain(|s, _| s.array != array || s.index < first || s.index >= last);
+            let loads = &mut scope.loads[array as usize];
+            let last = first.saturating_add(count).min(loads.len() as u32);
+            if first < last {
+                loads[first as usize..last as usize].fill(None);
             }
         }
     }

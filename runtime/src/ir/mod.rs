@@ -6,6 +6,7 @@
 
 mod builder;
 mod display;
+mod known;
 mod op;
 mod verify;
 
@@ -89,8 +90,8 @@ pub enum Inst {
     Let(Value, Op),
     /// Writes a value into a slot of `Next`, `Local` or `Output`.
     Store(Slot, Value),
-    /// Solves a square system.
-    Newton(Newton),
+    /// Solves a square system. In a box, so that the other instructions, which are many, stay small.
+    Newton(Box<Newton>),
     /// `to[0..rows] = T from[0..cols]` with the row-major matrix that starts at `table` in the table.
     ///
     /// With `low`, a second matrix of the same shape follows the first: its product, smaller, is summed apart and added at

@@ -5,7 +5,6 @@ mod function;
 mod power;
 
 use super::{Expr, Node, Number, Pool, Symbol};
-use rustc_hash::FxHashMap;
 
 const TWO: Number = Number::Ratio(2, 1);
 
@@ -27,6 +26,18 @@ struct Step {
     middle: Expr,
 }
 
+/// Nodes in ascending order, and the first of them along the step.
+struct Ways {
+    nodes: Vec<Expr>,
+    along: Vec<Along>,
+}
+
+impl Ways {
+    fn get(&self, e: Expr) -> Option<Along> {
+        self.nodes[..self.along.len()].binary_search(&e).ok().map(|i| self.along[i])
+    }
+}
+
 impl Pool {
     /// `(e[s := from + delta] - e[s := from]) / delta`, without cancellation, and the derivative where `delta` is 0.
     ///
@@ -38,23 +49,32 @@ impl Pool {
         let to = self.add(from, delta);
         let middle = self.add(from, half);
         let step = Step { symbol: s, from, to, delta, middle };
-        let mut known: FxHashMap<Expr, Along> = FxHashMap::default();
-        let (start, end): (FxHashMap<_, _>, FxHashMap<_, _>) =
-            ([(s, from)].into_iter().collect(), [(s, to)].into_iter().collect());
-        let (mut at_start, mut at_end) = (FxHashMap::default(), FxHashMap::default());
-        for node in self.dependents(e, &|x| x == s) {
-            let from = self.substitute_with(&mut at_start, node, &start);
-            let to = self.substitute_with(&mut at_end, node, &end);
-            let slope = self.difference_of(node, &step, from, to, &known);
-            known.insert(node, Along { from, to, slope });
+        let mut ways = Ways { nodes: self.dependents(e, &|x| x == s), along: Vec::new() };
+        for i in 0..ways.nodes.len() {
+            let node = ways.nodes[i];
+            let ends = match self.node(node) {
+                Node::Symbol(_) => (from, to),
+                Node::Number(_)
+                | Node::Sum(..)
+                | Node::Product(..)
+                | Node::Power(..)
+                | Node::Unary(..)
+                | Node::Binary(..)
+                | Node::Select(..) => (
+                    self.rebuild(node, &|c| ways.get(c).map_or(c, |along| along.from)),
+                    self.rebuild(node, &|c| ways.get(c).map_or(c, |along| along.to)),
+                ),
+            };
+            let slope = self.difference_of(node, &step, ends.0, ends.1, &ways);
+            ways.along.push(Along { from: ends.0, to: ends.1, slope });
         }
-        known.get(&e).map_or_else(|| self.zero(), |along| along.slope)
+        ways.get(e).map_or_else(|| self.zero(), |along| along.slope)
     }
 
     /// The divided difference of a node whose children's are known.
-    fn difference_of(&mut self, e: Expr, step: &Step, from: Expr, to: Expr, known: &FxHashMap<Expr, Along>) -> Expr {
+    fn difference_of(&mut self, e: Expr, step: &Step, from: Expr, to: Expr, known: &Ways) -> Expr {
         let zero = self.zero();
-        let along = |e: Expr| known.get(&e).copied().unwrap_or(Along { from: e, to: e, slope: zero });
+        let along = |e: Expr| known.get(e).unwrap_or(Along { from: e, to: e, slope: zero });
         match self.node(e).clone() {
             Node::Number(_) => zero,
             Node::Symbol(_) => self.one(),
@@ -63,7 +83,7 @@ impl Pool {
                 self.combine(&all)
             }
             Node::Product(c, factors) => {
-                let (inside, outside): (Vec<_>, Vec<_>) = factors.iter().partition(|(f, _)| known.contains_key(f));
+                let (inside, outside): (Vec<_>, Vec<_>) = factors.iter().partition(|(f, _)| known.get(*f).is_some());
                 let mut total: Option<Along> = None;
                 for (f, n) in inside {
                     let base = along(f);
