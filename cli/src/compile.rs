@@ -68,20 +68,51 @@ impl Options {
     /// # Errors
     /// All that is wrong with it.
     pub fn compile_str(&self, name: &str, text: impl Into<String>) -> Result<Compiled, Errors> {
+        self.compile_text(&Text::new(name, text))
+    }
+
+    /// Compiles a text that was read before: as [`Options::compile_str`], for many options in turn.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn compile_text(&self, text: &Text) -> Result<Compiled, Errors> {
         let mut set = Vec::new();
         for (path, value) in &self.set {
             match value {
                 Ok((number, dimension)) => set.push((path.clone(), *number, *dimension)),
-                Err(why) => return Err(lone(name, "elaborate::set", format!("the value of `{path}`: {why}"))),
+                Err(why) => return Err(lone(&text.name, "elaborate::set", format!("the value of `{path}`: {why}"))),
             }
         }
         let options = bond_compiler::Options { model: self.model.clone(), set, method: self.method.clone() };
-        let mut sources = Sources::new();
-        let main = sources.add(name, text);
-        match bond_compiler::compile(&mut sources, main, &mut FileLoader::new(name), &options) {
+        let sources = text.sources.clone();
+        match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {
             Ok(inner) => Ok(Compiled { inner, sources }),
             Err(list) => Err(Errors::new(sources, list)),
         }
+    }
+}
+
+/// A text and the files that it uses, read and parsed: to be compiled many times, from several threads at once.
+#[derive(Debug)]
+pub struct Text {
+    name: String,
+    sources: Sources,
+    loaded: bond_compiler::Loaded,
+}
+
+impl Text {
+    /// Reads it. The name is shown in messages; files that the text uses are looked for beside it. What is wrong with them is
+    /// said when it is compiled.
+    pub fn new(name: &str, text: impl Into<String>) -> Self {
+        let mut sources = Sources::new();
+        let main = sources.add(name, text);
+        let loaded = bond_compiler::load(&mut sources, main, &mut FileLoader::new(name));
+        Self { name: name.to_string(), sources, loaded }
+    }
+
+    /// The texts of it: its own first, then those of the files that it uses.
+    pub fn sources(&self) -> &Sources {
+        &self.sources
     }
 }
 

@@ -5,14 +5,18 @@ mod csv;
 mod diff;
 mod document;
 mod drive;
+mod ensemble;
 mod expectation;
 mod input;
 mod output;
+#[cfg(feature = "parquet")]
+mod parquet;
 mod progress;
 mod report;
 mod rows;
 mod stop;
 mod summary;
+mod table;
 mod text;
 
 use clap::{Parser, Subcommand};
