@@ -50,7 +50,7 @@ enum Command {
     Fmt(fmt::Args),
     Show(show::Args),
     Linearize(linearize::Args),
-    Run(run::Args),
+    Run(Box<run::Args>),
     Test(test::Args),
 }
 

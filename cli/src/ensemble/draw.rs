@@ -167,7 +167,7 @@ mod tests {
         assert_eq!((d.path.as_str(), d.dimension), ("wall.k", bond::quantity("1 N/m").unwrap().1));
         assert_eq!(d.law, Law::Normal { mean: 1000.0, sd: 50.0 });
         assert_eq!(parse("m=lognormal(100 g, 0.1)").unwrap().law, Law::LogNormal { median: 0.1, sigma: 0.1 });
-        assert_eq!(parse("m=uniform((1/2) kg, 1 kg)").unwrap().law, Law::Uniform { a: 0.5, b: 1.0 });
+        assert_eq!(parse("m=uniform((1 kg)/2, 1 kg)").unwrap().law, Law::Uniform { a: 0.5, b: 1.0 });
     }
 
     #[test]

@@ -141,9 +141,12 @@ fn sample(job: &Job) -> Result<Compiled, Stop> {
     };
     // These do not depend on the value.
     let always = |code: &str| code.starts_with("units::") || matches!(code, "elaborate::set" | "elaborate::model");
+    let plain = job.options.compile_text(&job.text);
     if first.list().iter().any(|d| always(d.code)) {
+        if plain.is_ok() {
+            report::say(&format!("note: this is {}, as with --set:", job.plan.named(0)));
+        }
         return Err(input::wrong(&first));
     }
-    let last = || job.compile(job.plan.total() - 1);
-    last().or_else(|_| job.options.compile_text(&job.text)).map_err(|_| input::wrong(&first))
+    job.compile(job.plan.total() - 1).or(plain).map_err(|_| input::wrong(&first))
 }

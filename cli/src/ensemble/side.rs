@@ -61,7 +61,7 @@ impl Side {
     fn take_over(&mut self, print: &Fingerprint, restart: bool) -> io::Result<Result<(), Stop>> {
         let length = self.file.metadata()?.len();
         let head = head(print);
-        if !restart && length > 0 {
+        if length > 0 {
             let mut file = BufReader::new(&self.file);
             let mut magic = Vec::new();
             (&mut file).take(MAGIC.len() as u64).read_to_end(&mut magic)?;
@@ -69,7 +69,7 @@ impl Side {
                 let what = "is there already, and is no side file of an ensemble; move it away";
                 return Ok(Err(Stop::Usage(format!("{} {what}", self.path.display()))));
             }
-            if let Some((older, at)) = fingerprint(&mut file)? {
+            if !restart && let Some((older, at)) = fingerprint(&mut file)? {
                 let differs = print.against(&older);
                 if !differs.is_empty() {
                     return Ok(Err(Stop::Usage(format!(
