@@ -93,6 +93,23 @@ impl Options {
 }
 
 /// A text and the files that it uses, read and parsed: to be compiled many times, from several threads at once.
+///
+/// ```
+/// let text = bond::Text::new("decay.bond", "
+///     model Decay(r = 1 ohm) {
+///       C:cap { compliance = 1 F;  q0 = 1 C }
+///       R:loss = r
+///       cap -> loss
+///       probe q = cap.q
+///     }");
+/// for r in [1.0, 2.0] {
+///     let compiled = bond::Options::new().set_quantity("r", (r, None)).compile_text(&text)?;
+///     let mut sim = compiled.simulate(bond::Steps::new())?;
+///     sim.advance(1.0)?;
+///     assert!((sim.probe("q")? - (-1.0 / r).exp()).abs() < 1e-9);
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Text {
     name: String,

@@ -62,7 +62,8 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
         stop: setup.stop,
         every: setup.every,
         at: setup.at.to_vec(),
-        over_time: setup.every.is_some() || !setup.at.is_empty(),
+        // Nobody sees the rows where no table is asked for.
+        over_time: setup.output.is_some() && (setup.every.is_some() || !setup.at.is_empty()),
         given: Vec::new(),
         probes: Vec::new(),
     };

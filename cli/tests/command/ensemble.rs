@@ -190,7 +190,11 @@ fn an_instance_with_other_probes_failed() {
     let text = "model Chain(n = 2) {\n  for i in 1..n { I:m[i] { inertia = 1 kg; f0 = 1 m/s }\n  Se:f[i] = 0 N\n  f[i] -> m[i]\n  probe v = m[i].f }\n}\n";
     let here = Folder::new().with("a.bond", text);
     let done = run(&here, &["--sweep", "n=2,3", "--stop", "1", "-o", "-"]);
-    done.is(3, &["instance,n,\"v[1]\"", "0,2,1,1,"], &["its probes are v[1], v[2], v[3], and not those of the others"]);
+    done.is(
+        3,
+        &["instance,n,v[1],v[2],passive", "\n0,2,1,1,1,"],
+        &["its probes are v[1], v[2], v[3], and not those of the others"],
+    );
 }
 
 #[test]
@@ -207,7 +211,7 @@ fn nonsense_is_refused() {
         (&["--sweep", "m=1..2:100000", "--sweep", "k=1..2:100000"], 2, "too many instances"),
         (&["--sweep", "m=1,2", "--ledger", "l.csv"], 2, "--ledger is for single runs"),
         (&["--sweep", "m=1,2", "--at", "5"], 2, "beyond the end"),
-        (&["--sweep", "m=1,2", "--every", "1e-8"], 2, "longer --every"),
+        (&["--sweep", "m=1,2", "--every", "1e-8", "-o", "x.csv"], 2, "longer --every"),
         (&["--sweep", "m=1,2", "--step", "1e-30"], 2, "at most 1e10"),
         (&["--sweep", "m=1,2", "--threads", "0"], 2, "1..=256"),
         (&["--sweep", "m=1,2", "-o", "."], 2, "directory"),
