@@ -96,7 +96,7 @@ impl Options {
 ///
 /// ```
 /// let text = bond::Text::new("decay.bond", "
-///     model Decay(r = 1 ohm) {
+///     model Decay(r = 1 Ohm) {
 ///       C:cap { compliance = 1 F;  q0 = 1 C }
 ///       R:loss = r
 ///       cap -> loss
