@@ -5,6 +5,7 @@ mod csv;
 mod diff;
 mod document;
 mod drive;
+mod emit;
 mod ensemble;
 mod expectation;
 mod input;
@@ -20,7 +21,7 @@ mod table;
 mod text;
 
 use clap::{Parser, Subcommand};
-use commands::{check, doc, fmt, linearize, new, run, show, test};
+use commands::{build, check, doc, fmt, linearize, new, run, show, test};
 use std::process::ExitCode;
 use stop::Stop;
 
@@ -45,6 +46,7 @@ struct Line {
 #[derive(Subcommand)]
 enum Command {
     New(new::Args),
+    Build(build::Args),
     Check(check::Args),
     Doc(doc::Args),
     Fmt(fmt::Args),
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
 fn done(command: &Command) -> u8 {
     let result = match command {
         Command::New(args) => new::new(args),
+        Command::Build(args) => build::build(args),
         Command::Check(args) => check::check(args),
         Command::Doc(args) => doc::doc(args),
         Command::Fmt(args) => fmt::fmt(args),

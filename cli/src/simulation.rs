@@ -1,6 +1,8 @@
 //! A compiled model that runs.
 
 use bond_compiler::model::Settings;
+use bond_runtime::interpreter::Interpret;
+use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{self, Course, Summary};
 use thiserror::Error;
@@ -69,6 +71,29 @@ impl Steps {
     }
 }
 
+/// How step programs are run. Both give the same numbers, to the last bit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Code {
+    /// As machine code, where the crate is built with its feature `native` and the machine is known; else interpreted.
+    #[default]
+    Native,
+    /// Interpreted: slower, and nothing is compiled before the first step.
+    Interpreted,
+}
+
+impl Code {
+    /// What makes programs ready to run.
+    pub fn backend(self) -> &'static dyn Backend {
+        match self {
+            #[cfg(feature = "native")]
+            Code::Native => &bond_compiler::backend::native::Jit,
+            #[cfg(not(feature = "native"))]
+            Code::Native => &Interpret,
+            Code::Interpreted => &Interpret,
+        }
+    }
+}
+
 /// Why a run stopped, or could not do what was asked.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum RunError {
@@ -113,7 +138,7 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A program that fails at the start.
     pub fn new(scene: &'a Scene, options: &simulate::Options) -> Result<Self, RunError> {
-        Ok(Self { inner: simulate::Simulation::new(scene, options)?, scene })
+        Self::with(scene, options, [])
     }
 
     /// A scene at its start, with signals given from outside: the path of an `input`, and what it is over time. Others are what
@@ -126,9 +151,22 @@ impl<'a> Simulation<'a> {
         options: &simulate::Options,
         inputs: impl IntoIterator<Item = (String, Course)>,
     ) -> Result<Self, RunError> {
+        Self::on(Code::default().backend(), scene, options, inputs)
+    }
+
+    /// The same, with programs run by this back end: those of [`Code`], or another.
+    ///
+    /// # Errors
+    /// A name that there is not, or a program that fails at the start.
+    pub fn on(
+        backend: &dyn Backend,
+        scene: &'a Scene,
+        options: &simulate::Options,
+        inputs: impl IntoIterator<Item = (String, Course)>,
+    ) -> Result<Self, RunError> {
         let courses = inputs.into_iter().map(|(name, course)| Ok((input(scene, &name)?, course)));
         let courses = courses.collect::<Result<Vec<_>, RunError>>()?;
-        Ok(Self { inner: simulate::Simulation::with(scene, options, courses)?, scene })
+        Ok(Self { inner: simulate::Simulation::on(backend, scene, options, courses)?, scene })
     }
 
     /// Now, s.

@@ -8,7 +8,7 @@ mod translate;
 
 use crate::eval;
 use crate::ir::Program;
-use crate::kernel::{Failure, Kernel, Workspace};
+use crate::kernel::{Backend, Failure, Kernel, Workspace};
 use crate::solve::newton;
 use code::Code;
 use std::ops::Range;
@@ -43,6 +43,16 @@ impl Interpreter {
     /// Where the program does not pass [`Program::verify`].
     pub fn new(program: &Program) -> Self {
         translate::translate(program)
+    }
+}
+
+/// Runs every program without compiling it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Interpret;
+
+impl Backend for Interpret {
+    fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
+        Box::new(Interpreter::new(program))
     }
 }
 

@@ -1,13 +1,13 @@
 //! What every back end offers: one program, ready to run.
 
 use crate::ir::{Array, Program, Slot};
-use crate::solve::newton;
+use crate::solve::{linear, newton};
 use thiserror::Error;
 
 /// A program that runs.
 ///
 /// A kernel is read only and may be shared by threads; what a run writes is in the [`Workspace`].
-pub trait Kernel {
+pub trait Kernel: Send + Sync {
     /// The program it runs.
     fn program(&self) -> &Program;
 
@@ -27,6 +27,15 @@ pub trait Kernel {
     fn workspace(&self) -> Workspace;
 }
 
+/// What makes programs ready to run.
+pub trait Backend {
+    /// A program, ready to run. Where this back end cannot take it, another does it.
+    ///
+    /// # Panics
+    /// Where the program does not pass [`Program::verify`].
+    fn kernel(&self, program: &Program) -> Box<dyn Kernel>;
+}
+
 /// What a run works on besides its arguments. Nothing in it is read by the next run.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
@@ -42,6 +51,8 @@ pub struct Workspace {
     pub registers: Vec<f64>,
     /// Memory of each iteration of the program, in order of appearance, an outer one before those inside it.
     pub newtons: Vec<newton::Scratch>,
+    /// Systems that the back end leaves to [`linear`].
+    pub systems: Vec<linear::System>,
 }
 
 impl Workspace {
@@ -54,6 +65,7 @@ impl Workspace {
             newton_iterations: 0,
             registers: vec![0.0; registers],
             newtons: plans.iter().map(newton::Plan::scratch).collect(),
+            systems: Vec::new(),
         }
     }
 

@@ -8,7 +8,7 @@ use crate::stop::Stop;
 use crate::summary::{self, Outcome};
 use crate::table::{self, Cell, Column, Kind, Table};
 use crate::{ensemble, output, report};
-use bond::{Compiled, RunError, Simulation, Steps, Summary};
+use bond::{Code, Compiled, RunError, Simulation, Steps, Summary};
 use bond_compiler::discretise::Method;
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
@@ -66,6 +66,9 @@ pub struct Args {
     /// How the summary is written; it goes to standard error when standard output has the rows
     #[arg(long, value_enum, default_value_t = Format::Text)]
     summary: Format,
+    /// Interpret the step programs instead of compiling them to machine code; the numbers are the same
+    #[arg(long)]
+    interpret: bool,
     #[command(flatten)]
     ensemble: ensemble::Args,
 }
@@ -109,7 +112,8 @@ pub fn run(args: &Args) -> Result<(), Stop> {
         None => Vec::new(),
     };
     let started = Instant::now();
-    let mut sim = Simulation::with(compiled.scene(), &options, given)?;
+    let code = if args.interpret { Code::Interpreted } else { Code::Native };
+    let mut sim = Simulation::on(code.backend(), compiled.scene(), &options, given)?;
     let mut files = Files::open(args, &compiled, &sim)?;
     let progress = Progress::new();
     let halted = drive(&mut sim, rows, stop, &mut |sim, t| {
@@ -137,6 +141,7 @@ fn many(args: &Args, options: bond::Options) -> Result<(), Stop> {
         step: args.step,
         tolerance: args.tolerance,
         steps: steps(args),
+        interpret: args.interpret,
         stop: args.stop,
         every: args.every,
         at: &args.at,

@@ -1,11 +1,13 @@
 //! An instance of an ensemble, from its number to what it came to.
 
+use super::choice::Choice;
 use super::outcome::Outcome;
 use super::plan::Plan;
 use crate::drive::{self, Halt, drive};
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use bond::{Compiled, Course, Errors, Options, Simulation, Steps, Text};
+use bond::{Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
+use std::time::Instant;
 
 /// More numbers than this are not kept of one instance.
 pub const NUMBERS: usize = 1 << 24;
@@ -30,6 +32,8 @@ pub struct Job {
     pub over_time: bool,
     /// Inputs over time.
     pub given: Vec<(String, Course)>,
+    /// How they are run.
+    pub choice: Choice,
     /// The probes, which all instances must have.
     pub probes: Vec<String>,
 }
@@ -79,8 +83,10 @@ impl Job {
     fn simulate(&self, compiled: &Compiled) -> Result<Outcome, String> {
         let width = self.probes.len();
         let (rows, steps, stop) = self.course(compiled).map_err(|stop| words(&stop))?;
-        let sim = Simulation::with(compiled.scene(), &steps, self.given.iter().cloned());
+        let (code, begun) = (self.choice.code(), Instant::now());
+        let sim = Simulation::on(code.backend(), compiled.scene(), &steps, self.given.iter().cloned());
         let mut sim = sim.map_err(|e| e.to_string())?;
+        let made = begun.elapsed();
         let mut list = Vec::new();
         let halted = drive(&mut sim, rows, stop, &mut |sim, t| {
             if self.over_time {
@@ -94,6 +100,9 @@ impl Job {
             }
             Ok(())
         });
+        if code == Code::Native && halted.is_ok() {
+            self.choice.learn(made, begun.elapsed().saturating_sub(made));
+        }
         let end = sim.probes().map(|v| v[..width.min(v.len())].to_vec());
         let summary = sim.summary();
         let (last, failure) = match (halted, end) {

@@ -4,6 +4,7 @@
 //! alone, so that neither threads nor order matter. `job` runs an instance, `pool` spreads them over threads, `side` keeps those
 //! that are done in a file, `sheet` puts them in the order of the table, `run` joins all that.
 
+mod choice;
 mod collect;
 mod draw;
 mod fingerprint;

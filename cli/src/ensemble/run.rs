@@ -1,6 +1,7 @@
 //! Runs an ensemble: checks what is asked for, runs what is left to be run, and writes the table.
 
 use super::Args;
+use super::choice::Choice;
 use super::collect::{Collect, InOrder};
 use super::fingerprint::Fingerprint;
 use super::job::{Job, NUMBERS};
@@ -33,6 +34,8 @@ pub struct Setup<'a> {
     pub tolerance: Option<f64>,
     /// Both.
     pub steps: Steps,
+    /// Whether the interpreter is asked for.
+    pub interpret: bool,
     /// End of the run, s.
     pub stop: Option<f64>,
     /// Distance of rows, s.
@@ -65,6 +68,7 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
         // Nobody sees the rows where no table is asked for.
         over_time: setup.output.is_some() && (setup.every.is_some() || !setup.at.is_empty()),
         given: Vec::new(),
+        choice: Choice::new(setup.interpret),
         probes: Vec::new(),
     };
     let sample = sample(&job)?;

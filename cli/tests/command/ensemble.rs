@@ -64,6 +64,17 @@ fn an_instance_is_a_run_with_its_values() {
 }
 
 #[test]
+fn machine_code_and_the_interpreter_give_the_same_table() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    // Short runs and long ones, which are run in different ways.
+    for step in ["100ms", "10us"] {
+        let args = ["--sweep", "m=1..2:4", "--method", "gonzalez", "--step", step, "-o", "-"];
+        let (one, two) = (run(&here, &args), run(&here, &[&args[..], &["--interpret"]].concat()));
+        assert_eq!((one.status, one.out), (two.status, two.out));
+    }
+}
+
+#[test]
 fn rows_over_time_are_those_of_single_runs() {
     let here = Folder::new().with("a.bond", OSCILLATOR);
     let times = ["--every", "0.25", "--at", "0.1", "-o", "-"];

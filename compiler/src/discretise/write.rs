@@ -248,7 +248,7 @@ fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column:
     model.pool.sum(&list)
 }
 
-/// Sum of the magnitudes of an expression's summands, in terms of states and loops.
+/// Sum of the magnitudes of an expression's summands, after a substitution.
 fn summands(model: &mut Model, flat: &FxHashMap<Symbol, Expr>, e: Expr) -> Expr {
     let pool = &mut model.pool;
     let parts: Vec<Expr> = match pool.node(e).clone() {
@@ -482,9 +482,14 @@ pub(super) fn energies(
         }
         let mut size = b.number(0.0);
         for g in c.groups.iter().filter(|g| g.region == *r) {
-            let later = model.pool.substitute(g.energy, &end);
-            let v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
-            let v = b.unary(Unary::Abs, v);
+            // What several states share may cancel within itself, as the double pendulum's kinetic energy and its height do.
+            let parts = if g.states.len() > 1 {
+                summands(model, &end, g.energy)
+            } else {
+                let later = model.pool.substitute(g.energy, &end);
+                model.pool.unary(Unary::Abs, later)
+            };
+            let v = at.lower(&model.pool, b, parts).map_err(|s| missing(model, s))?;
             size = b.add(size, v);
         }
         b.store(Slot::new(Array::Output, e.size), size);

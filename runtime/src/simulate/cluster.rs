@@ -4,8 +4,8 @@ use super::given::{Course, Feed};
 use super::worst::Worst;
 use super::{Error, Options};
 use crate::exponential;
-use crate::interpreter::Interpreter;
-use crate::kernel::{Failure, Kernel, Workspace};
+use crate::interpreter::Interpret;
+use crate::kernel::{Backend, Failure, Kernel, Workspace};
 use crate::ledger::Sum;
 use crate::scene::{Cluster, Entries, Respond, Stepper};
 use std::collections::HashMap;
@@ -27,7 +27,7 @@ fn same_length(a: f64, b: f64, instant: f64) -> bool {
 
 /// A stepper ready to run, with its tables by step length.
 pub(super) struct Ready {
-    kernel: Interpreter,
+    kernel: Box<dyn Kernel>,
     pub(super) work: Workspace,
     linear: Option<exponential::Linear>,
     tables: HashMap<u64, Vec<f64>>,
@@ -36,8 +36,8 @@ pub(super) struct Ready {
 }
 
 impl Ready {
-    fn new(stepper: &Stepper) -> Self {
-        let kernel = Interpreter::new(&stepper.program);
+    fn new(stepper: &Stepper, backend: &dyn Backend) -> Self {
+        let kernel = backend.kernel(&stepper.program);
         let work = kernel.workspace();
         Self { kernel, work, linear: stepper.linear.clone(), tables: HashMap::new(), lengths: Vec::new() }
     }
@@ -71,13 +71,13 @@ impl Ready {
 
 /// A program that is run for its outputs.
 pub(super) struct Look {
-    kernel: Interpreter,
+    kernel: Box<dyn Kernel>,
     pub(super) work: Workspace,
 }
 
 impl Look {
-    pub(super) fn new(program: &crate::ir::Program) -> Self {
-        let kernel = Interpreter::new(program);
+    pub(super) fn new(program: &crate::ir::Program, backend: &dyn Backend) -> Self {
+        let kernel = backend.kernel(program);
         let work = kernel.workspace();
         Self { kernel, work }
     }
@@ -103,6 +103,8 @@ pub(super) struct Book {
     /// What the balances of the steps are off by.
     pub(super) worst: Worst,
     pub(super) turnover_max: f64,
+    /// The largest sum of the magnitudes of what is stored, which may cancel in H.
+    pub(super) size_max: f64,
     pub(super) sources: Vec<Sum>,
     pub(super) resistors: Vec<Sum>,
     /// Entropy produced by each field with thermal ports, J/K.
@@ -122,7 +124,7 @@ pub(super) struct Book {
 impl Book {
     /// The largest energy that was held, or turned over in a step.
     pub(super) fn largest(&self) -> f64 {
-        self.h_max.max(self.turnover_max)
+        self.h_max.max(self.turnover_max).max(self.size_max)
     }
 
     /// What balances are measured against at least.
@@ -168,9 +170,15 @@ pub(super) struct Run {
 }
 
 impl Run {
-    pub(super) fn new(index: usize, c: &Cluster, given: &[Course], options: &Options) -> Result<Self, Error> {
-        let instant = Look::new(&c.instant);
-        let mut stored = Look::new(&c.stored);
+    pub(super) fn new(
+        index: usize,
+        c: &Cluster,
+        given: &[Course],
+        options: &Options,
+        backend: &dyn Backend,
+    ) -> Result<Self, Error> {
+        let instant = Look::new(&c.instant, backend);
+        let mut stored = Look::new(&c.stored, &Interpret); // looked at once
         let state = c.initial.clone();
         let mut input = vec![0.0; c.traces_at() + c.states];
         let feed = Feed::new(c, given);
@@ -206,17 +214,17 @@ impl Run {
         let outputs = c.step.program.size(crate::ir::Array::Output);
         Ok(Self {
             index,
-            step: Ready::new(&c.step),
-            glance: c.step.glance.as_deref().map(Ready::new),
+            step: Ready::new(&c.step, backend),
+            glance: c.step.glance.as_deref().map(|s| Ready::new(s, backend)),
             instant,
-            guards: c.guards.as_ref().map(Look::new),
+            guards: c.guards.as_ref().map(|g| Look::new(g, backend)),
             before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.size(crate::ir::Array::Output))],
             respond: c.respond.as_ref().map(|r| match r {
-                Respond::Last(p) | Respond::Matched(p, _) => Look::new(p),
+                Respond::Last(p) | Respond::Matched(p, _) => Look::new(p, backend),
             }),
             fallback: c.respond.as_ref().and_then(|r| match r {
                 Respond::Last(_) => None,
-                Respond::Matched(_, p) => Some(Look::new(p)),
+                Respond::Matched(_, p) => Some(Look::new(p, backend)),
             }),
             largest: state[..n].iter().map(|x| x.abs()).collect(),
             curvature: c.curvatures.iter().map(|k| out[*k]).collect(),
@@ -837,7 +845,9 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         }
         let before = e.before.map_or(b.h, |slot| out[slot]);
         let residual = (h - before) - ((supplied - dissipated) + leap);
-        let scale = out[e.size].abs().max(b.h.abs()).max(turnover);
+        let size = out[e.size].abs();
+        let scale = size.max(b.h.abs()).max(turnover);
+        b.size_max = b.size_max.max(size);
         b.turnover_max = b.turnover_max.max(turnover);
         b.h = h;
         b.h_max = b.h_max.max(h.abs());

@@ -4,6 +4,7 @@ mod cluster;
 mod given;
 mod hold;
 mod schedule;
+mod start;
 mod summary;
 mod worst;
 
@@ -72,3 +73,4 @@ pub enum Error {
 }
 
 pub use schedule::Simulation;
+pub use start::{Start, StartCluster, StartHeld};

@@ -5,6 +5,8 @@ use super::given::Course;
 use super::hold::{Held, within_budget};
 use super::summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 use super::{Error, Options};
+use crate::interpreter::Interpret;
+use crate::kernel::Backend;
 use crate::scene::{Respond, Scene};
 
 /// Energies below this part of the scene's largest are rounding.
@@ -24,19 +26,19 @@ fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<us
 pub struct Simulation<'a> {
     scene: &'a Scene,
     names: Vec<String>,
-    runs: Vec<Run>,
+    pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
-    held: Vec<Vec<Held>>,
+    pub(super) held: Vec<Vec<Held>>,
     /// By cluster, the matrix beta of those ports, its like for the interval after, and what of a motion is left after one.
-    beta: Vec<Vec<f64>>,
-    gamma: Vec<Vec<f64>>,
-    decay: Vec<Vec<f64>>,
+    pub(super) beta: Vec<Vec<f64>>,
+    pub(super) gamma: Vec<Vec<f64>>,
+    pub(super) decay: Vec<Vec<f64>>,
     /// By cluster, the next sample's number.
     next: Vec<u64>,
     /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
-    order: Vec<usize>,
+    pub(super) order: Vec<usize>,
     /// By cluster, whether samples of others concern it.
-    connected: Vec<bool>,
+    pub(super) connected: Vec<bool>,
     moved: Vec<Vec<f64>>,
     probes: Option<Look>,
     probe_input: Vec<f64>,
@@ -48,8 +50,8 @@ pub struct Simulation<'a> {
     last_sample: f64,
     respond_input: Vec<Vec<f64>>,
     /// Clusters whose signals others read, and those that probes read.
-    read: Vec<usize>,
-    probed: Vec<usize>,
+    pub(super) read: Vec<usize>,
+    pub(super) probed: Vec<usize>,
     scratch: Scratch,
 }
 
@@ -81,11 +83,24 @@ impl<'a> Simulation<'a> {
     }
 
     /// A scene at its start, with the first samples taken. Signals given from outside take the courses listed with their index;
-    /// the others are what they are by default.
+    /// the others are what they are by default. Programs are interpreted.
     ///
     /// # Errors
     /// A program that fails at the start.
     pub fn with(scene: &'a Scene, options: &Options, courses: Vec<(usize, Course)>) -> Result<Self, Error> {
+        Self::on(&Interpret, scene, options, courses)
+    }
+
+    /// The same, with programs run by this back end.
+    ///
+    /// # Errors
+    /// A program that fails at the start.
+    pub fn on(
+        backend: &dyn Backend,
+        scene: &'a Scene,
+        options: &Options,
+        courses: Vec<(usize, Course)>,
+    ) -> Result<Self, Error> {
         let n = scene.clusters.len();
         let names = scene.clusters.iter().map(|c| c.name.clone()).collect();
         let mut given: Vec<Course> = scene.inputs.iter().map(|i| Course::constant(i.value)).collect();
@@ -95,7 +110,7 @@ impl<'a> Simulation<'a> {
             }
         }
         let runs = scene.clusters.iter().enumerate();
-        let runs = runs.map(|(i, c)| Run::new(i, c, &given, options)).collect::<Result<Vec<_>, _>>()?;
+        let runs = runs.map(|(i, c)| Run::new(i, c, &given, options, backend)).collect::<Result<Vec<_>, _>>()?;
         let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
         for (i, c) in scene.clusters.iter().enumerate() {
             for &port in &c.holds {
@@ -142,7 +157,7 @@ impl<'a> Simulation<'a> {
             order,
             connected,
             moved: scene.clusters.iter().map(|c| vec![0.0; c.ports.len()]).collect(),
-            probes: scene.probes.program.as_ref().map(Look::new),
+            probes: scene.probes.program.as_ref().map(|p| Look::new(p, backend)),
             probe_input: vec![0.0; 1 + scene.probes.gather.len() + scene.probes.inputs.len()],
             given,
             open: vec![0.0; scene.open.len()],

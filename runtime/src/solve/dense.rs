@@ -1,9 +1,23 @@
-//! Small and middling dense systems: Gauss' elimination with row equilibration and partial pivoting.
+//! Small and middling dense systems: Gauss' elimination with scaled partial pivoting.
+//!
+//! Back ends repeat [`solve`] operation by operation, so that all of them give the same bits: what is computed, and in which
+//! order, is said there.
 
 /// A pivot below this part of its column's largest entry before elimination is taken for 0.
-const TINY: f64 = 1e-16;
+pub const TINY: f64 = 1e-16;
+
+/// Two unknowns are solved by Cramer's rule where the determinant is above this part of the sum of its terms,
+pub const DIGITS: f64 = 1e-6;
+
+/// and within this range.
+pub const RANGE: (f64, f64) = (1e-200, 1e200);
 
 /// Solves `a x = b` in place: `a`, row-major, is destroyed; `b` becomes `x`.
+///
+/// With `s_i = 1 / max_j |a_ij|` and `c_k = max_i |a_ik| s_i` of the matrix as it is given, for each column `k` in turn: the pivot
+/// is the first of the rows from `k` on whose `|a_ik| s_i` is largest, and there is none where that is at most [`TINY`] `c_k`; it is
+/// exchanged with row `k`; with `r_k = 1 / a_kk`, each later row loses `(a_ik r_k)` times row `k`. Then, from the last,
+/// `x_k = (b_k - a_k,k+1 x_k+1 - ...) r_k`, subtracted from left to right. One unknown is divided; for two see [`DIGITS`].
 ///
 /// # Errors
 /// The row for which no pivot is found, counted in the order given. `x` may still be infinite or NaN where the matrix
@@ -12,27 +26,87 @@ const TINY: f64 = 1e-16;
 /// # Panics
 /// Where `a` is shorter than `n * n`, `b` or `scratch` shorter than `n`.
 pub fn solve(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch) -> Result<(), usize> {
-    match n {
-        0 => Ok(()),
-        1 => {
-            if a[0] == 0.0 {
-                return Err(0);
-            }
-            b[0] /= a[0];
-            Ok(())
+    if n == 1 {
+        if a[0] == 0.0 {
+            return Err(0);
         }
-        2 => {
-            let (a, b) = (&mut a[..4], &mut b[..2]);
-            equilibrate::<2>(a, b)?;
-            two(a, b)
-        }
-        3 => {
-            let (a, b) = (&mut a[..9], &mut b[..3]);
-            equilibrate::<3>(a, b)?;
-            three(a, b)
-        }
-        _ => general(n, &mut a[..n * n], &mut b[..n], scratch),
+        b[0] /= a[0];
+        return Ok(());
     }
+    let (a, b) = (&mut a[..n * n], &mut b[..n]);
+    if n == 2 && cramer(a, b) {
+        return Ok(());
+    }
+    let (order, column) = (&mut scratch.order[..n], &mut scratch.column[..n]);
+    let (scale, inverse) = (&mut scratch.scale[..n], &mut scratch.inverse[..n]);
+    column.fill(0.0);
+    for (i, row) in a.chunks_exact(n).enumerate() {
+        order[i] = i;
+        let largest = row.iter().fold(0.0f64, |m, x| larger(m, x.abs()));
+        if largest == 0.0 {
+            return Err(i);
+        }
+        scale[i] = 1.0 / largest;
+        for (x, c) in row.iter().zip(column.iter_mut()) {
+            *c = larger(*c, x.abs() * scale[i]);
+        }
+    }
+    for k in 0..n {
+        let (mut p, mut best) = (k, a[k * n + k].abs() * scale[k]);
+        for i in k + 1..n {
+            let size = a[i * n + k].abs() * scale[i];
+            if size > best {
+                (p, best) = (i, size);
+            }
+        }
+        if best <= TINY * column[k] {
+            return Err(order[k]);
+        }
+        let (upper, lower) = a.split_at_mut((k + 1) * n);
+        let pivot_row = &mut upper[k * n..];
+        if p > k {
+            let other = (p - k - 1) * n;
+            pivot_row[k..n].swap_with_slice(&mut lower[other + k..other + n]);
+            b.swap(k, p);
+            order.swap(k, p);
+            scale.swap(k, p);
+        }
+        inverse[k] = 1.0 / pivot_row[k];
+        let tail = &pivot_row[k + 1..n];
+        let bk = b[k];
+        for (row, b) in lower.chunks_exact_mut(n).zip(b[k + 1..].iter_mut()) {
+            let l = row[k] * inverse[k];
+            for (x, u) in row[k + 1..].iter_mut().zip(tail) {
+                *x -= l * u;
+            }
+            *b -= l * bk;
+        }
+    }
+    for k in (0..n).rev() {
+        let row = &a[k * n..(k + 1) * n];
+        let rest = row[k + 1..].iter().zip(&b[k + 1..]).fold(b[k], |rest, (a, x)| rest - a * x);
+        b[k] = rest * inverse[k];
+    }
+    Ok(())
+}
+
+/// Two unknowns; false where pivots are asked for.
+fn cramer(a: &[f64], b: &mut [f64]) -> bool {
+    let (p, q) = (a[0] * a[3], a[1] * a[2]);
+    let det = p - q;
+    let size = det.abs();
+    let plain = DIGITS * (p.abs() + q.abs()) < size && RANGE.0 < size && size < RANGE.1;
+    if plain {
+        let inverse = 1.0 / det;
+        let (x, y) = (b[0] * a[3] - a[1] * b[1], a[0] * b[1] - b[0] * a[2]);
+        (b[0], b[1]) = (x * inverse, y * inverse);
+    }
+    plain
+}
+
+/// The larger; where one is no number, the first.
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a { b } else { a }
 }
 
 /// Memory for [`solve`].
@@ -40,12 +114,14 @@ pub fn solve(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch) -> R
 pub struct Scratch {
     order: Vec<usize>,
     column: Vec<f64>,
+    scale: Vec<f64>,
+    inverse: Vec<f64>,
 }
 
 impl Scratch {
     /// Memory for `n` unknowns.
     pub fn new(n: usize) -> Self {
-        Self { order: vec![0; n], column: vec![0.0; n] }
+        Self { order: vec![0; n], column: vec![0.0; n], scale: vec![0.0; n], inverse: vec![0.0; n] }
     }
 }
 
@@ -57,135 +133,6 @@ pub(super) fn inverse_scale(x: f64) -> f64 {
         return if x == 0.0 { 1.0 } else { f64::from_bits(2045 << 52) };
     }
     if exponent == 0x7ff { 1.0 } else { f64::from_bits(2046u64.saturating_sub(exponent).max(1) << 52) }
-}
-
-/// Scales each row, and its right side, so that its largest entry is near 1.
-fn equilibrate<const N: usize>(a: &mut [f64], b: &mut [f64]) -> Result<(), usize> {
-    for (i, (row, b)) in a.chunks_exact_mut(N).zip(b.iter_mut()).enumerate() {
-        let largest = row.iter().fold(0.0f64, |m, x| m.max(x.abs()));
-        if largest == 0.0 {
-            return Err(i);
-        }
-        let scale = inverse_scale(largest);
-        row.iter_mut().for_each(|x| *x *= scale);
-        *b *= scale;
-    }
-    Ok(())
-}
-
-/// Two unknowns.
-fn two(a: &mut [f64], b: &mut [f64]) -> Result<(), usize> {
-    let (p, q) = if a[2].abs() > a[0].abs() { (1, 0) } else { (0, 1) };
-    let (a00, a01, a10, a11) = (a[2 * p], a[2 * p + 1], a[2 * q], a[2 * q + 1]);
-    if a00 == 0.0 {
-        return Err(p);
-    }
-    let l = a10 / a00;
-    let pivot = a11 - l * a01;
-    if pivot.abs() <= TINY * a01.abs().max(a11.abs()) {
-        return Err(q);
-    }
-    let y = (b[q] - l * b[p]) / pivot;
-    let x = (b[p] - a01 * y) / a00;
-    b[0] = x;
-    b[1] = y;
-    Ok(())
-}
-
-/// Three unknowns.
-fn three(a: &mut [f64], b: &mut [f64]) -> Result<(), usize> {
-    let mut p = 0;
-    for i in 1..3 {
-        if a[3 * i].abs() > a[3 * p].abs() {
-            p = i;
-        }
-    }
-    if a[3 * p] == 0.0 {
-        return Err(0);
-    }
-    let largest = [1, 2].map(|j| a[j].abs().max(a[3 + j].abs()).max(a[6 + j].abs()));
-    let (q, r) = [(1, 2), (0, 2), (0, 1)][p];
-    let (lq, lr) = (a[3 * q] / a[3 * p], a[3 * r] / a[3 * p]);
-    for j in 1..3 {
-        a[3 * q + j] -= lq * a[3 * p + j];
-        a[3 * r + j] -= lr * a[3 * p + j];
-    }
-    b[q] -= lq * b[p];
-    b[r] -= lr * b[p];
-    let (q, r) = if a[3 * r + 1].abs() > a[3 * q + 1].abs() { (r, q) } else { (q, r) };
-    if a[3 * q + 1].abs() <= TINY * largest[0] {
-        return Err(q);
-    }
-    let l = a[3 * r + 1] / a[3 * q + 1];
-    let pivot = a[3 * r + 2] - l * a[3 * q + 2];
-    if pivot.abs() <= TINY * largest[1] {
-        return Err(r);
-    }
-    let z = (b[r] - l * b[q]) / pivot;
-    let y = (b[q] - a[3 * q + 2] * z) / a[3 * q + 1];
-    let x = (b[p] - a[3 * p + 1] * y - a[3 * p + 2] * z) / a[3 * p];
-    b[0] = x;
-    b[1] = y;
-    b[2] = z;
-    Ok(())
-}
-
-/// Any number of unknowns.
-fn general(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch) -> Result<(), usize> {
-    let order = &mut scratch.order[..n];
-    let column = &mut scratch.column[..n];
-    column.fill(0.0);
-    for (i, (row, b)) in a.chunks_exact_mut(n).zip(b.iter_mut()).enumerate() {
-        order[i] = i;
-        let largest = row.iter().fold(0.0f64, |m, x| m.max(x.abs()));
-        if largest == 0.0 {
-            return Err(i);
-        }
-        let scale = inverse_scale(largest);
-        *b *= scale;
-        for (x, c) in row.iter_mut().zip(column.iter_mut()) {
-            *x *= scale;
-            *c = c.max(x.abs());
-        }
-    }
-    for k in 0..n {
-        let mut p = k;
-        for i in k + 1..n {
-            if a[i * n + k].abs() > a[p * n + k].abs() {
-                p = i;
-            }
-        }
-        if a[p * n + k].abs() <= TINY * column[k] {
-            return Err(order[k]);
-        }
-        let (upper, lower) = a.split_at_mut((k + 1) * n);
-        let pivot_row = &mut upper[k * n..];
-        if p > k {
-            let other = (p - k - 1) * n;
-            pivot_row[k..n].swap_with_slice(&mut lower[other + k..other + n]);
-            b.swap(k, p);
-            order.swap(k, p);
-        }
-        let pivot = pivot_row[k];
-        let tail = &pivot_row[k + 1..n];
-        let bk = b[k];
-        for (row, b) in lower.chunks_exact_mut(n).zip(b[k + 1..].iter_mut()) {
-            if row[k] == 0.0 {
-                continue;
-            }
-            let l = row[k] / pivot;
-            for (x, u) in row[k + 1..].iter_mut().zip(tail) {
-                *x -= l * u;
-            }
-            *b -= l * bk;
-        }
-    }
-    for k in (0..n).rev() {
-        let row = &a[k * n..(k + 1) * n];
-        let sum: f64 = row[k + 1..].iter().zip(&b[k + 1..]).map(|(a, x)| a * x).sum();
-        b[k] = (b[k] - sum) / row[k];
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -53,6 +53,14 @@ impl Plan {
         Self { n, method }
     }
 
+    /// The sparse elimination, where that is what is done; else it is dense.
+    pub fn sparse(&self) -> Option<&Symbolic> {
+        match &self.method {
+            Method::Sparse(symbolic) => Some(symbolic),
+            Method::Dense | Method::Never(_) => None,
+        }
+    }
+
     /// Memory for it.
     pub fn scratch(&self) -> Scratch {
         let n = self.n;
@@ -109,6 +117,47 @@ impl Plan {
             matrix[row as usize * self.n + column as usize] = *value;
         }
         dense::solve(self.n, matrix, vector, &mut scratch.dense)
+    }
+}
+
+/// A system with its pattern and memory, for those who keep nothing else of it.
+#[derive(Clone, Debug)]
+pub struct System {
+    plan: Plan,
+    pattern: Vec<(u32, u32)>,
+    scratch: Scratch,
+}
+
+impl System {
+    /// The system of `n` unknowns and a pattern of (row, column), each place at most once.
+    ///
+    /// # Panics
+    /// Where the pattern is not within `n` rows and columns.
+    pub fn new(n: usize, pattern: Vec<(u32, u32)>) -> Self {
+        let plan = Plan::new(n, &pattern);
+        let scratch = plan.scratch();
+        Self { plan, pattern, scratch }
+    }
+
+    /// How many unknowns.
+    pub fn size(&self) -> usize {
+        self.plan.n
+    }
+
+    /// How many entries the matrix has.
+    pub fn entries(&self) -> usize {
+        self.pattern.len()
+    }
+
+    /// See [`Plan::solve`].
+    ///
+    /// # Errors
+    /// A row for which no pivot is found.
+    ///
+    /// # Panics
+    /// Where a slice is too short.
+    pub fn solve(&mut self, values: &[f64], vector: &mut [f64]) -> Result<(), usize> {
+        self.plan.solve(&self.pattern, values, vector, &mut self.scratch)
     }
 }
 

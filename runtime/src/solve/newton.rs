@@ -27,9 +27,9 @@ use crate::ir;
 use crate::kernel::Failure;
 
 /// Where else to start, in scales, where the Jacobian at the start cannot be solved.
-const NUDGES: [f64; 6] = [1e-3, -1e-3, 2.0, -2.0, 30.0, -30.0];
+pub const NUDGES: [f64; 6] = [1e-3, -1e-3, 2.0, -2.0, 30.0, -30.0];
 /// How often an update that ends where the Jacobian is singular is made twice as long, to get beyond.
-const STRETCHES: u32 = 6;
+pub const STRETCHES: u32 = 6;
 /// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly tell.
 pub const STALLS: u32 = 6;
 /// How often one update is halved at most.
@@ -212,14 +212,16 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
             *u -= d;
         }
         let small = |t: f64| measure.small(t, u, d);
-        let done = match before {
-            _ if small(4e-16) => true,
-            Some(last) => {
-                (halvings == 0 && square <= 1e-6 * last && small(1e-8f64.min(4e-16 * (last / square))))
-                    || (square >= 0.25 * last && small(1e-10))
+        let quick = |last: f64| halvings == 0 && square <= 1e-6 * last;
+        let t = match before {
+            Some(last) if 0.25 * last <= square => 1e-10,
+            Some(last) if quick(last) => {
+                let t = 4e-16 * (last / square);
+                if t < 1e-8 { t } else { 1e-8 }
             }
-            None => false,
+            Some(_) | None => 4e-16,
         };
+        let done = small(t);
         stalls = if before.is_some_and(|last| square >= 0.25 * last) { stalls + 1 } else { 0 };
         if done || (stalls >= STALLS && small(1e-6)) {
             return Ok(());

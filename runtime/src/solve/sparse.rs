@@ -30,6 +30,23 @@ pub struct Symbolic {
     upper: Pattern,
 }
 
+/// What a [`Symbolic`] knows, step by step of the elimination.
+#[derive(Clone, Copy, Debug)]
+pub struct Tables<'a> {
+    /// The row of each step's pivot.
+    pub row: &'a [u32],
+    /// Its column.
+    pub column: &'a [u32],
+    /// By step, where the entries of its row begin.
+    pub starts: &'a [u32],
+    /// Index in the pattern, step of the column.
+    pub entries: &'a [(u32, u32)],
+    /// The lower factor row by row: starts, and the columns in ascending order, without the diagonal.
+    pub lower: (&'a [usize], &'a [u32]),
+    /// The upper factor likewise.
+    pub upper: (&'a [usize], &'a [u32]),
+}
+
 /// The pattern of a triangle, row by row, each in ascending order, without the diagonal.
 #[derive(Clone, Debug, Default)]
 struct Pattern {
@@ -98,6 +115,18 @@ impl Symbolic {
     /// How many unknowns.
     pub fn size(&self) -> usize {
         self.n
+    }
+
+    /// Its tables, for back ends that factor by themselves.
+    pub fn tables(&self) -> Tables<'_> {
+        Tables {
+            row: &self.row,
+            column: &self.column,
+            starts: &self.starts,
+            entries: &self.entries,
+            lower: (&self.lower.starts, &self.lower.columns),
+            upper: (&self.upper.starts, &self.upper.columns),
+        }
     }
 
     /// How many entries the factors have.

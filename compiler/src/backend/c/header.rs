@@ -1,0 +1,91 @@
+//! The header: what a program that uses a scene sees.
+
+use super::{Options, comment, constants};
+use crate::backend::unit::{NAMES, Unit};
+use std::fmt::Write;
+
+/// The text of the `.h`.
+pub fn header(unit: &Unit, options: &Options) -> String {
+    let p = &options.prefix;
+    let upper = p.to_uppercase();
+    let mut out = format!(
+        "/* {} as a program of its own, made by bond.\n\n   {p}_init, then for each interval of {:?} s: {p}_output, wait, {p}_commit.\n   \
+         Nothing allocates, blocks or prints. All units are SI. */\n#ifndef {upper}_H\n#define {upper}_H\n\n",
+        comment(&unit.name),
+        unit.interval,
+    );
+    out.push_str("#ifdef __cplusplus\nextern \"C\" {\n#endif\n\n");
+    let _ = write!(
+        out,
+        "/* What numbers are; define BOND_FLOAT for both files to have them single. */\n#ifdef BOND_FLOAT\ntypedef float {p}_real;\n#else\n\
+         typedef double {p}_real;\n#endif\n\n/* Length of an interval, s. */\n#define {upper}_INTERVAL {:?}\n\
+         /* How many numbers a saved state has. */\n#define {upper}_SAVED {}\n\n",
+        unit.interval,
+        unit.image.len(),
+    );
+    let list = |out: &mut String, what: &str, doc: &str, names: Vec<&str>| {
+        let _ = writeln!(out, "/* {doc} */\n#define {upper}_{what}S {}", names.len());
+        for (i, (name, macro_)) in names.iter().zip(constants(names.iter().copied())).enumerate() {
+            let _ = writeln!(out, "#define {upper}_{what}_{macro_} {i} /* {} */", comment(name));
+        }
+        out.push('\n');
+    };
+    let ports =
+        "Open ports. What the scene holds or gives out is read with output, what the outside did is told with commit.";
+    list(&mut out, "PORT", ports, unit.open.iter().map(|o| o.name.as_str()).collect());
+    list(&mut out, "INPUT", "Signals given from outside.", unit.inputs.iter().map(|i| i.name.as_str()).collect());
+    list(&mut out, "PROBE", "Probes.", unit.probes.iter().map(String::as_str).collect());
+    list(&mut out, "REGION", "Regions, each with a ledger.", unit.regions.iter().map(|r| r.name.as_str()).collect());
+    let _ = writeln!(out, "/* What a ledger holds, J; worst and gained are parts of the energy in a step. */");
+    for (i, name) in NAMES.iter().enumerate() {
+        let _ = writeln!(out, "#define {upper}_LEDGER_{} {i}", name.to_uppercase());
+    }
+    let _ = write!(
+        out,
+        "
+/* A scene that runs: plain data, to be kept wherever you like. */
+typedef struct {p}_state {{
+    {p}_real x[{}]; /* all that goes from interval to interval */
+    {p}_real s[{}]; /* scratch, which no interval reads from the one before */
+}} {p}_state;
+
+/* Why an interval failed. The state then is not to be used any more, unless it is restored. */
+enum {{ {upper}_DONE = 0, {upper}_NO_CONVERGENCE = 1, {upper}_SINGULAR = 2, {upper}_NOT_FINITE = 3 }};
+
+/* Puts a scene at its start, with the first samples taken. */
+void {p}_init({p}_state *b);
+
+/* What the scene holds at its open ports over the interval that runs (or gave out on average over the last one, where a continuous
+   region has the port), along the half arrows. One number a port. */
+void {p}_output(const {p}_state *b, {p}_real *out);
+
+/* Ends the interval: tells how far the outside moved over it at each port (the integral of the flow where the scene holds an effort,
+   of the effort where it holds a flow), or for a port of a continuous region what the outside gives over it. May be null where there
+   are no ports. 0, or why it failed. */
+int {p}_commit({p}_state *b, const {p}_real *moved);
+
+/* Looks at the probes, one number each. 0, or why it failed. */
+int {p}_probes({p}_state *b, {p}_real *out);
+
+/* Sets a signal given from outside, from the interval that runs on; a sampled region meets it when it next steps. */
+void {p}_input({p}_state *b, int input, {p}_real value);
+
+/* The time, s. */
+{p}_real {p}_time(const {p}_state *b);
+
+/* The energy stored in all regions, J. */
+{p}_real {p}_energy(const {p}_state *b);
+
+/* A number of a region's ledger. */
+{p}_real {p}_ledger(const {p}_state *b, int region, int what);
+
+/* Saves the state, and puts a scene into a saved one: bit for bit. */
+void {p}_save(const {p}_state *b, {p}_real *saved);
+void {p}_restore({p}_state *b, const {p}_real *saved);
+",
+        unit.image.len(),
+        super::scratch(unit),
+    );
+    out.push_str("\n#ifdef __cplusplus\n}\n#endif\n#endif\n");
+    out
+}

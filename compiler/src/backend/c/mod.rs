@@ -1,0 +1,61 @@
+//! C99: one `.c` and one `.h` that need nothing but `libm`.
+
+mod header;
+mod print;
+mod solve;
+mod source;
+
+pub use header::header;
+pub use source::source;
+
+use super::unit::Unit;
+
+/// How the text is made.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// What public names begin with: `bond` gives `bond_init`.
+    pub prefix: String,
+    /// Name of the header's file, which the source includes.
+    pub header: String,
+}
+
+/// Whether a name can be a prefix.
+pub fn is_prefix(name: &str) -> bool {
+    let mut letters = name.chars();
+    letters.next().is_some_and(|c| c.is_ascii_alphabetic()) && letters.all(|c| c.is_ascii_alphanumeric() || c == '_')
+}
+
+/// A name as a C macro's: `c[1].q` gives `C_1_Q`.
+fn constant(name: &str) -> String {
+    let mut out = String::new();
+    for c in name.chars() {
+        if c.is_ascii_alphanumeric() {
+            out.push(c.to_ascii_uppercase());
+        } else if !out.ends_with('_') {
+            out.push('_');
+        }
+    }
+    let out = out.trim_matches('_').to_string();
+    if out.is_empty() { "X".into() } else { out }
+}
+
+/// Names as macros', each one once: a second one of the same letters gets its number.
+fn constants<'n>(names: impl IntoIterator<Item = &'n str>) -> Vec<String> {
+    let mut list: Vec<String> = Vec::new();
+    for (i, name) in names.into_iter().enumerate() {
+        let name = constant(name);
+        let taken = list.contains(&name);
+        list.push(if taken { format!("{name}_{i}") } else { name });
+    }
+    list
+}
+
+/// Text that may stand in a comment.
+fn comment(text: &str) -> String {
+    text.replace("*/", "* /").replace(['\n', '\r'], " ")
+}
+
+/// How many numbers of scratch the routines need, with those of [`solve`].
+fn scratch(unit: &Unit) -> usize {
+    [&unit.commit, &unit.observe].iter().map(|r| r.scratch as usize + solve::room(r)).max().unwrap_or(0).max(1)
+}

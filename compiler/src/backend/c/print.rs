@@ -1,0 +1,277 @@
+//! A routine as a C function, statement by statement.
+
+use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
+use bond_runtime::ir::{Binary, Unary};
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+/// What functions need besides themselves: names of helpers of [`super::helpers`].
+pub(super) type Needs = BTreeSet<&'static str>;
+
+/// The letter that a memory goes by.
+pub(super) fn letter(memory: Memory) -> char {
+    match memory {
+        Memory::State => 'x',
+        Memory::Input => 'u',
+        Memory::Table => 'c',
+        Memory::Next => 'n',
+        Memory::Output => 'y',
+        Memory::Scratch => 's',
+    }
+}
+
+/// The body of a function whose memories are pointers named as [`letter`] says; returns 0, or why it failed. Its systems are
+/// numbered from `first` on.
+pub(super) fn body(routine: &Routine, first: usize, needs: &mut Needs) -> String {
+    let mut out = String::new();
+    let mut used = Used::default();
+    used.block(&routine.body);
+    for v in &used.vars {
+        let _ = writeln!(out, "    bond_real m{v} = 0;");
+    }
+    for i in &used.indices {
+        let _ = writeln!(out, "    unsigned long i{i};");
+    }
+    let mut printer = Printer { routine, first, out, needs };
+    printer.block(&routine.body, 1);
+    let mut out = printer.out;
+    if !matches!(routine.body.last(), Some(Stmt::Fail(_))) {
+        out.push_str("    return 0;\n");
+    }
+    out
+}
+
+/// The memories that a routine looks at.
+pub(super) fn memories(routine: &Routine) -> Vec<Memory> {
+    let mut used = Used::default();
+    used.block(&routine.body);
+    Memory::ALL.into_iter().filter(|m| used.memories.contains(&letter(*m))).collect()
+}
+
+/// What a routine uses.
+#[derive(Default)]
+struct Used {
+    vars: BTreeSet<u32>,
+    indices: BTreeSet<u32>,
+    memories: BTreeSet<char>,
+}
+
+impl Used {
+    fn place(&mut self, p: &Place) {
+        self.memories.insert(letter(p.memory));
+    }
+
+    fn block(&mut self, body: &[Stmt]) {
+        for s in body {
+            match s {
+                Stmt::Let(_, Op::Get(v)) | Stmt::Set(v, _) => {
+                    self.vars.insert(v.0);
+                }
+                Stmt::Let(_, Op::Load(p)) | Stmt::Store(p, _) => self.place(p),
+                Stmt::If(_, a, b) => {
+                    self.block(a);
+                    self.block(b);
+                }
+                Stmt::Loop(a) => self.block(a),
+                Stmt::For(i, _, _, a) => {
+                    self.indices.insert(i.0);
+                    self.block(a);
+                }
+                Stmt::Solve { row, .. } => {
+                    self.vars.insert(row.0);
+                    self.memories.insert(letter(Memory::Scratch));
+                }
+                Stmt::Let(_, Op::Unary(..) | Op::Binary(..) | Op::Select(..))
+                | Stmt::Break
+                | Stmt::Continue
+                | Stmt::Count(_)
+                | Stmt::Fail(_) => {}
+            }
+        }
+    }
+}
+
+struct Printer<'a> {
+    routine: &'a Routine,
+    first: usize,
+    out: String,
+    needs: &'a mut Needs,
+}
+
+/// A number with the digits that read back to it.
+pub(super) fn number(n: Number) -> String {
+    match n {
+        Number::Tolerance(x) => {
+            // What is small beside rounding of 53 bits is as small beside that of 24 where the exponents are in their ratio.
+            let single = x.powf(f64::from(f32::EPSILON).ln() / f64::EPSILON.ln());
+            format!("BOND_SMALL({x:?}, {:?})", single as f32)
+        }
+        Number::Plain(x) if x.is_nan() => "BOND_NAN".into(),
+        Number::Plain(x) if x.is_infinite() => if x > 0.0 { "BOND_INFINITY" } else { "(-BOND_INFINITY)" }.into(),
+        Number::Plain(x) if x == 0.0 && x.is_sign_positive() => "BOND_R(0.0)".into(),
+        Number::Plain(x) => format!("BOND_R({x:?})"),
+    }
+}
+
+impl Printer<'_> {
+    fn line(&mut self, depth: usize, text: &str) {
+        for _ in 0..depth {
+            self.out.push_str("    ");
+        }
+        self.out.push_str(text);
+        self.out.push('\n');
+    }
+
+    fn of(&self, v: Value) -> String {
+        match self.routine.numbers[v.0 as usize] {
+            Some(n) => number(n),
+            None => format!("v{}", v.0),
+        }
+    }
+
+    fn place(&self, p: &Place) -> String {
+        let mut index = p.base.to_string();
+        for (i, stride) in &p.along {
+            let _ = if *stride == 1 { write!(index, " + i{}", i.0) } else { write!(index, " + i{} * {stride}", i.0) };
+        }
+        format!("{}[{index}]", letter(p.memory))
+    }
+
+    fn block(&mut self, body: &[Stmt], depth: usize) {
+        for s in body {
+            match s {
+                Stmt::Let(v, op) => {
+                    let e = self.op(op);
+                    self.line(depth, &format!("const bond_real v{} = {e};", v.0));
+                }
+                Stmt::Set(m, v) => self.line(depth, &format!("m{} = {};", m.0, self.of(*v))),
+                Stmt::Store(p, v) => self.line(depth, &format!("{} = {};", self.place(p), self.of(*v))),
+                Stmt::If(c, yes, no) => {
+                    let c = self.cond(c);
+                    self.line(depth, &format!("if {} {{", wrapped(&c)));
+                    self.block(yes, depth + 1);
+                    if !no.is_empty() {
+                        self.line(depth, "} else {");
+                        self.block(no, depth + 1);
+                    }
+                    self.line(depth, "}");
+                }
+                Stmt::Loop(body) => {
+                    self.line(depth, "for (;;) {");
+                    self.block(body, depth + 1);
+                    self.line(depth, "}");
+                }
+                Stmt::Break => self.line(depth, "break;"),
+                Stmt::Continue => self.line(depth, "continue;"),
+                Stmt::For(i, from, to, body) => {
+                    self.line(depth, &format!("for (i{0} = {from}; i{0} < {to}; ++i{0}) {{", i.0));
+                    self.block(body, depth + 1);
+                    self.line(depth, "}");
+                }
+                Stmt::Solve { system, matrix, vector, row } => {
+                    let system = self.first + *system as usize;
+                    self.line(depth, &format!("m{} = bond_solve_{system}(s + {matrix}, s + {vector}, s);", row.0));
+                }
+                Stmt::Count(v) => self.unused(depth, *v),
+                Stmt::Fail(reason) => {
+                    let (code, notes) = match reason {
+                        Reason::NoConvergence(_, a, b) => ("BOND_NO_CONVERGENCE", vec![*a, *b]),
+                        Reason::Singular(a) => ("BOND_SINGULAR", vec![*a]),
+                        Reason::NotFinite => ("BOND_NOT_FINITE", Vec::new()),
+                    };
+                    notes.into_iter().for_each(|v| self.unused(depth, v));
+                    self.line(depth, &format!("return {code};"));
+                }
+            }
+        }
+    }
+
+    /// Says that a value is left alone on purpose.
+    fn unused(&mut self, depth: usize, v: Value) {
+        if self.routine.numbers[v.0 as usize].is_none() {
+            self.line(depth, &format!("(void)v{};", v.0));
+        }
+    }
+
+    fn op(&mut self, op: &Op) -> String {
+        match op {
+            Op::Load(p) => self.place(p),
+            Op::Get(m) => format!("m{}", m.0),
+            Op::Unary(f, a) => {
+                let a = self.of(*a);
+                match f {
+                    Unary::Neg => format!("-{a}"),
+                    Unary::Abs => format!("BOND_M(fabs)({a})"),
+                    Unary::Not => format!("({a} == 0 ? BOND_R(1.0) : BOND_R(0.0))"),
+                    Unary::Sign => {
+                        self.needs.insert("bond_sign");
+                        format!("bond_sign({a})")
+                    }
+                    Unary::Sqrt
+                    | Unary::Exp
+                    | Unary::Log
+                    | Unary::Sin
+                    | Unary::Cos
+                    | Unary::Tan
+                    | Unary::Asin
+                    | Unary::Acos
+                    | Unary::Atan
+                    | Unary::Sinh
+                    | Unary::Cosh
+                    | Unary::Tanh => format!("BOND_M({})({a})", f.name()),
+                }
+            }
+            Op::Binary(f, a, b) => {
+                let (a, b) = (self.of(*a), self.of(*b));
+                let truth = |text: String| format!("({text} ? BOND_R(1.0) : BOND_R(0.0))");
+                match f {
+                    Binary::Add => format!("{a} + {b}"),
+                    Binary::Sub => format!("{a} - {b}"),
+                    Binary::Mul => format!("{a} * {b}"),
+                    Binary::Div => format!("{a} / {b}"),
+                    Binary::Pow => format!("BOND_M(pow)({a}, {b})"),
+                    Binary::Atan2 => format!("BOND_M(atan2)({a}, {b})"),
+                    Binary::Min => {
+                        self.needs.insert("bond_min");
+                        format!("bond_min({a}, {b})")
+                    }
+                    Binary::Max => {
+                        self.needs.insert("bond_max");
+                        format!("bond_max({a}, {b})")
+                    }
+                    Binary::Lt => truth(format!("{a} < {b}")),
+                    Binary::Le => truth(format!("{a} <= {b}")),
+                    Binary::Eq => truth(format!("{a} == {b}")),
+                    Binary::And => truth(format!("({a} != 0 && {b} != 0)")),
+                    Binary::Or => truth(format!("({a} != 0 || {b} != 0)")),
+                }
+            }
+            Op::Select(c, a, b) => {
+                let c = self.cond(c);
+                format!("{} ? {} : {}", wrapped(&c), self.of(*a), self.of(*b))
+            }
+        }
+    }
+
+    fn cond(&mut self, c: &Cond) -> String {
+        match c {
+            Cond::Known(b) => u8::from(*b).to_string(),
+            Cond::True(v) => format!("{} != 0", self.of(*v)),
+            Cond::Lt(a, b) => format!("{} < {}", self.of(*a), self.of(*b)),
+            Cond::Le(a, b) => format!("{} <= {}", self.of(*a), self.of(*b)),
+            Cond::Eq(a, b) => format!("{} == {}", self.of(*a), self.of(*b)),
+            Cond::Finite(v) => format!("BOND_M(fabs)({}) < BOND_INFINITY", self.of(*v)),
+            Cond::Not(c) => format!("!{}", wrapped(&self.cond(c))),
+            Cond::All(list) | Cond::Any(list) => {
+                let how = if matches!(c, Cond::All(_)) { " && " } else { " || " };
+                let parts: Vec<String> = list.iter().map(|c| wrapped(&self.cond(c))).collect();
+                parts.join(how)
+            }
+        }
+    }
+}
+
+/// A condition in parentheses.
+fn wrapped(c: &str) -> String {
+    format!("({c})")
+}

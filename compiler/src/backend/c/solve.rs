@@ -1,0 +1,82 @@
+//! Large systems: tables, and calls of the two eliminations.
+
+use super::print::Needs;
+use crate::backend::code::Routine;
+use bond_runtime::solve::linear::Plan;
+use std::fmt::Write;
+
+/// How many numbers the eliminations of a routine need.
+pub(super) fn room(routine: &Routine) -> usize {
+    let of = |plan: &Plan, n: usize| match plan.sparse() {
+        Some(s) => s.tables().lower.1.len() + s.tables().upper.1.len() + 5 * n,
+        None => n * n + 4 * n,
+    };
+    routine.systems.iter().map(|s| of(&Plan::new(s.n, &s.pattern), s.n)).max().unwrap_or(0)
+}
+
+/// The functions `bond_solve_0`, ... that a routine calls, numbered from `first` on.
+pub(super) fn functions(routine: &Routine, first: usize, needs: &mut Needs) -> String {
+    let mut out = String::new();
+    for (k, s) in routine.systems.iter().enumerate().map(|(k, s)| (first + k, s)) {
+        let plan = Plan::new(s.n, &s.pattern);
+        let call = match plan.sparse() {
+            Some(symbolic) => {
+                needs.insert("bond_sparse");
+                let t = symbolic.tables();
+                let entries: Vec<u32> = t.entries.iter().flat_map(|e| [e.0, e.1]).collect();
+                let wide = |list: &[usize]| list.iter().map(|x| *x as u32).collect::<Vec<u32>>();
+                let lists = [
+                    ("row", t.row.to_vec()),
+                    ("column", t.column.to_vec()),
+                    ("starts", t.starts.to_vec()),
+                    ("entries", entries),
+                    ("lower_starts", wide(t.lower.0)),
+                    ("lower_columns", t.lower.1.to_vec()),
+                    ("upper_starts", wide(t.upper.0)),
+                    ("upper_columns", t.upper.1.to_vec()),
+                ];
+                for (name, list) in &lists {
+                    numbers(&mut out, &format!("static const unsigned solve_{k}_{name}[]"), list);
+                }
+                let _ = write!(
+                    out,
+                    "static const struct bond_pattern solve_{k} = {{ {}, {}, {}",
+                    s.n,
+                    t.lower.1.len(),
+                    t.upper.1.len()
+                );
+                for (name, _) in &lists {
+                    let _ = write!(out, ", solve_{k}_{name}");
+                }
+                out.push_str(" };\n");
+                format!("bond_sparse(&solve_{k}, a, b, w)")
+            }
+            None => {
+                needs.insert("bond_dense");
+                let list: Vec<u32> = s.pattern.iter().flat_map(|p| [p.0, p.1]).collect();
+                numbers(&mut out, &format!("static const unsigned short solve_{k}_at[]"), &list);
+                format!("bond_dense({}, solve_{k}_at, {}, a, b, w)", s.n, s.pattern.len())
+            }
+        };
+        let _ = writeln!(
+            out,
+            "static bond_real bond_solve_{k}(const bond_real *a, bond_real *b, bond_real *s) {{\n    \
+             bond_real *w = s + {};\n    return {call};\n}}",
+            routine.scratch
+        );
+    }
+    out
+}
+
+/// A table of numbers.
+fn numbers(out: &mut String, name: &str, list: &[u32]) {
+    let _ = write!(out, "{name} = {{");
+    if list.is_empty() {
+        out.push_str(" 0");
+    }
+    for (i, x) in list.iter().enumerate() {
+        out.push_str(if i % 24 == 0 { "\n    " } else { " " });
+        let _ = write!(out, "{x},");
+    }
+    out.push_str("\n};\n");
+}

@@ -1,0 +1,153 @@
+//! The source: the routines, and what the header promises.
+
+use super::print::{Needs, body, letter, memories, number};
+use super::{Options, comment, solve};
+use crate::backend::code::{Memory, Number, Routine};
+use crate::backend::unit::Unit;
+use std::fmt::Write;
+
+/// Helpers, each after a line that names it.
+const HELPERS: &str = include_str!("helpers.c");
+
+/// The text of the `.c`.
+pub fn source(unit: &Unit, options: &Options) -> String {
+    let p = &options.prefix;
+    let mut needs = Needs::default();
+    let after = unit.commit.systems.len();
+    let commit = function(&unit.commit, "commit", 0, &mut needs);
+    let observe = function(&unit.observe, "observe", after, &mut needs);
+    let solvers = solve::functions(&unit.commit, 0, &mut needs) + &solve::functions(&unit.observe, after, &mut needs);
+    let mut out = format!(
+        "/* {} as a program of its own, made by bond; see {}. C99 and libm. For the same bits on every machine: -ffp-contract=off. */\n\
+         #include \"{}\"\n#include <math.h>\n#include <string.h>\n\n",
+        comment(&unit.name),
+        options.header,
+        options.header,
+    );
+    out.push_str(
+        "#ifdef BOND_FLOAT\ntypedef float bond_real;\n#define BOND_M(g) g##f\n#define BOND_SMALL(a, b) ((bond_real)(b))\n\
+         #define BOND_EXPONENT 126\n#else\n",
+    );
+    out.push_str(
+        "typedef double bond_real;\n#define BOND_M(g) g\n#define BOND_SMALL(a, b) ((bond_real)(a))\n\
+         #define BOND_EXPONENT 1022\n#endif\n#define BOND_R(x) ((bond_real)(x))\n#define BOND_INFINITY ((bond_real)INFINITY)\n\
+         #define BOND_NAN ((bond_real)NAN)\n#define BOND_NO_CONVERGENCE 1\n#define BOND_SINGULAR 2\n#define BOND_NOT_FINITE 3\n\n",
+    );
+    if options.prefix == "bond" {
+        out = out.replace("typedef float bond_real;\n", "").replace("typedef double bond_real;\n", "");
+        for name in ["NO_CONVERGENCE", "SINGULAR", "NOT_FINITE"] {
+            let start = format!("#define BOND_{name} ");
+            out = out.lines().filter(|l| !l.starts_with(&start)).fold(String::new(), |s, l| s + l + "\n");
+        }
+        out.push('\n');
+    }
+    for helper in HELPERS.split("/* -- ").skip(1) {
+        if let Some((name, text)) = helper.split_once(" */\n")
+            && needs.contains(name)
+        {
+            out.push_str(text);
+        }
+    }
+    numbers(&mut out, "start", &unit.image);
+    if !unit.table.is_empty() {
+        numbers(&mut out, "table", &unit.table);
+    }
+    out.push_str(&solvers);
+    out.push_str(&commit);
+    out.push_str(&observe);
+    out.push_str(&interface(unit, p));
+    out
+}
+
+/// A table of numbers.
+fn numbers(out: &mut String, name: &str, list: &[f64]) {
+    let _ = write!(out, "static const bond_real {name}[{}] = {{", list.len().max(1));
+    if list.is_empty() {
+        out.push_str(" 0");
+    }
+    for (i, x) in list.iter().enumerate() {
+        out.push_str(if i % 6 == 0 { "\n    " } else { " " });
+        let _ = write!(out, "{},", number(Number::Plain(*x)));
+    }
+    out.push_str("\n};\n\n");
+}
+
+/// A routine as a function; its systems are numbered from `first` on.
+fn function(routine: &Routine, name: &str, first: usize, needs: &mut Needs) -> String {
+    let used = memories(routine);
+    let text = body(routine, first, needs);
+    let mut out = format!(
+        "static int {name}(bond_real *restrict x, const bond_real *restrict u, bond_real *restrict y, bond_real *restrict s) {{\n"
+    );
+    if used.contains(&Memory::Table) {
+        let _ = writeln!(out, "    const bond_real *const c = table;");
+    }
+    out.push_str(&text.split_inclusive('\n').take_while(|l| is_declaration(l)).collect::<String>());
+    for m in [Memory::State, Memory::Input, Memory::Output, Memory::Scratch] {
+        if !used.contains(&m) {
+            let _ = writeln!(out, "    (void){};", letter(m));
+        }
+    }
+    out.push_str(&text.split_inclusive('\n').skip_while(|l| is_declaration(l)).collect::<String>());
+    out.push_str("}\n\n");
+    out
+}
+
+/// Whether a line declares a variable of the whole function.
+fn is_declaration(line: &str) -> bool {
+    line.starts_with("    bond_real m") || line.starts_with("    unsigned long i")
+}
+
+/// The public functions.
+fn interface(unit: &Unit, p: &str) -> String {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "void {p}_init({p}_state *b) {{\n    memset(b, 0, sizeof *b);\n    memcpy(b->x, start, sizeof start);\n}}\n"
+    );
+    let _ = writeln!(out, "void {p}_output(const {p}_state *b, {p}_real *out) {{");
+    for (i, o) in unit.open.iter().enumerate() {
+        let _ = writeln!(out, "    out[{i}] = b->x[{}];", o.at);
+    }
+    if unit.open.is_empty() {
+        out.push_str("    (void)b;\n    (void)out;\n");
+    }
+    let _ = writeln!(
+        out,
+        "}}\n\nint {p}_commit({p}_state *b, const {p}_real *moved) {{\n    return commit(b->x, moved, 0, b->s);\n}}\n"
+    );
+    let _ =
+        writeln!(out, "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s);\n}}\n");
+    let _ = writeln!(out, "void {p}_input({p}_state *b, int input, {p}_real value) {{");
+    if unit.inputs.iter().all(|i| i.at.is_empty()) {
+        out.push_str("    (void)b;\n    (void)input;\n    (void)value;\n");
+    } else {
+        out.push_str("    switch (input) {\n");
+        for (i, given) in unit.inputs.iter().enumerate() {
+            let _ = writeln!(out, "    case {i}:");
+            for at in &given.at {
+                let _ = writeln!(out, "        b->x[{at}] = value;");
+            }
+            out.push_str("        break;\n");
+        }
+        out.push_str("    default:\n        break;\n    }\n");
+    }
+    let _ = writeln!(out, "}}\n\n{p}_real {p}_time(const {p}_state *b) {{\n    return b->x[{}];\n}}\n", unit.time);
+    let sum: Vec<String> = unit.regions.iter().map(|r| format!("b->x[{}]", r.at)).collect();
+    let sum =
+        if sum.is_empty() { "(void)b;\n    return 0;".to_string() } else { format!("return {};", sum.join(" + ")) };
+    let _ = writeln!(out, "{p}_real {p}_energy(const {p}_state *b) {{\n    {sum}\n}}\n");
+    let places: Vec<String> = unit.regions.iter().map(|r| r.at.to_string()).collect();
+    let places = if places.is_empty() { "0".to_string() } else { places.join(", ") };
+    let _ = writeln!(
+        out,
+        "{p}_real {p}_ledger(const {p}_state *b, int region, int what) {{\n    static const unsigned long at[] = {{ {places} }};\n    \
+         return b->x[at[region] + (unsigned long)what];\n}}\n"
+    );
+    let _ = writeln!(
+        out,
+        "void {p}_save(const {p}_state *b, {p}_real *saved) {{\n    memcpy(saved, b->x, sizeof b->x);\n}}\n\n\
+         void {p}_restore({p}_state *b, const {p}_real *saved) {{\n    memcpy(b->x, saved, sizeof b->x);\n}}"
+    );
+    out
+}

@@ -1,0 +1,264 @@
+//! What back ends translate: a step program made plain. Newton's method, elimination and products have become statements, loops
+//! and branches over numbers, so that a back end is a printer of some fifteen forms.
+//!
+//! Made by [`super::lower`]; each back end says it in its own language and adds nothing. Values are defined once and before their
+//! uses, within the block they are used in or around it; variables are set as often as wanted. There are no calls but functions
+//! of numbers and [`Stmt::Solve`].
+
+use bond_runtime::ir::{Binary, Unary};
+
+/// A number that is computed once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Value(pub u32);
+
+/// A number that changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Var(pub u32);
+
+/// The counter of a [`Stmt::For`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Index(pub u32);
+
+/// What a routine reads and writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Memory {
+    /// The state at the start of the step.
+    State,
+    /// The state at its end.
+    Next,
+    /// Time, step and what comes from outside.
+    Input,
+    /// Numbers prepared for a step length.
+    Table,
+    /// What the step reports.
+    Output,
+    /// The routine's own numbers: first the program's scratch, then what elimination needs.
+    Scratch,
+}
+
+impl Memory {
+    /// All of them, in the order in which a compiled function takes them.
+    pub const ALL: [Memory; 6] =
+        [Memory::State, Memory::Input, Memory::Table, Memory::Next, Memory::Output, Memory::Scratch];
+}
+
+/// A place in a memory: `base + Σ stride index`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Which memory.
+    pub memory: Memory,
+    /// Where all counters are 0.
+    pub base: u32,
+    /// Counters with their strides.
+    pub along: Vec<(Index, u32)>,
+}
+
+/// How a value is computed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Op {
+    /// A place of a memory.
+    Load(Place),
+    /// What a variable is now.
+    Get(Var),
+    /// A function of one value, as `bond_runtime::eval` means it.
+    Unary(Unary, Value),
+    /// A function of two values, as `bond_runtime::eval` means it.
+    Binary(Binary, Value, Value),
+    /// The first value where the condition holds, else the second.
+    Select(Cond, Value, Value),
+}
+
+/// A condition. Comparisons with a NaN do not hold.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cond {
+    /// Decided.
+    Known(bool),
+    /// The value is not 0.
+    True(Value),
+    /// `a < b`
+    Lt(Value, Value),
+    /// `a <= b`
+    Le(Value, Value),
+    /// `a = b`
+    Eq(Value, Value),
+    /// The value is neither infinite nor NaN.
+    Finite(Value),
+    /// The opposite.
+    Not(Box<Cond>),
+    /// All of them.
+    All(Vec<Cond>),
+    /// One of them at least.
+    Any(Vec<Cond>),
+}
+
+impl Cond {
+    /// The opposite.
+    #[expect(clippy::should_implement_trait, reason = "a verb of this form, not of the language's `!`")]
+    pub fn not(self) -> Cond {
+        match self {
+            Cond::Known(b) => Cond::Known(!b),
+            Cond::Not(c) => *c,
+            c @ (Cond::True(_)
+            | Cond::Lt(..)
+            | Cond::Le(..)
+            | Cond::Eq(..)
+            | Cond::Finite(_)
+            | Cond::All(_)
+            | Cond::Any(_)) => Cond::Not(Box::new(c)),
+        }
+    }
+
+    /// All of some conditions.
+    pub fn all(list: impl IntoIterator<Item = Cond>) -> Cond {
+        let list: Vec<Cond> = list.into_iter().filter(|c| *c != Cond::Known(true)).collect();
+        match list.len() {
+            _ if list.contains(&Cond::Known(false)) => Cond::Known(false),
+            0 => Cond::Known(true),
+            1 => list.into_iter().next().unwrap_or(Cond::Known(true)),
+            _ => Cond::All(list),
+        }
+    }
+
+    /// Any of some conditions.
+    pub fn any(list: impl IntoIterator<Item = Cond>) -> Cond {
+        let list: Vec<Cond> = list.into_iter().filter(|c| *c != Cond::Known(false)).collect();
+        match list.len() {
+            _ if list.contains(&Cond::Known(true)) => Cond::Known(true),
+            0 => Cond::Known(false),
+            1 => list.into_iter().next().unwrap_or(Cond::Known(false)),
+            _ => Cond::Any(list),
+        }
+    }
+
+    /// The values it looks at.
+    pub fn each_value(&self, f: &mut impl FnMut(Value)) {
+        match self {
+            Cond::Known(_) => {}
+            Cond::True(a) | Cond::Finite(a) => f(*a),
+            Cond::Lt(a, b) | Cond::Le(a, b) | Cond::Eq(a, b) => {
+                f(*a);
+                f(*b);
+            }
+            Cond::Not(c) => c.each_value(f),
+            Cond::All(list) | Cond::Any(list) => list.iter().for_each(|c| c.each_value(f)),
+        }
+    }
+}
+
+/// One statement.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Stmt {
+    /// Defines a value.
+    Let(Value, Op),
+    /// Sets a variable.
+    Set(Var, Value),
+    /// Writes a place.
+    Store(Place, Value),
+    /// The first block where the condition holds, else the second.
+    If(Cond, Vec<Stmt>, Vec<Stmt>),
+    /// Again and again, until [`Stmt::Break`].
+    Loop(Vec<Stmt>),
+    /// Ends the innermost [`Stmt::Loop`].
+    Break,
+    /// Begins the innermost [`Stmt::Loop`] anew.
+    Continue,
+    /// Counts from the first number up to, and without, the second; `Break` and `Continue` do not stand in it for a loop around it.
+    For(Index, u32, u32, Vec<Stmt>),
+    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and the right
+    /// side, which becomes the solution, are in [`Memory::Scratch`] from these places on. The variable becomes -1, or the row
+    /// that has no pivot.
+    Solve {
+        /// Which system.
+        system: u32,
+        /// First matrix entry.
+        matrix: u32,
+        /// First entry of the right side.
+        vector: u32,
+        /// See above.
+        row: Var,
+    },
+    /// Adds to the iterations done.
+    Count(Value),
+    /// Ends the routine without a result.
+    Fail(Reason),
+}
+
+/// Why a routine ends without a result; see `bond_runtime::Failure`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reason {
+    /// Newton's method came to its limit: iterations, slot of `Local`, change.
+    NoConvergence(u32, Value, Value),
+    /// No pivot in this row.
+    Singular(Value),
+    /// A slot of `Next` is not finite.
+    NotFinite,
+}
+
+/// A system of equations that is too large to be written out: its size, and rows and columns of its matrix's entries.
+#[derive(Clone, Debug, PartialEq)]
+pub struct System {
+    /// How many unknowns.
+    pub n: usize,
+    /// Row and column of each entry.
+    pub pattern: Vec<(u32, u32)>,
+}
+
+/// A number that is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Number {
+    /// As it is.
+    Plain(f64),
+    /// A measure of rounding; where numbers are shorter, it is larger.
+    Tolerance(f64),
+}
+
+impl Number {
+    /// It, with all digits.
+    pub fn value(self) -> f64 {
+        match self {
+            Number::Plain(x) | Number::Tolerance(x) => x,
+        }
+    }
+}
+
+/// A program made plain.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Routine {
+    /// What it is, for people.
+    pub name: String,
+    /// The statements.
+    pub body: Vec<Stmt>,
+    /// By value: the number that it is, where it is one. Such a value is defined everywhere.
+    pub numbers: Vec<Option<Number>>,
+    /// How many variables there are. All are 0 at the start.
+    pub vars: u32,
+    /// How many counters there are.
+    pub indices: u32,
+    /// Size of [`Memory::Scratch`].
+    pub scratch: u32,
+    /// Systems that [`Stmt::Solve`] solves.
+    pub systems: Vec<System>,
+}
+
+impl Routine {
+    /// How many statements it has, those inside others included.
+    pub fn size(&self) -> usize {
+        fn count(body: &[Stmt]) -> usize {
+            body.iter()
+                .map(|s| match s {
+                    Stmt::If(_, a, b) => 1 + count(a) + count(b),
+                    Stmt::Loop(a) | Stmt::For(_, _, _, a) => 1 + count(a),
+                    Stmt::Let(..)
+                    | Stmt::Set(..)
+                    | Stmt::Store(..)
+                    | Stmt::Break
+                    | Stmt::Continue
+                    | Stmt::Solve { .. }
+                    | Stmt::Count(_)
+                    | Stmt::Fail(_) => 1,
+                })
+                .sum()
+        }
+        count(&self.body)
+    }
+}

@@ -1,0 +1,285 @@
+//! From a step program to a routine: Newton's method, elimination and products become plain statements.
+//!
+//! Where a program has few numbers, all loops are written out, and its scratch becomes variables; else it stays in memory.
+
+mod eliminate;
+mod newton;
+mod tidy;
+pub(super) mod writer;
+
+use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};
+use bond_runtime::ir::{self, Array, Inst, Op, Program, Slot};
+use writer::{UNROLLED, Writer, scratch};
+
+/// Products with so many entries at most are written out.
+const ENTRIES: usize = 64;
+
+/// Where the arrays of a program are: for each of [`Array::ALL`] a memory and the place of its first number. That of `Local` counts
+/// only where the program's scratch is not made of variables.
+pub(super) type Places = [(Memory, u32); 6];
+
+/// Each array in the memory of its own name.
+const OWN: Places = [
+    (Memory::State, 0),
+    (Memory::Next, 0),
+    (Memory::Input, 0),
+    (Memory::Table, 0),
+    (Memory::Scratch, 0),
+    (Memory::Output, 0),
+];
+
+/// The routine of a program. None where an iteration inside another may fail it, which routines have no way to say.
+///
+/// # Panics
+/// Where the program does not pass [`Program::verify`].
+pub fn lower(program: &Program) -> Option<Routine> {
+    let writer = write(Writer::new(), program, OWN)?;
+    Some(writer.routine(program.name.clone()))
+}
+
+/// Writes a program where the writer stands. None as of [`lower`].
+pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places) -> Option<Writer> {
+    if nested(&program.body, false) {
+        return None;
+    }
+    let locals = program.size(Array::Local);
+    let local = if is_small(&program.body) {
+        Local::Vars((0..locals).map(|_| writer.var()).collect())
+    } else {
+        let base = writer.room(locals);
+        places[Array::Local as usize] = (Memory::Scratch, base);
+        Local::Memory(base)
+    };
+    let values = vec![None; program.values as usize];
+    let mut lower = Lower { w: writer, values, local, places, next: Vec::new() };
+    lower.block(&program.body);
+    lower.check(program.size(Array::Next));
+    Some(lower.w)
+}
+
+/// Where the program's scratch is.
+enum Local {
+    Vars(Vec<Var>),
+    /// From this number of the scratch on.
+    Memory(u32),
+}
+
+/// A program on its way.
+struct Lower {
+    w: Writer,
+    values: Vec<Option<Value>>,
+    local: Local,
+    places: Places,
+    /// Values written to `Next`, where they are known by name.
+    next: Vec<Value>,
+}
+
+/// Whether an iteration without a flag is inside another.
+fn nested(body: &[Inst], inside: bool) -> bool {
+    body.iter().any(|inst| match inst {
+        Inst::Newton(n) => (inside && n.flag.is_none()) || nested(&n.body, true),
+        Inst::Let(..) | Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => false,
+    })
+}
+
+/// Whether all loops are written out.
+fn is_small(body: &[Inst]) -> bool {
+    body.iter().all(|inst| match inst {
+        Inst::Newton(n) => n.residual.len() <= UNROLLED && is_small(&n.body),
+        Inst::MatVec { rows, cols, .. } => (*rows as usize) * (*cols as usize) <= ENTRIES,
+        Inst::Quad { n, .. } => (*n as usize) * (*n as usize) <= ENTRIES,
+        Inst::Let(..) | Inst::Store(..) => true,
+    })
+}
+
+impl Lower {
+    fn of(&self, v: ir::Value) -> Value {
+        self.values[v.0 as usize].unwrap_or(Value(0))
+    }
+
+    fn all<'v>(&self, list: impl IntoIterator<Item = &'v ir::Value>) -> Vec<Value> {
+        list.into_iter().map(|v| self.of(*v)).collect()
+    }
+
+    fn block(&mut self, body: &[Inst]) {
+        for inst in body {
+            match inst {
+                Inst::Let(v, op) => {
+                    let value = match *op {
+                        Op::Const(x) if x.to_bits() == f64::EPSILON.to_bits() => self.w.tolerance(x),
+                        Op::Const(x) => self.w.number(x),
+                        Op::Load(slot) => self.read(slot, 0, None),
+                        Op::Unary(f, a) => {
+                            let a = self.of(a);
+                            self.w.unary(f, a)
+                        }
+                        Op::Binary(f, a, b) => {
+                            let (a, b) = (self.of(a), self.of(b));
+                            self.w.binary(f, a, b)
+                        }
+                        Op::Select(c, a, b) => {
+                            let (c, a, b) = (self.of(c), self.of(a), self.of(b));
+                            let c = self.w.is_true(c);
+                            self.w.select(c, a, b)
+                        }
+                    };
+                    self.values[v.0 as usize] = Some(value);
+                }
+                Inst::Store(slot, v) => {
+                    let v = self.of(*v);
+                    self.write(*slot, None, v);
+                }
+                Inst::Newton(n) => self.newton(n),
+                Inst::MatVec { to, table, from, rows, cols, low } => {
+                    self.product(*to, *table, *from, (*rows as usize, *cols as usize), *low);
+                }
+                Inst::Quad { to, table, from, n } => self.form(*to, *table, *from, *n as usize),
+            }
+        }
+    }
+
+    /// The number `offset` after a slot, and further on by a counter.
+    fn read(&mut self, slot: Slot, offset: usize, along: Option<Index>) -> Value {
+        let index = slot.index as usize + offset;
+        if let (Array::Local, Local::Vars(vars)) = (slot.array, &self.local) {
+            let v = vars[index];
+            return self.w.get(v);
+        }
+        let along = along.map(|i| (i, 1)).into_iter().collect();
+        let (memory, base) = self.places[slot.array as usize];
+        self.w.load(Place { memory, base: base + index as u32, along })
+    }
+
+    fn write(&mut self, slot: Slot, along: Option<Index>, v: Value) {
+        if let (Array::Local, Local::Vars(vars)) = (slot.array, &self.local) {
+            let var = vars[slot.index as usize];
+            return self.w.set(var, v);
+        }
+        if slot.array == Array::Next && along.is_none() {
+            self.next.push(v);
+        }
+        let along = along.map(|i| (i, 1)).into_iter().collect();
+        let (memory, base) = self.places[slot.array as usize];
+        self.w.push(Stmt::Store(Place { memory, base: base + slot.index, along }, v));
+    }
+
+    /// `to = T from`, each row's sum from left to right.
+    fn product(&mut self, to: Slot, table: u32, from: Slot, (rows, cols): (usize, usize), low: bool) {
+        let (size, (memory, first)) = ((rows * cols) as u32, self.places[Array::Table as usize]);
+        let table = first + table;
+        let parts = if low { 2 } else { 1 };
+        if rows * cols <= ENTRIES {
+            let vector: Vec<Value> = (0..cols).map(|j| self.read(from, j, None)).collect();
+            for i in 0..rows {
+                let mut sums = Vec::new();
+                for part in 0..parts {
+                    let mut sum = self.w.number(0.0);
+                    for (j, x) in vector.iter().enumerate() {
+                        let base = table + part * size + (i * cols + j) as u32;
+                        let entry = self.w.load(Place { memory, base, along: Vec::new() });
+                        let term = self.w.mul(entry, *x);
+                        sum = self.w.add(sum, term);
+                    }
+                    sums.push(sum);
+                }
+                let sum = if low { self.w.add(sums[0], sums[1]) } else { sums[0] };
+                self.write(Slot { array: to.array, index: to.index + i as u32 }, None, sum);
+            }
+            return;
+        }
+        let (row, column) = (self.w.index(), self.w.index());
+        let sums: Vec<Var> = (0..parts).map(|_| self.w.var()).collect();
+        let zero = self.w.number(0.0);
+        let inner = self.inside(|this| {
+            let x = this.read(from, 0, Some(column));
+            for (part, var) in sums.iter().enumerate() {
+                let base = table + part as u32 * size;
+                let along = vec![(row, cols as u32), (column, 1)];
+                let entry = this.w.load(Place { memory, base, along });
+                let term = this.w.mul(entry, x);
+                let sum = this.w.get(*var);
+                let sum = this.w.add(sum, term);
+                this.w.set(*var, sum);
+            }
+        });
+        let outer = self.inside(|this| {
+            sums.iter().for_each(|v| this.w.set(*v, zero));
+            this.w.push(Stmt::For(column, 0, cols as u32, inner));
+            let parts: Vec<Value> = sums.iter().map(|v| this.w.get(*v)).collect();
+            let sum = if low { this.w.add(parts[0], parts[1]) } else { parts[0] };
+            this.write(to, Some(row), sum);
+        });
+        self.w.push(Stmt::For(row, 0, rows as u32, outer));
+    }
+
+    /// `to = from^T Q from`, as `interpreter::Quad` does it.
+    fn form(&mut self, to: Slot, table: u32, from: Slot, n: usize) {
+        let (memory, first) = self.places[Array::Table as usize];
+        let table = first + table;
+        let mut sum = self.w.number(0.0);
+        if n * n <= ENTRIES {
+            let vector: Vec<Value> = (0..n).map(|j| self.read(from, j, None)).collect();
+            let mut at = table;
+            for i in 0..n {
+                let mut inner = self.w.number(0.0);
+                for x in &vector[i..] {
+                    let entry = self.w.load(Place { memory, base: at, along: Vec::new() });
+                    at += 1;
+                    let term = self.w.mul(entry, *x);
+                    inner = self.w.add(inner, term);
+                }
+                let term = self.w.mul(vector[i], inner);
+                sum = self.w.add(sum, term);
+            }
+        } else {
+            let mut at = table;
+            for i in 0..n {
+                // Rows are of different lengths: each is a loop of its own.
+                let (index, inner) = (self.w.index(), self.w.starting(0.0));
+                let body = self.inside(|this| {
+                    let entry = this.w.load(Place { memory, base: at, along: vec![(index, 1)] });
+                    let x = this.read(from, i, Some(index));
+                    let term = this.w.mul(entry, x);
+                    let before = this.w.get(inner);
+                    let after = this.w.add(before, term);
+                    this.w.set(inner, after);
+                });
+                self.w.push(Stmt::For(index, 0, (n - i) as u32, body));
+                at += (n - i) as u32;
+                let (x, inner) = (self.read(from, i, None), self.w.get(inner));
+                let term = self.w.mul(x, inner);
+                sum = self.w.add(sum, term);
+            }
+        }
+        self.write(to, None, sum);
+    }
+
+    /// What `f` writes, as a block.
+    fn inside(&mut self, f: impl FnOnce(&mut Self)) -> Vec<Stmt> {
+        self.w.open();
+        f(self);
+        self.w.close()
+    }
+
+    /// Fails where a number of the new state is not finite.
+    fn check(&mut self, n: usize) {
+        let zero = self.w.number(0.0);
+        let named = std::mem::take(&mut self.next);
+        let spoiled = if named.len() == n && n <= 4 * UNROLLED {
+            named.iter().fold(zero, |sum, x| {
+                let term = self.w.mul(zero, *x);
+                self.w.add(sum, term)
+            })
+        } else {
+            let (memory, base) = self.places[Array::Next as usize];
+            self.w.fold(n, zero, |w, at, sum| {
+                let place = Place { memory, ..scratch(base, at) };
+                let x = w.load(place);
+                let term = w.mul(zero, x);
+                w.add(sum, term)
+            })
+        };
+        let sound = self.w.eq(spoiled, zero);
+        self.w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
+    }
+}

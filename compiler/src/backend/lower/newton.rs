@@ -1,0 +1,465 @@
+//! Newton's method as `bond_runtime::solve::newton` does it, step by step; its doc says what and why.
+
+use super::writer::{At, UNROLLED, Values, Vector, Writer, scratch};
+use super::{Local, Lower};
+use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
+use bond_runtime::ir;
+use bond_runtime::solve::newton::{HALVINGS, NUDGES, STALLS, STRETCHES};
+
+/// How an iteration ended.
+const DONE: f64 = 1.0;
+const NO_CONVERGENCE: f64 = 2.0;
+const SINGULAR: f64 = 3.0;
+
+/// An iteration on its way.
+struct Iteration {
+    n: usize,
+    unknowns: Vector,
+    update: Vector,
+    raw_weight: Values,
+    weight: Vector,
+    /// The same where all of them are numbers that count.
+    plain: Option<Vec<Value>>,
+    /// 1 where there is a weight at all.
+    weighted: Option<Var>,
+    scale: Values,
+    best: Var,
+    /// Whether an update was made, and its square.
+    made: Var,
+    before: Var,
+    halvings: Var,
+    stretches: Var,
+    nudges: Var,
+    stalls: Var,
+    end: Var,
+    row: Var,
+}
+
+/// Whether a weight counts.
+fn counts(w: &mut Writer, x: Value) -> Cond {
+    let zero = w.number(0.0);
+    Cond::all([w.lt(zero, x), w.finite(x)])
+}
+
+impl Lower {
+    pub(super) fn newton(&mut self, newton: &ir::Newton) {
+        let n = newton.residual.len();
+        let (raw, scale) = (self.all(&newton.weight), self.all(&newton.scale));
+        let unknowns = match &self.local {
+            Local::Vars(vars) => {
+                let first = newton.unknowns as usize;
+                Vector::Vars(vars[first..first + n].to_vec())
+            }
+            Local::Memory(base) => Vector::Memory(base + newton.unknowns),
+        };
+        let it = Iteration::new(&mut self.w, n, unknowns, raw, scale);
+        let count = self.w.starting(0.0);
+        let matrix = if n > UNROLLED { self.w.room(newton.jacobian.len()) } else { 0 };
+        let trial = if n > UNROLLED { self.w.room(n) } else { 0 };
+        let body = self.inside(|this| {
+            let w = &mut this.w;
+            let (k, limit, one) = (w.get(count), w.number(f64::from(newton.limit)), w.number(1.0));
+            let more = w.lt(k, limit);
+            w.when(more.not(), |w| it.finish(w, NO_CONVERGENCE));
+            let k = w.add(k, one);
+            w.set(count, k);
+            this.block(&newton.body);
+            let residual = this.all(&newton.residual);
+            let entries: Vec<(u32, u32, Value)> =
+                newton.jacobian.iter().map(|(r, c, v)| (*r, *c, this.of(*v))).collect();
+            let w = &mut this.w;
+            let residual = w.values(residual);
+            it.judge(w, &residual);
+            let solution = if n > UNROLLED {
+                let list: Vec<Value> = entries.iter().map(|e| e.2).collect();
+                for (i, v) in list.into_iter().enumerate() {
+                    w.push(Stmt::Store(scratch(matrix, At::One(i)), v));
+                }
+                w.each(n, |w, at| {
+                    let r = w.value(&residual, at);
+                    w.push(Stmt::Store(scratch(trial, at), r));
+                });
+                let pattern = entries.iter().map(|e| (e.0, e.1)).collect();
+                let system = w.system(n, pattern);
+                w.push(Stmt::Solve { system, matrix, vector: trial, row: it.row });
+                Vector::Memory(trial)
+            } else {
+                let r: Vec<Value> = (0..n).map(|i| w.value(&residual, At::One(i))).collect();
+                w.eliminate(n, &entries, &r, it.row)
+            };
+            it.advance(w, &solution);
+        });
+        let w = &mut self.w;
+        w.push(Stmt::Loop(body));
+        let k = w.get(count);
+        w.push(Stmt::Count(k));
+        let (end, done) = (w.get(it.end), w.number(DONE));
+        let good = w.eq(end, done);
+        if let Some(flag) = newton.flag {
+            let (one, zero) = (w.number(1.0), w.number(0.0));
+            let x = w.select(good, one, zero);
+            self.write(flag, None, x);
+            return;
+        }
+        w.when(good.not(), |w| {
+            let singular = w.number(SINGULAR);
+            let is = w.eq(end, singular);
+            w.when(is, |w| {
+                let row = w.get(it.row);
+                w.push(Stmt::Fail(Reason::Singular(row)));
+            });
+            let (worst, change) = it.worst(w);
+            let first = w.number(f64::from(newton.unknowns));
+            let worst = w.add(first, worst);
+            w.push(Stmt::Fail(Reason::NoConvergence(newton.limit, worst, change)));
+        });
+    }
+}
+
+impl Iteration {
+    fn new(w: &mut Writer, n: usize, unknowns: Vector, raw: Vec<Value>, scale: Vec<Value>) -> Self {
+        let plain = raw.iter().all(|x| w.known(*x).is_some_and(|x| x > 0.0 && x.is_finite()));
+        let plain = (plain && n <= UNROLLED).then(|| raw.clone());
+        let mut it = Self {
+            n,
+            unknowns,
+            update: w.vector(n),
+            raw_weight: w.values(raw),
+            weight: w.vector(n),
+            plain,
+            weighted: None,
+            scale: w.values(scale),
+            best: w.starting(f64::INFINITY),
+            made: w.starting(0.0),
+            before: w.starting(0.0),
+            halvings: w.starting(0.0),
+            stretches: w.starting(0.0),
+            nudges: w.starting(0.0),
+            stalls: w.starting(0.0),
+            end: w.starting(0.0),
+            row: w.starting(-1.0),
+        };
+        let zero = w.number(0.0);
+        w.each(n, |w, at| w.put(&it.update, at, zero));
+        if it.plain.is_none() {
+            it.weigh(w);
+        }
+        it
+    }
+
+    /// The weights: those that count; for the others the mean share.
+    fn weigh(&mut self, w: &mut Writer) {
+        let weighted = w.starting(1.0);
+        self.weighted = Some(weighted);
+        w.each(self.n, |w, at| {
+            let x = w.value(&self.raw_weight, at);
+            w.put(&self.weight, at, x);
+        });
+        let all = w.holds(self.n, |w, at| {
+            let x = w.value(&self.raw_weight, at);
+            counts(w, x)
+        });
+        w.when(all.not(), |w| {
+            let (zero, one) = (w.number(0.0), w.number(1.0));
+            let count = w.fold(self.n, zero, |w, at, sum| {
+                let x = w.value(&self.raw_weight, at);
+                let c = counts(w, x);
+                let term = w.select(c, one, zero);
+                w.add(sum, term)
+            });
+            let total = w.fold(self.n, zero, |w, at, sum| {
+                let (x, s) = (w.value(&self.raw_weight, at), w.value(&self.scale, at));
+                let c = counts(w, x);
+                let xs = w.mul(x, s);
+                let xss = w.mul(xs, s);
+                let term = w.select(c, xss, zero);
+                w.add(sum, term)
+            });
+            let share = w.div(total, count);
+            let none = w.eq(count, zero);
+            w.when(none.clone(), |w| w.set(weighted, zero));
+            w.each(self.n, |w, at| {
+                let (x, s) = (w.value(&self.raw_weight, at), w.value(&self.scale, at));
+                let ss = w.mul(s, s);
+                let part = w.div(share, ss);
+                let good = counts(w, part);
+                let part = w.select(good, part, zero);
+                let good = counts(w, x);
+                let x = w.select(good, x, part);
+                let x = w.select(none.clone(), one, x);
+                w.put(&self.weight, at, x);
+            });
+        });
+    }
+
+    fn weight(&self, w: &mut Writer, at: At) -> Value {
+        match (&self.plain, at) {
+            (Some(list), At::One(i)) => list[i],
+            (Some(_), At::Each(_)) | (None, _) => w.at(&self.weight, at),
+        }
+    }
+
+    /// `Σ w v²`
+    fn square(&self, w: &mut Writer, mut v: impl FnMut(&mut Writer, At) -> Value) -> Value {
+        let zero = w.number(0.0);
+        w.fold(self.n, zero, |w, at, sum| {
+            let (k, x) = (self.weight(w, at), v(w, at));
+            let kx = w.mul(k, x);
+            let term = w.mul(kx, x);
+            w.add(sum, term)
+        })
+    }
+
+    /// `Σ w (u² + s²)`; 0 without weights.
+    fn energy(&self, w: &mut Writer) -> Value {
+        let zero = w.number(0.0);
+        let sum = w.fold(self.n, zero, |w, at, sum| {
+            let (k, u, s) = (self.weight(w, at), w.at(&self.unknowns, at), w.value(&self.scale, at));
+            let (uu, ss) = (w.mul(u, u), w.mul(s, s));
+            let both = w.add(uu, ss);
+            let term = w.mul(k, both);
+            w.add(sum, term)
+        });
+        match self.weighted {
+            Some(v) => {
+                let v = w.get(v);
+                w.select(Cond::True(v), sum, zero)
+            }
+            None => sum,
+        }
+    }
+
+    fn finish(&self, w: &mut Writer, how: f64) {
+        let how = w.number(how);
+        w.set(self.end, how);
+        w.push(Stmt::Break);
+    }
+
+    /// Whether one more halving is allowed.
+    fn may_halve(&self, w: &mut Writer) -> Cond {
+        let (made, halvings, most) = (w.get(self.made), w.get(self.halvings), w.number(f64::from(HALVINGS)));
+        Cond::all([Cond::True(made), w.lt(halvings, most)])
+    }
+
+    /// Takes back half of the update, and begins anew.
+    fn halve(&self, w: &mut Writer) {
+        let half = w.number(0.5);
+        w.each(self.n, |w, at| {
+            let d = w.at(&self.update, at);
+            let d = w.mul(d, half);
+            w.put(&self.update, at, d);
+            let u = w.at(&self.unknowns, at);
+            let u = w.add(u, d);
+            w.put(&self.unknowns, at, u);
+        });
+        let (k, one) = (w.get(self.halvings), w.number(1.0));
+        let k = w.add(k, one);
+        w.set(self.halvings, k);
+        w.push(Stmt::Continue);
+    }
+
+    /// Looks at the residual: halves where it got worse, ends where it is 0.
+    fn judge(&self, w: &mut Writer, residual: &Values) {
+        let size = self.square(w, |w, at| w.value(residual, at));
+        let (best, four, zero) = (w.get(self.best), w.number(4.0), w.number(0.0));
+        let allowed = w.mul(four, best);
+        let (finite, above) = (w.finite(size), w.lt(allowed, size));
+        w.when(Cond::any([finite.clone().not(), above.clone()]), |w| {
+            let made = w.get(self.made);
+            let noise = self.energy(w);
+            let part = w.tolerance(1e-26);
+            let noise = w.mul(part, noise);
+            let worse = Cond::all([Cond::True(made), above, w.lt(noise, size)]);
+            w.when(Cond::any([finite.clone().not(), worse]), |w| {
+                let may = self.may_halve(w);
+                w.when(may, |w| self.halve(w));
+                w.when(finite.not(), |w| self.finish(w, NO_CONVERGENCE));
+            });
+        });
+        let smaller = w.lt(size, best);
+        let least = w.select(smaller, size, best);
+        w.set(self.best, least);
+        let none = w.le(size, zero);
+        w.when(none, |w| {
+            let all = w.holds(self.n, |w, at| {
+                let r = w.value(residual, at);
+                w.eq(r, zero)
+            });
+            w.when(all, |w| self.finish(w, DONE));
+        });
+    }
+
+    /// Takes the solution off the unknowns, and tests; or finds another start.
+    fn advance(&self, w: &mut Writer, solution: &Vector) {
+        let square = self.square(w, |w, at| w.at(solution, at));
+        let (row, zero, one) = (w.get(self.row), w.number(0.0), w.number(1.0));
+        let solved = w.lt(row, zero);
+        let sound = w.finite(square);
+        w.when(Cond::all([solved.clone(), sound]).not(), |w| self.rescue(w, solved));
+        w.each(self.n, |w, at| {
+            let (d, u) = (w.at(solution, at), w.at(&self.unknowns, at));
+            w.put(&self.update, at, d);
+            let u = w.sub(u, d);
+            w.put(&self.unknowns, at, u);
+        });
+        let (made, last, halvings) = (w.get(self.made), w.get(self.before), w.get(self.halvings));
+        let (quick, slow) = (w.number(1e-6), w.number(0.25));
+        let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
+        let quick = Cond::all([Cond::True(made), w.eq(halvings, zero), w.le(square, quick)]);
+        let slow = Cond::all([Cond::True(made), w.le(slow, square)]);
+        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-8), w.tolerance(1e-10));
+        let ratio = w.div(last, square);
+        let t = w.mul(least, ratio);
+        let under = w.lt(t, most);
+        let t = w.select(under, t, most);
+        let t = w.select(quick, t, least);
+        let t = w.select(slow.clone(), stalled, t);
+        let small = self.small(w, t);
+        w.when(small, |w| self.finish(w, DONE));
+        w.branch(
+            slow,
+            |w| {
+                let k = w.get(self.stalls);
+                let k = w.add(k, one);
+                w.set(self.stalls, k);
+                let most = w.number(f64::from(STALLS));
+                let many = w.le(most, k);
+                w.when(many, |w| {
+                    let t = w.tolerance(1e-6);
+                    let small = self.small(w, t);
+                    w.when(small, |w| self.finish(w, DONE));
+                });
+            },
+            |w| w.set(self.stalls, zero),
+        );
+        w.set(self.before, square);
+        w.set(self.made, one);
+        w.set(self.halvings, zero);
+        w.set(self.stretches, zero);
+    }
+
+    /// Where the system cannot be solved: further along, back, or beside the start.
+    fn rescue(&self, w: &mut Writer, solved: Cond) {
+        let (made, stretches) = (w.get(self.made), w.get(self.stretches));
+        let (one, two, limit) = (w.number(1.0), w.number(2.0), w.number(f64::from(STRETCHES)));
+        let infinite = w.number(f64::INFINITY);
+        let further = Cond::all([Cond::True(made), solved.clone().not(), w.lt(stretches, limit)]);
+        w.when(further, |w| {
+            let k = w.add(stretches, one);
+            w.set(self.stretches, k);
+            w.each(self.n, |w, at| {
+                let d = w.at(&self.update, at);
+                let d = w.mul(d, two);
+                w.put(&self.update, at, d);
+                let u = w.at(&self.unknowns, at);
+                let u = w.sub(u, d);
+                w.put(&self.unknowns, at, u);
+            });
+            w.set(self.best, infinite);
+            w.push(Stmt::Continue);
+        });
+        let back = w.eq(stretches, limit);
+        w.when(back, |w| {
+            let k = w.add(stretches, one);
+            w.set(self.stretches, k);
+            let power = f64::from(STRETCHES).exp2();
+            let (part, power) = (w.number(2.0 - 2.0 / power), w.number(power));
+            w.each(self.n, |w, at| {
+                let d = w.at(&self.update, at);
+                let more = w.mul(d, part);
+                let u = w.at(&self.unknowns, at);
+                let u = w.add(u, more);
+                w.put(&self.unknowns, at, u);
+                let d = w.div(d, power);
+                w.put(&self.update, at, d);
+            });
+        });
+        let may = self.may_halve(w);
+        w.when(may, |w| self.halve(w));
+        let nudges = w.get(self.nudges);
+        let most = w.number(NUDGES.len() as f64);
+        let beside = Cond::all([Cond::True(made).not(), w.lt(nudges, most)]);
+        w.when(beside, |w| {
+            let zero = w.number(0.0);
+            let mut side = zero;
+            for (k, x) in NUDGES.iter().enumerate() {
+                let before = k.checked_sub(1).map_or(0.0, |k| NUDGES[k]);
+                let (k, x) = (w.number(k as f64), w.number(x - before));
+                let is = w.eq(nudges, k);
+                side = w.select(is, x, side);
+            }
+            let k = w.add(nudges, one);
+            w.set(self.nudges, k);
+            w.each(self.n, |w, at| {
+                let s = w.value(&self.scale, at);
+                let positive = w.lt(zero, s);
+                let s = w.select(positive, s, one);
+                let more = w.mul(side, s);
+                let u = w.at(&self.unknowns, at);
+                let u = w.add(u, more);
+                w.put(&self.unknowns, at, u);
+            });
+            w.set(self.best, infinite);
+            w.push(Stmt::Continue);
+        });
+        let first = w.number(0.0);
+        w.when(solved, |w| w.set(self.row, first));
+        self.finish(w, SINGULAR);
+    }
+
+    /// Whether the update is small beside the unknowns.
+    fn small(&self, w: &mut Writer, t: Value) -> Cond {
+        let near = |w: &mut Writer, at: At| {
+            let (d, u, s) = (w.at(&self.update, at), w.at(&self.unknowns, at), w.value(&self.scale, at));
+            let (d, u) = (w.abs(d), w.abs(u));
+            let size = w.add(u, s);
+            let allowed = w.mul(t, size);
+            w.le(d, allowed)
+        };
+        let one = w.number(1.0);
+        let result = w.var();
+        w.set(result, one);
+        let all = w.holds(self.n, near);
+        w.when(all.not(), |w| {
+            let zero = w.number(0.0);
+            let energy = self.energy(w);
+            let tt = w.mul(t, t);
+            let bound = w.mul(tt, energy);
+            let all = w.holds(self.n, |w, at| {
+                let close = near(w, at);
+                let (k, d) = (w.value(&self.raw_weight, at), w.at(&self.update, at));
+                let counted = counts(w, k);
+                let kd = w.mul(k, d);
+                let kdd = w.mul(kd, d);
+                let over = w.lt(bound, kdd);
+                Cond::any([close, Cond::all([counted, over.not()])])
+            });
+            let x = w.select(all, one, zero);
+            w.set(result, x);
+        });
+        let x = w.get(result);
+        Cond::True(x)
+    }
+
+    /// The unknown whose change is largest beside itself, and the change.
+    fn worst(&self, w: &mut Writer) -> (Value, Value) {
+        let (which, change, part) = (w.starting(0.0), w.starting(0.0), w.starting(-1.0));
+        let (number, one) = (w.starting(0.0), w.number(1.0));
+        w.each(self.n, |w, at| {
+            let (d, u, s) = (w.at(&self.update, at), w.at(&self.unknowns, at), w.value(&self.scale, at));
+            let (size, u) = (w.abs(d), w.abs(u));
+            let whole = w.add(u, s);
+            let ratio = w.div(size, whole);
+            let (most, k) = (w.get(part), w.get(number));
+            let more = w.lt(most, ratio);
+            w.when(more, |w| {
+                w.set(which, k);
+                w.set(change, d);
+                w.set(part, ratio);
+            });
+            let k = w.add(k, one);
+            w.set(number, k);
+        });
+        (w.get(which), w.get(change))
+    }
+}

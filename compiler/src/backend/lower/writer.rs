@@ -1,0 +1,384 @@
+//! Writes a routine, statement by statement. What is known is computed at once.
+
+use super::tidy::tidy;
+use crate::backend::code::{Cond, Index, Memory, Number, Op, Place, Routine, Stmt, System, Value, Var};
+use bond_runtime::eval;
+use bond_runtime::ir::{Binary, Unary};
+use rustc_hash::FxHashMap;
+
+/// Loops over so many things at most are written out.
+pub(in crate::backend) const UNROLLED: usize = 8;
+
+/// A routine in the making.
+#[derive(Default)]
+pub(in crate::backend) struct Writer {
+    blocks: Vec<Vec<Stmt>>,
+    pub(in crate::backend) numbers: Vec<Option<Number>>,
+    known: FxHashMap<(u64, bool), Value>,
+    pub(in crate::backend) vars: u32,
+    pub(in crate::backend) indices: u32,
+    pub(in crate::backend) scratch: u32,
+    pub(in crate::backend) systems: Vec<System>,
+}
+
+/// Which of some things: a certain one, or that which a counter tells.
+#[derive(Clone, Copy)]
+pub(in crate::backend) enum At {
+    One(usize),
+    Each(Index),
+}
+
+/// Some numbers that change.
+pub(in crate::backend) enum Vector {
+    Vars(Vec<Var>),
+    Memory(u32),
+}
+
+/// Some numbers that are read.
+pub(in crate::backend) enum Values {
+    List(Vec<Value>),
+    Memory(u32),
+}
+
+impl Writer {
+    pub(in crate::backend) fn new() -> Self {
+        Self { blocks: vec![Vec::new()], ..Self::default() }
+    }
+
+    /// What was written.
+    pub(in crate::backend) fn routine(mut self, name: String) -> Routine {
+        let mut routine = Routine {
+            name,
+            body: self.close(),
+            numbers: self.numbers,
+            vars: self.vars,
+            indices: self.indices,
+            scratch: self.scratch,
+            systems: self.systems,
+        };
+        tidy(&mut routine);
+        routine
+    }
+
+    pub(in crate::backend) fn push(&mut self, s: Stmt) {
+        if let Some(block) = self.blocks.last_mut() {
+            block.push(s);
+        }
+    }
+
+    /// Opens a block: what is written goes into it.
+    pub(in crate::backend) fn open(&mut self) {
+        self.blocks.push(Vec::new());
+    }
+
+    /// Closes the block opened last: what was written into it.
+    pub(in crate::backend) fn close(&mut self) -> Vec<Stmt> {
+        self.blocks.pop().unwrap_or_default()
+    }
+
+    /// What `f` writes, as a block of its own.
+    pub(in crate::backend) fn block(&mut self, f: impl FnOnce(&mut Self)) -> Vec<Stmt> {
+        self.open();
+        f(self);
+        self.close()
+    }
+
+    fn fresh(&mut self, number: Option<Number>) -> Value {
+        self.numbers.push(number);
+        Value(self.numbers.len() as u32 - 1)
+    }
+
+    fn constant(&mut self, n: Number) -> Value {
+        let key = (n.value().to_bits(), matches!(n, Number::Tolerance(_)));
+        if let Some(&v) = self.known.get(&key) {
+            return v;
+        }
+        let v = self.fresh(Some(n));
+        self.known.insert(key, v);
+        v
+    }
+
+    pub(in crate::backend) fn number(&mut self, x: f64) -> Value {
+        self.constant(Number::Plain(x))
+    }
+
+    pub(in crate::backend) fn tolerance(&mut self, x: f64) -> Value {
+        self.constant(Number::Tolerance(x))
+    }
+
+    /// What is known of a value.
+    pub(in crate::backend) fn known(&self, v: Value) -> Option<f64> {
+        match self.numbers[v.0 as usize] {
+            Some(Number::Plain(x)) => Some(x),
+            Some(Number::Tolerance(_)) | None => None,
+        }
+    }
+
+    fn define(&mut self, op: Op) -> Value {
+        let v = self.fresh(None);
+        self.push(Stmt::Let(v, op));
+        v
+    }
+
+    pub(in crate::backend) fn unary(&mut self, f: Unary, a: Value) -> Value {
+        match self.known(a) {
+            Some(x) => self.number(eval::unary(f, x)),
+            None => self.define(Op::Unary(f, a)),
+        }
+    }
+
+    pub(in crate::backend) fn binary(&mut self, f: Binary, a: Value, b: Value) -> Value {
+        match (f, self.known(a), self.known(b)) {
+            (_, Some(x), Some(y)) => self.number(eval::binary(f, x, y)),
+            (Binary::Mul, Some(1.0), None) => b,
+            (Binary::Mul | Binary::Div, None, Some(1.0)) => a,
+            (Binary::Pow, None, Some(y)) if eval::Exponent::of(y).is_some() => self.power(a, y),
+            _ => self.define(Op::Binary(f, a, b)),
+        }
+    }
+
+    /// A power that is products and a root, as `eval::Exponent` says.
+    fn power(&mut self, a: Value, y: f64) -> Value {
+        let Some(e) = eval::Exponent::of(y) else { return a };
+        let (mut product, mut square, mut bits) = (None, a, e.whole);
+        while bits > 0 {
+            if bits & 1 == 1 {
+                product = Some(product.map_or(square, |p| self.mul(p, square)));
+            }
+            bits >>= 1;
+            if bits > 0 {
+                square = self.mul(square, square);
+            }
+        }
+        let zero = self.number(0.0);
+        if e.half {
+            let sum = self.add(a, zero);
+            let root = self.unary(Unary::Sqrt, sum);
+            product = Some(product.map_or(root, |p| self.mul(p, root)));
+        }
+        let one = self.number(1.0);
+        let product = product.unwrap_or(one);
+        if e.inverse { self.div(one, product) } else { product }
+    }
+
+    pub(in crate::backend) fn add(&mut self, a: Value, b: Value) -> Value {
+        self.binary(Binary::Add, a, b)
+    }
+
+    pub(in crate::backend) fn sub(&mut self, a: Value, b: Value) -> Value {
+        self.binary(Binary::Sub, a, b)
+    }
+
+    pub(in crate::backend) fn mul(&mut self, a: Value, b: Value) -> Value {
+        self.binary(Binary::Mul, a, b)
+    }
+
+    pub(in crate::backend) fn div(&mut self, a: Value, b: Value) -> Value {
+        self.binary(Binary::Div, a, b)
+    }
+
+    pub(in crate::backend) fn abs(&mut self, a: Value) -> Value {
+        self.unary(Unary::Abs, a)
+    }
+
+    pub(in crate::backend) fn select(&mut self, c: Cond, a: Value, b: Value) -> Value {
+        match c {
+            Cond::Known(true) => a,
+            Cond::Known(false) => b,
+            c @ (Cond::True(_)
+            | Cond::Lt(..)
+            | Cond::Le(..)
+            | Cond::Eq(..)
+            | Cond::Finite(_)
+            | Cond::Not(_)
+            | Cond::All(_)
+            | Cond::Any(_)) => self.define(Op::Select(c, a, b)),
+        }
+    }
+
+    pub(in crate::backend) fn is_true(&self, v: Value) -> Cond {
+        self.known(v).map_or(Cond::True(v), |x| Cond::Known(x != 0.0))
+    }
+
+    pub(in crate::backend) fn lt(&self, a: Value, b: Value) -> Cond {
+        match (self.known(a), self.known(b)) {
+            (Some(x), Some(y)) => Cond::Known(x < y),
+            _ => Cond::Lt(a, b),
+        }
+    }
+
+    pub(in crate::backend) fn le(&self, a: Value, b: Value) -> Cond {
+        match (self.known(a), self.known(b)) {
+            (Some(x), Some(y)) => Cond::Known(x <= y),
+            _ => Cond::Le(a, b),
+        }
+    }
+
+    pub(in crate::backend) fn eq(&self, a: Value, b: Value) -> Cond {
+        match (self.known(a), self.known(b)) {
+            (Some(x), Some(y)) => Cond::Known(x == y),
+            _ => Cond::Eq(a, b),
+        }
+    }
+
+    pub(in crate::backend) fn finite(&self, a: Value) -> Cond {
+        self.known(a).map_or(Cond::Finite(a), |x| Cond::Known(x.is_finite()))
+    }
+
+    pub(in crate::backend) fn var(&mut self) -> Var {
+        self.vars += 1;
+        Var(self.vars - 1)
+    }
+
+    pub(in crate::backend) fn get(&mut self, v: Var) -> Value {
+        self.define(Op::Get(v))
+    }
+
+    pub(in crate::backend) fn set(&mut self, v: Var, x: Value) {
+        self.push(Stmt::Set(v, x));
+    }
+
+    /// A variable that starts as a number.
+    pub(in crate::backend) fn starting(&mut self, x: f64) -> Var {
+        let (v, x) = (self.var(), self.number(x));
+        self.set(v, x);
+        v
+    }
+
+    pub(in crate::backend) fn load(&mut self, place: Place) -> Value {
+        self.define(Op::Load(place))
+    }
+
+    pub(in crate::backend) fn when(&mut self, c: Cond, f: impl FnOnce(&mut Self)) {
+        self.branch(c, f, |_| {});
+    }
+
+    pub(in crate::backend) fn branch(&mut self, c: Cond, yes: impl FnOnce(&mut Self), no: impl FnOnce(&mut Self)) {
+        match c {
+            Cond::Known(true) => yes(self),
+            Cond::Known(false) => no(self),
+            c @ (Cond::True(_)
+            | Cond::Lt(..)
+            | Cond::Le(..)
+            | Cond::Eq(..)
+            | Cond::Finite(_)
+            | Cond::Not(_)
+            | Cond::All(_)
+            | Cond::Any(_)) => {
+                let (yes, no) = (self.block(yes), self.block(no));
+                self.push(Stmt::If(c, yes, no));
+            }
+        }
+    }
+
+    pub(in crate::backend) fn repeat(&mut self, f: impl FnOnce(&mut Self)) {
+        let body = self.block(f);
+        self.push(Stmt::Loop(body));
+    }
+
+    pub(in crate::backend) fn room(&mut self, n: usize) -> u32 {
+        self.scratch += n as u32;
+        self.scratch - n as u32
+    }
+
+    /// Does something for each of `n`: written out, or as a loop.
+    pub(in crate::backend) fn each(&mut self, n: usize, mut f: impl FnMut(&mut Self, At)) {
+        if n <= UNROLLED {
+            (0..n).for_each(|i| f(self, At::One(i)));
+            return;
+        }
+        let index = self.index();
+        let body = self.block(|w| f(w, At::Each(index)));
+        self.push(Stmt::For(index, 0, n as u32, body));
+    }
+
+    pub(in crate::backend) fn index(&mut self) -> Index {
+        self.indices += 1;
+        Index(self.indices - 1)
+    }
+
+    /// `start`, and then for each of `n` what `f` makes of it.
+    pub(in crate::backend) fn fold(
+        &mut self,
+        n: usize,
+        start: Value,
+        mut f: impl FnMut(&mut Self, At, Value) -> Value,
+    ) -> Value {
+        if n <= UNROLLED {
+            return (0..n).fold(start, |sum, i| f(self, At::One(i), sum));
+        }
+        let sum = self.var();
+        self.set(sum, start);
+        self.each(n, |w, at| {
+            let before = w.get(sum);
+            let after = f(w, at, before);
+            w.set(sum, after);
+        });
+        self.get(sum)
+    }
+
+    /// Whether a condition holds for each of `n`.
+    pub(in crate::backend) fn holds(&mut self, n: usize, mut f: impl FnMut(&mut Self, At) -> Cond) -> Cond {
+        if n <= UNROLLED {
+            let list: Vec<Cond> = (0..n).map(|i| f(self, At::One(i))).collect();
+            return Cond::all(list);
+        }
+        let one = self.number(1.0);
+        let zero = self.number(0.0);
+        let all = self.fold(n, one, |w, at, before| {
+            let c = f(w, at);
+            w.select(c, before, zero)
+        });
+        Cond::True(all)
+    }
+
+    /// Room for `n` numbers that change: variables where loops are written out.
+    pub(in crate::backend) fn vector(&mut self, n: usize) -> Vector {
+        if n <= UNROLLED { Vector::Vars((0..n).map(|_| self.var()).collect()) } else { Vector::Memory(self.room(n)) }
+    }
+
+    pub(in crate::backend) fn at(&mut self, v: &Vector, at: At) -> Value {
+        match (v, at) {
+            (Vector::Vars(vars), At::One(i)) => self.get(vars[i]),
+            // Variables are never looped over.
+            (Vector::Vars(vars), At::Each(_)) => self.get(vars[0]),
+            (Vector::Memory(base), at) => self.load(scratch(*base, at)),
+        }
+    }
+
+    pub(in crate::backend) fn put(&mut self, v: &Vector, at: At, x: Value) {
+        match (v, at) {
+            (Vector::Vars(vars), At::One(i)) => self.set(vars[i], x),
+            (Vector::Vars(vars), At::Each(_)) => self.set(vars[0], x),
+            (Vector::Memory(base), at) => self.push(Stmt::Store(scratch(*base, at), x)),
+        }
+    }
+
+    pub(in crate::backend) fn value(&mut self, v: &Values, at: At) -> Value {
+        match (v, at) {
+            (Values::List(list), At::One(i)) => list[i],
+            (Values::List(list), At::Each(_)) => list[0],
+            (Values::Memory(base), at) => self.load(scratch(*base, at)),
+        }
+    }
+
+    /// Values in a form that can be gone through.
+    pub(in crate::backend) fn values(&mut self, list: Vec<Value>) -> Values {
+        if list.len() <= UNROLLED {
+            return Values::List(list);
+        }
+        let base = self.room(list.len());
+        for (i, v) in list.into_iter().enumerate() {
+            self.push(Stmt::Store(scratch(base, At::One(i)), v));
+        }
+        Values::Memory(base)
+    }
+}
+
+/// A place of the scratch.
+pub(in crate::backend) fn scratch(base: u32, at: At) -> Place {
+    match at {
+        At::One(i) => Place { memory: Memory::Scratch, base: base + i as u32, along: Vec::new() },
+        At::Each(index) => Place { memory: Memory::Scratch, base, along: vec![(index, 1)] },
+    }
+}

@@ -1,0 +1,11 @@
+//! Back ends: what step programs become besides the interpreter's code. [`lower`] makes a program plain, once for all of them.
+
+pub mod c;
+pub mod code;
+mod lower;
+#[cfg(feature = "native")]
+pub mod native;
+
+pub mod unit;
+
+pub use lower::lower;

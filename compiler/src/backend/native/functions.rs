@@ -1,0 +1,67 @@
+//! The functions that compiled code calls: those of numbers that no machine instruction gives.
+
+use bond_runtime::eval;
+use bond_runtime::ir::{Binary, Unary};
+
+/// The name under which compiled code finds a function; None where an instruction or a few do it.
+pub(super) fn unary(f: Unary) -> Option<&'static str> {
+    match f {
+        Unary::Neg | Unary::Abs | Unary::Sign | Unary::Sqrt | Unary::Not => None,
+        Unary::Exp => Some("bond_exp"),
+        Unary::Log => Some("bond_log"),
+        Unary::Sin => Some("bond_sin"),
+        Unary::Cos => Some("bond_cos"),
+        Unary::Tan => Some("bond_tan"),
+        Unary::Asin => Some("bond_asin"),
+        Unary::Acos => Some("bond_acos"),
+        Unary::Atan => Some("bond_atan"),
+        Unary::Sinh => Some("bond_sinh"),
+        Unary::Cosh => Some("bond_cosh"),
+        Unary::Tanh => Some("bond_tanh"),
+    }
+}
+
+/// The same for functions of two values.
+pub(super) fn binary(f: Binary) -> Option<&'static str> {
+    match f {
+        Binary::Pow => Some("bond_pow"),
+        Binary::Atan2 => Some("bond_atan2"),
+        Binary::Add
+        | Binary::Sub
+        | Binary::Mul
+        | Binary::Div
+        | Binary::Min
+        | Binary::Max
+        | Binary::Lt
+        | Binary::Le
+        | Binary::Eq
+        | Binary::And
+        | Binary::Or => None,
+    }
+}
+
+macro_rules! one {
+    ($($name:ident $op:ident),*) => {
+        $(extern "C" fn $name(x: f64) -> f64 {
+            eval::unary(Unary::$op, x)
+        })*
+        /// Names and addresses of the functions of one value.
+        pub(super) const ONE: &[(Unary, extern "C" fn(f64) -> f64)] = &[$((Unary::$op, $name)),*];
+    };
+}
+
+one!(exp Exp, log Log, sin Sin, cos Cos, tan Tan, asin Asin, acos Acos, atan Atan, sinh Sinh, cosh Cosh, tanh Tanh);
+
+extern "C" fn pow(a: f64, b: f64) -> f64 {
+    eval::binary(Binary::Pow, a, b)
+}
+
+extern "C" fn atan2(a: f64, b: f64) -> f64 {
+    eval::binary(Binary::Atan2, a, b)
+}
+
+/// Names and addresses of the functions of two values.
+pub(super) const TWO: &[(Binary, extern "C" fn(f64, f64) -> f64)] = &[(Binary::Pow, pow), (Binary::Atan2, atan2)];
+
+/// The name of the function that solves large systems: context, system, matrix entries, right side; gives -1 or a row.
+pub(super) const SOLVE: &str = "bond_solve";

@@ -1,0 +1,167 @@
+//! Machine code in memory. The one file with `unsafe`: calling what was compiled, and giving its memory back.
+#![expect(
+    unsafe_code,
+    reason = "compiled code is called through a pointer, and reads and writes memory through pointers"
+)]
+
+use super::functions::{self, ONE, SOLVE, TWO};
+use super::translate::{NO_CONVERGENCE, NOT_FINITE, SINGULAR, define};
+use crate::backend::lower;
+use bond_runtime::interpreter::Interpreter;
+use bond_runtime::ir::{Array, Program};
+use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
+use bond_runtime::solve::linear;
+use cranelift_codegen::settings::{self, Configurable};
+use cranelift_jit::{JITBuilder, JITModule};
+use cranelift_module::default_libcall_names;
+
+/// Statements in a function at most: above, compiling takes longer than it saves.
+const LARGEST: usize = 30_000;
+
+/// Compiles programs to machine code. A program that is too large, or has a form that machine code is not written for, is
+/// interpreted; so is all on a machine that Cranelift does not know.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Jit;
+
+impl Backend for Jit {
+    fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
+        match Compiled::new(program) {
+            Some(compiled) => Box::new(compiled),
+            None => Box::new(Interpreter::new(program)),
+        }
+    }
+}
+
+/// The signature of a compiled function; see [`define`].
+type Function = extern "C" fn(
+    *const f64,
+    *const f64,
+    *const f64,
+    *mut f64,
+    *mut f64,
+    *mut f64,
+    *mut f64,
+    *mut Vec<linear::System>,
+) -> i32;
+
+/// A program as machine code.
+struct Compiled {
+    program: Program,
+    function: Function,
+    scratch: usize,
+    systems: Vec<linear::System>,
+    /// Owns the code; taken out when it is freed.
+    module: Option<JITModule>,
+}
+
+impl Compiled {
+    fn new(program: &Program) -> Option<Self> {
+        let routine = lower(program)?;
+        if routine.size() > LARGEST {
+            return None;
+        }
+        let mut flags = settings::builder();
+        for (name, value) in [("opt_level", "speed"), ("enable_verifier", "false"), ("is_pic", "false")] {
+            flags.set(name, value).ok()?;
+        }
+        let isa = cranelift_native::builder().ok()?.finish(settings::Flags::new(flags)).ok()?;
+        let mut builder = JITBuilder::with_isa(isa, default_libcall_names());
+        for (op, f) in ONE {
+            builder.symbol(functions::unary(*op)?, *f as *const u8);
+        }
+        for (op, f) in TWO {
+            builder.symbol(functions::binary(*op)?, *f as *const u8);
+        }
+        builder.symbol(SOLVE, solve as *const u8);
+        let mut module = JITModule::new(builder);
+        let id = define(&mut module, "step", &routine).ok()?;
+        module.finalize_definitions().ok()?;
+        let code = module.get_finalized_function(id);
+        // SAFETY: `define` gives the function this signature, in the platform's C convention, which `extern "C"` is too.
+        let function = unsafe { std::mem::transmute::<*const u8, Function>(code) };
+        let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone())).collect();
+        let scratch = routine.scratch as usize;
+        Some(Self { program: program.clone(), function, scratch, systems, module: Some(module) })
+    }
+}
+
+// SAFETY: the code is never written after it was made, and the module is touched again only when it is dropped.
+unsafe impl Send for Compiled {}
+// SAFETY: as above; `run` reads this and writes the workspace it is given.
+unsafe impl Sync for Compiled {}
+
+impl Drop for Compiled {
+    fn drop(&mut self) {
+        if let Some(module) = self.module.take() {
+            // SAFETY: `function` is not called any more, and no other pointer into the code exists.
+            unsafe { module.free_memory() };
+        }
+    }
+}
+
+impl Kernel for Compiled {
+    fn program(&self) -> &Program {
+        &self.program
+    }
+
+    fn run(&self, state: &[f64], input: &[f64], table: &[f64], work: &mut Workspace) -> Result<(), Failure> {
+        let size = |a: Array| self.program.size(a);
+        assert!(
+            state.len() >= size(Array::State)
+                && input.len() >= size(Array::Input)
+                && table.len() >= size(Array::Table)
+                && work.next.len() >= size(Array::Next)
+                && work.output.len() >= size(Array::Output)
+                && work.registers.len() >= self.scratch
+                && work.systems.len() == self.systems.len(),
+            "slices are as long as the program's arrays"
+        );
+        let mut report = [0.0; 4];
+        // The function reads and writes the arrays within the sizes that were just asserted, which the program's verifier and
+        // `lower` keep to; `report` has the four places that it writes; the systems are those it was compiled with.
+        let code = (self.function)(
+            state.as_ptr(),
+            input.as_ptr(),
+            table.as_ptr(),
+            work.next.as_mut_ptr(),
+            work.output.as_mut_ptr(),
+            work.registers.as_mut_ptr(),
+            report.as_mut_ptr(),
+            &raw mut work.systems,
+        );
+        work.newton_iterations += report[0] as u64;
+        match i64::from(code) {
+            NO_CONVERGENCE => Err(Failure::NoConvergence {
+                iterations: report[1] as u32,
+                unknown: report[2] as usize,
+                change: report[3],
+            }),
+            SINGULAR => Err(Failure::Singular { row: report[1] as usize }),
+            NOT_FINITE => match work.check() {
+                Err(e) => Err(e),
+                Ok(()) => Ok(()),
+            },
+            _ => Ok(()),
+        }
+    }
+
+    fn workspace(&self) -> Workspace {
+        let mut work = Workspace::new(&self.program, &[], self.scratch);
+        work.systems.clone_from(&self.systems);
+        work
+    }
+}
+
+/// Solves a large system for compiled code: -1, or the row without a pivot.
+extern "C" fn solve(systems: *mut Vec<linear::System>, which: usize, matrix: *const f64, vector: *mut f64) -> f64 {
+    // SAFETY: compiled code hands on the pointer that `run` gave it, and numbers of systems of the routine it was made from.
+    let Some(system) = (unsafe { &mut *systems }).get_mut(which) else { return 0.0 };
+    let (entries, n) = (system.entries(), system.size());
+    // SAFETY: `lower` reserves so many numbers of the scratch at these places, apart from one another.
+    let (matrix, vector) =
+        unsafe { (std::slice::from_raw_parts(matrix, entries), std::slice::from_raw_parts_mut(vector, n)) };
+    match system.solve(matrix, vector) {
+        Ok(()) => -1.0,
+        Err(row) => row as f64,
+    }
+}

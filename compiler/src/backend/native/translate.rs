@@ -1,0 +1,385 @@
+//! From a routine to Cranelift's form, statement by statement.
+
+use super::functions;
+use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
+use bond_runtime::ir::{Binary, Unary};
+use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
+use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, types};
+use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext, Variable};
+use cranelift_module::{FuncId, Linkage, Module, ModuleError};
+use rustc_hash::FxHashMap;
+
+/// What a compiled function returns, besides 0 for a good end.
+pub(super) const NO_CONVERGENCE: i64 = 1;
+/// See [`NO_CONVERGENCE`].
+pub(super) const SINGULAR: i64 = 2;
+/// See [`NO_CONVERGENCE`].
+pub(super) const NOT_FINITE: i64 = 3;
+
+/// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report (iterations, then
+/// what a failure tells), and the context for [`functions::SOLVE`]; returns 0 or why it failed.
+pub(super) fn define<M: Module>(module: &mut M, name: &str, routine: &Routine) -> Result<FuncId, ModuleError> {
+    let pointer = module.target_config().pointer_type();
+    let mut signature = module.make_signature();
+    signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 2];
+    signature.returns = vec![AbiParam::new(types::I32)];
+    let id = module.declare_function(name, Linkage::Export, &signature)?;
+    let mut context = module.make_context();
+    context.func.signature = signature;
+    let mut frontend = FunctionBuilderContext::new();
+    let mut b = FunctionBuilder::new(&mut context.func, &mut frontend);
+    let entry = b.create_block();
+    b.append_block_params_for_function_params(entry);
+    b.switch_to_block(entry);
+    let params = b.block_params(entry).to_vec();
+    let mut t = Translate {
+        vars: (0..routine.vars).map(|_| b.declare_var(types::F64)).collect(),
+        indices: (0..routine.indices).map(|_| b.declare_var(types::I64)).collect(),
+        values: vec![None; routine.numbers.len()],
+        flags: FxHashMap::default(),
+        functions: FxHashMap::default(),
+        loops: Vec::new(),
+        routine,
+        params,
+        pointer,
+        module,
+        b,
+    };
+    let zero = t.b.ins().f64const(0.0);
+    for v in t.vars.clone() {
+        t.b.def_var(v, zero);
+    }
+    if !t.block(&routine.body) {
+        t.leave(0);
+    }
+    t.b.seal_all_blocks();
+    let config = t.module.target_config();
+    t.b.finalize(config);
+    module.define_function(id, &mut context)?;
+    Ok(id)
+}
+
+/// A routine on its way.
+struct Translate<'a, 'f, M> {
+    module: &'a mut M,
+    b: FunctionBuilder<'f>,
+    routine: &'a Routine,
+    params: Vec<ir::Value>,
+    pointer: ir::Type,
+    vars: Vec<Variable>,
+    indices: Vec<Variable>,
+    values: Vec<Option<ir::Value>>,
+    /// Comparisons as flags.
+    flags: FxHashMap<Value, ir::Value>,
+    functions: FxHashMap<&'static str, ir::FuncRef>,
+    /// Heads and ends of the loops around.
+    loops: Vec<(ir::Block, ir::Block)>,
+}
+
+impl<M: Module> Translate<'_, '_, M> {
+    /// Writes a block; true where its end is not reached.
+    fn block(&mut self, body: &[Stmt]) -> bool {
+        for s in body {
+            match s {
+                Stmt::Let(v, op) => {
+                    let x = self.op(*v, op);
+                    self.values[v.0 as usize] = Some(x);
+                }
+                Stmt::Set(v, x) => {
+                    let x = self.of(*x);
+                    self.b.def_var(self.vars[v.0 as usize], x);
+                }
+                Stmt::Store(place, x) => {
+                    let x = self.of(*x);
+                    let (address, offset) = self.address(place);
+                    self.b.ins().store(MemFlagsData::trusted(), x, address, offset);
+                }
+                Stmt::If(c, yes, no) => {
+                    if self.branch(c, yes, no) {
+                        return true;
+                    }
+                }
+                Stmt::Loop(body) => {
+                    let (head, end) = (self.b.create_block(), self.b.create_block());
+                    self.b.ins().jump(head, &[] as &[BlockArg]);
+                    self.b.switch_to_block(head);
+                    self.loops.push((head, end));
+                    if !self.block(body) {
+                        self.b.ins().jump(head, &[] as &[BlockArg]);
+                    }
+                    self.loops.pop();
+                    self.b.switch_to_block(end);
+                }
+                Stmt::Break | Stmt::Continue => {
+                    if let Some(&(head, end)) = self.loops.last() {
+                        let to = if *s == Stmt::Break { end } else { head };
+                        self.b.ins().jump(to, &[] as &[BlockArg]);
+                    }
+                    return true;
+                }
+                Stmt::For(index, from, to, body) => {
+                    let var = self.indices[index.0 as usize];
+                    let start = self.b.ins().iconst(types::I64, i64::from(*from));
+                    self.b.def_var(var, start);
+                    let (head, end) = (self.b.create_block(), self.b.create_block());
+                    self.b.ins().jump(head, &[] as &[BlockArg]);
+                    self.b.switch_to_block(head);
+                    self.block(body);
+                    let i = self.b.use_var(var);
+                    let i = self.b.ins().iadd_imm_u(i, 1);
+                    self.b.def_var(var, i);
+                    let more = self.b.ins().icmp_imm_u(IntCC::UnsignedLessThan, i, i64::from(*to));
+                    self.b.ins().brif(more, head, &[] as &[BlockArg], end, &[] as &[BlockArg]);
+                    self.b.switch_to_block(end);
+                }
+                Stmt::Solve { system, matrix, vector, row } => self.solve(*system, *matrix, *vector, row.0),
+                Stmt::Count(k) => {
+                    let k = self.of(*k);
+                    let report = self.params[Memory::ALL.len()];
+                    let before = self.b.ins().load(types::F64, MemFlagsData::trusted(), report, 0);
+                    let after = self.b.ins().fadd(before, k);
+                    self.b.ins().store(MemFlagsData::trusted(), after, report, 0);
+                }
+                Stmt::Fail(reason) => {
+                    self.fail(*reason);
+                    return true;
+                }
+            }
+        }
+        false
+    }
+
+    fn branch(&mut self, c: &Cond, yes: &[Stmt], no: &[Stmt]) -> bool {
+        let flag = self.cond(c);
+        let (then, other, after) = (self.b.create_block(), self.b.create_block(), self.b.create_block());
+        self.b.ins().brif(flag, then, &[] as &[BlockArg], other, &[] as &[BlockArg]);
+        let mut ends = 0;
+        for (block, body) in [(then, yes), (other, no)] {
+            self.b.switch_to_block(block);
+            if self.block(body) {
+                ends += 1;
+            } else {
+                self.b.ins().jump(after, &[] as &[BlockArg]);
+            }
+        }
+        self.b.switch_to_block(after);
+        if ends == 2 {
+            self.b.ins().trap(ir::TrapCode::unwrap_user(1)); // never reached
+        }
+        ends == 2
+    }
+
+    fn leave(&mut self, code: i64) {
+        let code = self.b.ins().iconst(types::I32, code);
+        self.b.ins().return_(&[code]);
+    }
+
+    fn fail(&mut self, reason: Reason) {
+        let (code, told) = match reason {
+            Reason::NoConvergence(limit, unknown, change) => {
+                let limit = self.b.ins().f64const(f64::from(limit));
+                (NO_CONVERGENCE, vec![limit, self.of(unknown), self.of(change)])
+            }
+            Reason::Singular(row) => (SINGULAR, vec![self.of(row)]),
+            Reason::NotFinite => (NOT_FINITE, Vec::new()),
+        };
+        let report = self.params[Memory::ALL.len()];
+        for (i, x) in told.into_iter().enumerate() {
+            self.b.ins().store(MemFlagsData::trusted(), x, report, 8 * (i as i32 + 1));
+        }
+        self.leave(code);
+    }
+
+    /// The value of a value.
+    fn of(&mut self, v: Value) -> ir::Value {
+        if let Some(x) = self.values[v.0 as usize] {
+            return x;
+        }
+        let x = self.routine.numbers[v.0 as usize].map_or(0.0, Number::value);
+        self.b.ins().f64const(x)
+    }
+
+    fn address(&mut self, place: &Place) -> (ir::Value, i32) {
+        let at = Memory::ALL.iter().position(|m| *m == place.memory).unwrap_or(0);
+        let mut address = self.params[at];
+        for (index, stride) in &place.along {
+            let i = self.b.use_var(self.indices[index.0 as usize]);
+            let i = self.b.ins().imul_imm_u(i, 8 * i64::from(*stride));
+            address = self.b.ins().iadd(address, i);
+        }
+        match i32::try_from(8 * i64::from(place.base)) {
+            Ok(offset) => (address, offset),
+            Err(_) => (self.b.ins().iadd_imm_u(address, 8 * i64::from(place.base)), 0),
+        }
+    }
+
+    fn op(&mut self, v: Value, op: &Op) -> ir::Value {
+        match op {
+            Op::Load(place) => {
+                let (address, offset) = self.address(place);
+                self.b.ins().load(types::F64, MemFlagsData::trusted(), address, offset)
+            }
+            Op::Get(var) => self.b.use_var(self.vars[var.0 as usize]),
+            Op::Unary(f, a) => self.unary(v, *f, *a),
+            Op::Binary(f, x, y) => self.binary(v, *f, *x, *y),
+            Op::Select(c, x, y) => {
+                let flag = self.cond(c);
+                let (x, y) = (self.of(*x), self.of(*y));
+                self.b.ins().select(flag, x, y)
+            }
+        }
+    }
+
+    fn unary(&mut self, v: Value, f: Unary, a: Value) -> ir::Value {
+        let x = self.of(a);
+        match f {
+            Unary::Neg => self.b.ins().fneg(x),
+            Unary::Abs => self.b.ins().fabs(x),
+            Unary::Sqrt => self.b.ins().sqrt(x),
+            Unary::Sign => {
+                let (zero, one) = (self.b.ins().f64const(0.0), self.b.ins().f64const(1.0));
+                let minus = self.b.ins().f64const(-1.0);
+                let (above, below) =
+                    (self.b.ins().fcmp(FloatCC::GreaterThan, x, zero), self.b.ins().fcmp(FloatCC::LessThan, x, zero));
+                let none = self.b.ins().fcmp(FloatCC::Equal, x, zero);
+                let rest = self.b.ins().select(none, zero, x);
+                let rest = self.b.ins().select(below, minus, rest);
+                self.b.ins().select(above, one, rest)
+            }
+            Unary::Not => {
+                let flag = self.truth(a);
+                let flag = self.negate(flag);
+                self.flag(v, flag)
+            }
+            Unary::Exp
+            | Unary::Log
+            | Unary::Sin
+            | Unary::Cos
+            | Unary::Tan
+            | Unary::Asin
+            | Unary::Acos
+            | Unary::Atan
+            | Unary::Sinh
+            | Unary::Cosh
+            | Unary::Tanh => self.call(functions::unary(f), &[x]),
+        }
+    }
+
+    fn binary(&mut self, v: Value, f: Binary, a: Value, b: Value) -> ir::Value {
+        let (x, y) = (self.of(a), self.of(b));
+        match f {
+            Binary::Add => self.b.ins().fadd(x, y),
+            Binary::Sub => self.b.ins().fsub(x, y),
+            Binary::Mul => self.b.ins().fmul(x, y),
+            Binary::Div => self.b.ins().fdiv(x, y),
+            Binary::Min => self.b.ins().fmin(x, y),
+            Binary::Max => self.b.ins().fmax(x, y),
+            Binary::Lt | Binary::Le | Binary::Eq => {
+                let how = match f {
+                    Binary::Lt => FloatCC::LessThan,
+                    Binary::Le => FloatCC::LessThanOrEqual,
+                    _ => FloatCC::Equal,
+                };
+                let flag = self.b.ins().fcmp(how, x, y);
+                self.flag(v, flag)
+            }
+            Binary::And | Binary::Or => {
+                let (p, q) = (self.truth(a), self.truth(b));
+                let flag = if f == Binary::And { self.b.ins().band(p, q) } else { self.b.ins().bor(p, q) };
+                self.flag(v, flag)
+            }
+            Binary::Pow | Binary::Atan2 => self.call(functions::binary(f), &[x, y]),
+        }
+    }
+
+    /// A flag as a number, and kept as a flag.
+    fn flag(&mut self, v: Value, flag: ir::Value) -> ir::Value {
+        self.flags.insert(v, flag);
+        let (one, zero) = (self.b.ins().f64const(1.0), self.b.ins().f64const(0.0));
+        self.b.ins().select(flag, one, zero)
+    }
+
+    fn negate(&mut self, flag: ir::Value) -> ir::Value {
+        self.b.ins().bxor_imm_u(flag, 1)
+    }
+
+    /// Whether a value is not 0.
+    fn truth(&mut self, v: Value) -> ir::Value {
+        if let Some(&flag) = self.flags.get(&v) {
+            return flag;
+        }
+        let (x, zero) = (self.of(v), self.b.ins().f64const(0.0));
+        self.b.ins().fcmp(FloatCC::NotEqual, x, zero)
+    }
+
+    fn cond(&mut self, c: &Cond) -> ir::Value {
+        match c {
+            Cond::Known(b) => self.b.ins().iconst(types::I8, i64::from(*b)),
+            Cond::True(v) => self.truth(*v),
+            Cond::Lt(a, b) => self.compare(FloatCC::LessThan, *a, *b),
+            Cond::Le(a, b) => self.compare(FloatCC::LessThanOrEqual, *a, *b),
+            Cond::Eq(a, b) => self.compare(FloatCC::Equal, *a, *b),
+            Cond::Finite(v) => {
+                let x = self.of(*v);
+                let (size, infinite) = (self.b.ins().fabs(x), self.b.ins().f64const(f64::INFINITY));
+                self.b.ins().fcmp(FloatCC::LessThan, size, infinite)
+            }
+            Cond::Not(c) => {
+                let flag = self.cond(c);
+                self.negate(flag)
+            }
+            Cond::All(list) | Cond::Any(list) => {
+                let flags: Vec<ir::Value> = list.iter().map(|c| self.cond(c)).collect();
+                let all = matches!(c, Cond::All(_));
+                let join = |t: &mut Self, a, b| if all { t.b.ins().band(a, b) } else { t.b.ins().bor(a, b) };
+                let mut flags = flags.into_iter();
+                let Some(first) = flags.next() else { return self.b.ins().iconst(types::I8, i64::from(all)) };
+                flags.fold(first, |a, b| join(self, a, b))
+            }
+        }
+    }
+
+    fn compare(&mut self, how: FloatCC, a: Value, b: Value) -> ir::Value {
+        let (x, y) = (self.of(a), self.of(b));
+        self.b.ins().fcmp(how, x, y)
+    }
+
+    /// The function of a name, with so many parameters of a type.
+    fn function(&mut self, name: &'static str, params: &[ir::Type]) -> Option<ir::FuncRef> {
+        if let Some(&f) = self.functions.get(name) {
+            return Some(f);
+        }
+        let mut signature = self.module.make_signature();
+        signature.params = params.iter().map(|t| AbiParam::new(*t)).collect();
+        signature.returns = vec![AbiParam::new(types::F64)];
+        let id = self.module.declare_function(name, Linkage::Import, &signature).ok()?;
+        let f = self.module.declare_func_in_func(id, self.b.func);
+        self.functions.insert(name, f);
+        Some(f)
+    }
+
+    fn call(&mut self, name: Option<&'static str>, args: &[ir::Value]) -> ir::Value {
+        let function = name.and_then(|name| self.function(name, &vec![types::F64; args.len()]));
+        match function {
+            Some(f) => {
+                let call = self.b.ins().call(f, args);
+                self.b.inst_results(call)[0]
+            }
+            None => args[0],
+        }
+    }
+
+    fn solve(&mut self, system: u32, matrix: u32, vector: u32, row: u32) {
+        let pointer = self.pointer;
+        let scratch = self.params[Memory::ALL.len() - 1];
+        let context = self.params[Memory::ALL.len() + 1];
+        let system = self.b.ins().iconst(pointer, i64::from(system));
+        let matrix = self.b.ins().iadd_imm_u(scratch, 8 * i64::from(matrix));
+        let vector = self.b.ins().iadd_imm_u(scratch, 8 * i64::from(vector));
+        if let Some(f) = self.function(functions::SOLVE, &[pointer; 4]) {
+            let call = self.b.ins().call(f, &[context, system, matrix, vector]);
+            let x = self.b.inst_results(call)[0];
+            self.b.def_var(self.vars[row as usize], x);
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! Where everything of a scene is in its block of numbers.
+
+use super::ledger;
+use bond_runtime::ir::Array;
+use bond_runtime::scene;
+use bond_runtime::simulate::StartCluster;
+
+/// A block in the making.
+#[derive(Default)]
+pub(super) struct Block {
+    /// What it holds at the start.
+    pub(super) image: Vec<f64>,
+    /// What is where, for people: name, place, size.
+    pub(super) names: Vec<(String, usize, usize)>,
+}
+
+impl Block {
+    /// Room for some numbers.
+    pub(super) fn take(&mut self, name: &str, n: usize) -> usize {
+        self.put(name, &vec![0.0; n])
+    }
+
+    /// Room for some numbers, with what they start as.
+    pub(super) fn put(&mut self, name: &str, numbers: &[f64]) -> usize {
+        let at = self.image.len();
+        self.image.extend_from_slice(numbers);
+        self.names.push((name.to_string(), at, numbers.len()));
+        at
+    }
+}
+
+/// Places of a cluster.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Cluster {
+    pub(super) state: usize,
+    pub(super) next: usize,
+    /// The inputs of its programs, directly followed by alpha and beta of a matched hold.
+    pub(super) input: usize,
+    pub(super) output: usize,
+    /// What its observation and its hold give.
+    pub(super) seen: usize,
+    pub(super) called: usize,
+    /// The largest value that each state had.
+    pub(super) largest: usize,
+    /// What each port gave out since it was collected.
+    pub(super) moved: usize,
+    /// Steps of its own grid; of a sampled one, its samples, and intervals left to the next.
+    pub(super) count: usize,
+    pub(super) left: usize,
+    pub(super) held: Vec<Held>,
+    /// One ledger for each of its regions.
+    pub(super) books: Vec<usize>,
+    /// Where its numbers are in the table.
+    pub(super) table: usize,
+}
+
+/// Places of a held port.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Held {
+    pub(super) v: usize,
+    pub(super) q: usize,
+    pub(super) w: usize,
+    pub(super) last_q: usize,
+    /// Two each.
+    pub(super) alpha: usize,
+    pub(super) before: usize,
+    pub(super) intervals: usize,
+}
+
+impl Cluster {
+    pub(super) fn new(block: &mut Block, c: &scene::Cluster, start: &StartCluster) -> Self {
+        let name = |what: &str| format!("{} of {}", what, c.name);
+        let n = start.held.len();
+        let state = block.put(&name("state"), &start.state);
+        let next = block.take(&name("next state"), start.state.len());
+        let input = block.put(&name("inputs"), &start.input);
+        block.take(&name("alpha"), n);
+        block.put(&name("beta"), &start.beta);
+        let output = block.take(&name("outputs"), c.step.program.size(Array::Output));
+        let seen = block.take(&name("observation"), c.instant.size(Array::Output));
+        let called = block.take(
+            &name("hold"),
+            c.respond.as_ref().map_or(0, |r| {
+                let (p, q) = super::programs(r);
+                p.size(Array::Output).max(q.map_or(0, |q| q.size(Array::Output)))
+            }),
+        );
+        let sizes: Vec<f64> = start.state[..c.states].iter().map(|x| x.abs()).collect();
+        let largest = block.put(&name("largest"), &sizes);
+        let moved = block.take(&name("moved"), c.ports.len());
+        let count = block.put(&name("steps"), &[if c.period.is_some() { 1.0 } else { 0.0 }]);
+        let left = block.take(&name("intervals to the next sample"), 1);
+        let held = start
+            .held
+            .iter()
+            .map(|h| Held {
+                v: block.put(&name("held"), &[h.value]),
+                q: block.take(&name("answer"), 1),
+                w: block.take(&name("crossed"), 1),
+                last_q: block.take(&name("last answer"), 1),
+                alpha: block.take(&name("free answers"), 2),
+                before: block.take(&name("held before"), 2),
+                intervals: block.take(&name("intervals"), 1),
+            })
+            .collect();
+        let books = start.energies.iter().map(|h| block.put(&name("ledger"), &ledger::start(*h))).collect();
+        Self { state, next, input, output, seen, called, largest, moved, count, left, held, books, table: 0 }
+    }
+}

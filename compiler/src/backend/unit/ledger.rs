@@ -1,0 +1,203 @@
+//! A region's ledger in the block, and what a step does to it: as `bond_runtime::simulate` keeps it, without single elements.
+
+use super::Writing;
+use crate::backend::code::{Cond, Reason, Stmt, Value};
+use crate::backend::lower::writer::Writer;
+
+/// What a ledger holds, in order; sums have two numbers each, of which the second is what rounding took from the first.
+pub const NAMES: [&str; 17] = [
+    "h",
+    "h_initial",
+    "h_max",
+    "supplied",
+    "supplied_rest",
+    "dissipated",
+    "dissipated_rest",
+    "leaked",
+    "leaked_rest",
+    "residual",
+    "residual_rest",
+    "worst",
+    "turnover_max",
+    "size_max",
+    "tank",
+    "debt_max",
+    "gained",
+];
+
+const H: usize = 0;
+const H_MAX: usize = 2;
+const SUPPLIED: usize = 3;
+const DISSIPATED: usize = 5;
+const LEAKED: usize = 7;
+const RESIDUAL: usize = 9;
+const WORST: usize = 11;
+const TURNOVER: usize = 12;
+const SIZE: usize = 13;
+const TANK: usize = 14;
+const DEBT: usize = 15;
+const GAINED: usize = 16;
+
+/// What a ledger starts as, with so much energy.
+pub(super) fn start(h: f64) -> Vec<f64> {
+    let mut list = vec![0.0; NAMES.len()];
+    (list[H], list[1], list[H_MAX]) = (h, h, h.abs());
+    list
+}
+
+impl Writer {
+    /// Adds to a compensated sum, as `bond_runtime::ledger::Sum`.
+    fn gather(&mut self, at: usize, x: Value) {
+        let (before, rest) = (self.kept(at), self.kept(at + 1));
+        let sum = self.add(before, x);
+        let (size, other) = (self.abs(sum), self.abs(x));
+        let (p, q) = (self.sub(before, sum), self.sub(x, sum));
+        let (p, q) = (self.add(p, x), self.add(q, before));
+        let larger = self.le(other, size);
+        let lost = self.select(larger, p, q);
+        let rest = self.add(rest, lost);
+        self.keep(at, sum);
+        self.keep(at + 1, rest);
+    }
+
+    /// Keeps the larger of a number of the block and another.
+    fn raise(&mut self, at: usize, x: Value) -> Value {
+        let before = self.kept(at);
+        let most = self.larger(before, x);
+        self.keep(at, most);
+        most
+    }
+}
+
+impl Writing<'_> {
+    /// Books the step whose outputs are in the block.
+    pub(super) fn book(&self, w: &mut Writer, i: usize) {
+        let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
+        for (e, &at) in c.entries.iter().zip(&place.books) {
+            let zero = w.number(0.0);
+            let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
+            let (mut supplied, mut dissipated, mut turnover, mut least) = (zero, zero, zero, zero);
+            for (k, (_, slot)) in e.supplied.iter().enumerate() {
+                let x = out(w, *slot);
+                supplied = if k == 0 { x } else { w.add(supplied, x) };
+                let size = w.abs(x);
+                turnover = w.add(turnover, size);
+                w.gather(at + SUPPLIED, x);
+            }
+            for (k, (_, slot)) in e.dissipated.iter().enumerate() {
+                let x = out(w, *slot);
+                dissipated = if k == 0 { x } else { w.add(dissipated, x) };
+                let size = w.abs(x);
+                turnover = w.add(turnover, size);
+                let below = w.lt(x, least);
+                least = w.select(below, x, least);
+                w.gather(at + DISSIPATED, x);
+            }
+            let leap = e.leap.map_or(zero, |(slot, _)| out(w, slot));
+            let h = out(w, e.energy);
+            let last = w.kept(at + H);
+            let before = e.before.map_or(last, |slot| out(w, slot));
+            let (rise, net) = (w.sub(h, before), w.sub(supplied, dissipated));
+            let net = w.add(net, leap);
+            let residual = w.sub(rise, net);
+            let size = out(w, e.size);
+            let size = w.abs(size);
+            let held = w.abs(last);
+            let scale = w.larger(size, held);
+            let scale = w.larger(scale, turnover);
+            w.keep(at + H, h);
+            let own = w.abs(h);
+            let (a, b, c) = (w.raise(at + H_MAX, own), w.raise(at + TURNOVER, turnover), w.raise(at + SIZE, size));
+            let largest = w.larger(a, b);
+            let largest = w.larger(largest, c);
+            let trace = w.number(1e-4);
+            let floor = w.mul(trace, largest);
+            let scale = w.larger(scale, floor);
+            let off = w.abs(residual);
+            let given = w.unary(bond_runtime::ir::Unary::Neg, least);
+            for (slot, error) in [(WORST, off), (GAINED, given)] {
+                let worst = w.kept(at + slot);
+                let allowed = w.mul(worst, scale);
+                let more = w.lt(allowed, error);
+                w.when(more, |w| {
+                    let ratio = w.div(error, scale);
+                    w.keep(at + slot, ratio);
+                });
+            }
+            w.gather(at + RESIDUAL, residual);
+            if e.leap.is_some() {
+                w.gather(at + LEAKED, leap);
+            }
+            let sum = w.add(turnover, own);
+            let sound = w.finite(sum);
+            w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
+        }
+    }
+
+    /// Books what crossed a held port in the place of what the step's own effort would have let in.
+    pub(super) fn settle(&self, w: &mut Writer, i: usize, crossed: Value) {
+        let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
+        let Some(&at) = place.books.first() else { return };
+        let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
+        let mut called = None;
+        for (h, held) in self.start.clusters[i].held.iter().zip(&place.held) {
+            let (q, mean) = (w.kept(held.q), out(w, c.ports[h.port].mean));
+            let x = w.mul(q, mean);
+            called = Some(called.map_or(x, |sum| w.add(sum, x)));
+        }
+        let zero = w.number(0.0);
+        let leak = w.sub(called.unwrap_or(zero), crossed);
+        let mut dissipated = None;
+        for (_, slot) in c.entries.iter().flat_map(|e| &e.dissipated) {
+            let x = out(w, *slot);
+            dissipated = Some(dissipated.map_or(x, |sum| w.add(sum, x)));
+        }
+        let mut leap = None;
+        for (slot, _) in c.entries.iter().filter_map(|e| e.leap) {
+            let x = out(w, slot);
+            leap = Some(leap.map_or(x, |sum| w.add(sum, x)));
+        }
+        let back = w.unary(bond_runtime::ir::Unary::Neg, leak);
+        w.gather(at + SUPPLIED, back);
+        w.gather(at + LEAKED, leak);
+        let tank = w.kept(at + TANK);
+        let tank = w.add(tank, dissipated.unwrap_or(zero));
+        let tank = w.sub(tank, leak);
+        let tank = w.sub(tank, leap.unwrap_or(zero));
+        let most = w.kept(at + H_MAX);
+        let over = w.lt(most, tank);
+        let tank = w.select(over, most, tank);
+        w.keep(at + TANK, tank);
+        let h = w.kept(at + H);
+        let stored = w.add(h, tank);
+        let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
+        w.raise(at + DEBT, debt);
+    }
+
+    /// What a cluster has to give: H and the tank; 0 where it has no ledger.
+    pub(super) fn stored(&self, w: &mut Writer, i: usize) -> Value {
+        match self.clusters[i].books.first() {
+            Some(&at) => {
+                let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
+                w.add(h, tank)
+            }
+            None => w.number(0.0),
+        }
+    }
+}
+
+/// Not below 0.
+pub(super) fn positive(w: &mut Writer, x: Value) -> Value {
+    let zero = w.number(0.0);
+    let above = w.lt(zero, x);
+    w.select(above, x, zero)
+}
+
+/// `a <= x <= b`, NaN becoming `a`.
+pub(super) fn clamped(w: &mut Writer, x: Value, a: f64, b: f64) -> Value {
+    let (low, high) = (w.number(a), w.number(b));
+    let above: Cond = w.lt(low, x);
+    let x = w.select(above, x, low);
+    let below = w.lt(x, high);
+    w.select(below, x, high)
+}

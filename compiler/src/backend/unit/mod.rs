@@ -1,0 +1,331 @@
+//! A whole scene as one block of numbers and three routines: begin an interval, end it, look. What runs without this program is
+//! made of it: C text and object files.
+//!
+//! It does what `bond_runtime::simulate` does at fixed steps, operation by operation, so that its numbers are the same. What it does
+//! not have: adaptive steps, steps that are halved where Newton's method fails (they end the run), tables of inputs, ledgers of
+//! single elements.
+
+mod block;
+mod ledger;
+mod sample;
+mod step;
+
+use super::code::{Memory, Place, Routine, Stmt, Value};
+use super::lower::write;
+use super::lower::writer::{At, Writer, scratch};
+use block::{Block, Cluster};
+use bond_runtime::exponential;
+use bond_runtime::interpreter::Interpret;
+use bond_runtime::ir::Program;
+use bond_runtime::scene::{Respond, Scene};
+use bond_runtime::simulate::{Options, Simulation, Start};
+
+/// A scene ready to be printed as a program of its own.
+#[derive(Clone, Debug)]
+pub struct Unit {
+    /// The model's name.
+    pub name: String,
+    /// Length of an interval, s: the shortest period, or the step where nothing is sampled.
+    pub interval: f64,
+    /// The block at the start.
+    pub image: Vec<f64>,
+    /// Numbers that never change.
+    pub table: Vec<f64>,
+    /// Ends the interval that runs, and begins the next one. [`Memory::State`] is the block; [`Memory::Input`] is, for each open
+    /// port, how far the outside moved, or for one of a continuous region, what it gives.
+    pub commit: Routine,
+    /// Looks: [`Memory::Output`] gets the probes.
+    pub observe: Routine,
+    /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds it.
+    pub open: Vec<Open>,
+    /// Signals given from outside: name, default, places in the block of their values.
+    pub inputs: Vec<Given>,
+    /// Names of the probes.
+    pub probes: Vec<String>,
+    /// Regions and where their ledgers are.
+    pub regions: Vec<Region>,
+    /// The place of the time, s.
+    pub time: usize,
+}
+
+/// An open port of a unit.
+#[derive(Clone, Debug)]
+pub struct Open {
+    /// Its name.
+    pub name: String,
+    /// Where what is held is, or, of a continuous region, the mean of what it gave out over the last interval.
+    pub at: usize,
+    /// Whether a sampled region holds it.
+    pub held: bool,
+}
+
+/// A signal given from outside.
+#[derive(Clone, Debug)]
+pub struct Given {
+    /// Its path.
+    pub name: String,
+    /// Places of its value.
+    pub at: Vec<usize>,
+}
+
+/// A region's ledger in the block: one number each.
+#[derive(Clone, Debug)]
+pub struct Region {
+    /// Its name.
+    pub name: String,
+    /// Where its ledger begins: in the order of [`ledger::NAMES`].
+    pub at: usize,
+}
+
+pub use ledger::NAMES;
+
+/// The unit of a scene, at fixed steps.
+///
+/// # Errors
+/// In words: what of the scene has no form as a unit, and what to do about it.
+pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
+    if options.tolerance.is_some() && scene.clusters.iter().any(|c| c.period.is_none() && c.step.linear.is_none()) {
+        return Err("a compiled scene takes fixed steps: give one with --step, or in the model's `simulate`".into());
+    }
+    let simulation = Simulation::on(&Interpret, scene, options, Vec::new()).map_err(|e| e.to_string())?;
+    let start = simulation.start();
+    let plan = Plan::new(scene, options, &start)?;
+    let mut block = Block::default();
+    let time = block.take("t, and intervals so far", 2);
+    let mut unit = Writing { scene, start: &start, plan: &plan, time, clusters: Vec::new(), block, table: Vec::new() };
+    unit.lay_out()?;
+    let commit = unit.commit()?;
+    let observe = unit.observe()?;
+    let open = scene.open.iter().map(|o| unit.open(o)).collect();
+    let inputs = (0..scene.inputs.len()).map(|i| unit.given(i)).collect();
+    let regions = unit.regions();
+    Ok(Unit {
+        name: scene.name.clone(),
+        interval: plan.interval,
+        image: unit.block.image,
+        table: unit.table,
+        commit,
+        observe,
+        open,
+        inputs,
+        probes: scene.probes.names.clone(),
+        regions,
+        time,
+    })
+}
+
+/// How a scene's clusters step, known before it runs.
+struct Plan {
+    interval: f64,
+    /// By cluster: of a sampled one, intervals a period.
+    ratio: Vec<u32>,
+    /// By cluster: length of a step; how many make an interval, or None where they are counted as the run goes.
+    steps: Vec<(f64, Option<u32>)>,
+}
+
+impl Plan {
+    fn new(scene: &Scene, options: &Options, start: &Start) -> Result<Self, String> {
+        let periods = scene.clusters.iter().filter_map(|c| c.period);
+        let wanted = options.step.unwrap_or(options.default_step);
+        let sampled = periods.clone().next().is_some();
+        let interval = periods.min_by(f64::total_cmp).unwrap_or(wanted);
+        let (mut ratio, mut steps) = (Vec::new(), Vec::new());
+        for (c, s) in scene.clusters.iter().zip(&start.clusters) {
+            let period = c.period.unwrap_or(interval);
+            let times = (period / interval).round();
+            if (period - times * interval).abs() > 1e-9 * period {
+                return Err(format!(
+                    "the period {period} s of `{}` is no multiple of the shortest one, {interval} s: such scenes have no compiled form",
+                    c.name
+                ));
+            }
+            ratio.push(times as u32);
+            if c.period.is_none() && c.step.linear.is_some() && c.guards.is_some() {
+                return Err(format!(
+                    "`{}` has a source that switches inside exact steps: such scenes have no compiled form; take --method gonzalez",
+                    c.name
+                ));
+            }
+            steps.push(match c.period {
+                Some(own) => (own, Some(1)),
+                None if !sampled => (wanted, Some(1)),
+                None if !s.connected => (wanted, None),
+                None => {
+                    let whole = c.step.linear.is_some() && c.step.order == 0;
+                    let h = options.step.unwrap_or(if whole { interval } else { options.default_step });
+                    let n = (interval / h - 1e-9).ceil().max(1.0);
+                    if n > 1e6 {
+                        return Err(format!("steps of {h} s make {n:e} in an interval of {interval} s"));
+                    }
+                    (interval / n, Some(n as u32))
+                }
+            });
+        }
+        Ok(Self { interval, ratio, steps })
+    }
+}
+
+/// A unit on its way.
+struct Writing<'a> {
+    scene: &'a Scene,
+    start: &'a Start,
+    plan: &'a Plan,
+    time: usize,
+    clusters: Vec<Cluster>,
+    block: Block,
+    table: Vec<f64>,
+}
+
+impl Writing<'_> {
+    /// Gives everything its place.
+    fn lay_out(&mut self) -> Result<(), String> {
+        for (i, (c, s)) in self.scene.clusters.iter().zip(&self.start.clusters).enumerate() {
+            let mut place = Cluster::new(&mut self.block, c, s);
+            if let Some(linear) = &c.step.linear {
+                place.table = self.table.len();
+                let table = exponential::table(linear, self.plan.steps[i].0).map_err(|e| e.to_string())?;
+                self.table.extend(table);
+            }
+            self.block.image[place.left] = f64::from(self.plan.ratio[i] - 1);
+            self.clusters.push(place);
+        }
+        Ok(())
+    }
+
+    /// The routine of an interval's end and the next one's begin.
+    fn commit(&mut self) -> Result<Routine, String> {
+        let mut w = Writer::new();
+        for (o, open) in self.scene.open.iter().enumerate() {
+            let (cluster, port) = open.port;
+            let c = &self.scene.clusters[cluster];
+            if c.period.is_none() {
+                // What the outside gives, as the region counts it.
+                let x = w.load(Place { memory: Memory::Input, base: o as u32, along: Vec::new() });
+                let along = w.number(open.along);
+                let x = w.mul(along, x);
+                w.keep(self.clusters[cluster].input + c.ports[port].input, x);
+            }
+        }
+        let w = self.steps(w)?;
+        let w = self.samples(w)?;
+        Ok(w.routine(format!("interval of {}", self.scene.name)))
+    }
+
+    /// The routine that looks.
+    fn observe(&mut self) -> Result<Routine, String> {
+        let mut w = Writer::new();
+        for &i in &self.start.probed {
+            w = self.look(w, i)?;
+        }
+        let Some(program) = &self.scene.probes.program else { return Ok(w.routine("probes".into())) };
+        let inputs = self.block.take("probe", program.size(bond_runtime::ir::Array::Input));
+        let t = w.kept(self.time);
+        w.keep(inputs, t);
+        for (k, (cluster, output)) in self.scene.probes.gather.iter().enumerate() {
+            let x = w.kept(self.clusters[*cluster].seen + output);
+            w.keep(inputs + 1 + k, x);
+        }
+        let at = inputs + 1 + self.scene.probes.gather.len();
+        for (k, i) in self.scene.probes.inputs.iter().enumerate() {
+            // Where no cluster reads a signal, it has a place here.
+            match self.given(*i).at.first() {
+                Some(place) => {
+                    let x = w.kept(*place);
+                    w.keep(at + k, x);
+                }
+                None => self.block.image[at + k] = self.scene.inputs[*i].value,
+            }
+        }
+        let w = self.program(w, program, 0, 0, inputs, None, "the probes")?;
+        Ok(w.routine("probes".into()))
+    }
+
+    /// Writes an observation of a cluster at the time that is now.
+    fn look(&mut self, mut w: Writer, i: usize) -> Result<Writer, String> {
+        let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
+        let t = w.kept(self.time);
+        w.keep(place.input, t);
+        self.program(w, &c.instant, place.state, 0, place.input, Some(place.seen), &c.name)
+    }
+
+    /// Writes a program: places of state, next state and inputs; without a place, outputs are the routine's.
+    #[expect(clippy::too_many_arguments, reason = "a program has as many arrays")]
+    fn program(
+        &self,
+        w: Writer,
+        program: &Program,
+        state: usize,
+        next: usize,
+        input: usize,
+        output: Option<usize>,
+        of: &str,
+    ) -> Result<Writer, String> {
+        let s = |at: usize| (Memory::State, at as u32);
+        let output = output.map_or((Memory::Output, 0), s);
+        let table = self.clusters.iter().find(|c| c.state == state && c.next == next).map_or(0, |c| c.table);
+        let places = [s(state), s(next), s(input), (Memory::Table, table as u32), (Memory::Scratch, 0), output];
+        write(w, program, places)
+            .ok_or_else(|| format!("`{of}` has iterations inside iterations, which have no compiled form"))
+    }
+
+    fn open(&self, o: &bond_runtime::scene::Open) -> Open {
+        let (cluster, port) = o.port;
+        let place = &self.clusters[cluster];
+        let held = self.start.clusters[cluster].held.iter().position(|h| h.port == port);
+        let at = held.map_or(place.output + self.scene.clusters[cluster].ports[port].mean, |k| place.held[k].v);
+        Open { name: o.name.clone(), at, held: held.is_some() }
+    }
+
+    fn given(&self, i: usize) -> Given {
+        let mut at = Vec::new();
+        for (c, place) in self.scene.clusters.iter().zip(&self.clusters) {
+            for k in (0..c.inputs.len()).filter(|k| c.inputs[*k] == i) {
+                at.push(place.input + c.given_at() + bond_runtime::scene::GIVEN * k);
+            }
+        }
+        Given { name: self.scene.inputs[i].name.clone(), at }
+    }
+
+    fn regions(&self) -> Vec<Region> {
+        let books = self.scene.clusters.iter().zip(&self.clusters).flat_map(|(c, p)| c.entries.iter().zip(&p.books));
+        let mut list: Vec<(usize, usize)> = books.map(|(e, at)| (e.region, *at)).collect();
+        list.sort_unstable();
+        list.into_iter().map(|(r, at)| Region { name: self.scene.regions[r].name.clone(), at }).collect()
+    }
+}
+
+impl Writer {
+    /// A number of the block.
+    fn kept(&mut self, at: usize) -> Value {
+        self.load(Place { memory: Memory::State, base: at as u32, along: Vec::new() })
+    }
+
+    /// Keeps a number in the block.
+    fn keep(&mut self, at: usize, x: Value) {
+        self.push(Stmt::Store(Place { memory: Memory::State, base: at as u32, along: Vec::new() }, x));
+    }
+
+    /// One of some numbers of the block.
+    fn read(&mut self, base: usize, at: At) -> Value {
+        self.load(Place { memory: Memory::State, ..scratch(base as u32, at) })
+    }
+
+    /// Keeps one of some numbers of the block.
+    fn put_at(&mut self, base: usize, at: At, x: Value) {
+        self.push(Stmt::Store(Place { memory: Memory::State, ..scratch(base as u32, at) }, x));
+    }
+
+    /// The larger.
+    fn larger(&mut self, a: Value, b: Value) -> Value {
+        let more = self.lt(a, b);
+        self.select(more, b, a)
+    }
+}
+
+/// Whether a hold is matched, and its programs.
+fn programs(respond: &Respond) -> (&Program, Option<&Program>) {
+    match respond {
+        Respond::Last(p) => (p, None),
+        Respond::Matched(p, q) => (p, Some(q)),
+    }
+}

@@ -1,0 +1,473 @@
+//! Samples of a scene: what crossed is booked, what is held next is found.
+
+use super::ledger::{clamped, positive};
+use super::{Writing, programs};
+use crate::backend::code::{Cond, Memory, Place, Reason, Stmt, Value};
+use crate::backend::lower::writer::Writer;
+use bond_runtime::ir::Unary;
+
+impl Writing<'_> {
+    /// Takes the samples at the end of the interval.
+    pub(super) fn samples(&mut self, mut w: Writer) -> Result<Writer, String> {
+        let k = w.kept(self.time + 1);
+        let (one, length) = (w.number(1.0), w.number(self.plan.interval));
+        let k = w.add(k, one);
+        let end = w.mul(k, length);
+        let at = w.var();
+        w.set(at, end);
+        w.keep(self.time + 1, k);
+        let order = self.start.order.clone();
+        for &i in &order {
+            if self.plan.ratio[i] > 1 {
+                // Of instants that are one, the earliest counts.
+                let due = self.due(&mut w, i);
+                let (count, period) = (w.kept(self.clusters[i].count), w.number(self.plan.steps[i].0));
+                let own = w.mul(count, period);
+                let now = w.get(at);
+                let earlier = w.lt(own, now);
+                w.when(Cond::all([due, earlier]), |w| w.set(at, own));
+            }
+        }
+        let now = w.get(at);
+        w.keep(self.time, now);
+        self.collect(&mut w, |c| self.scene.clusters[c].period.is_none());
+        for &i in &order {
+            w = self.when_due(w, i, |this, w| {
+                let mut w = this.settle_interval(w, i)?;
+                this.collect(&mut w, |c| c == i);
+                Ok(w)
+            })?;
+        }
+        w = self.foreign(w)?;
+        for &i in order.iter().rev() {
+            w = self.when_due(w, i, |this, w| this.respond(w, i))?;
+        }
+        w = self.foreign(w)?;
+        for &i in &order {
+            let ratio = self.plan.ratio[i];
+            let (count, left) = (self.clusters[i].count, self.clusters[i].left);
+            let due = self.due(&mut w, i);
+            let n = w.kept(count);
+            let next = w.add(n, one);
+            let next = w.select(due.clone(), next, n);
+            w.keep(count, next);
+            if ratio > 1 {
+                let (rest, full) = (w.kept(left), w.number(f64::from(ratio - 1)));
+                let less = w.sub(rest, one);
+                let rest = w.select(due, full, less);
+                w.keep(left, rest);
+            }
+        }
+        Ok(w)
+    }
+
+    /// Whether a sampled cluster takes a sample now.
+    fn due(&self, w: &mut Writer, i: usize) -> Cond {
+        if self.plan.ratio[i] == 1 {
+            return Cond::Known(true);
+        }
+        let (left, zero) = (w.kept(self.clusters[i].left), w.number(0.0));
+        w.eq(left, zero)
+    }
+
+    fn when_due(
+        &mut self,
+        mut w: Writer,
+        i: usize,
+        f: impl FnOnce(&mut Self, Writer) -> Result<Writer, String>,
+    ) -> Result<Writer, String> {
+        match self.due(&mut w, i) {
+            Cond::Known(_) => f(self, w),
+            due @ (Cond::True(_)
+            | Cond::Lt(..)
+            | Cond::Le(..)
+            | Cond::Eq(..)
+            | Cond::Finite(_)
+            | Cond::Not(_)
+            | Cond::All(_)
+            | Cond::Any(_)) => {
+                w.open();
+                let mut w = f(self, w)?;
+                let body = w.close();
+                w.push(Stmt::If(due, body, Vec::new()));
+                Ok(w)
+            }
+        }
+    }
+
+    /// Hands what some clusters gave out at their ports to those who hold them.
+    fn collect(&self, w: &mut Writer, of: impl Fn(usize) -> bool) {
+        for (k, bar) in self.scene.bars.iter().enumerate().filter(|(_, b)| of(b.other.0)) {
+            let (cluster, port) = bar.other;
+            let other = &self.clusters[cluster];
+            let m = w.kept(other.moved + port);
+            let zero = w.number(0.0);
+            w.keep(other.moved + port, zero);
+            let sign = w.number(bar.sign);
+            let q = w.mul(sign, m);
+            let input = w.kept(other.input + self.scene.clusters[cluster].ports[port].input);
+            let holder = bar.holder.0;
+            let Some(j) = self.start.clusters[holder].held.iter().position(|h| h.bar == Some(k)) else { continue };
+            let held = &self.clusters[holder].held[j];
+            let before = w.kept(held.q);
+            let sum = w.add(before, q);
+            w.keep(held.q, sum);
+            if self.latches(holder, j) {
+                let told = w.mul(sign, input);
+                let energy = w.mul(told, q);
+                let before = w.kept(held.w);
+                let sum = w.add(before, energy);
+                w.keep(held.w, sum);
+            }
+        }
+    }
+
+    /// Whether what a held port answers to is itself sampled.
+    fn latches(&self, i: usize, k: usize) -> bool {
+        let bar = self.start.clusters[i].held[k].bar;
+        bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some())
+    }
+
+    /// Ends the interval of a sampled cluster.
+    fn settle_interval(&mut self, mut w: Writer, i: usize) -> Result<Writer, String> {
+        let c = &self.scene.clusters[i];
+        let place = self.clusters[i].clone();
+        let start = &self.start.clusters[i];
+        let period = self.plan.steps[i].0;
+        let length = w.number(period);
+        let mut crossed = w.number(0.0);
+        for (k, (h, held)) in start.held.iter().zip(&place.held).enumerate() {
+            if let Some(o) = h.open {
+                let q = w.load(Place { memory: Memory::Input, base: o as u32, along: Vec::new() });
+                w.keep(held.q, q);
+            }
+            let (v, q) = (w.kept(held.v), w.kept(held.q));
+            let here = if self.latches(i, k) { w.kept(held.w) } else { w.mul(v, q) };
+            crossed = w.add(crossed, here);
+            let back = w.unary(Unary::Neg, q);
+            let flow = w.div(back, length);
+            w.keep(place.input + c.ports[h.port].input, flow);
+        }
+        let (count, one) = (w.kept(place.count), w.number(1.0));
+        let last = w.sub(count, one);
+        let t = w.mul(last, length);
+        let mut w = self.one(w, i, t, period)?;
+        self.settle(&mut w, i, crossed);
+        let n = start.held.len();
+        for (k, held) in place.held.iter().enumerate() {
+            let mut response = None;
+            for (j, other) in place.held.iter().enumerate() {
+                let (b, v) = (w.number(start.beta[k * n + j]), w.kept(other.v));
+                let x = w.mul(b, v);
+                response = Some(response.map_or(x, |sum| w.add(sum, x)));
+            }
+            let (q, last) = (w.kept(held.q), w.kept(held.alpha));
+            let zero = w.number(0.0);
+            let alpha = w.add(q, response.unwrap_or(zero));
+            w.keep(held.alpha, alpha);
+            w.keep(held.alpha + 1, last);
+        }
+        let zero = w.number(0.0);
+        for held in &place.held {
+            let (v, before, q, k) = (w.kept(held.v), w.kept(held.before), w.kept(held.q), w.kept(held.intervals));
+            w.keep(held.before, v);
+            w.keep(held.before + 1, before);
+            w.keep(held.last_q, q);
+            w.keep(held.q, zero);
+            w.keep(held.w, zero);
+            // Only whether there were none, one or more counts.
+            let two = w.number(2.0);
+            let more = w.add(k, one);
+            let few = w.lt(k, two);
+            let k = w.select(few, more, k);
+            w.keep(held.intervals, k);
+        }
+        Ok(w)
+    }
+
+    /// Begins an interval of a sampled cluster: finds what to hold, and latches what others hold.
+    fn respond(&mut self, mut w: Writer, i: usize) -> Result<Writer, String> {
+        let c = &self.scene.clusters[i];
+        let place = self.clusters[i].clone();
+        let start = &self.start.clusters[i];
+        for bar in self.scene.bars.iter().filter(|b| b.other.0 == i) {
+            let holder = &self.start.clusters[bar.holder.0].held;
+            let held = holder.iter().position(|h| h.port == bar.holder.1).map(|k| &self.clusters[bar.holder.0].held[k]);
+            let zero = w.number(0.0);
+            let v = held.map_or(zero, |h| w.kept(h.v));
+            let sign = w.number(bar.sign);
+            let v = w.mul(sign, v);
+            w.keep(place.input + c.ports[bar.other.1].input, v);
+        }
+        let Some(respond) = &c.respond else { return Ok(w) };
+        let n = start.held.len();
+        let period = self.plan.steps[i].0;
+        let (length, now) = (w.number(period), w.kept(self.time));
+        let changes: Vec<Value> = place
+            .held
+            .iter()
+            .map(|h| {
+                let (a, b) = (w.kept(h.before), w.kept(h.before + 1));
+                w.sub(a, b)
+            })
+            .collect();
+        let alpha: Vec<Value> = (0..n).map(|k| self.foretold(&mut w, i, k, &changes)).collect();
+        w.keep(place.input, now);
+        w.keep(place.input + 1, length);
+        for (h, held) in start.held.iter().zip(&place.held) {
+            let q = w.kept(held.last_q);
+            let back = w.unary(Unary::Neg, q);
+            let flow = w.div(back, length);
+            w.keep(place.input + c.ports[h.port].input, flow);
+        }
+        let (program, fallback) = programs(respond);
+        let extra = place.input + start.input.len();
+        if fallback.is_some() {
+            for (k, a) in alpha.iter().enumerate() {
+                w.keep(extra + k, *a);
+            }
+        }
+        let mut w = self.program(w, program, place.state, 0, place.input, Some(place.called), &c.name)?;
+        let values: Vec<_> = (0..n)
+            .map(|k| {
+                let (var, x) = (w.var(), w.kept(place.called + k));
+                w.set(var, x);
+                var
+            })
+            .collect();
+        let foreseen = w.kept(place.called + n + usize::from(fallback.is_some()));
+        if let Some(fallback) = fallback {
+            let (found, zero) = (w.kept(place.called + n), w.number(0.0));
+            let none = w.eq(found, zero);
+            w.open();
+            w = self.search(w, i, fallback, &alpha, &values)?;
+            let body = w.close();
+            w.push(Stmt::If(none, body, Vec::new()));
+        }
+        let mut found: Vec<Value> = values.iter().map(|v| w.get(*v)).collect();
+        let sound = Cond::all(found.iter().map(|v| w.finite(*v)).collect::<Vec<_>>());
+        w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
+        if c.budget {
+            let stored = self.stored(&mut w, i);
+            let foreseen = positive(&mut w, foreseen);
+            let room = w.add(stored, foreseen);
+            let room = positive(&mut w, room);
+            found = within_budget(&mut w, &found, &alpha, &start.beta, room);
+        }
+        for ((h, held), v) in start.held.iter().zip(&place.held).zip(found) {
+            w.keep(held.v, v);
+            if let Some(b) = h.bar {
+                let bar = &self.scene.bars[b];
+                let (cluster, port) = bar.other;
+                let other = &self.scene.clusters[cluster];
+                if other.period.is_none() {
+                    let sign = w.number(bar.sign);
+                    let v = w.mul(sign, v);
+                    w.keep(self.clusters[cluster].input + other.ports[port].input, v);
+                }
+            }
+        }
+        Ok(w)
+    }
+
+    /// What the next interval's alpha is foretold to be.
+    fn foretold(&self, w: &mut Writer, i: usize, k: usize, changes: &[Value]) -> Value {
+        let (start, held) = (&self.start.clusters[i], &self.clusters[i].held[k]);
+        let n = changes.len();
+        let mut effect = None;
+        for (j, c) in changes.iter().enumerate() {
+            let g = w.number(start.gamma[k * n + j]);
+            let x = w.mul(g, *c);
+            effect = Some(effect.map_or(x, |sum| w.add(sum, x)));
+        }
+        let (zero, one) = (w.number(0.0), w.number(1.0));
+        let effect = effect.unwrap_or(zero);
+        let (decay, a, b) = (w.number(start.decay[k]), w.kept(held.alpha), w.kept(held.alpha + 1));
+        let intervals = w.kept(held.intervals);
+        let first = w.mul(decay, a);
+        let first = w.sub(first, effect);
+        let change = w.sub(a, b);
+        let change = w.mul(decay, change);
+        let later = w.add(a, change);
+        let later = w.sub(later, effect);
+        let is_first = w.eq(intervals, one);
+        let some = w.select(is_first, first, later);
+        let none = w.eq(intervals, zero);
+        w.select(none, zero, some)
+    }
+
+    /// What to hold where a switched law leaves no solution: by bisection on the jump, one port after the other.
+    fn search(
+        &mut self,
+        mut w: Writer,
+        i: usize,
+        fallback: &bond_runtime::ir::Program,
+        alpha: &[Value],
+        values: &[crate::backend::code::Var],
+    ) -> Result<Writer, String> {
+        let c = &self.scene.clusters[i];
+        let place = self.clusters[i].clone();
+        let start = self.start.clusters[i].clone();
+        let n = values.len();
+        let (zero, half, one) = (w.number(0.0), w.number(0.5), w.number(1.0));
+        let length = w.number(self.plan.steps[i].0);
+        let q: Vec<_> = alpha
+            .iter()
+            .map(|a| {
+                let var = w.var();
+                w.set(var, *a);
+                var
+            })
+            .collect();
+        let rounds = if n == 1 { 1.0 } else { 20.0 };
+        let round = w.starting(0.0);
+        w.open();
+        let (k, most) = (w.get(round), w.number(rounds));
+        let more = w.lt(k, most);
+        w.when(more.not(), |w| w.push(Stmt::Break));
+        let next = w.add(k, one);
+        w.set(round, next);
+        for k in 0..n {
+            let own = w.number(start.beta[k * n + k]);
+            let mut pull = None;
+            for j in (0..n).filter(|j| *j != k) {
+                let (b, v) = (w.number(start.beta[k * n + j]), w.get(values[j]));
+                let x = w.mul(b, v);
+                pull = Some(pull.map_or(x, |sum| w.add(sum, x)));
+            }
+            let free = pull.map_or(alpha[k], |p| w.sub(alpha[k], p));
+            w.set(q[k], free);
+            // Stage 0 asks at the free answer, the others halve.
+            let (stage, low, high) = (w.starting(0.0), w.var(), w.var());
+            w.open();
+            for (h, q) in start.held.iter().zip(&q) {
+                let x = w.get(*q);
+                let back = w.unary(Unary::Neg, x);
+                let flow = w.div(back, length);
+                w.keep(place.input + c.ports[h.port].input, flow);
+            }
+            w = self.program(w, fallback, place.state, 0, place.input, Some(place.called), &c.name)?;
+            let v = w.kept(place.called + k);
+            let s = w.get(stage);
+            let asked = w.eq(s, zero);
+            let plain = Cond::any([w.eq(own, zero), w.eq(v, zero)]);
+            w.branch(
+                asked,
+                |w| {
+                    w.when(plain, |w| {
+                        w.set(values[k], v);
+                        w.push(Stmt::Break);
+                    });
+                    let far = w.mul(own, v);
+                    let far = w.sub(free, far);
+                    let first = w.lt(far, free);
+                    let (a, b) = (w.select(first.clone(), far, free), w.select(first, free, far));
+                    w.set(low, a);
+                    w.set(high, b);
+                },
+                |w| {
+                    let x = w.get(q[k]);
+                    let rest = w.sub(x, free);
+                    let called = w.mul(own, v);
+                    let sum = w.add(rest, called);
+                    let above = w.lt(zero, sum);
+                    w.branch(above, |w| w.set(high, x), |w| w.set(low, x));
+                },
+            );
+            let s = w.add(s, one);
+            w.set(stage, s);
+            let limit = w.number(100.0);
+            let (a, b) = (w.get(low), w.get(high));
+            let sum = w.add(a, b);
+            let middle = w.mul(half, sum);
+            let over = w.lt(limit, s);
+            let stop = Cond::any([over.clone(), w.le(middle, a), w.le(b, middle)]);
+            w.when(over.not(), |w| w.set(q[k], middle));
+            w.when(stop, |w| {
+                let x = w.get(q[k]);
+                let rest = w.sub(free, x);
+                let v = w.div(rest, own);
+                w.set(values[k], v);
+                w.push(Stmt::Break);
+            });
+            let body = w.close();
+            w.push(Stmt::Loop(body));
+        }
+        let body = w.close();
+        w.push(Stmt::Loop(body));
+        Ok(w)
+    }
+
+    /// Samples the signals that clusters read of each other.
+    fn foreign(&mut self, mut w: Writer) -> Result<Writer, String> {
+        for i in self.start.read.clone() {
+            w = self.look(w, i)?;
+        }
+        for i in 0..self.clusters.len() {
+            let c = &self.scene.clusters[i];
+            if c.foreign.is_empty() {
+                continue;
+            }
+            let due = if c.period.is_some() { self.due(&mut w, i) } else { Cond::Known(true) };
+            w.open();
+            for (k, (cluster, output)) in c.foreign.iter().enumerate() {
+                let x = w.kept(self.clusters[*cluster].seen + output);
+                w.keep(self.clusters[i].input + c.foreign_at + k, x);
+            }
+            let body = w.close();
+            if due == Cond::Known(true) {
+                body.into_iter().for_each(|s| w.push(s));
+            } else {
+                w.push(Stmt::If(due, body, Vec::new()));
+            }
+        }
+        Ok(w)
+    }
+}
+
+/// Scales held variables down until the energy that the interval is foretold to give back is at most `room`; see
+/// `bond_runtime::simulate`.
+fn within_budget(w: &mut Writer, v: &[Value], alpha: &[Value], beta: &[f64], room: Value) -> Vec<Value> {
+    let n = v.len();
+    let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
+    let mut a = None;
+    for (v, alpha) in v.iter().zip(alpha) {
+        let x = w.mul(*v, *alpha);
+        a = Some(a.map_or(x, |sum| w.add(sum, x)));
+    }
+    let a = a.unwrap_or(zero);
+    let mut b = zero;
+    for i in 0..n {
+        for j in 0..n {
+            let k = w.number(beta[i * n + j]);
+            let x = w.mul(v[i], k);
+            let x = w.mul(x, v[j]);
+            b = w.add(b, x);
+        }
+    }
+    let given = w.sub(a, b);
+    let least = w.unary(Unary::Neg, room);
+    let within = w.le(least, given);
+    let part = w.var();
+    w.set(part, one);
+    w.when(within.not(), |w| {
+        let aa = w.mul(a, a);
+        let four_b = w.mul(four, b);
+        let more = w.mul(four_b, room);
+        let sum = w.add(aa, more);
+        let root = w.unary(Unary::Sqrt, sum);
+        let up = w.add(a, root);
+        let down = w.mul(two, b);
+        let s = w.div(up, down);
+        let back = w.unary(Unary::Neg, a);
+        let t = w.div(room, back);
+        let curved = w.lt(zero, b);
+        let s = w.select(curved, s, t);
+        let finite = w.finite(s);
+        let s = w.select(finite, s, zero);
+        let s = clamped(w, s, 0.0, 1.0);
+        w.set(part, s);
+    });
+    let s = w.get(part);
+    v.iter().map(|x| w.mul(*x, s)).collect()
+}

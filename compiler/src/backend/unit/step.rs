@@ -1,0 +1,94 @@
+//! Steps of a scene's clusters.
+
+use super::Writing;
+use crate::backend::code::{Stmt, Value};
+use crate::backend::lower::writer::Writer;
+
+impl Writing<'_> {
+    /// Brings continuous clusters to the end of the interval.
+    pub(super) fn steps(&mut self, mut w: Writer) -> Result<Writer, String> {
+        for i in 0..self.clusters.len() {
+            let c = &self.scene.clusters[i];
+            if c.period.is_some() {
+                continue;
+            }
+            let (h, n) = self.plan.steps[i];
+            let (now, length) = (w.kept(self.time), w.number(h));
+            match n {
+                Some(1) => w = self.one(w, i, now, h)?,
+                Some(n) => {
+                    // Steps are counted by a number: the time of each is made of it.
+                    let count = w.starting(0.0);
+                    w.open();
+                    let (k, one, most) = (w.get(count), w.number(1.0), w.number(f64::from(n)));
+                    let more = w.lt(k, most);
+                    w.when(more.not(), |w| w.push(Stmt::Break));
+                    let gone = w.mul(k, length);
+                    let t = w.add(now, gone);
+                    w = self.one(w, i, t, h)?;
+                    let k = w.add(k, one);
+                    w.set(count, k);
+                    let body = w.close();
+                    w.push(Stmt::Loop(body));
+                }
+                None => {
+                    let place = self.clusters[i].count;
+                    let end = self.end(&mut w);
+                    let slack = w.number(1.0 + 1e-12);
+                    let end = w.mul(end, slack);
+                    w.open();
+                    let (k, one) = (w.kept(place), w.number(1.0));
+                    let after = w.add(k, one);
+                    let later = w.mul(after, length);
+                    let more = w.le(later, end);
+                    w.when(more.not(), |w| w.push(Stmt::Break));
+                    let t = w.mul(k, length);
+                    w = self.one(w, i, t, h)?;
+                    w.keep(place, after);
+                    let body = w.close();
+                    w.push(Stmt::Loop(body));
+                }
+            }
+        }
+        Ok(w)
+    }
+
+    /// The end of the interval that runs.
+    fn end(&self, w: &mut Writer) -> Value {
+        let (k, one, length) = (w.kept(self.time + 1), w.number(1.0), w.number(self.plan.interval));
+        let k = w.add(k, one);
+        w.mul(k, length)
+    }
+
+    /// One step of a cluster from `t` on, kept and booked.
+    pub(super) fn one(&mut self, mut w: Writer, i: usize, t: Value, h: f64) -> Result<Writer, String> {
+        let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
+        let length = w.number(h);
+        w.keep(place.input, t);
+        w.keep(place.input + 1, length);
+        let output = Some(place.output);
+        let mut w = self.program(w, &c.step.program, place.state, place.next, place.input, output, &c.name)?;
+        let n = self.start.clusters[i].state.len();
+        w.each(n, |w, at| {
+            let x = w.read(place.next, at);
+            w.put_at(place.state, at, x);
+        });
+        self.book(&mut w, i);
+        for (k, p) in c.ports.iter().enumerate() {
+            let (mean, before) = (w.kept(place.output + p.mean), w.kept(place.moved + k));
+            let more = w.mul(length, mean);
+            let sum = w.add(before, more);
+            w.keep(place.moved + k, sum);
+        }
+        w.each(c.states, |w, at| {
+            let (x, most) = (w.read(place.state, at), w.read(place.largest, at));
+            let size = w.abs(x);
+            let most = w.larger(most, size);
+            w.put_at(place.largest, at, most);
+            let part = w.number(1e-6);
+            let trace = w.mul(part, most);
+            w.put_at(place.input + c.traces_at(), at, trace);
+        });
+        Ok(w)
+    }
+}
