@@ -68,20 +68,68 @@ impl Options {
     /// # Errors
     /// All that is wrong with it.
     pub fn compile_str(&self, name: &str, text: impl Into<String>) -> Result<Compiled, Errors> {
+        self.compile_text(&Text::new(name, text))
+    }
+
+    /// Compiles a text that was read before: as [`Options::compile_str`], for many options in turn.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn compile_text(&self, text: &Text) -> Result<Compiled, Errors> {
         let mut set = Vec::new();
         for (path, value) in &self.set {
             match value {
                 Ok((number, dimension)) => set.push((path.clone(), *number, *dimension)),
-                Err(why) => return Err(lone(name, "elaborate::set", format!("the value of `{path}`: {why}"))),
+                Err(why) => return Err(lone(&text.name, "elaborate::set", format!("the value of `{path}`: {why}"))),
             }
         }
         let options = bond_compiler::Options { model: self.model.clone(), set, method: self.method.clone() };
-        let mut sources = Sources::new();
-        let main = sources.add(name, text);
-        match bond_compiler::compile(&mut sources, main, &mut FileLoader::new(name), &options) {
+        let sources = text.sources.clone();
+        match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {
             Ok(inner) => Ok(Compiled { inner, sources }),
             Err(list) => Err(Errors::new(sources, list)),
         }
+    }
+}
+
+/// A text and the files that it uses, read and parsed: to be compiled many times, from several threads at once.
+///
+/// ```
+/// let text = bond::Text::new("decay.bond", "
+///     model Decay(r = 1 Ohm) {
+///       C:cap { compliance = 1 F;  q0 = 1 C }
+///       R:loss = r
+///       cap -> loss
+///       probe q = cap.q
+///     }");
+/// for r in [1.0, 2.0] {
+///     let compiled = bond::Options::new().set_quantity("r", (r, None)).compile_text(&text)?;
+///     let mut sim = compiled.simulate(bond::Steps::new())?;
+///     sim.advance(1.0)?;
+///     assert!((sim.probe("q")? - (-1.0 / r).exp()).abs() < 1e-9);
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct Text {
+    name: String,
+    sources: Sources,
+    loaded: bond_compiler::Loaded,
+}
+
+impl Text {
+    /// Reads it. The name is shown in messages; files that the text uses are looked for beside it. What is wrong with them is
+    /// said when it is compiled.
+    pub fn new(name: &str, text: impl Into<String>) -> Self {
+        let mut sources = Sources::new();
+        let main = sources.add(name, text);
+        let loaded = bond_compiler::load(&mut sources, main, &mut FileLoader::new(name));
+        Self { name: name.to_string(), sources, loaded }
+    }
+
+    /// The texts of it: its own first, then those of the files that it uses.
+    pub fn sources(&self) -> &Sources {
+        &self.sources
     }
 }
 

@@ -1,7 +1,9 @@
-//! Tables of numbers as text.
+//! Tables as text.
 
 use crate::output::Sink;
 use crate::stop::Stop;
+use crate::table::{Cell, Column};
+use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
@@ -16,13 +18,13 @@ impl Table {
     ///
     /// # Errors
     /// A file that cannot be made.
-    pub fn new<'a>(path: &Path, header: impl IntoIterator<Item = &'a str>) -> Result<Self, Stop> {
+    pub fn new(path: &Path, columns: &[Column]) -> Result<Self, Stop> {
         let mut table = Self { sink: Sink::open(path)?, line: String::new() };
-        for (i, name) in header.into_iter().enumerate() {
+        for (i, column) in columns.iter().enumerate() {
             if i > 0 {
                 table.line.push(',');
             }
-            table.line.push_str(&quoted(name));
+            table.line.push_str(&quoted(&column.name));
         }
         table.end()?;
         Ok(table)
@@ -32,12 +34,17 @@ impl Table {
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn row(&mut self, values: impl IntoIterator<Item = f64>) -> Result<(), Stop> {
-        for (i, x) in values.into_iter().enumerate() {
+    pub fn row<'a>(&mut self, cells: impl IntoIterator<Item = Cell<'a>>) -> Result<(), Stop> {
+        for (i, cell) in cells.into_iter().enumerate() {
             if i > 0 {
                 self.line.push(',');
             }
-            number(&mut self.line, x);
+            match cell {
+                Cell::Number(x) => number(&mut self.line, x),
+                // Writing to a string cannot fail.
+                Cell::Whole(n) => drop(write!(self.line, "{n}")),
+                Cell::Text(text) => self.line.push_str(&quoted(text)),
+            }
         }
         self.end()
     }

@@ -6,14 +6,18 @@ mod diff;
 mod document;
 mod drive;
 mod emit;
+mod ensemble;
 mod expectation;
 mod input;
 mod output;
+#[cfg(feature = "parquet")]
+mod parquet;
 mod progress;
 mod report;
 mod rows;
 mod stop;
 mod summary;
+mod table;
 mod text;
 
 use clap::{Parser, Subcommand};
@@ -48,7 +52,7 @@ enum Command {
     Fmt(fmt::Args),
     Show(show::Args),
     Linearize(linearize::Args),
-    Run(run::Args),
+    Run(Box<run::Args>),
     Test(test::Args),
 }
 

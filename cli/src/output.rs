@@ -40,6 +40,30 @@ pub fn put_bytes(path: &Path, bytes: &[u8]) -> Result<(), Stop> {
     sink.commit()
 }
 
+/// Whether a path is that of a file, there or to be made, and not of standard output, a pipe or a device.
+///
+/// # Errors
+/// A path that no file can have.
+pub fn whole(path: &Path) -> Result<bool, Stop> {
+    if path == Path::new("-") {
+        return Ok(false);
+    }
+    match fs::metadata(path) {
+        Ok(m) if m.is_dir() => Err(directory(path)),
+        Ok(m) => Ok(m.is_file()),
+        Err(_) if path.file_name().is_none() => Err(nameless(path)),
+        Err(_) => Ok(true),
+    }
+}
+
+fn directory(path: &Path) -> Stop {
+    Stop::Usage(format!("cannot write {}: it is a directory", path.display()))
+}
+
+fn nameless(path: &Path) -> Stop {
+    Stop::Usage(format!("cannot write {}: it names no file", path.display()))
+}
+
 /// What a result is written to.
 pub enum Sink {
     /// Standard output.
@@ -60,7 +84,7 @@ impl Sink {
             return Ok(Sink::Out(BufWriter::new(io::stdout())));
         }
         match fs::metadata(path) {
-            Ok(m) if m.is_dir() => Err(Stop::Usage(format!("cannot write {}: it is a directory", path.display()))),
+            Ok(m) if m.is_dir() => Err(directory(path)),
             Ok(m) if !m.is_file() => {
                 let file = OpenOptions::new().write(true).open(path).map_err(|e| unwritable(path, &e))?;
                 Ok(Sink::Direct(BufWriter::new(file), path.to_path_buf()))
@@ -123,7 +147,7 @@ impl Whole {
         // A link stays a link: what it points to is replaced.
         let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
         let Some(name) = path.file_name() else {
-            return Err(Stop::Usage(format!("cannot write {}: it names no file", path.display())));
+            return Err(nameless(&path));
         };
         for attempt in 0..100 {
             let beside =

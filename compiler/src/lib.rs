@@ -63,9 +63,31 @@ pub fn compile(
     loader: &mut dyn Loader,
     options: &Options,
 ) -> Result<Compiled, Vec<Diagnostic>> {
+    let loaded = load(sources, main, loader);
+    compile_loaded(sources, &loaded, options)
+}
+
+/// A source and all that it uses, parsed: to be compiled many times with other options.
+#[derive(Debug)]
+pub struct Loaded {
+    main: SourceId,
+    files: elaborate::Files,
+    errors: Vec<Diagnostic>,
+}
+
+/// Reads and parses a source, and all that it uses. What is wrong with them is said when it is compiled.
+pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader) -> Loaded {
     let mut errors = Vec::new();
     let files = elaborate::load(sources, main, loader, &mut errors);
-    let mut model = elaborate::elaborate(sources, main, &files, options, errors)?;
+    Loaded { main, files, errors }
+}
+
+/// Compiles what was loaded, with the sources that it was loaded into.
+///
+/// # Errors
+/// All that is wrong with it, in order of place.
+pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> Result<Compiled, Vec<Diagnostic>> {
+    let mut model = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone())?;
     let graph = graph::build(&model);
     let within = graph.bars_within(&model);
     if !within.is_empty() {

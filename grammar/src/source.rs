@@ -64,6 +64,11 @@ impl Sources {
         &self.list[id.0 as usize]
     }
 
+    /// All of them, in the order in which they were read.
+    pub fn list(&self) -> &[Source] {
+        &self.list
+    }
+
     /// Line and column, both from 1, of the start of a span.
     pub fn position(&self, span: Span) -> (usize, usize) {
         let text = &self.get(span.source).text;

@@ -1,13 +1,13 @@
 //! `bond run`: simulate.
 
-use crate::csv::Table;
 use crate::drive::{self, Halt, drive};
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Outcome};
-use crate::{output, report};
+use crate::table::{self, Cell, Column, Kind, Table};
+use crate::{ensemble, output, report};
 use bond::{Code, Compiled, RunError, Simulation, Steps, Summary};
 use bond_compiler::discretise::Method;
 use clap::builder::PossibleValuesParser;
@@ -18,7 +18,12 @@ use std::time::Instant;
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv\n  \
                   bond run wall.bond --set wall.k=2e3 --set \"m=0.5 kg\" --at 40ms,1s -o - --summary json\n  \
-                  bond run wall_of_a_house.bond --input weather.csv\n\nThe table of --input begins with a line such as `t,T_out`: the time in \
+                  bond run wall_of_a_house.bond --input weather.csv\n  \
+                  bond run wall.bond --sweep \"wall.k=500 N/m..2 kN/m:50\" --sweep m=0.5,1,2 -o wall.parquet\n  \
+                  bond run wall.bond --monte-carlo 10000 --draw \"m=normal(1 kg, 50 g)\" --draw \"wall.k=uniform(900, 1100)\" \
+                  --seed 7 -o wall.csv\n\nAn ensemble's table has a row an instance (its parameters, the probes at the end, \
+                  passive or not, the worst balance, why it failed), or with --every or --at its rows over time. What is done \
+                  is kept in FILE.part until the table is written: the same command goes on after a run that was cut off.\nThe table of --input begins with a line such as `t,T_out`: the time in \
                   seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.")]
 pub struct Args {
     /// A model; `-` is standard input
@@ -52,11 +57,11 @@ pub struct Args {
     /// Inputs keep the value of a row until the next one
     #[arg(long, requires = "input")]
     input_hold: bool,
-    /// Write time and probes to a CSV file; `-` is standard output
-    #[arg(short, long, value_name = "FILE.csv")]
+    /// Write time and probes to a table, `.csv` or `.parquet`; `-` is CSV to standard output
+    #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Write the energy ledger over time to a CSV file
-    #[arg(long, value_name = "FILE.csv")]
+    /// Write the energy ledger over time to a table, `.csv` or `.parquet`
+    #[arg(long, value_name = "FILE")]
     ledger: Option<PathBuf>,
     /// How the summary is written; it goes to standard error when standard output has the rows
     #[arg(long, value_enum, default_value_t = Format::Text)]
@@ -64,6 +69,8 @@ pub struct Args {
     /// Interpret the step programs instead of compiling them to machine code; the numbers are the same
     #[arg(long)]
     interpret: bool,
+    #[command(flatten)]
+    ensemble: ensemble::Args,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
@@ -90,13 +97,12 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     if let Some(method) = &args.method {
         options = options.method(method);
     }
+    if args.ensemble.asked() {
+        return many(args, options);
+    }
     let compiled = input::compile(&args.file, &options)?;
     let (steps, stop, every) = asked(args, &compiled);
-    let grid = match every {
-        Some(dt) if args.at.is_empty() || args.every.is_some() => Grid::Every(dt),
-        None if args.at.is_empty() => Grid::Parts(1000),
-        Some(_) | None => Grid::None,
-    };
+    let grid = Grid::asked(args.every, compiled.stages().model.settings.every, &args.at);
     let rows = Rows::new(stop, grid, &args.at)?;
     let options = steps.resolve(&compiled.stages().model.settings, stop, every)?;
     drive::possible(compiled.scene(), &options, stop)?;
@@ -123,6 +129,27 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     // What was computed is kept, also of a run that failed.
     files.commit()?;
     tell(args, &compiled, &mut sim, stop, started, failure)
+}
+
+/// Runs an ensemble.
+fn many(args: &Args, options: bond::Options) -> Result<(), Stop> {
+    let setup = ensemble::Setup {
+        file: &args.file,
+        options,
+        set: &args.set.set,
+        method: args.method.as_deref(),
+        step: args.step,
+        tolerance: args.tolerance,
+        steps: steps(args),
+        interpret: args.interpret,
+        stop: args.stop,
+        every: args.every,
+        at: &args.at,
+        input: args.input.as_deref().map(|path| (path, args.input_hold)),
+        output: args.output.as_deref(),
+        json: args.summary == Format::Json,
+    };
+    ensemble::run(&args.ensemble, setup)
 }
 
 /// The summary, and the error of a run that failed.
@@ -171,13 +198,18 @@ fn is_dash(path: Option<&Path>) -> bool {
 /// Refuses places of tables that cannot be.
 fn places(args: &Args) -> Result<(), Stop> {
     for path in [&args.output, &args.ledger].into_iter().flatten() {
-        let end = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        if let Some(end @ ("parquet" | "png" | "svg" | "json" | "xlsx")) = end.as_deref() {
-            return Err(Stop::Usage(format!(
-                "{}: `.{end}` cannot be written in this version, only CSV",
-                path.display()
-            )));
+        table::possible(path)?;
+    }
+    match args.ensemble.idle() {
+        Some(option) if !args.ensemble.asked() => {
+            return Err(Stop::Usage(format!("{option} is for ensembles; add --sweep or --monte-carlo")));
         }
+        _ if args.ensemble.asked() && args.ledger.is_some() => {
+            let why =
+                "--ledger is for single runs; give the values of one instance with --set, and its ledger is written";
+            return Err(Stop::Usage(why.into()));
+        }
+        Some(_) | None => {}
     }
     if args.file == Path::new("-") && is_dash(args.input.as_deref()) {
         return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
@@ -191,16 +223,20 @@ fn places(args: &Args) -> Result<(), Stop> {
 /// Steps, end and distance of rows: the command line goes before the model.
 fn asked(args: &Args, compiled: &Compiled) -> (Steps, f64, Option<f64>) {
     let settings = &compiled.stages().model.settings;
-    let steps = match (args.step, args.tolerance) {
-        (Some(h), _) => Steps::fixed(h),
-        (None, Some(x)) => Steps::tolerance(x),
-        (None, None) => Steps::new(),
-    };
     let stop = args.stop.or(settings.stop).unwrap_or_else(|| {
         report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
         1.0
     });
-    (steps, stop, args.every.or(settings.every))
+    (steps(args), stop, args.every.or(settings.every))
+}
+
+/// The steps that the command line asks for.
+fn steps(args: &Args) -> Steps {
+    match (args.step, args.tolerance) {
+        (Some(h), _) => Steps::fixed(h),
+        (None, Some(x)) => Steps::tolerance(x),
+        (None, None) => Steps::new(),
+    }
 }
 
 /// The tables that a run writes.
@@ -212,11 +248,14 @@ struct Files {
 
 impl Files {
     fn open(args: &Args, compiled: &Compiled, sim: &Simulation<'_>) -> Result<Self, Stop> {
-        let header = || std::iter::once("t").chain(compiled.probes().iter().map(String::as_str));
-        let rows = args.output.as_deref().map(|path| Table::new(path, header())).transpose()?;
+        let columns = |names: &mut dyn Iterator<Item = &str>| -> Vec<Column> {
+            std::iter::once("t").chain(names).map(|name| Column::new(name, Kind::Number)).collect()
+        };
+        let probes = columns(&mut compiled.probes().iter().map(String::as_str));
+        let rows = args.output.as_deref().map(|path| Table::new(path, &probes)).transpose()?;
         let names = ledger_names(&sim.summary());
-        let ledger =
-            args.ledger.as_deref().map(|path| Table::new(path, names.iter().map(String::as_str))).transpose()?;
+        let names = columns(&mut names.iter().map(String::as_str));
+        let ledger = args.ledger.as_deref().map(|path| Table::new(path, &names)).transpose()?;
         Ok(Self { rows, ledger, shown: compiled.probes().len() })
     }
 
@@ -224,10 +263,11 @@ impl Files {
         if let Some(table) = &mut self.rows {
             let values = sim.probes().map_err(Halt::Numerics)?;
             let values = values.iter().copied().take(self.shown);
-            table.row(std::iter::once(t).chain(values)).map_err(Halt::Stop)?;
+            table.row(std::iter::once(t).chain(values).map(Cell::Number)).map_err(Halt::Stop)?;
         }
         if let Some(table) = &mut self.ledger {
-            table.row(std::iter::once(t).chain(ledger_values(&sim.summary()))).map_err(Halt::Stop)?;
+            let values = ledger_values(&sim.summary());
+            table.row(std::iter::once(t).chain(values).map(Cell::Number)).map_err(Halt::Stop)?;
         }
         Ok(())
     }
@@ -240,9 +280,9 @@ impl Files {
     }
 }
 
-/// The header of the ledger's table: `REGION.H`, `REGION/ELEMENT.supplied`, `BOND.holder`. A region may have an element's name.
+/// The header of the ledger's table without the time: `REGION.H`, `REGION/ELEMENT.supplied`, `BOND.holder`. A region may have an element's name.
 fn ledger_names(s: &Summary) -> Vec<String> {
-    let mut list = vec!["t".to_string()];
+    let mut list = Vec::new();
     for r in &s.regions {
         list.extend(["H", "supplied", "dissipated", "leaked", "residual"].map(|k| format!("{}.{k}", r.name)));
         list.extend(r.sources.iter().map(|e| format!("{}/{}.supplied", r.name, e.name)));

@@ -24,10 +24,84 @@ fn arguments_that_are_no_numbers() {
     here.bond(&["run", "a.bond", "--tolerance", "1"]).is(2, &[], &["between 0 and 1"]);
     here.bond(&["run", "a.bond", "--method", "magic"]).is(2, &[], &["gonzalez"]);
     here.bond(&["run", "a.bond", "--step", "1ms", "--tolerance", "1e-3"]).is(2, &[], &["cannot be used with"]);
-    here.bond(&["run", "a.bond", "-o", "x.parquet"]).is(2, &[], &["only CSV"]);
+    here.bond(&["run", "a.bond", "-o", "x.xlsx"]).is(2, &[], &["cannot be written as `.xlsx`"]);
     here.bond(&["run", "a.bond", "-o", "x.csv", "--ledger", "x.csv"]).is(2, &[], &["same file"]);
     here.bond(&["run", "a.bond", "-o", "-", "--ledger", "-"]).is(2, &[], &["same file"]);
     here.bond(&["run", "a.bond", "--input", "x.csv"]).is(2, &[], &["cannot read x.csv"]);
+    assert_eq!(here.list(), ["a.bond"]);
+}
+
+#[test]
+fn ensembles_that_are_none() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    for values in [
+        "",
+        "..",
+        "1..",
+        "..2",
+        "1..2",
+        "1..2:",
+        "1..2::",
+        "1..2:x",
+        "1..2:2:",
+        "1..2:2:LOG",
+        "1...2..3:4",
+        "1:2:3",
+        "1..2:-2",
+        "1..2:1e3",
+        "1..2:99999999999999999999",
+        ",",
+        "1,",
+        ",1",
+        "1;2",
+        "1..2,3",
+        "NaN..1:2",
+        "1..inf:2",
+        "1..2:\u{1}",
+        "()",
+        "1 kg..2 m:3",
+        "[1,2]",
+        "true..false:2",
+        "5e-324..1e308:3:log:log",
+        "\u{661}..\u{662}:3",
+    ] {
+        here.bond(&["run", "a.bond", "--sweep", &format!("m={values}")]).is(2, &[], &["error:"]);
+    }
+    for law in [
+        "",
+        "(",
+        ")",
+        "()",
+        "uniform",
+        "uniform(",
+        "uniform)",
+        "uniform()",
+        "uniform(,)",
+        "uniform(1)",
+        "uniform(1,2,3)",
+        "Uniform(1,2)",
+        "uniform(1,2))",
+        "uniform((1,2)",
+        "uniform(1,2) kg",
+        "normal(0,-0)",
+        "normal(1,inf)",
+        "lognormal(0,1)",
+        "triangular(1,0,2)",
+        "uniform(1 kg,2 m)",
+        "uniform(2,1)",
+        "\u{1}(1,2)",
+    ] {
+        let draw = format!("m={law}");
+        here.bond(&["run", "a.bond", "--monte-carlo", "2", "--draw", &draw]).is(2, &[], &["error:"]);
+    }
+    // What is far, but a number, is run or told of each instance.
+    for values in ["5e-324..1e308:3:log", "-1e308..0:3", "1e-300,1e300"] {
+        let done = here.bond(&["run", "a.bond", "--sweep", &format!("m={values}"), "--stop", "1ms", "--step", "1ms"]);
+        assert!(matches!(done.status, 0 | 3), "{done:?}");
+    }
+    let wide =
+        ["--monte-carlo", "50", "--draw", "m=lognormal(1e300, 100)", "-o", "-", "--stop", "1ms", "--step", "1ms"];
+    here.bond(&[&["run", "a.bond"], &wide[..]].concat()).is(3, &["m = inf is no finite number"], &["instances failed"]);
     assert_eq!(here.list(), ["a.bond"]);
 }
 

@@ -2,6 +2,7 @@
 
 mod check;
 mod doc;
+mod ensemble;
 mod fmt;
 mod hostile;
 mod library;

@@ -1,0 +1,77 @@
+//! Ensembles: many instances of a model, each with values of its own for some parameters, in one table.
+//!
+//! `sweep` and `draw` read what is asked for and say what each value is; `plan` gives the values of an instance by its number
+//! alone, so that neither threads nor order matter. `job` runs an instance, `pool` spreads them over threads, `side` keeps those
+//! that are done in a file, `sheet` puts them in the order of the table, `run` joins all that.
+
+mod choice;
+mod collect;
+mod draw;
+mod fingerprint;
+mod hash;
+mod job;
+mod outcome;
+mod philox;
+mod plan;
+mod pool;
+mod run;
+mod sheet;
+mod side;
+mod statistics;
+mod summary;
+mod sweep;
+mod written;
+
+pub use run::{Setup, run};
+
+use draw::Draw;
+use sweep::Sweep;
+
+/// More instances than this are refused.
+const INSTANCES: u64 = 1_000_000_000;
+/// More threads than this are refused.
+const THREADS: u64 = 256;
+
+/// `--sweep`, `--monte-carlo` and what goes with them.
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = "Ensembles")]
+pub struct Args {
+    /// Run once for each of N values of a parameter, evenly spaced from FROM to TO (both included), or by equal factors with
+    /// `:log`; or for each of a list, `m=1,2,5`. Several give the grid, the last one varying fastest
+    #[arg(long, value_name = "PATH=FROM..TO:N", value_parser = sweep::parse, allow_hyphen_values = true)]
+    sweep: Vec<Sweep>,
+    /// Run N times with parameters drawn at random, at each point of the grid where there is one
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=INSTANCES), requires = "draw")]
+    monte_carlo: Option<u64>,
+    /// How a parameter is drawn: `uniform(A, B)`, `normal(MEAN, SD)`, `lognormal(MEDIAN, SIGMA)` with the standard deviation of
+    /// the logarithm, `triangular(A, MODE, B)`; repeatable
+    #[arg(long, value_name = "PATH=DISTRIBUTION", value_parser = draw::parse, requires = "monte_carlo", allow_hyphen_values = true)]
+    draw: Vec<Draw>,
+    /// Other numbers for --draw; 0 otherwise
+    #[arg(long, value_name = "S", requires = "monte_carlo")]
+    seed: Option<u64>,
+    /// Instances that run at the same time; one a core otherwise. The results do not depend on it
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u64).range(1..=THREADS))]
+    threads: Option<u64>,
+    /// Begin anew where a run that was cut off has left FILE.part; it is gone on with otherwise
+    #[arg(long)]
+    restart: bool,
+}
+
+impl Args {
+    /// Whether an ensemble is asked for.
+    pub fn asked(&self) -> bool {
+        !self.sweep.is_empty() || self.monte_carlo.is_some()
+    }
+
+    /// An option that means nothing to a single run.
+    pub fn idle(&self) -> Option<&'static str> {
+        if self.threads.is_some() {
+            Some("--threads")
+        } else if self.restart {
+            Some("--restart")
+        } else {
+            None
+        }
+    }
+}

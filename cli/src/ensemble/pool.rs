@@ -1,0 +1,174 @@
+//! Runs instances on threads, a chunk of consecutive ones at a time, and hands over what they came to as it comes.
+
+use super::collect::Collect;
+use super::job::Job;
+use crate::progress::Progress;
+use crate::stop::Stop;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+/// Bytes that may wait to be collected.
+const WAITING: usize = 64 << 20;
+/// Models may be deep; what is not touched of a stack costs nothing.
+const STACK: usize = 256 << 20;
+/// Most chunks of an ensemble.
+const CHUNKS: u64 = 1 << 20;
+
+/// Instances in consecutive chunks of one size, so that there are not too many of them to keep account of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chunks {
+    total: u64,
+    size: u64,
+}
+
+impl Chunks {
+    /// Those of so many instances.
+    pub fn new(total: u64) -> Self {
+        Self { total, size: total.div_ceil(CHUNKS).max(1) }
+    }
+
+    /// How many there are.
+    pub fn count(self) -> u64 {
+        self.total.div_ceil(self.size)
+    }
+
+    /// The instances of a chunk.
+    pub fn instances(self, chunk: u64) -> std::ops::Range<u64> {
+        let start = chunk.saturating_mul(self.size).min(self.total);
+        start..start.saturating_add(self.size).min(self.total)
+    }
+
+    /// How many instances a chunk has.
+    pub fn size(self, chunk: u64) -> u64 {
+        let range = self.instances(chunk);
+        range.end - range.start
+    }
+}
+
+/// A chunk that is done, or that a thread has died on.
+type Report = Result<(u64, Vec<u8>), Died>;
+
+/// A thread has died of a defect.
+struct Died;
+
+struct Shared {
+    job: Arc<Job>,
+    chunks: Chunks,
+    state: Mutex<State>,
+    room: Condvar,
+}
+
+struct State {
+    /// Chunks to be run, in order.
+    next: Box<dyn Iterator<Item = u64> + Send>,
+    /// Bytes that wait to be collected.
+    waiting: usize,
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The next chunk, as soon as there is room for what it comes to.
+    fn take(&self) -> Option<u64> {
+        let full = |s: &mut State| s.waiting > WAITING;
+        let mut state = self.room.wait_while(self.state(), full).unwrap_or_else(PoisonError::into_inner);
+        state.next.next()
+    }
+
+    fn work(&self, send: &Sender<Report>) {
+        while let Some(chunk) = self.take() {
+            let mut bytes = Vec::new();
+            for instance in self.chunks.instances(chunk) {
+                self.job.run(instance).encode(&mut bytes);
+            }
+            self.state().waiting += weight(&bytes);
+            if send.send(Ok((chunk, bytes))).is_err() {
+                return;
+            }
+        }
+    }
+
+    fn release(&self, weight: usize) {
+        self.state().waiting -= weight;
+        self.room.notify_all();
+    }
+}
+
+/// What a chunk counts for while it waits.
+pub fn weight(bytes: &[u8]) -> usize {
+    bytes.len() + 64
+}
+
+/// Says so when a thread dies.
+struct Witness(Sender<Report>);
+
+impl Drop for Witness {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            let _ = self.0.send(Err(Died));
+        }
+    }
+}
+
+/// Runs all chunks that `collect` does not have yet.
+///
+/// The threads are left to themselves when this ends early: what they compute then is lost.
+///
+/// # Errors
+/// What is done cannot be collected, a thread cannot be started, or one died of a defect.
+pub fn run(job: &Arc<Job>, chunks: Chunks, threads: u64, collect: &mut dyn Collect) -> Result<(), Stop> {
+    let had: Arc<[bool]> = (0..chunks.count()).map(|c| collect.has(c)).collect();
+    let mut left = had.iter().filter(|h| !**h).count() as u64;
+    let next = (0..chunks.count()).filter(move |c| !had[*c as usize]);
+    let state = Mutex::new(State { next: Box::new(next), waiting: 0 });
+    let shared = Arc::new(Shared { job: job.clone(), chunks, state, room: Condvar::new() });
+    let (send, receive) = channel();
+    for _ in 0..threads.min(left) {
+        let (shared, witness) = (shared.clone(), Witness(send.clone()));
+        let work = move || shared.work(&witness.0);
+        let thread = std::thread::Builder::new().stack_size(STACK).spawn(work);
+        thread.map_err(|e| Stop::Usage(format!("cannot start a thread: {e}; take fewer with --threads")))?;
+    }
+    drop(send);
+    let progress = Progress::new();
+    while left > 0 {
+        let mut report = receive.recv().unwrap_or(Err(Died));
+        // All that is there is collected at once.
+        loop {
+            // The thread has told what went wrong.
+            let Ok((chunk, bytes)) = report else { return Err(Stop::Said(101)) };
+            shared.release(collect.take(chunk, bytes)?);
+            left -= 1;
+            match next_of(&receive) {
+                Some(more) => report = more,
+                None => break,
+            }
+        }
+        collect.pause()?;
+        progress.at(1.0 - left as f64 / chunks.count() as f64);
+    }
+    Ok(())
+}
+
+fn next_of(receive: &Receiver<Report>) -> Option<Report> {
+    receive.try_recv().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_hold_each_instance_once() {
+        for total in [1, 2, 1 << 20, (1 << 20) + 1, 3_000_001, 1_000_000_000] {
+            let chunks = Chunks::new(total);
+            assert!(chunks.count() <= CHUNKS);
+            assert_eq!(chunks.instances(0).start, 0);
+            let last = chunks.count() - 1;
+            assert!(chunks.instances(last).end == total && !chunks.instances(last).is_empty());
+            assert_eq!(chunks.instances(last / 2).end, chunks.instances(last / 2 + 1).start);
+        }
+    }
+}

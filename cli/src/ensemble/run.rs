@@ -1,0 +1,157 @@
+//! Runs an ensemble: checks what is asked for, runs what is left to be run, and writes the table.
+
+use super::Args;
+use super::choice::Choice;
+use super::collect::{Collect, InOrder};
+use super::fingerprint::Fingerprint;
+use super::job::{Job, NUMBERS};
+use super::plan::Plan;
+use super::pool::{self, Chunks};
+use super::sheet::Sheet;
+use super::side::Side;
+use super::statistics::Statistics;
+use super::summary::Told;
+use crate::stop::Stop;
+use crate::{input, output, report};
+use bond::{Compiled, Options, Quantity, Steps, Text};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What the command line says of all instances.
+pub struct Setup<'a> {
+    /// The model.
+    pub file: &'a Path,
+    /// Scene, stepper and parameters.
+    pub options: Options,
+    /// The parameters again.
+    pub set: &'a [(String, Quantity)],
+    /// The stepper again.
+    pub method: Option<&'a str>,
+    /// Fixed step, s.
+    pub step: Option<f64>,
+    /// Error allowed in a step.
+    pub tolerance: Option<f64>,
+    /// Both.
+    pub steps: Steps,
+    /// Whether the interpreter is asked for.
+    pub interpret: bool,
+    /// End of the run, s.
+    pub stop: Option<f64>,
+    /// Distance of rows, s.
+    pub every: Option<f64>,
+    /// Instants of rows, s.
+    pub at: &'a [f64],
+    /// Table of inputs, and whether they are held.
+    pub input: Option<(&'a Path, bool)>,
+    /// Where the table goes.
+    pub output: Option<&'a Path>,
+    /// Whether the summary is for programs.
+    pub json: bool,
+}
+
+/// Runs an ensemble.
+///
+/// # Errors
+/// A command line that is wrong, a model that is wrong whatever its parameters, instances that failed.
+pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
+    let plan = Plan::new(args, setup.set)?;
+    let text = Text::new(&input::name(setup.file), input::read(setup.file)?);
+    let mut job = Job {
+        text,
+        options: setup.options.clone(),
+        plan,
+        steps: setup.steps,
+        stop: setup.stop,
+        every: setup.every,
+        at: setup.at.to_vec(),
+        // Nobody sees the rows where no table is asked for.
+        over_time: setup.output.is_some() && (setup.every.is_some() || !setup.at.is_empty()),
+        given: Vec::new(),
+        choice: Choice::new(setup.interpret),
+        probes: Vec::new(),
+    };
+    let sample = sample(&job)?;
+    job.probes = sample.probes().to_vec();
+    if job.stop.or(sample.stages().model.settings.stop).is_none() {
+        report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
+    }
+    let (rows, ..) = job.course(&sample)?;
+    if job.over_time && rows.count() * (1 + job.probes.len()) > NUMBERS {
+        let why = format!("more than {NUMBERS} numbers would be kept of one instance; take a longer --every");
+        return Err(Stop::Usage(why));
+    }
+    if let Some((path, hold)) = setup.input {
+        job.given = input::table(path, &sample, hold)?;
+    }
+    let cores = || std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
+    let threads = args.threads.unwrap_or_else(cores).clamp(1, super::THREADS);
+    let print = Fingerprint::new(&setup, &job, &sample.scene().name);
+    let (job, started) = (Arc::new(job), Instant::now());
+    let chunks = Chunks::new(job.plan.total());
+    let (statistics, ran) = match setup.output {
+        Some(path) if output::whole(path)? => kept(&job, chunks, threads, path, &print, args.restart)?,
+        Some(_) | None => {
+            let mut sheet = Sheet::new(&job, chunks, setup.output)?;
+            pool::run(&job, chunks, threads, &mut InOrder::new(&mut sheet))?;
+            (sheet.commit()?, job.plan.total())
+        }
+    };
+    let wall = started.elapsed().as_secs_f64();
+    let told = Told { job: &job, scene: sample.scene(), statistics: &statistics, wall, ran, threads };
+    let text = if setup.json { told.json()? } else { told.text() };
+    if setup.output == Some(Path::new("-")) {
+        report::say(text.trim_end());
+    } else {
+        output::print(&text)?;
+    }
+    told.failure().map_or(Ok(()), |why| Err(Stop::Numerics(why)))
+}
+
+/// Runs what the side file does not have, and makes the table of it. Gives how many instances were run.
+fn kept(
+    job: &Arc<Job>,
+    chunks: Chunks,
+    threads: u64,
+    path: &Path,
+    print: &Fingerprint,
+    restart: bool,
+) -> Result<(Statistics, u64), Stop> {
+    let mut side = Side::open(path, print, chunks, restart)?;
+    let total = job.plan.total();
+    let left: u64 = (0..chunks.count()).filter(|c| !side.has(*c)).map(|c| chunks.size(c)).sum();
+    if left < total {
+        report::say(&format!(
+            "note: {} of {total} instances are in {} already; --restart begins anew",
+            total - left,
+            side.path().display()
+        ));
+    }
+    pool::run(job, chunks, threads, &mut side)?;
+    let mut sheet = Sheet::new(job, chunks, Some(path))?;
+    side.copy(&mut sheet)?;
+    let statistics = sheet.commit()?;
+    side.remove()?;
+    Ok((statistics, left))
+}
+
+/// An instance that compiles, to learn from it what all have in common: the first, the last, or one with the model's own values.
+///
+/// # Errors
+/// A parameter that there is not, a unit that is wrong, or a model that is wrong in all of them.
+fn sample(job: &Job) -> Result<Compiled, Stop> {
+    let first = match job.compile(0) {
+        Ok(compiled) => return Ok(compiled),
+        Err(errors) => errors,
+    };
+    // These do not depend on the value.
+    let always = |code: &str| code.starts_with("units::") || matches!(code, "elaborate::set" | "elaborate::model");
+    let plain = job.options.compile_text(&job.text);
+    if first.list().iter().any(|d| always(d.code)) {
+        if plain.is_ok() {
+            report::say(&format!("note: this is {}, as with --set:", job.plan.named(0)));
+        }
+        return Err(input::wrong(&first));
+    }
+    job.compile(job.plan.total() - 1).or(plain).map_err(|_| input::wrong(&first))
+}
