@@ -96,7 +96,7 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
         String::new()
     };
     writeln!(out, "  {:11} {} ({order}), {} steps{newton}", "stepper", r.stepper, r.steps)?;
-    if let Some(hold) = r.hold {
+    if let Some(hold) = &r.hold {
         writeln!(out, "  {:11} {hold}", "hold")?;
     }
     writeln!(out, "  {:11} {} -> {} {unit}", "H", short(r.h_initial), short(r.h_final))?;
@@ -126,8 +126,9 @@ fn hints(o: &Outcome) -> Vec<String> {
     if let Some(r) = regions.iter().find(|r| !r.passive_stepper) {
         list.push(format!("`{}` makes energy of its own; `--method gonzalez` keeps the balance", r.stepper));
     }
-    if let Some(r) =
-        regions.iter().find(|r| matches!(r.hold, Some("lagged" | "predicted")) && (r.leaked > 0.0 || r.debt_max > 0.0))
+    if let Some(r) = regions
+        .iter()
+        .find(|r| matches!(r.hold.as_deref(), Some("lagged" | "predicted")) && (r.leaked > 0.0 || r.debt_max > 0.0))
     {
         list.push(format!("the hold of `{}` made energy; try `hold matched`", r.name));
     }
@@ -204,7 +205,7 @@ impl Serialize for Region<'_> {
         map.serialize_entry("kind", r.kind)?;
         map.serialize_entry("period", &r.period)?;
         map.serialize_entry("states", &r.states)?;
-        map.serialize_entry("stepper", r.stepper)?;
+        map.serialize_entry("stepper", &r.stepper)?;
         map.serialize_entry("order", &r.order)?;
         map.serialize_entry("hold", &r.hold)?;
         map.serialize_entry("steps", &r.steps)?;

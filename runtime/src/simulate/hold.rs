@@ -1,9 +1,10 @@
 //! What crosses a double bar, and what a sampled region knows of its other side.
 
 use crate::ledger::Sum;
+use serde::{Deserialize, Serialize};
 
 /// A port that a sampled cluster holds: a double bar's or an open one.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Held {
     /// Its cluster's port.
     pub(super) port: usize,

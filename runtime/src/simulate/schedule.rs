@@ -22,30 +22,31 @@ fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<us
 
 /// A scene that runs.
 pub struct Simulation<'a> {
-    scene: &'a Scene,
+    pub(super) scene: &'a Scene,
+    pub(super) options: Options,
     names: Vec<String>,
-    runs: Vec<Run>,
+    pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
-    held: Vec<Vec<Held>>,
+    pub(super) held: Vec<Vec<Held>>,
     /// By cluster, the matrix beta of those ports, its like for the interval after, and what of a motion is left after one.
-    beta: Vec<Vec<f64>>,
-    gamma: Vec<Vec<f64>>,
-    decay: Vec<Vec<f64>>,
+    pub(super) beta: Vec<Vec<f64>>,
+    pub(super) gamma: Vec<Vec<f64>>,
+    pub(super) decay: Vec<Vec<f64>>,
     /// By cluster, the next sample's number.
-    next: Vec<u64>,
+    pub(super) next: Vec<u64>,
     /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
     order: Vec<usize>,
     /// By cluster, whether samples of others concern it.
     connected: Vec<bool>,
-    moved: Vec<Vec<f64>>,
+    pub(super) moved: Vec<Vec<f64>>,
     probes: Option<Look>,
     probe_input: Vec<f64>,
     /// What is given from outside.
-    given: Vec<Course>,
+    pub(super) given: Vec<Course>,
     /// Answers of open ports for the interval that runs.
-    open: Vec<f64>,
-    time: f64,
-    last_sample: f64,
+    pub(super) open: Vec<f64>,
+    pub(super) time: f64,
+    pub(super) last_sample: f64,
     respond_input: Vec<Vec<f64>>,
     /// Clusters whose signals others read, and those that probes read.
     read: Vec<usize>,
@@ -133,6 +134,7 @@ impl<'a> Simulation<'a> {
             .collect();
         let mut s = Self {
             scene,
+            options: options.clone(),
             names,
             runs,
             beta: vec![Vec::new(); n],
@@ -159,6 +161,11 @@ impl<'a> Simulation<'a> {
         }
         s.sample(0.0)?;
         Ok(s)
+    }
+
+    /// What it was started with.
+    pub fn options(&self) -> &Options {
+        &self.options
     }
 
     /// Now, s.
@@ -666,9 +673,9 @@ impl<'a> Simulation<'a> {
                 kind: if region.period.is_some() { "sampled" } else { "continuous" },
                 period: region.period,
                 states: region.states,
-                stepper: c.step.name,
+                stepper: c.step.name.clone(),
                 order: c.step.order,
-                hold: Some(c.hold).filter(|h| !h.is_empty() && !c.holds.is_empty()),
+                hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
                 steps: run.steps,
                 newton_iterations: run.iterations(),
                 h_initial: b.h_initial,
