@@ -1,5 +1,6 @@
 //! The `bond` command.
 
+mod checkpoint;
 mod commands;
 mod csv;
 mod diff;

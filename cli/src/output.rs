@@ -30,6 +30,16 @@ pub fn put(path: Option<&Path>, text: &str) -> Result<(), Stop> {
     }
 }
 
+/// Writes bytes to a file.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn put_bytes(path: &Path, bytes: &[u8]) -> Result<(), Stop> {
+    let mut sink = Sink::open(path)?;
+    sink.write_all(bytes).map_err(|e| sink.failure(&e))?;
+    sink.commit()
+}
+
 /// What a result is written to.
 pub enum Sink {
     /// Standard output.

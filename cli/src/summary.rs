@@ -10,6 +10,8 @@ use std::fmt::Write;
 pub struct Outcome<'a> {
     /// What ran.
     pub scene: &'a Scene,
+    /// Where it went on from; 0 where it began, s.
+    pub from: f64,
     /// The end that was asked for, s.
     pub stop: f64,
     /// How long it took, s.
@@ -34,13 +36,14 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
     let s = o.summary;
     writeln!(out, "{:11} {}", "scene", o.scene.name)?;
     let reached = if o.failure.is_some() { s.time } else { o.stop };
-    let pace = if o.wall > 0.0 { reached / o.wall } else { f64::INFINITY };
+    let pace = if o.wall > 0.0 { (reached - o.from) / o.wall } else { f64::INFINITY };
     let early =
         if o.failure.is_some() { format!(" of {} s, then the numerics failed", short(o.stop)) } else { String::new() };
     writeln!(
         out,
-        "{:11} {} s in {} s of wall time ({} times real time){early}",
+        "{:11} {}{} s in {} s of wall time ({} times real time){early}",
         "simulated",
+        if o.from > 0.0 { format!("from {} s to ", short(o.from)) } else { String::new() },
         short(reached),
         short(o.wall),
         short(pace)

@@ -1,15 +1,18 @@
 //! `bond run`: simulate.
 
+use crate::checkpoint::Checkpoints;
 use crate::csv::Table;
-use crate::drive::{self, Halt, drive};
+use crate::drive::{self, Halt, Watch};
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Outcome};
-use crate::{output, report};
-use bond::{Compiled, RunError, Simulation, Steps, Summary};
+use crate::{checkpoint, output, report};
+use bond::{RunError, Simulation, Steps, Summary};
 use bond_compiler::discretise::Method;
+use bond_compiler::model::Settings;
+use bond_runtime::scene::Scene;
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -18,34 +21,47 @@ use std::time::Instant;
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv\n  \
                   bond run wall.bond --set wall.k=2e3 --set \"m=0.5 kg\" --at 40ms,1s -o - --summary json\n  \
-                  bond run wall_of_a_house.bond --input weather.csv\n\nThe table of --input begins with a line such as `t,T_out`: the time in \
-                  seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.")]
+                  bond run wall_of_a_house.bond --input weather.csv\n  bond run wall.bond --stop 4s --every 10ms --longest 10ms --checkpoint wall.state\n  \
+                  bond run wall.bond --stop 10s --every 10ms --resume wall.state\n\nThe table of --input begins with a line such as `t,T_out`: the time in \
+                  seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
+                  stopped, if both are looked at at the same instants. Steps that are fitted to a tolerance end at the rows, and the \
+                  longest of them depends on --stop where nothing is said: then give both --every and --longest.")]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
+    /// Stepper of every region that can take it
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
+    method: Option<String>,
+    #[command(flatten)]
+    set: Set,
+    #[command(flatten)]
+    which: Which,
+    #[command(flatten)]
+    how: How,
+}
+
+/// What a run of a compiled scene takes: all that `bond run` does but for what makes the scene.
+#[derive(clap::Args)]
+pub struct How {
     /// End of the run; that of the model's `simulate` otherwise, or 1 s
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     stop: Option<f64>,
     /// Fixed step of continuous regions
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true, conflicts_with = "tolerance")]
     step: Option<f64>,
-    /// Stepper of every region that can take it
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
-    method: Option<String>,
     /// Error allowed in a step of continuous regions, relative to the states' size; 1e-6 where neither this nor a step is told
     #[arg(long, value_name = "X", value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Option<f64>,
+    /// Longest of the steps that are fitted to a tolerance; a thousandth of the run, or --every where that is less, otherwise
+    #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true, conflicts_with = "step")]
+    longest: Option<f64>,
     /// Distance of the rows of output; a thousandth of the run otherwise
     #[arg(long, value_name = "DT", value_parser = input::span, allow_negative_numbers = true)]
     every: Option<f64>,
     /// Rows at exactly these instants; together with --every, at both
     #[arg(long, value_name = "T1,T2,...", value_delimiter = ',', value_parser = input::instant, allow_negative_numbers = true)]
     at: Vec<f64>,
-    #[command(flatten)]
-    set: Set,
-    #[command(flatten)]
-    which: Which,
     /// Read inputs over time from a CSV file: column `t`, and one column an input; linear between rows
     #[arg(long, value_name = "FILE.csv")]
     input: Option<PathBuf>,
@@ -61,6 +77,15 @@ pub struct Args {
     /// How the summary is written; it goes to standard error when standard output has the rows
     #[arg(long, value_enum, default_value_t = Format::Text)]
     summary: Format,
+    /// Save the whole state at the end of the run, to go on from with --resume
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
+    /// Save it on the way too: at the first row of output after each DT of simulated time
+    #[arg(long, value_name = "DT", value_parser = input::span, allow_negative_numbers = true, requires = "checkpoint")]
+    checkpoint_every: Option<f64>,
+    /// Go on from a saved state of the same model with the same parameters, with the step or tolerance that it had; rows begin after it
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["step", "tolerance", "longest"])]
+    resume: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
@@ -82,35 +107,55 @@ fn tolerance(text: &str) -> Result<f64, String> {
 /// # Errors
 /// A command line or a model that is wrong, numerics that fail.
 pub fn run(args: &Args) -> Result<(), Stop> {
-    places(args)?;
+    places(&args.how)?;
+    if args.file == Path::new("-") && is_dash(args.how.input.as_deref()) {
+        return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
+    }
     let mut options = input::options(&args.which, &args.set);
     if let Some(method) = &args.method {
         options = options.method(method);
     }
     let compiled = input::compile(&args.file, &options)?;
-    let (steps, stop, every) = asked(args, &compiled);
+    simulate(compiled.scene(), &compiled.stages().model.settings, &args.how)
+}
+
+/// Runs a scene whose model says `settings`.
+///
+/// # Errors
+/// A command line that is wrong, numerics that fail.
+pub fn simulate(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> {
+    places(args)?;
+    let (steps, stop, every) = asked(args, settings);
     let grid = match every {
         Some(dt) if args.at.is_empty() || args.every.is_some() => Grid::Every(dt),
         None if args.at.is_empty() => Grid::Parts(1000),
         Some(_) | None => Grid::None,
     };
     let rows = Rows::new(stop, grid, &args.at)?;
-    let options = steps.resolve(&compiled.stages().model.settings, stop, every)?;
-    drive::possible(compiled.scene(), &options, stop)?;
-
     let given = match &args.input {
-        Some(path) => input::table(path, &compiled, args.input_hold)?,
+        Some(path) => input::table(path, scene, args.input_hold)?,
         None => Vec::new(),
     };
     let started = Instant::now();
-    let mut sim = Simulation::with(compiled.scene(), &options, given)?;
-    let mut files = Files::open(args, &compiled, &sim)?;
-    let progress = Progress::new();
-    let halted = drive(&mut sim, rows, stop, &mut |sim, t| {
-        progress.at(t / stop);
-        files.row(sim, t)
-    });
-    drop(progress);
+    let mut sim = match &args.resume {
+        Some(path) => {
+            let sim = checkpoint::resume(path, scene, given, stop)?;
+            drive::possible(scene, sim.options(), stop)?;
+            sim
+        }
+        None => {
+            let options = steps.resolve(settings, stop, every)?;
+            drive::possible(scene, &options, stop)?;
+            Simulation::with(scene, &options, given)?
+        }
+    };
+    let from = sim.time();
+    let resumed = args.resume.is_some().then_some(from);
+    let mut files = Files::open(args, scene, &sim, resumed)?;
+    let checkpoints = args.checkpoint.as_deref().map(|path| Checkpoints::new(path, args.checkpoint_every, from));
+    let mut on_the_way = OnTheWay { files: &mut files, checkpoints, progress: Progress::new(), stop };
+    let halted = drive::watched(&mut sim, rows, stop, &mut on_the_way);
+    drop(on_the_way);
     let failure = match halted {
         Ok(()) => None,
         Err(Halt::Numerics(e)) => Some(e),
@@ -118,19 +163,38 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     };
     // What was computed is kept, also of a run that failed.
     files.commit()?;
-    tell(args, &compiled, &mut sim, stop, started, failure)
+    tell(args, scene, &mut sim, (from, stop), started, failure)
+}
+
+/// What is done while it runs.
+struct OnTheWay<'a> {
+    files: &'a mut Files,
+    checkpoints: Option<Checkpoints<'a>>,
+    progress: Progress,
+    stop: f64,
+}
+
+impl Watch for OnTheWay<'_> {
+    fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
+        self.progress.at(t / self.stop);
+        self.files.row(sim, t)
+    }
+
+    fn mark(&mut self, sim: &Simulation<'_>, end: bool) -> Result<(), Halt> {
+        self.checkpoints.as_mut().map_or(Ok(()), |c| c.mark(sim, end)).map_err(Halt::Stop)
+    }
 }
 
 /// The summary, and the error of a run that failed.
 fn tell(
-    args: &Args,
-    compiled: &Compiled,
+    args: &How,
+    scene: &Scene,
     sim: &mut Simulation<'_>,
-    stop: f64,
+    (from, stop): (f64, f64),
     started: Instant,
     failure: Option<RunError>,
 ) -> Result<(), Stop> {
-    let shown = compiled.probes().len();
+    let shown = scene.probes.names.len();
     // A run that got to its end, and whose signals cannot be told there, failed too.
     let (values, failure) = match (sim.probes().map(|v| v[..shown.min(v.len())].to_vec()), failure) {
         (Ok(values), None) => (values, None),
@@ -138,7 +202,8 @@ fn tell(
         (_, failure) => (vec![f64::NAN; shown], failure),
     };
     let outcome = Outcome {
-        scene: compiled.scene(),
+        scene,
+        from,
         stop,
         wall: started.elapsed().as_secs_f64(),
         summary: &sim.summary(),
@@ -165,7 +230,7 @@ fn is_dash(path: Option<&Path>) -> bool {
 }
 
 /// Refuses places of tables that cannot be.
-fn places(args: &Args) -> Result<(), Stop> {
+fn places(args: &How) -> Result<(), Stop> {
     for path in [&args.output, &args.ledger].into_iter().flatten() {
         let end = path.extension().map(|e| e.to_string_lossy().to_lowercase());
         if let Some(end @ ("parquet" | "png" | "svg" | "json" | "xlsx")) = end.as_deref() {
@@ -175,23 +240,27 @@ fn places(args: &Args) -> Result<(), Stop> {
             )));
         }
     }
-    if args.file == Path::new("-") && is_dash(args.input.as_deref()) {
-        return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
+    let named = [("-o", &args.output), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];
+    let named: Vec<_> = named.into_iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).collect();
+    for (i, (a, path)) in named.iter().enumerate() {
+        if let Some((b, _)) = named[i + 1..].iter().find(|(_, other)| other == path) {
+            return Err(Stop::Usage(format!("{a} and {b} name the same file")));
+        }
     }
-    match (&args.output, &args.ledger) {
-        (Some(a), Some(b)) if a == b => Err(Stop::Usage("-o and --ledger name the same file".into())),
-        _ => Ok(()),
+    if is_dash(args.checkpoint.as_deref()) {
+        return Err(Stop::Usage("--checkpoint needs a file: a state is no text".into()));
     }
+    Ok(())
 }
 
 /// Steps, end and distance of rows: the command line goes before the model.
-fn asked(args: &Args, compiled: &Compiled) -> (Steps, f64, Option<f64>) {
-    let settings = &compiled.stages().model.settings;
+fn asked(args: &How, settings: &Settings) -> (Steps, f64, Option<f64>) {
     let steps = match (args.step, args.tolerance) {
         (Some(h), _) => Steps::fixed(h),
         (None, Some(x)) => Steps::tolerance(x),
         (None, None) => Steps::new(),
     };
+    let steps = args.longest.map_or(steps, |h| steps.longest(h));
     let stop = args.stop.or(settings.stop).unwrap_or_else(|| {
         report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
         1.0
@@ -204,19 +273,28 @@ struct Files {
     rows: Option<Table>,
     ledger: Option<Table>,
     shown: usize,
+    /// The instant of a run that goes on from there: its row was written before.
+    resumed: Option<f64>,
 }
 
 impl Files {
-    fn open(args: &Args, compiled: &Compiled, sim: &Simulation<'_>) -> Result<Self, Stop> {
-        let header = || std::iter::once("t").chain(compiled.probes().iter().map(String::as_str));
+    fn open(args: &How, scene: &Scene, sim: &Simulation<'_>, resumed: Option<f64>) -> Result<Self, Stop> {
+        let header = || std::iter::once("t").chain(scene.probes.names.iter().map(String::as_str));
         let rows = args.output.as_deref().map(|path| Table::new(path, header())).transpose()?;
         let names = ledger_names(&sim.summary());
         let ledger =
             args.ledger.as_deref().map(|path| Table::new(path, names.iter().map(String::as_str))).transpose()?;
-        Ok(Self { rows, ledger, shown: compiled.probes().len() })
+        Ok(Self { rows, ledger, shown: scene.probes.names.len(), resumed })
     }
 
     fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
+        if self.resumed.is_some_and(|from| t <= from * (1.0 + 1e-12)) {
+            // Looking makes tables that later steps may take: the run that was never stopped looked here too.
+            if self.rows.is_some() {
+                sim.probes().map_err(Halt::Numerics)?;
+            }
+            return Ok(());
+        }
         if let Some(table) = &mut self.rows {
             let values = sim.probes().map_err(Halt::Numerics)?;
             let values = values.iter().copied().take(self.shown);

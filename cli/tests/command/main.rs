@@ -1,6 +1,7 @@
 //! The `bond` command from outside: what it prints, writes and answers.
 
 mod check;
+mod checkpoint;
 mod doc;
 mod fmt;
 mod hostile;
