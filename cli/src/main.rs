@@ -6,6 +6,7 @@ mod csv;
 mod diff;
 mod document;
 mod drive;
+mod environment;
 mod expectation;
 mod input;
 mod output;
@@ -17,7 +18,7 @@ mod summary;
 mod text;
 
 use clap::{Parser, Subcommand};
-use commands::{check, doc, fmt, linearize, new, run, show, test};
+use commands::{build, check, doc, fmt, linearize, new, run, show, test};
 use std::process::ExitCode;
 use stop::Stop;
 
@@ -41,6 +42,7 @@ struct Line {
 
 #[derive(Subcommand)]
 enum Command {
+    Build(build::Args),
     New(new::Args),
     Check(check::Args),
     Doc(doc::Args),
@@ -52,9 +54,12 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let line = Line::parse();
     // Deep models recurse deeply: the stack is only touched where it is needed.
-    let worker = std::thread::Builder::new().stack_size(256 << 20).spawn(move || done(&line.command));
+    let worker = std::thread::Builder::new().stack_size(256 << 20).spawn(|| match environment::carried() {
+        // A file with a scene at its end is that scene's environment.
+        Some(scene) => done(scene.and_then(|scene| environment::act(&scene))),
+        None => done(command(&Line::parse().command)),
+    });
     match worker.map(std::thread::JoinHandle::join) {
         Ok(Ok(status)) => ExitCode::from(status),
         Ok(Err(_)) => ExitCode::from(101),
@@ -65,9 +70,10 @@ fn main() -> ExitCode {
     }
 }
 
-/// Does a command, and gives the exit status.
-fn done(command: &Command) -> u8 {
-    let result = match command {
+/// Does a command.
+fn command(command: &Command) -> Result<(), Stop> {
+    match command {
+        Command::Build(args) => build::build(args),
         Command::New(args) => new::new(args),
         Command::Check(args) => check::check(args),
         Command::Doc(args) => doc::doc(args),
@@ -76,7 +82,11 @@ fn done(command: &Command) -> u8 {
         Command::Linearize(args) => linearize::linearize(args),
         Command::Run(args) => run::run(args),
         Command::Test(args) => test::test(args),
-    };
+    }
+}
+
+/// Says what went wrong, and gives the exit status.
+fn done(result: Result<(), Stop>) -> u8 {
     match result {
         Ok(()) | Err(Stop::Pipe) => 0,
         Err(Stop::Said(status)) => status,

@@ -219,6 +219,12 @@ pub struct Open {
     pub port: (usize, usize),
     /// Least inertia of the outside, SI.
     pub inertia: Option<f64>,
+    /// Whether the outside gives the flow there, and the scene the effort.
+    pub takes_flow: bool,
+    /// Unit as text of what the scene gives there, where determined.
+    pub unit: Option<String>,
+    /// Unit as text of the integral over time of what the outside gives, where determined.
+    pub moved: Option<String>,
     /// 1 where what the port gives, as its region counts it, runs along the half arrow; -1 where it runs against it.
     pub along: f64,
 }

@@ -71,7 +71,7 @@ fn states_are_saved_on_the_way() {
     assert_eq!(here.list(), ["b.bond", "s"]);
     // A run that fails keeps the last state that was saved.
     let here = here.with("fails.bond", super::BLOWS_UP);
-    here.bond(&["run", "fails.bond", "--checkpoint", "f", "--checkpoint-every", "0.7"]).is(3, &[], &["at t = 1"]);
+    here.bond(&["run", "fails.bond", "--checkpoint", "f", "--checkpoint-every", "0.7"]).is(3, &[], &["at t = 0.99"]);
     here.bond(&["run", "fails.bond", "--stop", "0.95", "--resume", "f"]).is(0, &["from 0.7 s to 0.95 s"], &[]);
 }
 

@@ -1,5 +1,6 @@
 //! The `bond` command from outside: what it prints, writes and answers.
 
+mod build;
 mod check;
 mod checkpoint;
 mod doc;

@@ -1,0 +1,113 @@
+//! `bond build`: from a model to what runs without `bond`.
+
+use crate::environment;
+use crate::input::{self, Set, Which};
+use crate::output;
+use crate::report;
+use crate::stop::Stop;
+use bond::{Compiled, Steps};
+use bond_compiler::discretise::Method;
+use clap::builder::PossibleValuesParser;
+use std::path::{Path, PathBuf};
+
+/// Build a model into one file that runs without `bond` and without a toolchain
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
+                  wall.k=2e3\n  ./wall serve --udp 127.0.0.1:7000 --duration 60s\n  ./wall --help\n\nThe file is this very program with the compiled \
+                  scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built."
+)]
+pub struct Args {
+    /// A model; `-` is standard input
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// The file to write; the model's file without its ending otherwise, in this folder
+    #[arg(short, long, value_name = "OUT")]
+    output: Option<PathBuf>,
+    /// What to build
+    #[arg(long, value_enum, default_value_t = Emit::Exe)]
+    emit: Emit,
+    /// Stepper of every region that can take it
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
+    method: Option<String>,
+    #[command(flatten)]
+    set: Set,
+    #[command(flatten)]
+    which: Which,
+}
+
+/// What is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Emit {
+    /// One file with `run` and, for a scene with open ports, `serve`
+    Exe,
+}
+
+/// Builds.
+///
+/// # Errors
+/// A command line or a model that is wrong, a file that cannot be written.
+pub fn build(args: &Args) -> Result<(), Stop> {
+    let mut options = input::options(&args.which, &args.set);
+    if let Some(method) = &args.method {
+        options = options.method(method);
+    }
+    let compiled = input::compile(&args.file, &options)?;
+    match args.emit {
+        Emit::Exe => executable(args, &compiled),
+    }
+}
+
+/// The place of the result: as told, or the model's file with another ending.
+fn place(args: &Args, name: &str, ending: &str) -> PathBuf {
+    match &args.output {
+        Some(path) => path.clone(),
+        None => {
+            let stem = args.file.file_stem().filter(|_| args.file != Path::new("-"));
+            let stem = stem.map_or(name.to_string(), |s| s.to_string_lossy().into_owned());
+            PathBuf::from(stem + ending)
+        }
+    }
+}
+
+/// The program itself with the scene at its end.
+fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
+    let scene = compiled.scene();
+    let out = place(args, &scene.name, std::env::consts::EXE_SUFFIX);
+    if out == Path::new("-") {
+        return Err(Stop::Usage("an executable needs a file: name it with -o".into()));
+    }
+    let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if same(&out, &args.file) {
+        return Err(Stop::Usage(format!("{} is the model itself; name another file with -o", out.display())));
+    }
+    let settings = &compiled.stages().model.settings;
+    // What makes no sense is told now, not when it runs.
+    Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
+    let set = args.set.set.iter().map(|(path, (value, unit))| {
+        let unit = unit.filter(|u| !u.is_one()).map(|u| format!(" {u}")).unwrap_or_default();
+        format!("{path} = {value}{unit}")
+    });
+    let carried = environment::Environment {
+        version: env!("CARGO_PKG_VERSION").into(),
+        method: args.method.clone(),
+        set: set.collect(),
+        stop: settings.stop,
+        step: settings.step,
+        tolerance: settings.tolerance,
+        every: settings.every,
+        scene: scene.clone(),
+    };
+    let program = environment::program()?;
+    let end = carried.end()?;
+    output::put_executable(&out, &[&program, &end])?;
+    let megabytes = (program.len() + end.len()) as f64 / 1e6;
+    let run = if out.is_absolute() { out.clone() } else { Path::new(".").join(&out) };
+    report::say(&format!(
+        "built {} ({megabytes:.1} MB, of which the scene is {} kB); `{} --help` tells what it does",
+        out.display(),
+        end.len().div_ceil(1000),
+        run.display()
+    ));
+    Ok(())
+}
