@@ -8,6 +8,7 @@ mod classics;
 mod determinism;
 mod diagnostics;
 mod elaborate;
+mod exchange;
 mod expectations;
 mod form;
 mod holds;

@@ -9,6 +9,7 @@ mod summary;
 mod worst;
 
 pub use given::{Course, Unfit};
+pub use hold::Report;
 pub use save::Refused;
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 

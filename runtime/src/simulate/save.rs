@@ -5,7 +5,7 @@
 
 use super::cluster::{Book, Ready, Run};
 use super::given::{Course, Feed};
-use super::hold::Held;
+use super::hold::{Held, Report};
 use super::{Error, Options, Simulation};
 use crate::envelope::{self, Damaged, Kind};
 use crate::scene::Scene;
@@ -48,7 +48,7 @@ struct Saved {
     time: f64,
     last_sample: f64,
     clusters: Vec<Part>,
-    open: Vec<f64>,
+    open: Vec<Report>,
     given: Vec<Course>,
 }
 
@@ -77,6 +77,7 @@ struct Part {
     gamma: Vec<f64>,
     decay: Vec<f64>,
     next: u64,
+    reserve: f64,
     moved: Vec<f64>,
 }
 
@@ -124,6 +125,7 @@ impl Simulation<'_> {
             gamma: self.gamma[i].clone(),
             decay: self.decay[i].clone(),
             next: self.next[i],
+            reserve: self.reserve[i],
             moved: self.moved[i].clone(),
         }
     }
@@ -210,6 +212,7 @@ impl<'a> Simulation<'a> {
         self.gamma[i] = part.gamma;
         self.decay[i] = part.decay;
         self.next[i] = part.next;
+        self.reserve[i] = part.reserve;
         self.moved[i] = part.moved;
         Ok(())
     }
