@@ -40,6 +40,22 @@ pub enum Halt {
     Stop(Stop),
 }
 
+/// What is done on the way.
+pub trait Watch {
+    /// At each row.
+    ///
+    /// # Errors
+    /// What ends the run.
+    fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt>;
+
+    /// Before each row, and at the end before the step that is left is taken: a run that goes on from there is as if it had never
+    /// stopped.
+    ///
+    /// # Errors
+    /// What ends the run.
+    fn mark(&mut self, sim: &Simulation<'_>, end: bool) -> Result<(), Halt>;
+}
+
 /// Runs to `stop`, and calls `row` at each of the instants.
 ///
 /// # Errors
@@ -50,14 +66,44 @@ pub fn drive(
     stop: f64,
     row: &mut dyn FnMut(&mut Simulation<'_>, f64) -> Result<(), Halt>,
 ) -> Result<(), Halt> {
-    for t in rows {
+    struct Rowwise<'a>(&'a mut dyn FnMut(&mut Simulation<'_>, f64) -> Result<(), Halt>);
+    impl Watch for Rowwise<'_> {
+        fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
+            (self.0)(sim, t)
+        }
+
+        fn mark(&mut self, _: &Simulation<'_>, _: bool) -> Result<(), Halt> {
+            Ok(())
+        }
+    }
+    watched(sim, rows, stop, &mut Rowwise(row))
+}
+
+/// Runs from where it is to `stop`, and watches it at each of the instants from there on.
+///
+/// # Errors
+/// The numerics, or what the watch gives.
+pub fn watched(sim: &mut Simulation<'_>, rows: Rows, stop: f64, watch: &mut dyn Watch) -> Result<(), Halt> {
+    let from = sim.time();
+    let mut ended = false;
+    for t in rows.filter(|t| *t >= from * (1.0 - 1e-12)) {
         if t >= stop * (1.0 - 1e-12) {
-            finish(sim, stop)?;
+            end(sim, stop, watch)?;
+            ended = true;
         } else {
             sim.advance(t).map_err(Halt::Numerics)?;
+            watch.mark(sim, false)?;
         }
-        row(sim, t)?;
+        watch.row(sim, t)?;
     }
+    if ended { finish(sim, stop) } else { end(sim, stop, watch) }
+}
+
+fn end(sim: &mut Simulation<'_>, stop: f64, watch: &mut dyn Watch) -> Result<(), Halt> {
+    if sim.time() <= stop {
+        sim.advance(stop).map_err(Halt::Numerics)?;
+    }
+    watch.mark(sim, true)?;
     finish(sim, stop)
 }
 

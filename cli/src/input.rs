@@ -3,6 +3,7 @@
 use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Course, Errors, Given, Options, Quantity, ReadError};
+use bond_runtime::scene::Scene;
 use std::path::Path;
 
 /// `--model`.
@@ -89,10 +90,11 @@ pub fn compile(path: &Path, options: &Options) -> Result<Compiled, Stop> {
 ///
 /// # Errors
 /// Status 2, with the line: a file that cannot be read, or is no such table.
-pub fn table(path: &Path, compiled: &Compiled, hold: bool) -> Result<Vec<(String, Course)>, Stop> {
+pub fn table(path: &Path, scene: &Scene, hold: bool) -> Result<Vec<(String, Course)>, Stop> {
     let text = bond::read_table(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
     let wrong = |e: bond::TableError| Stop::Usage(format!("{}:{}: {}", name(path), e.line, e.message));
-    Given::read(&text, &compiled.inputs()).and_then(|table| table.courses(hold)).map_err(wrong)
+    let known: Vec<&str> = scene.inputs.iter().map(|i| i.name.as_str()).collect();
+    Given::read(&text, &known).and_then(|table| table.courses(hold)).map_err(wrong)
 }
 
 /// Draws what is wrong.

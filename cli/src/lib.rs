@@ -25,6 +25,7 @@
 
 mod compile;
 mod errors;
+pub mod exchange;
 mod given;
 mod load;
 mod quantity;

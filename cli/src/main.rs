@@ -1,5 +1,6 @@
 //! The `bond` command.
 
+mod checkpoint;
 mod commands;
 mod csv;
 mod diff;
@@ -7,6 +8,7 @@ mod document;
 mod drive;
 mod emit;
 mod ensemble;
+mod environment;
 mod expectation;
 mod input;
 mod output;
@@ -45,8 +47,8 @@ struct Line {
 
 #[derive(Subcommand)]
 enum Command {
-    New(new::Args),
     Build(build::Args),
+    New(new::Args),
     Check(check::Args),
     Doc(doc::Args),
     Fmt(fmt::Args),
@@ -57,9 +59,12 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let line = Line::parse();
     // Deep models recurse deeply: the stack is only touched where it is needed.
-    let worker = std::thread::Builder::new().stack_size(256 << 20).spawn(move || done(&line.command));
+    let worker = std::thread::Builder::new().stack_size(256 << 20).spawn(|| match environment::carried() {
+        // A file with a scene at its end is that scene's environment.
+        Some(scene) => done(scene.and_then(|scene| environment::act(&scene))),
+        None => done(command(&Line::parse().command)),
+    });
     match worker.map(std::thread::JoinHandle::join) {
         Ok(Ok(status)) => ExitCode::from(status),
         Ok(Err(_)) => ExitCode::from(101),
@@ -70,11 +75,11 @@ fn main() -> ExitCode {
     }
 }
 
-/// Does a command, and gives the exit status.
-fn done(command: &Command) -> u8 {
-    let result = match command {
-        Command::New(args) => new::new(args),
+/// Does a command.
+fn command(command: &Command) -> Result<(), Stop> {
+    match command {
         Command::Build(args) => build::build(args),
+        Command::New(args) => new::new(args),
         Command::Check(args) => check::check(args),
         Command::Doc(args) => doc::doc(args),
         Command::Fmt(args) => fmt::fmt(args),
@@ -82,7 +87,11 @@ fn done(command: &Command) -> u8 {
         Command::Linearize(args) => linearize::linearize(args),
         Command::Run(args) => run::run(args),
         Command::Test(args) => test::test(args),
-    };
+    }
+}
+
+/// Says what went wrong, and gives the exit status.
+fn done(result: Result<(), Stop>) -> u8 {
     match result {
         Ok(()) | Err(Stop::Pipe) => 0,
         Err(Stop::Said(status)) => status,

@@ -64,6 +64,23 @@ fn nameless(path: &Path) -> Stop {
     Stop::Usage(format!("cannot write {}: it names no file", path.display()))
 }
 
+/// Writes bytes to a file that may be executed.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn put_executable(path: &Path, parts: &[&[u8]]) -> Result<(), Stop> {
+    if fs::metadata(path).is_ok_and(|m| m.is_dir()) {
+        let name = path.display();
+        return Err(Stop::Usage(format!("cannot write {name}: it is a directory; name another file with -o")));
+    }
+    let mut whole = Whole::new(path)?;
+    whole.executable = true;
+    for part in parts {
+        whole.file.write_all(part).map_err(|e| unwritable(path, &e))?;
+    }
+    whole.commit()
+}
+
 /// What a result is written to.
 pub enum Sink {
     /// Standard output.
@@ -139,6 +156,7 @@ pub struct Whole {
     file: BufWriter<File>,
     beside: PathBuf,
     path: PathBuf,
+    executable: bool,
     done: bool,
 }
 
@@ -153,7 +171,9 @@ impl Whole {
             let beside =
                 path.with_file_name(format!(".{}.{}.{attempt}.tmp", name.to_string_lossy(), std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&beside) {
-                Ok(file) => return Ok(Self { file: BufWriter::new(file), beside, path, done: false }),
+                Ok(file) => {
+                    return Ok(Self { file: BufWriter::new(file), beside, path, executable: false, done: false });
+                }
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(e) => return Err(unwritable(&path, &e)),
             }
@@ -163,7 +183,9 @@ impl Whole {
 
     fn commit(mut self) -> Result<(), Stop> {
         let result = self.file.flush().and_then(|()| {
-            if let Ok(old) = fs::metadata(&self.path) {
+            if self.executable {
+                executable(self.file.get_ref())?;
+            } else if let Ok(old) = fs::metadata(&self.path) {
                 self.file.get_ref().set_permissions(old.permissions())?;
             }
             fs::rename(&self.beside, &self.path)
@@ -171,6 +193,19 @@ impl Whole {
         self.done = result.is_ok();
         result.map_err(|e| unwritable(&self.path, &e))
     }
+}
+
+/// Lets everybody read and execute a file: mode 755.
+#[cfg(unix)]
+fn executable(file: &File) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    file.set_permissions(fs::Permissions::from_mode(0o755))
+}
+
+/// Elsewhere the name says it.
+#[cfg(not(unix))]
+fn executable(_: &File) -> io::Result<()> {
+    Ok(())
 }
 
 impl Drop for Whole {

@@ -114,6 +114,12 @@ pub enum RunError {
     /// An instant that is none.
     #[error("{0} is no instant to run to")]
     Instant(f64),
+    /// A state that is not this scene's.
+    #[error("{0}")]
+    Resume(#[from] simulate::Refused),
+    /// A state that cannot be written.
+    #[error("the state cannot be saved: {0}")]
+    Save(String),
     /// A name that there is not.
     #[error("there is no {what} `{name}`; there is {}", if known.is_empty() { "none".to_string() } else { known.join(", ") })]
     Unknown {
@@ -167,6 +173,36 @@ impl<'a> Simulation<'a> {
         let courses = inputs.into_iter().map(|(name, course)| Ok((input(scene, &name)?, course)));
         let courses = courses.collect::<Result<Vec<_>, RunError>>()?;
         Ok(Self { inner: simulate::Simulation::on(backend, scene, options, courses)?, scene })
+    }
+
+    /// A run that goes on from what [`Self::save`] gave, with the step and the tolerance that it had. Signals given from outside
+    /// are what they were, but for those named here.
+    ///
+    /// # Errors
+    /// A name that there is not, or bytes that are not the state of this very scene.
+    pub fn resume(
+        backend: &dyn Backend,
+        scene: &'a Scene,
+        bytes: &[u8],
+        inputs: impl IntoIterator<Item = (String, Course)>,
+    ) -> Result<Self, RunError> {
+        let courses = inputs.into_iter().map(|(name, course)| Ok((input(scene, &name)?, course)));
+        let courses = courses.collect::<Result<Vec<_>, RunError>>()?;
+        Ok(Self { inner: simulate::Simulation::resume(backend, scene, bytes, courses)?, scene })
+    }
+
+    /// The whole state, as bytes. A run that goes on from them gives the same bits as this one, where the instants to which the
+    /// two are advanced are the same.
+    ///
+    /// # Errors
+    /// What cannot be written, in words.
+    pub fn save(&self) -> Result<Vec<u8>, RunError> {
+        self.inner.save().map_err(RunError::Save)
+    }
+
+    /// The steps of continuous regions that it was started with.
+    pub fn options(&self) -> &simulate::Options {
+        self.inner.options()
     }
 
     /// Now, s.

@@ -10,6 +10,8 @@ use std::fmt::Write;
 pub struct Outcome<'a> {
     /// What ran.
     pub scene: &'a Scene,
+    /// Where it went on from; 0 where it began, s.
+    pub from: f64,
     /// The end that was asked for, s.
     pub stop: f64,
     /// How long it took, s.
@@ -34,13 +36,14 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
     let s = o.summary;
     writeln!(out, "{:11} {}", "scene", o.scene.name)?;
     let reached = if o.failure.is_some() { s.time } else { o.stop };
-    let pace = if o.wall > 0.0 { reached / o.wall } else { f64::INFINITY };
+    let pace = if o.wall > 0.0 { (reached - o.from) / o.wall } else { f64::INFINITY };
     let early =
         if o.failure.is_some() { format!(" of {} s, then the numerics failed", short(o.stop)) } else { String::new() };
     writeln!(
         out,
-        "{:11} {} s in {} s of wall time ({} times real time){early}",
+        "{:11} {}{} s in {} s of wall time ({} times real time){early}",
         "simulated",
+        if o.from > 0.0 { format!("from {} s to ", short(o.from)) } else { String::new() },
         short(reached),
         short(o.wall),
         short(pace)
@@ -96,7 +99,7 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
         String::new()
     };
     writeln!(out, "  {:11} {} ({order}), {} steps{newton}", "stepper", r.stepper, r.steps)?;
-    if let Some(hold) = r.hold {
+    if let Some(hold) = &r.hold {
         writeln!(out, "  {:11} {hold}", "hold")?;
     }
     writeln!(out, "  {:11} {} -> {} {unit}", "H", short(r.h_initial), short(r.h_final))?;
@@ -126,8 +129,9 @@ fn hints(o: &Outcome) -> Vec<String> {
     if let Some(r) = regions.iter().find(|r| !r.passive_stepper) {
         list.push(format!("`{}` makes energy of its own; `--method gonzalez` keeps the balance", r.stepper));
     }
-    if let Some(r) =
-        regions.iter().find(|r| matches!(r.hold, Some("lagged" | "predicted")) && (r.leaked > 0.0 || r.debt_max > 0.0))
+    if let Some(r) = regions
+        .iter()
+        .find(|r| matches!(r.hold.as_deref(), Some("lagged" | "predicted")) && (r.leaked > 0.0 || r.debt_max > 0.0))
     {
         list.push(format!("the hold of `{}` made energy; try `hold matched`", r.name));
     }
@@ -204,7 +208,7 @@ impl Serialize for Region<'_> {
         map.serialize_entry("kind", r.kind)?;
         map.serialize_entry("period", &r.period)?;
         map.serialize_entry("states", &r.states)?;
-        map.serialize_entry("stepper", r.stepper)?;
+        map.serialize_entry("stepper", &r.stepper)?;
         map.serialize_entry("order", &r.order)?;
         map.serialize_entry("hold", &r.hold)?;
         map.serialize_entry("steps", &r.steps)?;

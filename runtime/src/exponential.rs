@@ -9,11 +9,12 @@ mod balance;
 mod drift;
 mod twice;
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use twice::{Matrix, Twice};
 
 /// A linear system with what drives it: `dw/dt = A w` for `w = (x, xi)`, and what is wanted of a step.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Linear {
     /// How many states `x`.
     pub n: usize,

@@ -1,7 +1,9 @@
 //! Sums of energies.
 
+use serde::{Deserialize, Serialize};
+
 /// A sum that keeps what rounding would lose: Neumaier's compensation.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sum {
     sum: f64,
     rest: f64,

@@ -2,6 +2,7 @@
 //!
 //! Knows nothing of text, graphs or symbols. A built environment links this crate alone.
 
+pub mod envelope;
 pub mod eval;
 pub mod exponential;
 pub mod interpreter;

@@ -5,9 +5,16 @@
 
 use crate::exponential::Linear;
 use crate::ir::Program;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+
+mod check;
+mod image;
+
+pub use check::Unsound;
 
 /// A compiled scene.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Scene {
     /// Name of the model.
     pub name: String,
@@ -29,7 +36,7 @@ pub struct Scene {
 }
 
 /// A signal given from outside.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Input {
     /// Its path.
     pub name: String,
@@ -40,7 +47,7 @@ pub struct Input {
 }
 
 /// A region, as the ledger names it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Region {
     /// Its name.
     pub name: String,
@@ -55,10 +62,10 @@ pub struct Region {
 }
 
 /// A stepper's program.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Stepper {
     /// `gonzalez`
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Its order; 0 where it has no error.
     pub order: u32,
     /// Whether its steps keep the balance.
@@ -67,12 +74,13 @@ pub struct Stepper {
     pub program: Program,
     /// For `exact`: what the table is made of.
     pub linear: Option<Linear>,
-    /// For `exact`: the same without the energies, for a look between two steps.
+    /// For `exact`: the same without the energies, for a look between two steps. It has none itself.
+    #[serde(deserialize_with = "image::glance")]
     pub glance: Option<Box<Stepper>>,
 }
 
 /// How the held variable of a sampled region is found.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum Respond {
     /// The program's outputs are the efforts (or flows) that the ports call for, given the means of the last interval.
     Last(Program),
@@ -82,7 +90,7 @@ pub enum Respond {
 }
 
 /// Where the parts of a region's ledger are among the outputs of a step.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Entries {
     /// Which region.
     pub region: usize,
@@ -105,7 +113,7 @@ pub struct Entries {
 }
 
 /// A port of a cluster: a double bar or an open port. Its variable comes in, the conjugate goes out.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Port {
     /// Name of what is at its far end.
     pub name: String,
@@ -124,14 +132,14 @@ pub struct Port {
 pub const GIVEN: usize = 3;
 
 /// What steps as one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Cluster {
     /// Its name: that of its first region, else of its first state.
     pub name: String,
     /// Period in s; `None` where it is continuous.
     pub period: Option<f64>,
     /// `lagged`, `predicted`, `matched`; only for a sampled one.
-    pub hold: &'static str,
+    pub hold: Cow<'static, str>,
     /// Whether the energy budget is on.
     pub budget: bool,
     /// Energy states, then signal states; they come first in the state.
@@ -190,7 +198,7 @@ impl Cluster {
 /// A double bar between two clusters. The holder's variable v is held over its period; the other side answers with q, the
 /// integral of the conjugate. `sign` is 1 where the answer is a flow, -1 where it is an effort: the other side's input is
 /// `sign * v`, and q = `sign` times the integral of what it gives out. The energy v q enters the holder.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Bar {
     /// Name of the bond.
     pub name: String,
@@ -203,7 +211,7 @@ pub struct Bar {
 }
 
 /// An open port of the scene, held by a sampled cluster, or met by a continuous one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Open {
     /// Its name.
     pub name: String,
@@ -211,12 +219,18 @@ pub struct Open {
     pub port: (usize, usize),
     /// Least inertia of the outside, SI.
     pub inertia: Option<f64>,
+    /// Whether the outside gives the flow there, and the scene the effort.
+    pub takes_flow: bool,
+    /// Unit as text of what the scene gives there, where determined.
+    pub unit: Option<String>,
+    /// Unit as text of the integral over time of what the outside gives, where determined.
+    pub moved: Option<String>,
     /// 1 where what the port gives, as its region counts it, runs along the half arrow; -1 where it runs against it.
     pub along: f64,
 }
 
 /// What is shown: a program over signals of all clusters.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Probes {
     /// Names in order.
     pub names: Vec<String>,
@@ -233,7 +247,7 @@ pub struct Probes {
 }
 
 /// An `expect`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Expectation {
     /// As written.
     pub text: String,
@@ -242,7 +256,7 @@ pub struct Expectation {
 }
 
 /// What an `expect` asks.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum ExpectationKind {
     /// The ledger shows a passive run.
     Passive,

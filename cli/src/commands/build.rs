@@ -1,28 +1,38 @@
 //! `bond build`: from a model to what runs without `bond`.
 
 use crate::emit::Emission;
+use crate::environment;
 use crate::input::{self, Set, Which};
+use crate::output;
+use crate::report;
 use crate::stop::Stop;
+use bond::{Compiled, Steps};
 use bond_compiler::discretise::Method;
 use clap::builder::PossibleValuesParser;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Build a model into what runs without `bond`
+/// Build a model into what runs without `bond`: one executable file, C source, or an object file
 #[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
+                  wall.k=2e3\n  ./wall serve --udp 127.0.0.1:7000 --duration 60s\n  ./wall --help\n  bond build device.bond --emit c -o wall.c\n  bond build device.bond --emit object \
+                  --prefix wall -o wall.o\n\nAn executable is this very program with the compiled \
+                  scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built. C and objects come with a header that says how they are used; they take fixed steps."
+)]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The file to write
+    /// The file to write; the model's file with the ending of what is built otherwise, in this folder
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// What to build
-    #[arg(long, value_enum, default_value_t = Emit::C)]
+    #[arg(long, value_enum, default_value_t = Emit::Exe)]
     emit: Emit,
-    /// Fixed step of continuous regions
+    /// Fixed step of continuous regions in C and objects; that of the model's `simulate` otherwise
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
-    /// What public names begin with
+    /// What public names in C and objects begin with
     #[arg(long, value_name = "NAME", default_value = "bond")]
     prefix: String,
     /// Stepper of every region that can take it
@@ -37,6 +47,8 @@ pub struct Args {
 /// What is built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Emit {
+    /// One file with `run` and, for a scene with open ports, `serve`
+    Exe,
     /// C99 source and its header
     C,
     /// An object file for machines like this one, and its header
@@ -56,8 +68,66 @@ pub fn build(args: &Args) -> Result<(), Stop> {
     let compiled = input::compile(&args.file, &options)?;
     let emission = Emission { file: &args.file, output: args.output.as_deref(), step: args.step, prefix: &args.prefix };
     match args.emit {
+        Emit::Exe if args.step.is_some() || args.prefix != "bond" => Err(Stop::Usage(
+            "--step and --prefix are for --emit c and object; an executable takes --step when it runs".into(),
+        )),
+        Emit::Exe => executable(args, &compiled),
         Emit::C => emission.c(&compiled),
         #[cfg(feature = "native")]
         Emit::Object => emission.object(&compiled),
     }
+}
+
+/// The place of the result: as told, or the model's file with another ending.
+fn place(args: &Args, name: &str, ending: &str) -> PathBuf {
+    match &args.output {
+        Some(path) => path.clone(),
+        None => {
+            let stem = args.file.file_stem().filter(|_| args.file != Path::new("-"));
+            let stem = stem.map_or(name.to_string(), |s| s.to_string_lossy().into_owned());
+            PathBuf::from(stem + ending)
+        }
+    }
+}
+
+/// The program itself with the scene at its end.
+fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
+    let scene = compiled.scene();
+    let out = place(args, &scene.name, std::env::consts::EXE_SUFFIX);
+    if out == Path::new("-") {
+        return Err(Stop::Usage("an executable needs a file: name it with -o".into()));
+    }
+    let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if same(&out, &args.file) {
+        return Err(Stop::Usage(format!("{} is the model itself; name another file with -o", out.display())));
+    }
+    let settings = &compiled.stages().model.settings;
+    // What makes no sense is told now, not when it runs.
+    Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
+    let set = args.set.set.iter().map(|(path, (value, unit))| {
+        let unit = unit.filter(|u| !u.is_one()).map(|u| format!(" {u}")).unwrap_or_default();
+        format!("{path} = {value}{unit}")
+    });
+    let carried = environment::Environment {
+        version: env!("CARGO_PKG_VERSION").into(),
+        method: args.method.clone(),
+        set: set.collect(),
+        stop: settings.stop,
+        step: settings.step,
+        tolerance: settings.tolerance,
+        every: settings.every,
+        scene: scene.clone(),
+    };
+    let program = environment::program()?;
+    let end = carried.end()?;
+    output::put_executable(&out, &[&program, &end])?;
+    let megabytes = (program.len() + end.len()) as f64 / 1e6;
+    let run = if out.is_absolute() { out.clone() } else { Path::new(".").join(&out) };
+    report::say(&format!(
+        "built {} ({megabytes:.1} MB, of which the scene is {} kB); `{} --help` tells what it does",
+        out.display(),
+        end.len().div_ceil(1000),
+        run.display()
+    ));
+    Ok(())
 }

@@ -1,15 +1,18 @@
 //! `bond run`: simulate.
 
-use crate::drive::{self, Halt, drive};
+use crate::checkpoint::Checkpoints;
+use crate::drive::{self, Halt, Watch};
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Outcome};
 use crate::table::{self, Cell, Column, Kind, Table};
-use crate::{ensemble, output, report};
-use bond::{Code, Compiled, RunError, Simulation, Steps, Summary};
+use crate::{checkpoint, ensemble, output, report};
+use bond::{Code, RunError, Simulation, Steps, Summary};
 use bond_compiler::discretise::Method;
+use bond_compiler::model::Settings;
+use bond_runtime::scene::Scene;
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -21,36 +24,51 @@ use std::time::Instant;
                   bond run wall_of_a_house.bond --input weather.csv\n  \
                   bond run wall.bond --sweep \"wall.k=500 N/m..2 kN/m:50\" --sweep m=0.5,1,2 -o wall.parquet\n  \
                   bond run wall.bond --monte-carlo 10000 --draw \"m=normal(1 kg, 50 g)\" --draw \"wall.k=uniform(900, 1100)\" \
-                  --seed 7 -o wall.csv\n\nAn ensemble's table has a row an instance (its parameters, the probes at the end, \
+                  --seed 7 -o wall.csv\n  bond run wall.bond --stop 4s --every 10ms --longest 10ms --checkpoint wall.state\n  \
+                  bond run wall.bond --stop 10s --every 10ms --resume wall.state\n\nAn ensemble's table has a row an instance (its parameters, the probes at the end, \
                   passive or not, the worst balance, why it failed), or with --every or --at its rows over time. What is done \
                   is kept in FILE.part until the table is written: the same command goes on after a run that was cut off.\nThe table of --input begins with a line such as `t,T_out`: the time in \
-                  seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.")]
+                  seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
+                  stopped, if both are looked at at the same instants. Steps that are fitted to a tolerance end at the rows, and the \
+                  longest of them depends on --stop where nothing is said: then give both --every and --longest.")]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
+    /// Stepper of every region that can take it
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
+    method: Option<String>,
+    #[command(flatten)]
+    set: Set,
+    #[command(flatten)]
+    which: Which,
+    #[command(flatten)]
+    how: How,
+    #[command(flatten)]
+    ensemble: ensemble::Args,
+}
+
+/// What a run of a compiled scene takes: all that `bond run` does but for what makes the scene.
+#[derive(clap::Args)]
+pub struct How {
     /// End of the run; that of the model's `simulate` otherwise, or 1 s
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     stop: Option<f64>,
     /// Fixed step of continuous regions
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true, conflicts_with = "tolerance")]
     step: Option<f64>,
-    /// Stepper of every region that can take it
-    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
-    method: Option<String>,
     /// Error allowed in a step of continuous regions, relative to the states' size; 1e-6 where neither this nor a step is told
     #[arg(long, value_name = "X", value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Option<f64>,
+    /// Longest of the steps that are fitted to a tolerance; a thousandth of the run, or --every where that is less, otherwise
+    #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true, conflicts_with = "step")]
+    longest: Option<f64>,
     /// Distance of the rows of output; a thousandth of the run otherwise
     #[arg(long, value_name = "DT", value_parser = input::span, allow_negative_numbers = true)]
     every: Option<f64>,
     /// Rows at exactly these instants; together with --every, at both
     #[arg(long, value_name = "T1,T2,...", value_delimiter = ',', value_parser = input::instant, allow_negative_numbers = true)]
     at: Vec<f64>,
-    #[command(flatten)]
-    set: Set,
-    #[command(flatten)]
-    which: Which,
     /// Read inputs over time from a CSV file: column `t`, and one column an input; linear between rows
     #[arg(long, value_name = "FILE.csv")]
     input: Option<PathBuf>,
@@ -69,8 +87,15 @@ pub struct Args {
     /// Interpret the step programs instead of compiling them to machine code; the numbers are the same
     #[arg(long)]
     interpret: bool,
-    #[command(flatten)]
-    ensemble: ensemble::Args,
+    /// Save the whole state at the end of the run, to go on from with --resume
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
+    /// Save it on the way too: at the first row of output after each DT of simulated time
+    #[arg(long, value_name = "DT", value_parser = input::span, allow_negative_numbers = true, requires = "checkpoint")]
+    checkpoint_every: Option<f64>,
+    /// Go on from a saved state of the same model with the same parameters, with the step or tolerance that it had; rows begin after it
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["step", "tolerance", "longest"])]
+    resume: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
@@ -92,35 +117,56 @@ fn tolerance(text: &str) -> Result<f64, String> {
 /// # Errors
 /// A command line or a model that is wrong, numerics that fail.
 pub fn run(args: &Args) -> Result<(), Stop> {
-    places(args)?;
+    places(&args.how)?;
+    if args.file == Path::new("-") && is_dash(args.how.input.as_deref()) {
+        return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
+    }
     let mut options = input::options(&args.which, &args.set);
     if let Some(method) = &args.method {
         options = options.method(method);
     }
+    ensembles(args)?;
     if args.ensemble.asked() {
         return many(args, options);
     }
     let compiled = input::compile(&args.file, &options)?;
-    let (steps, stop, every) = asked(args, &compiled);
-    let grid = Grid::asked(args.every, compiled.stages().model.settings.every, &args.at);
-    let rows = Rows::new(stop, grid, &args.at)?;
-    let options = steps.resolve(&compiled.stages().model.settings, stop, every)?;
-    drive::possible(compiled.scene(), &options, stop)?;
+    simulate(compiled.scene(), &compiled.stages().model.settings, &args.how)
+}
 
+/// Runs a scene whose model says `settings`.
+///
+/// # Errors
+/// A command line that is wrong, numerics that fail.
+pub fn simulate(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> {
+    places(args)?;
+    let (steps, stop, every) = asked(args, settings);
+    let grid = Grid::asked(args.every, settings.every, &args.at);
+    let rows = Rows::new(stop, grid, &args.at)?;
     let given = match &args.input {
-        Some(path) => input::table(path, &compiled, args.input_hold)?,
+        Some(path) => input::table(path, scene, args.input_hold)?,
         None => Vec::new(),
     };
     let started = Instant::now();
     let code = if args.interpret { Code::Interpreted } else { Code::Native };
-    let mut sim = Simulation::on(code.backend(), compiled.scene(), &options, given)?;
-    let mut files = Files::open(args, &compiled, &sim)?;
-    let progress = Progress::new();
-    let halted = drive(&mut sim, rows, stop, &mut |sim, t| {
-        progress.at(t / stop);
-        files.row(sim, t)
-    });
-    drop(progress);
+    let mut sim = match &args.resume {
+        Some(path) => {
+            let sim = checkpoint::resume(code, path, scene, given, stop)?;
+            drive::possible(scene, sim.options(), stop)?;
+            sim
+        }
+        None => {
+            let options = steps.resolve(settings, stop, every)?;
+            drive::possible(scene, &options, stop)?;
+            Simulation::on(code.backend(), scene, &options, given)?
+        }
+    };
+    let from = sim.time();
+    let resumed = args.resume.is_some().then_some(from);
+    let mut files = Files::open(args, scene, &sim, resumed)?;
+    let checkpoints = args.checkpoint.as_deref().map(|path| Checkpoints::new(path, args.checkpoint_every, from));
+    let mut on_the_way = OnTheWay { files: &mut files, checkpoints, progress: Progress::new(), stop };
+    let halted = drive::watched(&mut sim, rows, stop, &mut on_the_way);
+    drop(on_the_way);
     let failure = match halted {
         Ok(()) => None,
         Err(Halt::Numerics(e)) => Some(e),
@@ -128,40 +174,81 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     };
     // What was computed is kept, also of a run that failed.
     files.commit()?;
-    tell(args, &compiled, &mut sim, stop, started, failure)
+    tell(args, scene, &mut sim, (from, stop), started, failure)
 }
 
 /// Runs an ensemble.
 fn many(args: &Args, options: bond::Options) -> Result<(), Stop> {
+    let how = &args.how;
     let setup = ensemble::Setup {
         file: &args.file,
         options,
         set: &args.set.set,
         method: args.method.as_deref(),
-        step: args.step,
-        tolerance: args.tolerance,
-        steps: steps(args),
-        interpret: args.interpret,
-        stop: args.stop,
-        every: args.every,
-        at: &args.at,
-        input: args.input.as_deref().map(|path| (path, args.input_hold)),
-        output: args.output.as_deref(),
-        json: args.summary == Format::Json,
+        step: how.step,
+        tolerance: how.tolerance,
+        steps: steps(how),
+        interpret: how.interpret,
+        stop: how.stop,
+        every: how.every,
+        at: &how.at,
+        input: how.input.as_deref().map(|path| (path, how.input_hold)),
+        output: how.output.as_deref(),
+        json: how.summary == Format::Json,
     };
     ensemble::run(&args.ensemble, setup)
 }
 
+/// Refuses options that do not go with an ensemble, or only with one.
+fn ensembles(args: &Args) -> Result<(), Stop> {
+    let single = [
+        ("--ledger", args.how.ledger.is_some(), "its ledger is written"),
+        ("--checkpoint", args.how.checkpoint.is_some(), "its state is saved; an ensemble goes on by itself"),
+        ("--resume", args.how.resume.is_some(), "it goes on; an ensemble goes on by itself"),
+    ];
+    match args.ensemble.idle() {
+        Some(option) if !args.ensemble.asked() => {
+            Err(Stop::Usage(format!("{option} is for ensembles; add --sweep or --monte-carlo")))
+        }
+        _ if args.ensemble.asked() => match single.iter().find(|s| s.1) {
+            Some((option, _, then)) => Err(Stop::Usage(format!(
+                "{option} is for single runs; give the values of one instance with --set, and {then}"
+            ))),
+            None => Ok(()),
+        },
+        Some(_) | None => Ok(()),
+    }
+}
+
+/// What is done while it runs.
+struct OnTheWay<'a> {
+    files: &'a mut Files,
+    checkpoints: Option<Checkpoints<'a>>,
+    progress: Progress,
+    stop: f64,
+}
+
+impl Watch for OnTheWay<'_> {
+    fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
+        self.progress.at(t / self.stop);
+        self.files.row(sim, t)
+    }
+
+    fn mark(&mut self, sim: &Simulation<'_>, end: bool) -> Result<(), Halt> {
+        self.checkpoints.as_mut().map_or(Ok(()), |c| c.mark(sim, end)).map_err(Halt::Stop)
+    }
+}
+
 /// The summary, and the error of a run that failed.
 fn tell(
-    args: &Args,
-    compiled: &Compiled,
+    args: &How,
+    scene: &Scene,
     sim: &mut Simulation<'_>,
-    stop: f64,
+    (from, stop): (f64, f64),
     started: Instant,
     failure: Option<RunError>,
 ) -> Result<(), Stop> {
-    let shown = compiled.probes().len();
+    let shown = scene.probes.names.len();
     // A run that got to its end, and whose signals cannot be told there, failed too.
     let (values, failure) = match (sim.probes().map(|v| v[..shown.min(v.len())].to_vec()), failure) {
         (Ok(values), None) => (values, None),
@@ -169,7 +256,8 @@ fn tell(
         (_, failure) => (vec![f64::NAN; shown], failure),
     };
     let outcome = Outcome {
-        scene: compiled.scene(),
+        scene,
+        from,
         stop,
         wall: started.elapsed().as_secs_f64(),
         summary: &sim.summary(),
@@ -196,33 +284,25 @@ fn is_dash(path: Option<&Path>) -> bool {
 }
 
 /// Refuses places of tables that cannot be.
-fn places(args: &Args) -> Result<(), Stop> {
+fn places(args: &How) -> Result<(), Stop> {
     for path in [&args.output, &args.ledger].into_iter().flatten() {
         table::possible(path)?;
     }
-    match args.ensemble.idle() {
-        Some(option) if !args.ensemble.asked() => {
-            return Err(Stop::Usage(format!("{option} is for ensembles; add --sweep or --monte-carlo")));
+    let named = [("-o", &args.output), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];
+    let named: Vec<_> = named.into_iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).collect();
+    for (i, (a, path)) in named.iter().enumerate() {
+        if let Some((b, _)) = named[i + 1..].iter().find(|(_, other)| other == path) {
+            return Err(Stop::Usage(format!("{a} and {b} name the same file")));
         }
-        _ if args.ensemble.asked() && args.ledger.is_some() => {
-            let why =
-                "--ledger is for single runs; give the values of one instance with --set, and its ledger is written";
-            return Err(Stop::Usage(why.into()));
-        }
-        Some(_) | None => {}
     }
-    if args.file == Path::new("-") && is_dash(args.input.as_deref()) {
-        return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
+    if is_dash(args.checkpoint.as_deref()) {
+        return Err(Stop::Usage("--checkpoint needs a file: a state is no text".into()));
     }
-    match (&args.output, &args.ledger) {
-        (Some(a), Some(b)) if a == b => Err(Stop::Usage("-o and --ledger name the same file".into())),
-        _ => Ok(()),
-    }
+    Ok(())
 }
 
 /// Steps, end and distance of rows: the command line goes before the model.
-fn asked(args: &Args, compiled: &Compiled) -> (Steps, f64, Option<f64>) {
-    let settings = &compiled.stages().model.settings;
+fn asked(args: &How, settings: &Settings) -> (Steps, f64, Option<f64>) {
     let stop = args.stop.or(settings.stop).unwrap_or_else(|| {
         report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
         1.0
@@ -231,12 +311,13 @@ fn asked(args: &Args, compiled: &Compiled) -> (Steps, f64, Option<f64>) {
 }
 
 /// The steps that the command line asks for.
-fn steps(args: &Args) -> Steps {
-    match (args.step, args.tolerance) {
+fn steps(args: &How) -> Steps {
+    let steps = match (args.step, args.tolerance) {
         (Some(h), _) => Steps::fixed(h),
         (None, Some(x)) => Steps::tolerance(x),
         (None, None) => Steps::new(),
-    }
+    };
+    args.longest.map_or(steps, |h| steps.longest(h))
 }
 
 /// The tables that a run writes.
@@ -244,22 +325,31 @@ struct Files {
     rows: Option<Table>,
     ledger: Option<Table>,
     shown: usize,
+    /// The instant of a run that goes on from there: its row was written before.
+    resumed: Option<f64>,
 }
 
 impl Files {
-    fn open(args: &Args, compiled: &Compiled, sim: &Simulation<'_>) -> Result<Self, Stop> {
+    fn open(args: &How, scene: &Scene, sim: &Simulation<'_>, resumed: Option<f64>) -> Result<Self, Stop> {
         let columns = |names: &mut dyn Iterator<Item = &str>| -> Vec<Column> {
             std::iter::once("t").chain(names).map(|name| Column::new(name, Kind::Number)).collect()
         };
-        let probes = columns(&mut compiled.probes().iter().map(String::as_str));
+        let probes = columns(&mut scene.probes.names.iter().map(String::as_str));
         let rows = args.output.as_deref().map(|path| Table::new(path, &probes)).transpose()?;
         let names = ledger_names(&sim.summary());
         let names = columns(&mut names.iter().map(String::as_str));
         let ledger = args.ledger.as_deref().map(|path| Table::new(path, &names)).transpose()?;
-        Ok(Self { rows, ledger, shown: compiled.probes().len() })
+        Ok(Self { rows, ledger, shown: scene.probes.names.len(), resumed })
     }
 
     fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
+        if self.resumed.is_some_and(|from| t <= from * (1.0 + 1e-12)) {
+            // Looking makes tables that later steps may take: the run that was never stopped looked here too.
+            if self.rows.is_some() {
+                sim.probes().map_err(Halt::Numerics)?;
+            }
+            return Ok(());
+        }
         if let Some(table) = &mut self.rows {
             let values = sim.probes().map_err(Halt::Numerics)?;
             let values = values.iter().copied().take(self.shown);

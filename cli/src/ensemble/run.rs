@@ -82,7 +82,7 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
         return Err(Stop::Usage(why));
     }
     if let Some((path, hold)) = setup.input {
-        job.given = input::table(path, &sample, hold)?;
+        job.given = input::table(path, sample.scene(), hold)?;
     }
     let cores = || std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
     let threads = args.threads.unwrap_or_else(cores).clamp(1, super::THREADS);

@@ -1,6 +1,8 @@
 //! The `bond` command from outside: what it prints, writes and answers.
 
+mod build;
 mod check;
+mod checkpoint;
 mod doc;
 mod ensemble;
 mod fmt;

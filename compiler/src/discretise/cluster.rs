@@ -420,7 +420,7 @@ impl Cluster {
         Ok(scene::Cluster {
             name: self.name(form),
             period: sampling.as_ref().map(|s| s.period),
-            hold: hold.map_or("", Hold::name),
+            hold: hold.map_or("", Hold::name).into(),
             budget: sampling.as_ref().is_some_and(|s| s.budget),
             states: self.states.len(),
             integrals: self.integrals.len(),

@@ -528,13 +528,17 @@ pub(super) fn write(
     let cubic = rows.system.drives.iter().any(|d| matches!(d, Drive::Cubic(..)));
     let (program, linear, entries) = program(c, model, form, &mut rows, time, true)?;
     let (glance, glance_linear, _) = self::program(c, model, form, &mut rows, time, false)?;
-    let name = "exact";
     let order = if cubic { 4 } else { 0 };
-    let glance = Stepper { name, order, passive: true, program: glance, linear: Some(glance_linear), glance: None };
-    Ok(Some((
-        Stepper { name, order, passive: true, program, linear: Some(linear), glance: Some(Box::new(glance)) },
-        entries,
-    )))
+    let stepper = |program, linear, glance| Stepper {
+        name: "exact".into(),
+        order,
+        passive: true,
+        program,
+        linear: Some(linear),
+        glance,
+    };
+    let glance = stepper(glance, glance_linear, None);
+    Ok(Some((stepper(program, linear, Some(Box::new(glance))), entries)))
 }
 
 fn program(

@@ -18,8 +18,9 @@ mod write;
 
 use crate::Options;
 use crate::expression::Symbol;
-use crate::model::{Model, Signal};
+use crate::model::{Model, Signal, Variable};
 use crate::structure::{ColumnId, Form, Role};
+use crate::units::Dimension;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::scene::{self, Scene};
 use cluster::Cluster;
@@ -125,7 +126,7 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
     for bar in &form.bars {
         let (Some(holder), Some(other)) = (port_of(bar.holder), port_of(bar.held)) else { continue };
         let answer = form.column(bar.holder).gives;
-        let sign = if answer == crate::model::Variable::Flow { 1.0 } else { -1.0 };
+        let sign = if answer == Variable::Flow { 1.0 } else { -1.0 };
         scene.bars.push(scene::Bar { name: model.bond(bar.bond).name.clone(), holder, other, sign });
     }
     for (i, c) in form.columns.iter().enumerate() {
@@ -133,7 +134,18 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
             && let Some(port) = port_of(ColumnId(i as u32))
         {
             let along = c.sign_of(c.gives) as f64;
-            scene.open.push(scene::Open { name: c.name.clone(), port, inertia, along });
+            let takes_flow = c.gives == Variable::Flow;
+            let (effort, flow) = model.units.get(c.bond.at()).copied().unwrap_or_default();
+            let (own, other) = if takes_flow { (effort, flow) } else { (flow, effort) };
+            scene.open.push(scene::Open {
+                name: c.name.clone(),
+                port,
+                inertia,
+                takes_flow,
+                unit: own.map(|u| u.to_string()),
+                moved: other.map(|u| u.mul(Dimension::SECOND).to_string()),
+                along,
+            });
         }
     }
     scene.probes = probes::build(model, form, &place)?;

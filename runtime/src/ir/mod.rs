@@ -14,12 +14,16 @@ pub use builder::Builder;
 pub use op::{Binary, Unary};
 pub use verify::Invalid;
 
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
+use std::cell::Cell;
+
 /// The result of an instruction, numbered through the whole program in order of making.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Value(pub u32);
 
 /// The memories a program works on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Array {
     /// The state at the start of the step; read only. `x`
     State,
@@ -53,7 +57,7 @@ impl Array {
 }
 
 /// A place in an array.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Slot {
     /// Which memory.
     pub array: Array,
@@ -69,7 +73,7 @@ impl Slot {
 }
 
 /// How a value is computed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Op {
     /// A number.
     Const(f64),
@@ -84,7 +88,7 @@ pub enum Op {
 }
 
 /// One instruction.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Inst {
     /// Defines a value.
     Let(Value, Op),
@@ -130,11 +134,12 @@ pub enum Inst {
 /// Each iteration runs `body`, which computes residual and Jacobian (d residual / d unknown) at the unknowns, solves
 /// `J d = r` and takes `d` off the unknowns. Weights make the measures of an iteration free of units: an unknown's or a
 /// residual's square counts times its weight (weights are values defined before the iteration).
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Newton {
     /// First slot of the unknowns, in `Local`.
     pub unknowns: u32,
     /// Instructions that compute residual and Jacobian.
+    #[serde(deserialize_with = "nested")]
     pub body: Vec<Inst>,
     /// One value a row.
     pub residual: Vec<Value>,
@@ -151,8 +156,26 @@ pub struct Newton {
     pub flag: Option<Slot>,
 }
 
+/// Iterations inside one another, at most, in a program that is read.
+const NESTED: u32 = 32;
+
+/// Reads the body of an iteration; one too deep is an error, so that no file can exhaust the stack.
+fn nested<'de, D: Deserializer<'de>>(reader: D) -> Result<Vec<Inst>, D::Error> {
+    thread_local! {
+        static DEPTH: Cell<u32> = const { Cell::new(0) };
+    }
+    let depth = DEPTH.get();
+    if depth >= NESTED {
+        return Err(D::Error::custom("iterations are nested too deeply"));
+    }
+    DEPTH.set(depth + 1);
+    let body = Vec::deserialize(reader);
+    DEPTH.set(depth);
+    body
+}
+
 /// A program: what one step of one cluster of regions, or one observation, computes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Program {
     /// What it is, for people: `step of VirtualWall`.
     pub name: String,

@@ -1,7 +1,9 @@
 //! The scalar operations. What each of them means stands in `eval`, and nowhere else.
 
+use serde::{Deserialize, Serialize};
+
 /// Functions of one value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Unary {
     Neg,
@@ -69,7 +71,7 @@ impl Unary {
 }
 
 /// Functions of two values.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Binary {
     Add,

@@ -8,6 +8,7 @@ use crate::interpreter::Interpret;
 use crate::kernel::{Backend, Failure, Kernel, Workspace};
 use crate::ledger::Sum;
 use crate::scene::{Cluster, Entries, Respond, Stepper};
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
 /// So many steps in a row may be shorter than this part of the usual one; then a run does not get on, and stops.
@@ -32,7 +33,7 @@ pub(super) struct Ready {
     linear: Option<exponential::Linear>,
     tables: HashMap<u64, Vec<f64>>,
     /// The lengths of the tables, in order of making.
-    lengths: Vec<f64>,
+    pub(super) lengths: Vec<f64>,
 }
 
 impl Ready {
@@ -48,7 +49,7 @@ impl Ready {
     }
 
     /// Makes the table for a step length, if the stepper needs one.
-    fn prepare(&mut self, h: f64) -> Result<(), String> {
+    pub(super) fn prepare(&mut self, h: f64) -> Result<(), String> {
         let Some(linear) = &self.linear else { return Ok(()) };
         if self.tables.contains_key(&h.to_bits()) {
             return Ok(());
@@ -61,6 +62,12 @@ impl Ready {
         self.tables.insert(h.to_bits(), table);
         self.lengths.push(h);
         Ok(())
+    }
+
+    /// Drops all tables.
+    pub(super) fn forget(&mut self) {
+        self.tables.clear();
+        self.lengths.clear();
     }
 
     fn run(&mut self, state: &[f64], input: &[f64], h: f64) -> Result<(), Failure> {
@@ -89,7 +96,7 @@ impl Look {
 }
 
 /// A region's ledger as it is kept.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Book {
     pub(super) h_initial: f64,
     pub(super) h: f64,
@@ -136,8 +143,8 @@ impl Book {
 /// A cluster that runs.
 pub(super) struct Run {
     pub(super) index: usize,
-    step: Ready,
-    glance: Option<Ready>,
+    pub(super) step: Ready,
+    pub(super) glance: Option<Ready>,
     pub(super) instant: Look,
     /// What laws switch on, and its values at the start of the step.
     guards: Option<Look>,
@@ -153,15 +160,15 @@ pub(super) struct Run {
     pub(super) steps: u64,
     pub(super) rejected: u64,
     /// Its own time: `base + count * h`.
-    base: f64,
-    count: u64,
-    h: f64,
+    pub(super) base: f64,
+    pub(super) count: u64,
+    pub(super) h: f64,
     /// Length of the next adaptive step.
-    ahead: f64,
+    pub(super) ahead: f64,
     /// Steps in a row that were far smaller than the usual one.
-    crawl: u32,
-    largest: Vec<f64>,
-    curvature: Vec<f64>,
+    pub(super) crawl: u32,
+    pub(super) largest: Vec<f64>,
+    pub(super) curvature: Vec<f64>,
     adaptive: Option<f64>,
     fixed: Option<f64>,
     default_step: f64,

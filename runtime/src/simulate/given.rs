@@ -1,6 +1,7 @@
 //! Signals given from outside, over time: a value, or a table with values between its rows.
 
 use crate::scene::{Cluster, GIVEN};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Instants closer to one another than this part of themselves are one.
@@ -9,7 +10,7 @@ const SAME: f64 = 1e-12;
 const PIECES: usize = 16;
 
 /// From an instant on, until the next piece: `value + slope (t - at)`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Piece {
     at: f64,
     value: f64,
@@ -17,7 +18,7 @@ struct Piece {
 }
 
 /// What a signal is over time. Before the first instant it is what it is there, after the last one too.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Course {
     pieces: Vec<Piece>,
 }
@@ -109,7 +110,7 @@ impl Course {
 }
 
 /// How the signals that a cluster reads come to its programs.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Feed {
     /// First input slot.
     at: usize,
@@ -121,6 +122,13 @@ impl Feed {
     pub(super) fn new(c: &Cluster, all: &[Course]) -> Self {
         let courses = c.inputs.iter().filter_map(|i| all.get(*i).cloned()).collect();
         Self { at: c.given_at(), courses }
+    }
+
+    /// Whether it feeds as many signals into the same slots, from tables that have rows.
+    pub(super) fn alike(&self, other: &Self) -> bool {
+        self.at == other.at
+            && self.courses.len() == other.courses.len()
+            && self.courses.iter().all(|c| !c.pieces.is_empty())
     }
 
     /// Sets a course from now on; the cluster itself has come as far as `past`.

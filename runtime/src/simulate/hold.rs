@@ -1,9 +1,23 @@
 //! What crosses a double bar, and what a sampled region knows of its other side.
 
 use crate::ledger::Sum;
+use serde::{Deserialize, Serialize};
+
+/// What the outside tells of an open port's interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// How far it moved: the integral of its flow, or of its effort where the flow is held.
+    pub q: f64,
+    /// The energy that it put in, J, where what it met was not what is held now; `v q` otherwise.
+    pub energy: Option<f64>,
+    /// So many intervals before this one were silent, and `q` is over them too.
+    pub gap: u32,
+    /// Nothing was heard. What is held stays, and what the outside does is not foretold anew.
+    pub silent: bool,
+}
 
 /// A port that a sampled cluster holds: a double bar's or an open one.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Held {
     /// Its cluster's port.
     pub(super) port: usize,
@@ -23,6 +37,8 @@ pub(super) struct Held {
     /// alpha of the last two intervals, and the held variable of the last two.
     pub(super) alpha: [f64; 2],
     pub(super) before: [f64; 2],
+    /// Nothing was heard of the interval that ended: what is held stays.
+    pub(super) silent: bool,
     /// How many intervals are over.
     pub(super) intervals: u64,
     /// Energy in, as the holder counts it, and as the other side does.
@@ -44,6 +60,25 @@ impl Held {
             1 => decay * self.alpha[0] - effect,
             _ => self.alpha[0] + decay * (self.alpha[0] - self.alpha[1]) - effect,
         }
+    }
+
+    /// Ends an interval: what is known of the other side now. `response` is beta times what was held.
+    pub(super) fn learn(&mut self, response: f64, gap: u32) {
+        if self.silent {
+            return;
+        }
+        if gap == 0 {
+            self.alpha = [self.q + response, self.alpha[0]];
+            self.before = [self.v, self.before[0]];
+            self.last_q = self.q;
+        } else {
+            // All that is known of the motion is its mean; a jump in it would be taken for a push.
+            let mean = self.q / (f64::from(gap) + 1.0);
+            self.alpha = [mean + response; 2];
+            self.before = [self.v; 2];
+            self.last_q = mean;
+        }
+        self.intervals += 1;
     }
 
     /// Change of the held variable over the last two intervals.

@@ -3,19 +3,23 @@
 mod cluster;
 mod given;
 mod hold;
+mod save;
 mod schedule;
 mod start;
 mod summary;
 mod worst;
 
 pub use given::{Course, Unfit};
+pub use hold::Report;
+pub use save::Refused;
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 
 use crate::kernel::Failure;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// How to run.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Options {
     /// Fixed step of continuous regions, s.
     pub step: Option<f64>,

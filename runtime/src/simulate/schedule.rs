@@ -2,7 +2,7 @@
 
 use super::cluster::{Book, Look, Run};
 use super::given::Course;
-use super::hold::{Held, within_budget};
+use super::hold::{Held, Report, within_budget};
 use super::summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
 use super::{Error, Options};
 use crate::interpreter::Interpret;
@@ -24,7 +24,8 @@ fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<us
 
 /// A scene that runs.
 pub struct Simulation<'a> {
-    scene: &'a Scene,
+    pub(super) scene: &'a Scene,
+    pub(super) options: Options,
     names: Vec<String>,
     pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
@@ -34,20 +35,22 @@ pub struct Simulation<'a> {
     pub(super) gamma: Vec<Vec<f64>>,
     pub(super) decay: Vec<Vec<f64>>,
     /// By cluster, the next sample's number.
-    next: Vec<u64>,
+    pub(super) next: Vec<u64>,
     /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
     pub(super) order: Vec<usize>,
+    /// By cluster, what its tank keeps for an outside that was promised it, J.
+    pub(super) reserve: Vec<f64>,
     /// By cluster, whether samples of others concern it.
     pub(super) connected: Vec<bool>,
-    moved: Vec<Vec<f64>>,
+    pub(super) moved: Vec<Vec<f64>>,
     probes: Option<Look>,
     probe_input: Vec<f64>,
     /// What is given from outside.
-    given: Vec<Course>,
+    pub(super) given: Vec<Course>,
     /// Answers of open ports for the interval that runs.
-    open: Vec<f64>,
-    time: f64,
-    last_sample: f64,
+    pub(super) open: Vec<Report>,
+    pub(super) time: f64,
+    pub(super) last_sample: f64,
     respond_input: Vec<Vec<f64>>,
     /// Clusters whose signals others read, and those that probes read.
     pub(super) read: Vec<usize>,
@@ -148,6 +151,7 @@ impl<'a> Simulation<'a> {
             .collect();
         let mut s = Self {
             scene,
+            options: options.clone(),
             names,
             runs,
             beta: vec![Vec::new(); n],
@@ -155,12 +159,13 @@ impl<'a> Simulation<'a> {
             decay: vec![Vec::new(); n],
             next: vec![0; n],
             order,
+            reserve: vec![0.0; n],
             connected,
             moved: scene.clusters.iter().map(|c| vec![0.0; c.ports.len()]).collect(),
             probes: scene.probes.program.as_ref().map(|p| Look::new(p, backend)),
             probe_input: vec![0.0; 1 + scene.probes.gather.len() + scene.probes.inputs.len()],
             given,
-            open: vec![0.0; scene.open.len()],
+            open: vec![Report::default(); scene.open.len()],
             time: 0.0,
             last_sample: 0.0,
             respond_input,
@@ -174,6 +179,11 @@ impl<'a> Simulation<'a> {
         }
         s.sample(0.0)?;
         Ok(s)
+    }
+
+    /// What it was started with.
+    pub fn options(&self) -> &Options {
+        &self.options
     }
 
     /// Now, s.
@@ -360,11 +370,18 @@ impl<'a> Simulation<'a> {
         for k in 0..self.held[i].len() {
             let latches = self.latches(&self.held[i][k]);
             let h = &mut self.held[i][k];
+            let mut told = None;
             if let Some(o) = h.open {
-                h.q = std::mem::take(&mut self.open[o]);
+                h.q = self.open[o].q;
+                h.silent = self.open[o].silent;
+                told = self.open[o].energy;
             }
             // Each side counts for itself: the holder what it held times what it was told, the other what it told times what it met.
-            let (here, there) = if latches { (h.w, h.w) } else { (h.v * h.q, h.q * h.v) };
+            let (here, there) = match told {
+                Some(w) => (w, w),
+                None if latches => (h.w, h.w),
+                None => (h.v * h.q, h.q * h.v),
+            };
             h.crossed = here;
             h.holder_energy.add(here);
             h.other_energy.add(there);
@@ -382,14 +399,12 @@ impl<'a> Simulation<'a> {
         for k in 0..n {
             let response: f64 = (0..n).map(|j| self.beta[i][k * n + j] * self.held[i][j].v).sum();
             let h = &mut self.held[i][k];
-            h.alpha = [h.q + response, h.alpha[0]];
+            let gap = h.open.map_or(0, |o| std::mem::take(&mut self.open[o]).gap);
+            h.learn(response, gap);
         }
         for h in &mut self.held[i] {
-            h.before = [h.v, h.before[0]];
-            h.last_q = h.q;
             h.q = 0.0;
             h.w = 0.0;
-            h.intervals += 1;
         }
         Ok(())
     }
@@ -413,7 +428,9 @@ impl<'a> Simulation<'a> {
         if let Some(b) = run.books.first_mut() {
             b.supplied.add(-leak);
             b.leaked.add(leak);
-            b.tank = (b.tank + dissipated - leak - leap).min(b.h_max);
+            // What was promised is not let go.
+            let most = b.h_max.max(self.reserve[i] - b.h);
+            b.tank = (b.tank + dissipated - leak - leap).min(most);
             b.debt_max = b.debt_max.max(-(b.h + b.tank));
         }
     }
@@ -481,6 +498,9 @@ impl<'a> Simulation<'a> {
             within_budget(values, alpha, &self.beta[i], (stored + foreseen.max(0.0)).max(0.0));
         }
         for (h, v) in self.held[i].iter_mut().zip(values.iter().copied()) {
+            if std::mem::take(&mut h.silent) {
+                continue;
+            }
             h.v = v;
             if let Some(b) = h.bar {
                 let bar = &self.scene.bars[b];
@@ -619,9 +639,29 @@ impl<'a> Simulation<'a> {
 
     /// What the open ports hold now, in the scene's order.
     pub fn held(&self) -> Vec<f64> {
-        (0..self.scene.open.len())
-            .map(|o| self.held.iter().flatten().find(|h| h.open == Some(o)).map_or(0.0, |h| h.v))
-            .collect()
+        (0..self.scene.open.len()).map(|o| self.held_at(o)).collect()
+    }
+
+    /// What an open port holds now; 0 where a continuous region meets it.
+    pub fn held_at(&self, open: usize) -> f64 {
+        self.held.iter().flatten().find(|h| h.open == Some(open)).map_or(0.0, |h| h.v)
+    }
+
+    /// What a sampled cluster could give back of what it was given, J: what it stores, and what it dissipated and keeps in its
+    /// tank. Below 0 where it is in debt.
+    ///
+    /// # Panics
+    /// If there is no such cluster.
+    pub fn kept(&self, cluster: usize) -> f64 {
+        self.runs[cluster].books.iter().map(|b| b.h + b.tank).sum()
+    }
+
+    /// Keeps so much for the outside, J, though the tank be fuller than its cap: it was promised, and may be drawn yet.
+    ///
+    /// # Panics
+    /// If there is no such cluster.
+    pub fn reserve(&mut self, cluster: usize, energy: f64) {
+        self.reserve[cluster] = energy;
     }
 
     /// Reports how far an open port moved in the interval that runs.
@@ -629,7 +669,15 @@ impl<'a> Simulation<'a> {
     /// # Panics
     /// If there is no such open port.
     pub fn report(&mut self, open: usize, q: f64) {
-        self.open[open] = q;
+        self.tell(open, Report { q, ..Report::default() });
+    }
+
+    /// The same in full: of an outside that is behind a line which delays and loses.
+    ///
+    /// # Panics
+    /// If there is no such open port.
+    pub fn tell(&mut self, open: usize, report: Report) {
+        self.open[open] = report;
     }
 
     /// Sets what the outside gives at an open port of a continuous region from now on: the effort or flow that causality asks of
@@ -675,15 +723,15 @@ impl<'a> Simulation<'a> {
                 names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
             };
             let floor = b.floor().max(FLOOR * largest);
-            gained.push((b.gained.above(floor), b.giver));
+            gained.push((b.gained.above(floor), b.giver, b.turnover_max));
             regions.push(RegionSummary {
                 name: region.name.clone(),
                 kind: if region.period.is_some() { "sampled" } else { "continuous" },
                 period: region.period,
                 states: region.states,
-                stepper: c.step.name,
+                stepper: c.step.name.clone(),
                 order: c.step.order,
-                hold: Some(c.hold).filter(|h| !h.is_empty() && !c.holds.is_empty()),
+                hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
                 steps: run.steps,
                 newton_iterations: run.iterations(),
                 h_initial: b.h_initial,
@@ -726,7 +774,7 @@ impl<'a> Simulation<'a> {
             })
             .collect();
         let mut reasons: Vec<String> = self.scene.excluded.clone();
-        for (region, (gained, (giver, least))) in regions.iter().zip(gained) {
+        for (region, (gained, (giver, least), turnover)) in regions.iter().zip(gained) {
             if !region.passive_stepper {
                 reasons.push(format!(
                     "`{}` was stepped by {}, which does not keep the balance",
@@ -737,7 +785,8 @@ impl<'a> Simulation<'a> {
                 reasons
                     .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
             }
-            if region.debt_max > (1e-11 * region.h_max.max(region.supplied.abs())).max(10.0 * FLOOR * largest) {
+            let scale = region.h_max.max(region.supplied.abs()).max(turnover);
+            if region.debt_max > (1e-11 * scale).max(10.0 * FLOOR * largest) {
                 reasons.push(format!(
                     "`{}` gave out up to {:.3e} J more than it had been given",
                     region.name, region.debt_max

@@ -1,5 +1,7 @@
 //! What a run did, in numbers.
 
+use std::borrow::Cow;
+
 /// A source's, resistor's or double bar's share.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ElementEnergy {
@@ -30,11 +32,11 @@ pub struct RegionSummary {
     /// Energy states.
     pub states: usize,
     /// The method.
-    pub stepper: &'static str,
+    pub stepper: Cow<'static, str>,
     /// Its order; 0: no error.
     pub order: u32,
     /// The hold, of a sampled region.
-    pub hold: Option<&'static str>,
+    pub hold: Option<Cow<'static, str>>,
     /// Steps done.
     pub steps: u64,
     /// Newton iterations done in them.

@@ -1,10 +1,12 @@
 //! The worst relative error of a run, where each error has a scale of its own, and the least scale that counts is known at the end.
 
+use serde::{Deserialize, Serialize};
+
 /// Scales that are told apart: binary orders of magnitude above the floor so far.
 const BINS: usize = 32;
 
 /// The largest of `error / max(scale, floor)`; the floor never falls, and is known for good when the largest is asked for.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Worst {
     /// The binary exponent of the floor so far.
     low: i32,

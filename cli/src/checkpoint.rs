@@ -1,0 +1,72 @@
+//! States that are saved while a scene runs, and runs that go on from them.
+
+use crate::input::name;
+use crate::output;
+use crate::stop::Stop;
+use bond::{Code, Course, RunError, Simulation};
+use bond_runtime::scene::Scene;
+use std::path::Path;
+
+/// Saves the state, each time whole or not at all.
+pub struct Checkpoints<'a> {
+    path: &'a Path,
+    every: Option<f64>,
+    /// The next instant to save at, s.
+    next: f64,
+}
+
+impl<'a> Checkpoints<'a> {
+    /// At the end, and where told, at the first chance after each `every` from `from` on, s.
+    pub fn new(path: &'a Path, every: Option<f64>, from: f64) -> Self {
+        let mut new = Self { path, every, next: f64::INFINITY };
+        new.wait(from);
+        new
+    }
+
+    /// The first multiple after an instant.
+    fn wait(&mut self, now: f64) {
+        if let Some(dt) = self.every {
+            let count = (now / dt * (1.0 + 1e-12)).floor() + 1.0;
+            self.next = count * dt;
+        }
+    }
+
+    /// Saves, if it is time to.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn mark(&mut self, sim: &Simulation<'_>, end: bool) -> Result<(), Stop> {
+        let due = sim.time() >= self.next * (1.0 - 1e-12);
+        if !due && !end {
+            return Ok(());
+        }
+        self.wait(sim.time());
+        output::put_bytes(self.path, &sim.save()?)
+    }
+}
+
+/// A run that goes on from a file.
+///
+/// # Errors
+/// A file that cannot be read, is no state of this scene, or lies not before the end.
+pub fn resume<'a>(
+    code: Code,
+    path: &Path,
+    scene: &'a Scene,
+    given: Vec<(String, Course)>,
+    stop: f64,
+) -> Result<Simulation<'a>, Stop> {
+    let bytes = std::fs::read(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
+    let sim = Simulation::resume(code.backend(), scene, &bytes, given).map_err(|e| match e {
+        RunError::Resume(why) => Stop::Usage(format!("cannot resume {}: {why}", name(path))),
+        other => other.into(),
+    })?;
+    let at = sim.time();
+    if at * (1.0 + 1e-12) >= stop {
+        return Err(Stop::Usage(format!(
+            "{} was saved at {at} s, and the run ends at {stop} s; give a later end with --stop",
+            name(path)
+        )));
+    }
+    Ok(sim)
+}

@@ -1,0 +1,273 @@
+//! What goes over the line: measurements in, efforts out. All numbers are little-endian; `docs/serve.md` has the layout.
+
+/// Most ports that a line serves.
+pub const PORTS: usize = 64;
+/// The first bytes of a measurement.
+pub const MEASUREMENT: [u8; 4] = *b"BNDM";
+/// The first bytes of an effort.
+pub const EFFORT: [u8; 4] = *b"BNDE";
+/// Bytes of the longest packet.
+pub const LONGEST: usize = 56 + 24 * PORTS;
+
+/// Nothing was heard of the interval that ended.
+pub const MISSING: u32 = 1;
+/// What was heard of it had not met its effort yet.
+pub const LATE: u32 = 2;
+/// Nothing was heard for so long that 0 is held.
+pub const SILENT: u32 = 4;
+/// The environment ends: 0 is held.
+pub const END: u32 = 8;
+
+/// What a device tells: everything since it joined, so that a packet that is lost takes nothing with it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measurement {
+    /// The session that it answers; 0 before it knows one.
+    pub session: u64,
+    /// Its number; each is higher than the one before.
+    pub sequence: u64,
+    /// Number of the effort that the device holds.
+    pub echo: u64,
+    /// How long ago that effort came, s; it tells the round trip.
+    pub wait: f64,
+    /// How many ports.
+    pub ports: usize,
+    /// How far each port moved since it joined.
+    pub q: [f64; PORTS],
+    /// The energy that each port put into the environment since then, J, as the device counts it.
+    pub w: [f64; PORTS],
+}
+
+/// What the environment holds until the next one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effort {
+    /// The session; a later one has a higher number.
+    pub session: u64,
+    /// Its number, which is that of its interval.
+    pub sequence: u64,
+    /// When its interval begins, s of the environment's time.
+    pub time: f64,
+    /// How long it may be held where no other comes, s.
+    pub lasts: f64,
+    /// What the environment could give back, J.
+    pub stored: f64,
+    /// [`MISSING`], [`LATE`], [`SILENT`], [`END`].
+    pub status: u32,
+    /// How many ports.
+    pub ports: usize,
+    /// The efforts (or flows).
+    pub v: [f64; PORTS],
+    /// What the sum of `w` over the port's group must not fall below while it is held, J; the same for all of a group.
+    pub limit: [f64; PORTS],
+    /// The port's group: ports of one region share what it stores.
+    pub group: [u64; PORTS],
+}
+
+impl Default for Measurement {
+    fn default() -> Self {
+        Self { session: 0, sequence: 0, echo: 0, wait: 0.0, ports: 0, q: [0.0; PORTS], w: [0.0; PORTS] }
+    }
+}
+
+impl Default for Effort {
+    fn default() -> Self {
+        Self {
+            session: 0,
+            sequence: 0,
+            time: 0.0,
+            lasts: 0.0,
+            stored: 0.0,
+            status: 0,
+            ports: 0,
+            v: [0.0; PORTS],
+            limit: [0.0; PORTS],
+            group: [0; PORTS],
+        }
+    }
+}
+
+/// Bytes of a measurement of so many ports.
+pub fn measurement_length(ports: usize) -> usize {
+    48 + 16 * ports
+}
+
+/// Bytes of an effort for so many ports.
+pub fn effort_length(ports: usize) -> usize {
+    56 + 24 * ports
+}
+
+/// CRC-32 as zlib, PNG and Ethernet have it.
+pub fn crc(bytes: &[u8]) -> u32 {
+    const TABLE: [u32; 256] = {
+        let mut table = [0; 256];
+        let mut i = 0;
+        while i < 256 {
+            let (mut x, mut k) = (i as u32, 0);
+            while k < 8 {
+                x = if x & 1 == 1 { 0xedb8_8320 ^ (x >> 1) } else { x >> 1 };
+                k += 1;
+            }
+            table[i] = x;
+            i += 1;
+        }
+        table
+    };
+    !bytes.iter().fold(!0, |c, b| TABLE[((c ^ u32::from(*b)) & 0xff) as usize] ^ (c >> 8))
+}
+
+/// Writes numbers one after the other.
+struct Writer<'a> {
+    to: &'a mut [u8],
+    at: usize,
+}
+
+impl Writer<'_> {
+    fn put<const N: usize>(&mut self, bytes: [u8; N]) {
+        if let Some(place) = self.to.get_mut(self.at..self.at + N) {
+            place.copy_from_slice(&bytes);
+        }
+        self.at += N;
+    }
+
+    fn numbers(&mut self, list: &[f64]) {
+        list.iter().for_each(|x| self.put(x.to_le_bytes()));
+    }
+
+    /// Ends a packet with its checksum; its length.
+    fn seal(mut self) -> usize {
+        let sum = crc(self.to.get(..self.at).unwrap_or_default());
+        self.put(sum.to_le_bytes());
+        self.at
+    }
+}
+
+/// Reads numbers one after the other.
+struct Reader<'a> {
+    from: &'a [u8],
+}
+
+impl Reader<'_> {
+    fn take<const N: usize>(&mut self) -> [u8; N] {
+        match self.from.split_first_chunk::<N>() {
+            Some((first, rest)) => {
+                self.from = rest;
+                *first
+            }
+            None => [0; N],
+        }
+    }
+
+    fn number(&mut self) -> f64 {
+        f64::from_le_bytes(self.take())
+    }
+
+    fn numbers(&mut self, n: usize) -> [f64; PORTS] {
+        let mut list = [0.0; PORTS];
+        list.iter_mut().take(n).for_each(|x| *x = self.number());
+        list
+    }
+}
+
+/// The body of a packet with this mark, and how many ports it has; `None` for anything else.
+fn body<'a>(bytes: &'a [u8], mark: [u8; 4], length: fn(usize) -> usize) -> Option<(Reader<'a>, usize)> {
+    let rest = bytes.strip_prefix(&mark)?;
+    let (ports, rest) = rest.split_first_chunk::<4>()?;
+    let ports = usize::try_from(u32::from_le_bytes(*ports)).ok().filter(|n| *n <= PORTS)?;
+    let (checked, sum) = bytes.split_last_chunk::<4>()?;
+    (bytes.len() == length(ports) && crc(checked) == u32::from_le_bytes(*sum)).then_some((Reader { from: rest }, ports))
+}
+
+impl Measurement {
+    /// Writes it into a buffer of [`LONGEST`] bytes; its length.
+    pub fn write(&self, to: &mut [u8]) -> usize {
+        let ports = self.ports.min(PORTS);
+        let mut w = Writer { to, at: 0 };
+        w.put(MEASUREMENT);
+        w.put((ports as u32).to_le_bytes());
+        for x in [self.session, self.sequence, self.echo] {
+            w.put(x.to_le_bytes());
+        }
+        w.put(self.wait.to_le_bytes());
+        w.numbers(&self.q[..ports]);
+        w.numbers(&self.w[..ports]);
+        w.put(0u32.to_le_bytes());
+        w.seal()
+    }
+
+    /// Reads one; `None` for anything else, and for numbers that are not finite.
+    pub fn read(bytes: &[u8]) -> Option<Self> {
+        let (mut r, ports) = body(bytes, MEASUREMENT, measurement_length)?;
+        let [session, sequence, echo] = [(); 3].map(|()| u64::from_le_bytes(r.take()));
+        let wait = r.number();
+        let (q, w) = (r.numbers(ports), r.numbers(ports));
+        let sound = q.iter().chain(&w).chain([&wait]).all(|x| x.is_finite());
+        sound.then_some(Self { session, sequence, echo, wait, ports, q, w })
+    }
+}
+
+impl Effort {
+    /// Writes it into a buffer of [`LONGEST`] bytes; its length.
+    pub fn write(&self, to: &mut [u8]) -> usize {
+        let ports = self.ports.min(PORTS);
+        let mut w = Writer { to, at: 0 };
+        w.put(EFFORT);
+        w.put((ports as u32).to_le_bytes());
+        w.put(self.session.to_le_bytes());
+        w.put(self.sequence.to_le_bytes());
+        w.numbers(&[self.time, self.lasts, self.stored]);
+        w.numbers(&self.v[..ports]);
+        w.numbers(&self.limit[..ports]);
+        self.group[..ports].iter().for_each(|g| w.put(g.to_le_bytes()));
+        w.put(self.status.to_le_bytes());
+        w.seal()
+    }
+
+    /// Reads one; `None` for anything else.
+    pub fn read(bytes: &[u8]) -> Option<Self> {
+        let (mut r, ports) = body(bytes, EFFORT, effort_length)?;
+        let [session, sequence] = [(); 2].map(|()| u64::from_le_bytes(r.take()));
+        let [time, lasts, stored] = [(); 3].map(|()| r.number());
+        let (v, limit) = (r.numbers(ports), r.numbers(ports));
+        let mut group = [0; PORTS];
+        group.iter_mut().take(ports).for_each(|g| *g = u64::from_le_bytes(r.take()));
+        let status = u32::from_le_bytes(r.take());
+        Some(Self { session, sequence, time, lasts, stored, status, ports, v, limit, group })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checksum_is_the_usual_one() {
+        assert_eq!(crc(b"123456789"), 0xcbf4_3926);
+    }
+
+    #[test]
+    fn packets_are_read_back() {
+        for ports in [0, 1, 3, PORTS] {
+            let mut buffer = [0; LONGEST];
+            let mut m = Measurement { session: 7, sequence: 8, echo: 9, wait: 0.5, ports, ..Measurement::default() };
+            m.q[..ports].iter_mut().enumerate().for_each(|(i, x)| *x = i as f64 / 3.0);
+            m.w[..ports].iter_mut().enumerate().for_each(|(i, x)| *x = -(i as f64) / 7.0);
+            let n = m.write(&mut buffer);
+            assert_eq!(n, measurement_length(ports));
+            assert_eq!(Measurement::read(&buffer[..n]), Some(m));
+            for at in 0..n {
+                let mut wrong = buffer;
+                wrong[at] ^= 0x10;
+                assert_eq!(Measurement::read(&wrong[..n]), None, "byte {at}");
+                assert_eq!(Measurement::read(&buffer[..at]), None);
+            }
+            let mut e = Effort { session: 1, sequence: 2, time: 3.0, lasts: 4.0, ..Effort::default() };
+            (e.stored, e.status, e.ports) = (6.0, MISSING | END, ports);
+            e.v[..ports].iter_mut().enumerate().for_each(|(i, x)| *x = (i as f64).sqrt());
+            e.limit[..ports].iter_mut().enumerate().for_each(|(i, x)| *x = -(i as f64).cbrt());
+            e.group[..ports].iter_mut().enumerate().for_each(|(i, x)| *x = i as u64 / 2);
+            let n = e.write(&mut buffer);
+            assert_eq!(n, effort_length(ports));
+            assert_eq!(Effort::read(&buffer[..n]), Some(e));
+            assert_eq!(Measurement::read(&buffer[..n]), None);
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Executables that carry a scene.
+
+use super::{Done, Folder, OSCILLATOR};
+use std::process::Command;
+
+/// Runs a file of the folder, without any other program in reach.
+fn environment(here: &Folder, name: &str, args: &[&str]) -> Done {
+    let file = here.0.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
+    let output = Command::new(file).args(args).current_dir(&here.0).env("PATH", "").output().unwrap();
+    let done = Done {
+        status: output.status.code().unwrap_or(-1),
+        out: String::from_utf8_lossy(&output.stdout).into_owned(),
+        err: String::from_utf8_lossy(&output.stderr).into_owned(),
+    };
+    assert!(!done.err.contains("panicked"), "{args:?}: {}", done.err);
+    done
+}
+
+fn steady(json: &str) -> String {
+    json.lines().filter(|l| !l.contains("wall_seconds")).collect()
+}
+
+#[test]
+fn what_is_built_runs_as_the_model_does() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let built = here.bond(&["build", "a.bond", "--set", "k=144 N/m"]).is(0, &[], &["built a (", "the scene is"]);
+    assert_eq!(built.out, "");
+    // The model is not needed any more.
+    let wanted =
+        here.bond(&["run", "a.bond", "--set", "k=144", "--summary", "json", "-o", "wanted.csv"]).is(0, &[], &[]);
+    std::fs::remove_file(here.0.join("a.bond")).unwrap();
+    let found = environment(&here, "a", &["run", "--summary", "json", "-o", "found.csv"]).is(0, &[], &[]);
+    assert_eq!(steady(&wanted.out), steady(&found.out));
+    assert_eq!(here.read("wanted.csv"), here.read("found.csv"));
+    let found =
+        environment(&here, "a", &["run", "--stop", "0.1", "--at", "0.05", "-o", "-"]).is(0, &["t,x,v\n0.05,"], &[]);
+    assert_eq!(found.out.lines().count(), 2);
+    // Nothing is left beside it.
+    let suffix = std::env::consts::EXE_SUFFIX;
+    assert_eq!(here.list(), [format!("a{suffix}"), "found.csv".into(), "wanted.csv".into()]);
+}
+
+#[test]
+fn it_tells_what_it_is() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["build", "a.bond", "-o", "here", "--set", "m=2kg", "--method", "gonzalez"]).is(0, &[], &[]);
+    let told = ["`Oscillator`", "x [m]", "v [m/s]", "m = 2 kg", "method gonzalez", "stop 1 s", "run "];
+    environment(&here, "here", &["--help"]).is(0, &told, &[]);
+    environment(&here, "here", &[]).is(2, &[], &told);
+    environment(&here, "here", &["--version"]).is(0, &["Oscillator (bond "], &[]);
+    environment(&here, "here", &["run"]).is(0, &["gonzalez (order 2)"], &[]);
+    for fixed in [["--set", "k=1"], ["--method", "exact"], ["--model", "Oscillator"]] {
+        environment(&here, "here", &["run", fixed[0], fixed[1]]).is(
+            2,
+            &[],
+            &["were fixed when it was built", fixed[0]],
+        );
+    }
+    environment(&here, "here", &["check", "a.bond"]).is(2, &[], &["unrecognized"]);
+}
+
+#[test]
+fn states_go_from_one_to_the_other() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["build", "a.bond", "-o", "here"]).is(0, &[], &[]);
+    here.bond(&["run", "a.bond", "--step", "1ms", "--stop", "0.5", "--checkpoint", "s"]).is(0, &[], &[]);
+    let resumed = environment(&here, "here", &["run", "--resume", "s", "--summary", "json"]).is(0, &[], &[]);
+    let whole = environment(&here, "here", &["run", "--step", "1ms", "--summary", "json"]).is(0, &[], &[]);
+    assert_eq!(steady(&resumed.out), steady(&whole.out));
+}
+
+#[test]
+fn what_is_damaged_does_not_run() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["build", "a.bond", "-o", "here"]).is(0, &[], &[]);
+    let file = here.0.join(format!("here{}", std::env::consts::EXE_SUFFIX));
+    let mut bytes = std::fs::read(&file).unwrap();
+    let at = bytes.len() - 100;
+    bytes[at] ^= 4;
+    std::fs::write(&file, &bytes).unwrap();
+    environment(&here, "here", &["run"]).is(1, &[], &["is damaged: its bytes are not those that were written"]);
+    bytes[at] ^= 4;
+    let at = bytes.len() - 15;
+    bytes[at] ^= 4;
+    std::fs::write(&file, &bytes).unwrap();
+    environment(&here, "here", &["run"]).is(1, &[], &["is damaged"]);
+}
+
+#[test]
+fn wrong_places_are_told() {
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("folder/b.bond", OSCILLATOR).with("model", OSCILLATOR);
+    here.bond(&["build", "folder/b.bond", "-o", "folder"]).is(
+        2,
+        &[],
+        &["it is a directory; name another file with -o"],
+    );
+    here.bond(&["build", "a.bond", "-o", "-"]).is(2, &[], &["an executable needs a file"]);
+    here.bond(&["build", "model"]).is(2, &[], &["is the model itself"]);
+    here.bond(&["build", "a.bond", "-o", "nowhere/a"]).is(2, &[], &["cannot write nowhere/a"]);
+    here.bond(&["build", "a.bond", "--emit", "nonsense"]).is(2, &[], &["nonsense"]);
+    assert_eq!(here.list(), ["a.bond", "folder", "model"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn everybody_may_run_it() {
+    use std::os::unix::fs::PermissionsExt;
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("here", "something else, which nobody may execute");
+    here.bond(&["build", "a.bond", "-o", "here"]).is(0, &[], &[]);
+    assert_eq!(std::fs::metadata(here.0.join("here")).unwrap().permissions().mode() & 0o777, 0o755);
+}

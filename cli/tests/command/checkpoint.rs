@@ -1,0 +1,99 @@
+//! Runs that are saved and go on.
+
+use super::{Folder, OSCILLATOR};
+
+/// Fixed steps, steps fitted to a tolerance, exact ones, and what is sampled.
+const NONLINEAR: &str = "\
+model Swing {
+  C:spring { H = 0.5*(100 N/m)*q^2 + 0.25*(1e4 N/m^3)*q^4; q0 = 0.1 m }
+  I:mass = 1 kg
+  R:drag { e = (3 N*s^2/m^2)*abs(f)*f }
+  input push = 0 N
+  MSe:hand = push
+  sampled at 30 Hz {
+    C:held { stiffness = 40 N/m }
+    R:damper = 1 N*s/m
+    1:w -> held, damper
+  }
+  hand -> 1:v -> spring, mass, drag
+  v ||> w
+  probe x = spring.q
+  probe f = held.e
+  simulate { stop = 1 s }
+}
+";
+
+const PUSH: &str = "t,push\n0,0\n0.3,2\n0.77,-4\n1.9,3\n2.2,0\n";
+
+/// All but the time that it took.
+fn steady(json: &str) -> String {
+    json.lines().filter(|l| !l.contains("wall_seconds")).collect()
+}
+
+#[test]
+fn what_is_resumed_is_as_if_it_had_never_stopped() {
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("b.bond", NONLINEAR).with("push.csv", PUSH);
+    let cases: [(&str, &[&str], &[&str]); 6] = [
+        ("a.bond", &["--longest", "10ms"], &[]),
+        ("a.bond", &["--step", "3ms"], &[]),
+        ("b.bond", &["--step", "1.3ms", "--input", "push.csv"], &["--input", "push.csv"]),
+        ("b.bond", &["--tolerance", "1e-7", "--longest", "5ms", "--input", "push.csv"], &[]),
+        ("b.bond", &["--longest", "10ms", "--input", "push.csv", "--input-hold"], &[]),
+        ("b.bond", &["--step", "1ms", "--method", "rk4"], &["--method", "rk4"]),
+    ];
+    let rows = ["--every", "10ms", "--summary", "json"];
+    for (file, first, second) in cases {
+        let whole =
+            here.bond(&[&["run", file, "--stop", "2", "-o", "whole.csv"], &rows[..], first].concat()).is(0, &[], &[]);
+        here.bond(
+            &[&["run", file, "--stop", "0.8", "-o", "first.csv", "--checkpoint", "s"], &rows[..], first].concat(),
+        )
+        .is(0, &[], &[]);
+        let rest = here
+            .bond(&[&["run", file, "--stop", "2", "-o", "rest.csv", "--resume", "s"], &rows[..], second].concat())
+            .is(0, &[], &[]);
+        assert_eq!(steady(&whole.out), steady(&rest.out), "{file} {first:?}");
+        let whole = here.read("whole.csv");
+        let (whole, rest) = (whole.lines().collect::<Vec<_>>(), here.read("rest.csv"));
+        let rest: Vec<&str> = rest.lines().collect();
+        assert_eq!(rest.len(), 121);
+        assert_eq!(whole[whole.len() - 120..], rest[1..], "{file} {first:?}");
+    }
+}
+
+#[test]
+fn states_are_saved_on_the_way() {
+    let here = Folder::new().with("b.bond", NONLINEAR);
+    let run = |args: &[&str]| here.bond(&[&["run", "b.bond", "--summary", "json"], args].concat()).is(0, &[], &[]).out;
+    let whole = run(&["--stop", "2"]);
+    // Saving changes nothing.
+    assert_eq!(steady(&whole), steady(&run(&["--stop", "2", "--checkpoint", "s", "--checkpoint-every", "130ms"])));
+    assert_eq!(here.list(), ["b.bond", "s"]);
+    // A run that fails keeps the last state that was saved.
+    let here = here.with("fails.bond", super::BLOWS_UP);
+    here.bond(&["run", "fails.bond", "--checkpoint", "f", "--checkpoint-every", "0.7"]).is(3, &[], &["at t = 0.99"]);
+    here.bond(&["run", "fails.bond", "--stop", "0.95", "--resume", "f"]).is(0, &["from 0.7 s to 0.95 s"], &[]);
+}
+
+#[test]
+fn what_cannot_go_on_is_told() {
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("b.bond", NONLINEAR).with("text", "no state");
+    here.bond(&["run", "a.bond", "--checkpoint", "s"]).is(0, &[], &[]);
+    let fails = |args: &[&str], why: &str| {
+        here.bond(&[&["run"], args].concat()).is(2, &[], &[why]);
+    };
+    fails(&["a.bond", "--resume", "s"], "saved at 1 s, and the run ends at 1 s; give a later end with --stop");
+    fails(&["b.bond", "--resume", "s", "--stop", "2"], "the state of `Oscillator`, and this is `Swing`");
+    fails(&["a.bond", "--resume", "s", "--stop", "2", "--set", "k=99"], "a parameter or a method has changed");
+    fails(&["a.bond", "--resume", "text", "--stop", "2"], "cannot resume text: it is not the state of a run");
+    fails(&["a.bond", "--resume", "nothing", "--stop", "2"], "cannot read nothing");
+    fails(&["a.bond", "--resume", "s", "--stop", "2", "--step", "1ms"], "cannot be used with '--step");
+    fails(&["a.bond", "--checkpoint", "-"], "needs a file");
+    fails(&["a.bond", "--checkpoint", "x", "-o", "x"], "-o and --checkpoint name the same file");
+    fails(&["a.bond", "--checkpoint-every", "1s"], "--checkpoint");
+    let mut bytes = std::fs::read(here.0.join("s")).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(here.0.join("s"), bytes).unwrap();
+    fails(&["a.bond", "--resume", "s", "--stop", "2"], "its bytes are not those that were written");
+}

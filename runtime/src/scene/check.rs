@@ -1,0 +1,260 @@
+//! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on that.
+
+use super::{Cluster, Entries, ExpectationKind, GIVEN, Respond, Scene, Stepper};
+use crate::exponential::{Layout, Linear};
+use crate::ir::{Array, Inst, Invalid, Program};
+use thiserror::Error;
+
+/// More numbers than this in one array are no scene.
+const MOST: usize = 1 << 26;
+
+/// What is wrong with a scene. Such a scene is a mistake of whoever made it, never of a user.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum Unsound {
+    /// A program does not pass its verifier.
+    #[error("the program `{0}`: {1}")]
+    Program(String, Invalid),
+    /// A program's arrays are too large, or do not go with those of its cluster.
+    #[error("the program `{0}` does not go with its cluster: its {1}")]
+    Sizes(String, &'static str),
+    /// Something refers to what there is not.
+    #[error("`{0}`: {1}")]
+    Reference(String, &'static str),
+}
+
+impl Scene {
+    /// Checks it.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    pub fn validate(&self) -> Result<(), Unsound> {
+        for c in &self.clusters {
+            Check { scene: self, c }.cluster()?;
+        }
+        let wrong = |name: &str, what| Err(Unsound::Reference(name.to_string(), what));
+        let n = self.clusters.len();
+        for r in &self.regions {
+            if r.cluster >= n {
+                return wrong(&r.name, "its cluster is not there");
+            }
+        }
+        let port = |(c, p): (usize, usize)| self.clusters.get(c).is_some_and(|c| p < c.ports.len());
+        let held = |(c, p): (usize, usize)| self.clusters.get(c).is_some_and(|c| c.holds.contains(&p));
+        for b in &self.bars {
+            if !port(b.holder) || !port(b.other) {
+                return wrong(&b.name, "a port of the double bar is not there");
+            }
+            if !held(b.holder) {
+                return wrong(&b.name, "nobody holds the double bar");
+            }
+        }
+        for o in &self.open {
+            if !port(o.port) {
+                return wrong(&o.name, "the open port is not there");
+            }
+        }
+        self.probes()
+    }
+
+    /// Checks what is shown, and what is expected.
+    fn probes(&self) -> Result<(), Unsound> {
+        let p = &self.probes;
+        let wrong = |what| Err(Unsound::Reference("the probes".into(), what));
+        let shown =
+            |(c, out): &(usize, usize)| self.clusters.get(*c).is_some_and(|c| *out < c.instant.size(Array::Output));
+        if !p.gather.iter().all(shown) {
+            return wrong("a signal that they read is not there");
+        }
+        if p.inputs.iter().any(|i| *i >= self.inputs.len()) {
+            return wrong("an input that they read is not there");
+        }
+        let outputs = match &p.program {
+            None => 0,
+            Some(program) => {
+                sound(program)?;
+                fits(program, 0, 1 + p.gather.len() + p.inputs.len(), 0)?;
+                program.size(Array::Output)
+            }
+        };
+        if p.units.len() != p.names.len() || p.names.len() > outputs {
+            return wrong("there are not as many as there are names");
+        }
+        for e in &p.expectations {
+            let known = match &e.kind {
+                ExpectationKind::Passive => true,
+                ExpectationKind::At { output, .. } => *output < outputs,
+                ExpectationKind::Holds { extremes, output, program } => {
+                    if let Some(program) = program {
+                        sound(program)?;
+                        fits(program, 0, extremes.len(), 0)?;
+                    }
+                    let last = if program.is_some() { true } else { *output < outputs };
+                    last && extremes.iter().all(|(o, _)| *o < outputs)
+                        && program.as_ref().is_none_or(|p| p.size(Array::Output) > 0)
+                }
+            };
+            if !known {
+                return Err(Unsound::Reference(e.text.clone(), "what is expected is not computed"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Checks a program for itself.
+fn sound(p: &Program) -> Result<(), Unsound> {
+    let large = p.sizes.iter().any(|n| *n as usize > MOST);
+    if large || p.values as usize > values(&p.body) {
+        return Err(Unsound::Sizes(p.name.clone(), "arrays are too large"));
+    }
+    p.verify().map_err(|e| Unsound::Program(p.name.clone(), e))
+}
+
+/// How many values a body defines.
+fn values(body: &[Inst]) -> usize {
+    body.iter()
+        .map(|inst| match inst {
+            Inst::Let(..) => 1,
+            Inst::Newton(newton) => values(&newton.body),
+            Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => 0,
+        })
+        .sum()
+}
+
+/// Checks that a program reads no more than it is given.
+fn fits(p: &Program, state: usize, input: usize, table: usize) -> Result<(), Unsound> {
+    let bad = |what| Err(Unsound::Sizes(p.name.clone(), what));
+    if p.size(Array::State) > state {
+        return bad("state is longer");
+    }
+    if p.size(Array::Input) > input {
+        return bad("inputs are more");
+    }
+    if p.size(Array::Table) > table {
+        return bad("table is longer");
+    }
+    Ok(())
+}
+
+/// The length of the table of a linear system whose matrices have the right shapes.
+fn table(linear: &Linear) -> Option<usize> {
+    let size = linear.n.checked_add(linear.m)?;
+    let square = size.checked_mul(size)?;
+    let rows = linear.means.iter().chain(&linear.starts).all(|c| c.len() == size);
+    let matrices = linear.forms.iter().chain(&linear.squares).chain(&linear.drifts).all(|m| m.len() == square);
+    (linear.a.len() == square && rows && matrices).then(|| Layout::of(linear).size())
+}
+
+/// A walk through a cluster.
+struct Check<'a> {
+    scene: &'a Scene,
+    c: &'a Cluster,
+}
+
+impl Check<'_> {
+    fn wrong(&self, what: &'static str) -> Unsound {
+        Unsound::Reference(self.c.name.clone(), what)
+    }
+
+    fn that(&self, holds: bool, what: &'static str) -> Result<(), Unsound> {
+        if holds { Ok(()) } else { Err(self.wrong(what)) }
+    }
+
+    /// How many input slots it has.
+    fn inputs(&self) -> Option<usize> {
+        let c = self.c;
+        let given = GIVEN.checked_mul(c.inputs.len())?;
+        let traces = c.foreign_at.checked_add(c.foreign.len())?.checked_add(given)?;
+        traces.checked_add(c.states).filter(|n| *n <= MOST)
+    }
+
+    fn cluster(&self) -> Result<(), Unsound> {
+        let c = self.c;
+        let inputs = self.inputs().ok_or_else(|| self.wrong("it has too many inputs"))?;
+        self.that(c.period.is_none_or(|t| t.is_finite() && t > 0.0), "its period is not above 0")?;
+        self.that(c.foreign_at >= 2 + c.ports.len(), "its inputs overlap")?;
+        let parts = [c.states, c.integrals, c.guesses, c.states];
+        let total = parts.into_iter().try_fold(0usize, usize::checked_add);
+        self.that(total == Some(c.initial.len()) && c.names.len() == c.initial.len(), "its state has another length")?;
+        self.stepper(&c.step, inputs)?;
+        if let Some(glance) = &c.step.glance {
+            self.that(glance.glance.is_none(), "a glance has a glance")?;
+            self.stepper(glance, inputs)?;
+        }
+        for program in [&c.instant, &c.stored].into_iter().chain(&c.guards) {
+            self.look(program, inputs)?;
+        }
+        self.that(c.guards.is_none() || c.period.is_none(), "it is sampled and has guards")?;
+        self.respond(inputs)?;
+        self.ports(inputs)?;
+        let stored = c.stored.size(Array::Output);
+        self.that(c.energies.iter().all(|e| e.1 < stored), "an energy is not computed")?;
+        self.that(c.curvatures.len() == c.states, "there is not one curvature a state")?;
+        self.that(c.curvatures.iter().all(|k| *k < stored), "a curvature is not computed")?;
+        let shown = |(k, out): &(usize, usize)| {
+            self.scene.clusters.get(*k).is_some_and(|o| *out < o.instant.size(Array::Output))
+        };
+        self.that(c.foreign.iter().all(shown), "a signal that it reads is not there")?;
+        self.that(c.inputs.iter().all(|i| *i < self.scene.inputs.len()), "an input that it reads is not there")?;
+        c.entries.iter().try_for_each(|e| self.entries(e))
+    }
+
+    fn stepper(&self, s: &Stepper, inputs: usize) -> Result<(), Unsound> {
+        let n = self.c.initial.len();
+        sound(&s.program)?;
+        let table = match &s.linear {
+            None => 0,
+            Some(linear) => table(linear).ok_or_else(|| self.wrong("its linear system has another shape"))?,
+        };
+        fits(&s.program, n, inputs, table)?;
+        self.that(s.program.size(Array::Next) == n, "its step gives another state")
+    }
+
+    fn look(&self, p: &Program, inputs: usize) -> Result<(), Unsound> {
+        sound(p)?;
+        fits(p, self.c.initial.len(), inputs, 0)
+    }
+
+    fn respond(&self, inputs: usize) -> Result<(), Unsound> {
+        let n = self.c.holds.len();
+        let Some(respond) = &self.c.respond else {
+            return self.that(n == 0, "it holds ports and does not say what");
+        };
+        // alpha and beta come after the inputs.
+        let (first, more, outputs) = match respond {
+            Respond::Last(p) => (p, 0, n + 1),
+            Respond::Matched(p, plain) => {
+                self.look(plain, inputs)?;
+                self.that(plain.size(Array::Output) >= n, "what it holds is not computed")?;
+                (p, n + n * n, n + 2)
+            }
+        };
+        sound(first)?;
+        fits(first, self.c.initial.len(), inputs + more, 0)?;
+        let enough = more == 0 || first.size(Array::Input) == inputs + more;
+        self.that(enough && first.size(Array::Input) >= inputs, "what it holds is computed from other inputs")?;
+        self.that(first.size(Array::Output) >= outputs, "what it holds is not computed")
+    }
+
+    fn ports(&self, inputs: usize) -> Result<(), Unsound> {
+        let c = self.c;
+        for p in &c.ports {
+            let there = p.input < inputs
+                && p.mean < c.step.program.size(Array::Output)
+                && p.instant < c.instant.size(Array::Output)
+                && p.region < self.scene.regions.len();
+            self.that(there, "a port refers to what is not there")?;
+        }
+        self.that(c.holds.iter().all(|h| *h < c.ports.len()), "it holds a port that is not there")?;
+        self.that(c.holds.is_empty() || c.period.is_some(), "it holds ports and is not sampled")
+    }
+
+    fn entries(&self, e: &Entries) -> Result<(), Unsound> {
+        let lists = e.supplied.iter().chain(&e.dissipated).chain(&e.produced).map(|x| x.1);
+        let leap = e.leap.into_iter().flat_map(|(a, b)| [a, b]);
+        let mut slots = lists.chain(e.before).chain(leap).chain([e.energy, e.size]);
+        let outputs = self.c.step.program.size(Array::Output);
+        self.that(slots.all(|s| s < outputs), "an entry of its ledger is not computed")?;
+        self.that(e.region < self.scene.regions.len(), "an entry of its ledger is of no region")
+    }
+}

@@ -1,0 +1,258 @@
+//! The whole state of a run as bytes, and a run that goes on from them, bit for bit.
+//!
+//! What is kept is all that a later step reads: states, what is held and foretold, the ledger, the grids of steps and the lengths
+//! that tables were made for. Workspaces are not, for nothing in them is read by the next run.
+
+use super::cluster::{Book, Ready, Run};
+use super::given::{Course, Feed};
+use super::hold::{Held, Report};
+use super::{Error, Options, Simulation};
+use crate::envelope::{self, Damaged, Kind};
+use crate::kernel::Backend;
+use crate::scene::Scene;
+use serde::{Deserialize, Serialize};
+use thiserror::Error as Failure;
+
+/// Why a run cannot go on from saved bytes.
+#[derive(Clone, Debug, PartialEq, Failure)]
+pub enum Refused {
+    /// The bytes are no state.
+    #[error("{0}")]
+    Damaged(#[from] Damaged),
+    /// It is of another model.
+    #[error("it is the state of `{saved}`, and this is `{here}`")]
+    Model {
+        /// The model that was saved.
+        saved: String,
+        /// The model that should go on.
+        here: String,
+    },
+    /// It is of the same model in another form.
+    #[error(
+        "it is the state of another `{0}`: the text, a parameter or a method has changed since, or another version compiled it"
+    )]
+    Changed(String),
+    /// The lists in it have other lengths than those of the scene.
+    #[error("what it says of {0} does not go with the model")]
+    Shape(&'static str),
+    /// The scene itself does not start.
+    #[error("{0}")]
+    Start(#[from] Error),
+}
+
+/// What is written.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    model: String,
+    fingerprint: u64,
+    options: Options,
+    time: f64,
+    last_sample: f64,
+    clusters: Vec<Part>,
+    open: Vec<Report>,
+    given: Vec<Course>,
+}
+
+/// What is written of a cluster.
+#[derive(Serialize, Deserialize)]
+struct Part {
+    state: Vec<f64>,
+    input: Vec<f64>,
+    /// Where it is not what the scene was given: of a run whose inputs were set on the way.
+    feed: Option<Feed>,
+    books: Vec<Book>,
+    steps: u64,
+    rejected: u64,
+    iterations: u64,
+    base: f64,
+    count: u64,
+    h: f64,
+    ahead: f64,
+    crawl: u32,
+    largest: Vec<f64>,
+    curvature: Vec<f64>,
+    lengths: Vec<f64>,
+    glance: Vec<f64>,
+    held: Vec<Held>,
+    beta: Vec<f64>,
+    gamma: Vec<f64>,
+    decay: Vec<f64>,
+    next: u64,
+    reserve: f64,
+    moved: Vec<f64>,
+}
+
+impl Simulation<'_> {
+    /// The whole state, as bytes. Saving changes nothing.
+    ///
+    /// # Errors
+    /// In words; no run is known that gives one.
+    pub fn save(&self) -> Result<Vec<u8>, String> {
+        let saved = Saved {
+            model: self.scene.name.clone(),
+            fingerprint: self.scene.fingerprint()?,
+            options: self.options.clone(),
+            time: self.time,
+            last_sample: self.last_sample,
+            clusters: (0..self.runs.len()).map(|i| self.part(i)).collect(),
+            open: self.open.clone(),
+            given: self.given.clone(),
+        };
+        envelope::seal(Kind::State, &saved)
+    }
+
+    fn part(&self, i: usize) -> Part {
+        let run = &self.runs[i];
+        let fed = Feed::new(&self.scene.clusters[i], &self.given);
+        Part {
+            state: run.state.clone(),
+            input: run.input.clone(),
+            feed: (run.feed != fed).then(|| run.feed.clone()),
+            books: run.books.clone(),
+            steps: run.steps,
+            rejected: run.rejected,
+            iterations: run.iterations(),
+            base: run.base,
+            count: run.count,
+            h: run.h,
+            ahead: run.ahead,
+            crawl: run.crawl,
+            largest: run.largest.clone(),
+            curvature: run.curvature.clone(),
+            lengths: run.step.lengths.clone(),
+            glance: run.glance.as_ref().map(|g| g.lengths.clone()).unwrap_or_default(),
+            held: self.held[i].clone(),
+            beta: self.beta[i].clone(),
+            gamma: self.gamma[i].clone(),
+            decay: self.decay[i].clone(),
+            next: self.next[i],
+            reserve: self.reserve[i],
+            moved: self.moved[i].clone(),
+        }
+    }
+}
+
+impl<'a> Simulation<'a> {
+    /// A run that goes on from what [`Self::save`] gave, with the step and the tolerance that it had. Signals given from outside
+    /// are what they were, but for the courses listed with their index.
+    ///
+    /// # Errors
+    /// Bytes that are damaged, or the state of another scene.
+    pub fn resume(
+        backend: &dyn Backend,
+        scene: &'a Scene,
+        bytes: &[u8],
+        courses: Vec<(usize, Course)>,
+    ) -> Result<Self, Refused> {
+        let saved: Saved = envelope::open(Kind::State, bytes)?;
+        if saved.model != scene.name {
+            return Err(Refused::Model { saved: saved.model, here: scene.name.clone() });
+        }
+        let here = scene.fingerprint().map_err(|e| Refused::Damaged(Damaged::Meaning(e)))?;
+        if saved.fingerprint != here {
+            return Err(Refused::Changed(saved.model));
+        }
+        let good = |x: f64| x.is_finite() && x >= 0.0;
+        if !good(saved.time) || !good(saved.last_sample) || !good(saved.options.default_step) {
+            return Err(Refused::Shape("time"));
+        }
+        let mut sim = Self::on(backend, scene, &saved.options, Vec::new())?;
+        same("the clusters", &saved.clusters, &sim.runs)?;
+        same("the open ports", &saved.open, &sim.open)?;
+        same("the inputs", &saved.given, &sim.given)?;
+        sim.given = saved.given;
+        for (i, course) in courses {
+            if let Some(place) = sim.given.get_mut(i) {
+                *place = course;
+            }
+        }
+        for (i, part) in saved.clusters.into_iter().enumerate() {
+            sim.put(i, part)?;
+        }
+        sim.open = saved.open;
+        sim.time = saved.time;
+        sim.last_sample = saved.last_sample;
+        Ok(sim)
+    }
+
+    fn put(&mut self, i: usize, mut part: Part) -> Result<(), Refused> {
+        let c = &self.scene.clusters[i];
+        let run = &mut self.runs[i];
+        same("the states", &part.state, &run.state)?;
+        same("the inputs", &part.input, &run.input)?;
+        same("the ledger", &part.books, &run.books)?;
+        for (b, own) in part.books.iter().zip(&run.books) {
+            same("the sources", &b.sources, &own.sources)?;
+            same("the resistors", &b.resistors, &own.resistors)?;
+            same("the entropy", &b.produced, &own.produced)?;
+        }
+        same("the traces", &part.largest, &run.largest)?;
+        same("the curvatures", &part.curvature, &run.curvature)?;
+        same("what is held", &part.held, &self.held[i])?;
+        if part.held.iter().zip(&self.held[i]).any(|(a, b)| (a.port, a.bar, a.open) != (b.port, b.bar, b.open)) {
+            return Err(Refused::Shape("what is held"));
+        }
+        for (saved, own) in [(&part.beta, &self.beta[i]), (&part.gamma, &self.gamma[i]), (&part.decay, &self.decay[i])]
+        {
+            same("what is foretold", saved, own)?;
+        }
+        same("the ports", &part.moved, &self.moved[i])?;
+        let feed = Feed::new(c, &self.given);
+        match part.feed.take() {
+            None => run.feed = feed,
+            Some(saved) if saved.alike(&feed) => run.feed = saved,
+            Some(_) => return Err(Refused::Shape("the inputs")),
+        }
+        if !(part.h.is_finite() && part.h > 0.0 && part.base.is_finite() && part.ahead.is_finite()) {
+            return Err(Refused::Shape("the steps"));
+        }
+        tables(&mut run.step, &part.lengths)?;
+        match &mut run.glance {
+            Some(glance) => tables(glance, &part.glance)?,
+            None if part.glance.is_empty() => {}
+            None => return Err(Refused::Shape("the tables")),
+        }
+        part.fill(run);
+        self.held[i] = part.held;
+        self.beta[i] = part.beta;
+        self.gamma[i] = part.gamma;
+        self.decay[i] = part.decay;
+        self.next[i] = part.next;
+        self.reserve[i] = part.reserve;
+        self.moved[i] = part.moved;
+        Ok(())
+    }
+}
+
+impl Part {
+    /// Gives a cluster what is its own.
+    fn fill(&self, run: &mut Run) {
+        run.state.copy_from_slice(&self.state);
+        run.input.copy_from_slice(&self.input);
+        run.books.clone_from(&self.books);
+        run.steps = self.steps;
+        run.rejected = self.rejected;
+        run.step.work.newton_iterations = self.iterations;
+        run.base = self.base;
+        run.count = self.count;
+        run.h = self.h;
+        run.ahead = self.ahead;
+        run.crawl = self.crawl;
+        run.largest.copy_from_slice(&self.largest);
+        run.curvature.copy_from_slice(&self.curvature);
+    }
+}
+
+/// Lists of one length.
+fn same<A, B>(what: &'static str, saved: &[A], own: &[B]) -> Result<(), Refused> {
+    if saved.len() == own.len() { Ok(()) } else { Err(Refused::Shape(what)) }
+}
+
+/// Makes the tables for the lengths that there were, in their order: a step that differs from one by rounding takes its table.
+fn tables(ready: &mut Ready, lengths: &[f64]) -> Result<(), Refused> {
+    ready.forget();
+    for h in lengths {
+        ready.prepare(*h).map_err(|_| Refused::Shape("the tables"))?;
+    }
+    if ready.lengths == lengths { Ok(()) } else { Err(Refused::Shape("the tables")) }
+}

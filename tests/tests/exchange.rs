@@ -1,0 +1,290 @@
+//! Scenes that meet an outside over a line that loses, delays, doubles and turns round what it is given: what they give out never
+//! exceeds what was put in.
+
+use crate::common::{cases, models, text, with};
+use bond::exchange::{Device, Effort, Exchange, Measurement, PORTS};
+use bond::{Compiled, Options, Steps};
+use proptest::prelude::*;
+
+/// Random numbers, the same on every run.
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// From -1 to 1.
+    fn swing(&mut self) -> f64 {
+        2.0 * self.roll() - 1.0
+    }
+}
+
+/// A line: what was sent, and when it comes, in ticks.
+struct Line<T> {
+    under_way: Vec<(u64, T)>,
+    bad: f64,
+}
+
+impl<T: Copy> Line<T> {
+    fn send(&mut self, now: u64, packet: T, dice: &mut Dice) {
+        if dice.roll() < self.bad {
+            return; // lost
+        }
+        let delay = |dice: &mut Dice, bad: f64| if dice.roll() < bad { 1 + (dice.roll() * 60.0) as u64 } else { 1 };
+        self.under_way.push((now + delay(dice, self.bad), packet));
+        if dice.roll() < self.bad {
+            self.under_way.push((now + delay(dice, self.bad), packet)); // doubled
+        }
+    }
+
+    fn come(&mut self, now: u64) -> Vec<T> {
+        let (here, rest) = self.under_way.iter().partition(|p: &&(u64, T)| p.0 <= now);
+        self.under_way = rest;
+        let here: Vec<(u64, T)> = here;
+        here.into_iter().map(|p| p.1).collect()
+    }
+}
+
+/// Who is at the other end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Who {
+    /// A mass that is pushed here and there.
+    Mass,
+    /// Moves so as to draw energy wherever it is let, now and then the other way.
+    Thief,
+}
+
+/// What came of it.
+#[derive(Debug)]
+struct Ending {
+    /// Energy that the environment held at the start, J.
+    initial: f64,
+    put_in: f64,
+    given_out: f64,
+    /// The worst excess of what was given out over what there was, J.
+    excess: f64,
+    missing: u64,
+    booked: f64,
+    /// Why the ledger says that it was not passive.
+    reasons: Vec<String>,
+}
+
+/// Ticks of the device in an interval.
+const TICKS: u64 = 8;
+
+/// Lets a scene and a device meet for so many intervals. `honest` devices keep the limit.
+fn meet(compiled: &Compiled, who: Who, bad: f64, seed: u64, intervals: u64, honest: bool) -> Ending {
+    let settings = &compiled.stages().model.settings;
+    let options = Steps::new().resolve(settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let n = compiled.scene().open.len();
+    let initial: f64 = exchange.summary().regions.iter().map(|r| r.h_initial).sum();
+    let period = exchange.period();
+    let tick = period / TICKS as f64;
+    let mut dice = Dice(seed | 1);
+    let mut device = Device::new(n);
+    let (mut out, mut back) =
+        (Line::<Effort> { under_way: vec![], bad }, Line::<Measurement> { under_way: vec![], bad });
+    let (mut speed, mut push) = ([0.0; PORTS], [0.0; PORTS]);
+    let mut end = Ending {
+        initial,
+        put_in: 0.0,
+        given_out: 0.0,
+        excess: f64::NEG_INFINITY,
+        missing: 0,
+        booked: 0.0,
+        reasons: vec![],
+    };
+    let mut own = bond_runtime::ledger::Sum::new();
+    out.send(0, *exchange.effort(), &mut dice);
+    for now in 1..=intervals * TICKS {
+        let t = now as f64 * tick;
+        for e in out.come(now) {
+            device.receive(&e, t);
+        }
+        if now % 32 == 1 {
+            push.iter_mut().take(n).for_each(|p| *p = 20.0 * dice.swing());
+        }
+        let mut dq = [0.0; PORTS];
+        for i in 0..n {
+            let v = device.effort(i, t);
+            dq[i] = match who {
+                Who::Mass => speed[i] * tick,
+                Who::Thief if dice.roll() < 0.7 && v != 0.0 => -v.signum() * 0.02 * dice.roll(),
+                Who::Thief => 0.02 * dice.swing(),
+            };
+        }
+        let mut efforts = [0.0; PORTS];
+        for i in 0..n {
+            let part = if honest { device.part(i, &dq[..n], t) } else { 1.0 };
+            efforts[i] = part * device.effort(i, t);
+        }
+        let energy: f64 = (0..n).map(|i| efforts[i] * dq[i]).sum();
+        device.moved(&dq[..n], &efforts);
+        for i in 0..n {
+            // The effort pushes back on a mass of 0.5 kg with a little drag.
+            speed[i] += (push[i] - efforts[i] - speed[i]) * tick / 0.5;
+        }
+        own.add(energy);
+        end.put_in += energy.max(0.0);
+        end.given_out += (-energy).max(0.0);
+        end.excess = end.excess.max(-own.value() - initial);
+        if now % (TICKS / 2) == 1 {
+            back.send(now, device.measurement(t), &mut dice);
+        }
+        for m in back.come(now) {
+            exchange.hear(&m);
+        }
+        if now % TICKS == 0 {
+            exchange.tick().unwrap_or_else(|e| panic!("{e}"));
+            out.send(now, *exchange.effort(), &mut dice);
+        }
+    }
+    // The last word comes through.
+    exchange.hear(&device.measurement(intervals as f64 * period));
+    exchange.tick().unwrap_or_else(|e| panic!("{e}"));
+    end.missing = exchange.count().missing;
+    end.booked = exchange.energy() - own.value();
+    end.reasons = exchange.summary().reasons;
+    end
+}
+
+fn wall(options: Options) -> Compiled {
+    let path = models().join("examples").join("open_port.bond");
+    crate::common::file(&path, options)
+}
+
+/// A spring that is stretched at the start, and a gyrator between two ports.
+const TWO: &str = "
+    model Two {
+      port left { inertia = 0.2 kg }
+      port right
+      sampled at 500 Hz {
+        C:spring { stiffness = 400 N/m; q0 = 0.05 m }
+        R:damper = 2 N*s/m
+        C:far { stiffness = 100 N/m; q0 = 0.1 m }
+        1:w -> spring, damper
+        TF:lever = 2
+        lever -> far
+        1:z -> lever
+      }
+      left ||> w
+      right ||> z
+      simulate { stop = 1 s }
+    }";
+
+fn keeps(what: &str, end: &Ending) {
+    let scale = end.initial + end.put_in;
+    assert!(end.excess <= 1e-12 * scale, "{what}: more was given out than put in: {end:?}");
+    assert!(end.booked.abs() <= 1e-12 * scale, "{what}: the two ends count differently: {end:?}");
+    assert!(end.reasons.is_empty(), "{what}: {end:?}");
+}
+
+#[test]
+fn nothing_is_given_that_was_not_put_in() {
+    for (what, compiled) in [("wall", wall(Options::new())), ("two", text(TWO))] {
+        for who in [Who::Mass, Who::Thief] {
+            for bad in [0.0, 0.05, 0.5] {
+                let mut moved = (0.0, 0.0);
+                for seed in 1..=10 {
+                    let end = meet(&compiled, who, bad, seed * 7919, 3000, true);
+                    let what = format!("{what}, {who:?}, {bad} bad, seed {seed}");
+                    keeps(&what, &end);
+                    moved = (moved.0 + end.put_in, moved.1 + end.given_out);
+                    assert!((bad == 0.0) == (end.missing == 0), "{what}: {end:?}");
+                }
+                // It was no idle exchange.
+                assert!(moved.0 > 0.1 && moved.1 > 1e-3, "{what}, {who:?}, {bad} bad: {moved:?}");
+            }
+        }
+    }
+}
+
+/// The limit is what keeps it: a device that does not heed it draws more than there is.
+#[test]
+fn without_the_limit_a_thief_gets_more() {
+    let compiled = text(TWO);
+    let end = meet(&compiled, Who::Thief, 0.05, 7919, 3000, false);
+    assert!(end.excess > 0.1, "{end:?}");
+    assert!(!end.reasons.is_empty(), "{end:?}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: cases(40), ..ProptestConfig::default() })]
+
+    #[test]
+    fn whatever_the_line_does(seed: u64, bad in 0.0f64..0.95, thief: bool, stiffness in 10.0f64..1e5, damping in 0.0f64..200.0, hz in 50.0f64..4000.0) {
+        let text = TWO.replace("400 N/m", &format!("{stiffness} N/m")).replace("2 N*s/m", &format!("{damping} N*s/m"))
+            .replace("500 Hz", &format!("{hz} Hz"));
+        let who = if thief { Who::Thief } else { Who::Mass };
+        keeps("two", &meet(&with(Options::new(), &text), who, bad, seed, 400, true));
+    }
+}
+
+/// The mass comes to rest where the spring bears the push, also over a bad line.
+#[test]
+fn a_bad_line_changes_little_at_rest() {
+    let compiled = wall(Options::new().set("wall.gap", "0 m"));
+    let options = Steps::new().resolve(&compiled.stages().model.settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
+    for bad in [0.0, 0.05, 0.2] {
+        let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+        let (mut device, mut dice) = (Device::new(1), Dice(99));
+        let (mut x, mut speed) = (0.0, 0.0);
+        let tick = 1e-3 / TICKS as f64;
+        for now in 0..3000 * TICKS {
+            let t = now as f64 * tick;
+            if now % TICKS == 0 {
+                if now > 0 {
+                    exchange.tick().unwrap_or_else(|e| panic!("{e}"));
+                }
+                if dice.roll() >= bad {
+                    device.receive(exchange.effort(), t);
+                }
+            }
+            let dq = [speed * tick];
+            let effort = device.part(0, &dq, t) * device.effort(0, t);
+            device.moved(&dq, &[effort]);
+            x += dq[0];
+            speed += (5.0 - effort) * tick / 0.5;
+            if now % TICKS == TICKS - 1 && dice.roll() >= bad {
+                exchange.hear(&device.measurement(t));
+            }
+        }
+        // 5 N on 1000 N/m.
+        assert!((x - 5e-3).abs() < 2e-4, "with {bad} lost it rests at {x} m");
+    }
+}
+
+/// A tick allocates nothing.
+#[test]
+fn nothing_is_allocated_in_a_tick() {
+    let compiled = text(TWO);
+    let options = Steps::new().resolve(&compiled.stages().model.settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let mut device = Device::new(2);
+    let mut buffer = [0; bond::exchange::LONGEST];
+    let mut run = |from: u64, to: u64| {
+        for k in from..to {
+            let t = k as f64 * 2e-3;
+            let n = exchange.effort().write(&mut buffer);
+            if let Some(e) = Effort::read(&buffer[..n]) {
+                device.receive(&e, t);
+            }
+            let dq = [1e-3 * (t * 30.0).sin(), 1e-4];
+            let efforts = [0, 1].map(|i| device.part(i, &dq, t) * device.effort(i, t));
+            device.moved(&dq, &efforts);
+            let n = device.measurement(t).write(&mut buffer);
+            if let Some(m) = Measurement::read(&buffer[..n]).filter(|_| k % 7 > 0) {
+                exchange.hear(&m);
+            }
+            exchange.tick().unwrap_or_else(|e| panic!("{e}"));
+        }
+    };
+    run(0, 50);
+    let counted = allocation_counter::measure(|| run(50, 500));
+    assert_eq!(counted.count_total, 0);
+}
