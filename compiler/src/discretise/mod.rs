@@ -14,6 +14,7 @@ mod order;
 mod probes;
 mod ray;
 mod start;
+mod tear;
 mod write;
 
 use crate::Options;

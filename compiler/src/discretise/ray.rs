@@ -79,7 +79,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let flag = b.slot(Array::Local);
     let unit = b.number(1.0);
     let system = System {
-        unknowns: &[r],
+        unknowns: vec![r],
+        h: None,
         start: vec![zero],
         residuals: vec![residual],
         weight: vec![unit],
@@ -121,7 +122,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let residual = model.pool.sub(there, total);
     let mirror_flag = b.slot(Array::Local);
     let system = System {
-        unknowns: &[m],
+        unknowns: vec![m],
+        h: None,
         start: vec![unit],
         residuals: vec![residual],
         weight: vec![unit],

@@ -1,6 +1,7 @@
 //! What the steppers share: inputs of a program, iterations, the ledger's terms.
 
 use super::cluster::{Cluster, Group, Node, missing};
+use super::tear::tear;
 use crate::expression::{self, Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
@@ -97,8 +98,10 @@ pub(super) fn no_carry(b: &mut Builder, c: &Cluster) {
 }
 
 /// A system of equations to be solved in a program.
-pub(super) struct System<'a> {
-    pub(super) unknowns: &'a [Symbol],
+pub(super) struct System {
+    pub(super) unknowns: Vec<Symbol>,
+    /// The symbol of the step's length, which is above 0.
+    pub(super) h: Option<Symbol>,
     pub(super) start: Vec<Value>,
     pub(super) residuals: Vec<Expr>,
     pub(super) weight: Vec<Value>,
@@ -111,13 +114,28 @@ pub(super) fn solve(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
-    system: System,
+    mut system: System,
 ) -> Result<(), Vec<Diagnostic>> {
+    let h = system.h;
+    let torn = tear(&mut model.pool, &mut system, h);
+    iterate(model, b, lowering, system)?;
+    for (s, e) in torn {
+        let v = lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
+        lowering.bind(s, v);
+    }
+    Ok(())
+}
+
+/// Newton's method on a system.
+fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: System) -> Result<(), Vec<Diagnostic>> {
     let n = system.unknowns.len();
     if n == 0 {
         return Ok(());
     }
     let slots = b.slots(Array::Local, n);
+    for (i, s) in system.unknowns.iter().enumerate() {
+        b.name(Slot::new(Array::Local, slots.index as usize + i), model.pool.name(*s));
+    }
     let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
     for (i, v) in system.start.iter().enumerate() {
         b.store(slot(i), *v);

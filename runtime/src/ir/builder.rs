@@ -46,6 +46,11 @@ impl Builder {
         slot
     }
 
+    /// Names a slot that is there.
+    pub fn name(&mut self, slot: Slot, name: impl Into<String>) {
+        self.names.push((slot, name.into()));
+    }
+
     /// Size of an array so far.
     pub fn size(&self, array: Array) -> usize {
         self.sizes[array as usize] as usize

@@ -181,7 +181,7 @@ pub struct Program {
     pub name: String,
     /// Size of each array, in the order of [`Array::ALL`].
     pub sizes: [u32; 6],
-    /// The names of the slots of `State`, `Input` and `Output`, where they have one, for printing.
+    /// The names of the slots of `State`, `Input` and `Output` and of the unknowns, where they have one, for people.
     pub names: Vec<(Slot, String)>,
     /// The instructions.
     pub body: Vec<Inst>,
@@ -193,5 +193,10 @@ impl Program {
     /// Size of an array.
     pub fn size(&self, array: Array) -> usize {
         self.sizes[array as usize] as usize
+    }
+
+    /// The name of a slot, where it has one.
+    pub fn name_of(&self, slot: Slot) -> Option<&str> {
+        self.names.iter().find(|n| n.0 == slot).map(|n| n.1.as_str())
     }
 }

@@ -5,6 +5,7 @@ use super::worst::Worst;
 use super::{Error, Options};
 use crate::exponential;
 use crate::interpreter::Interpret;
+use crate::ir::{Array, Slot};
 use crate::kernel::{Backend, Failure, Kernel, Workspace};
 use crate::ledger::Sum;
 use crate::scene::{Cluster, Entries, Respond, Stepper};
@@ -265,15 +266,17 @@ impl Run {
     }
 
     fn failure(&self, c: &Cluster, names: &[String], time: f64, why: Failure) -> Error {
-        let slot = match why {
-            Failure::NotFinite { slot } => Some(slot.index as usize),
-            Failure::NoConvergence { unknown, .. } => Some(unknown).filter(|_| c.step.name == "gonzalez").map(|u| {
-                // Unknowns are the states' changes, then the loops.
-                if u < c.states { u } else { u + c.integrals }
-            }),
+        let state = match why {
+            Failure::NotFinite { slot } => c.names.get(slot.index as usize).cloned(),
+            // An unknown is a loop, or the change of a state: `d(mass.p)`.
+            Failure::NoConvergence { unknown, .. } => {
+                c.step.program.name_of(Slot::new(Array::Local, unknown)).map(|n| {
+                    let state = n.strip_prefix("d(").and_then(|n| n.strip_suffix(')'));
+                    state.filter(|s| c.names.iter().any(|n| n == s)).unwrap_or(n).to_string()
+                })
+            }
             Failure::Singular { .. } => None,
         };
-        let state = slot.and_then(|s| c.names.get(s).cloned());
         Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why }
     }
 

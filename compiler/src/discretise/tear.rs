@@ -1,0 +1,52 @@
+//! Unknowns of an iteration that follow from the others by a linear equation are taken out of it (tearing: Kron; Elmqvist and Otter,
+//! Proc. ESM 1994). Newton's method makes the same updates without them, and solves for fewer.
+
+use super::write::System;
+use crate::expression::{Expr, Pool, Sign, Symbol};
+use rustc_hash::FxHashMap;
+
+/// More unknowns than this are left: their elimination finds its order from the pattern.
+const MOST: usize = 8;
+
+/// Takes unknowns out of a system: gives them, with what they are in terms of those that stay. `h`, if given, is above 0.
+pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> Vec<(Symbol, Expr)> {
+    let unknowns = system.unknowns.clone();
+    let n = unknowns.len();
+    if !(2..=MOST).contains(&n) {
+        return Vec::new();
+    }
+    // The rows that are taken: unknown, which others it is made of, and how.
+    let mut taken: Vec<(usize, Vec<usize>, Expr)> = Vec::new();
+    for i in 0..n {
+        let Some((linear, rest)) = pool.affine(system.residuals[i], &unknowns) else { continue };
+        let Some(&(_, own)) = linear.iter().find(|t| t.0 == i) else { continue };
+        let positive = |s: Symbol| if Some(s) == h { Sign::Positive } else { Sign::Unknown };
+        if !matches!(pool.sign(own, &positive), Sign::Positive | Sign::Negative) {
+            continue;
+        }
+        let others: Vec<usize> = linear.iter().map(|t| t.0).filter(|j| *j != i).collect();
+        if taken.iter().any(|(k, of, _)| others.contains(k) || of.contains(&i)) || taken.len() + 1 == n {
+            continue;
+        }
+        let mut sum = rest;
+        for (j, k) in linear.into_iter().filter(|t| t.0 != i) {
+            let u = pool.var(unknowns[j]);
+            let term = pool.mul(k, u);
+            sum = pool.add(sum, term);
+        }
+        let value = pool.div(sum, own);
+        taken.push((i, others, pool.neg(value)));
+    }
+    if taken.is_empty() {
+        return Vec::new();
+    }
+    let map: FxHashMap<Symbol, Expr> = taken.iter().map(|(i, _, e)| (unknowns[*i], *e)).collect();
+    let stays = |i: usize| taken.iter().all(|t| t.0 != i);
+    let kept: Vec<usize> = (0..n).filter(|i| stays(*i)).collect();
+    system.unknowns = kept.iter().map(|i| unknowns[*i]).collect();
+    system.residuals = kept.iter().map(|i| pool.substitute(system.residuals[*i], &map)).collect();
+    system.start = kept.iter().map(|i| system.start[*i]).collect();
+    system.weight = kept.iter().map(|i| system.weight[*i]).collect();
+    system.scale = kept.iter().map(|i| system.scale[*i]).collect();
+    taken.into_iter().map(|(i, _, e)| (unknowns[i], e)).collect()
+}
