@@ -3,6 +3,7 @@
 mod common;
 
 mod allocation;
+mod backend;
 mod causality;
 mod classics;
 mod determinism;

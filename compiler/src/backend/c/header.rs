@@ -79,6 +79,9 @@ void {p}_input({p}_state *b, int input, {p}_real value);
 /* A number of a region's ledger. */
 {p}_real {p}_ledger(const {p}_state *b, int region, int what);
 
+/* How many bytes a state takes, for languages that do not read this header. */
+unsigned long {p}_size(void);
+
 /* Saves the state, and puts a scene into a saved one: bit for bit. */
 void {p}_save(const {p}_state *b, {p}_real *saved);
 void {p}_restore({p}_state *b, const {p}_real *saved);

@@ -56,6 +56,6 @@ fn comment(text: &str) -> String {
 }
 
 /// How many numbers of scratch the routines need, with those of [`solve`].
-fn scratch(unit: &Unit) -> usize {
+pub(super) fn scratch(unit: &Unit) -> usize {
     [&unit.commit, &unit.observe].iter().map(|r| r.scratch as usize + solve::room(r)).max().unwrap_or(0).max(1)
 }

@@ -307,7 +307,7 @@ impl Iteration {
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
         let quick = Cond::all([Cond::True(made), w.eq(halvings, zero), w.le(square, quick)]);
         let slow = Cond::all([Cond::True(made), w.le(slow, square)]);
-        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-5), w.tolerance(1e-10));
+        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-8), w.tolerance(1e-10));
         let ratio = w.div(last, square);
         let t = w.mul(least, ratio);
         let under = w.lt(t, most);

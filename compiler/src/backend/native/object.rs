@@ -64,6 +64,8 @@ impl Writer<'_> {
             copy(b, args[0], from, n);
             None
         })?;
+        let size = 8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit)) as i64;
+        self.function(face("size", &[], Some(pointer)), |_, b, _| Some(b.ins().iconst(pointer, size)))?;
         self.function(face("save", &[pointer, pointer], None), |_, b, args| {
             copy(b, args[1], args[0], n);
             None

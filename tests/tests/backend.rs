@@ -1,0 +1,293 @@
+//! Back ends give the same numbers: machine code to the last bit, C to the rounding of `libm`.
+
+use crate::common::{all_scenes, cases, file, stop};
+use bond::{Code, Compiled, Options, Simulation, Steps};
+use bond_compiler::backend::native::Jit;
+use bond_compiler::backend::{c, lower, unit};
+use bond_runtime::interpreter::Interpret;
+use bond_runtime::ir::{Array, Binary, Builder, Newton, Program, Slot, Unary, Value};
+use bond_runtime::kernel::Backend;
+use bond_runtime::simulate;
+use proptest::prelude::*;
+use std::process::Command;
+
+/// Rows of a run.
+const ROWS: u32 = 60;
+
+/// What a run shows, as bits, and how it ended.
+fn run(compiled: &Compiled, code: Code, steps: Steps, end: f64) -> (Vec<Vec<u64>>, String) {
+    let settings = &compiled.stages().model.settings;
+    let options = steps.resolve(settings, end, settings.every).unwrap_or_else(|e| panic!("{e}"));
+    let mut rows = Vec::new();
+    let mut sim = match Simulation::on(code.backend(), compiled.scene(), &options, []) {
+        Ok(sim) => sim,
+        Err(e) => return (rows, e.to_string()),
+    };
+    for k in 1..=ROWS {
+        if let Err(e) = sim.advance(f64::from(k) * end / f64::from(ROWS)) {
+            return (rows, e.to_string());
+        }
+        match sim.probes() {
+            Ok(p) => rows.push(p.iter().map(|x| x.to_bits()).collect()),
+            Err(e) => return (rows, e.to_string()),
+        }
+    }
+    (rows, format!("{:?}", sim.summary()))
+}
+
+#[test]
+fn machine_code_gives_the_interpreters_bits_on_every_model() {
+    let mut compiled_ones = 0;
+    for (title, path, scene) in all_scenes() {
+        let compiled = file(&path, Options::new().model(&scene));
+        let end = stop(&compiled).min(1.0);
+        for steps in [Steps::new(), Steps::fixed(end / 300.0)] {
+            let interpreted = run(&compiled, Code::Interpreted, steps, end);
+            let native = run(&compiled, Code::Native, steps, end);
+            assert_eq!(native, interpreted, "{title} {scene} {steps:?}");
+        }
+        compiled_ones += compiled.scene().clusters.iter().filter(|c| lower(&c.step.program).is_some()).count();
+    }
+    assert!(compiled_ones > 100, "{compiled_ones} step programs have a plain form");
+}
+
+const SPECIAL: [f64; 14] = [
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    0.5,
+    -2.5,
+    3.0,
+    1e-310,
+    -1e300,
+    1e300,
+    f64::INFINITY,
+    f64::NEG_INFINITY,
+    f64::NAN,
+    f64::EPSILON,
+];
+
+/// What both back ends make of a program; any NaN is the same.
+fn outputs(program: &Program, state: &[f64], input: &[f64]) -> [Vec<u64>; 2] {
+    assert_eq!(program.verify(), Ok(()), "{program}");
+    let backends: [&dyn Backend; 2] = [&Interpret, &Jit];
+    backends.map(|backend| {
+        let kernel = backend.kernel(program);
+        let mut work = kernel.workspace();
+        let result = kernel.run(state, input, &[], &mut work);
+        let bits = |x: &f64| if x.is_nan() { u64::MAX } else { x.to_bits() };
+        let mut list: Vec<u64> = match result {
+            Ok(()) => work.output.iter().chain(&work.next).map(bits).collect(),
+            Err(e) => format!("{e:?}").bytes().map(u64::from).collect(),
+        };
+        list.push(work.newton_iterations);
+        list
+    })
+}
+
+#[test]
+fn each_op_means_the_same_at_special_values() {
+    let mut b = Builder::new("ops");
+    let (x, y) = (b.slot(Array::Input), b.slot(Array::Input));
+    let (p, q) = (b.load(x), b.load(y));
+    let mut values: Vec<Value> = Unary::ALL.iter().map(|f| b.unary(*f, p)).collect();
+    values.extend(Binary::ALL.iter().map(|f| b.binary(*f, p, q)));
+    values.push(b.select(p, q, p));
+    for k in [-3.0, -0.5, 0.5, 1.5, 2.0, 5.0, 0.3] {
+        let k = b.number(k);
+        values.push(b.binary(Binary::Pow, p, k));
+    }
+    for v in values {
+        let slot = b.slot(Array::Output);
+        b.store(slot, v);
+    }
+    let program = b.finish();
+    for x in SPECIAL {
+        for y in SPECIAL {
+            let [one, other] = outputs(&program, &[], &[x, y]);
+            assert_eq!(one, other, "at {x:e}, {y:e}");
+        }
+    }
+}
+
+/// A program of random ops over two states and an input, with an iteration on `n` unknowns; the first states get the unknowns.
+fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool) -> Program {
+    let mut b = Builder::new("random");
+    let states: Vec<Slot> = (0..n.max(2)).map(|_| b.slot(Array::State)).collect();
+    let input = b.slot(Array::Input);
+    let mut pool: Vec<Value> = states.iter().map(|s| b.load(*s)).collect();
+    pool.push(b.load(input));
+    pool.extend(numbers.iter().map(|x| b.number(*x)));
+    let op = |b: &mut Builder, pool: &[Value], (f, i, j, k): (u8, u8, u8, u8)| {
+        let at = |i: u8| pool[usize::from(i) % pool.len()];
+        match usize::from(f) % (Unary::ALL.len() + 2 * Binary::ALL.len() + 1) {
+            f if f < Unary::ALL.len() => b.unary(Unary::ALL[f], at(i)),
+            f if f < Unary::ALL.len() + 2 * Binary::ALL.len() => {
+                b.binary(Binary::ALL[(f - Unary::ALL.len()) / 2], at(i), at(j))
+            }
+            _ => b.select(at(i), at(j), at(k)),
+        }
+    };
+    for p in picks {
+        let v = op(&mut b, &pool, *p);
+        pool.push(v);
+    }
+    let unknowns = b.slots(Array::Local, n);
+    let flag = b.slot(Array::Local);
+    let slot = |i: usize| Slot::new(Array::Local, unknowns.index as usize + i);
+    for i in 0..n {
+        b.store(slot(i), pool[i % pool.len()]);
+    }
+    let (one, small) = (b.number(1.0), b.number(1e-3));
+    let weights: Vec<Value> = (0..n).map(|i| if weight { one } else { pool[i % pool.len()] }).collect();
+    let scales: Vec<Value> = (0..n).map(|i| b.unary(Unary::Abs, pool[(i + 1) % pool.len()])).collect();
+    b.open(unknowns, n);
+    let u: Vec<Value> = (0..n).map(|i| b.load(slot(i))).collect();
+    let (mut residual, mut jacobian) = (Vec::new(), Vec::new());
+    for i in 0..n {
+        // u_i + u_i^3/10 + coupling to the next + something of the pool
+        let next = (i + 1) % n;
+        let square = b.mul(u[i], u[i]);
+        let (tenth, k) = (b.number(0.1), b.number(0.3 + 0.1 * i as f64));
+        let cube = b.mul(square, u[i]);
+        let cube = b.mul(tenth, cube);
+        let mut r = b.add(u[i], cube);
+        let c = b.mul(k, u[next]);
+        r = b.add(r, c);
+        let s = b.unary(Unary::Sin, pool[(3 * i + 1) % pool.len()]);
+        r = b.sub(r, s);
+        residual.push(r);
+        let three = b.number(0.3);
+        let slope = b.mul(three, square);
+        let slope = b.add(one, slope);
+        let mut row = vec![(i as u32, slope)];
+        if next == i {
+            row[0].1 = b.add(slope, k);
+        } else {
+            row.push((next as u32, k));
+        }
+        row.sort_by_key(|r| r.0);
+        jacobian.extend(row.into_iter().map(|(j, v)| (i as u32, j, v)));
+    }
+    b.close(Newton {
+        unknowns: unknowns.index,
+        body: Vec::new(),
+        residual,
+        jacobian,
+        weight: weights,
+        scale: if weight { vec![small; n] } else { scales },
+        limit: 40,
+        flag: Some(flag),
+    });
+    for s in 0..states.len() {
+        let next = b.slot(Array::Next);
+        let v = if s < n { b.load(slot(s)) } else { one };
+        b.store(next, v);
+    }
+    let good = b.load(flag);
+    let y = b.slot(Array::Output);
+    b.store(y, good);
+    for v in pool.iter().rev().take(6) {
+        let slot = b.slot(Array::Output);
+        b.store(slot, *v);
+    }
+    b.finish()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: cases(300), ..ProptestConfig::default() })]
+
+    /// Random straight code with an iteration, small enough to be written out or not.
+    #[test]
+    fn random_programs_give_the_same_bits(
+        n in prop_oneof![1usize..=8, 9usize..=20],
+        picks in prop::collection::vec(any::<(u8, u8, u8, u8)>(), 0..60),
+        numbers in prop::collection::vec(prop_oneof![-3.0..3.0f64, prop::sample::select(SPECIAL.to_vec())], 1..5),
+        state in prop::collection::vec(-2.0..2.0f64, 20),
+        weight in any::<bool>(),
+    ) {
+        let program = random(n, &picks, &numbers, weight);
+        let [one, other] = outputs(&program, &state, &[0.7]);
+        prop_assert_eq!(one, other);
+    }
+}
+
+/// Whether a command is there.
+fn is_there(name: &str) -> bool {
+    Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success())
+}
+
+/// Emits a scene as C, compiles it as strictly as can be, and runs it: rows of probes.
+fn as_c(name: &str, u: &unit::Unit, rows: u32) -> Vec<Vec<f64>> {
+    let folder = std::env::temp_dir().join(format!("bond-c-{}-{name}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder can be made");
+    let options = c::Options { prefix: "bond".into(), header: "m.h".into() };
+    let main = format!(
+        "#include \"m.h\"\n#include <stdio.h>\nstatic bond_state b;\nint main(void) {{\n    static bond_real moved[BOND_PORTS + 1], out[BOND_PROBES + 1];\n    \
+         int k, j;\n    bond_init(&b);\n    for (k = 0; k <= {rows}; ++k) {{\n        if (k > 0 && bond_commit(&b, moved)) return 0;\n        \
+         if (bond_probes(&b, out)) return 0;\n        for (j = 0; j < BOND_PROBES; ++j) printf(\"%.17g \", (double)out[j]);\n        \
+         printf(\"%.17g\\n\", (double)bond_energy(&b));\n    }}\n    return 0;\n}}\n"
+    );
+    for (file, text) in [("m.h", c::header(u, &options)), ("m.c", c::source(u, &options)), ("main.c", main)] {
+        std::fs::write(folder.join(file), text).expect("a file can be written");
+    }
+    let strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off"];
+    let compile = |extra: &[&str]| {
+        let out = Command::new("cc").args(strict).args(extra).current_dir(&folder).output().expect("cc runs");
+        assert!(out.status.success(), "{name}: {}", String::from_utf8_lossy(&out.stderr));
+    };
+    compile(&["-O1", "-DBOND_FLOAT", "-c", "m.c", "-o", "float.o"]);
+    compile(&["-O1", "m.c", "main.c", "-lm", "-o", "run"]);
+    let out = Command::new(folder.join("run")).output().expect("it runs");
+    let _ = std::fs::remove_dir_all(&folder);
+    let text = String::from_utf8_lossy(&out.stdout);
+    text.lines().map(|l| l.split_whitespace().filter_map(|x| x.parse().ok()).collect()).collect()
+}
+
+#[test]
+fn c_gives_the_same_numbers() {
+    if !is_there("cc") {
+        return;
+    }
+    let mut seen = 0;
+    for (title, path, scene) in all_scenes() {
+        if !(title.starts_with("examples/") || title.starts_with("elements/")) {
+            continue;
+        }
+        let compiled = file(&path, Options::new().model(&scene));
+        let settings = &compiled.stages().model.settings;
+        let end = stop(&compiled);
+        let h = settings.step.unwrap_or(end / 2000.0);
+        let options = Steps::fixed(h).resolve(settings, end, settings.every).unwrap_or_else(|e| panic!("{e}"));
+        let Ok(u) = unit::unit(compiled.scene(), &options) else { continue };
+        let name = format!("{}-{scene}", title.replace('/', "-"));
+        let rows = as_c(&name, &u, 100);
+        let mut sim = simulate::Simulation::on(&Interpret, compiled.scene(), &options, Vec::new())
+            .unwrap_or_else(|e| panic!("{title}: {e}"));
+        let shown = compiled.probes().len();
+        for (k, row) in rows.iter().enumerate() {
+            if sim.advance(k as f64 * u.interval).is_err() {
+                break; // a step that fails is halved there, and ends the run here
+            }
+            let Ok(probes) = sim.probes().map(<[f64]>::to_vec) else { break };
+            let energy: f64 = sim.summary().regions.iter().map(|r| r.h_final).sum();
+            for (ours, theirs) in row.iter().zip(probes[..shown].iter().chain([&energy])) {
+                let close = (ours - theirs).abs() <= 1e-9 * theirs.abs() + 1e-12 || (ours.is_nan() && theirs.is_nan());
+                assert!(close, "{name}, row {k}: {ours:e} in C, {theirs:e} here");
+            }
+        }
+        assert!(rows.len() > 1, "{name} has rows");
+        seen += 1;
+    }
+    assert!(seen > 50, "{seen} scenes have a form in C");
+}
+
+#[test]
+fn refusals_say_why() {
+    let compiled = file(&crate::common::models().join("examples/two_rates.bond"), Options::new());
+    let settings = &compiled.stages().model.settings;
+    let options = Steps::new().resolve(settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
+    let why = unit::unit(compiled.scene(), &options).map(|_| ()).unwrap_err();
+    assert!(why.contains("is no multiple of the shortest one"), "{why}");
+}
