@@ -10,6 +10,7 @@ mod library;
 mod linearize;
 mod new;
 mod run;
+mod serve;
 mod show;
 mod test;
 
