@@ -134,7 +134,8 @@ def main():
     speed, push = [0.0] * n, [0.0] * n
     put_in = given_out = lowest = 0.0
     start = heard = last = time.monotonic()
-    told = renewed = replied = 0.0
+    told = renewed = 0.0
+    replied = None
     over = False
     while not over and time.monotonic() - heard < args.give_up:
         now = time.monotonic()

@@ -30,13 +30,15 @@ const FAREWELLS: u32 = 3;
 pub struct Times {
     /// From the deadline to waking, ns.
     pub lateness: Meter,
+    /// Of the step alone, ns.
+    pub step: Meter,
     /// From waking to having sent, ns.
     pub work: Meter,
     /// From sending an effort to the measurement that names it, less what the device waited, ns.
     pub round: Meter,
     /// Efforts that were sent after the next deadline.
     pub missed: u64,
-    /// Of these: the computing itself took longer than an interval.
+    /// Of these: the thread computed longer than an interval in the step itself.
     pub own: u64,
     /// How long it went on, s.
     pub wall: f64,
@@ -139,7 +141,8 @@ pub fn serve(
     until: &Until<'_>,
 ) -> Result<End, Stop> {
     let period = exchange.period() * 1e9;
-    let times = Times { lateness: Meter::new(), work: Meter::new(), round: Meter::new(), missed: 0, own: 0, wall: 0.0 };
+    let [lateness, step, work, round] = [(); 4].map(|()| Meter::new());
+    let times = Times { lateness, step, work, round, missed: 0, own: 0, wall: 0.0 };
     let mut l = Loop { exchange, link, sent: vec![0; SENT], times };
     if let Some(log) = &mut log {
         log.add(l.exchange);
@@ -161,21 +164,24 @@ pub fn serve(
             clock::sleep_until(deadline);
             deadline
         };
-        let (woken, worked) = (clock::now(), clock::worked());
+        let woken = clock::now();
         let over = l.link.is_over();
         l.hear()?;
+        let (begun, worked) = (clock::now(), clock::worked());
         if let Err(e) = l.exchange.tick() {
             failure = Some(e);
             break;
         }
+        let (worked, stepped) = (clock::worked() - worked, clock::now());
         l.send()?;
         let done = clock::now();
         l.times.lateness.add(woken.saturating_sub(deadline));
+        l.times.step.add(stepped - begun);
         l.times.work.add(done - woken);
         if !until.lockstep && done as f64 > deadline as f64 + period {
             l.times.missed += 1;
             // What it did not compute, it waited for the machine.
-            l.times.own += u64::from((clock::worked() - worked) as f64 > period);
+            l.times.own += u64::from(worked as f64 > period);
         }
         if let Some(log) = &mut log {
             log.add(l.exchange);

@@ -80,15 +80,16 @@ impl Pipe {
     /// # Errors
     /// A line that is none, or one for efforts long past.
     pub fn receive(&mut self) -> Result<Option<Arrival>, Stop> {
+        // A line that is ahead waits for its efforts.
+        if matches!(self.items.peek(), Ok(Item::Line(..))) && self.sums.sequence >= self.next {
+            return Ok(None);
+        }
         match self.items.pop() {
             Err(_) => Ok(None),
             Ok(Item::Packet(arrival)) => Ok(Some(arrival)),
             Ok(Item::Wrong(why)) => Err(Stop::Usage(format!("standard input: {why}"))),
             Ok(Item::Line(at, q)) => {
                 let k = self.sums.sequence;
-                if k >= self.next {
-                    return Err(Stop::Usage(format!("standard input: line {} came before its efforts", k + 1)));
-                }
                 if self.next - k > SENT as u64 {
                     return Err(Stop::Usage(format!("standard input: line {} is {SENT} lines late", k + 1)));
                 }

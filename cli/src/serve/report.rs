@@ -76,25 +76,11 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
             short(l.most())
         )?;
     }
-    let w = &t.work;
-    writeln!(
-        out,
-        "{:11} median {} us, 99 % below {} us, worst {} us",
-        "step",
-        short(w.quantile(0.5)),
-        short(w.quantile(0.99)),
-        short(w.most())
-    )?;
-    if t.round.count() > 0 {
-        let r = &t.round;
-        writeln!(
-            out,
-            "{:11} median {} us, 99 % below {} us, worst {} us",
-            "round trip",
-            short(r.quantile(0.5)),
-            short(r.quantile(0.99)),
-            short(r.most())
-        )?;
+    for (name, m) in [("step", &t.step), ("answer", &t.work), ("round trip", &t.round)] {
+        if m.count() > 0 {
+            let (half, most) = (short(m.quantile(0.5)), short(m.quantile(0.99)));
+            writeln!(out, "{name:11} median {half} us, 99 % below {most} us, worst {} us", short(m.most()))?;
+        }
     }
     writeln!(out, "{:11} {} J put in, {} J given out", "energy", short(c.put_in), short(c.given_out))?;
     for (i, reason) in o.reasons().iter().enumerate() {
@@ -141,7 +127,8 @@ pub fn json(o: &Outcome) -> String {
         "missed_deadlines": t.missed,
         "missed_by_own_computing": t.own,
         "jitter": meter(&t.lateness),
-        "step": meter(&t.work),
+        "step": meter(&t.step),
+        "answer": meter(&t.work),
         "round_trip": meter(&t.round),
         "energy": { "put_in": c.put_in, "given_out": c.given_out, "net": o.exchange.energy(), "least_stored": c.least },
         "passive": reasons.is_empty(),
