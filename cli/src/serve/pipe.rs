@@ -13,12 +13,8 @@ use std::io::{self, BufRead, Read, Stdout, Write};
 /// Efforts that are remembered until their line comes back.
 const SENT: usize = 4096;
 
-/// What the reading thread hands over.
-enum Item {
-    Packet(Arrival),
-    Line(u64, [f64; PORTS]),
-    Wrong(String),
-}
+/// What the reading thread hands over: a packet, or a line as one whose `q` is of that line alone; or what is wrong.
+type Item = Result<Arrival, String>;
 
 /// Both pipes.
 pub struct Pipe {
@@ -81,14 +77,14 @@ impl Pipe {
     /// A line that is none, or one for efforts long past.
     pub fn receive(&mut self) -> Result<Option<Arrival>, Stop> {
         // A line that is ahead waits for its efforts.
-        if matches!(self.items.peek(), Ok(Item::Line(..))) && self.sums.sequence >= self.next {
+        if !self.binary && matches!(self.items.peek(), Ok(Ok(_))) && self.sums.sequence >= self.next {
             return Ok(None);
         }
         match self.items.pop() {
             Err(_) => Ok(None),
-            Ok(Item::Packet(arrival)) => Ok(Some(arrival)),
-            Ok(Item::Wrong(why)) => Err(Stop::Usage(format!("standard input: {why}"))),
-            Ok(Item::Line(at, q)) => {
+            Ok(Ok(arrival)) if self.binary => Ok(Some(arrival)),
+            Ok(Err(why)) => Err(Stop::Usage(format!("standard input: {why}"))),
+            Ok(Ok(Arrival { at, measurement: Measurement { q, .. } })) => {
                 let k = self.sums.sequence;
                 if self.next - k > SENT as u64 {
                     return Err(Stop::Usage(format!("standard input: line {} is {SENT} lines late", k + 1)));
@@ -135,8 +131,8 @@ fn packets(mut items: Producer<Item>, ports: usize) {
     let n = measurement_length(ports);
     while input.read_exact(&mut buffer[..n]).is_ok() {
         let item = match Measurement::read(&buffer[..n]) {
-            Some(m) => Item::Packet(Arrival::now(m)),
-            None => Item::Wrong(format!("{n} bytes that are no measurement of {ports} ports")),
+            Some(m) => Ok(Arrival::now(m)),
+            None => Err(format!("{n} bytes that are no measurement of {ports} ports")),
         };
         if !hand(&mut items, item) {
             return;
@@ -153,14 +149,13 @@ fn lines(mut items: Producer<Item>, ports: usize) {
             Ok(0) => return,
             Ok(_) => {}
             Err(e) => {
-                hand(&mut items, Item::Wrong(e.to_string()));
+                hand(&mut items, Err(e.to_string()));
                 return;
             }
         }
-        let at = super::clock::now();
         let item = match numbers(line.trim(), ports) {
-            Ok(q) => Item::Line(at, q),
-            Err(why) => Item::Wrong(format!("line {number}: {why}")),
+            Ok(q) => Ok(Arrival::now(Measurement { ports, q, ..Measurement::default() })),
+            Err(why) => Err(format!("line {number}: {why}")),
         };
         if !hand(&mut items, item) {
             return;
