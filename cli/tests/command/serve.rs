@@ -276,3 +276,30 @@ fn what_cannot_be_served_is_told() {
     // Nobody says anything.
     fails(&["a.bond", "--stdio"], "", 0, "intervals   0 of");
 }
+
+/// The device in Python keeps the rules too. Where there is no Python it is left out.
+#[test]
+fn the_device_in_python_meets_it() {
+    if Command::new("python3").arg("--version").output().is_err() {
+        return;
+    }
+    let here = Folder::new().with("a.bond", SPRING);
+    let mut child = spawn(&here, &["serve", "a.bond", "--udp", "127.0.0.1:0", "--duration", "1s", "--report", "json"]);
+    let (line, _err) = first(&mut child);
+    let address = line.trim().rsplit(' ').next().unwrap().to_string();
+    let device = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/embed/device.py");
+    let args = [device, &address, "--drop", "0.05", "--delay", "0.05", "--thief"];
+    let told = Command::new("python3").args(args).output().unwrap();
+    if !told.status.success() {
+        let _ = child.kill();
+        panic!("{}", String::from_utf8_lossy(&told.stderr));
+    }
+    let output = child.wait_with_output().unwrap();
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&json["intervals"], &json["passive"]), (&500.into(), &true.into()), "{json:#}");
+    let own: Value = serde_json::from_slice(&told.stdout).unwrap();
+    let number = |key: &str| own[key].as_f64().unwrap();
+    let turned = number("put_in") + number("given_out");
+    // The spring held 0.08 J.
+    assert!(number("lowest") >= -0.08 - 1e-12 * turned && turned > 1e-3, "{own}");
+}
