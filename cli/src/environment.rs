@@ -3,7 +3,7 @@
 //!
 //! The file is the program, then the scene in its envelope, then the envelope's length (8 bytes, little-endian) and [`MARK`].
 
-use crate::commands::run;
+use crate::commands::{run, serve};
 use crate::stop::Stop;
 use bond_compiler::model::Settings;
 use bond_runtime::envelope::{self, Kind};
@@ -135,6 +135,17 @@ struct Line {
 enum Command {
     /// Simulate it, and tell what became of the energy
     Run(Run),
+    /// Meet a real outside at the open ports, in real time
+    Serve(Serve),
+}
+
+#[derive(clap::Args)]
+#[command(after_help = serve::HELP)]
+struct Serve {
+    #[command(flatten)]
+    how: serve::How,
+    #[command(flatten)]
+    fixed: Fixed,
 }
 
 #[derive(clap::Args)]
@@ -187,6 +198,10 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
         Command::Run(args) => {
             args.fixed.check()?;
             run::simulate(&e.scene, &e.settings(), &args.how)
+        }
+        Command::Serve(args) => {
+            args.fixed.check()?;
+            serve::meet(&e.scene, &e.settings(), &args.how)
         }
     }
 }

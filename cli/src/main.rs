@@ -17,13 +17,14 @@ mod parquet;
 mod progress;
 mod report;
 mod rows;
+mod serve;
 mod stop;
 mod summary;
 mod table;
 mod text;
 
 use clap::{Parser, Subcommand};
-use commands::{build, check, doc, fmt, linearize, new, run, show, test};
+use commands::{build, check, doc, fmt, linearize, new, run, serve as serving, show, test};
 use std::process::ExitCode;
 use stop::Stop;
 
@@ -55,6 +56,7 @@ enum Command {
     Show(show::Args),
     Linearize(linearize::Args),
     Run(Box<run::Args>),
+    Serve(serving::Args),
     Test(test::Args),
 }
 
@@ -86,6 +88,7 @@ fn command(command: &Command) -> Result<(), Stop> {
         Command::Show(args) => show::show(args),
         Command::Linearize(args) => linearize::linearize(args),
         Command::Run(args) => run::run(args),
+        Command::Serve(args) => serving::serve(args),
         Command::Test(args) => test::test(args),
     }
 }

@@ -12,6 +12,12 @@ const ROWS: u32 = 1000;
 fn no_file_is_unknown() {
     for folder in files("") {
         let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if name == "embed" {
+            // What meets scenes from outside; the command's tests run it.
+            let known = |p: &std::path::PathBuf| p.file_name().is_some_and(|f| f == "device.py");
+            assert!(files(&name).iter().all(known), "a file of models/embed is run by no test");
+            continue;
+        }
         assert!(
             folder.is_dir()
                 && ["components", "embed", "examples", "elements", "classics", "invalid", "library"]

@@ -7,5 +7,6 @@ pub mod fmt;
 pub mod linearize;
 pub mod new;
 pub mod run;
+pub mod serve;
 pub mod show;
 pub mod test;

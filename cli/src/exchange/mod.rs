@@ -91,6 +91,8 @@ pub struct Exchange<'a> {
     clusters: Vec<usize>,
     group: Vec<usize>,
     rooms: Vec<f64>,
+    /// By cluster, what it held at the start, where nothing but its open ports gives it energy.
+    initial: Vec<Option<f64>>,
     promises: Promises,
     bounded: bool,
     k: u64,
@@ -116,6 +118,7 @@ impl<'a> Exchange<'a> {
         clusters.sort_unstable();
         clusters.dedup();
         let sim = Simulation::new(scene, options).map_err(RunError::from)?;
+        let initial = clusters.iter().map(|c| alone(scene, &sim, *c)).collect();
         let ports = scene.open.len();
         let mut new = Self {
             sim,
@@ -123,6 +126,7 @@ impl<'a> Exchange<'a> {
             period,
             bounded: scene.excluded.is_empty() && scene.regions.iter().all(|r| !r.pseudo),
             group: scene.open.iter().map(|o| clusters.iter().position(|c| *c == o.port.0).unwrap_or(0)).collect(),
+            initial,
             rooms: vec![0.0; clusters.len()],
             promises: Promises::new(clusters.len()),
             clusters,
@@ -268,18 +272,32 @@ impl<'a> Exchange<'a> {
     /// What could be given back, J, in all and by each cluster: what it keeps, and together not more than the whole scene does. Below
     /// 0 where more was drawn.
     fn stored(&mut self) -> f64 {
-        let own: f64 = self.clusters.iter().map(|c| self.sim.kept(*c)).sum();
+        for (group, (room, c)) in self.rooms.iter_mut().zip(&self.clusters).enumerate() {
+            *room = self.sim.kept(*c);
+            // The same without what rounding does to a store that is far larger than what was put in.
+            if let Some(initial) = self.initial[group] {
+                *room = room.min(initial + sum(&self.group, &self.taken.w, group));
+            }
+        }
+        let own: f64 = self.rooms.iter().sum();
         let whole: f64 = (0..self.scene.clusters.len()).map(|c| self.sim.kept(c)).sum();
-        let positive: f64 = self.clusters.iter().map(|c| self.sim.kept(*c).max(0.0)).sum();
+        let positive: f64 = self.rooms.iter().map(|x| x.max(0.0)).sum();
         let is_short = self.bounded && whole < positive && positive > 0.0;
         let share = if is_short { whole.max(0.0) / positive } else { 1.0 };
         for (room, c) in self.rooms.iter_mut().zip(&self.clusters) {
             // Nothing bounds what a budget that is off may give.
             let is_bound = self.scene.clusters[*c].budget;
-            *room = if is_bound { share * self.sim.kept(*c).max(0.0) } else { f64::INFINITY };
+            *room = if is_bound { share * room.max(0.0) } else { f64::INFINITY };
         }
         if self.bounded { own.min(whole) } else { own }
     }
+}
+
+/// What a cluster holds at the start, where only open ports give it energy.
+fn alone(scene: &Scene, sim: &Simulation<'_>, cluster: usize) -> Option<f64> {
+    let open = scene.open.iter().filter(|o| o.port.0 == cluster).count();
+    let given: usize = scene.clusters[cluster].entries.iter().map(|e| e.supplied.len()).sum();
+    (given == open).then(|| sim.kept(cluster))
 }
 
 /// The sum over a group's ports.

@@ -11,6 +11,7 @@ mod library;
 mod linearize;
 mod new;
 mod run;
+mod serve;
 mod show;
 mod test;
 

@@ -123,6 +123,8 @@ pub(super) struct Book {
     pub(super) leaps: u64,
     pub(super) tank: f64,
     pub(super) debt_max: f64,
+    /// The largest energy that crossed its ports in an interval.
+    pub(super) crossed_max: f64,
     /// What resistors gave in the steps.
     pub(super) gained: Worst,
     /// Which of them gave most in a step, and how much (below 0).

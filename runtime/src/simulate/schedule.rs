@@ -428,6 +428,7 @@ impl<'a> Simulation<'a> {
         if let Some(b) = run.books.first_mut() {
             b.supplied.add(-leak);
             b.leaked.add(leak);
+            b.crossed_max = b.crossed_max.max(crossed.abs());
             // What was promised is not let go.
             let most = b.h_max.max(self.reserve[i] - b.h);
             b.tank = (b.tank + dissipated - leak - leap).min(most);
@@ -723,7 +724,7 @@ impl<'a> Simulation<'a> {
                 names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
             };
             let floor = b.floor().max(FLOOR * largest);
-            gained.push((b.gained.above(floor), b.giver, b.turnover_max));
+            gained.push((b.gained.above(floor), b.giver, b.crossed_max));
             regions.push(RegionSummary {
                 name: region.name.clone(),
                 kind: if region.period.is_some() { "sampled" } else { "continuous" },
@@ -774,7 +775,7 @@ impl<'a> Simulation<'a> {
             })
             .collect();
         let mut reasons: Vec<String> = self.scene.excluded.clone();
-        for (region, (gained, (giver, least), turnover)) in regions.iter().zip(gained) {
+        for (region, (gained, (giver, least), crossed)) in regions.iter().zip(gained) {
             if !region.passive_stepper {
                 reasons.push(format!(
                     "`{}` was stepped by {}, which does not keep the balance",
@@ -785,7 +786,7 @@ impl<'a> Simulation<'a> {
                 reasons
                     .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
             }
-            let scale = region.h_max.max(region.supplied.abs()).max(turnover);
+            let scale = region.h_max.max(region.supplied.abs()).max(crossed);
             if region.debt_max > (1e-11 * scale).max(10.0 * FLOOR * largest) {
                 reasons.push(format!(
                     "`{}` gave out up to {:.3e} J more than it had been given",

@@ -1,0 +1,194 @@
+//! `bond serve`: a scene with open ports meets a real outside.
+
+use crate::input::{self, Set, Which};
+use crate::serve::link::Link;
+use crate::serve::log::Log;
+use crate::serve::report::{self as told, Outcome};
+use crate::serve::{Pipe, Shared, Udp, Until, clock, serve as exchange};
+use crate::stop::Stop;
+use crate::{output, report};
+use bond::exchange::Exchange;
+use bond::{RunError, Steps};
+use bond_compiler::discretise::Method;
+use bond_compiler::model::Settings;
+use bond_runtime::scene::Scene;
+use clap::builder::PossibleValuesParser;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// What is told below the options.
+pub const HELP: &str = "Examples:\n  serve --udp 127.0.0.1:7000 --duration 60s --report json\n  serve --udp 0.0.0.0:7000 --priority 80 --core 1 \
+--lock-memory --ledger wall.csv\n  serve --stdio --lockstep < moves.csv\n  serve --shm wall\n\nThe period of the sampled region behind the open \
+ports is the rate. The clock starts with the first measurement.\n\nLines: for each line out (what each port holds, then the energy that may be drawn, in \
+J) one line in (how far each port\nmoved under it). Packets, and what a device must do so that it stays passive over a line that loses: docs/serve.md;\n\
+models/embed/device.py is a device in Python.\n\nIt ends after --duration, at the end of standard input, or with Ctrl-C, and then reports.";
+
+/// Meet a real outside at a scene's open ports, in real time
+#[derive(clap::Args)]
+#[command(after_help = format!("{}\nFrom a model: bond serve FILE ...; built into one file: bond build FILE, then ./FILE serve ...", HELP))]
+pub struct Args {
+    /// A model
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Stepper of every region that can take it
+    #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
+    method: Option<String>,
+    #[command(flatten)]
+    set: Set,
+    #[command(flatten)]
+    which: Which,
+    #[command(flatten)]
+    how: How,
+}
+
+/// All that serving a compiled scene takes.
+#[derive(clap::Args)]
+pub struct How {
+    #[command(flatten)]
+    line: Line,
+    /// Packets instead of lines on standard input and output
+    #[arg(long)]
+    binary: bool,
+    /// No clock: each interval waits for its measurement
+    #[arg(long)]
+    lockstep: bool,
+    /// The device's address; otherwise the first that speaks
+    #[arg(long, value_name = "ADDR:PORT")]
+    peer: Option<SocketAddr>,
+    /// How long to go on; without end otherwise
+    #[arg(long, value_name = "T", value_parser = input::span)]
+    duration: Option<f64>,
+    /// Intervals for which an effort stays where nothing newer is heard, on either side; then 0 is held
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    hold: u32,
+    /// Real-time priority (SCHED_FIFO), 1 to 99
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(1..=99))]
+    priority: Option<u8>,
+    /// The core to run on, from 0
+    #[arg(long, value_name = "K")]
+    core: Option<usize>,
+    /// Keep memory from being swapped out
+    #[arg(long)]
+    lock_memory: bool,
+    /// How the report is written; it goes to standard error where standard output has the efforts
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    report: Format,
+    /// Write the ledger, a row an interval, to a CSV file
+    #[arg(long, value_name = "FILE.csv")]
+    ledger: Option<PathBuf>,
+}
+
+/// The line to the outside.
+#[derive(clap::Args)]
+#[group(required = true, multiple = false)]
+struct Line {
+    /// Standard input and output
+    #[arg(long)]
+    stdio: bool,
+    /// UDP, listening at this address; port 0 takes a free one
+    #[arg(long, value_name = "ADDR:PORT")]
+    udp: Option<SocketAddr>,
+    /// Shared memory: a file of this name in /dev/shm, which is made
+    #[arg(long, value_name = "NAME")]
+    shm: Option<String>,
+}
+
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
+enum Format {
+    Text,
+    Json,
+}
+
+/// Serves a model.
+///
+/// # Errors
+/// A command line or a model that is wrong, numerics that fail.
+pub fn serve(args: &Args) -> Result<(), Stop> {
+    if args.file == Path::new("-") && args.how.line.stdio {
+        return Err(Stop::Usage("both the model and the measurements would be read from standard input".into()));
+    }
+    let mut options = input::options(&args.which, &args.set);
+    if let Some(method) = &args.method {
+        options = options.method(method);
+    }
+    let compiled = input::compile(&args.file, &options)?;
+    meet(compiled.scene(), &compiled.stages().model.settings, &args.how)
+}
+
+/// Serves a scene whose model says `settings`.
+///
+/// # Errors
+/// A scene that meets nobody, a line that cannot be had, numerics that fail.
+pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> {
+    for (asked, option, line, there) in [
+        (args.binary, "--binary", "--stdio", args.line.stdio),
+        (args.lockstep, "--lockstep", "--stdio", args.line.stdio),
+        (args.peer.is_some(), "--peer", "--udp", args.line.udp.is_some()),
+    ] {
+        if asked && !there {
+            return Err(Stop::Usage(format!("{option} is for {line} only")));
+        }
+    }
+    if args.line.stdio && args.ledger.as_deref() == Some(Path::new("-")) {
+        return Err(Stop::Usage("standard output has the efforts; give --ledger a file".into()));
+    }
+    let options = Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
+    // Later sessions have higher numbers.
+    let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |t| t.as_nanos() as u64).max(1);
+    let mut scene_side = Exchange::new(scene, &options, session, args.hold).map_err(|e| match e {
+        bond::exchange::Unfit::Start(e) => e.into(),
+        other => Stop::Model(other.to_string()),
+    })?;
+    let asked = Arc::new(AtomicBool::new(false));
+    let flag = asked.clone();
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
+        .map_err(|e| Stop::Usage(format!("cannot watch for Ctrl-C: {e}")))?;
+    let mut log = args.ledger.as_deref().map(|path| Log::new(path, scene)).transpose()?;
+    // Threads that are started from here on take part in what is granted.
+    let without = clock::ask(clock::Wishes { priority: args.priority, core: args.core, lock: args.lock_memory });
+    let ports = scene.open.len();
+    let mut link = match &args.line {
+        Line { udp: Some(address), .. } => Link::Udp(Udp::new(*address, args.peer, ports)?),
+        Line { shm: Some(name), .. } => Link::Shared(Shared::new(name, ports)?),
+        Line { .. } => Link::Pipe(Box::new(Pipe::new(args.binary, ports, session))),
+    };
+    let line = link.name();
+    report::say(&format!("`{}` at {} intervals a second, {line}", scene.name, 1.0 / scene_side.period()));
+    let intervals = args.duration.map(|t| (t / scene_side.period()).round() as u64);
+    let until = Until { intervals, asked: &asked, lockstep: args.lockstep };
+    let end = exchange(&mut scene_side, &mut link, log.as_mut(), &until);
+    let lost = log.map(Log::end).transpose()?;
+    if let Some(lost) = lost.filter(|n| *n > 0) {
+        report::say(&format!("warning: {lost} rows of the ledger were lost, the disk being too slow"));
+    }
+    let end = match end {
+        Err(Stop::Pipe) => return Err(Stop::Pipe),
+        other => other?,
+    };
+    let outcome = Outcome {
+        scene,
+        exchange: &scene_side,
+        end: &end,
+        line: &line,
+        refused: link.refused(),
+        paced: !args.lockstep,
+        without: &without,
+    };
+    let text = match args.report {
+        Format::Text => told::text(&outcome),
+        Format::Json => told::json(&outcome),
+    };
+    if args.line.stdio || args.ledger.as_deref() == Some(Path::new("-")) {
+        report::say(text.trim_end());
+    } else {
+        output::print(&text)?;
+    }
+    match end.failure {
+        None => Ok(()),
+        Some(e @ RunError::Numerics(_)) => Err(Stop::Numerics(e.to_string())),
+        Some(e) => Err(e.into()),
+    }
+}

@@ -1,0 +1,199 @@
+//! Real time: a scene meets an outside, interval by interval, at deadlines that do not move.
+
+pub mod clock;
+pub mod link;
+pub mod log;
+mod meter;
+mod pipe;
+pub mod report;
+mod shared;
+mod udp;
+
+pub use pipe::Pipe;
+pub use shared::Shared;
+pub use udp::Udp;
+
+use crate::stop::Stop;
+use bond::RunError;
+use bond::exchange::{Exchange, Heard};
+use link::Link;
+use log::Log;
+use meter::Meter;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Efforts whose sending is remembered, for the round trip.
+const SENT: usize = 4096;
+/// How often the last word is sent, where it may be lost.
+const FAREWELLS: u32 = 3;
+
+/// What the clock saw.
+pub struct Times {
+    /// From the deadline to waking, ns.
+    pub lateness: Meter,
+    /// Of the step alone, ns.
+    pub step: Meter,
+    /// From waking to having sent, ns.
+    pub work: Meter,
+    /// From sending an effort to the measurement that names it, less what the device waited, ns.
+    pub round: Meter,
+    /// Efforts that were sent after the next deadline.
+    pub missed: u64,
+    /// Of these: the thread computed longer than an interval in the step itself.
+    pub own: u64,
+    /// How long it went on, s.
+    pub wall: f64,
+}
+
+/// When it is over.
+pub struct Until<'a> {
+    /// Intervals.
+    pub intervals: Option<u64>,
+    /// Somebody asked for the end.
+    pub asked: &'a AtomicBool,
+    /// There is no clock: each interval waits for its measurement.
+    pub lockstep: bool,
+}
+
+/// How it ended.
+pub struct End {
+    /// What the clock saw.
+    pub times: Times,
+    /// The step that failed, if one did.
+    pub failure: Option<RunError>,
+}
+
+/// A running exchange.
+struct Loop<'a, 'b> {
+    exchange: &'a mut Exchange<'b>,
+    link: &'a mut Link,
+    sent: Vec<u64>,
+    times: Times,
+}
+
+impl Loop<'_, '_> {
+    /// Sends what is held.
+    fn send(&mut self) -> Result<(), Stop> {
+        self.sent[(self.exchange.effort().sequence % SENT as u64) as usize] = clock::now();
+        self.link.send(self.exchange.effort())
+    }
+
+    /// Takes in what came; whether something new did.
+    fn hear(&mut self) -> Result<bool, Stop> {
+        let mut new = false;
+        while let Some(arrival) = self.link.receive()? {
+            let m = &arrival.measurement;
+            // A device that knows no session says that it is there.
+            if m.session == 0 || self.exchange.hear(m) != Heard::New {
+                continue;
+            }
+            new = true;
+            if m.echo + (SENT as u64) > self.exchange.effort().sequence {
+                let sent = self.sent[(m.echo % SENT as u64) as usize];
+                let waited = (m.wait.max(0.0) * 1e9) as u64;
+                self.times.round.add(arrival.at.saturating_sub(sent).saturating_sub(waited));
+            }
+        }
+        Ok(new)
+    }
+
+    /// Waits until somebody answers; whether somebody does.
+    fn meet(&mut self, period: u64, asked: &AtomicBool) -> Result<bool, Stop> {
+        self.send()?;
+        let mut again = clock::now() + period;
+        loop {
+            if self.hear()? {
+                return Ok(true);
+            }
+            if asked.load(Ordering::Relaxed) || self.link.is_over() {
+                return Ok(false);
+            }
+            clock::sleep_until(clock::now() + period.min(1_000_000));
+            if self.link.repeats() && clock::now() >= again {
+                self.send()?;
+                again = clock::now() + period;
+            }
+        }
+    }
+
+    /// Waits for a measurement, with no clock; whether one came.
+    fn wait(&mut self, asked: &AtomicBool) -> Result<bool, Stop> {
+        loop {
+            let over = self.link.is_over();
+            if self.hear()? {
+                return Ok(true);
+            }
+            if over || asked.load(Ordering::Relaxed) {
+                return Ok(false);
+            }
+            clock::sleep_until(clock::now() + 20_000);
+        }
+    }
+}
+
+/// Exchanges until the end.
+///
+/// # Errors
+/// A line that is broken.
+pub fn serve(
+    exchange: &mut Exchange<'_>,
+    link: &mut Link,
+    mut log: Option<&mut Log>,
+    until: &Until<'_>,
+) -> Result<End, Stop> {
+    let period = exchange.period() * 1e9;
+    let [lateness, step, work, round] = [(); 4].map(|()| Meter::new());
+    let times = Times { lateness, step, work, round, missed: 0, own: 0, wall: 0.0 };
+    let mut l = Loop { exchange, link, sent: vec![0; SENT], times };
+    if let Some(log) = &mut log {
+        log.add(l.exchange);
+    }
+    let mut failure = None;
+    let begins = l.meet(period as u64, until.asked)?;
+    let start = clock::now();
+    let mut k = 0u64;
+    while begins && until.intervals.is_none_or(|n| k < n) && !until.asked.load(Ordering::Relaxed) {
+        k += 1;
+        // The first measurement is there already.
+        let deadline = if until.lockstep {
+            if k > 1 && !l.wait(until.asked)? {
+                break;
+            }
+            clock::now()
+        } else {
+            let deadline = start + (k as f64 * period).round() as u64;
+            clock::sleep_until(deadline);
+            deadline
+        };
+        let woken = clock::now();
+        let over = l.link.is_over();
+        l.hear()?;
+        let (begun, worked) = (clock::now(), clock::worked());
+        if let Err(e) = l.exchange.tick() {
+            failure = Some(e);
+            break;
+        }
+        let (worked, stepped) = (clock::worked() - worked, clock::now());
+        l.send()?;
+        let done = clock::now();
+        l.times.lateness.add(woken.saturating_sub(deadline));
+        l.times.step.add(stepped - begun);
+        l.times.work.add(done - woken);
+        if !until.lockstep && done as f64 > deadline as f64 + period {
+            l.times.missed += 1;
+            // What it did not compute, it waited for the machine.
+            l.times.own += u64::from(worked as f64 > period);
+        }
+        if let Some(log) = &mut log {
+            log.add(l.exchange);
+        }
+        if over {
+            break;
+        }
+    }
+    l.times.wall = (clock::now() - start) as f64 / 1e9;
+    l.exchange.end();
+    for _ in 0..if l.link.repeats() { FAREWELLS } else { 0 } {
+        l.link.send(l.exchange.effort())?;
+    }
+    Ok(End { times: l.times, failure })
+}

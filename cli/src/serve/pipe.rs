@@ -1,0 +1,179 @@
+//! Standard input and output: packets, or lines of numbers.
+//!
+//! A line in has how far each port moved under the efforts of one line out, the first under the first, the second under the
+//! second. A pipe loses nothing, so that the energy of a line that comes late is known all the same.
+
+use super::link::{Arrival, QUEUE};
+use crate::stop::Stop;
+use bond::exchange::{Effort, LONGEST, Measurement, PORTS, measurement_length};
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::fmt::Write as _;
+use std::io::{self, BufRead, Read, Stdout, Write};
+
+/// Efforts that are remembered until their line comes back.
+const SENT: usize = 4096;
+
+/// What the reading thread hands over: a packet, or a line as one whose `q` is of that line alone; or what is wrong.
+type Item = Result<Arrival, String>;
+
+/// Both pipes.
+pub struct Pipe {
+    binary: bool,
+    ports: usize,
+    items: Consumer<Item>,
+    out: Stdout,
+    text: String,
+    buffer: [u8; LONGEST],
+    /// Of lines: the sums, and the efforts by number.
+    sums: Measurement,
+    sent: Vec<[f64; PORTS]>,
+    next: u64,
+}
+
+impl Pipe {
+    /// Begins to read.
+    pub fn new(binary: bool, ports: usize, session: u64) -> Self {
+        let (producer, items) = RingBuffer::new(QUEUE);
+        // It ends with the process: nothing can wake it from waiting for a line.
+        std::thread::spawn(move || if binary { packets(producer, ports) } else { lines(producer, ports) });
+        Self {
+            binary,
+            ports,
+            items,
+            out: io::stdout(),
+            text: String::with_capacity(64 * (PORTS + 1)),
+            buffer: [0; LONGEST],
+            sums: Measurement { session, ports, ..Measurement::default() },
+            sent: vec![[0.0; PORTS]; SENT],
+            next: 0,
+        }
+    }
+
+    /// Writes what is held.
+    ///
+    /// # Errors
+    /// Nobody reads it any more.
+    pub fn send(&mut self, effort: &Effort) -> Result<(), Stop> {
+        let mut out = self.out.lock();
+        if self.binary {
+            let n = effort.write(&mut self.buffer);
+            out.write_all(&self.buffer[..n])?;
+            return Ok(out.flush()?);
+        }
+        self.sent[(effort.sequence % SENT as u64) as usize] = effort.v;
+        self.next = effort.sequence + 1;
+        self.text.clear();
+        for v in &effort.v[..self.ports] {
+            let _ = write!(self.text, "{v},");
+        }
+        let _ = writeln!(self.text, "{}", effort.stored.max(0.0));
+        out.write_all(self.text.as_bytes())?;
+        Ok(out.flush()?)
+    }
+
+    /// What came.
+    ///
+    /// # Errors
+    /// A line that is none, or one for efforts long past.
+    pub fn receive(&mut self) -> Result<Option<Arrival>, Stop> {
+        // A line that is ahead waits for its efforts.
+        if !self.binary && matches!(self.items.peek(), Ok(Ok(_))) && self.sums.sequence >= self.next {
+            return Ok(None);
+        }
+        match self.items.pop() {
+            Err(_) => Ok(None),
+            Ok(Ok(arrival)) if self.binary => Ok(Some(arrival)),
+            Ok(Err(why)) => Err(Stop::Usage(format!("standard input: {why}"))),
+            Ok(Ok(Arrival { at, measurement: Measurement { q, .. } })) => {
+                let k = self.sums.sequence;
+                if self.next - k > SENT as u64 {
+                    return Err(Stop::Usage(format!("standard input: line {} is {SENT} lines late", k + 1)));
+                }
+                let v = &self.sent[(k % SENT as u64) as usize];
+                for i in 0..self.ports {
+                    self.sums.q[i] += q[i];
+                    self.sums.w[i] += v[i] * q[i];
+                }
+                self.sums.echo = k;
+                self.sums.sequence = k + 1;
+                Ok(Some(Arrival { at, measurement: self.sums }))
+            }
+        }
+    }
+
+    /// Whether standard input has ended, and all of it is taken.
+    pub fn is_over(&self) -> bool {
+        self.items.is_abandoned() && self.items.is_empty()
+    }
+
+    /// What it is.
+    pub fn name(&self) -> String {
+        if self.binary { "standard input and output, packets" } else { "standard input and output, lines" }.into()
+    }
+}
+
+/// Hands over an item; whether somebody is there to take it.
+fn hand(items: &mut Producer<Item>, mut item: Item) -> bool {
+    loop {
+        match items.push(item) {
+            Ok(()) => return true,
+            Err(_) if items.is_abandoned() => return false,
+            // A pipe must not lose a line: it waits.
+            Err(rtrb::PushError::Full(back)) => item = back,
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+}
+
+fn packets(mut items: Producer<Item>, ports: usize) {
+    let mut input = io::stdin().lock();
+    let mut buffer = [0; LONGEST];
+    let n = measurement_length(ports);
+    while input.read_exact(&mut buffer[..n]).is_ok() {
+        let item = match Measurement::read(&buffer[..n]) {
+            Some(m) => Ok(Arrival::now(m)),
+            None => Err(format!("{n} bytes that are no measurement of {ports} ports")),
+        };
+        if !hand(&mut items, item) {
+            return;
+        }
+    }
+}
+
+fn lines(mut items: Producer<Item>, ports: usize) {
+    let mut input = io::stdin().lock();
+    let mut line = String::new();
+    for number in 1u64.. {
+        line.clear();
+        match input.read_line(&mut line) {
+            Ok(0) => return,
+            Ok(_) => {}
+            Err(e) => {
+                hand(&mut items, Err(e.to_string()));
+                return;
+            }
+        }
+        let item = match numbers(line.trim(), ports) {
+            Ok(q) => Ok(Arrival::now(Measurement { ports, q, ..Measurement::default() })),
+            Err(why) => Err(format!("line {number}: {why}")),
+        };
+        if !hand(&mut items, item) {
+            return;
+        }
+    }
+}
+
+/// The numbers of a line.
+fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
+    let mut list = [0.0; PORTS];
+    let mut count = 0;
+    for cell in line.split(',').map(str::trim) {
+        let x = cell.parse::<f64>().ok().filter(|x| x.is_finite());
+        let x = x.ok_or_else(|| format!("`{}` is no number", cell.escape_default()))?;
+        if let Some(place) = list.get_mut(count) {
+            *place = x;
+        }
+        count += 1;
+    }
+    if count == ports { Ok(list) } else { Err(format!("there are {count} numbers for {ports} open ports")) }
+}

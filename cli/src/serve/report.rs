@@ -1,0 +1,141 @@
+//! What is told of an exchange when it is over.
+
+use super::End;
+use crate::summary::short;
+use bond::exchange::Exchange;
+use bond_runtime::scene::Scene;
+use serde_json::{Value, json};
+use std::fmt::Write;
+
+/// What an exchange came to.
+pub struct Outcome<'a, 'b> {
+    /// What met the outside.
+    pub scene: &'a Scene,
+    /// The exchange.
+    pub exchange: &'a Exchange<'b>,
+    /// How it ended.
+    pub end: &'a End,
+    /// The line, in words.
+    pub line: &'a str,
+    /// Packets that were refused.
+    pub refused: u64,
+    /// Whether there was a clock.
+    pub paced: bool,
+    /// What the system did not grant.
+    pub without: &'a [String],
+}
+
+impl Outcome<'_, '_> {
+    /// Why it was not passive; empty where it was.
+    fn reasons(&self) -> Vec<String> {
+        let mut reasons = self.exchange.summary().reasons;
+        let c = self.exchange.count();
+        let scale = (c.put_in + c.given_out).max(self.exchange.summary().regions.iter().map(|r| r.h_max).sum());
+        if c.least < -1e-11 * scale && reasons.is_empty() {
+            reasons.push(format!("the device drew up to {:.3e} J more than it was allowed", -c.least));
+        }
+        reasons
+    }
+}
+
+/// For people.
+pub fn text(o: &Outcome) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_text(&mut out, o);
+    out
+}
+
+fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
+    let (c, t) = (o.exchange.count(), &o.end.times);
+    writeln!(out, "{:11} {}", "scene", o.scene.name)?;
+    writeln!(out, "{:11} {}", "line", o.line)?;
+    let period = o.exchange.period();
+    writeln!(out, "{:11} {} of {} s, in {} s", "intervals", c.intervals, short(period), short(t.wall))?;
+    writeln!(
+        out,
+        "{:11} {} missing (at most {} in a row), {} late; {} doubled, {} overtaken, {} refused",
+        "heard",
+        c.missing,
+        c.silence,
+        c.late,
+        c.twice,
+        c.overtaken,
+        c.foreign + o.refused
+    )?;
+    if o.paced {
+        let own = if t.missed > 0 { format!(", of which {} by its own computing", t.own) } else { String::new() };
+        writeln!(out, "{:11} {} missed{own}", "deadlines", t.missed)?;
+        let l = &t.lateness;
+        writeln!(
+            out,
+            "{:11} median {} us, 99 % below {} us, worst {} us late",
+            "jitter",
+            short(l.quantile(0.5)),
+            short(l.quantile(0.99)),
+            short(l.most())
+        )?;
+    }
+    for (name, m) in [("step", &t.step), ("answer", &t.work), ("round trip", &t.round)] {
+        if m.count() > 0 {
+            let (half, most) = (short(m.quantile(0.5)), short(m.quantile(0.99)));
+            writeln!(out, "{name:11} median {half} us, 99 % below {most} us, worst {} us", short(m.most()))?;
+        }
+    }
+    writeln!(out, "{:11} {} J put in, {} J given out", "energy", short(c.put_in), short(c.given_out))?;
+    for (i, reason) in o.reasons().iter().enumerate() {
+        writeln!(out, "{:11} {}{reason}", if i == 0 { "passive" } else { "" }, if i == 0 { "NO: " } else { "    " })?;
+    }
+    if o.reasons().is_empty() {
+        writeln!(out, "{:11} yes", "passive")?;
+    }
+    for what in o.without {
+        writeln!(out, "{:11} {what}", "not granted")?;
+    }
+    if let Some(e) = &o.end.failure {
+        writeln!(out, "{:11} {e}", "failed")?;
+    }
+    Ok(())
+}
+
+/// For programs.
+pub fn json(o: &Outcome) -> String {
+    let (c, t) = (o.exchange.count(), &o.end.times);
+    let meter = |m: &super::Meter| -> Value {
+        json!({ "count": m.count(), "median_us": m.quantile(0.5), "p99_us": m.quantile(0.99), "max_us": m.most() })
+    };
+    let summary = o.exchange.summary();
+    let reasons = o.reasons();
+    let region = |r: &bond::RegionSummary| {
+        json!({
+            "name": r.name, "H_initial": r.h_initial, "H_final": r.h_final, "supplied": r.supplied,
+            "dissipated": r.dissipated, "leaked": r.leaked, "debt_max": r.debt_max, "worst_step": r.worst_step,
+        })
+    };
+    let value = json!({
+        "model": o.scene.name,
+        "line": o.line,
+        "period": o.exchange.period(),
+        "intervals": c.intervals,
+        "wall_seconds": t.wall,
+        "missing": c.missing,
+        "longest_silence": c.silence,
+        "late": c.late,
+        "doubled": c.twice,
+        "overtaken": c.overtaken,
+        "refused": c.foreign + o.refused,
+        "missed_deadlines": t.missed,
+        "missed_by_own_computing": t.own,
+        "jitter": meter(&t.lateness),
+        "step": meter(&t.step),
+        "answer": meter(&t.work),
+        "round_trip": meter(&t.round),
+        "energy": { "put_in": c.put_in, "given_out": c.given_out, "net": o.exchange.energy(), "least_stored": c.least },
+        "passive": reasons.is_empty(),
+        "reasons": reasons,
+        "not_granted": o.without,
+        "regions": summary.regions.iter().map(region).collect::<Vec<_>>(),
+        "failure": o.end.failure.as_ref().map(ToString::to_string),
+    });
+    format!("{value:#}\n")
+}

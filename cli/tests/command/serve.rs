@@ -1,0 +1,305 @@
+//! Scenes that meet an outside: over datagrams, pipes and a shared file.
+
+use super::Folder;
+use bond::exchange::{Device, Effort, LONGEST, Measurement, effort_length};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read};
+use std::net::UdpSocket;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A spring with a damper that is bent from the start, behind one port.
+const SPRING: &str = "\
+model Spring(k = 400 N/m) {
+  port tip { inertia = 0.2 kg }
+  sampled at 500 Hz {
+    C:spring { stiffness = k; q0 = 0.02 m }
+    R:damper = 3 N*s/m
+    1:w -> spring, damper
+  }
+  tip ||> w
+  probe x = spring.q
+  simulate { stop = 1 s }
+}
+";
+
+fn spawn(here: &Folder, args: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_bond"))
+        .args(args)
+        .current_dir(&here.0)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// The first line on standard error, which names the line.
+fn first(child: &mut Child) -> (String, BufReader<std::process::ChildStderr>) {
+    let mut err = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    err.read_line(&mut line).unwrap();
+    (line, err)
+}
+
+/// Random numbers from 0 to 1.
+fn dice(seed: &mut u64) -> f64 {
+    *seed ^= *seed << 13;
+    *seed ^= *seed >> 7;
+    *seed ^= *seed << 17;
+    (*seed >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// A mass that is pushed about, and now and then moves only to draw energy; what it counted itself.
+struct Pushed {
+    device: Device,
+    speed: f64,
+    seed: u64,
+    own: f64,
+    lowest: f64,
+    turned: f64,
+}
+
+impl Pushed {
+    fn new() -> Self {
+        Self { device: Device::new(1), speed: 0.0, seed: 12345, own: 0.0, lowest: 0.0, turned: 0.0 }
+    }
+
+    fn step(&mut self, now: f64, dt: f64) {
+        let v = self.device.effort(0, now);
+        let thief = dice(&mut self.seed) < 0.3;
+        let dq = if thief { [-v.signum() * 1e-3 * dice(&mut self.seed)] } else { [self.speed * dt] };
+        let effort = v * self.device.part(0, &dq, now);
+        self.device.moved(&dq, &[effort]);
+        self.own += effort * dq[0];
+        self.turned += (effort * dq[0]).abs();
+        self.lowest = self.lowest.min(self.own);
+        self.speed += (10.0 * (2.0 * dice(&mut self.seed) - 1.0) - effort - self.speed) * dt / 0.5;
+    }
+}
+
+#[test]
+fn nothing_is_given_over_a_bad_line_of_datagrams() {
+    let here = Folder::new().with("a.bond", SPRING);
+    let args =
+        ["serve", "a.bond", "--udp", "127.0.0.1:0", "--duration", "1.5s", "--report", "json", "--ledger", "l.csv"];
+    let mut child = spawn(&here, &args);
+    let (line, _err) = first(&mut child);
+    let address = line.trim().rsplit(' ').next().unwrap().to_string();
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+    let mut pushed = Pushed::new();
+    let (start, mut late): (Instant, Vec<(f64, Vec<u8>)>) = (Instant::now(), Vec::new());
+    let (mut buffer, mut last) = ([0; LONGEST], 0.0);
+    while child.try_wait().unwrap().is_none() && start.elapsed() < Duration::from_secs(60) {
+        let now = start.elapsed().as_secs_f64();
+        if let Ok((n, _)) = socket.recv_from(&mut buffer) {
+            let bad = dice(&mut pushed.seed);
+            if let Some(e) = Effort::read(&buffer[..n]).filter(|_| bad > 0.1) {
+                pushed.device.receive(&e, now);
+            }
+        }
+        pushed.step(now, now - last);
+        last = now;
+        let n = pushed.device.measurement(now).write(&mut buffer);
+        let bad = dice(&mut pushed.seed);
+        if bad > 0.2 {
+            socket.send_to(&buffer[..n], &address).unwrap();
+        } else if bad > 0.1 {
+            late.push((now + 0.01, buffer[..n].to_vec()));
+        }
+        late.retain(|(at, bytes)| {
+            let stays = *at > now;
+            if !stays {
+                let _ = socket.send_to(bytes, &address);
+                let _ = socket.send_to(b"nonsense", &address);
+            }
+            stays
+        });
+    }
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        (&json["model"], &json["intervals"], &json["passive"]),
+        (&"Spring".into(), &750.into(), &true.into()),
+        "{json:#}"
+    );
+    for told in ["overtaken", "refused"] {
+        assert!(json[told].as_u64().unwrap() > 0, "{told}: {json:#}");
+    }
+    // The spring held 0.08 J.
+    assert!(pushed.turned > 0.01, "{} J were exchanged", pushed.turned);
+    assert!(pushed.lowest >= -0.08 - 1e-12 * pushed.turned, "{} J were drawn of 0.08 J", -pushed.lowest);
+    // What is booked is what the device told last, or a little before.
+    let ledger = here.read("l.csv");
+    assert!(ledger.starts_with("t,missing,late,silent,energy,stored,tip.held,tip.moved\n0,0,0,0,0,"));
+    assert_eq!(ledger.lines().count(), 752);
+    let energies = ledger.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse::<f64>().unwrap());
+    assert!(energies.fold(0.0, f64::min) >= -0.08 - 1e-12 * pushed.turned);
+}
+
+/// Line for line, without a clock, it is the scene itself.
+#[test]
+fn lines_in_lockstep_are_the_scene() {
+    let here = Folder::new().with("a.bond", SPRING);
+    let moves: Vec<f64> = (0..300).map(|k| 2e-4 * (f64::from(k) * 0.1).sin()).collect();
+    let lines: String = moves.iter().map(|q| format!("{q}\n")).collect();
+    let done = here.fed(&["serve", "a.bond", "--stdio", "--lockstep", "--report", "json"], &lines).is(0, &[], &[]);
+    let compiled = bond::compile_str("a.bond", SPRING).unwrap();
+    let mut sim = compiled.simulate(bond::Steps::new()).unwrap();
+    let mut wanted = vec![sim.held()[0].1];
+    for (k, q) in moves.iter().enumerate() {
+        sim.report("tip", *q).unwrap();
+        sim.advance((k + 1) as f64 * 2e-3).unwrap();
+        wanted.push(sim.held()[0].1);
+    }
+    let found: Vec<f64> = done.out.lines().map(|l| l.split(',').next().unwrap().parse().unwrap()).collect();
+    assert_eq!(found.len(), wanted.len());
+    for (k, (a, b)) in found.iter().zip(&wanted).enumerate() {
+        // Sums of what moved have the rounding of sums.
+        assert!((a - b).abs() <= 1e-9 * b.abs().max(1e-3), "line {k}: {a} and {b}");
+    }
+    let json = done.err.lines().skip(1).collect::<String>();
+    let json: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}: {}", done.err));
+    assert_eq!((&json["intervals"], &json["missing"], &json["passive"]), (&300.into(), &0.into(), &true.into()));
+}
+
+#[test]
+fn what_is_built_serves() {
+    let here = Folder::new().with("a.bond", SPRING);
+    here.bond(&["build", "a.bond", "-o", "here", "--set", "k=100"]).is(0, &[], &[]);
+    let file = here.0.join(format!("here{}", std::env::consts::EXE_SUFFIX));
+    let mut child = Command::new(file)
+        .args(["serve", "--stdio", "--lockstep"])
+        .current_dir(&here.0)
+        .env("PATH", "")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::io::Write::write_all(&mut child.stdin.take().unwrap(), b"0\n0\n-1e-4\n").unwrap();
+    let output = child.wait_with_output().unwrap();
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success() && out.lines().count() == 4, "{out}{err}");
+    for told in ["scene       Spring", "intervals   3 of 0.002 s", "passive     yes", "0 missing"] {
+        assert!(err.contains(told), "{told}: {err}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_shared_file_is_a_line() {
+    use std::os::unix::fs::FileExt;
+    let here = Folder::new().with("a.bond", SPRING);
+    let mut child = spawn(&here, &["serve", "a.bond", "--shm", "./line", "--duration", "0.4", "--report", "json"]);
+    let (line, mut err) = first(&mut child);
+    assert!(line.contains("file ./line"), "{line}");
+    let file = std::fs::OpenOptions::new().read(true).write(true).open(here.0.join("line")).unwrap();
+    let (mut pushed, start, mut last) = (Pushed::new(), Instant::now(), 0.0);
+    let mut buffer = [0; LONGEST];
+    while child.try_wait().unwrap().is_none() && start.elapsed() < Duration::from_secs(60) {
+        let now = start.elapsed().as_secs_f64();
+        let n = effort_length(1);
+        file.read_exact_at(&mut buffer[..n], 0).unwrap();
+        if let Some(e) = Effort::read(&buffer[..n]) {
+            pushed.device.receive(&e, now);
+        }
+        pushed.step(now, now - last);
+        last = now;
+        let n = pushed.device.measurement(now).write(&mut buffer);
+        file.write_all_at(&buffer[..n], 4096).unwrap();
+        std::thread::sleep(Duration::from_micros(300));
+    }
+    let mut told = String::new();
+    err.read_to_string(&mut told).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{told}");
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&json["intervals"], &json["passive"]), (&200.into(), &true.into()), "{json:#}");
+    assert!(pushed.lowest >= -0.08 - 1e-12 * pushed.turned && pushed.turned > 1e-3, "{}", pushed.lowest);
+    assert!(!here.list().contains(&"line".to_string()), "the file is left");
+}
+
+#[test]
+fn packets_go_through_pipes() {
+    let here = Folder::new().with("a.bond", SPRING);
+    let mut child = spawn(&here, &["serve", "a.bond", "--stdio", "--binary", "--lockstep"]);
+    let (mut input, mut output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+    let (mut device, mut buffer) = (Device::new(1), [0; LONGEST]);
+    for k in 0..100 {
+        let n = effort_length(1);
+        output.read_exact(&mut buffer[..n]).unwrap();
+        let e = Effort::read(&buffer[..n]).unwrap();
+        assert_eq!(e.sequence, k);
+        assert!(device.receive(&e, k as f64 * 2e-3));
+        device.moved(&[-1e-5], &[device.effort(0, k as f64 * 2e-3)]);
+        let m: Measurement = device.measurement(k as f64 * 2e-3);
+        let n = m.write(&mut buffer);
+        std::io::Write::write_all(&mut input, &buffer[..n]).unwrap();
+    }
+    drop(input);
+    let output = child.wait_with_output().unwrap();
+    let err = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && err.contains("intervals   100 of") && err.contains("passive     yes"), "{err}");
+}
+
+#[test]
+fn what_cannot_be_served_is_told() {
+    let here = Folder::new()
+        .with("a.bond", SPRING)
+        .with("none.bond", super::OSCILLATOR)
+        .with("continuous.bond", "model Bare {\n  port tip\n  C:spring { stiffness = 1 N/m }\n  tip -> spring\n}\n")
+        .with("taken", "");
+    let fails = |args: &[&str], input: &str, status: i32, why: &str| {
+        here.fed(&[&["serve"], args].concat(), input).is(status, &[], &[why]);
+    };
+    fails(&["none.bond", "--stdio"], "", 1, "has no open port; declare one");
+    fails(&["continuous.bond", "--stdio"], "", 1, "put a sampled region behind it");
+    fails(&["a.bond"], "", 2, "--stdio");
+    fails(&["a.bond", "--stdio", "--udp", "127.0.0.1:0"], "", 2, "cannot be used with");
+    fails(&["a.bond", "--udp", "nonsense"], "", 2, "invalid socket address");
+    fails(&["a.bond", "--udp", "127.0.0.1:0", "--lockstep"], "", 2, "--lockstep is for --stdio only");
+    fails(&["a.bond", "--stdio", "--peer", "127.0.0.1:1"], "", 2, "--peer is for --udp only");
+    fails(&["a.bond", "--stdio", "--priority", "100"], "", 2, "100 is not in 1..=99");
+    fails(&["a.bond", "--shm", "./taken"], "", 2, "another environment uses it");
+    fails(&["a.bond", "--stdio", "--lockstep"], "0\nx\n", 2, "line 2: `x` is no number");
+    fails(&["a.bond", "--stdio", "--lockstep"], "0,0\n", 2, "there are 2 numbers for 1 open ports");
+    fails(&["a.bond", "--stdio", "--lockstep"], "nan\n", 2, "no number");
+    // Packets may hold any byte, so that standard output is not looked at.
+    let mut child = spawn(&here, &["serve", "a.bond", "--stdio", "--binary", "--lockstep"]);
+    std::io::Write::write_all(&mut child.stdin.take().unwrap(), &[b'x'; 100]).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("64 bytes that are no measurement of 1 ports"));
+    // Nobody says anything.
+    fails(&["a.bond", "--stdio"], "", 0, "intervals   0 of");
+}
+
+/// The device in Python keeps the rules too. Where there is no Python it is left out.
+#[test]
+fn the_device_in_python_meets_it() {
+    if Command::new("python3").arg("--version").output().is_err() {
+        return;
+    }
+    let here = Folder::new().with("a.bond", SPRING);
+    let mut child = spawn(&here, &["serve", "a.bond", "--udp", "127.0.0.1:0", "--duration", "1s", "--report", "json"]);
+    let (line, _err) = first(&mut child);
+    let address = line.trim().rsplit(' ').next().unwrap().to_string();
+    let device = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/embed/device.py");
+    let args = [device, &address, "--drop", "0.05", "--delay", "0.05", "--thief"];
+    let told = Command::new("python3").args(args).output().unwrap();
+    if !told.status.success() {
+        let _ = child.kill();
+        panic!("{}", String::from_utf8_lossy(&told.stderr));
+    }
+    let output = child.wait_with_output().unwrap();
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&json["intervals"], &json["passive"]), (&500.into(), &true.into()), "{json:#}");
+    let own: Value = serde_json::from_slice(&told.stdout).unwrap();
+    let number = |key: &str| own[key].as_f64().unwrap();
+    let turned = number("put_in") + number("given_out");
+    // The spring held 0.08 J.
+    assert!(number("lowest") >= -0.08 - 1e-12 * turned && turned > 1e-3, "{own}");
+}
