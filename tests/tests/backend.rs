@@ -178,6 +178,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool) -
         weight: weights,
         scale: if weight { vec![small; n] } else { scales },
         limit: 40,
+        affine: false,
         flag: Some(flag),
     });
     for s in 0..states.len() {

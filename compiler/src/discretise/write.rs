@@ -97,6 +97,9 @@ pub(super) fn no_carry(b: &mut Builder, c: &Cluster) {
     }
 }
 
+/// Of more unknowns than this an affine system is solved once.
+const LARGE: usize = 64;
+
 /// A system of equations to be solved in a program.
 pub(super) struct System {
     pub(super) unknowns: Vec<Symbol>,
@@ -154,6 +157,9 @@ fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: 
             }
         }
     }
+    let is_unknown = |s: Symbol| place.contains_key(&s);
+    // Few unknowns are cheap to look at again, which takes the rounding of the solution off.
+    let affine = n > LARGE && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
     // What does not change in the iteration is computed before it.
     let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().collect();
     for e in fixed_parts(&model.pool, system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)), &unknown) {
@@ -181,6 +187,7 @@ fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: 
         weight: system.weight,
         scale: system.scale,
         limit: 200,
+        affine,
         flag: system.flag,
     });
     for (i, s) in system.unknowns.iter().enumerate() {

@@ -81,6 +81,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     let n = newton.residual.len();
     let first = Slot { array: Array::Local, index: newton.unknowns };
     write!(f, "{indent}newton {first} {n} limit {}", newton.limit)?;
+    if newton.affine {
+        write!(f, " affine")?;
+    }
     if let Some(flag) = newton.flag {
         write!(f, " flag {flag}")?;
     }
@@ -128,6 +131,7 @@ mod tests {
             weight: vec![one],
             scale: vec![v],
             limit: 9,
+            affine: false,
             flag: Some(flag),
         });
         let program = b.finish();

@@ -151,6 +151,8 @@ pub struct Newton {
     pub scale: Vec<Value>,
     /// Iterations at most.
     pub limit: u32,
+    /// Whether the residual is affine in the unknowns: the first update is the solution.
+    pub affine: bool,
     /// Where the step fails when the method does not converge; with a slot, the slot (of `Local`) gets 1 or 0 and the
     /// program goes on with the last iterate.
     pub flag: Option<Slot>,

@@ -256,6 +256,7 @@ mod tests {
             weight: vec![one],
             scale: vec![one],
             limit: 50,
+            affine: false,
             flag: None,
         });
         let v = b.load(u);

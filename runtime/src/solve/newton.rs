@@ -15,7 +15,7 @@
 //!   4. `u = u - d`, then test.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
-//! - Done where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
+//! - Done after the first update where the residual is affine; else where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
 //!   small(t) with `t = min(1e-8, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
 //!   `d |d|² / |e|²`, below rounding; or small(1e-10), where `|d|` is at least half of `|e|`: rounding keeps it from
 //!   falling; or small(1e-6), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown.
@@ -46,6 +46,8 @@ pub struct Plan {
     pub pattern: Vec<(u32, u32)>,
     /// Iterations at most.
     pub limit: u32,
+    /// Whether the first update is the solution.
+    pub affine: bool,
     /// The slot of `Local` that gets 1 or 0 instead of a failure.
     pub flag: Option<usize>,
     linear: linear::Plan,
@@ -56,7 +58,8 @@ impl Plan {
     pub fn new(newton: &ir::Newton) -> Self {
         let pattern = newton.jacobian.iter().map(|&(row, column, _)| (row, column)).collect();
         let flag = newton.flag.map(|slot| slot.index as usize);
-        Self::of(newton.unknowns as usize, newton.residual.len(), pattern, newton.limit, flag)
+        let plan = Self::of(newton.unknowns as usize, newton.residual.len(), pattern, newton.limit, flag);
+        Self { affine: newton.affine, ..plan }
     }
 
     /// The plan of an iteration given by its parts.
@@ -65,7 +68,7 @@ impl Plan {
     /// Where the pattern is not within `n` rows and columns.
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
         let linear = linear::Plan::new(n, &pattern);
-        Self { unknowns, n, pattern, limit, flag, linear }
+        Self { unknowns, n, pattern, limit, affine: false, flag, linear }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -210,6 +213,9 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         let (u, d) = (system.unknowns(), &scratch.update[..n]);
         for (u, d) in u.iter_mut().zip(d) {
             *u -= d;
+        }
+        if plan.affine {
+            return Ok(());
         }
         let small = |t: f64| measure.small(t, u, d);
         let quick = |last: f64| halvings == 0 && square <= 1e-6 * last;

@@ -146,6 +146,7 @@ impl Symbolic {
             work: vec![0.0; n],
             right: vec![0.0; n],
             growth: 0.0,
+            factored: Vec::with_capacity(self.entries.len()),
         }
     }
 
@@ -223,6 +224,8 @@ pub struct Numeric {
     work: Vec<f64>,
     right: Vec<f64>,
     growth: f64,
+    /// The values that were factored last, where that went well.
+    factored: Vec<f64>,
 }
 
 impl Numeric {
@@ -234,7 +237,15 @@ impl Numeric {
     /// # Panics
     /// Where this was made by another [`Symbolic`], or there are fewer values than the pattern has places.
     pub fn factor(&mut self, symbolic: &Symbolic, values: &[f64]) -> Result<(), usize> {
-        self.eliminate(symbolic, values, 0.0)
+        // The matrix of a linear region is the same in every step of one length.
+        let values = &values[..symbolic.entries.len()];
+        if self.factored == values {
+            return Ok(());
+        }
+        self.factored.clear();
+        self.eliminate(symbolic, values, 0.0)?;
+        self.factored.extend_from_slice(values);
+        Ok(())
     }
 
     /// Solves where [`Numeric::factor`] fails: pivots that are too small are raised, and the error this makes is refined
@@ -246,6 +257,7 @@ impl Numeric {
     /// # Panics
     /// As [`Numeric::factor`], and where `b` is shorter than the matrix.
     pub fn solve_raised(&mut self, symbolic: &Symbolic, values: &[f64], b: &mut [f64]) -> Result<(), usize> {
+        self.factored.clear();
         self.eliminate(symbolic, values, RAISED)?;
         self.first(symbolic, b);
         let mut change = largest(&self.work);

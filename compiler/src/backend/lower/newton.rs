@@ -87,7 +87,7 @@ impl Lower {
                 let r: Vec<Value> = (0..n).map(|i| w.value(&residual, At::One(i))).collect();
                 w.eliminate(n, &entries, &r, it.row)
             };
-            it.advance(w, &solution);
+            it.advance(w, &solution, newton.affine);
         });
         let w = &mut self.w;
         w.push(Stmt::Loop(body));
@@ -290,7 +290,7 @@ impl Iteration {
     }
 
     /// Takes the solution off the unknowns, and tests; or finds another start.
-    fn advance(&self, w: &mut Writer, solution: &Vector) {
+    fn advance(&self, w: &mut Writer, solution: &Vector, affine: bool) {
         let square = self.square(w, |w, at| w.at(solution, at));
         let (row, zero, one) = (w.get(self.row), w.number(0.0), w.number(1.0));
         let solved = w.lt(row, zero);
@@ -302,6 +302,9 @@ impl Iteration {
             let u = w.sub(u, d);
             w.put(&self.unknowns, at, u);
         });
+        if affine {
+            return self.finish(w, DONE);
+        }
         let (made, last, halvings) = (w.get(self.made), w.get(self.before), w.get(self.halvings));
         let (quick, slow) = (w.number(1e-6), w.number(0.25));
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
