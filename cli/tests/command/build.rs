@@ -6,7 +6,15 @@ use std::process::Command;
 /// Runs a file of the folder, without any other program in reach.
 fn environment(here: &Folder, name: &str, args: &[&str]) -> Done {
     let file = here.0.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
-    let output = Command::new(file).args(args).current_dir(&here.0).env("PATH", "").output().unwrap();
+    let mut command = Command::new(file);
+    command.args(args).current_dir(&here.0).env("PATH", "");
+    // A test beside this one that starts a program just then holds the new file open for a moment.
+    let output = loop {
+        match command.output() {
+            Err(e) if e.kind() == std::io::ErrorKind::ExecutableFileBusy => std::thread::yield_now(),
+            other => break other.unwrap(),
+        }
+    };
     let done = Done {
         status: output.status.code().unwrap_or(-1),
         out: String::from_utf8_lossy(&output.stdout).into_owned(),

@@ -89,9 +89,12 @@ fn respond(
         let h = c.h.map(|h| model.pool.var(h)).unwrap_or_else(|| model.pool.int(1));
         let flat_outs: Vec<Expr> = outs.iter().map(|e| model.pool.substitute(*e, &flat)).collect();
         let env: FxHashMap<Symbol, _> = inputs.env.iter().copied().collect();
+        let called = write::called(c, model, form, &mut b, &lowering, &inputs.guesses, holds)?;
         for (i, p) in holds.iter().enumerate() {
             let own = form.column(c.ports[*p]).out;
             let u = model.pool.var(own);
+            let alpha_i = model.pool.var(alpha[i]);
+            let beta_of: Vec<Expr> = (0..n).map(|j| model.pool.var(beta[i * n + j])).collect();
             let mut terms = vec![model.pool.mul(u, h), model.pool.var(alpha[i])];
             for (j, v) in flat_outs.iter().enumerate() {
                 let b_ij = model.pool.var(beta[i * n + j]);
@@ -102,7 +105,17 @@ fn respond(
             unknowns.push(own);
             let begin = env.get(&own).copied().unwrap_or(inputs.t);
             start.push(begin);
-            scale.push(b.unary(Unary::Abs, begin));
+            // At rest alpha and what is called for cancel: the answer has their rounding.
+            let free = lowering.lower(&model.pool, &mut b, alpha_i).map_err(|s| missing(model, s))?;
+            let mut size = b.unary(Unary::Abs, free);
+            for (j, v) in called.iter().enumerate() {
+                let yields = lowering.lower(&model.pool, &mut b, beta_of[j]).map_err(|s| missing(model, s))?;
+                let yields = b.unary(Unary::Abs, yields);
+                let part = b.mul(yields, *v);
+                size = b.add(size, part);
+            }
+            let (size, own) = (b.div(size, inputs.h), b.unary(Unary::Abs, begin));
+            scale.push(b.add(own, size));
             let square = model.pool.powi(h, 2);
             let b_ii = model.pool.var(beta[i * n + i]);
             let w = model.pool.div(square, b_ii);

@@ -301,6 +301,31 @@ fn summands(model: &mut Model, flat: &FxHashMap<Symbol, Expr>, e: Expr) -> Expr 
     pool.sum(&sizes)
 }
 
+/// Sum of the magnitudes of the terms of what each of some ports calls for, at the start.
+pub(super) fn called(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    b: &mut Builder,
+    lowering: &Lowering,
+    guesses: &[Value],
+    ports: &[usize],
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let mut lowering = lowering.clone();
+    for (z, guess) in c.loops.iter().zip(guesses) {
+        lowering.bind(*z, *guess);
+    }
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    ports
+        .iter()
+        .map(|p| {
+            let size = terms(model, form, &flat, c.ports[*p]);
+            lowering.lower(&model.pool, b, size).map_err(|s| missing(model, s))
+        })
+        .collect()
+}
+
 /// What changes of the states (over `h`) and loops are measured against: themselves at the start, and the terms that they are
 /// the sum of, so that what cancels is not asked for digits that it does not have.
 pub(super) fn scales(

@@ -182,7 +182,7 @@ impl Quad {
         let n = self.n;
         let mut packed = &memory.table[self.table..self.table + n * (n + 1) / 2];
         let vector = memory.read(self.from, n);
-        let mut sum = 0.0;
+        let mut sum = -0.0; // what adds nothing, not even to -0
         for i in 0..n {
             let (row, rest) = packed.split_at(n - i);
             sum += vector[i] * dot(row, &vector[i..]);
@@ -194,7 +194,7 @@ impl Quad {
 
 /// A sum of products, from left to right.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sum = 0.0;
+    let mut sum = -0.0; // what adds nothing, not even to -0
     for (a, b) in a.iter().zip(b) {
         sum += a * b;
     }

@@ -100,7 +100,7 @@ pub enum Inst {
     ///
     /// With `low`, a second matrix of the same shape follows the first: its product, smaller, is summed apart and added at
     /// the end, so that the matrix counts with more digits. (The entries of the first should then be short, see
-    /// [`crate::exponential::Layout::exponential`].) Sums run from left to right, starting from 0.
+    /// [`crate::exponential::Layout::exponential`].) Sums run from left to right, starting from their first term.
     MatVec {
         /// First slot written.
         to: Slot,

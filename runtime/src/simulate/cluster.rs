@@ -10,7 +10,6 @@ use crate::kernel::{Backend, Failure, Kernel, Workspace};
 use crate::ledger::Sum;
 use crate::scene::{Cluster, Entries, Respond, Stepper};
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
 
 /// So many steps in a row may be shorter than this part of the usual one; then a run does not get on, and stops.
 const CRAWL: (u32, f64) = (20_000, 1e-5);
@@ -19,6 +18,8 @@ const HALVINGS: u32 = 12;
 /// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held or turned
 /// over in a step: what is off by 1e-12 of that is the rounding of that energy.
 const TRACE: f64 = 1e-4;
+/// Below this part of the largest value of a state, a change is as good as none.
+const TRACES: f64 = 1e-6;
 /// Tables for different step lengths kept at most.
 const TABLES: usize = 256;
 
@@ -32,16 +33,19 @@ pub(super) struct Ready {
     kernel: Box<dyn Kernel>,
     pub(super) work: Workspace,
     linear: Option<exponential::Linear>,
-    tables: HashMap<u64, Vec<f64>>,
-    /// The lengths of the tables, in order of making.
+    /// Tables by step length; the lengths are in order of making.
+    tables: Vec<Vec<f64>>,
     pub(super) lengths: Vec<f64>,
+    /// The table that was taken last.
+    last: usize,
 }
 
 impl Ready {
     fn new(stepper: &Stepper, backend: &dyn Backend) -> Self {
         let kernel = backend.kernel(&stepper.program);
         let work = kernel.workspace();
-        Self { kernel, work, linear: stepper.linear.clone(), tables: HashMap::new(), lengths: Vec::new() }
+        let linear = stepper.linear.clone();
+        Self { kernel, work, linear, tables: Vec::new(), lengths: Vec::new(), last: 0 }
     }
 
     /// A length that there is a table for, where one is the same but for the rounding of the instant `t`.
@@ -49,18 +53,22 @@ impl Ready {
         self.lengths.iter().copied().find(|l| same_length(h, *l, t)).unwrap_or(h)
     }
 
-    /// Makes the table for a step length, if the stepper needs one.
+    /// Makes the table for a step length, if the stepper needs one, and takes it from now on.
     pub(super) fn prepare(&mut self, h: f64) -> Result<(), String> {
         let Some(linear) = &self.linear else { return Ok(()) };
-        if self.tables.contains_key(&h.to_bits()) {
+        if self.lengths.get(self.last) == Some(&h) {
             return Ok(());
         }
-        if self.tables.len() >= TABLES {
-            self.tables.clear();
-            self.lengths.clear();
+        if let Some(at) = self.lengths.iter().position(|l| *l == h) {
+            self.last = at;
+            return Ok(());
         }
         let table = exponential::table(linear, h).map_err(|e| e.to_string())?;
-        self.tables.insert(h.to_bits(), table);
+        if self.tables.len() >= TABLES {
+            self.forget();
+        }
+        self.last = self.tables.len();
+        self.tables.push(table);
         self.lengths.push(h);
         Ok(())
     }
@@ -71,8 +79,9 @@ impl Ready {
         self.lengths.clear();
     }
 
-    fn run(&mut self, state: &[f64], input: &[f64], h: f64) -> Result<(), Failure> {
-        let table = self.tables.get(&h.to_bits()).map_or(&[][..], Vec::as_slice);
+    /// Runs a step of the length that was prepared last.
+    fn run(&mut self, state: &[f64], input: &[f64]) -> Result<(), Failure> {
+        let table = self.tables.get(self.last).map_or(&[][..], Vec::as_slice);
         self.kernel.run(state, input, table, &mut self.work)
     }
 }
@@ -492,7 +501,7 @@ impl Run {
         self.prepare(names, h)?;
         self.input[0] = t;
         self.input[1] = h;
-        if let Err(why) = self.step.run(&self.state, &self.input, h) {
+        if let Err(why) = self.step.run(&self.state, &self.input) {
             if depth >= HALVINGS || c.period.is_some() || c.is_linear {
                 return Err(self.failure(c, names, t, why));
             }
@@ -500,7 +509,8 @@ impl Run {
             self.split(c, names, t, half, moved, depth + 1)?;
             return self.split(c, names, t + half, half, moved, depth + 1);
         }
-        self.state.copy_from_slice(&self.step.work.next);
+        // The workspace's numbers mean nothing to the next step.
+        std::mem::swap(&mut self.state, &mut self.step.work.next);
         self.steps += 1;
         book(&mut self.books, c, &self.step.work.output).map_err(|what| self.unsound(names, t + h, what))?;
         advance_ports(c, &self.step.work.output, h, moved);
@@ -514,10 +524,12 @@ impl Run {
     }
 
     fn track(&mut self, c: &Cluster) {
-        for (l, x) in self.largest.iter_mut().zip(&self.state[..c.states]) {
-            *l = l.max(x.abs());
+        let traces = &mut self.input[c.traces_at()..];
+        for ((l, x), trace) in self.largest.iter_mut().zip(&self.state).zip(traces) {
+            let size = x.abs();
+            *l = if size > *l { size } else { *l };
+            *trace = TRACES * *l;
         }
-        leave_traces(&mut self.input, &self.largest, c);
     }
 
     /// One adaptive step towards `end`: two halves against a whole. Gives the time reached.
@@ -665,14 +677,14 @@ impl Run {
         let [whole, half, _, outputs] = &mut self.buffers;
         self.input[0] = t;
         self.input[1] = h;
-        self.step.run(&self.state, &self.input, h)?;
+        self.step.run(&self.state, &self.input)?;
         whole.copy_from_slice(&self.step.work.next);
         self.input[1] = 0.5 * h;
-        self.step.run(&self.state, &self.input, 0.5 * h)?;
+        self.step.run(&self.state, &self.input)?;
         half.copy_from_slice(&self.step.work.next);
         outputs.copy_from_slice(&self.step.work.output);
         self.input[0] = t + 0.5 * h;
-        self.step.run(half, &self.input, 0.5 * h)?;
+        self.step.run(half, &self.input)?;
         let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
         let divisor = (2f64.powi(c.step.order as i32) - 1.0).max(1.0);
@@ -729,7 +741,7 @@ impl Run {
         if let Err(why) = ready.prepare(h) {
             return Err(Error::Table { region: names.get(self.index).cloned().unwrap_or_default(), why });
         }
-        let result = ready.run(&self.glanced, &self.input, h);
+        let result = ready.run(&self.glanced, &self.input);
         if result.is_ok() {
             self.glanced.copy_from_slice(&ready.work.next);
         }
@@ -776,7 +788,7 @@ impl Run {
                     input[c.ports[*held].input] = if interval == 0 { sign * probe } else { 0.0 };
                     for k in 0..steps as u64 {
                         input[0] = interval as f64 * period + k as f64 * h;
-                        if self.step.run(&state, &input, h).is_err() {
+                        if self.step.run(&state, &input).is_err() {
                             return nothing();
                         }
                         state.copy_from_slice(&self.step.work.next);
@@ -802,7 +814,7 @@ impl Run {
 fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
     let at = c.traces_at();
     for (trace, x) in input[at..].iter_mut().zip(&largest[..c.states]) {
-        *trace = 1e-6 * x.abs();
+        *trace = TRACES * x.abs();
     }
 }
 

@@ -173,7 +173,7 @@ impl Lower {
             for i in 0..rows {
                 let mut sums = Vec::new();
                 for part in 0..parts {
-                    let mut sum = self.w.number(0.0);
+                    let mut sum = self.w.number(-0.0);
                     for (j, x) in vector.iter().enumerate() {
                         let base = table + part * size + (i * cols + j) as u32;
                         let entry = self.w.load(Place { memory, base, along: Vec::new() });
@@ -189,7 +189,7 @@ impl Lower {
         }
         let (row, column) = (self.w.index(), self.w.index());
         let sums: Vec<Var> = (0..parts).map(|_| self.w.var()).collect();
-        let zero = self.w.number(0.0);
+        let zero = self.w.number(-0.0);
         let inner = self.inside(|this| {
             let x = this.read(from, 0, Some(column));
             for (part, var) in sums.iter().enumerate() {
@@ -216,12 +216,12 @@ impl Lower {
     fn form(&mut self, to: Slot, table: u32, from: Slot, n: usize) {
         let (memory, first) = self.places[Array::Table as usize];
         let table = first + table;
-        let mut sum = self.w.number(0.0);
+        let mut sum = self.w.number(-0.0);
         if n * n <= ENTRIES {
             let vector: Vec<Value> = (0..n).map(|j| self.read(from, j, None)).collect();
             let mut at = table;
             for i in 0..n {
-                let mut inner = self.w.number(0.0);
+                let mut inner = self.w.number(-0.0);
                 for x in &vector[i..] {
                     let entry = self.w.load(Place { memory, base: at, along: Vec::new() });
                     at += 1;
@@ -235,7 +235,7 @@ impl Lower {
             let mut at = table;
             for i in 0..n {
                 // Rows are of different lengths: each is a loop of its own.
-                let (index, inner) = (self.w.index(), self.w.starting(0.0));
+                let (index, inner) = (self.w.index(), self.w.starting(-0.0));
                 let body = self.inside(|this| {
                     let entry = this.w.load(Place { memory, base: at, along: vec![(index, 1)] });
                     let x = this.read(from, i, Some(index));

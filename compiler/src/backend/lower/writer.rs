@@ -131,6 +131,8 @@ impl Writer {
         match (f, self.known(a), self.known(b)) {
             (_, Some(x), Some(y)) => self.number(eval::binary(f, x, y)),
             (Binary::Mul, Some(1.0), None) => b,
+            // -0 is what adds nothing, not even to -0.
+            (Binary::Add, Some(x), None) if x == 0.0 && x.is_sign_negative() => b,
             (Binary::Mul | Binary::Div, None, Some(1.0)) => a,
             (Binary::Pow, None, Some(y)) if eval::Exponent::of(y).is_some() => self.power(a, y),
             _ => self.define(Op::Binary(f, a, b)),
