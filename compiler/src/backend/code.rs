@@ -34,15 +34,17 @@ pub enum Memory {
     Output,
     /// The routine's own numbers: first the program's scratch, then what elimination needs.
     Scratch,
+    /// Numbers in which members of a family differ: [`Routine::data`].
+    Data,
 }
 
 impl Memory {
     /// All of them, in the order in which a compiled function takes them.
-    pub const ALL: [Memory; 6] =
-        [Memory::State, Memory::Input, Memory::Table, Memory::Next, Memory::Output, Memory::Scratch];
+    pub const ALL: [Memory; 7] =
+        [Memory::State, Memory::Input, Memory::Table, Memory::Next, Memory::Output, Memory::Scratch, Memory::Data];
 }
 
-/// A place in a memory: `base + Σ stride index`.
+/// A place in a memory: `base + Σ stride index`, and with `through` the number of [`Routine::tables`] there besides.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
     /// Which memory.
@@ -51,6 +53,15 @@ pub struct Place {
     pub base: u32,
     /// Counters with their strides.
     pub along: Vec<(Index, u32)>,
+    /// A place in the tables, and a counter that is added to it.
+    pub through: Option<(u32, Index)>,
+}
+
+impl Place {
+    /// A place that is always the same.
+    pub fn new(memory: Memory, base: u32) -> Self {
+        Self { memory, base, along: Vec::new(), through: None }
+    }
 }
 
 /// How a value is computed.
@@ -238,6 +249,10 @@ pub struct Routine {
     pub scratch: u32,
     /// Systems that [`Stmt::Solve`] solves.
     pub systems: Vec<System>,
+    /// What [`Memory::Data`] holds.
+    pub data: Vec<f64>,
+    /// Places that do not run evenly.
+    pub tables: Vec<u32>,
 }
 
 impl Routine {

@@ -15,7 +15,7 @@
 //!   4. `u = u - d`, then test.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
-//! - Done after the first update where the residual is affine; else where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
+//! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
 //!   small(t) with `t = min(1e-8, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
 //!   `d |d|² / |e|²`, below rounding; or small(1e-10), where `|d|` is at least half of `|e|`: rounding keeps it from
 //!   falling; or small(1e-6), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown.
@@ -140,6 +140,18 @@ pub trait System {
 /// Where the scratch was made by another plan, or the system's unknowns are not `n`.
 pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, system: &mut S) -> Result<(), Failure> {
     let n = plan.n;
+    if plan.affine {
+        *count += 1;
+        system.evaluate(&mut scratch.residual[..n], &mut scratch.jacobian)?;
+        let update = &mut scratch.residual[..n];
+        plan.linear
+            .solve(&plan.pattern, &scratch.jacobian, update, &mut scratch.linear)
+            .map_err(|row| Failure::Singular { row })?;
+        for (u, d) in system.unknowns().iter_mut().zip(update) {
+            *u -= *d;
+        }
+        return Ok(());
+    }
     let measure = Measure::new(&scratch.weight[..n], &scratch.scale[..n]);
     let mut best = f64::INFINITY;
     let mut before: Option<f64> = None; // |d|² of the update made last
@@ -213,9 +225,6 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         let (u, d) = (system.unknowns(), &scratch.update[..n]);
         for (u, d) in u.iter_mut().zip(d) {
             *u -= d;
-        }
-        if plan.affine {
-            return Ok(());
         }
         let small = |t: f64| measure.small(t, u, d);
         let quick = |last: f64| halvings == 0 && square <= 1e-6 * last;

@@ -17,6 +17,7 @@ pub(super) fn letter(memory: Memory) -> char {
         Memory::Next => 'n',
         Memory::Output => 'y',
         Memory::Scratch => 's',
+        Memory::Data => 'd',
     }
 }
 
@@ -133,6 +134,9 @@ impl Printer<'_> {
         let mut index = p.base.to_string();
         for (i, stride) in &p.along {
             let _ = if *stride == 1 { write!(index, " + i{}", i.0) } else { write!(index, " + i{} * {stride}", i.0) };
+        }
+        if let Some((at, i)) = p.through {
+            let _ = write!(index, " + g[{at} + i{}]", i.0);
         }
         format!("{}[{index}]", letter(p.memory))
     }

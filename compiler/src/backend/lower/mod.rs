@@ -4,6 +4,7 @@
 
 mod eliminate;
 mod newton;
+mod roll;
 mod tidy;
 pub(super) mod writer;
 
@@ -13,6 +14,8 @@ use writer::{UNROLLED, Writer, scratch};
 
 /// Products with so many entries at most are written out.
 const ENTRIES: usize = 64;
+/// Programs of more values than this are looked through for loops.
+const STRAIGHT: usize = 3000;
 
 /// Where the arrays of a program are: for each of [`Array::ALL`] a memory and the place of its first number. That of `Local` counts
 /// only where the program's scratch is not made of variables.
@@ -33,7 +36,14 @@ const OWN: Places = [
 /// # Panics
 /// Where the program does not pass [`Program::verify`].
 pub fn lower(program: &Program) -> Option<Routine> {
-    let writer = write(Writer::new(), program, OWN)?;
+    let writer = match large(program) {
+        true => roll::write(program, OWN),
+        false => None,
+    };
+    let writer = match writer {
+        Some(writer) => writer,
+        None => write(Writer::new(), program, OWN)?,
+    };
     Some(writer.routine(program.name.clone()))
 }
 
@@ -72,6 +82,11 @@ struct Lower {
     places: Places,
     /// Values written to `Next`, where they are known by name.
     next: Vec<Value>,
+}
+
+/// Whether a program has so many values that loops are looked for.
+fn large(program: &Program) -> bool {
+    program.values as usize > STRAIGHT
 }
 
 /// Whether an iteration without a flag is inside another.
@@ -147,7 +162,7 @@ impl Lower {
         }
         let along = along.map(|i| (i, 1)).into_iter().collect();
         let (memory, base) = self.places[slot.array as usize];
-        self.w.load(Place { memory, base: base + index as u32, along })
+        self.w.load(Place { along, ..Place::new(memory, base + index as u32) })
     }
 
     fn write(&mut self, slot: Slot, along: Option<Index>, v: Value) {
@@ -160,7 +175,7 @@ impl Lower {
         }
         let along = along.map(|i| (i, 1)).into_iter().collect();
         let (memory, base) = self.places[slot.array as usize];
-        self.w.push(Stmt::Store(Place { memory, base: base + slot.index, along }, v));
+        self.w.push(Stmt::Store(Place { along, ..Place::new(memory, base + slot.index) }, v));
     }
 
     /// `to = T from`, each row's sum from left to right.
@@ -176,7 +191,7 @@ impl Lower {
                     let mut sum = self.w.number(-0.0);
                     for (j, x) in vector.iter().enumerate() {
                         let base = table + part * size + (i * cols + j) as u32;
-                        let entry = self.w.load(Place { memory, base, along: Vec::new() });
+                        let entry = self.w.load(Place::new(memory, base));
                         let term = self.w.mul(entry, *x);
                         sum = self.w.add(sum, term);
                     }
@@ -195,7 +210,7 @@ impl Lower {
             for (part, var) in sums.iter().enumerate() {
                 let base = table + part as u32 * size;
                 let along = vec![(row, cols as u32), (column, 1)];
-                let entry = this.w.load(Place { memory, base, along });
+                let entry = this.w.load(Place { along, ..Place::new(memory, base) });
                 let term = this.w.mul(entry, x);
                 let sum = this.w.get(*var);
                 let sum = this.w.add(sum, term);
@@ -223,7 +238,7 @@ impl Lower {
             for i in 0..n {
                 let mut inner = self.w.number(-0.0);
                 for x in &vector[i..] {
-                    let entry = self.w.load(Place { memory, base: at, along: Vec::new() });
+                    let entry = self.w.load(Place::new(memory, at));
                     at += 1;
                     let term = self.w.mul(entry, *x);
                     inner = self.w.add(inner, term);
@@ -237,7 +252,7 @@ impl Lower {
                 // Rows are of different lengths: each is a loop of its own.
                 let (index, inner) = (self.w.index(), self.w.starting(-0.0));
                 let body = self.inside(|this| {
-                    let entry = this.w.load(Place { memory, base: at, along: vec![(index, 1)] });
+                    let entry = this.w.load(Place { along: vec![(index, 1)], ..Place::new(memory, at) });
                     let x = this.read(from, i, Some(index));
                     let term = this.w.mul(entry, x);
                     let before = this.w.get(inner);
@@ -263,23 +278,30 @@ impl Lower {
 
     /// Fails where a number of the new state is not finite.
     fn check(&mut self, n: usize) {
-        let zero = self.w.number(0.0);
-        let named = std::mem::take(&mut self.next);
-        let spoiled = if named.len() == n && n <= 4 * UNROLLED {
-            named.iter().fold(zero, |sum, x| {
-                let term = self.w.mul(zero, *x);
-                self.w.add(sum, term)
-            })
-        } else {
+        let (zero, named) = (self.w.number(0.0), std::mem::take(&mut self.next));
+        if named.len() != n || n > 4 * UNROLLED {
             let (memory, base) = self.places[Array::Next as usize];
-            self.w.fold(n, zero, |w, at, sum| {
-                let place = Place { memory, ..scratch(base, at) };
-                let x = w.load(place);
-                let term = w.mul(zero, x);
-                w.add(sum, term)
-            })
-        };
+            return self.w.check(memory, base, n);
+        }
+        let spoiled = named.iter().fold(zero, |sum, x| {
+            let term = self.w.mul(zero, *x);
+            self.w.add(sum, term)
+        });
         let sound = self.w.eq(spoiled, zero);
         self.w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
+    }
+}
+
+impl Writer {
+    /// Fails where one of some numbers is not finite.
+    fn check(&mut self, memory: Memory, base: u32, n: usize) {
+        let zero = self.number(0.0);
+        let spoiled = self.fold(n, zero, |w, at, sum| {
+            let x = w.load(Place { memory, ..scratch(base, at) });
+            let term = w.mul(zero, x);
+            w.add(sum, term)
+        });
+        let sound = self.eq(spoiled, zero);
+        self.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
     }
 }

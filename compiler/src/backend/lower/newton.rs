@@ -12,9 +12,13 @@ const NO_CONVERGENCE: f64 = 2.0;
 const SINGULAR: f64 = 3.0;
 
 /// An iteration on its way.
-struct Iteration {
+pub(super) struct Iteration {
     n: usize,
     unknowns: Vector,
+    /// Where the solution of a large system is.
+    trial: u32,
+    /// Iterations so far.
+    count: Var,
     update: Vector,
     raw_weight: Values,
     weight: Vector,
@@ -41,94 +45,85 @@ fn counts(w: &mut Writer, x: Value) -> Cond {
     Cond::all([w.lt(zero, x), w.finite(x)])
 }
 
+/// What an iteration works on.
+pub(super) struct Numbers {
+    pub(super) unknowns: Vector,
+    pub(super) weight: Values,
+    pub(super) scale: Values,
+}
+
 impl Lower {
     pub(super) fn newton(&mut self, newton: &ir::Newton) {
         let n = newton.residual.len();
-        let (raw, scale) = (self.all(&newton.weight), self.all(&newton.scale));
+        let first = newton.unknowns;
         let unknowns = match &self.local {
-            Local::Vars(vars) => {
-                let first = newton.unknowns as usize;
-                Vector::Vars(vars[first..first + n].to_vec())
-            }
-            Local::Memory(base) => Vector::Memory(base + newton.unknowns),
+            Local::Vars(vars) => Vector::Vars(vars[first as usize..first as usize + n].to_vec()),
+            Local::Memory(base) => Vector::Memory(base + first),
         };
-        let it = Iteration::new(&mut self.w, n, unknowns, raw, scale);
-        let count = self.w.starting(0.0);
+        let (raw, scale) = (self.all(&newton.weight), self.all(&newton.scale));
+        let numbers = if newton.affine {
+            Numbers { unknowns, weight: Values::List(Vec::new()), scale: Values::List(Vec::new()) }
+        } else {
+            Numbers { unknowns, weight: self.w.values(raw), scale: self.w.values(scale) }
+        };
+        let it = begin(&mut self.w, newton, numbers);
         let matrix = if n > UNROLLED { self.w.room(newton.jacobian.len()) } else { 0 };
-        let trial = if n > UNROLLED { self.w.room(n) } else { 0 };
         let body = self.inside(|this| {
-            let w = &mut this.w;
-            let (k, limit, one) = (w.get(count), w.number(f64::from(newton.limit)), w.number(1.0));
-            let more = w.lt(k, limit);
-            w.when(more.not(), |w| it.finish(w, NO_CONVERGENCE));
-            let k = w.add(k, one);
-            w.set(count, k);
+            it.count_up(&mut this.w, newton.limit);
             this.block(&newton.body);
             let residual = this.all(&newton.residual);
             let entries: Vec<(u32, u32, Value)> =
                 newton.jacobian.iter().map(|(r, c, v)| (*r, *c, this.of(*v))).collect();
             let w = &mut this.w;
             let residual = w.values(residual);
-            it.judge(w, &residual);
-            let solution = if n > UNROLLED {
-                let list: Vec<Value> = entries.iter().map(|e| e.2).collect();
-                for (i, v) in list.into_iter().enumerate() {
-                    w.push(Stmt::Store(scratch(matrix, At::One(i)), v));
+            if n > UNROLLED {
+                for (i, (_, _, v)) in entries.iter().enumerate() {
+                    w.push(Stmt::Store(scratch(matrix, At::One(i)), *v));
                 }
-                w.each(n, |w, at| {
-                    let r = w.value(&residual, at);
-                    w.push(Stmt::Store(scratch(trial, at), r));
-                });
-                let pattern = entries.iter().map(|e| (e.0, e.1)).collect();
-                let system = w.system(n, pattern);
-                w.push(Stmt::Solve { system, matrix, vector: trial, row: it.row });
-                Vector::Memory(trial)
+                it.large(w, newton, &residual, matrix);
             } else {
+                it.judge(w, &residual);
                 let r: Vec<Value> = (0..n).map(|i| w.value(&residual, At::One(i))).collect();
-                w.eliminate(n, &entries, &r, it.row)
-            };
-            it.advance(w, &solution, newton.affine);
+                let solution = w.eliminate(n, &entries, &r, it.row);
+                it.advance(w, &solution);
+            }
         });
-        let w = &mut self.w;
-        w.push(Stmt::Loop(body));
-        let k = w.get(count);
-        w.push(Stmt::Count(k));
-        let (end, done) = (w.get(it.end), w.number(DONE));
-        let good = w.eq(end, done);
-        if let Some(flag) = newton.flag {
-            let (one, zero) = (w.number(1.0), w.number(0.0));
-            let x = w.select(good, one, zero);
+        self.w.push(Stmt::Loop(body));
+        let flag = newton.flag;
+        let mut flagged = None;
+        it.end(&mut self.w, newton, |_, x| flagged = Some(x));
+        if let (Some(flag), Some(x)) = (flag, flagged) {
             self.write(flag, None, x);
-            return;
         }
-        w.when(good.not(), |w| {
-            let singular = w.number(SINGULAR);
-            let is = w.eq(end, singular);
-            w.when(is, |w| {
-                let row = w.get(it.row);
-                w.push(Stmt::Fail(Reason::Singular(row)));
-            });
-            let (worst, change) = it.worst(w);
-            let first = w.number(f64::from(newton.unknowns));
-            let worst = w.add(first, worst);
-            w.push(Stmt::Fail(Reason::NoConvergence(newton.limit, worst, change)));
-        });
     }
 }
 
+/// What comes before the loop.
+pub(super) fn begin(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> Iteration {
+    Iteration::new(w, newton.residual.len(), numbers, newton.affine)
+}
+
 impl Iteration {
-    fn new(w: &mut Writer, n: usize, unknowns: Vector, raw: Vec<Value>, scale: Vec<Value>) -> Self {
-        let plain = raw.iter().all(|x| w.known(*x).is_some_and(|x| x > 0.0 && x.is_finite()));
-        let plain = (plain && n <= UNROLLED).then(|| raw.clone());
+    fn new(w: &mut Writer, n: usize, numbers: Numbers, affine: bool) -> Self {
+        let Numbers { unknowns, weight, scale } = numbers;
+        let plain = match &weight {
+            Values::List(list) if list.iter().all(|x| w.known(*x).is_some_and(|x| x > 0.0 && x.is_finite())) => {
+                Some(list.clone())
+            }
+            Values::List(_) | Values::Memory(_) => None,
+        };
+        let trial = if n > UNROLLED { w.room(n) } else { 0 };
         let mut it = Self {
             n,
             unknowns,
-            update: w.vector(n),
-            raw_weight: w.values(raw),
-            weight: w.vector(n),
+            trial,
+            update: if affine { Vector::Vars(Vec::new()) } else { w.vector(n) },
+            weight: if affine { Vector::Vars(Vec::new()) } else { w.vector(n) },
+            raw_weight: weight,
             plain,
             weighted: None,
-            scale: w.values(scale),
+            scale,
+            count: w.starting(0.0),
             best: w.starting(f64::INFINITY),
             made: w.starting(0.0),
             before: w.starting(0.0),
@@ -139,12 +134,80 @@ impl Iteration {
             end: w.starting(0.0),
             row: w.starting(-1.0),
         };
+        if affine {
+            return it;
+        }
         let zero = w.number(0.0);
         w.each(n, |w, at| w.put(&it.update, at, zero));
         if it.plain.is_none() {
             it.weigh(w);
         }
         it
+    }
+
+    /// Begins an iteration, or ends them.
+    pub(super) fn count_up(&self, w: &mut Writer, limit: u32) {
+        let (k, limit, one) = (w.get(self.count), w.number(f64::from(limit)), w.number(1.0));
+        let more = w.lt(k, limit);
+        w.when(more.not(), |w| self.finish(w, NO_CONVERGENCE));
+        let k = w.add(k, one);
+        w.set(self.count, k);
+    }
+
+    /// An iteration on unknowns that are not written out, after its residual and the entries of its matrix.
+    pub(super) fn large(&self, w: &mut Writer, newton: &ir::Newton, residual: &Values, matrix: u32) {
+        if !newton.affine {
+            self.judge(w, residual);
+        }
+        w.each(self.n, |w, at| {
+            let r = w.value(residual, at);
+            w.push(Stmt::Store(scratch(self.trial, at), r));
+        });
+        let pattern = newton.jacobian.iter().map(|e| (e.0, e.1)).collect();
+        let system = w.system(self.n, pattern);
+        w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row });
+        let solution = Vector::Memory(self.trial);
+        if !newton.affine {
+            return self.advance(w, &solution);
+        }
+        let (row, zero) = (w.get(self.row), w.number(0.0));
+        let solved = w.lt(row, zero);
+        w.when(solved.not(), |w| self.finish(w, SINGULAR));
+        w.each(self.n, |w, at| {
+            let (d, u) = (w.at(&solution, at), w.at(&self.unknowns, at));
+            let u = w.sub(u, d);
+            w.put(&self.unknowns, at, u);
+        });
+        self.finish(w, DONE);
+    }
+
+    /// What comes after the loop; `flag` is told whether it went well, where the iteration has one.
+    pub(super) fn end(&self, w: &mut Writer, newton: &ir::Newton, flag: impl FnOnce(&mut Writer, Value)) {
+        let k = w.get(self.count);
+        w.push(Stmt::Count(k));
+        let (end, done) = (w.get(self.end), w.number(DONE));
+        let good = w.eq(end, done);
+        if newton.flag.is_some() {
+            let (one, zero) = (w.number(1.0), w.number(0.0));
+            let x = w.select(good, one, zero);
+            return flag(w, x);
+        }
+        w.when(good.not(), |w| {
+            let singular = w.number(SINGULAR);
+            let is = w.eq(end, singular);
+            let first = w.number(f64::from(newton.unknowns));
+            if newton.affine {
+                let row = w.get(self.row);
+                return w.push(Stmt::Fail(Reason::Singular(row)));
+            }
+            w.when(is, |w| {
+                let row = w.get(self.row);
+                w.push(Stmt::Fail(Reason::Singular(row)));
+            });
+            let (worst, change) = self.worst(w);
+            let worst = w.add(first, worst);
+            w.push(Stmt::Fail(Reason::NoConvergence(newton.limit, worst, change)));
+        });
     }
 
     /// The weights: those that count; for the others the mean share.
@@ -290,7 +353,7 @@ impl Iteration {
     }
 
     /// Takes the solution off the unknowns, and tests; or finds another start.
-    fn advance(&self, w: &mut Writer, solution: &Vector, affine: bool) {
+    fn advance(&self, w: &mut Writer, solution: &Vector) {
         let square = self.square(w, |w, at| w.at(solution, at));
         let (row, zero, one) = (w.get(self.row), w.number(0.0), w.number(1.0));
         let solved = w.lt(row, zero);
@@ -302,9 +365,6 @@ impl Iteration {
             let u = w.sub(u, d);
             w.put(&self.unknowns, at, u);
         });
-        if affine {
-            return self.finish(w, DONE);
-        }
         let (made, last, halvings) = (w.get(self.made), w.get(self.before), w.get(self.halvings));
         let (quick, slow) = (w.number(1e-6), w.number(0.25));
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));

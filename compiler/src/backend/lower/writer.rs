@@ -19,6 +19,8 @@ pub(in crate::backend) struct Writer {
     pub(in crate::backend) indices: u32,
     pub(in crate::backend) scratch: u32,
     pub(in crate::backend) systems: Vec<System>,
+    pub(in crate::backend) data: Vec<f64>,
+    pub(in crate::backend) tables: Vec<u32>,
 }
 
 /// Which of some things: a certain one, or that which a counter tells.
@@ -55,6 +57,8 @@ impl Writer {
             indices: self.indices,
             scratch: self.scratch,
             systems: self.systems,
+            data: self.data,
+            tables: self.tables,
         };
         tidy(&mut routine);
         routine
@@ -380,7 +384,7 @@ impl Writer {
 /// A place of the scratch.
 pub(in crate::backend) fn scratch(base: u32, at: At) -> Place {
     match at {
-        At::One(i) => Place { memory: Memory::Scratch, base: base + i as u32, along: Vec::new() },
-        At::Each(index) => Place { memory: Memory::Scratch, base, along: vec![(index, 1)] },
+        At::One(i) => Place::new(Memory::Scratch, base + i as u32),
+        At::Each(index) => Place { along: vec![(index, 1)], ..Place::new(Memory::Scratch, base) },
     }
 }

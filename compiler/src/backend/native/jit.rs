@@ -6,6 +6,7 @@
 
 use super::functions::{self, ONE, SOLVE, TWO};
 use super::translate::{NO_CONVERGENCE, NOT_FINITE, SINGULAR, define};
+use crate::backend::code::Routine;
 use crate::backend::lower;
 use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::{Array, Program};
@@ -40,8 +41,10 @@ type Function = extern "C" fn(
     *mut f64,
     *mut f64,
     *mut f64,
+    *const f64,
     *mut f64,
     *mut Vec<linear::System>,
+    *const u32,
 ) -> i32;
 
 /// A program as machine code.
@@ -50,6 +53,8 @@ struct Compiled {
     function: Function,
     scratch: usize,
     systems: Vec<linear::System>,
+    data: Vec<f64>,
+    tables: Vec<u32>,
     /// Owns the code; taken out when it is freed.
     module: Option<JITModule>,
 }
@@ -81,7 +86,8 @@ impl Compiled {
         let function = unsafe { std::mem::transmute::<*const u8, Function>(code) };
         let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone())).collect();
         let scratch = routine.scratch as usize;
-        Some(Self { program: program.clone(), function, scratch, systems, module: Some(module) })
+        let Routine { data, tables, .. } = routine;
+        Some(Self { program: program.clone(), function, scratch, systems, data, tables, module: Some(module) })
     }
 }
 
@@ -126,8 +132,10 @@ impl Kernel for Compiled {
             work.next.as_mut_ptr(),
             work.output.as_mut_ptr(),
             work.registers.as_mut_ptr(),
+            self.data.as_ptr(),
             report.as_mut_ptr(),
             &raw mut work.systems,
+            self.tables.as_ptr(),
         );
         work.newton_iterations += report[0] as u64;
         match i64::from(code) {

@@ -169,10 +169,10 @@ impl Writer<'_> {
                 Memory::Table => table,
                 Memory::Scratch => scratch,
                 m if m == given => what,
-                Memory::Input | Memory::Next | Memory::Output => none,
+                Memory::Input | Memory::Next | Memory::Output | Memory::Data => none,
             })
             .collect();
-        args.extend([report, none]);
+        args.extend([report, none, none]);
         let f = self.module.declare_func_in_func(routine, b.func);
         let call = b.ins().call(f, &args);
         b.inst_results(call)[0]

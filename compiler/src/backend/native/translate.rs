@@ -17,7 +17,7 @@ pub(super) const SINGULAR: i64 = 2;
 pub(super) const NOT_FINITE: i64 = 3;
 
 /// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report (iterations, then
-/// what a failure tells), and the context for [`functions::SOLVE`]; returns 0 or why it failed.
+/// what a failure tells), the context for [`functions::SOLVE`], and the tables; returns 0 or why it failed.
 ///
 /// `names` says under which names functions of numbers are found.
 pub(super) fn define<M: Module>(
@@ -29,7 +29,7 @@ pub(super) fn define<M: Module>(
 ) -> Result<FuncId, ModuleError> {
     let pointer = module.target_config().pointer_type();
     let mut signature = module.make_signature();
-    signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 2];
+    signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 3];
     signature.returns = vec![AbiParam::new(types::I32)];
     let id = module.declare_function(name, linkage, &signature)?;
     let mut context = module.make_context();
@@ -217,6 +217,20 @@ impl<M: Module> Translate<'_, '_, M> {
             let i = self.b.ins().imul_imm_u(i, 8 * i64::from(*stride));
             address = self.b.ins().iadd(address, i);
         }
+        if let Some((at, index)) = place.through {
+            let (i, tables) = (self.b.use_var(self.indices[index.0 as usize]), self.params[Memory::ALL.len() + 2]);
+            let i = self.b.ins().imul_imm_u(i, 4);
+            let entry = self.b.ins().iadd(tables, i);
+            let entry = match i32::try_from(4 * i64::from(at)) {
+                Ok(offset) => self.b.ins().uload32(MemFlagsData::trusted(), entry, offset),
+                Err(_) => {
+                    let entry = self.b.ins().iadd_imm_u(entry, 4 * i64::from(at));
+                    self.b.ins().uload32(MemFlagsData::trusted(), entry, 0)
+                }
+            };
+            let entry = self.b.ins().imul_imm_u(entry, 8);
+            address = self.b.ins().iadd(address, entry);
+        }
         match i32::try_from(8 * i64::from(place.base)) {
             Ok(offset) => (address, offset),
             Err(_) => (self.b.ins().iadd_imm_u(address, 8 * i64::from(place.base)), 0),
@@ -381,7 +395,7 @@ impl<M: Module> Translate<'_, '_, M> {
 
     fn solve(&mut self, system: u32, matrix: u32, vector: u32, row: u32) {
         let pointer = self.pointer;
-        let scratch = self.params[Memory::ALL.len() - 1];
+        let scratch = self.params[Memory::ALL.iter().position(|m| *m == Memory::Scratch).unwrap_or(0)];
         let context = self.params[Memory::ALL.len() + 1];
         let system = self.b.ins().iconst(pointer, i64::from(system));
         let matrix = self.b.ins().iadd_imm_u(scratch, 8 * i64::from(matrix));

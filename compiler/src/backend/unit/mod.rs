@@ -200,7 +200,7 @@ impl Writing<'_> {
             let c = &self.scene.clusters[cluster];
             if c.period.is_none() {
                 // What the outside gives, as the region counts it.
-                let x = w.load(Place { memory: Memory::Input, base: o as u32, along: Vec::new() });
+                let x = w.load(Place::new(Memory::Input, o as u32));
                 let along = w.number(open.along);
                 let x = w.mul(along, x);
                 w.keep(self.clusters[cluster].input + c.ports[port].input, x);
@@ -241,7 +241,7 @@ impl Writing<'_> {
         // After the probes, the program gives what expectations ask for.
         for k in 0..self.scene.probes.names.len() {
             let x = w.kept(seen + k);
-            w.push(Stmt::Store(Place { memory: Memory::Output, base: k as u32, along: Vec::new() }, x));
+            w.push(Stmt::Store(Place::new(Memory::Output, k as u32), x));
         }
         Ok(w.routine("probes".into()))
     }
@@ -302,12 +302,12 @@ impl Writing<'_> {
 impl Writer {
     /// A number of the block.
     fn kept(&mut self, at: usize) -> Value {
-        self.load(Place { memory: Memory::State, base: at as u32, along: Vec::new() })
+        self.load(Place::new(Memory::State, at as u32))
     }
 
     /// Keeps a number in the block.
     fn keep(&mut self, at: usize, x: Value) {
-        self.push(Stmt::Store(Place { memory: Memory::State, base: at as u32, along: Vec::new() }, x));
+        self.push(Stmt::Store(Place::new(Memory::State, at as u32), x));
     }
 
     /// One of some numbers of the block.

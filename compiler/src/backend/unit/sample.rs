@@ -138,7 +138,7 @@ impl Writing<'_> {
         let mut crossed = w.number(0.0);
         for (k, (h, held)) in start.held.iter().zip(&place.held).enumerate() {
             if let Some(o) = h.open {
-                let q = w.load(Place { memory: Memory::Input, base: o as u32, along: Vec::new() });
+                let q = w.load(Place::new(Memory::Input, o as u32));
                 w.keep(held.q, q);
             }
             let (v, q) = (w.kept(held.v), w.kept(held.q));

@@ -1,0 +1,373 @@
+//! Large programs: families of equal computations become loops, so that a ladder's code is as long for 1e5 cells as for ten.
+//!
+//! What a stretch of straight code gives (what it stores, and the values that are used after it) is cut into cones: a result with all
+//! that it is made of, down to what is loaded, to numbers, and to other results. Cones of one shape are a family, and a family is a
+//! loop over its members. Where the places that they read and write run evenly these are counted, else they are looked up in a
+//! table. What two cones share is computed in both, unless it is dear. A long sum is a family of terms, and a loop that adds them in
+//! their order.
+
+mod cone;
+mod family;
+
+use super::newton::Numbers;
+use super::writer::{At, Values, Vector, Writer, scratch};
+use super::{Places, UNROLLED};
+use crate::backend::code::{Memory, Place, Stmt};
+use bond_runtime::ir::{self, Array, Binary, Inst, Op, Program, Unary};
+use cone::Cone;
+
+/// A cone has so many operations at most; what goes beyond is a result of its own.
+const CONE: u32 = 48;
+/// Sums of so many terms are loops.
+const SUM: u32 = 16;
+/// Results may lie so many deep on one another: in a deeper program nothing runs side by side.
+const DEPTH: u32 = 100;
+
+/// Writes a large program. None where it has a form that this cannot say.
+pub(super) fn write(program: &Program, places: Places) -> Option<Writer> {
+    let mut w = Writer::new();
+    let mut places = places;
+    places[Array::Local as usize] = (Memory::Scratch, w.room(program.size(Array::Local)));
+    let n = program.values as usize;
+    let mut roll = Roll {
+        places,
+        ops: vec![Op::Const(0.0); n],
+        home: vec![0; n],
+        uses: vec![0; n],
+        kept: vec![None; n],
+        level: vec![0; n],
+        skipped: vec![false; n],
+        segments: vec![Segment::default()],
+        loops: Vec::new(),
+        w,
+    };
+    roll.gather(&program.body, false)?;
+    roll.plan()?;
+    roll.write();
+    let (memory, base) = places[Array::Next as usize];
+    roll.w.check(memory, base, program.size(Array::Next));
+    Some(roll.w)
+}
+
+/// Something that a segment gives: where to, which value, and whether its negative.
+#[derive(Clone)]
+struct Root {
+    to: Place,
+    value: ir::Value,
+    negative: bool,
+}
+
+/// A stretch of straight code.
+#[derive(Default)]
+struct Segment {
+    roots: Vec<Root>,
+    sums: Vec<Sum>,
+    /// The iteration that follows.
+    then: Option<usize>,
+}
+
+/// A long sum: its last value, and where its terms lie, in their order.
+struct Sum {
+    end: ir::Value,
+    terms: u32,
+    count: u32,
+}
+
+/// An iteration, its body's segment, and where its numbers are.
+struct Loop<'p> {
+    newton: &'p ir::Newton,
+    body: usize,
+    weight: u32,
+    scale: u32,
+    residual: u32,
+    matrix: u32,
+}
+
+/// A program on its way.
+struct Roll<'p> {
+    places: Places,
+    /// By value: how it is computed, in which segment, how often it is used.
+    ops: Vec<Op>,
+    home: Vec<u32>,
+    uses: Vec<u32>,
+    /// By value: its place in the scratch, where it is a result; how many results lie below it; whether a sum has swallowed it.
+    kept: Vec<Option<u32>>,
+    level: Vec<u32>,
+    skipped: Vec<bool>,
+    segments: Vec<Segment>,
+    loops: Vec<Loop<'p>>,
+    w: Writer,
+}
+
+impl<'p> Roll<'p> {
+    /// Sorts instructions into segments.
+    fn gather(&mut self, body: &'p [Inst], inside: bool) -> Option<()> {
+        for inst in body {
+            let here = self.segments.len() - 1;
+            match inst {
+                Inst::Let(v, op) => {
+                    self.ops[v.0 as usize] = *op;
+                    self.home[v.0 as usize] = here as u32;
+                }
+                Inst::Store(slot, v) => {
+                    let (memory, base) = self.places[slot.array as usize];
+                    self.root(here, Place::new(memory, base + slot.index), *v);
+                }
+                Inst::Newton(newton) if !inside && newton.residual.len() > UNROLLED => {
+                    let n = newton.residual.len();
+                    self.segments[here].then = Some(self.loops.len());
+                    let (weight, scale) = if newton.affine { (0, 0) } else { (self.w.room(n), self.w.room(n)) };
+                    if !newton.affine {
+                        for (i, (x, s)) in newton.weight.iter().zip(&newton.scale).enumerate() {
+                            self.root(here, scratch(weight, At::One(i)), *x);
+                            self.root(here, scratch(scale, At::One(i)), *s);
+                        }
+                    }
+                    let (residual, matrix) = (self.w.room(n), self.w.room(newton.jacobian.len()));
+                    self.segments.push(Segment::default());
+                    let body = self.segments.len() - 1;
+                    self.loops.push(Loop { newton, body, weight, scale, residual, matrix });
+                    self.gather(&newton.body, true)?;
+                    for (i, r) in newton.residual.iter().enumerate() {
+                        self.root(body, scratch(residual, At::One(i)), *r);
+                    }
+                    for (i, (_, _, v)) in newton.jacobian.iter().enumerate() {
+                        self.root(body, scratch(matrix, At::One(i)), *v);
+                    }
+                    self.segments.push(Segment::default());
+                }
+                Inst::Newton(_) | Inst::MatVec { .. } | Inst::Quad { .. } => return None,
+            }
+        }
+        Some(())
+    }
+
+    fn root(&mut self, segment: usize, to: Place, value: ir::Value) {
+        self.segments[segment].roots.push(Root { to, value, negative: false });
+    }
+
+    /// Whether a value can be had anew anywhere: a number, or what is only read.
+    fn is_free(&self, v: ir::Value) -> bool {
+        match self.ops[v.0 as usize] {
+            Op::Const(_) => true,
+            Op::Load(slot) => slot.array != Array::Local,
+            Op::Unary(..) | Op::Binary(..) | Op::Select(..) => false,
+        }
+    }
+
+    /// Finds long sums, and which values are results.
+    fn plan(&mut self) -> Option<()> {
+        let n = self.ops.len();
+        // A value that another segment uses.
+        let mut outside = vec![false; n];
+        for v in 0..n {
+            for a in operands(&self.ops[v]) {
+                self.uses[a.0 as usize] += 1;
+                outside[a.0 as usize] |= self.home[a.0 as usize] != self.home[v];
+            }
+        }
+        for (s, segment) in self.segments.iter().enumerate() {
+            for r in &segment.roots {
+                self.uses[r.value.0 as usize] += 1;
+                outside[r.value.0 as usize] |= self.home[r.value.0 as usize] != s as u32;
+            }
+        }
+        self.ordered()?;
+        let ends = self.sums(&outside);
+        let mut size = vec![0u32; n];
+        for v in 0..n {
+            let value = ir::Value(v as u32);
+            if self.skipped[v] || self.is_free(value) {
+                size[v] = 1;
+                continue;
+            }
+            let (mut sum, mut level) = (1u32, 0);
+            if let Some(&(from, count)) = ends.get(&value) {
+                for r in &self.segments[self.home[v] as usize].roots[from..from + count] {
+                    level = level.max(self.after(r.value) + 1);
+                }
+            } else {
+                for a in operands(&self.ops[v]) {
+                    level = level.max(if self.home[a.0 as usize] == self.home[v] { self.after(a) } else { 0 });
+                    sum = sum.saturating_add(if self.kept[a.0 as usize].is_some() { 1 } else { size[a.0 as usize] });
+                }
+            }
+            (size[v], self.level[v]) = (sum, level);
+            let dear = match self.ops[v] {
+                Op::Unary(f, _) => !matches!(f, Unary::Neg | Unary::Abs | Unary::Sign | Unary::Not),
+                Op::Binary(f, ..) => matches!(f, Binary::Div | Binary::Pow | Binary::Atan2),
+                Op::Const(_) | Op::Load(_) | Op::Select(..) => false,
+            };
+            let is_end = ends.contains_key(&value);
+            if outside[v] || sum > CONE || (dear && self.uses[v] > 1) || is_end {
+                let at = self.w.room(1);
+                self.kept[v] = Some(at);
+                if !is_end {
+                    self.root(self.home[v] as usize, scratch(at, At::One(0)), value);
+                }
+            }
+        }
+        self.level.iter().all(|l| *l <= DEPTH).then_some(())
+    }
+
+    /// The level from which on a value of the same segment can be used.
+    fn after(&self, v: ir::Value) -> u32 {
+        let level = self.level[v.0 as usize];
+        if self.kept[v.0 as usize].is_some() { level + 1 } else { level }
+    }
+
+    /// Fails where a segment both loads the program's scratch and stores to it: results are not in the order of the program.
+    fn ordered(&self) -> Option<()> {
+        let (_, first) = self.places[Array::Local as usize];
+        let own = |p: &Place| p.memory == Memory::Scratch && p.base >= first && p.base < first + self.w.scratch;
+        let mut loads = vec![false; self.segments.len()];
+        for (op, home) in self.ops.iter().zip(&self.home) {
+            loads[*home as usize] |= matches!(op, Op::Load(slot) if slot.array == Array::Local);
+        }
+        // The iteration's numbers are written by its body, which loads the unknowns: they lie behind the program's own.
+        let program = self.loops.first().map_or(u32::MAX, |l| if l.newton.affine { l.residual } else { l.weight });
+        let clash = |(s, segment): (usize, &Segment)| {
+            loads[s] && segment.roots.iter().any(|r| own(&r.to) && r.to.base < program)
+        };
+        (!self.segments.iter().enumerate().any(clash)).then_some(())
+    }
+
+    /// Finds long sums: by their last value, the roots of its segment that are its terms.
+    fn sums(&mut self, outside: &[bool]) -> rustc_hash::FxHashMap<ir::Value, (usize, usize)> {
+        let n = self.ops.len();
+        let sides = |op: &Op| match *op {
+            Op::Binary(f @ (Binary::Add | Binary::Sub), a, b) => Some((f, a, b)),
+            Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => None,
+        };
+        let mut length = vec![0u32; n];
+        let mut linked = vec![false; n];
+        for v in 0..n {
+            let Some((_, a, _)) = sides(&self.ops[v]) else { continue };
+            let i = a.0 as usize;
+            length[v] = 1;
+            if length[i] > 0 && self.uses[i] == 1 && !outside[i] && self.home[i] == self.home[v] {
+                linked[i] = true;
+                length[v] = length[i] + 1;
+            }
+        }
+        let mut ends = rustc_hash::FxHashMap::default();
+        for v in 0..n {
+            if linked[v] || length[v] < SUM {
+                continue;
+            }
+            let mut terms = Vec::new();
+            let mut at = ir::Value(v as u32);
+            while let Some((f, a, b)) = sides(&self.ops[at.0 as usize]) {
+                terms.push((b, f == Binary::Sub));
+                let more = linked[a.0 as usize] && length[at.0 as usize] > 1;
+                if !more {
+                    terms.push((a, false));
+                    break;
+                }
+                self.skipped[a.0 as usize] = true;
+                at = a;
+            }
+            terms.reverse();
+            let base = self.w.room(terms.len());
+            let segment = &mut self.segments[self.home[v] as usize];
+            let from = segment.roots.len();
+            for (i, (value, negative)) in terms.iter().enumerate() {
+                segment.roots.push(Root { to: scratch(base, At::One(i)), value: *value, negative: *negative });
+            }
+            segment.sums.push(Sum { end: ir::Value(v as u32), terms: base, count: terms.len() as u32 });
+            ends.insert(ir::Value(v as u32), (from, terms.len()));
+        }
+        ends
+    }
+
+    fn write(&mut self) {
+        let mut s = 0;
+        while s < self.segments.len() {
+            self.segment(s);
+            if let Some(k) = self.segments[s].then {
+                self.iteration(k);
+                s = self.loops[k].body;
+            }
+            s += 1;
+        }
+    }
+
+    fn iteration(&mut self, k: usize) {
+        let Loop { newton, body, weight, scale, residual, matrix } = self.loops[k];
+        let first = self.places[Array::Local as usize].1;
+        let numbers = Numbers {
+            unknowns: Vector::Memory(first + newton.unknowns),
+            weight: Values::Memory(weight),
+            scale: Values::Memory(scale),
+        };
+        let it = super::newton::begin(&mut self.w, newton, numbers);
+        self.w.open();
+        it.count_up(&mut self.w, newton.limit);
+        self.segment(body);
+        it.large(&mut self.w, newton, &Values::Memory(residual), matrix);
+        let block = self.w.close();
+        self.w.push(Stmt::Loop(block));
+        let flag = newton.flag.map(|f| Place::new(Memory::Scratch, first + f.index));
+        it.end(&mut self.w, newton, |w, x| {
+            if let Some(flag) = flag {
+                w.push(Stmt::Store(flag, x));
+            }
+        });
+    }
+
+    /// Writes a segment, level by level.
+    fn segment(&mut self, s: usize) {
+        let segment = std::mem::take(&mut self.segments[s]);
+        let level = |r: &Root| {
+            let v = r.value;
+            let own = self.kept[v.0 as usize].is_some_and(|at| r.to == scratch(at, At::One(0)));
+            match () {
+                () if self.home[v.0 as usize] != s as u32 => 0,
+                () if own => self.level[v.0 as usize],
+                () => self.after(v),
+            }
+        };
+        let last =
+            segment.roots.iter().map(level).chain(segment.sums.iter().map(|s| self.level[s.end.0 as usize])).max();
+        let mut by: Vec<(Vec<&Root>, Vec<&Sum>)> = (0..=last.unwrap_or(0)).map(|_| (Vec::new(), Vec::new())).collect();
+        segment.roots.iter().for_each(|r| by[level(r) as usize].0.push(r));
+        segment.sums.iter().for_each(|x| by[self.level[x.end.0 as usize] as usize].1.push(x));
+        for (roots, sums) in by {
+            for sum in sums {
+                self.add_up(sum);
+            }
+            let cones: Vec<Cone> = roots.iter().map(|r| Cone::new(self, r)).collect();
+            family::write(&mut self.w, cones);
+        }
+        self.segments[s].then = segment.then;
+    }
+
+    /// Adds the terms of a sum.
+    fn add_up(&mut self, sum: &Sum) {
+        let Some(to) = self.kept[sum.end.0 as usize] else { return };
+        let w = &mut self.w;
+        let total = w.var();
+        let first = w.load(scratch(sum.terms, At::One(0)));
+        w.set(total, first);
+        let index = w.index();
+        let body = w.block(|w| {
+            let (before, term) = (w.get(total), w.load(scratch(sum.terms, At::Each(index))));
+            let after = w.add(before, term);
+            w.set(total, after);
+        });
+        w.push(Stmt::For(index, 1, sum.count, body));
+        let total = w.get(total);
+        w.push(Stmt::Store(scratch(to, At::One(0)), total));
+    }
+}
+
+/// What an op looks at.
+fn operands(op: &Op) -> impl Iterator<Item = ir::Value> {
+    let list = match *op {
+        Op::Const(_) | Op::Load(_) => [None, None, None],
+        Op::Unary(_, a) => [Some(a), None, None],
+        Op::Binary(_, a, b) => [Some(a), Some(b), None],
+        Op::Select(c, a, b) => [Some(c), Some(a), Some(b)],
+    };
+    list.into_iter().flatten()
+}
