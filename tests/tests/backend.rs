@@ -292,3 +292,77 @@ fn refusals_say_why() {
     let why = unit::unit(compiled.scene(), &options).map(|_| ()).unwrap_err();
     assert!(why.contains("is no multiple of the shortest one"), "{why}");
 }
+
+/// A line of cells with curved storages and resistors, a binary tree, or a square grid.
+fn large(kind: &str, n: usize) -> Compiled {
+    let text = match kind {
+        "line" => format!(
+            "model Line(n = {n}) {{
+               Se:u = sin(3 rad/s * t) * 1 V
+               for k in 1..n {{
+                 I:l[k] = 10 mH * (1 + 0.1*sin(k))
+                 C:c[k] {{ H = q^2/(2 * 10 mF) + q^4 * 1e8 V/C^3 }}
+                 R:r[k] {{ e = 0.1 V * tanh(f / 1 A) }}
+                 1:s[k] -> l[k], r[k]
+                 s[k] -> 0:p[k] -> c[k]
+               }}
+               u -> s[1]
+               for k in 2..n {{ p[k-1] -> s[k] }}
+               probe last = c[1].q
+             }}"
+        ),
+        "tree" => format!(
+            "model Tree(n = {n}) {{
+               Se:u = sin(3 rad/s * t) * 1 V
+               R:load = 1 Ohm
+               for k in 1..2*n+1 {{
+                 I:l[k] = 10 mH
+                 C:c[k] = 10 mF
+                 1:s[k] -> l[k]
+                 s[k] -> 0:p[k] -> c[k]
+               }}
+               u -> s[1]
+               for k in 1..n {{ p[k] -> s[2*k]  p[k] -> s[2*k+1] }}
+               p[2*n+1] -> load
+               probe last = c[2*n+1].q
+             }}"
+        ),
+        _ => format!(
+            "model Mesh(m = {n}) {{
+               Se:u = sin(3 rad/s * t) * 1 V
+               R:in = 1 Ohm
+               for i in 1..m {{
+                 for j in 1..m {{
+                   C:c[i,j] = 10 mF * (1 + 0.01*i)
+                   R:r[i,j] = 10 Ohm
+                   0:p[i,j] -> c[i,j], r[i,j]
+                 }}
+               }}
+               for i in 1..m {{ for j in 2..m {{ I:h[i,j] = 10 mH  p[i,j-1] -> 1:a[i,j] -> p[i,j]  a[i,j] -> h[i,j] }} }}
+               for i in 2..m {{ for j in 1..m {{ I:w[i,j] = 10 mH  p[i-1,j] -> 1:b[i,j] -> p[i,j]  b[i,j] -> w[i,j] }} }}
+               u -> 1:feed -> in
+               feed -> p[1,1]
+               probe far = c[m,m].q
+             }}"
+        ),
+    };
+    Options::new().method("gonzalez").compile_str(kind, text).unwrap_or_else(|e| panic!("{e}"))
+}
+
+#[test]
+fn families_become_loops() {
+    for (kind, n, times) in [("line", 300, 4), ("tree", 300, 4), ("mesh", 16, 2)] {
+        let size = |n: usize| {
+            let compiled = large(kind, n);
+            let program = &compiled.scene().clusters[0].step.program;
+            lower(program).map_or(usize::MAX, |r| r.size())
+        };
+        let (one, other) = (size(n), size(n * times));
+        // The two ends of a line are the same at any length; a grid's borders and a tree's levels add a little.
+        assert!(one < 3000 && (other as f64) < 1.3 * one as f64, "{kind}: {one} statements, {other} for {times} times the size");
+        let compiled = large(kind, n);
+        let interpreted = run(&compiled, Code::Interpreted, Steps::fixed(1e-3), 0.1);
+        assert_eq!(interpreted.0.len(), ROWS as usize, "{kind}: {}", interpreted.1);
+        assert_eq!(run(&compiled, Code::Native, Steps::fixed(1e-3), 0.1), interpreted, "{kind}");
+    }
+}

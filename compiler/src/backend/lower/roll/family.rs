@@ -7,8 +7,10 @@ use rustc_hash::FxHashMap;
 
 /// Fewer members are written out.
 const FEW: usize = 4;
-/// Even stretches of a family are worth loops of their own where they are so long on average.
+/// Even stretches of a family are worth loops of their own where they are so long on average,
 const STRETCH: usize = 16;
+/// and so few.
+const STRETCHES: usize = 8;
 
 /// Writes cones that do not need one another, family by family, in order of their first members.
 pub(super) fn write(w: &mut Writer, cones: Vec<Cone>) {
@@ -29,7 +31,7 @@ pub(super) fn write(w: &mut Writer, cones: Vec<Cone>) {
         let parts = std::mem::take(&mut family[0].shape.0);
         family.sort_by_key(|c| c.to.base);
         let stretches = stretches(&family);
-        if stretches.len() <= 1 + family.len() / STRETCH {
+        if stretches.len() <= 1 + (family.len() / STRETCH).min(STRETCHES) {
             let mut from = 0;
             for n in stretches {
                 members(w, &parts, &family[from..from + n]);
