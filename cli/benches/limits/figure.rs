@@ -186,7 +186,8 @@ pub fn all() -> Vec<Figure> {
         method: Some("gonzalez"),
         step: 1e-3,
         kernel: "ladder",
-        lanes: Some("lanes"),
+        // Eight blocks of cells.
+        lanes: (size % 8 == 0).then_some("lanes"),
         size,
         per: size,
         bars: Bars { hand: 3.0, run: 4.5, c: 3.6 },

@@ -155,6 +155,10 @@ impl<'a> Ways<'a> {
         if !ours && !program::is_there() {
             return Err("there is no `cc`".into());
         }
+        let slow = |why: &String| why.contains("was stopped");
+        if what == What::Tuned && self.missing.iter().any(slow) {
+            return Err("not tried, since -O2 took too long".into());
+        }
         let tuned = ["-O3", "-march=native", "-ffp-contract=off"];
         let path = match what {
             What::Bare => return Ok(Bare::new(figure, compiled).filter(|_| figure.scenes == 1).map(Work::Bare)),

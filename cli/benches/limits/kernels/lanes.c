@@ -7,7 +7,7 @@ enum { LANES = 8, ENDS = 2 * LANES };
 typedef double lanes __attribute__((vector_size(8 * LANES)));
 static const double h = 1e-3, part = 0.01, load = 1.0, u = 1.0;
 static int n;
-static lanes *x, *y, *pivot, *left, *right;
+static lanes *cur, *vol, *y, *pivot, *left, *right;
 static double ends[ENDS][ENDS] __attribute__((aligned(64)));
 
 static lanes *room(int count) {
@@ -20,24 +20,26 @@ static lanes *room(int count) {
 static void blocks(lanes *r) {
     lanes z = {0};
     int j;
+    const double g = h / (2 * part);
     r[0] *= pivot[0];
-    for (j = 1; j < n; ++j) r[j] = r[j] * pivot[j] + r[j - 1] * pivot[j];
-    for (j = n - 1; j >= 0; --j) r[j] = z = r[j] - pivot[j] * z;
+    for (j = 1; j < n; ++j) r[j] = (r[j] + g * r[j - 1]) * pivot[j];
+    for (j = n - 1; j >= 0; --j) r[j] = z = r[j] + g * pivot[j] * z;
 }
 static void begin(int size) {
-    const double a = 2 * part / h;
+    const double a = 2 * part / h, g = 1.0 / a;
     double m[ENDS][2 * ENDS];
     int b, i, j, k;
     lanes d = {0};
-    n = 2 * size / LANES;
-    x = room(n), y = room(n), pivot = room(n), left = room(n), right = room(n);
+    n = size / LANES;
+    if (size % LANES) exit(2);
+    cur = room(n + 1), vol = room(n), y = room(n), pivot = room(n), left = room(n), right = room(n);
     for (j = 0; j < n; ++j) {
         for (b = 0; b < LANES; ++b) {
-            d[b] = a + (j == 0 ? 0.0 : 1.0 / d[b]) + (b == LANES - 1 && j == n - 1 ? 1.0 / load : 0.0);
+            d[b] = a + 2 * g - (j == 0 ? 0.0 : g * g / d[b]) + (b == LANES - 1 && j == n - 1 ? 1.0 / load - g : 0.0);
             pivot[j][b] = 1.0 / d[b];
         }
     }
-    for (b = 0; b < LANES; ++b) left[0][b] = 1.0, right[n - 1][b] = -1.0;
+    for (b = 0; b < LANES; ++b) left[0][b] = g, right[n - 1][b] = g;
     blocks(left), blocks(right);
     /* First and last values of the blocks: g = (1 - S) z. */
     memset(m, 0, sizeof m);
@@ -67,27 +69,36 @@ static void begin(int size) {
         for (j = 0; j < ENDS; ++j) ends[j][i] = m[i][ENDS + j];
 }
 static void steps(long count) {
-    const double a = 2 * part / h;
+    const double a = 2 * part / h, g = 1.0 / a;
     long k;
     for (k = 0; k < count; ++k) {
         const lanes *column = (const lanes *)ends;
-        lanes r = {u}, z = {0}, first = {0}, last = {0}, before = {0}, after = {0};
+        lanes r = {u}, z = {0}, first = {0}, last = {0}, before = {0}, after = {0}, past;
         int j, b;
+        /* Beyond a block's last cell is the next block's first; beyond the last block nothing flows that z does not say. */
+        for (b = 0; b < LANES; ++b) cur[n][b] = b < LANES - 1 ? cur[0][b + 1] : 0.0;
         for (j = 0; j < n; ++j) {
-            r = (a * x[j]) * pivot[j] + r * pivot[j];
+            r = (a * vol[j] + (cur[j] - cur[j + 1])) * pivot[j] + r * (g * pivot[j]);
             y[j] = r;
         }
-        for (j = n - 1; j >= 0; --j) y[j] = z = y[j] - pivot[j] * z;
+        for (j = n - 1; j >= 0; --j) y[j] = z = y[j] + z * (g * pivot[j]);
         for (b = 0; b < LANES; ++b) {
             first += column[2 * b] * y[0][b] + column[2 * (LANES + b)] * y[n - 1][b];
             last += column[2 * b + 1] * y[0][b] + column[2 * (LANES + b) + 1] * y[n - 1][b];
         }
         for (b = 1; b < LANES; ++b) before[b] = last[b - 1], after[b - 1] = first[b];
-        for (j = 0; j < n; ++j) x[j] = 2.0 * (y[j] + left[j] * before + right[j] * after) - x[j];
+        past = before;
+        past[0] = u;
+        for (j = 0; j < n; ++j) {
+            z = y[j] + left[j] * before + right[j] * after;
+            vol[j] = 2.0 * z - vol[j];
+            cur[j] += 2.0 * g * (past - z);
+            past = z;
+        }
     }
 }
 static int look(double *out) {
-    out[0] = part * x[0][0], out[1] = part * x[n - 1][LANES - 1];
+    out[0] = part * cur[0][0], out[1] = part * vol[n - 1][LANES - 1];
     return 2;
 }
 #include "bench_main.h"
