@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A compiler that takes longer is stopped, s.
-const PATIENCE: u64 = 20;
+const PATIENCE: u64 = 12;
 
 /// What the C by hand is compiled with.
 const HAND: [&str; 3] = ["-std=gnu99", "-O3", "-march=native"];
