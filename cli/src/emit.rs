@@ -79,7 +79,9 @@ impl Emission<'_> {
         };
         if path.extension().is_none_or(|e| e != ending) {
             let shown = path.display();
-            return Err(Stop::Usage(format!("{shown}: compilers go by endings; name it `.{ending}`, as in {shown}.{ending}")));
+            return Err(Stop::Usage(format!(
+                "{shown}: compilers go by endings; name it `.{ending}`, as in {shown}.{ending}"
+            )));
         }
         let header = path.with_extension("h");
         // The source names its header between quotes.

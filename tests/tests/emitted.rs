@@ -277,7 +277,7 @@ fn what_the_examples_do_not_have() {
   I:load { inertia = 1 kg }
   R:loss { e = f^3*(1 N*s^3/m^3) }
   1:w -> tank, load, loss
-  probe x = integral(v.f)
+  probe x = integral(v.f, 0 m)
   probe q = tank.q
   simulate { stop = 1 s }
 }",
@@ -298,7 +298,7 @@ model A {
   v ||> brake.tip
   probe f = brake.contact.f
   probe e = brake.contact.e
-  probe x = integral(v.f)
+  probe x = integral(v.f, 0 m)
   simulate { stop = 1 s }
 }",
             5e-3,
@@ -360,14 +360,14 @@ fn random_parameters_and_starts() {
   port tip {{ inertia = {} kg }}
   MSe:hand = push
   I:mass {{ inertia = {} kg; f0 = {} m/s }}
-  sampled at 500 Hz hold {hold}{budget}{method} {{ Wall:wall {{ k = {} N/m; b = {} N*s/m; gap = {} m }} }}
-  sampled at 1 kHz {{ Wall:other {{ k = {} N/m; gap = {} m }} }}
+  sampled at 500 Hz hold {hold}{budget}{method} {{ Wall:wall(k = {} N/m, b = {} N*s/m, gap = {} m) }}
+  sampled at 1 kHz {{ Wall:other(k = {} N/m, gap = {} m) }}
   hand -> 1:v -> mass
   v ||> wall.tip
   tip ||> other.tip
   probe depth = wall.spring.q
   probe force = wall.tip.e
-  probe x = integral(v.f)
+  probe x = integral(v.f, 0 m)
   probe y = other.spring.q
   simulate {{ stop = 1 s }}
 }}",
@@ -479,7 +479,8 @@ fn scenes_of_different_prefixes_live_together() {
         let compiled = file(&models().join(name), Options::new().model(model));
         emit(&compiled, h).map_or_else(|e| panic!("{e}"), |e| e.0)
     };
-    let (wall, pendulum) = (scene("examples/virtual_wall.bond", "Ray", 0.04), scene("examples/pendulum.bond", "Pendulum", 0.01));
+    let (wall, pendulum) =
+        (scene("examples/virtual_wall.bond", "Ray", 0.04), scene("examples/pendulum.bond", "Pendulum", 0.01));
     let here = Folder::new();
     let (one, other) = (options("wall", "wall.h"), options("Bond", "arm.h"));
     here.put("wall.h", c::header(&wall, &one));

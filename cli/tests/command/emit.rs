@@ -70,7 +70,11 @@ fn the_haptic_loop_runs_around_both() {
 fn files_go_where_they_are_told() {
     let here = Folder::new().with("my first.model.bond", OSCILLATOR).with("out/x", "").with("a.h", OSCILLATOR);
     let file = "my first.model.bond";
-    here.bond(&["build", file, "--emit", "c", "--step", "1ms"]).is(0, &[], &["built my first.model.c and my first.model.h"]);
+    here.bond(&["build", file, "--emit", "c", "--step", "1ms"]).is(
+        0,
+        &[],
+        &["built my first.model.c and my first.model.h"],
+    );
     here.bond(&["build", file, "--emit", "c", "-o", "out/1.c", "--prefix", "osc", "--step", "1ms"]).is(0, &[], &[]);
     let source = here.read("out/1.c");
     assert!(source.contains("#include \"1.h\"") && source.contains("int osc_commit("), "{source}");
@@ -80,7 +84,11 @@ fn files_go_where_they_are_told() {
     here.bond(&["build", file, "--emit", "c", "-o", "out/1.c", "--prefix", "osc", "--step", "1ms"]).is(0, &[], &[]);
     assert_eq!(here.read("out/1.c"), source);
     if is_there("cc") {
-        ran(&here, "cc", &["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-c", "my first.model.c", "-o", "a.o"]);
+        ran(
+            &here,
+            "cc",
+            &["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-c", "my first.model.c", "-o", "a.o"],
+        );
     }
     let wrong: [(&[&str], &str); 7] = [
         (&["-o", "-"], "two files are written: give a name with -o"),

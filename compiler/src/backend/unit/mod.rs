@@ -95,8 +95,17 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let values: Vec<f64> = scene.inputs.iter().map(|i| i.value).collect();
     let given = block.put("what is given from outside", &values);
     let means = block.take("what open ports gave out on average", scene.open.len());
-    let mut unit =
-        Writing { scene, start: &start, plan: &plan, time, given, means, clusters: Vec::new(), block, table: Vec::new() };
+    let mut unit = Writing {
+        scene,
+        start: &start,
+        plan: &plan,
+        time,
+        given,
+        means,
+        clusters: Vec::new(),
+        block,
+        table: Vec::new(),
+    };
     unit.lay_out()?;
     let commit = unit.commit()?;
     let observe = unit.observe()?;
@@ -175,13 +184,20 @@ impl Plan {
 
     /// The steps of a continuous cluster beside sampled ones. One that no sample concerns has steps of its own length, where they
     /// meet the samples; else they would have to be cut for whoever looks, and are laid between two samples as the others are.
-    fn between(interval: f64, c: &bond_runtime::scene::Cluster, connected: bool, options: &Options) -> Result<Steps, String> {
+    fn between(
+        interval: f64,
+        c: &bond_runtime::scene::Cluster,
+        connected: bool,
+        options: &Options,
+    ) -> Result<Steps, String> {
         let whole = c.step.linear.is_some() && c.step.order == 0;
         let usual = options.step.unwrap_or(options.default_step);
         let h = options.step.unwrap_or(if whole && connected { interval } else { options.default_step });
         let n = (interval / h - 1e-9).ceil().max(1.0);
         if n > 1e6 {
-            return Err(format!("steps of {h} s make {n:e} in an interval of {interval} s: give longer ones with --step"));
+            return Err(format!(
+                "steps of {h} s make {n:e} in an interval of {interval} s: give longer ones with --step"
+            ));
         }
         let laid = interval / n;
         let own = !connected && (n * h - interval).abs() <= SAME * interval;
