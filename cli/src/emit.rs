@@ -1,7 +1,7 @@
 //! What `bond build` writes besides executables: C text, object files with a header.
 
-use crate::input;
 use crate::output;
+use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
 use bond_compiler::backend::{c, unit};
@@ -29,7 +29,9 @@ impl Emission<'_> {
         let unit = self.unit(compiled)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header) };
         output::put(Some(&header), &c::header(&unit, &options))?;
-        output::put(Some(&source), &c::source(&unit, &options))
+        output::put(Some(&source), &c::source(&unit, &options))?;
+        tell(&unit, &source, &header);
+        Ok(())
     }
 
     /// Writes NAME.o and NAME.h.
@@ -43,7 +45,9 @@ impl Emission<'_> {
         let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(Stop::Model)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header) };
         output::put(Some(&header), &c::header(&unit, &options))?;
-        output::put_bytes(&object, &code)
+        output::put_bytes(&object, &code)?;
+        tell(&unit, &object, &header);
+        Ok(())
     }
 
     /// The scene as a unit.
@@ -57,23 +61,53 @@ impl Emission<'_> {
     /// The file and its header.
     fn places(&self, ending: &str) -> Result<(PathBuf, PathBuf), Stop> {
         if !c::is_prefix(self.prefix) {
-            return Err(Stop::Usage(format!("--prefix {}: it must be a name in C", self.prefix)));
+            let why = "it must be a name in C: a letter, then letters, digits and `_`";
+            return Err(Stop::Usage(format!("--prefix {}: {why}", self.prefix)));
         }
-        let path = match self.output {
-            Some(path) if path == Path::new("-") => {
+        let stem = self.file.file_stem().filter(|_| self.file != Path::new("-"));
+        let path = match (self.output, stem) {
+            (Some(path), _) if path == Path::new("-") => {
                 return Err(Stop::Usage("two files are written: give a name with -o".into()));
             }
-            Some(path) => path.to_path_buf(),
-            None => match self.file.file_stem().filter(|_| self.file != Path::new("-")) {
-                Some(stem) => PathBuf::from(stem).with_extension(ending),
-                None => return Err(Stop::Usage("name the file to write with -o".into())),
-            },
+            (Some(path), _) => path.to_path_buf(),
+            (None, Some(stem)) => {
+                let mut name = stem.to_os_string();
+                name.push(format!(".{ending}"));
+                PathBuf::from(name)
+            }
+            (None, None) => return Err(Stop::Usage(format!("name the file to write: -o NAME.{ending}"))),
         };
-        if path.extension().is_some_and(|e| e == "h") {
-            return Err(Stop::Usage(format!("{}: that is the header's name", input::name(&path))));
+        if path.extension().is_none_or(|e| e != ending) {
+            let shown = path.display();
+            return Err(Stop::Usage(format!(
+                "{shown}: compilers go by endings; name it `.{ending}`, as in {shown}.{ending}"
+            )));
         }
-        Ok((path.clone(), path.with_extension("h")))
+        let header = path.with_extension("h");
+        // The source names its header between quotes.
+        if path.to_str().is_none_or(|name| name.contains(['"', '\\']) || name.contains(char::is_control)) {
+            return Err(Stop::Usage(format!("{}: no C compiler finds a header of that name", header.display())));
+        }
+        let same = |a: &Path| matches!((a.canonicalize(), self.file.canonicalize()), (Ok(a), Ok(b)) if a == b);
+        if let Some(path) = [&path, &header].into_iter().find(|p| same(p)) {
+            return Err(Stop::Usage(format!("{} is the model itself; name another file with -o", path.display())));
+        }
+        Ok((path, header))
     }
+}
+
+/// Says what was written.
+fn tell(unit: &unit::Unit, file: &Path, header: &Path) {
+    let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+    report::say(&format!(
+        "built {} and {}: intervals of {:?} s, {}, {}, {}",
+        file.display(),
+        header.display(),
+        unit.interval,
+        count(unit.open.len(), "open port"),
+        count(unit.inputs.len(), "input"),
+        count(unit.probes.len(), "probe"),
+    ));
 }
 
 /// The last part of a path.

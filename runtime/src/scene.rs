@@ -225,8 +225,18 @@ pub struct Open {
     pub unit: Option<String>,
     /// Unit as text of the integral over time of what the outside gives, where determined.
     pub moved: Option<String>,
-    /// 1 where what the port gives, as its region counts it, runs along the half arrow; -1 where it runs against it.
+    /// 1 where what the outside gives, as the region counts it, runs along the half arrow; -1 where it runs against it.
     pub along: f64,
+    /// The same of what the region gives out there.
+    pub answers: f64,
+}
+
+impl Open {
+    /// What a sampled region holds there and is told, as the outside counts it, is this times what the region counts: an effort is
+    /// an effort, and a flow runs into the scene, so that their product is the power that the outside puts in.
+    pub fn sign(&self) -> f64 {
+        if self.takes_flow { 1.0 } else { -1.0 }
+    }
 }
 
 /// What is shown: a program over signals of all clusters.

@@ -1,15 +1,13 @@
-//! Back ends give the same numbers: machine code to the last bit, C to the rounding of `libm`.
+//! Back ends give the same numbers, to the last bit. What leaves this program as C or objects is tested in `emitted`.
 
 use crate::common::{all_scenes, cases, file, stop};
 use bond::{Code, Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::native::Jit;
-use bond_compiler::backend::{c, lower, unit};
+use bond_compiler::backend::{lower, unit};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Binary, Builder, Newton, Program, Slot, Unary, Value};
 use bond_runtime::kernel::Backend;
-use bond_runtime::simulate;
 use proptest::prelude::*;
-use std::process::Command;
 
 /// Rows of a run.
 const ROWS: u32 = 60;
@@ -214,76 +212,6 @@ proptest! {
     }
 }
 
-/// Whether a command is there.
-fn is_there(name: &str) -> bool {
-    Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success())
-}
-
-/// Emits a scene as C, compiles it as strictly as can be, and runs it: rows of probes.
-fn as_c(name: &str, u: &unit::Unit, rows: u32) -> Vec<Vec<f64>> {
-    let folder = std::env::temp_dir().join(format!("bond-c-{}-{name}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("a folder can be made");
-    let options = c::Options { prefix: "bond".into(), header: "m.h".into() };
-    let main = format!(
-        "#include \"m.h\"\n#include <stdio.h>\nstatic bond_state b;\nint main(void) {{\n    static bond_real moved[BOND_PORTS + 1], out[BOND_PROBES + 1];\n    \
-         int k, j;\n    bond_init(&b);\n    for (k = 0; k <= {rows}; ++k) {{\n        if (k > 0 && bond_commit(&b, moved)) return 0;\n        \
-         if (bond_probes(&b, out)) return 0;\n        for (j = 0; j < BOND_PROBES; ++j) printf(\"%.17g \", (double)out[j]);\n        \
-         printf(\"%.17g\\n\", (double)bond_energy(&b));\n    }}\n    return 0;\n}}\n"
-    );
-    for (file, text) in [("m.h", c::header(u, &options)), ("m.c", c::source(u, &options)), ("main.c", main)] {
-        std::fs::write(folder.join(file), text).expect("a file can be written");
-    }
-    let strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off"];
-    let compile = |extra: &[&str]| {
-        let out = Command::new("cc").args(strict).args(extra).current_dir(&folder).output().expect("cc runs");
-        assert!(out.status.success(), "{name}: {}", String::from_utf8_lossy(&out.stderr));
-    };
-    compile(&["-O1", "-DBOND_FLOAT", "-c", "m.c", "-o", "float.o"]);
-    compile(&["-O1", "m.c", "main.c", "-lm", "-o", "run"]);
-    let out = Command::new(folder.join("run")).output().expect("it runs");
-    let _ = std::fs::remove_dir_all(&folder);
-    let text = String::from_utf8_lossy(&out.stdout);
-    text.lines().map(|l| l.split_whitespace().filter_map(|x| x.parse().ok()).collect()).collect()
-}
-
-#[test]
-fn c_gives_the_same_numbers() {
-    if !is_there("cc") {
-        return;
-    }
-    let mut seen = 0;
-    for (title, path, scene) in all_scenes() {
-        if !(title.starts_with("examples/") || title.starts_with("elements/")) {
-            continue;
-        }
-        let compiled = file(&path, Options::new().model(&scene));
-        let settings = &compiled.stages().model.settings;
-        let end = stop(&compiled);
-        let h = settings.step.unwrap_or(end / 2000.0);
-        let options = Steps::fixed(h).resolve(settings, end, settings.every).unwrap_or_else(|e| panic!("{e}"));
-        let Ok(u) = unit::unit(compiled.scene(), &options) else { continue };
-        let name = format!("{}-{scene}", title.replace('/', "-"));
-        let rows = as_c(&name, &u, 100);
-        let mut sim = simulate::Simulation::on(&Interpret, compiled.scene(), &options, Vec::new())
-            .unwrap_or_else(|e| panic!("{title}: {e}"));
-        let shown = compiled.probes().len();
-        for (k, row) in rows.iter().enumerate() {
-            if sim.advance(k as f64 * u.interval).is_err() {
-                break; // a step that fails is halved there, and ends the run here
-            }
-            let Ok(probes) = sim.probes().map(<[f64]>::to_vec) else { break };
-            let energy: f64 = sim.summary().regions.iter().map(|r| r.h_final).sum();
-            for (ours, theirs) in row.iter().zip(probes[..shown].iter().chain([&energy])) {
-                let close = (ours - theirs).abs() <= 1e-9 * theirs.abs() + 1e-12 || (ours.is_nan() && theirs.is_nan());
-                assert!(close, "{name}, row {k}: {ours:e} in C, {theirs:e} here");
-            }
-        }
-        assert!(rows.len() > 1, "{name} has rows");
-        seen += 1;
-    }
-    assert!(seen > 50, "{seen} scenes have a form in C");
-}
-
 #[test]
 fn refusals_say_why() {
     let compiled = file(&crate::common::models().join("examples/two_rates.bond"), Options::new());
@@ -359,7 +287,10 @@ fn families_become_loops() {
         };
         let (one, other) = (size(n), size(n * times));
         // The two ends of a line are the same at any length; a grid's borders and a tree's levels add a little.
-        assert!(one < 3000 && (other as f64) < 1.3 * one as f64, "{kind}: {one} statements, {other} for {times} times the size");
+        assert!(
+            one < 3000 && (other as f64) < 1.3 * one as f64,
+            "{kind}: {one} statements, {other} for {times} times the size"
+        );
         let compiled = large(kind, n);
         let interpreted = run(&compiled, Code::Interpreted, Steps::fixed(1e-3), 0.1);
         assert_eq!(interpreted.0.len(), ROWS as usize, "{kind}: {}", interpreted.1);

@@ -9,6 +9,7 @@ mod classics;
 mod determinism;
 mod diagnostics;
 mod elaborate;
+mod emitted;
 mod exchange;
 mod expectations;
 mod form;

@@ -4,6 +4,7 @@ mod build;
 mod check;
 mod checkpoint;
 mod doc;
+mod emit;
 mod ensemble;
 mod fmt;
 mod hostile;
@@ -160,7 +161,7 @@ fn table(text: &str) -> (Vec<String>, Vec<Vec<f64>>) {
 #[test]
 fn every_command_has_help_with_an_example() {
     let here = Folder::new();
-    for command in ["new", "check", "doc", "fmt", "show", "linearize", "run", "test"] {
+    for command in ["new", "build", "check", "doc", "fmt", "show", "linearize", "run", "serve", "test"] {
         here.bond(&[command, "--help"]).is(0, &["Examples:", &format!("bond {command}")], &[]);
         here.bond(&["help", command]).is(0, &["Usage:"], &[]);
     }

@@ -203,6 +203,8 @@ pub enum Reason {
     Singular(Value),
     /// A slot of `Next` is not finite.
     NotFinite,
+    /// Intervals cannot be counted any more: the number has no digit left for one.
+    Clock,
 }
 
 /// A system of equations that is too large to be written out: its size, and rows and columns of its matrix's entries.

@@ -134,8 +134,9 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
         if let Role::Open(inertia) = c.role
             && let Some(port) = port_of(ColumnId(i as u32))
         {
-            let along = c.sign_of(c.gives) as f64;
             let takes_flow = c.gives == Variable::Flow;
+            let other = if takes_flow { Variable::Effort } else { Variable::Flow };
+            let (along, answers) = (c.sign_of(c.gives) as f64, c.sign_of(other) as f64);
             let (effort, flow) = model.units.get(c.bond.at()).copied().unwrap_or_default();
             let (own, other) = if takes_flow { (effort, flow) } else { (flow, effort) };
             scene.open.push(scene::Open {
@@ -146,6 +147,7 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
                 unit: own.map(|u| u.to_string()),
                 moved: other.map(|u| u.mul(Dimension::SECOND).to_string()),
                 along,
+                answers,
             });
         }
     }

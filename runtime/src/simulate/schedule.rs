@@ -643,9 +643,10 @@ impl<'a> Simulation<'a> {
         (0..self.scene.open.len()).map(|o| self.held_at(o)).collect()
     }
 
-    /// What an open port holds now; 0 where a continuous region meets it.
+    /// What an open port holds now: an effort, or a flow into the scene; 0 where a continuous region meets it.
     pub fn held_at(&self, open: usize) -> f64 {
-        self.held.iter().flatten().find(|h| h.open == Some(open)).map_or(0.0, |h| h.v)
+        let held = self.held.iter().flatten().find(|h| h.open == Some(open));
+        held.map_or(0.0, |h| self.scene.open[open].sign() * h.v)
     }
 
     /// What a sampled cluster could give back of what it was given, J: what it stores, and what it dissipated and keeps in its
@@ -678,7 +679,7 @@ impl<'a> Simulation<'a> {
     /// # Panics
     /// If there is no such open port.
     pub fn tell(&mut self, open: usize, report: Report) {
-        self.open[open] = report;
+        self.open[open] = Report { q: self.scene.open[open].sign() * report.q, ..report };
     }
 
     /// Sets what the outside gives at an open port of a continuous region from now on: the effort or flow that causality asks of

@@ -47,27 +47,29 @@ pub fn header(unit: &Unit, options: &Options) -> String {
 typedef struct {p}_state {{
     {p}_real x[{}]; /* all that goes from interval to interval */
     {p}_real s[{}]; /* scratch, which no interval reads from the one before */
+    {p}_real k[{}]; /* what the interval began with, to be put back if it fails */
 }} {p}_state;
 
-/* Why an interval failed. The state then is not to be used any more, unless it is restored. */
-enum {{ {upper}_DONE = 0, {upper}_NO_CONVERGENCE = 1, {upper}_SINGULAR = 2, {upper}_NOT_FINITE = 3 }};
+/* Why an interval failed: an iteration came to its limit, or met equations without a solution, or a number is not finite, or
+   intervals cannot be counted any more (after 2^53 of them; single numbers end at 2^24). The scene then is as the interval found it. */
+enum {{ {upper}_DONE = 0, {upper}_NO_CONVERGENCE = 1, {upper}_SINGULAR = 2, {upper}_NOT_FINITE = 3, {upper}_CLOCK = 4 }};
 
 /* Puts a scene at its start, with the first samples taken. */
 void {p}_init({p}_state *b);
 
-/* What the scene holds at its open ports over the interval that runs (or gave out on average over the last one, where a continuous
-   region has the port), along the half arrows. One number a port. */
+/* What the scene holds at its open ports over the interval that runs, or what it gave out on average over the last one, along the
+   half arrow, where a continuous region has the port. One number a port. */
 void {p}_output(const {p}_state *b, {p}_real *out);
 
 /* Ends the interval: tells how far the outside moved over it at each port (the integral of the flow where the scene holds an effort,
-   of the effort where it holds a flow), or for a port of a continuous region what the outside gives over it. May be null where there
-   are no ports. 0, or why it failed. */
+   of the effort where it holds a flow; a flow runs into the scene, so that what is held times this is what the outside puts in, J), or for a port of a
+   continuous region what the outside gives over it, along the half arrow. May be null where there are no ports. 0, or why it failed. */
 int {p}_commit({p}_state *b, const {p}_real *moved);
 
-/* Looks at the probes, one number each. 0, or why it failed. */
+/* Looks at the probes, one number each. 0, or why it failed. Looking changes nothing that an interval reads. */
 int {p}_probes({p}_state *b, {p}_real *out);
 
-/* Sets a signal given from outside, from the interval that runs on; a sampled region meets it when it next steps. */
+/* Sets a signal given from outside, from the start of the interval that runs; a sampled region meets it at its next sample. */
 void {p}_input({p}_state *b, int input, {p}_real value);
 
 /* The time, s. */
@@ -76,7 +78,7 @@ void {p}_input({p}_state *b, int input, {p}_real value);
 /* The energy stored in all regions, J. */
 {p}_real {p}_energy(const {p}_state *b);
 
-/* A number of a region's ledger. */
+/* A number of a region's ledger; NaN where there is no such region or number. */
 {p}_real {p}_ledger(const {p}_state *b, int region, int what);
 
 /* How many bytes a state takes, for languages that do not read this header. */
@@ -88,6 +90,7 @@ void {p}_restore({p}_state *b, const {p}_real *saved);
 ",
         unit.image.len(),
         super::scratch(unit),
+        unit.image.len(),
     );
     out.push_str("\n#ifdef __cplusplus\n}\n#endif\n#endif\n");
     out

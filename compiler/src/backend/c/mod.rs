@@ -43,16 +43,18 @@ fn constant(name: &str) -> String {
 fn constants<'n>(names: impl IntoIterator<Item = &'n str>) -> Vec<String> {
     let mut list: Vec<String> = Vec::new();
     for (i, name) in names.into_iter().enumerate() {
-        let name = constant(name);
-        let taken = list.contains(&name);
-        list.push(if taken { format!("{name}_{i}") } else { name });
+        let mut name = constant(name);
+        while list.contains(&name) {
+            name = format!("{name}_{i}");
+        }
+        list.push(name);
     }
     list
 }
 
 /// Text that may stand in a comment.
 fn comment(text: &str) -> String {
-    text.replace("*/", "* /").replace(['\n', '\r'], " ")
+    text.replace("*/", "* /").replace("/*", "/ *").replace(['\n', '\r', '\\'], " ").replace("??", "? ?")
 }
 
 /// How many numbers of scratch the routines need, with those of [`solve`].

@@ -182,6 +182,7 @@ impl Printer<'_> {
                         Reason::NoConvergence(_, a, b) => ("BOND_NO_CONVERGENCE", vec![*a, *b]),
                         Reason::Singular(a) => ("BOND_SINGULAR", vec![*a]),
                         Reason::NotFinite => ("BOND_NOT_FINITE", Vec::new()),
+                        Reason::Clock => ("BOND_CLOCK", Vec::new()),
                     };
                     notes.into_iter().for_each(|v| self.unused(depth, v));
                     self.line(depth, &format!("return {code};"));

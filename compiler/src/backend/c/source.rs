@@ -3,7 +3,7 @@
 use super::print::{Needs, body, letter, memories, number};
 use super::{Options, comment, solve};
 use crate::backend::code::{Memory, Number, Routine};
-use crate::backend::unit::Unit;
+use crate::backend::unit::{NAMES, Unit};
 use std::fmt::Write;
 
 /// Helpers, each after a line that names it.
@@ -19,7 +19,13 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     let solvers = solve::functions(&unit.commit, 0, &mut needs) + &solve::functions(&unit.observe, after, &mut needs);
     let mut out = format!(
         "/* {} as a program of its own, made by bond; see {}. C99 and libm. For the same bits on every machine: -ffp-contract=off. */\n\
-         #include \"{}\"\n#include <math.h>\n#include <string.h>\n\n",
+         #include \"{}\"\n#include <math.h>\n#include <string.h>\n\n\
+         #if defined(__FAST_MATH__)\n\
+         #error \"with -ffast-math numbers that are not finite go unseen, and steps that fail with them\"\n\
+         #endif\n\
+         #if defined(__clang__) || !defined(__GNUC__)\n\
+         #pragma STDC FP_CONTRACT OFF\n\
+         #endif\n\n",
         comment(&unit.name),
         options.header,
         options.header,
@@ -31,11 +37,11 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     out.push_str(
         "typedef double bond_real;\n#define BOND_M(g) g\n#define BOND_SMALL(a, b) ((bond_real)(a))\n\
          #define BOND_EXPONENT 1022\n#endif\n#define BOND_R(x) ((bond_real)(x))\n#define BOND_INFINITY ((bond_real)INFINITY)\n\
-         #define BOND_NAN ((bond_real)NAN)\n#define BOND_NO_CONVERGENCE 1\n#define BOND_SINGULAR 2\n#define BOND_NOT_FINITE 3\n\n",
+         #define BOND_NAN ((bond_real)NAN)\n#define BOND_NO_CONVERGENCE 1\n#define BOND_SINGULAR 2\n#define BOND_NOT_FINITE 3\n#define BOND_CLOCK 4\n\n",
     );
     if options.prefix == "bond" {
         out = out.replace("typedef float bond_real;\n", "").replace("typedef double bond_real;\n", "");
-        for name in ["NO_CONVERGENCE", "SINGULAR", "NOT_FINITE"] {
+        for name in ["NO_CONVERGENCE", "SINGULAR", "NOT_FINITE", "CLOCK"] {
             let start = format!("#define BOND_{name} ");
             out = out.lines().filter(|l| !l.starts_with(&start)).fold(String::new(), |s, l| s + l + "\n");
         }
@@ -107,30 +113,27 @@ fn interface(unit: &Unit, p: &str) -> String {
     );
     let _ = writeln!(out, "void {p}_output(const {p}_state *b, {p}_real *out) {{");
     for (i, o) in unit.open.iter().enumerate() {
-        let _ = writeln!(out, "    out[{i}] = b->x[{}];", o.at);
+        let sign = if o.sign < 0.0 { "-" } else { "" };
+        let _ = writeln!(out, "    out[{i}] = {sign}b->x[{}];", o.at);
     }
     if unit.open.is_empty() {
         out.push_str("    (void)b;\n    (void)out;\n");
     }
     let _ = writeln!(
         out,
-        "}}\n\nint {p}_commit({p}_state *b, const {p}_real *moved) {{\n    return commit(b->x, moved, 0, b->s);\n}}\n"
+        "}}\n\nint {p}_commit({p}_state *b, const {p}_real *moved) {{\n    int failed;\n    \
+         memcpy(b->k, b->x, sizeof b->x);\n    failed = commit(b->x, moved, 0, b->s);\n    \
+         if (failed) memcpy(b->x, b->k, sizeof b->x);\n    return failed;\n}}\n"
     );
     let _ =
         writeln!(out, "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s);\n}}\n");
     let _ = writeln!(out, "void {p}_input({p}_state *b, int input, {p}_real value) {{");
-    if unit.inputs.iter().all(|i| i.at.is_empty()) {
-        out.push_str("    (void)b;\n    (void)input;\n    (void)value;\n");
-    } else {
-        out.push_str("    switch (input) {\n");
-        for (i, given) in unit.inputs.iter().enumerate() {
-            let _ = writeln!(out, "    case {i}:");
-            for at in &given.at {
-                let _ = writeln!(out, "        b->x[{at}] = value;");
-            }
-            out.push_str("        break;\n");
+    match unit.inputs.first() {
+        None => out.push_str("    (void)b;\n    (void)input;\n    (void)value;\n"),
+        Some(first) => {
+            let (n, at) = (unit.inputs.len(), first.at);
+            let _ = writeln!(out, "    if (input >= 0 && input < {n}) b->x[{at} + input] = value;");
         }
-        out.push_str("    default:\n        break;\n    }\n");
     }
     let _ = writeln!(out, "}}\n\n{p}_real {p}_time(const {p}_state *b) {{\n    return b->x[{}];\n}}\n", unit.time);
     let sum: Vec<String> = unit.regions.iter().map(|r| format!("b->x[{}]", r.at)).collect();
@@ -138,12 +141,19 @@ fn interface(unit: &Unit, p: &str) -> String {
         if sum.is_empty() { "(void)b;\n    return 0;".to_string() } else { format!("return {};", sum.join(" + ")) };
     let _ = writeln!(out, "{p}_real {p}_energy(const {p}_state *b) {{\n    {sum}\n}}\n");
     let places: Vec<String> = unit.regions.iter().map(|r| r.at.to_string()).collect();
-    let places = if places.is_empty() { "0".to_string() } else { places.join(", ") };
-    let _ = writeln!(
-        out,
-        "{p}_real {p}_ledger(const {p}_state *b, int region, int what) {{\n    static const unsigned long at[] = {{ {places} }};\n    \
-         return b->x[at[region] + (unsigned long)what];\n}}\n"
-    );
+    let _ = writeln!(out, "{p}_real {p}_ledger(const {p}_state *b, int region, int what) {{");
+    if places.is_empty() {
+        out.push_str("    (void)b;\n    (void)region;\n    (void)what;\n    return BOND_NAN;\n}\n\n");
+    } else {
+        let (n, m) = (places.len(), NAMES.len());
+        let _ = writeln!(
+            out,
+            "    static const unsigned long at[] = {{ {} }};\n    \
+             if (region < 0 || region >= {n} || what < 0 || what >= {m}) return BOND_NAN;\n    \
+             return b->x[at[region] + (unsigned long)what];\n}}\n",
+            places.join(", ")
+        );
+    }
     let _ = writeln!(
         out,
         "unsigned long {p}_size(void) {{\n    return (unsigned long)sizeof({p}_state);\n}}\n\nvoid {p}_save(const {p}_state *b, {p}_real *saved) {{\n    memcpy(saved, b->x, sizeof b->x);\n}}\n\n\

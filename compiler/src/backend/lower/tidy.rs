@@ -59,7 +59,7 @@ impl Used {
                     self.value(*b);
                 }
                 Stmt::Fail(Reason::Singular(a)) => self.value(*a),
-                Stmt::Fail(Reason::NotFinite) => {}
+                Stmt::Fail(Reason::NotFinite | Reason::Clock) => {}
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::functions;
 use super::translate::define;
 use crate::backend::code::Memory;
-use crate::backend::unit::Unit;
+use crate::backend::unit::{NAMES, Unit};
 use cranelift_codegen::ir::condcodes::IntCC;
 use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, StackSlotData, StackSlotKind, types};
 use cranelift_codegen::settings::{self, Configurable};
@@ -64,7 +64,8 @@ impl Writer<'_> {
             copy(b, args[0], from, n);
             None
         })?;
-        let size = 8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit)) as i64;
+        let kept = 8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit)) as i64;
+        let size = kept + 8 * n;
         self.function(face("size", &[], Some(pointer)), |_, b, _| Some(b.ins().iconst(pointer, size)))?;
         self.function(face("save", &[pointer, pointer], None), |_, b, args| {
             copy(b, args[1], args[0], n);
@@ -75,7 +76,16 @@ impl Writer<'_> {
             None
         })?;
         self.function(face("commit", &[pointer, pointer], Some(types::I32)), |w, b, args| {
-            Some(w.run(b, commit, table, args[0], Memory::Input, args[1]))
+            let backup = b.ins().iadd_imm_u(args[0], kept);
+            copy(b, backup, args[0], n);
+            let failed = w.run(b, commit, table, args[0], Memory::Input, args[1]);
+            let (back, end) = (b.create_block(), b.create_block());
+            b.ins().brif(failed, back, &[] as &[BlockArg], end, &[] as &[BlockArg]);
+            b.switch_to_block(back);
+            copy(b, args[0], backup, n);
+            b.ins().jump(end, &[] as &[BlockArg]);
+            b.switch_to_block(end);
+            Some(failed)
         })?;
         self.function(face("probes", &[pointer, pointer], Some(types::I32)), |w, b, args| {
             Some(w.run(b, observe, table, args[0], Memory::Output, args[1]))
@@ -83,6 +93,7 @@ impl Writer<'_> {
         self.function(face("output", &[pointer, pointer], None), |w, b, args| {
             for (k, o) in w.unit.open.iter().enumerate() {
                 let x = load(b, args[0], o.at);
+                let x = if o.sign < 0.0 { b.ins().fneg(x) } else { x };
                 b.ins().store(MemFlagsData::trusted(), x, args[1], 8 * k as i32);
             }
             None
@@ -101,27 +112,34 @@ impl Writer<'_> {
             Some(sum)
         })?;
         self.function(face("ledger", &[pointer, types::I32, types::I32], Some(types::F64)), |w, b, args| {
-            let mut at = b.ins().iconst(types::I64, 0);
+            let zero = b.ins().iconst(types::I64, 0);
+            let mut at = zero;
             for (k, r) in w.unit.regions.iter().enumerate() {
                 let is = b.ins().icmp_imm_u(IntCC::Equal, args[1], k as i64);
                 let own = b.ins().iconst(types::I64, r.at as i64);
                 at = b.ins().select(is, own, at);
             }
+            let there = within(b, args[1], w.unit.regions.len());
+            let known = within(b, args[2], NAMES.len());
+            let there = b.ins().band(there, known);
             let what = b.ins().uextend(types::I64, args[2]);
             let at = b.ins().iadd(at, what);
+            let at = b.ins().select(there, at, zero);
             let at = b.ins().imul_imm_u(at, 8);
             let place = b.ins().iadd(args[0], at);
-            Some(b.ins().load(types::F64, MemFlagsData::trusted(), place, 0))
+            let (x, none) = (load(b, place, 0), b.ins().f64const(f64::NAN));
+            Some(b.ins().select(there, x, none))
         })?;
         self.function(face("input", &[pointer, types::I32, types::F64], None), |w, b, args| {
-            for (k, given) in w.unit.inputs.iter().enumerate() {
-                let is = b.ins().icmp_imm_u(IntCC::Equal, args[1], k as i64);
-                for &at in &given.at {
-                    let before = load(b, args[0], at);
-                    let x = b.ins().select(is, args[2], before);
-                    b.ins().store(MemFlagsData::trusted(), x, args[0], 8 * at as i32);
-                }
-            }
+            let first = w.unit.inputs.first()?;
+            let there = within(b, args[1], w.unit.inputs.len());
+            let (which, zero) = (b.ins().uextend(types::I64, args[1]), b.ins().iconst(types::I64, 0));
+            let which = b.ins().select(there, which, zero);
+            let which = b.ins().imul_imm_u(which, 8);
+            let place = b.ins().iadd(args[0], which);
+            let before = load(b, place, first.at);
+            let x = b.ins().select(there, args[2], before);
+            b.ins().store(MemFlagsData::trusted(), x, place, 8 * first.at as i32);
             None
         })?;
         Ok(())
@@ -209,6 +227,11 @@ impl Writer<'_> {
 /// A number of the state.
 fn load(b: &mut FunctionBuilder<'_>, state: ir::Value, at: usize) -> ir::Value {
     b.ins().load(types::F64, MemFlagsData::trusted(), state, 8 * at as i32)
+}
+
+/// Whether a C int is one of the numbers below `n`.
+fn within(b: &mut FunctionBuilder<'_>, x: ir::Value, n: usize) -> ir::Value {
+    b.ins().icmp_imm_u(IntCC::UnsignedLessThan, x, n as i64)
 }
 
 /// Copies `n` numbers.

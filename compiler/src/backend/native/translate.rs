@@ -15,6 +15,8 @@ pub(super) const NO_CONVERGENCE: i64 = 1;
 pub(super) const SINGULAR: i64 = 2;
 /// See [`NO_CONVERGENCE`].
 pub(super) const NOT_FINITE: i64 = 3;
+/// See [`NO_CONVERGENCE`]; only a whole scene counts intervals.
+const CLOCK: i64 = 4;
 
 /// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report (iterations, then
 /// what a failure tells), the context for [`functions::SOLVE`], and the tables; returns 0 or why it failed.
@@ -192,6 +194,7 @@ impl<M: Module> Translate<'_, '_, M> {
             }
             Reason::Singular(row) => (SINGULAR, vec![self.of(row)]),
             Reason::NotFinite => (NOT_FINITE, Vec::new()),
+            Reason::Clock => (CLOCK, Vec::new()),
         };
         let report = self.params[Memory::ALL.len()];
         for (i, x) in told.into_iter().enumerate() {

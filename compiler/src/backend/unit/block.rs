@@ -44,7 +44,7 @@ pub(super) struct Cluster {
     pub(super) largest: usize,
     /// What each port gave out since it was collected.
     pub(super) moved: usize,
-    /// Steps of its own grid; of a sampled one, its samples, and intervals left to the next.
+    /// Of a sampled one, the number of its next sample, and intervals left to it.
     pub(super) count: usize,
     pub(super) left: usize,
     pub(super) held: Vec<Held>,

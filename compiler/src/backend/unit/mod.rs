@@ -2,8 +2,8 @@
 //! made of it: C text and object files.
 //!
 //! It does what `bond_runtime::simulate` does at fixed steps, operation by operation, so that its numbers are the same. What it does
-//! not have: adaptive steps, steps that are halved where Newton's method fails (they end the run), tables of inputs, ledgers of
-//! single elements.
+//! not have: adaptive steps, steps that are halved where Newton's method fails (they end the interval), tables of inputs, ledgers of
+//! single elements, outsides that are silent. Steps that neither meet the samples nor are concerned by them are laid between them.
 
 mod block;
 mod ledger;
@@ -17,7 +17,7 @@ use block::{Block, Cluster};
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::Program;
-use bond_runtime::scene::{Respond, Scene};
+use bond_runtime::scene::{GIVEN, Respond, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start};
 
 /// A scene ready to be printed as a program of its own.
@@ -38,7 +38,7 @@ pub struct Unit {
     pub observe: Routine,
     /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds it.
     pub open: Vec<Open>,
-    /// Signals given from outside: name, default, places in the block of their values.
+    /// Signals given from outside, one after the other in the block.
     pub inputs: Vec<Given>,
     /// Names of the probes.
     pub probes: Vec<String>,
@@ -55,8 +55,8 @@ pub struct Open {
     pub name: String,
     /// Where what is held is, or, of a continuous region, the mean of what it gave out over the last interval.
     pub at: usize,
-    /// Whether a sampled region holds it.
-    pub held: bool,
+    /// What is given out is this times the number there.
+    pub sign: f64,
 }
 
 /// A signal given from outside.
@@ -64,8 +64,8 @@ pub struct Open {
 pub struct Given {
     /// Its path.
     pub name: String,
-    /// Places of its value.
-    pub at: Vec<usize>,
+    /// Place of its value.
+    pub at: usize,
 }
 
 /// A region's ledger in the block: one number each.
@@ -92,12 +92,25 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let plan = Plan::new(scene, options, &start)?;
     let mut block = Block::default();
     let time = block.take("t, and intervals so far", 2);
-    let mut unit = Writing { scene, start: &start, plan: &plan, time, clusters: Vec::new(), block, table: Vec::new() };
+    let values: Vec<f64> = scene.inputs.iter().map(|i| i.value).collect();
+    let given = block.put("what is given from outside", &values);
+    let means = block.take("what open ports gave out on average", scene.open.len());
+    let mut unit = Writing {
+        scene,
+        start: &start,
+        plan: &plan,
+        time,
+        given,
+        means,
+        clusters: Vec::new(),
+        block,
+        table: Vec::new(),
+    };
     unit.lay_out()?;
     let commit = unit.commit()?;
     let observe = unit.observe()?;
-    let open = scene.open.iter().map(|o| unit.open(o)).collect();
-    let inputs = (0..scene.inputs.len()).map(|i| unit.given(i)).collect();
+    let open = (0..scene.open.len()).map(|o| unit.open(o)).collect();
+    let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
     Ok(Unit {
         name: scene.name.clone(),
@@ -119,9 +132,23 @@ struct Plan {
     interval: f64,
     /// By cluster: of a sampled one, intervals a period.
     ratio: Vec<u32>,
-    /// By cluster: length of a step; how many make an interval, or None where they are counted as the run goes.
-    steps: Vec<(f64, Option<u32>)>,
+    /// By cluster.
+    steps: Vec<Steps>,
 }
+
+/// How a cluster steps in an interval.
+#[derive(Clone, Copy)]
+struct Steps {
+    /// Length of a step, s; of a sampled cluster, its period.
+    h: f64,
+    /// How many make an interval.
+    n: u32,
+    /// Whether their instants are multiples of their length, rather than counted from the interval's start.
+    own: bool,
+}
+
+/// Parts of a period that are rounding: instants so close are one.
+const SAME: f64 = 1e-12;
 
 impl Plan {
     fn new(scene: &Scene, options: &Options, start: &Start) -> Result<Self, String> {
@@ -133,7 +160,7 @@ impl Plan {
         for (c, s) in scene.clusters.iter().zip(&start.clusters) {
             let period = c.period.unwrap_or(interval);
             let times = (period / interval).round();
-            if (period - times * interval).abs() > 1e-9 * period {
+            if (period - times * interval).abs() > SAME * period {
                 return Err(format!(
                     "the period {period} s of `{}` is no multiple of the shortest one, {interval} s: such scenes have no compiled form",
                     c.name
@@ -147,21 +174,36 @@ impl Plan {
                 ));
             }
             steps.push(match c.period {
-                Some(own) => (own, Some(1)),
-                None if !sampled => (wanted, Some(1)),
-                None if !s.connected => (wanted, None),
-                None => {
-                    let whole = c.step.linear.is_some() && c.step.order == 0;
-                    let h = options.step.unwrap_or(if whole { interval } else { options.default_step });
-                    let n = (interval / h - 1e-9).ceil().max(1.0);
-                    if n > 1e6 {
-                        return Err(format!("steps of {h} s make {n:e} in an interval of {interval} s"));
-                    }
-                    (interval / n, Some(n as u32))
-                }
+                Some(period) => Steps { h: period, n: 1, own: false },
+                None if !sampled => Steps { h: wanted, n: 1, own: true },
+                None => Self::between(interval, c, s.connected, options)?,
             });
         }
         Ok(Self { interval, ratio, steps })
+    }
+
+    /// The steps of a continuous cluster beside sampled ones. One that no sample concerns has steps of its own length, where they
+    /// meet the samples; else they would have to be cut for whoever looks, and are laid between two samples as the others are.
+    fn between(
+        interval: f64,
+        c: &bond_runtime::scene::Cluster,
+        connected: bool,
+        options: &Options,
+    ) -> Result<Steps, String> {
+        let whole = c.step.linear.is_some() && c.step.order == 0;
+        let usual = options.step.unwrap_or(options.default_step);
+        let h = options.step.unwrap_or(if whole && connected { interval } else { options.default_step });
+        let n = (interval / h - 1e-9).ceil().max(1.0);
+        if n > 1e6 {
+            return Err(format!(
+                "steps of {h} s make {n:e} in an interval of {interval} s: give longer ones with --step"
+            ));
+        }
+        let laid = interval / n;
+        let own = !connected && (n * h - interval).abs() <= SAME * interval;
+        // Lengths that differ by the rounding of an instant are one, that which was asked for.
+        let same = (laid - usual).abs() <= (4.0 * f64::EPSILON * interval).min(1e-6 * laid);
+        Ok(Steps { h: if own || same { usual } else { laid }, n: n as u32, own })
     }
 }
 
@@ -171,6 +213,9 @@ struct Writing<'a> {
     start: &'a Start,
     plan: &'a Plan,
     time: usize,
+    /// Places of the signals given from outside, and of what open ports of continuous regions gave out on average.
+    given: usize,
+    means: usize,
     clusters: Vec<Cluster>,
     block: Block,
     table: Vec<f64>,
@@ -183,7 +228,7 @@ impl Writing<'_> {
             let mut place = Cluster::new(&mut self.block, c, s);
             if let Some(linear) = &c.step.linear {
                 place.table = self.table.len();
-                let table = exponential::table(linear, self.plan.steps[i].0).map_err(|e| e.to_string())?;
+                let table = exponential::table(linear, self.plan.steps[i].h).map_err(|e| e.to_string())?;
                 self.table.extend(table);
             }
             self.block.image[place.left] = f64::from(self.plan.ratio[i] - 1);
@@ -195,18 +240,38 @@ impl Writing<'_> {
     /// The routine of an interval's end and the next one's begin.
     fn commit(&mut self) -> Result<Routine, String> {
         let mut w = Writer::new();
+        let zero = w.number(0.0);
         for (o, open) in self.scene.open.iter().enumerate() {
             let (cluster, port) = open.port;
-            let c = &self.scene.clusters[cluster];
+            let (c, place) = (&self.scene.clusters[cluster], &self.clusters[cluster]);
+            let x = w.load(Place::new(Memory::Input, o as u32));
             if c.period.is_none() {
                 // What the outside gives, as the region counts it.
-                let x = w.load(Place::new(Memory::Input, o as u32));
                 let along = w.number(open.along);
                 let x = w.mul(along, x);
-                w.keep(self.clusters[cluster].input + c.ports[port].input, x);
+                w.keep(place.input + c.ports[port].input, x);
+                w.keep(place.moved + port, zero);
+            } else if let Some(k) = self.start.clusters[cluster].held.iter().position(|h| h.open == Some(o)) {
+                // A period may be several intervals.
+                let (before, sign) = (w.kept(place.held[k].q), w.number(open.sign()));
+                let more = w.mul(sign, x);
+                let sum = w.add(before, more);
+                w.keep(place.held[k].q, sum);
             }
         }
-        let w = self.steps(w)?;
+        for i in (0..self.clusters.len()).filter(|i| self.scene.clusters[*i].period.is_none()) {
+            self.latch(&mut w, i);
+        }
+        let mut w = self.steps(w)?;
+        let length = w.number(self.plan.interval);
+        for (o, open) in self.scene.open.iter().enumerate() {
+            let (cluster, port) = open.port;
+            if self.scene.clusters[cluster].period.is_none() {
+                let sum = w.kept(self.clusters[cluster].moved + port);
+                let mean = w.div(sum, length);
+                w.keep(self.means + o, mean);
+            }
+        }
         let w = self.samples(w)?;
         Ok(w.routine(format!("interval of {}", self.scene.name)))
     }
@@ -227,14 +292,8 @@ impl Writing<'_> {
         }
         let at = inputs + 1 + self.scene.probes.gather.len();
         for (k, i) in self.scene.probes.inputs.iter().enumerate() {
-            // Where no cluster reads a signal, it has a place here.
-            match self.given(*i).at.first() {
-                Some(place) => {
-                    let x = w.kept(*place);
-                    w.keep(at + k, x);
-                }
-                None => self.block.image[at + k] = self.scene.inputs[*i].value,
-            }
+            let x = w.kept(self.given + i);
+            w.keep(at + k, x);
         }
         let seen = self.block.take("probes", program.size(bond_runtime::ir::Array::Output));
         let mut w = self.program(w, program, 0, 0, inputs, seen, "the probes")?;
@@ -251,7 +310,20 @@ impl Writing<'_> {
         let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
         let t = w.kept(self.time);
         w.keep(place.input, t);
+        if c.period.is_none() {
+            self.latch(&mut w, i);
+        }
         self.program(w, &c.instant, place.state, 0, place.input, place.seen, &c.name)
+    }
+
+    /// Tells a cluster what is given from outside now. What it is told is constant: of value, slope and instant, the value alone
+    /// ever changes.
+    fn latch(&self, w: &mut Writer, i: usize) {
+        let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
+        for (k, input) in c.inputs.iter().enumerate() {
+            let x = w.kept(self.given + input);
+            w.keep(place.input + c.given_at() + GIVEN * k, x);
+        }
     }
 
     /// Writes a program: places of state, next state, inputs and outputs.
@@ -273,22 +345,15 @@ impl Writing<'_> {
             .ok_or_else(|| format!("`{of}` has iterations inside iterations, which have no compiled form"))
     }
 
-    fn open(&self, o: &bond_runtime::scene::Open) -> Open {
-        let (cluster, port) = o.port;
-        let place = &self.clusters[cluster];
+    fn open(&self, o: usize) -> Open {
+        let open = &self.scene.open[o];
+        let (cluster, port) = open.port;
         let held = self.start.clusters[cluster].held.iter().position(|h| h.port == port);
-        let at = held.map_or(place.output + self.scene.clusters[cluster].ports[port].mean, |k| place.held[k].v);
-        Open { name: o.name.clone(), at, held: held.is_some() }
-    }
-
-    fn given(&self, i: usize) -> Given {
-        let mut at = Vec::new();
-        for (c, place) in self.scene.clusters.iter().zip(&self.clusters) {
-            for k in (0..c.inputs.len()).filter(|k| c.inputs[*k] == i) {
-                at.push(place.input + c.given_at() + bond_runtime::scene::GIVEN * k);
-            }
-        }
-        Given { name: self.scene.inputs[i].name.clone(), at }
+        let (at, sign) = match held {
+            Some(k) => (self.clusters[cluster].held[k].v, open.sign()),
+            None => (self.means + o, open.answers),
+        };
+        Open { name: open.name.clone(), at, sign }
     }
 
     fn regions(&self) -> Vec<Region> {

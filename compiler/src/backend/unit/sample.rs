@@ -2,7 +2,7 @@
 
 use super::ledger::{clamped, positive};
 use super::{Writing, programs};
-use crate::backend::code::{Cond, Memory, Place, Reason, Stmt, Value};
+use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 use bond_runtime::ir::Unary;
 
@@ -11,7 +11,10 @@ impl Writing<'_> {
     pub(super) fn samples(&mut self, mut w: Writer) -> Result<Writer, String> {
         let k = w.kept(self.time + 1);
         let (one, length) = (w.number(1.0), w.number(self.plan.interval));
+        let before = k;
         let k = w.add(k, one);
+        let counted = w.lt(before, k);
+        w.when(counted.not(), |w| w.push(Stmt::Fail(Reason::Clock)));
         let end = w.mul(k, length);
         let at = w.var();
         w.set(at, end);
@@ -21,7 +24,7 @@ impl Writing<'_> {
             if self.plan.ratio[i] > 1 {
                 // Of instants that are one, the earliest counts.
                 let due = self.due(&mut w, i);
-                let (count, period) = (w.kept(self.clusters[i].count), w.number(self.plan.steps[i].0));
+                let (count, period) = (w.kept(self.clusters[i].count), w.number(self.plan.steps[i].h));
                 let own = w.mul(count, period);
                 let now = w.get(at);
                 let earlier = w.lt(own, now);
@@ -133,14 +136,10 @@ impl Writing<'_> {
         let c = &self.scene.clusters[i];
         let place = self.clusters[i].clone();
         let start = &self.start.clusters[i];
-        let period = self.plan.steps[i].0;
+        let period = self.plan.steps[i].h;
         let length = w.number(period);
         let mut crossed = w.number(0.0);
         for (k, (h, held)) in start.held.iter().zip(&place.held).enumerate() {
-            if let Some(o) = h.open {
-                let q = w.load(Place::new(Memory::Input, o as u32));
-                w.keep(held.q, q);
-            }
             let (v, q) = (w.kept(held.v), w.kept(held.q));
             let here = if self.latches(i, k) { w.kept(held.w) } else { w.mul(v, q) };
             crossed = w.add(crossed, here);
@@ -201,7 +200,7 @@ impl Writing<'_> {
         }
         let Some(respond) = &c.respond else { return Ok(w) };
         let n = start.held.len();
-        let period = self.plan.steps[i].0;
+        let period = self.plan.steps[i].h;
         let (length, now) = (w.number(period), w.kept(self.time));
         let changes: Vec<Value> = place
             .held
@@ -214,12 +213,15 @@ impl Writing<'_> {
         let alpha: Vec<Value> = (0..n).map(|k| self.foretold(&mut w, i, k, &changes)).collect();
         w.keep(place.input, now);
         w.keep(place.input + 1, length);
-        for (h, held) in start.held.iter().zip(&place.held) {
-            let q = w.kept(held.last_q);
-            let back = w.unary(Unary::Neg, q);
-            let flow = w.div(back, length);
-            w.keep(place.input + c.ports[h.port].input, flow);
-        }
+        let told = |w: &mut Writer| {
+            for (h, held) in start.held.iter().zip(&place.held) {
+                let q = w.kept(held.last_q);
+                let back = w.unary(Unary::Neg, q);
+                let flow = w.div(back, length);
+                w.keep(place.input + c.ports[h.port].input, flow);
+            }
+        };
+        told(&mut w);
         let (program, fallback) = programs(respond);
         let extra = place.input + start.input.len();
         if fallback.is_some() {
@@ -241,6 +243,7 @@ impl Writing<'_> {
             let none = w.eq(found, zero);
             w.open();
             w = self.search(w, i, fallback, &alpha, &values)?;
+            told(&mut w); // the search left trials there, which nobody is to look at
             let body = w.close();
             w.push(Stmt::If(none, body, Vec::new()));
         }
@@ -310,7 +313,7 @@ impl Writing<'_> {
         let start = self.start.clusters[i].clone();
         let n = values.len();
         let (zero, half, one) = (w.number(0.0), w.number(0.5), w.number(1.0));
-        let length = w.number(self.plan.steps[i].0);
+        let length = w.number(self.plan.steps[i].h);
         let q: Vec<_> = alpha
             .iter()
             .map(|a| {
@@ -405,11 +408,14 @@ impl Writing<'_> {
         }
         for i in 0..self.clusters.len() {
             let c = &self.scene.clusters[i];
-            if c.foreign.is_empty() {
+            if c.foreign.is_empty() && (c.period.is_none() || c.inputs.is_empty()) {
                 continue;
             }
             let due = if c.period.is_some() { self.due(&mut w, i) } else { Cond::Known(true) };
             w.open();
+            if c.period.is_some() {
+                self.latch(&mut w, i);
+            }
             for (k, (cluster, output)) in c.foreign.iter().enumerate() {
                 let x = w.kept(self.clusters[*cluster].seen + output);
                 w.keep(self.clusters[i].input + c.foreign_at + k, x);

@@ -1,6 +1,6 @@
 //! Steps of a scene's clusters.
 
-use super::Writing;
+use super::{Steps, Writing};
 use crate::backend::code::{Stmt, Value};
 use crate::backend::lower::writer::Writer;
 
@@ -12,52 +12,34 @@ impl Writing<'_> {
             if c.period.is_some() {
                 continue;
             }
-            let (h, n) = self.plan.steps[i];
+            let Steps { h, n, own } = self.plan.steps[i];
             let (now, length) = (w.kept(self.time), w.number(h));
-            match n {
-                Some(1) => w = self.one(w, i, now, h)?,
-                Some(n) => {
-                    // Steps are counted by a number: the time of each is made of it.
-                    let count = w.starting(0.0);
-                    w.open();
-                    let (k, one, most) = (w.get(count), w.number(1.0), w.number(f64::from(n)));
-                    let more = w.lt(k, most);
-                    w.when(more.not(), |w| w.push(Stmt::Break));
-                    let gone = w.mul(k, length);
-                    let t = w.add(now, gone);
-                    w = self.one(w, i, t, h)?;
-                    let k = w.add(k, one);
-                    w.set(count, k);
-                    let body = w.close();
-                    w.push(Stmt::Loop(body));
-                }
-                None => {
-                    let place = self.clusters[i].count;
-                    let end = self.end(&mut w);
-                    let slack = w.number(1.0 + 1e-12);
-                    let end = w.mul(end, slack);
-                    w.open();
-                    let (k, one) = (w.kept(place), w.number(1.0));
-                    let after = w.add(k, one);
-                    let later = w.mul(after, length);
-                    let more = w.le(later, end);
-                    w.when(more.not(), |w| w.push(Stmt::Break));
-                    let t = w.mul(k, length);
-                    w = self.one(w, i, t, h)?;
-                    w.keep(place, after);
-                    let body = w.close();
-                    w.push(Stmt::Loop(body));
-                }
+            if n == 1 {
+                w = self.one(w, i, now, h)?;
+                continue;
             }
+            // Steps are counted by a number: the time of each is made of it.
+            let (count, one, most) = (w.starting(0.0), w.number(1.0), w.number(f64::from(n)));
+            let so_far = w.kept(self.time + 1);
+            let so_far = w.mul(so_far, most);
+            w.open();
+            let k = w.get(count);
+            let more = w.lt(k, most);
+            w.when(more.not(), |w| w.push(Stmt::Break));
+            let t = if own {
+                let k = w.add(so_far, k);
+                w.mul(k, length)
+            } else {
+                let gone = w.mul(k, length);
+                w.add(now, gone)
+            };
+            w = self.one(w, i, t, h)?;
+            let k = w.add(k, one);
+            w.set(count, k);
+            let body = w.close();
+            w.push(Stmt::Loop(body));
         }
         Ok(w)
-    }
-
-    /// The end of the interval that runs.
-    fn end(&self, w: &mut Writer) -> Value {
-        let (k, one, length) = (w.kept(self.time + 1), w.number(1.0), w.number(self.plan.interval));
-        let k = w.add(k, one);
-        w.mul(k, length)
     }
 
     /// One step of a cluster from `t` on, kept and booked.

@@ -1,0 +1,120 @@
+//! C and object files: what is written, and that it does what `models/embed/` says it does.
+
+use super::{Folder, OSCILLATOR};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A file of `models/`.
+fn model(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../models").join(name)
+}
+
+/// Whether a command is there; where it is not, that is said.
+fn is_there(name: &str) -> bool {
+    let there = Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success());
+    if !there {
+        println!("there is no {name}: left out");
+    }
+    there
+}
+
+/// Runs a command of the system in a folder: what it prints.
+fn ran(here: &Folder, command: &str, args: &[&str]) -> String {
+    let out = Command::new(command).args(args).current_dir(&here.0).output().unwrap();
+    let text = String::from_utf8_lossy(&out.stdout).into_owned();
+    assert!(out.status.success(), "{command} {args:?}: {text}{}", String::from_utf8_lossy(&out.stderr));
+    text
+}
+
+/// What `haptic.c` and `haptic.py` print.
+#[track_caller]
+fn felt(text: &str) {
+    for part in ["after 5.000 s the handle is at 0.0120", "feels 2.000000 N", "put back, it is at 2.501 s again"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+}
+
+#[test]
+fn the_haptic_loop_runs_around_both() {
+    let here = Folder::new();
+    for name in ["embed/haptic.c", "embed/haptic.py", "examples/open_port.bond"] {
+        let path = here.0.join("models").join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::copy(model(name), path).unwrap();
+    }
+    let built = here.bond(&["build", "models/examples/open_port.bond", "--emit", "c", "-o", "wall.c"]);
+    assert_eq!(built.is(0, &[], &["built wall.c and wall.h", "0.001 s, 1 open port, 0 inputs, 2 probes"]).out, "");
+    if !is_there("cc") {
+        return;
+    }
+    // As the files say.
+    let c = ["-std=c99", "-O2", "-I.", "wall.c", "models/embed/haptic.c", "-lm", "-o", "haptic"];
+    ran(&here, "cc", &c);
+    let text = ran(&here, "./haptic", &[]);
+    felt(&text);
+    #[cfg(feature = "native")]
+    {
+        let emit = ["build", "models/examples/open_port.bond", "--emit", "object", "-o", "wall.o"];
+        here.bond(&emit).is(0, &[], &["built wall.o and wall.h"]);
+        let object = ["-std=c99", "-O2", "-I.", "wall.o", "models/embed/haptic.c", "-lm", "-o", "object"];
+        ran(&here, "cc", &object);
+        assert_eq!(ran(&here, "./object", &[]), text);
+    }
+    if is_there("python3") {
+        ran(&here, "cc", &["-std=c99", "-O2", "-shared", "-fPIC", "wall.c", "-lm", "-o", "wall.so"]);
+        felt(&ran(&here, "python3", &["models/embed/haptic.py", "wall.so", "wall.h"]));
+    }
+}
+
+#[test]
+fn files_go_where_they_are_told() {
+    let here = Folder::new().with("my first.model.bond", OSCILLATOR).with("out/x", "").with("a.h", OSCILLATOR);
+    let file = "my first.model.bond";
+    here.bond(&["build", file, "--emit", "c", "--step", "1ms"]).is(
+        0,
+        &[],
+        &["built my first.model.c and my first.model.h"],
+    );
+    here.bond(&["build", file, "--emit", "c", "-o", "out/1.c", "--prefix", "osc", "--step", "1ms"]).is(0, &[], &[]);
+    let source = here.read("out/1.c");
+    assert!(source.contains("#include \"1.h\"") && source.contains("int osc_commit("), "{source}");
+    assert!(here.read("out/1.h").contains("#define OSC_PROBE_X 0"));
+    assert_eq!(here.list(), ["a.h", "my first.model.bond", "my first.model.c", "my first.model.h", "out"]);
+    // The same bytes again.
+    here.bond(&["build", file, "--emit", "c", "-o", "out/1.c", "--prefix", "osc", "--step", "1ms"]).is(0, &[], &[]);
+    assert_eq!(here.read("out/1.c"), source);
+    if is_there("cc") {
+        ran(
+            &here,
+            "cc",
+            &["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-c", "my first.model.c", "-o", "a.o"],
+        );
+    }
+    let wrong: [(&[&str], &str); 7] = [
+        (&["-o", "-"], "two files are written: give a name with -o"),
+        (&["-o", "wall"], "name it `.c`, as in wall.c"),
+        (&["-o", "wall.h"], "name it `.c`"),
+        (&["-o", "nowhere/wall.c"], "cannot write nowhere/wall.h"),
+        (&["-o", "a\"b.c"], "no C compiler finds a header of that name"),
+        (&["--prefix", "1x"], "--prefix 1x: it must be a name in C"),
+        (&["--prefix", ""], "it must be a name in C"),
+    ];
+    for (args, why) in wrong {
+        here.bond(&[&["build", file, "--emit", "c"], args].concat()).is(2, &[], &[why]);
+    }
+    here.bond(&["build", "a.h", "--emit", "c"]).is(2, &[], &["a.h is the model itself"]);
+    assert_eq!(here.read("a.h"), OSCILLATOR);
+    here.fed(&["build", "-", "--emit", "c"], OSCILLATOR).is(2, &[], &["-o NAME.c"]);
+    here.bond(&["build", file, "--step", "1ms"]).is(2, &[], &["--step and --prefix are for --emit c and object"]);
+}
+
+#[test]
+fn what_has_no_compiled_form_is_told() {
+    let curved = "model A { C:s { H = 1 N/m^3*q^4; q0 = 1 m } I:m = 1 kg 1:v -> s, m simulate { stop = 1 s } }";
+    let here = Folder::new().with("a.bond", curved);
+    here.bond(&["build", "a.bond", "--emit", "c"]).is(1, &[], &["takes fixed steps: give one with --step"]);
+    assert_eq!(here.list(), ["a.bond"]);
+    here.bond(&["build", "a.bond", "--emit", "c", "--step", "0"]).is(2, &[], &["longer than 0 s"]);
+    let rates = model("examples/two_rates.bond");
+    here.bond(&["build", rates.to_str().unwrap(), "--emit", "c"]).is(1, &[], &["no multiple of the shortest one"]);
+}

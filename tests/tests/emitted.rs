@@ -1,0 +1,518 @@
+//! Scenes as C and as object files do what `Simulation` does: driven from outside, saved and restored, in single numbers.
+//!
+//! Compiled with the C compiler of this machine; where there is none, that is said, and nothing is tested.
+
+use crate::common::{all_scenes, file, models, stop, with};
+use bond::{Compiled, Options, Steps};
+use bond_compiler::backend::{c, native, unit};
+use bond_runtime::interpreter::Interpret;
+use bond_runtime::simulate;
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Intervals of a run.
+const ROWS: u32 = 100;
+
+/// As strictly as can be.
+const STRICT: [&str; 7] = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-O1"];
+
+/// Drives a scene with a pattern, prints a row an interval (probes, open ports, energy), and holds the state to its promises: a
+/// saved one goes on as the first did, and a failed interval leaves it as it was.
+const MAIN: &str = r#"
+#include "m.h"
+#include <stdio.h>
+#include <string.h>
+static bond_state b, other;
+static bond_real before[BOND_SAVED], after[BOND_SAVED], half[BOND_SAVED];
+static bond_real moved[BOND_PORTS + 1], out[BOND_PROBES + 1], held[BOND_PORTS + 1];
+static double pattern(int k, int i) { return ((k * 7 + i * 3) % 11 - 5) * 0.1; }
+static int step(bond_state *s, int k) {
+    int i;
+    for (i = 0; i < BOND_INPUTS; ++i) bond_input(s, i, (bond_real)pattern(k, i));
+    for (i = 0; i < BOND_PORTS; ++i) moved[i] = (bond_real)(pattern(k, i) * BOND_INTERVAL);
+    return bond_commit(s, moved);
+}
+static int row(bond_state *s, int shown) {
+    int j, failed = bond_probes(s, out);
+    if (failed || !shown) return failed;
+    for (j = 0; j < BOND_PROBES; ++j) printf("%.17g ", (double)out[j]);
+    bond_output(s, held);
+    for (j = 0; j < BOND_PORTS; ++j) printf("%.17g ", (double)held[j]);
+    printf("%.17g\n", (double)bond_energy(s));
+    return 0;
+}
+int main(void) {
+    int k, failed;
+    bond_init(&b);
+    bond_input(&b, -1, 7);
+    bond_input(&b, BOND_INPUTS, 7);
+    if (row(&b, 1)) return 0;
+    for (k = 1; k <= COUNT; ++k) {
+        bond_save(&b, before);
+        failed = step(&b, k);
+        if (failed) {
+            int i;
+            for (i = 0; i < BOND_INPUTS; ++i) bond_input(&b, i, (bond_real)pattern(k - 1, i));
+            bond_save(&b, after);
+            if (k > 1 && memcmp(before, after, sizeof before)) return 9;
+            return failed > 4 ? 8 : 0;
+        }
+        if (row(&b, 1)) return 0;
+        if (k == COUNT / 2) bond_save(&b, half);
+    }
+    memset(&other, 255, sizeof other);
+    bond_restore(&other, half);
+    for (k = COUNT / 2 + 1; k <= COUNT; ++k) if (step(&other, k) || row(&other, 0)) return 7;
+    bond_save(&b, before);
+    bond_save(&other, after);
+    if (memcmp(before, after, sizeof before)) return 6;
+    if (bond_ledger(&b, -1, 0) == 0 || bond_ledger(&b, BOND_REGIONS, 0) == 0 || bond_ledger(&b, 0, 17) == 0) return 5;
+    return bond_size() == sizeof b ? 0 : 4;
+}
+"#;
+
+/// Whether there is a C compiler.
+fn is_there() -> bool {
+    let there = Command::new("cc").arg("--version").output().is_ok_and(|o| o.status.success());
+    if !there {
+        println!("there is no cc: left out");
+    }
+    there
+}
+
+/// A folder of its own.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let n = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("bond-emitted-{}-{n}", std::process::id()));
+        std::fs::create_dir_all(&path).expect("a folder can be made");
+        Self(path)
+    }
+
+    fn put(&self, name: &str, text: impl AsRef<[u8]>) {
+        std::fs::write(self.0.join(name), text).expect("a file can be written");
+    }
+
+    fn cc(&self, args: &[&str]) {
+        let out = Command::new("cc").args(STRICT).args(args).current_dir(&self.0).output().expect("cc runs");
+        assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    }
+
+    /// The numbers that a program prints.
+    fn rows(&self, name: &str) -> Vec<Vec<f64>> {
+        let out = Command::new(self.0.join(name)).output().expect("it runs");
+        assert_eq!(out.status.code(), Some(0), "{name}");
+        let text = String::from_utf8_lossy(&out.stdout);
+        text.lines().map(|l| l.split_whitespace().filter_map(|x| x.parse().ok()).collect()).collect()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A scene's unit, and the options of the run that it is to equal.
+fn emit(compiled: &Compiled, h: f64) -> Result<(unit::Unit, simulate::Options), String> {
+    let settings = &compiled.stages().model.settings;
+    let options = Steps::fixed(h).resolve(settings, stop(compiled), settings.every).map_err(|e| e.to_string())?;
+    unit::unit(compiled.scene(), &options).map(|u| (u, options))
+}
+
+fn options(prefix: &str, header: &str) -> c::Options {
+    c::Options { prefix: prefix.into(), header: header.into() }
+}
+
+/// Rows of the scene in C, and as an object where it has that form.
+fn emitted(u: &unit::Unit) -> (Vec<Vec<f64>>, Option<Vec<Vec<f64>>>) {
+    let here = Folder::new();
+    let names = options("bond", "m.h");
+    here.put("m.h", c::header(u, &names));
+    here.put("m.c", c::source(u, &names));
+    here.put("main.c", MAIN.replace("COUNT", &ROWS.to_string()));
+    here.cc(&["-DBOND_FLOAT", "-c", "m.c", "-o", "float.o"]);
+    here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
+    let object = native::object(u, "bond").ok().map(|code| {
+        here.put("m.o", code);
+        here.cc(&["m.o", "main.c", "-lm", "-o", "object"]);
+        here.rows("object")
+    });
+    (here.rows("run"), object)
+}
+
+/// The pattern of [`MAIN`].
+fn pattern(k: u32, i: usize) -> f64 {
+    f64::from((k as i32 * 7 + i as i32 * 3) % 11 - 5) * 0.1
+}
+
+/// The same rows by [`simulate::Simulation`], until a step fails.
+fn simulated(compiled: &Compiled, u: &unit::Unit, options: &simulate::Options) -> Vec<Vec<f64>> {
+    let scene = compiled.scene();
+    let mut sim = simulate::Simulation::on(&Interpret, scene, options, Vec::new()).unwrap_or_else(|e| panic!("{e}"));
+    let shown = compiled.probes().len();
+    // Of each open port that a sampled region holds: intervals a period, and what it moved in the period that runs.
+    let ratio = |o: usize| scene.clusters[scene.open[o].port.0].period.map(|p| (p / u.interval).round() as u32);
+    let mut gone = vec![0.0; scene.open.len()];
+    let mut rows = Vec::new();
+    for k in 0..=ROWS {
+        if k > 0 {
+            (0..scene.inputs.len()).for_each(|i| sim.set_input(i, pattern(k, i)));
+            for (o, sum) in gone.iter_mut().enumerate() {
+                let x = pattern(k, o) * u.interval;
+                match ratio(o) {
+                    Some(n) => {
+                        *sum = if (k - 1) % n == 0 { x } else { *sum + x };
+                        sim.report(o, *sum);
+                    }
+                    None => sim.drive(o, x),
+                }
+            }
+            if sim.advance(f64::from(k) * u.interval).is_err() {
+                break;
+            }
+        }
+        let Ok(probes) = sim.probes().map(<[f64]>::to_vec) else { break };
+        let mut row = probes[..shown].to_vec();
+        row.extend((0..scene.open.len()).map(|o| if ratio(o).is_some() { sim.held_at(o) } else { f64::NAN }));
+        row.push(sim.summary().regions.iter().map(|r| r.h_final).sum());
+        rows.push(row);
+    }
+    rows
+}
+
+/// Asserts that a scene's C and its object do what the simulation does.
+fn same(name: &str, compiled: &Compiled, h: f64) -> Result<bool, String> {
+    let (u, options) = emit(compiled, h)?;
+    let (rows, object) = emitted(&u);
+    let wanted = simulated(compiled, &u, &options);
+    assert!(rows.len() > 1 && wanted.len() > 1, "{name} has rows");
+    // A step that fails is halved there, and ends the run here; the simulation's own failures end both.
+    assert!(rows.len() <= wanted.len(), "{name}: {} rows in C, {} here", rows.len(), wanted.len());
+    let ports = compiled.scene().open.len();
+    for (k, (row, wanted)) in rows.iter().zip(&wanted).enumerate() {
+        assert_eq!(row.len(), wanted.len(), "{name}, row {k}");
+        let first_port = row.len() - 1 - ports;
+        for (i, (ours, theirs)) in row.iter().zip(wanted).enumerate() {
+            let mean = (first_port..first_port + ports).contains(&i) && theirs.is_nan();
+            let close = (ours - theirs).abs() <= 1e-9 * theirs.abs() + 1e-12 || (ours.is_nan() && theirs.is_nan());
+            assert!(close || mean, "{name}, row {k}, number {i}: {ours:e} in C, {theirs:e} here");
+        }
+    }
+    if let Some(object) = &object {
+        let bits = |rows: &[Vec<f64>]| -> Vec<u64> {
+            rows.iter().flatten().map(|x| if x.is_nan() { u64::MAX } else { x.to_bits() }).collect()
+        };
+        assert_eq!(bits(object), bits(&rows), "{name}: the object against C");
+    }
+    Ok(object.is_some())
+}
+
+#[test]
+fn scenes_driven_from_outside_give_the_same_numbers() {
+    if !is_there() {
+        return;
+    }
+    let (mut seen, mut objects) = (0, 0);
+    for (title, path, scene) in all_scenes() {
+        if !(title.starts_with("examples/") || title.starts_with("elements/")) {
+            continue;
+        }
+        let compiled = file(&path, Options::new().model(&scene));
+        let h = compiled.stages().model.settings.step.unwrap_or(stop(&compiled) / 2000.0);
+        match same(&format!("{title} {scene}"), &compiled, h) {
+            Ok(object) => (seen, objects) = (seen + 1, objects + u32::from(object)),
+            Err(why) => assert!(why.contains("no compiled form") || why.contains("in an interval"), "{title}: {why}"),
+        }
+    }
+    assert!(seen > 50 && objects > 50, "{seen} scenes have a form in C, {objects} as objects");
+}
+
+/// A wall whose law jumps, for rates and holds that the examples do not have.
+const WALL: &str = "\
+model Wall(k = 1000 N/m, b = 5 N*s/m, gap = 1e-4 m) {
+  port tip
+  C:spring { H = if q > 0 then 0.5*k*q^2 else 0; q0 = -gap }
+  R:damper { e = if spring.q > 0 then b*f else 0 }
+  tip -> 1:contact -> spring, damper
+}
+";
+
+#[test]
+fn what_the_examples_do_not_have() {
+    if !is_there() {
+        return;
+    }
+    let cases = [
+        (
+            "two rates at open ports, one with an inertia",
+            "model A {
+  port one { inertia = 0.1 kg }
+  port other
+  sampled at 2 kHz { Wall:fast }
+  sampled at 1 kHz hold lagged { Wall:slow }
+  one ||> fast.tip
+  other ||> slow.tip
+  probe p = fast.spring.q
+  probe q = slow.spring.q
+  probe f = fast.contact.f
+  simulate { stop = 1 s }
+}",
+            1e-3,
+        ),
+        (
+            "a mass between two rates, and a region that nothing concerns",
+            "model A {
+  I:mass { inertia = 0.2 kg; f0 = 1 m/s }
+  sampled at 2 kHz { Wall:fast }
+  sampled at 1 kHz hold predicted { Wall:slow }
+  1:v -> mass
+  v ||> fast.tip
+  v ||> slow.tip
+  C:tank { stiffness = 40 N/m; q0 = 0.1 m }
+  I:load { inertia = 1 kg }
+  R:loss { e = f^3*(1 N*s^3/m^3) }
+  1:w -> tank, load, loss
+  probe x = integral(v.f, 0 m)
+  probe q = tank.q
+  simulate { stop = 1 s }
+}",
+            1.25e-4,
+        ),
+        (
+            "dry friction held over an interval",
+            "model Brake { port tip
+  R:dry { e = sign(f)*(2 N) }
+  C:spring { stiffness = 300 N/m }
+  tip -> 1:contact -> spring, dry
+}
+model A {
+  Se:hand = 5 N
+  I:mass { inertia = 0.1 kg; f0 = 0.5 m/s }
+  sampled at 200 Hz { Brake:brake }
+  hand -> 1:v -> mass
+  v ||> brake.tip
+  probe f = brake.contact.f
+  probe e = brake.contact.e
+  probe x = integral(v.f, 0 m)
+  simulate { stop = 1 s }
+}",
+            5e-3,
+        ),
+        (
+            "a flow that is held, beside a port of a continuous region and inputs of both",
+            "model Body { port p
+  input lift = 1 N
+  I:mass = 2 kg
+  MSe:push = lift
+  p -> 1:v -> mass
+  push -> v
+}
+model A {
+  input wind = 0.5 N
+  port tip
+  port side
+  sampled at 1 kHz { Body:b }
+  tip ||> b.p
+  I:car = 3 kg
+  MSe:blow = wind
+  blow -> 1:w -> car, side
+  probe f = b.mass.f
+  probe g = car.f
+  probe given = wind
+  simulate { stop = 1 s }
+}",
+            2.5e-4,
+        ),
+        (
+            "no probe and no port",
+            "model A { C:s { stiffness = 1 N/m; q0 = 1 m } I:m = 1 kg 1:v -> s, m simulate { stop = 1 s } }",
+            1e-2,
+        ),
+    ];
+    for (name, text, h) in cases {
+        let compiled = with(Options::new().model("A"), &format!("{WALL}{text}"));
+        same(name, &compiled, h).unwrap_or_else(|e| panic!("{name}: {e}"));
+    }
+}
+
+#[test]
+fn random_parameters_and_starts() {
+    if !is_there() {
+        return;
+    }
+    let mut seed = 12345u64;
+    let mut any = |low: f64, high: f64| {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        low * (high / low).powf((seed >> 11) as f64 / (1u64 << 53) as f64)
+    };
+    for round in 0..8 {
+        let hold = ["matched", "lagged", "predicted", "matched"][round % 4];
+        let budget = if round % 3 == 2 { " budget off" } else { "" };
+        let method = if round == 3 { " method ray" } else { "" };
+        let text = format!(
+            "model A {{
+  input push = {} N
+  port tip {{ inertia = {} kg }}
+  MSe:hand = push
+  I:mass {{ inertia = {} kg; f0 = {} m/s }}
+  sampled at 500 Hz hold {hold}{budget}{method} {{ Wall:wall(k = {} N/m, b = {} N*s/m, gap = {} m) }}
+  sampled at 1 kHz {{ Wall:other(k = {} N/m, gap = {} m) }}
+  hand -> 1:v -> mass
+  v ||> wall.tip
+  tip ||> other.tip
+  probe depth = wall.spring.q
+  probe force = wall.tip.e
+  probe x = integral(v.f, 0 m)
+  probe y = other.spring.q
+  simulate {{ stop = 1 s }}
+}}",
+            any(1.0, 20.0),
+            any(0.05, 2.0),
+            any(0.05, 5.0),
+            any(0.01, 3.0),
+            any(100.0, 1e5),
+            any(0.1, 100.0),
+            any(1e-5, 1e-2),
+            any(100.0, 1e4),
+            any(1e-5, 1e-4),
+        );
+        let compiled = with(Options::new().model("A"), &format!("{WALL}{text}"));
+        let h = [1e-3, 2.5e-4, 1e-4][round % 3];
+        same(&format!("round {round}: {text}"), &compiled, h).unwrap_or_else(|e| panic!("{text}: {e}"));
+    }
+}
+
+/// Ports of a continuous region: what is given and what is answered run along the half arrow, whichever way it points.
+#[test]
+fn the_mean_of_an_answer_is_that_over_the_interval() {
+    if !is_there() {
+        return;
+    }
+    let main = "#include \"m.h\"\n#include <stdio.h>\nint main(void) {\n    static bond_state b;\n    bond_real give = 4, out = 0;\n    int k;\n    \
+                bond_init(&b);\n    for (k = 0; k < 10; ++k) {\n        if (bond_commit(&b, &give)) return 1;\n        bond_output(&b, &out);\n        \
+                printf(\"%.17g %.17g\\n\", out, bond_energy(&b));\n    }\n    return 0;\n}\n";
+    for (chain, into) in [("p -> 1:v -> mass", 1.0), ("1:v -> mass, p", -1.0)] {
+        // A sampled region elsewhere makes intervals of 1 ms, and four steps in each.
+        let text = format!(
+            "model A {{ port p I:mass = 2 kg {chain} sampled at 1 kHz {{ C:s {{ stiffness = 1 N/m; q0 = 1 m }} I:m = 1 kg 1:w -> s, m }} \
+             probe f = mass.f simulate {{ stop = 1 s }} }}"
+        );
+        let compiled = with(Options::new().model("A"), &text);
+        let (u, _) = emit(&compiled, 2.5e-4).unwrap_or_else(|e| panic!("{e}"));
+        let here = Folder::new();
+        let names = options("bond", "m.h");
+        here.put("m.h", c::header(&u, &names));
+        here.put("m.c", c::source(&u, &names));
+        here.put("main.c", main);
+        here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
+        for (k, row) in here.rows("run").iter().enumerate() {
+            // 4 N on 2 kg for k ms: the mean speed of an interval is that in its middle.
+            let wanted = into * 2.0 * (k as f64 + 0.5) * 1e-3;
+            assert!((row[0] - wanted).abs() < 1e-12, "{chain}, interval {k}: {} where {wanted} is due", row[0]);
+        }
+    }
+}
+
+/// The sign of a flow that is held: into the scene, as the half arrow of `tip ||> b.p` says, and efforts as they are.
+#[test]
+fn a_held_flow_runs_into_the_scene() {
+    for (chain, port) in [("p -> 1:v -> mass", "tip ||> b.p"), ("1:v -> mass, p", "b.p ||> tip")] {
+        let text = format!(
+            "model Body {{ port p I:mass {{ inertia = 2 kg; f0 = 3 m/s }} {chain} }}
+             model A {{ port tip sampled at 1 kHz {{ Body:b }} {port} probe f = b.mass.f simulate {{ stop = 1 s }} }}"
+        );
+        let compiled = with(Options::new().model("A"), &text);
+        let into = if chain.starts_with('p') { 1.0 } else { -1.0 };
+        let mut sim = compiled.simulate(Steps::fixed(1e-3)).unwrap_or_else(|e| panic!("{e}"));
+        let first = sim.held()[0].1;
+        assert!((first - into * 3.0).abs() < 0.1, "{chain}: {first}");
+        // An effort of 500 N that pushes into the scene for 1 ms.
+        sim.report("tip", into * 0.5).and_then(|()| sim.advance(1e-3)).unwrap_or_else(|e| panic!("{e}"));
+        let f = sim.probe("f").unwrap_or(f64::NAN);
+        assert!((f - 3.25).abs() < 1e-9, "{chain}: {f}");
+    }
+}
+
+/// Of 1 N and 1 m, single numbers keep three digits over thousands of intervals.
+#[test]
+fn single_numbers_are_close() {
+    if !is_there() {
+        return;
+    }
+    let main = "#include \"m.h\"\n#include <stdio.h>\nint main(void) {\n    static bond_state b;\n    bond_real out[BOND_PROBES];\n    int k, j;\n    \
+                bond_init(&b);\n    for (k = 0; k < 250; ++k) {\n        if (bond_commit(&b, 0) || bond_probes(&b, out)) return 1;\n        \
+                for (j = 0; j < BOND_PROBES; ++j) printf(\"%.9g \", (double)out[j]);\n        printf(\"%.9g\\n\", (double)bond_ledger(&b, 1, BOND_LEDGER_WORST));\n    }\n    return 0;\n}\n";
+    let compiled = file(&models().join("examples/virtual_wall.bond"), Options::new().model("VirtualWall"));
+    let (u, _) = emit(&compiled, 0.04).unwrap_or_else(|e| panic!("{e}"));
+    let here = Folder::new();
+    let names = options("bond", "m.h");
+    here.put("m.h", c::header(&u, &names));
+    here.put("m.c", c::source(&u, &names));
+    here.put("main.c", main);
+    here.cc(&["m.c", "main.c", "-lm", "-o", "long"]);
+    here.cc(&["-DBOND_FLOAT", "m.c", "main.c", "-lm", "-o", "short"]);
+    let (long, short) = (here.rows("long"), here.rows("short"));
+    assert_eq!((long.len(), short.len()), (250, 250));
+    let probes = compiled.probes().len();
+    for j in 0..probes {
+        let scale = long.iter().map(|r| r[j].abs()).fold(0.0, f64::max);
+        let off = long.iter().zip(&short).map(|(a, b)| (a[j] - b[j]).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-3 * scale, "{}: off by {off:e} of {scale:e}", compiled.probes()[j]);
+        assert!(off > 0.0 || scale == 0.0, "{}: single numbers are shorter", compiled.probes()[j]);
+    }
+    let worst = short.last().map_or(f64::NAN, |r| r[probes]);
+    assert!(worst > 1e-9 && worst < 1e-5, "the balance is kept to the rounding of single numbers: {worst:e}");
+}
+
+/// Two scenes, one as C and one as an object, in one program.
+#[test]
+fn scenes_of_different_prefixes_live_together() {
+    if !is_there() {
+        return;
+    }
+    let scene = |name: &str, model: &str, h: f64| {
+        let compiled = file(&models().join(name), Options::new().model(model));
+        emit(&compiled, h).map_or_else(|e| panic!("{e}"), |e| e.0)
+    };
+    let (wall, pendulum) =
+        (scene("examples/virtual_wall.bond", "Ray", 0.04), scene("examples/pendulum.bond", "Pendulum", 0.01));
+    let here = Folder::new();
+    let (one, other) = (options("wall", "wall.h"), options("Bond", "arm.h"));
+    here.put("wall.h", c::header(&wall, &one));
+    here.put("wall.c", c::source(&wall, &one));
+    here.put("arm.h", c::header(&pendulum, &other));
+    here.put("arm.c", c::source(&pendulum, &other));
+    let object = native::object(&pendulum, "Bond").unwrap_or_else(|e| panic!("{e}"));
+    here.put("arm.o", object);
+    here.put(
+        "main.c",
+        "#include \"wall.h\"\n#include \"arm.h\"\n#include <stdio.h>\nint main(void) {\n    static wall_state w;\n    static Bond_state p;\n    int k;\n    \
+         wall_init(&w);\n    Bond_init(&p);\n    for (k = 0; k < 100; ++k) {\n        if (wall_commit(&w, 0) || Bond_commit(&p, 0)) return 1;\n        \
+         printf(\"%.17g %.17g\\n\", wall_energy(&w), Bond_energy(&p));\n    }\n    return WALL_DONE + BOND_DONE;\n}\n",
+    );
+    here.cc(&["wall.c", "arm.c", "main.c", "-lm", "-o", "both"]);
+    here.cc(&["wall.c", "arm.o", "main.c", "-lm", "-o", "mixed"]);
+    let rows = here.rows("both");
+    assert_eq!(rows, here.rows("mixed"));
+    assert!(rows.len() == 100 && rows[99][1] > 0.0, "{:?}", rows.last());
+}
+
+#[test]
+fn names_are_told_apart() {
+    let text = "model A { C:a_b { stiffness = 1 N/m; q0 = 1 m } I:m = 1 kg 1:v -> a_b, m probe a_1 = m.f probe a = a_b.q \
+                probe A = a_b.q probe a_2 = m.f simulate { stop = 1 s } }";
+    let compiled = with(Options::new().model("A"), text);
+    let (u, _) = emit(&compiled, 1e-2).unwrap_or_else(|e| panic!("{e}"));
+    let header = c::header(&u, &options("bond", "m.h"));
+    let mut names: Vec<&str> =
+        header.lines().filter_map(|l| l.strip_prefix("#define ")).filter_map(|l| l.split(' ').next()).collect();
+    let all = names.len();
+    names.sort_unstable();
+    names.dedup();
+    assert!(names.len() == all && all > 20, "{header}");
+}
