@@ -75,6 +75,7 @@ fn measure(folder: &Folder, figure: Figure) -> Result<Row, String> {
             }
         }
     }
+    missing.dedup();
     let per = figure.per as f64;
     let times = ways.list.iter().filter(|w| w.best.is_finite()).map(|w| (w.what, w.best / per)).collect();
     Ok(Row { figure, times, missing })

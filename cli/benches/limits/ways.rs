@@ -53,7 +53,7 @@ impl What {
 enum Work<'a> {
     Program(PathBuf, usize),
     Driven(Driven<'a>),
-    Bare(Bare),
+    Bare(Box<Bare>),
 }
 
 /// A way that is ready.
@@ -161,7 +161,9 @@ impl<'a> Ways<'a> {
         }
         let tuned = ["-O3", "-march=native", "-ffp-contract=off"];
         let path = match what {
-            What::Bare => return Ok(Bare::new(figure, compiled).filter(|_| figure.scenes == 1).map(Work::Bare)),
+            What::Bare => {
+                return Ok(Bare::new(figure, compiled).filter(|_| figure.scenes == 1).map(Box::new).map(Work::Bare));
+            }
             What::Run => return Driven::new(figure, compiled, Code::Native).map(Work::Driven).map(Some),
             What::Interpreted => return Driven::new(figure, compiled, Code::Interpreted).map(Work::Driven).map(Some),
             What::Hand => folder.hand(figure.kernel)?,
@@ -176,7 +178,8 @@ impl<'a> Ways<'a> {
         let seen = program::outcome(&path, figure, Figure::CHECKED)?;
         let size = truth.iter().fold(0.0f64, |m, x| m.max(x.abs()));
         for (ours, theirs) in seen.iter().zip(truth) {
-            if !((ours - theirs).abs() <= figure.agree * size) {
+            let close = (ours - theirs).abs() <= figure.agree * size;
+            if !close {
                 return Err(format!("it comes to {ours:e} where the interpreter comes to {theirs:e}"));
             }
         }
