@@ -297,7 +297,7 @@ model A {
   hand -> 1:v -> mass
   v ||> brake.tip
   probe f = brake.contact.f
-  probe e = brake.contact.e
+  probe e = brake.tip.e
   probe x = integral(v.f, 0 m)
   simulate { stop = 1 s }
 }",

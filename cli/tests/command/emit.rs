@@ -110,7 +110,7 @@ fn files_go_where_they_are_told() {
 
 #[test]
 fn what_has_no_compiled_form_is_told() {
-    let curved = "model A { C:s { H = 1 N/m^3*q^4; q0 = 1 m } I:m = 1 kg 1:v -> s, m simulate { stop = 1 s } }";
+    let curved = "model A { C:s { H = (1 N/m^3)*q^4; q0 = 1 m } I:m = 1 kg 1:v -> s, m simulate { stop = 1 s } }";
     let here = Folder::new().with("a.bond", curved);
     here.bond(&["build", "a.bond", "--emit", "c"]).is(1, &[], &["takes fixed steps: give one with --step"]);
     assert_eq!(here.list(), ["a.bond"]);
