@@ -26,6 +26,7 @@ fn root(flag: bool) -> Program {
         weight: vec![one],
         scale: vec![one],
         limit: 50,
+        affine: false,
         flag: flag.then_some(flag_slot),
     });
     let v = b.load(u);
@@ -68,6 +69,7 @@ fn iterations_nest() {
         weight: vec![one],
         scale: vec![one],
         limit: 50,
+        affine: false,
         flag: None,
     };
     b.store(a, one);

@@ -1,7 +1,7 @@
 //! Object files: a unit as machine code with the functions that its header declares.
 
 use super::functions;
-use super::translate::define;
+use super::translate::{Made, define};
 use crate::backend::code::Memory;
 use crate::backend::unit::{NAMES, Unit};
 use cranelift_codegen::ir::condcodes::IntCC;
@@ -31,8 +31,6 @@ pub fn object(unit: &Unit, prefix: &str) -> Result<Vec<u8>, String> {
     writer.module.finish().emit().map_err(|e| text(&e))
 }
 
-type Result1<T> = std::result::Result<T, cranelift_module::ModuleError>;
-
 /// An object in the making.
 struct Writer<'a> {
     module: ObjectModule,
@@ -48,7 +46,7 @@ struct Face<'n> {
 }
 
 impl Writer<'_> {
-    fn all(&mut self) -> Result1<()> {
+    fn all(&mut self) -> Made<()> {
         let own = |name: &str| format!("{}_{name}_", self.prefix);
         let (commit, observe) = (own("commit"), own("observe"));
         let start = self.numbers("start", &self.unit.image)?;
@@ -146,7 +144,7 @@ impl Writer<'_> {
     }
 
     /// Constant numbers.
-    fn numbers(&mut self, name: &str, list: &[f64]) -> Result1<DataId> {
+    fn numbers(&mut self, name: &str, list: &[f64]) -> Made<DataId> {
         let id = self.module.declare_data(&format!("{}_{name}_", self.prefix), Linkage::Local, false, false)?;
         let mut data = DataDescription::new();
         let mut bytes: Vec<u8> = list.iter().flat_map(|x| x.to_ne_bytes()).collect();
@@ -201,7 +199,7 @@ impl Writer<'_> {
         &mut self,
         face: Face<'_>,
         write: impl FnOnce(&mut Self, &mut FunctionBuilder<'_>, &[ir::Value]) -> Option<ir::Value>,
-    ) -> Result1<()> {
+    ) -> Made<()> {
         let mut signature = self.module.make_signature();
         signature.params = face.params.into_iter().map(AbiParam::new).collect();
         signature.returns = face.gives.into_iter().map(AbiParam::new).collect();
@@ -220,7 +218,7 @@ impl Writer<'_> {
         b.seal_all_blocks();
         let config = self.module.target_config();
         b.finalize(config);
-        self.module.define_function(id, &mut context)
+        Ok(self.module.define_function(id, &mut context)?)
     }
 }
 

@@ -9,6 +9,9 @@ use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext, Variable};
 use cranelift_module::{FuncId, Linkage, Module, ModuleError};
 use rustc_hash::FxHashMap;
 
+/// What Cranelift made, or why it could not.
+pub(super) type Made<T> = Result<T, Box<ModuleError>>;
+
 /// What a compiled function returns, besides 0 for a good end.
 pub(super) const NO_CONVERGENCE: i64 = 1;
 /// See [`NO_CONVERGENCE`].
@@ -28,7 +31,7 @@ pub(super) fn define<M: Module>(
     routine: &Routine,
     linkage: Linkage,
     names: fn(&'static str) -> &'static str,
-) -> Result<FuncId, ModuleError> {
+) -> Made<FuncId> {
     let pointer = module.target_config().pointer_type();
     let mut signature = module.make_signature();
     signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 3];
