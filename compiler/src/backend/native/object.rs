@@ -31,7 +31,7 @@ pub fn object(unit: &Unit, prefix: &str) -> Result<Vec<u8>, String> {
     writer.module.finish().emit().map_err(|e| text(&e))
 }
 
-type Result1<T> = std::result::Result<T, cranelift_module::ModuleError>;
+type Result1<T> = std::result::Result<T, Box<cranelift_module::ModuleError>>;
 
 /// An object in the making.
 struct Writer<'a> {
@@ -220,7 +220,7 @@ impl Writer<'_> {
         b.seal_all_blocks();
         let config = self.module.target_config();
         b.finalize(config);
-        self.module.define_function(id, &mut context)
+        Ok(self.module.define_function(id, &mut context)?)
     }
 }
 

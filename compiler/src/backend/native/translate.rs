@@ -28,7 +28,7 @@ pub(super) fn define<M: Module>(
     routine: &Routine,
     linkage: Linkage,
     names: fn(&'static str) -> &'static str,
-) -> Result<FuncId, ModuleError> {
+) -> Result<FuncId, Box<ModuleError>> {
     let pointer = module.target_config().pointer_type();
     let mut signature = module.make_signature();
     signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 2];
