@@ -69,7 +69,7 @@ pub(super) fn functions(routine: &Routine, first: usize, needs: &mut Needs) -> S
 }
 
 /// A table of numbers.
-fn numbers(out: &mut String, name: &str, list: &[u32]) {
+pub(super) fn numbers(out: &mut String, name: &str, list: &[u32]) {
     let _ = write!(out, "{name} = {{");
     if list.is_empty() {
         out.push_str(" 0");

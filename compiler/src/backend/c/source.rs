@@ -82,11 +82,25 @@ fn numbers(out: &mut String, name: &str, list: &[f64]) {
 fn function(routine: &Routine, name: &str, first: usize, needs: &mut Needs) -> String {
     let used = memories(routine);
     let text = body(routine, first, needs);
-    let mut out = format!(
+    let mut out = String::new();
+    if !routine.data.is_empty() {
+        numbers(&mut out, &format!("{name}_data"), &routine.data);
+    }
+    if !routine.tables.is_empty() {
+        solve::numbers(&mut out, &format!("static const unsigned {name}_places[]"), &routine.tables);
+    }
+    let _ = write!(
+        out,
         "static int {name}(bond_real *restrict x, const bond_real *restrict u, bond_real *restrict y, bond_real *restrict s) {{\n"
     );
     if used.contains(&Memory::Table) {
         let _ = writeln!(out, "    const bond_real *const c = table;");
+    }
+    if !routine.data.is_empty() {
+        let _ = writeln!(out, "    const bond_real *const d = {name}_data;");
+    }
+    if !routine.tables.is_empty() {
+        let _ = writeln!(out, "    const unsigned *const g = {name}_places;");
     }
     out.push_str(&text.split_inclusive('\n').take_while(|l| is_declaration(l)).collect::<String>());
     for m in [Memory::State, Memory::Input, Memory::Output, Memory::Scratch] {

@@ -36,14 +36,7 @@ const OWN: Places = [
 /// # Panics
 /// Where the program does not pass [`Program::verify`].
 pub fn lower(program: &Program) -> Option<Routine> {
-    let writer = match large(program) {
-        true => roll::write(program, OWN),
-        false => None,
-    };
-    let writer = match writer {
-        Some(writer) => writer,
-        None => write(Writer::new(), program, OWN)?,
-    };
+    let writer = write(Writer::new(), program, OWN)?;
     Some(writer.routine(program.name.clone()))
 }
 
@@ -51,6 +44,12 @@ pub fn lower(program: &Program) -> Option<Routine> {
 pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places) -> Option<Writer> {
     if nested(&program.body, false) {
         return None;
+    }
+    if large(program) {
+        match roll::write(writer, program, places) {
+            Ok(writer) => return Some(writer),
+            Err(back) => writer = back,
+        }
     }
     let locals = program.size(Array::Local);
     let local = if is_small(&program.body) {

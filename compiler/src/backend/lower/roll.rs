@@ -23,10 +23,9 @@ const SUM: u32 = 16;
 /// Results may lie so many deep on one another: in a deeper program nothing runs side by side.
 const DEPTH: u32 = 100;
 
-/// Writes a large program. None where it has a form that this cannot say.
-pub(super) fn write(program: &Program, places: Places) -> Option<Writer> {
-    let mut w = Writer::new();
-    let mut places = places;
+/// Writes a large program where the writer stands; gives the writer back where the program has a form that this cannot say.
+pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> Result<Writer, Writer> {
+    let before = w.scratch;
     places[Array::Local as usize] = (Memory::Scratch, w.room(program.size(Array::Local)));
     let n = program.values as usize;
     let mut roll = Roll {
@@ -41,12 +40,14 @@ pub(super) fn write(program: &Program, places: Places) -> Option<Writer> {
         loops: Vec::new(),
         w,
     };
-    roll.gather(&program.body, false)?;
-    roll.plan()?;
+    if roll.gather(&program.body, false).and_then(|()| roll.plan()).is_none() {
+        roll.w.scratch = before;
+        return Err(roll.w);
+    }
     roll.write();
     let (memory, base) = places[Array::Next as usize];
     roll.w.check(memory, base, program.size(Array::Next));
-    Some(roll.w)
+    Ok(roll.w)
 }
 
 /// Something that a segment gives: where to, which value, and whether its negative.
