@@ -89,9 +89,9 @@ fn function(routine: &Routine, name: &str, first: usize, needs: &mut Needs) -> S
     if !routine.tables.is_empty() {
         solve::numbers(&mut out, &format!("static const unsigned {name}_places[]"), &routine.tables);
     }
-    let _ = write!(
+    let _ = writeln!(
         out,
-        "static int {name}(bond_real *restrict x, const bond_real *restrict u, bond_real *restrict y, bond_real *restrict s) {{\n"
+        "static int {name}(bond_real *restrict x, const bond_real *restrict u, bond_real *restrict y, bond_real *restrict s) {{"
     );
     if used.contains(&Memory::Table) {
         let _ = writeln!(out, "    const bond_real *const c = table;");

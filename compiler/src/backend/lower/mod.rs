@@ -46,10 +46,11 @@ pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places) -
         return None;
     }
     if large(program) {
-        match roll::write(writer, program, places) {
-            Ok(writer) => return Some(writer),
-            Err(back) => writer = back,
+        let (back, done) = roll::write(writer, program, places);
+        if done {
+            return Some(back);
         }
+        writer = back;
     }
     let locals = program.size(Array::Local);
     let local = if is_small(&program.body) {

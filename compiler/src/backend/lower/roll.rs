@@ -23,8 +23,8 @@ const SUM: u32 = 16;
 /// Results may lie so many deep on one another: in a deeper program nothing runs side by side.
 const DEPTH: u32 = 100;
 
-/// Writes a large program where the writer stands; gives the writer back where the program has a form that this cannot say.
-pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> Result<Writer, Writer> {
+/// Writes a large program where the writer stands, and whether it did: some programs have a form that this cannot say.
+pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Writer, bool) {
     let before = w.scratch;
     places[Array::Local as usize] = (Memory::Scratch, w.room(program.size(Array::Local)));
     let n = program.values as usize;
@@ -42,12 +42,12 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> Res
     };
     if roll.gather(&program.body, false).and_then(|()| roll.plan()).is_none() {
         roll.w.scratch = before;
-        return Err(roll.w);
+        return (roll.w, false);
     }
     roll.write();
     let (memory, base) = places[Array::Next as usize];
     roll.w.check(memory, base, program.size(Array::Next));
-    Ok(roll.w)
+    (roll.w, true)
 }
 
 /// Something that a segment gives: where to, which value, and whether its negative.
