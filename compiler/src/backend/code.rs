@@ -119,6 +119,21 @@ impl Cond {
         }
     }
 
+    /// What it is, where that is decided.
+    pub fn known(&self) -> Option<bool> {
+        match self {
+            Cond::Known(b) => Some(*b),
+            Cond::True(_)
+            | Cond::Lt(..)
+            | Cond::Le(..)
+            | Cond::Eq(..)
+            | Cond::Finite(_)
+            | Cond::Not(_)
+            | Cond::All(_)
+            | Cond::Any(_) => None,
+        }
+    }
+
     /// All of some conditions.
     pub fn all(list: impl IntoIterator<Item = Cond>) -> Cond {
         let list: Vec<Cond> = list.into_iter().filter(|c| *c != Cond::Known(true)).collect();

@@ -188,17 +188,10 @@ impl Writer {
     }
 
     pub(in crate::backend) fn select(&mut self, c: Cond, a: Value, b: Value) -> Value {
-        match c {
-            Cond::Known(true) => a,
-            Cond::Known(false) => b,
-            c @ (Cond::True(_)
-            | Cond::Lt(..)
-            | Cond::Le(..)
-            | Cond::Eq(..)
-            | Cond::Finite(_)
-            | Cond::Not(_)
-            | Cond::All(_)
-            | Cond::Any(_)) => self.define(Op::Select(c, a, b)),
+        match c.known() {
+            Some(true) => a,
+            Some(false) => b,
+            None => self.define(Op::Select(c, a, b)),
         }
     }
 
@@ -260,17 +253,10 @@ impl Writer {
     }
 
     pub(in crate::backend) fn branch(&mut self, c: Cond, yes: impl FnOnce(&mut Self), no: impl FnOnce(&mut Self)) {
-        match c {
-            Cond::Known(true) => yes(self),
-            Cond::Known(false) => no(self),
-            c @ (Cond::True(_)
-            | Cond::Lt(..)
-            | Cond::Le(..)
-            | Cond::Eq(..)
-            | Cond::Finite(_)
-            | Cond::Not(_)
-            | Cond::All(_)
-            | Cond::Any(_)) => {
+        match c.known() {
+            Some(true) => yes(self),
+            Some(false) => no(self),
+            None => {
                 let (yes, no) = (self.block(yes), self.block(no));
                 self.push(Stmt::If(c, yes, no));
             }

@@ -10,21 +10,18 @@ use bond_runtime::simulate::StartCluster;
 pub(super) struct Block {
     /// What it holds at the start.
     pub(super) image: Vec<f64>,
-    /// What is where, for people: name, place, size.
-    pub(super) names: Vec<(String, usize, usize)>,
 }
 
 impl Block {
     /// Room for some numbers.
-    pub(super) fn take(&mut self, name: &str, n: usize) -> usize {
-        self.put(name, &vec![0.0; n])
+    pub(super) fn take(&mut self, n: usize) -> usize {
+        self.put(&vec![0.0; n])
     }
 
     /// Room for some numbers, with what they start as.
-    pub(super) fn put(&mut self, name: &str, numbers: &[f64]) -> usize {
+    pub(super) fn put(&mut self, numbers: &[f64]) -> usize {
         let at = self.image.len();
         self.image.extend_from_slice(numbers);
-        self.names.push((name.to_string(), at, numbers.len()));
         at
     }
 }
@@ -69,41 +66,37 @@ pub(super) struct Held {
 
 impl Cluster {
     pub(super) fn new(block: &mut Block, c: &scene::Cluster, start: &StartCluster) -> Self {
-        let name = |what: &str| format!("{} of {}", what, c.name);
         let n = start.held.len();
-        let state = block.put(&name("state"), &start.state);
-        let next = block.take(&name("next state"), start.state.len());
-        let input = block.put(&name("inputs"), &start.input);
-        block.take(&name("alpha"), n);
-        block.put(&name("beta"), &start.beta);
-        let output = block.take(&name("outputs"), c.step.program.size(Array::Output));
-        let seen = block.take(&name("observation"), c.instant.size(Array::Output));
-        let called = block.take(
-            &name("hold"),
-            c.respond.as_ref().map_or(0, |r| {
-                let (p, q) = super::programs(r);
-                p.size(Array::Output).max(q.map_or(0, |q| q.size(Array::Output)))
-            }),
-        );
+        let state = block.put(&start.state);
+        let next = block.take(start.state.len());
+        let input = block.put(&start.input);
+        block.take(n); // alpha
+        block.put(&start.beta);
+        let output = block.take(c.step.program.size(Array::Output));
+        let seen = block.take(c.instant.size(Array::Output));
+        let called = block.take(c.respond.as_ref().map_or(0, |r| {
+            let (p, q) = super::programs(r);
+            p.size(Array::Output).max(q.map_or(0, |q| q.size(Array::Output)))
+        }));
         let sizes: Vec<f64> = start.state[..c.states].iter().map(|x| x.abs()).collect();
-        let largest = block.put(&name("largest"), &sizes);
-        let moved = block.take(&name("moved"), c.ports.len());
-        let count = block.put(&name("steps"), &[if c.period.is_some() { 1.0 } else { 0.0 }]);
-        let left = block.take(&name("intervals to the next sample"), 1);
+        let largest = block.put(&sizes);
+        let moved = block.take(c.ports.len());
+        let count = block.put(&[if c.period.is_some() { 1.0 } else { 0.0 }]);
+        let left = block.take(1);
         let held = start
             .held
             .iter()
             .map(|h| Held {
-                v: block.put(&name("held"), &[h.value]),
-                q: block.take(&name("answer"), 1),
-                w: block.take(&name("crossed"), 1),
-                last_q: block.take(&name("last answer"), 1),
-                alpha: block.take(&name("free answers"), 2),
-                before: block.take(&name("held before"), 2),
-                intervals: block.take(&name("intervals"), 1),
+                v: block.put(&[h.value]),
+                q: block.take(1),
+                w: block.take(1),
+                last_q: block.take(1),
+                alpha: block.take(2),
+                before: block.take(2),
+                intervals: block.take(1),
             })
             .collect();
-        let books = start.energies.iter().map(|h| block.put(&name("ledger"), &ledger::start(*h))).collect();
+        let books = start.energies.iter().map(|h| block.put(&ledger::start(*h))).collect();
         Self { state, next, input, output, seen, called, largest, moved, count, left, held, books, table: 0 }
     }
 }

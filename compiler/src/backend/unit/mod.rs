@@ -91,10 +91,10 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let start = simulation.start();
     let plan = Plan::new(scene, options, &start)?;
     let mut block = Block::default();
-    let time = block.take("t, and intervals so far", 2);
+    let time = block.take(2); // and how many intervals are over
     let values: Vec<f64> = scene.inputs.iter().map(|i| i.value).collect();
-    let given = block.put("what is given from outside", &values);
-    let means = block.take("what open ports gave out on average", scene.open.len());
+    let given = block.put(&values);
+    let means = block.take(scene.open.len());
     let mut unit = Writing {
         scene,
         start: &start,
@@ -283,7 +283,7 @@ impl Writing<'_> {
             w = self.look(w, i)?;
         }
         let Some(program) = &self.scene.probes.program else { return Ok(w.routine("probes".into())) };
-        let inputs = self.block.take("probe", program.size(bond_runtime::ir::Array::Input));
+        let inputs = self.block.take(program.size(bond_runtime::ir::Array::Input));
         let t = w.kept(self.time);
         w.keep(inputs, t);
         for (k, (cluster, output)) in self.scene.probes.gather.iter().enumerate() {
@@ -295,7 +295,7 @@ impl Writing<'_> {
             let x = w.kept(self.given + i);
             w.keep(at + k, x);
         }
-        let seen = self.block.take("probes", program.size(bond_runtime::ir::Array::Output));
+        let seen = self.block.take(program.size(bond_runtime::ir::Array::Output));
         let mut w = self.program(w, program, 0, 0, inputs, seen, "the probes")?;
         // After the probes, the program gives what expectations ask for.
         for k in 0..self.scene.probes.names.len() {

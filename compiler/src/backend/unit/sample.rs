@@ -79,23 +79,15 @@ impl Writing<'_> {
         i: usize,
         f: impl FnOnce(&mut Self, Writer) -> Result<Writer, String>,
     ) -> Result<Writer, String> {
-        match self.due(&mut w, i) {
-            Cond::Known(_) => f(self, w),
-            due @ (Cond::True(_)
-            | Cond::Lt(..)
-            | Cond::Le(..)
-            | Cond::Eq(..)
-            | Cond::Finite(_)
-            | Cond::Not(_)
-            | Cond::All(_)
-            | Cond::Any(_)) => {
-                w.open();
-                let mut w = f(self, w)?;
-                let body = w.close();
-                w.push(Stmt::If(due, body, Vec::new()));
-                Ok(w)
-            }
+        let due = self.due(&mut w, i);
+        if due.known().is_some() {
+            return f(self, w); // in each interval
         }
+        w.open();
+        let mut w = f(self, w)?;
+        let body = w.close();
+        w.push(Stmt::If(due, body, Vec::new()));
+        Ok(w)
     }
 
     /// Hands what some clusters gave out at their ports to those who hold them.
