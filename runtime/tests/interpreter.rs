@@ -26,6 +26,7 @@ fn root(flag: bool) -> Program {
         weight: vec![one],
         scale: vec![one],
         limit: 50,
+        update: Vec::new(),
         affine: false,
         flag: flag.then_some(flag_slot),
     });
@@ -69,6 +70,7 @@ fn iterations_nest() {
         weight: vec![one],
         scale: vec![one],
         limit: 50,
+        update: Vec::new(),
         affine: false,
         flag: None,
     };

@@ -110,7 +110,7 @@ fn each_op_means_the_same_at_special_values() {
 }
 
 /// A program of random ops over two states and an input, with an iteration on `n` unknowns; the first states get the unknowns.
-fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool) -> Program {
+fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, own: bool) -> Program {
     let mut b = Builder::new("random");
     let states: Vec<Slot> = (0..n.max(2)).map(|_| b.slot(Array::State)).collect();
     let input = b.slot(Array::Input);
@@ -142,7 +142,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool) -
     let scales: Vec<Value> = (0..n).map(|i| b.unary(Unary::Abs, pool[(i + 1) % pool.len()])).collect();
     b.open(unknowns, n);
     let u: Vec<Value> = (0..n).map(|i| b.load(slot(i))).collect();
-    let (mut residual, mut jacobian) = (Vec::new(), Vec::new());
+    let (mut residual, mut jacobian, mut update) = (Vec::new(), Vec::new(), Vec::new());
     for i in 0..n {
         // u_i + u_i^3/10 + coupling to the next + something of the pool
         let next = (i + 1) % n;
@@ -156,6 +156,8 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool) -
         let s = b.unary(Unary::Sin, pool[(3 * i + 1) % pool.len()]);
         r = b.sub(r, s);
         residual.push(r);
+        let guess = b.number(1.5);
+        update.push(b.div(r, guess));
         let three = b.number(0.3);
         let slope = b.mul(three, square);
         let slope = b.add(one, slope);
@@ -172,10 +174,11 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool) -
         unknowns: unknowns.index,
         body: Vec::new(),
         residual,
-        jacobian,
+        jacobian: if own { Vec::new() } else { jacobian },
         weight: weights,
         scale: if weight { vec![small; n] } else { scales },
         limit: 40,
+        update: if own { update } else { Vec::new() },
         affine: false,
         flag: Some(flag),
     });
@@ -205,8 +208,9 @@ proptest! {
         numbers in prop::collection::vec(prop_oneof![-3.0..3.0f64, prop::sample::select(SPECIAL.to_vec())], 1..5),
         state in prop::collection::vec(-2.0..2.0f64, 20),
         weight in any::<bool>(),
+        own in any::<bool>(),
     ) {
-        let program = random(n, &picks, &numbers, weight);
+        let program = random(n, &picks, &numbers, weight, own);
         let [one, other] = outputs(&program, &state, &[0.7]);
         prop_assert_eq!(one, other);
     }

@@ -192,6 +192,7 @@ fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: 
         body: Vec::new(),
         residual,
         jacobian: entries,
+        update: Vec::new(),
         weight: system.weight,
         scale: system.scale,
         limit: 200,
@@ -206,7 +207,7 @@ fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: 
 }
 
 /// The largest parts of expressions that hold none of the unknowns (and are more than a number or a symbol).
-fn fixed_parts(pool: &Pool, all: impl IntoIterator<Item = Expr>, unknown: &FxHashSet<Symbol>) -> Vec<Expr> {
+pub(super) fn fixed_parts(pool: &Pool, all: impl IntoIterator<Item = Expr>, unknown: &FxHashSet<Symbol>) -> Vec<Expr> {
     let mut seen: FxHashSet<Expr> = FxHashSet::default();
     let mut stack: Vec<Expr> = all.into_iter().collect();
     let mut parts = Vec::new();

@@ -101,6 +101,7 @@ impl Lives {
                     self.scan(&newton.body);
                     newton.residual.iter().for_each(|&v| self.used(v));
                     newton.jacobian.iter().for_each(|&(_, _, v)| self.used(v));
+                    newton.update.iter().for_each(|v| self.used(*v));
                     self.depth -= 1;
                     for v in self.pending.pop().unwrap_or_default() {
                         self.used(v);
@@ -169,7 +170,8 @@ impl Writer {
                     self.position += 1;
                     let start = self.block(&newton.body);
                     let residual = all(&newton.residual, self);
-                    let jacobian = newton.jacobian.iter().map(|&(_, _, v)| self.of(v)).collect();
+                    let entries = newton.jacobian.iter().map(|&(_, _, v)| v);
+                    let jacobian = entries.chain(newton.update.iter().copied()).map(|v| self.of(v)).collect();
                     self.release(None);
                     self.loops[k] = Loop { body: start..self.code.len(), residual, jacobian, weight, scale };
                     code.push(Code::Newton(k as u32));

@@ -95,6 +95,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     for (row, column, v) in &newton.jacobian {
         writeln!(f, "{indent}  J[{row}, {column}] = {v}")?;
     }
+    for (i, d) in newton.update.iter().enumerate() {
+        writeln!(f, "{indent}  d[{i}] = {d}")?;
+    }
     for (i, (weight, scale)) in newton.weight.iter().zip(&newton.scale).enumerate() {
         writeln!(f, "{indent}  weight[{i}] = {weight}, scale[{i}] = {scale}")?;
     }
@@ -131,6 +134,7 @@ mod tests {
             weight: vec![one],
             scale: vec![v],
             limit: 9,
+            update: Vec::new(),
             affine: false,
             flag: Some(flag),
         });

@@ -145,6 +145,9 @@ pub struct Newton {
     pub residual: Vec<Value>,
     /// Row, column, value; sorted by row, then column; each place at most once. The pattern is fixed.
     pub jacobian: Vec<(u32, u32, Value)>,
+    /// The update itself, one value an unknown, where the body solves with a matrix of its own that is near the Jacobian (a
+    /// simplified Newton method); then there is no `jacobian`. Empty else.
+    pub update: Vec<Value>,
     /// One an unknown: energy per square of the unknown; 0 where nothing is known.
     pub weight: Vec<Value>,
     /// One an unknown: size against which a relative change is measured besides the unknown itself.

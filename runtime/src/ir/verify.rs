@@ -135,6 +135,10 @@ impl Check<'_> {
             self.write(flag, 1)?;
         }
         self.all(newton.weight.iter().chain(&newton.scale).copied())?;
+        let own = newton.update.is_empty() || (newton.jacobian.is_empty() && !newton.affine);
+        if !own || ![0, n].contains(&newton.update.len()) {
+            return Err(Invalid::Lengths(first));
+        }
         let mut before = None;
         for &(row, column, _) in &newton.jacobian {
             if row >= size || column >= size || before >= Some((row, column)) {
@@ -147,6 +151,7 @@ impl Check<'_> {
         self.depth -= 1;
         self.all(newton.residual.iter().copied())?;
         self.all(newton.jacobian.iter().map(|&(_, _, v)| v))?;
+        self.all(newton.update.iter().copied())?;
         self.bury(&newton.body);
         Ok(())
     }
@@ -256,6 +261,7 @@ mod tests {
             weight: vec![one],
             scale: vec![one],
             limit: 50,
+            update: Vec::new(),
             affine: false,
             flag: None,
         });

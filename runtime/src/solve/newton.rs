@@ -20,6 +20,10 @@
 //!   `d |d|² / |e|²`, below rounding; or small(1e-10), where `|d|` is at least half of `|e|`: rounding keeps it from
 //!   falling; or small(1e-6), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown.
 //!
+//! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what it gave, and
+//! fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what is still off is near
+//! θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-10, 4e-16 (1/θ - 1))`, or small(1e-14) where θ is at least a half.
+//!
 //! What the body wrote to slots other than the unknowns belongs to the iterate before the last update.
 
 use super::linear;
@@ -48,6 +52,8 @@ pub struct Plan {
     pub limit: u32,
     /// Whether the first update is the solution.
     pub affine: bool,
+    /// Whether the body gives the update itself.
+    pub given: bool,
     /// The slot of `Local` that gets 1 or 0 instead of a failure.
     pub flag: Option<usize>,
     linear: linear::Plan,
@@ -59,7 +65,7 @@ impl Plan {
         let pattern = newton.jacobian.iter().map(|&(row, column, _)| (row, column)).collect();
         let flag = newton.flag.map(|slot| slot.index as usize);
         let plan = Self::of(newton.unknowns as usize, newton.residual.len(), pattern, newton.limit, flag);
-        Self { affine: newton.affine, ..plan }
+        Self { affine: newton.affine, given: !newton.update.is_empty(), ..plan }
     }
 
     /// The plan of an iteration given by its parts.
@@ -68,7 +74,7 @@ impl Plan {
     /// Where the pattern is not within `n` rows and columns.
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
         let linear = linear::Plan::new(n, &pattern);
-        Self { unknowns, n, pattern, limit, affine: false, flag, linear }
+        Self { unknowns, n, pattern, limit, affine: false, given: false, flag, linear }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -96,7 +102,7 @@ impl Plan {
             weight: vec![0.0; n],
             scale: vec![0.0; n],
             residual: vec![0.0; n],
-            jacobian: vec![0.0; self.pattern.len()],
+            jacobian: vec![0.0; if self.given { n } else { self.pattern.len() }],
             update: vec![0.0; n],
             trial: vec![0.0; n],
             linear: self.linear.scratch(),
@@ -120,7 +126,8 @@ pub struct Scratch {
 
 /// The equations, as a back end computes them.
 pub trait System {
-    /// Computes residual and Jacobian, in the order of the plan's pattern, at the unknowns.
+    /// Computes residual and Jacobian, in the order of the plan's pattern, at the unknowns; where the update is given, that in place
+    /// of the Jacobian.
     ///
     /// # Errors
     /// Where an iteration inside this one fails.
@@ -141,7 +148,8 @@ pub trait System {
 pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, system: &mut S) -> Result<(), Failure> {
     let n = plan.n;
     if plan.affine {
-        *count += 1;
+        // A system inside an iteration is a part of that one.
+        *count += u64::from(plan.flag.is_none());
         system.evaluate(&mut scratch.residual[..n], &mut scratch.jacobian)?;
         let update = &mut scratch.residual[..n];
         plan.linear
@@ -181,8 +189,13 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
             return Ok(());
         }
         let trial = &mut scratch.trial[..n];
-        trial.copy_from_slice(residual);
-        let solved = plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear);
+        let solved = if plan.given {
+            trial.copy_from_slice(&scratch.jacobian);
+            Ok(())
+        } else {
+            trial.copy_from_slice(residual);
+            plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear)
+        };
         let square = measure.square(trial);
         if solved.is_err() || !square.is_finite() {
             if before.is_some() && solved.is_err() && stretches < STRETCHES {
@@ -209,6 +222,9 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
                 halvings += 1;
                 continue;
             }
+            if plan.given {
+                break;
+            }
             if before.is_none() && nudges < NUDGES.len() {
                 // A law with an infinite slope just where the iteration starts, or none: start beside it.
                 let side = NUDGES[nudges] - nudges.checked_sub(1).map_or(0.0, |k| NUDGES[k]);
@@ -229,6 +245,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         let small = |t: f64| measure.small(t, u, d);
         let quick = |last: f64| halvings == 0 && square <= 1e-6 * last;
         let t = match before {
+            Some(last) if plan.given => geometric(square, last),
             Some(last) if 0.25 * last <= square => 1e-10,
             Some(last) if quick(last) => {
                 let t = 4e-16 * (last / square);
@@ -238,7 +255,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         };
         let done = small(t);
         stalls = if before.is_some_and(|last| square >= 0.25 * last) { stalls + 1 } else { 0 };
-        if done || (stalls >= STALLS && small(1e-6)) {
+        if done || (!plan.given && stalls >= STALLS && small(1e-6)) {
             return Ok(());
         }
         before = Some(square);
@@ -247,6 +264,16 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     }
     let (worst, change) = measure.worst(system.unknowns(), &scratch.update);
     Err(Failure::NoConvergence { iterations: plan.limit, unknown: plan.unknowns + worst, change })
+}
+
+/// The part of the unknowns that the last update may be, of an iteration that converges linearly: `square` is its square, `last`
+/// that of the one before.
+fn geometric(square: f64, last: f64) -> f64 {
+    if 0.25 * last <= square {
+        return 1e-14;
+    }
+    let t = 4e-16 * ((last / square).sqrt() - 1.0);
+    if t < 1e-10 { t } else { 1e-10 }
 }
 
 /// Takes back half of an update, and halves it.

@@ -10,7 +10,7 @@ pub(super) mod writer;
 
 use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Inst, Op, Program, Slot};
-use writer::{UNROLLED, Writer, scratch};
+use writer::{ELIMINATED, UNROLLED, Writer, scratch};
 
 /// Products with so many entries at most are written out.
 const ENTRIES: usize = 64;
@@ -279,7 +279,7 @@ impl Lower {
     /// Fails where a number of the new state is not finite.
     fn check(&mut self, n: usize) {
         let (zero, named) = (self.w.number(0.0), std::mem::take(&mut self.next));
-        if named.len() != n || n > 4 * UNROLLED {
+        if named.len() != n || n > 4 * ELIMINATED {
             let (memory, base) = self.places[Array::Next as usize];
             return self.w.check(memory, base, n);
         }

@@ -1,6 +1,6 @@
 //! Newton's method as `bond_runtime::solve::newton` does it, step by step; its doc says what and why.
 
-use super::writer::{At, UNROLLED, Values, Vector, Writer, scratch};
+use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir;
@@ -37,6 +37,8 @@ pub(super) struct Iteration {
     stalls: Var,
     end: Var,
     row: Var,
+    /// Whether the update is given.
+    given: bool,
 }
 
 /// Whether a weight counts.
@@ -67,16 +69,29 @@ impl Lower {
             Numbers { unknowns, weight: self.w.values(raw), scale: self.w.values(scale) }
         };
         let it = begin(&mut self.w, newton, numbers);
-        let matrix = if n > UNROLLED { self.w.room(newton.jacobian.len()) } else { 0 };
+        let matrix = if n > ELIMINATED { self.w.room(newton.jacobian.len()) } else { 0 };
         let body = self.inside(|this| {
             it.count_up(&mut this.w, newton.limit);
             this.block(&newton.body);
             let residual = this.all(&newton.residual);
             let entries: Vec<(u32, u32, Value)> =
                 newton.jacobian.iter().map(|(r, c, v)| (*r, *c, this.of(*v))).collect();
+            let update = this.all(&newton.update);
             let w = &mut this.w;
             let residual = w.values(residual);
-            if n > UNROLLED {
+            if !newton.update.is_empty() {
+                it.judge(w, &residual);
+                let solution = match n > UNROLLED {
+                    true => {
+                        for (i, v) in update.into_iter().enumerate() {
+                            w.push(Stmt::Store(scratch(it.trial, At::One(i)), v));
+                        }
+                        Vector::Memory(it.trial)
+                    }
+                    false => Vector::Vars(update.into_iter().map(|v| w.holding(v)).collect()),
+                };
+                it.advance(w, &solution);
+            } else if n > ELIMINATED {
                 for (i, (_, _, v)) in entries.iter().enumerate() {
                     w.push(Stmt::Store(scratch(matrix, At::One(i)), *v));
                 }
@@ -100,7 +115,7 @@ impl Lower {
 
 /// What comes before the loop.
 pub(super) fn begin(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> Iteration {
-    Iteration::new(w, newton.residual.len(), numbers, newton.affine)
+    Iteration { given: !newton.update.is_empty(), ..Iteration::new(w, newton.residual.len(), numbers, newton.affine) }
 }
 
 impl Iteration {
@@ -112,7 +127,7 @@ impl Iteration {
             }
             Values::List(_) | Values::Memory(_) => None,
         };
-        let trial = if n > UNROLLED { w.room(n) } else { 0 };
+        let trial = if n > ELIMINATED { w.room(n) } else { 0 };
         let mut it = Self {
             n,
             unknowns,
@@ -133,6 +148,7 @@ impl Iteration {
             stalls: w.starting(0.0),
             end: w.starting(0.0),
             row: w.starting(-1.0),
+            given: false,
         };
         if affine {
             return it;
@@ -183,8 +199,10 @@ impl Iteration {
 
     /// What comes after the loop; `flag` is told whether it went well, where the iteration has one.
     pub(super) fn end(&self, w: &mut Writer, newton: &ir::Newton, flag: impl FnOnce(&mut Writer, Value)) {
-        let k = w.get(self.count);
-        w.push(Stmt::Count(k));
+        if !(newton.affine && newton.flag.is_some()) {
+            let k = w.get(self.count);
+            w.push(Stmt::Count(k));
+        }
         let (end, done) = (w.get(self.end), w.number(DONE));
         let good = w.eq(end, done);
         if newton.flag.is_some() {
@@ -358,7 +376,14 @@ impl Iteration {
         let (row, zero, one) = (w.get(self.row), w.number(0.0), w.number(1.0));
         let solved = w.lt(row, zero);
         let sound = w.finite(square);
-        w.when(Cond::all([solved.clone(), sound]).not(), |w| self.rescue(w, solved));
+        w.when(Cond::all([solved.clone(), sound]).not(), |w| {
+            if !self.given {
+                return self.rescue(w, solved);
+            }
+            let may = self.may_halve(w);
+            w.when(may, |w| self.halve(w));
+            self.finish(w, NO_CONVERGENCE);
+        });
         w.each(self.n, |w, at| {
             let (d, u) = (w.at(solution, at), w.at(&self.unknowns, at));
             w.put(&self.update, at, d);
@@ -372,6 +397,9 @@ impl Iteration {
         let slow = Cond::all([Cond::True(made), w.le(slow, square)]);
         let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-8), w.tolerance(1e-10));
         let ratio = w.div(last, square);
+        if self.given {
+            return self.geometric(w, square, ratio, slow);
+        }
         let t = w.mul(least, ratio);
         let under = w.lt(t, most);
         let t = w.select(under, t, most);
@@ -399,6 +427,25 @@ impl Iteration {
         w.set(self.made, one);
         w.set(self.halvings, zero);
         w.set(self.stretches, zero);
+    }
+
+    /// The test of an iteration that converges linearly, after its update.
+    fn geometric(&self, w: &mut Writer, square: Value, ratio: Value, slow: Cond) {
+        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-10), w.tolerance(1e-14));
+        let (zero, one) = (w.number(0.0), w.number(1.0));
+        let root = w.unary(ir::Unary::Sqrt, ratio);
+        let more = w.sub(root, one);
+        let t = w.mul(least, more);
+        let under = w.lt(t, most);
+        let t = w.select(under, t, most);
+        let t = w.select(slow, stalled, t);
+        let made = w.get(self.made);
+        let t = w.select(Cond::True(made), t, least);
+        let small = self.small(w, t);
+        w.when(small, |w| self.finish(w, DONE));
+        w.set(self.before, square);
+        w.set(self.made, one);
+        w.set(self.halvings, zero);
     }
 
     /// Where the system cannot be solved: further along, back, or beside the start.

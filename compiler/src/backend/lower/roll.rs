@@ -11,7 +11,7 @@ mod family;
 
 use super::newton::Numbers;
 use super::writer::{At, Values, Vector, Writer, scratch};
-use super::{Places, UNROLLED};
+use super::{ELIMINATED, Places};
 use crate::backend::code::{Memory, Place, Stmt};
 use bond_runtime::ir::{self, Array, Binary, Inst, Op, Program, Unary};
 use cone::Cone;
@@ -114,7 +114,7 @@ impl<'p> Roll<'p> {
                     let (memory, base) = self.places[slot.array as usize];
                     self.root(here, Place::new(memory, base + slot.index), *v);
                 }
-                Inst::Newton(newton) if !inside && newton.residual.len() > UNROLLED => {
+                Inst::Newton(newton) if !inside && newton.update.is_empty() && newton.residual.len() > ELIMINATED => {
                     let n = newton.residual.len();
                     self.segments[here].then = Some(self.loops.len());
                     let (weight, scale) = if newton.affine { (0, 0) } else { (self.w.room(n), self.w.room(n)) };

@@ -7,7 +7,9 @@ use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 
 /// Loops over so many things at most are written out.
-pub(in crate::backend) const UNROLLED: usize = 8;
+pub(in crate::backend) const UNROLLED: usize = 24;
+/// Eliminations of so many unknowns at most are.
+pub(in crate::backend) const ELIMINATED: usize = 8;
 
 /// A routine in the making.
 #[derive(Default)]
@@ -240,6 +242,13 @@ impl Writer {
     /// A variable that starts as a number.
     pub(in crate::backend) fn starting(&mut self, x: f64) -> Var {
         let (v, x) = (self.var(), self.number(x));
+        self.set(v, x);
+        v
+    }
+
+    /// A variable that is this now.
+    pub(in crate::backend) fn holding(&mut self, x: Value) -> Var {
+        let v = self.var();
         self.set(v, x);
         v
     }

@@ -14,6 +14,8 @@
 //! of a quadratic H it loses ½ w^T Q w with w = Σ d_i D_i in a step, where d d^T = diag(b) A + A^T diag(b) - b b^T (Burrage and
 //! Butcher, SIAM J. Numer. Anal. 16, 1979: algebraic stability). That is never negative, and booked under its own name.
 
+mod decouple;
+mod modes;
 mod tableau;
 
 use super::cluster::{Cluster, Group, missing, verified};
@@ -32,6 +34,8 @@ use tableau::{Tableau, quadrature};
 const QUADRATURE: usize = 4;
 /// Nodes of a quadrature at most.
 const NODES: usize = 18;
+/// Up to so many unknowns in all stages their equations are solved as one, by Newton's method with its whole matrix.
+const COUPLED: usize = 8;
 /// The polynomial of the last step is carried on over so many of its lengths; beyond, its end is.
 const REACH: f64 = 2.5;
 
@@ -301,17 +305,18 @@ pub(super) fn write(
     let s = tableau.stages();
     let (unknowns, residuals) = plan.system(c, &mut model.pool);
     let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
-    let start = guesses(&mut b, c, tableau, &inputs);
-    let system = System {
-        unknowns: unknowns.clone(),
-        h: c.h,
-        start,
-        residuals,
-        weight: weight.repeat(s),
-        scale: scale.repeat(s),
-        flag: None,
+    let guesses = guesses(&mut b, c, tableau, &inputs);
+    let (weight, scale) = (weight.repeat(s), scale.repeat(s));
+    let start = decouple::Start { unknowns: unknowns.clone(), residuals, guesses, weight, scale };
+    let apart = match unknowns.len() > COUPLED {
+        true => decouple::solve(c, model, form, &mut b, &mut lowering, &plan, (&start, &inputs))?,
+        false => None,
     };
-    write::solve(model, &mut b, &mut lowering, system)?;
+    if apart.is_none() {
+        let decouple::Start { unknowns, residuals, guesses: start, weight, scale } = start;
+        let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None };
+        write::solve(model, &mut b, &mut lowering, system)?;
+    }
     let mut value =
         |model: &mut Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
     let (mut next, mut rests) = (Vec::new(), Vec::new());
