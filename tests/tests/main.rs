@@ -1,5 +1,6 @@
 //! The tests of the whole way, one module a stage. What they run are the models of `models/`.
 
+mod collocation;
 mod common;
 
 mod allocation;

@@ -529,18 +529,18 @@ impl Run {
     /// A step into the workspace. Where there is another stepper, that one takes a step that was halved often enough, and a step
     /// whose balance is off counts as failed.
     fn try_step(&mut self, c: &Cluster, depth: u32) -> Result<(), Failure> {
-        let Some(spare) = self.spare.as_mut().filter(|_| depth >= OWN) else {
+        let Some(spare) = &mut self.spare else { return self.step.run(&self.state, &self.input) };
+        if depth < OWN {
             self.step.run(&self.state, &self.input)?;
-            let off = self.spare.is_some() && !self.keeps(c);
-            return if off { Err(Failure::Balance) } else { Ok(()) };
-        };
+            return if self.keeps(c) { Ok(()) } else { Err(Failure::Balance) };
+        }
         spare.run(&self.state, &self.input)?;
         let (to, from) = (&mut self.step.work, &mut spare.work);
         std::mem::swap(&mut to.next, &mut from.next);
         let n = to.output.len();
         to.output.copy_from_slice(&from.output[..n]);
         to.newton_iterations += std::mem::take(&mut from.newton_iterations);
-        Ok(())
+        if depth >= HALVINGS || self.keeps(c) { Ok(()) } else { Err(Failure::Balance) }
     }
 
     /// Whether the step in the workspace keeps the balance.

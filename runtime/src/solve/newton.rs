@@ -22,7 +22,7 @@
 //!
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what it gave, and
 //! fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what is still off is near
-//! θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-10, 4e-16 (1/θ - 1))`, or small(1e-14) where θ is at least a half.
+//! θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 2e-17 (1/θ - 1))`, or small(1e-14) where θ is at least a half.
 //!
 //! What the body wrote to slots other than the unknowns belongs to the iterate before the last update.
 
@@ -272,8 +272,8 @@ fn geometric(square: f64, last: f64) -> f64 {
     if 0.25 * last <= square {
         return 1e-14;
     }
-    let t = 4e-16 * ((last / square).sqrt() - 1.0);
-    if t < 1e-10 { t } else { 1e-10 }
+    let t = 2e-17 * ((last / square).sqrt() - 1.0);
+    if t < 1e-12 { t } else { 1e-12 }
 }
 
 /// Takes back half of an update, and halves it.

@@ -431,7 +431,8 @@ impl Iteration {
 
     /// The test of an iteration that converges linearly, after its update.
     fn geometric(&self, w: &mut Writer, square: Value, ratio: Value, slow: Cond) {
-        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-10), w.tolerance(1e-14));
+        let (first, least) = (w.tolerance(4e-16), w.tolerance(2e-17));
+        let (most, stalled) = (w.tolerance(1e-12), w.tolerance(1e-14));
         let (zero, one) = (w.number(0.0), w.number(1.0));
         let root = w.unary(ir::Unary::Sqrt, ratio);
         let more = w.sub(root, one);
@@ -440,7 +441,7 @@ impl Iteration {
         let t = w.select(under, t, most);
         let t = w.select(slow, stalled, t);
         let made = w.get(self.made);
-        let t = w.select(Cond::True(made), t, least);
+        let t = w.select(Cond::True(made), t, first);
         let small = self.small(w, t);
         w.when(small, |w| self.finish(w, DONE));
         w.set(self.before, square);
