@@ -2,17 +2,18 @@
 //! of all stages are I ⊗ P + A ⊗ Q, and A's eigenvectors take them apart: a system of the size of one stage for each eigenvalue λ,
 //! P + λ Q, of two conjugate ones only one. They are eliminated once a step, and all iterations share the factors.
 
-use super::Plan;
-use super::modes::{Mode, Pair, modes};
+use super::complex::{Algebra, Cx, Entries, Factors};
+use super::modes::{Mode, modes};
 use super::tableau::Tableau;
+use super::{Plan, is_quadratic};
 use crate::discretise::cluster::{Cluster, missing};
-use crate::discretise::write::Inputs;
-use crate::expression::{Expr, Lowering, Symbol};
+use crate::discretise::write::{Inputs, fixed_parts};
+use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Inst, Newton, Slot, Unary, Value};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Systems of so many unknowns are eliminated in straight code; larger ones by a pattern.
 const STRAIGHT: usize = 8;
@@ -31,137 +32,10 @@ pub(super) struct Start {
 /// Entries of P and Q, where they are not 0.
 struct Matrices {
     n: usize,
-    p: FxHashMap<(usize, usize), Value>,
-    q: FxHashMap<(usize, usize), Value>,
-}
-
-/// A complex number in a program; a part that is not there is 0.
-#[derive(Clone, Copy, Default)]
-struct Cx {
-    re: Option<Value>,
-    im: Option<Value>,
-}
-
-/// Arithmetic that leaves out what is 0.
-struct Algebra<'b> {
-    b: &'b mut Builder,
-}
-
-impl Algebra<'_> {
-    fn add(&mut self, x: Option<Value>, y: Option<Value>) -> Option<Value> {
-        match (x, y) {
-            (Some(x), Some(y)) => Some(self.b.add(x, y)),
-            (Some(x), None) | (None, Some(x)) => Some(x),
-            (None, None) => None,
-        }
-    }
-
-    fn sub(&mut self, x: Option<Value>, y: Option<Value>) -> Option<Value> {
-        match (x, y) {
-            (Some(x), Some(y)) => Some(self.b.sub(x, y)),
-            (Some(x), None) => Some(x),
-            (None, Some(y)) => Some(self.b.unary(Unary::Neg, y)),
-            (None, None) => None,
-        }
-    }
-
-    fn mul(&mut self, x: Option<Value>, y: Option<Value>) -> Option<Value> {
-        Some(self.b.mul(x?, y?))
-    }
-
-    /// A number times a value; nothing where the number is 0.
-    fn times(&mut self, x: f64, y: Option<Value>) -> Option<Value> {
-        let y = y?;
-        if x == 0.0 {
-            return None;
-        }
-        let x = self.b.number(x);
-        Some(self.b.mul(x, y))
-    }
-
-    fn product(&mut self, x: Cx, y: Cx) -> Cx {
-        let (a, b) = (self.mul(x.re, y.re), self.mul(x.im, y.im));
-        let (c, d) = (self.mul(x.re, y.im), self.mul(x.im, y.re));
-        Cx { re: self.sub(a, b), im: self.add(c, d) }
-    }
-
-    fn less(&mut self, x: Cx, y: Cx) -> Cx {
-        Cx { re: self.sub(x.re, y.re), im: self.sub(x.im, y.im) }
-    }
-
-    fn inverse(&mut self, x: Cx) -> Cx {
-        let one = self.b.number(1.0);
-        match (x.re, x.im) {
-            (Some(re), None) => Cx { re: Some(self.b.div(one, re)), im: None },
-            (re, im) => {
-                let (a, b) = (self.mul(re, re), self.mul(im, im));
-                let size = self.add(a, b);
-                let inverse = size.map(|s| self.b.div(one, s));
-                let (re, im) = (self.mul(re, inverse), self.mul(im, inverse));
-                Cx { re, im: self.sub(None, im) }
-            }
-        }
-    }
-}
-
-/// The factors of P + λ Q: lower ones below the diagonal, inverse pivots on it, upper ones above.
-struct Factors {
-    n: usize,
-    entries: Vec<Cx>,
-}
-
-impl Factors {
-    /// Eliminates without exchanging rows: for a convex H and short steps the pivots have digits, and where one has none the iteration
-    /// does not converge.
-    fn new(algebra: &mut Algebra, m: &Matrices, value: Pair) -> Self {
-        let n = m.n;
-        let mut a = vec![Cx::default(); n * n];
-        for (&(i, j), v) in sorted(&m.p) {
-            a[i * n + j].re = Some(*v);
-        }
-        for (&(i, j), v) in sorted(&m.q) {
-            let (re, im) = (algebra.times(value.0, Some(*v)), algebra.times(value.1, Some(*v)));
-            let at = &mut a[i * n + j];
-            *at = Cx { re: algebra.add(at.re, re), im };
-        }
-        for k in 0..n {
-            a[k * n + k] = algebra.inverse(a[k * n + k]);
-            for i in k + 1..n {
-                let f = algebra.product(a[i * n + k], a[k * n + k]);
-                a[i * n + k] = f;
-                for j in k + 1..n {
-                    let term = algebra.product(f, a[k * n + j]);
-                    a[i * n + j] = algebra.less(a[i * n + j], term);
-                }
-            }
-        }
-        Self { n, entries: a }
-    }
-
-    fn solve(&self, algebra: &mut Algebra, right: &[Cx]) -> Vec<Cx> {
-        let n = self.n;
-        let mut x = right.to_vec();
-        for i in 0..n {
-            for j in 0..i {
-                let term = algebra.product(self.entries[i * n + j], x[j]);
-                x[i] = algebra.less(x[i], term);
-            }
-        }
-        for i in (0..n).rev() {
-            for j in i + 1..n {
-                let term = algebra.product(self.entries[i * n + j], x[j]);
-                x[i] = algebra.less(x[i], term);
-            }
-            x[i] = algebra.product(x[i], self.entries[i * n + i]);
-        }
-        x
-    }
-}
-
-fn sorted(m: &FxHashMap<(usize, usize), Value>) -> Vec<(&(usize, usize), &Value)> {
-    let mut list: Vec<_> = m.iter().collect();
-    list.sort_unstable_by_key(|e| *e.0);
-    list
+    p: Entries,
+    q: Entries,
+    /// Whether they are the same wherever the state is, so that the equations are linear.
+    fixed: bool,
 }
 
 /// Solves the equations of a step, all stages at once. `None` where the method's matrix could not be taken apart.
@@ -182,16 +56,19 @@ pub(super) fn solve(
     let size = start.unknowns.len();
     let factors: Option<Vec<Factors>> = (n <= STRAIGHT).then(|| {
         let mut algebra = Algebra { b };
-        modes.iter().map(|m| Factors::new(&mut algebra, &matrices, m.value)).collect()
+        modes.iter().map(|m| Factors::new(&mut algebra, n, &matrices.p, &matrices.q, m.value)).collect()
     });
+    if matrices.fixed {
+        return linear(model, b, lowering, start, (&modes, &matrices, factors.as_deref())).map(Some);
+    }
     let slots = b.slots(Array::Local, size);
     let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
     for (i, (s, v)) in start.unknowns.iter().zip(&start.guesses).enumerate() {
         b.name(slot(i), model.pool.name(*s));
         b.store(slot(i), *v);
     }
-    let unknown: rustc_hash::FxHashSet<Symbol> = start.unknowns.iter().copied().collect();
-    for e in crate::discretise::write::fixed_parts(&model.pool, start.residuals.iter().copied(), &unknown) {
+    let unknown: FxHashSet<Symbol> = start.unknowns.iter().copied().collect();
+    for e in fixed_parts(&model.pool, start.residuals.iter().copied(), &unknown) {
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
     }
     let mut inside = lowering.clone();
@@ -204,31 +81,13 @@ pub(super) fn solve(
     for r in &start.residuals {
         residual.push(inside.lower(&model.pool, b, *r).map_err(|s| missing(model, s))?);
     }
-    let mut update: Vec<Option<Value>> = vec![None; size];
-    for (k, mode) in modes.iter().enumerate() {
-        let mut algebra = Algebra { b };
-        let right: Vec<Cx> = (0..n).map(|i| part(&mut algebra, mode, &residual, n, i)).collect();
-        let found = match &factors {
-            Some(list) => list[k].solve(&mut algebra, &right),
-            None => by_pattern(b, &matrices, mode, &right),
-        };
-        let mut algebra = Algebra { b };
-        let twice = if mode.is_real() { 1.0 } else { 2.0 };
-        for (j, (re, im)) in mode.right.iter().enumerate() {
-            for (i, y) in found.iter().enumerate() {
-                let (x, z) = (algebra.times(twice * re, y.re), algebra.times(twice * im, y.im));
-                let term = algebra.sub(x, z);
-                update[j * n + i] = algebra.add(update[j * n + i], term);
-            }
-        }
-    }
-    let zero = b.number(0.0);
+    let update = apart(b, (&modes, &matrices, factors.as_deref()), &residual, true);
     b.close(Newton {
         unknowns: slots.index,
         body: Vec::new(),
         residual,
         jacobian: Vec::new(),
-        update: update.into_iter().map(|u| u.unwrap_or(zero)).collect(),
+        update,
         weight: start.weight.clone(),
         scale: start.scale.clone(),
         limit: LIMIT,
@@ -240,6 +99,61 @@ pub(super) fn solve(
         lowering.bind(*s, v);
     }
     Ok(Some(()))
+}
+
+/// What takes the equations apart: modes, matrices, and where there are few unknowns, the factors.
+type Parts<'a> = (&'a [Mode], &'a Matrices, Option<&'a [Factors]>);
+
+/// The solution of the linear equations of all stages with a right side.
+fn apart(b: &mut Builder, (modes, m, factors): Parts, right: &[Value], inside: bool) -> Vec<Value> {
+    let n = m.n;
+    let mut sums: Vec<Option<Value>> = vec![None; right.len()];
+    for (k, mode) in modes.iter().enumerate() {
+        let mut algebra = Algebra { b };
+        let right: Vec<Cx> = (0..n).map(|i| part(&mut algebra, mode, right, n, i)).collect();
+        let found = match factors {
+            Some(list) => list[k].solve(&mut algebra, &right),
+            None => by_pattern(b, m, mode, &right, inside),
+        };
+        let mut algebra = Algebra { b };
+        let twice = if mode.is_real() { 1.0 } else { 2.0 };
+        for (j, (re, im)) in mode.right.iter().enumerate() {
+            for (i, y) in found.iter().enumerate() {
+                let (x, z) = (algebra.times(twice * re, y.re), algebra.times(twice * im, y.im));
+                let term = algebra.sub(x, z);
+                sums[j * n + i] = algebra.add(sums[j * n + i], term);
+            }
+        }
+    }
+    let zero = b.number(0.0);
+    sums.into_iter().map(|u| u.unwrap_or(zero)).collect()
+}
+
+/// The equations of a linear region: solved at once.
+fn linear(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    start: &Start,
+    parts: Parts,
+) -> Result<(), Vec<Diagnostic>> {
+    let zero = model.pool.zero();
+    let none: FxHashMap<Symbol, Expr> = start.unknowns.iter().map(|u| (*u, zero)).collect();
+    let mut right = Vec::with_capacity(start.unknowns.len());
+    for r in model.pool.substitute_all(&start.residuals, &none) {
+        let v = lowering.lower(&model.pool, b, r).map_err(|s| missing(model, s))?;
+        right.push(b.unary(Unary::Neg, v));
+    }
+    let found = apart(b, parts, &right, false);
+    for (s, v) in start.unknowns.iter().zip(found) {
+        lowering.bind(*s, v);
+    }
+    Ok(())
+}
+
+/// Whether every energy is quadratic.
+fn quadratic(c: &Cluster, pool: &mut Pool) -> bool {
+    c.groups.iter().all(|g| is_quadratic(c, pool, g))
 }
 
 /// The part of the residuals of all stages along a mode, for the i-th unknown of a stage.
@@ -254,7 +168,8 @@ fn part(algebra: &mut Algebra, mode: &Mode, residual: &[Value], n: usize, i: usi
 }
 
 /// Solves (P + λ Q) y = right by an elimination of a fixed pattern: real and imaginary parts as one system.
-fn by_pattern(b: &mut Builder, m: &Matrices, mode: &Mode, right: &[Cx]) -> Vec<Cx> {
+/// `inside` an iteration a system without a solution ends that; else it fails the step.
+fn by_pattern(b: &mut Builder, m: &Matrices, mode: &Mode, right: &[Cx], inside: bool) -> Vec<Cx> {
     let n = m.n;
     let parts = if mode.is_real() { 1 } else { 2 };
     let mut entries: FxHashMap<(u32, u32), Value> = FxHashMap::default();
@@ -264,20 +179,20 @@ fn by_pattern(b: &mut Builder, m: &Matrices, mode: &Mode, right: &[Cx]) -> Vec<C
             *at = b.add(*at, v);
         }
     };
-    for (&(i, j), v) in sorted(&m.p) {
+    for &(i, j, v) in &m.p {
         for k in 0..parts {
-            put(b, parts * i + k, parts * j + k, *v);
+            put(b, parts * i + k, parts * j + k, v);
         }
     }
-    for (&(i, j), v) in sorted(&m.q) {
+    for &(i, j, v) in &m.q {
         let re = b.number(mode.value.0);
-        let re = b.mul(re, *v);
+        let re = b.mul(re, v);
         for k in 0..parts {
             put(b, parts * i + k, parts * j + k, re);
         }
         if parts == 2 {
             let im = b.number(mode.value.1);
-            let im = b.mul(im, *v);
+            let im = b.mul(im, v);
             let less = b.unary(Unary::Neg, im);
             put(b, 2 * i, 2 * j + 1, less);
             put(b, 2 * i + 1, 2 * j, im);
@@ -308,15 +223,16 @@ fn by_pattern(b: &mut Builder, m: &Matrices, mode: &Mode, right: &[Cx]) -> Vec<C
         scale: vec![one; size],
         limit: 1,
         affine: true,
-        flag: Some(flag),
+        flag: inside.then_some(flag),
     };
     b.push(Inst::Newton(Box::new(newton)), slots, size + 1);
-    // A system without a solution ends the iteration.
-    let (solved, none) = (b.load(flag), b.number(f64::NAN));
+    let solved = inside.then(|| b.load(flag));
+    let none = b.number(f64::NAN);
+    let sound = |b: &mut Builder, x: Value| solved.map_or(x, |s| b.select(s, x, none));
     (0..n)
         .map(|i| {
             let re = b.load(slot(parts * i));
-            let re = b.select(solved, re, none);
+            let re = sound(b, re);
             let im = (parts == 2).then(|| b.load(slot(2 * i + 1)));
             Cx { re: Some(re), im }
         })
@@ -366,10 +282,12 @@ fn matrices(
     }
     let place: FxHashMap<Symbol, usize> =
         c.states.iter().map(|s| s.symbol).chain(c.loops.iter().copied()).enumerate().map(|(i, s)| (s, i)).collect();
-    let mut m = Matrices { n, p: FxHashMap::default(), q: FxHashMap::default() };
+    let is_place = |s: Symbol| place.contains_key(&s);
+    let fixed = quadratic(c, &mut model.pool);
+    let mut m = Matrices { n, p: Entries::new(), q: Entries::new(), fixed };
     let one = b.number(1.0);
     for i in 0..states {
-        m.p.insert((i, i), one);
+        m.p.push((i, i, one));
     }
     for (i, row) in rows.into_iter().enumerate() {
         let mut by: Vec<(usize, Symbol)> =
@@ -381,14 +299,16 @@ fn matrices(
             if model.pool.is_zero(d) {
                 continue;
             }
+            m.fixed &= !model.pool.contains_any(d, &is_place);
             let mut v = lowering.lower(&model.pool, b, d).map_err(|s| missing(model, s))?;
             if i < states {
                 let less = b.unary(Unary::Neg, inputs.h);
                 v = b.mul(less, v);
             }
             let to = if j < states { &mut m.q } else { &mut m.p };
-            to.insert((i, j), v);
+            to.push((i, j, v));
         }
     }
+    m.p.sort_unstable_by_key(|e| (e.0, e.1));
     Ok(m)
 }

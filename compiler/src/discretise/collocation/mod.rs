@@ -14,6 +14,7 @@
 //! of a quadratic H it loses ½ w^T Q w with w = Σ d_i D_i in a step, where d d^T = diag(b) A + A^T diag(b) - b b^T (Burrage and
 //! Butcher, SIAM J. Numer. Anal. 16, 1979: algebraic stability). That is never negative, and booked under its own name.
 
+mod complex;
 mod decouple;
 mod modes;
 mod tableau;
@@ -159,12 +160,12 @@ fn is_quadratic(c: &Cluster, pool: &mut Pool, g: &Group) -> bool {
 fn gradients(c: &Cluster, pool: &mut Pool, tableau: &Tableau, stages: &[Stage], nodes: Nodes) -> Vec<Vec<Vec<Expr>>> {
     let s = tableau.stages();
     let mut list = Vec::new();
+    let states = |pool: &mut Pool, node: f64| within(c, pool, stages, &tableau.integrals(node));
+    let at_nodes: Vec<FxHashMap<Symbol, Expr>> = tableau.nodes.iter().map(|node| states(pool, *node)).collect();
+    let mut at_rules: FxHashMap<usize, Vec<FxHashMap<Symbol, Expr>>> = FxHashMap::default();
     for g in &c.groups {
         if nodes == Nodes::Radau || is_quadratic(c, pool, g) {
-            let at = tableau.nodes.iter().map(|node| {
-                let map = within(c, pool, stages, &tableau.integrals(*node));
-                g.coenergy.iter().map(|z| pool.substitute(*z, &map)).collect()
-            });
+            let at = at_nodes.iter().map(|map| g.coenergy.iter().map(|z| pool.substitute(*z, map)).collect());
             list.push(at.collect());
             continue;
         }
@@ -172,14 +173,11 @@ fn gradients(c: &Cluster, pool: &mut Pool, tableau: &Tableau, stages: &[Stage], 
         let degree = g.coenergy.iter().map(|z| degree(pool, *z, &symbols)).try_fold(0, |most, d| Some(most.max(d?)));
         // The integrand has the degree of the gradient along the polynomial, and that of l_i.
         let count = degree.map_or(s + QUADRATURE, |d| (d as usize * s + s).div_ceil(2));
-        let rule = quadrature(count.min(NODES));
-        let along: Vec<Vec<Expr>> = rule
-            .iter()
-            .map(|(node, _)| {
-                let map = within(c, pool, stages, &tableau.integrals(*node));
-                g.coenergy.iter().map(|z| pool.substitute(*z, &map)).collect()
-            })
-            .collect();
+        let count = count.min(NODES);
+        let rule = quadrature(count);
+        let maps = at_rules.entry(count).or_insert_with(|| rule.iter().map(|(node, _)| states(pool, *node)).collect());
+        let along: Vec<Vec<Expr>> =
+            maps.iter().map(|map| g.coenergy.iter().map(|z| pool.substitute(*z, map)).collect()).collect();
         let values: Vec<Vec<f64>> = rule.iter().map(|(node, _)| tableau.values(*node)).collect();
         let at = (0..s).map(|i| {
             (0..g.states.len())
