@@ -351,7 +351,10 @@ impl Cluster {
                         )
                     })?,
                     Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
-                    Some(m @ (Method::Euler | Method::Rk4)) => explicit::write(self, model, form, m)?,
+                    Some(Method::Euler) => explicit::write(self, model, form, &explicit::EULER)?,
+                    Some(Method::SymplecticEuler) => explicit::write(self, model, form, &explicit::SYMPLECTIC)?,
+                    Some(Method::Rk4) => explicit::write(self, model, form, &explicit::RK4)?,
+                    Some(Method::Rk45) => explicit::write(self, model, form, &explicit::RK45)?,
                     Some(Method::Ray) => gonzalez::write(self, model, form)?,
                 };
                 let is_linear = step.linear.is_some();
@@ -372,7 +375,9 @@ impl Cluster {
                         ));
                     }
                     Some(Method::Ray) => ray::write(self, model, form)?,
-                    Some(m @ (Method::Exact | Method::Euler | Method::Rk4)) => {
+                    Some(
+                        m @ (Method::Exact | Method::Euler | Method::SymplecticEuler | Method::Rk4 | Method::Rk45),
+                    ) => {
                         return Err(unfit(model, self, form, m, "a sampled region takes `gonzalez` or `ray`"));
                     }
                 };

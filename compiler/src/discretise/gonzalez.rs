@@ -216,5 +216,16 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     }
     write::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
-    Ok((Stepper { name: "gonzalez".into(), order: 2, passive: true, program, estimate: None, linear: None, glance: None }, entries))
+    Ok((
+        Stepper {
+            name: "gonzalez".into(),
+            order: 2,
+            passive: true,
+            program,
+            estimate: None,
+            linear: None,
+            glance: None,
+        },
+        entries,
+    ))
 }

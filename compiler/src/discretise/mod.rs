@@ -40,11 +40,23 @@ pub enum Method {
     Euler,
     /// The classical Runge-Kutta method.
     Rk4,
+    /// That of Dormand and Prince, of order 5 with an estimate of order 4.
+    Rk45,
+    /// The semi-implicit Euler method.
+    SymplecticEuler,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Method; 5] = [Method::Exact, Method::Gonzalez, Method::Ray, Method::Euler, Method::Rk4];
+    pub const ALL: [Method; 7] = [
+        Method::Exact,
+        Method::Gonzalez,
+        Method::Ray,
+        Method::Euler,
+        Method::SymplecticEuler,
+        Method::Rk4,
+        Method::Rk45,
+    ];
 
     /// As it is written.
     pub fn name(self) -> &'static str {
@@ -54,6 +66,8 @@ impl Method {
             Method::Ray => "ray",
             Method::Euler => "euler",
             Method::Rk4 => "rk4",
+            Method::Rk45 => "rk45",
+            Method::SymplecticEuler => "symplectic_euler",
         }
     }
 

@@ -33,6 +33,9 @@ const SAME: f64 = 1e-12;
 pub(super) struct Control {
     /// Length of the next step, s.
     pub(super) ahead: f64,
+    /// Length of the steps before the last switch of a law: where two laws alternate, as flight and contact do, those of the one that
+    /// comes.
+    other: f64,
     /// The error of the last step over the tolerance; 1 at a fresh start.
     pub(super) error: f64,
     /// Steps in a row that were far smaller than the usual one.
@@ -115,7 +118,7 @@ impl Fit {
         Self {
             tolerance,
             longest: options.longest.unwrap_or(f64::INFINITY),
-            control: Control { ahead, error: 1.0, crawl: 0, rejected: 0, events: 0 },
+            control: Control { ahead, other: ahead, error: 1.0, crawl: 0, rejected: 0, events: 0 },
             limit: 0.0,
             driven: false,
             moved: integrals.iter().map(|x| x.abs()).collect(),
@@ -250,8 +253,7 @@ impl Run {
     fn fitted(&mut self, c: &Cluster, names: &[String], t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
         let Some(fit) = &self.fit else { return Ok((t, true)) };
         let (tolerance, longest, mut control) = (fit.tolerance, fit.longest, fit.control);
-        // Doubling tells the error of the step itself, an embedded estimate that of a method one order below.
-        let order = f64::from(if c.step.estimate.is_some() { c.step.order } else { c.step.order + 1 }.max(1));
+        let order = f64::from(c.step.order + 1);
         let limit = Some(fit.limit).filter(|l| *l > t + SAME * t.abs());
         let end = end.into_iter().chain(limit).min_by(f64::total_cmp);
         // What is given from outside changes evenly until then.
@@ -303,7 +305,9 @@ impl Run {
                 break (h, None);
             }
             if attempt.event {
-                // Beyond the switch another law holds, of which nothing is known yet.
+                // Beyond the switch another law holds.
+                let here = control.ahead.min((GROW * attempt.h).max(FIRST * usual));
+                (control.ahead, control.other) = (control.other, here);
                 control.events += 1;
                 control.error = 1.0;
             } else {
@@ -350,9 +354,8 @@ impl Run {
     /// sizes: the embedded estimate, or what the difference of the two tells.
     fn estimate(&self, c: &Cluster, whole: bool) -> Result<f64, Failure> {
         let Some(fit) = &self.fit else { return Ok(0.0) };
-        let above = |b: &super::cluster::Book, e: &crate::scene::Entries| {
-            (b.h_top - e.floor).max(b.turnover_max).max(0.0)
-        };
+        let above =
+            |b: &super::cluster::Book, e: &crate::scene::Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
         let raised = 2f64.powi(c.step.order as i32);
         let part = if whole { raised } else { 1.0 } / (raised - 1.0).max(1.0);

@@ -10,7 +10,7 @@ const STANDS: f64 = 1e-9;
 /// So often is a change of sign looked for at most.
 const ROUNDS: u32 = 60;
 /// From this round on every other one halves the way.
-const PATIENCE: u32 = 8;
+const PATIENCE: u32 = 12;
 
 /// A point of a guard along the step.
 type Point = (f64, f64);
@@ -89,7 +89,8 @@ impl Run {
                     std::mem::swap(&mut fit.seen, &mut fit.below);
                     let third = Some(bracket.low);
                     bracket = Bracket { low: (at, fit.below[bracket.guard]), third, ..bracket };
-                    if !halves {
+                    // Missed by rounding alone.
+                    if bracket.root() - at <= past {
                         past *= 8.0;
                     }
                 }
@@ -163,7 +164,8 @@ impl Run {
 
 /// The guard that, going from some values to others, changes sign first.
 fn earliest(from: &[f64], to: &[f64]) -> Option<usize> {
-    let changes = from.iter().zip(to).enumerate().filter(|(_, (a, b))| (**a < 0.0 && **b > 0.0) || (**a > 0.0 && **b < 0.0));
+    let changes =
+        from.iter().zip(to).enumerate().filter(|(_, (a, b))| (**a < 0.0 && **b > 0.0) || (**a > 0.0 && **b < 0.0));
     changes.map(|(i, (a, b))| (i, a / (a - b))).min_by(|x, y| x.1.total_cmp(&y.1)).map(|found| found.0)
 }
 
