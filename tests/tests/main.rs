@@ -2,6 +2,7 @@
 
 mod common;
 
+mod adaptive;
 mod allocation;
 mod backend;
 mod causality;

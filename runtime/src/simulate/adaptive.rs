@@ -317,7 +317,7 @@ impl Run {
                 // A step that an end cut short says little of what comes.
                 let cut = h < SAFE * control.ahead;
                 control.ahead = if cut { next.max(control.ahead) } else { next };
-                control.error = ratio.clamp(1e-4, 1.0);
+                control.error = if cut { control.error } else { ratio.clamp(1e-4, 1.0) };
             }
             break (h, Some((done.unwrap_or(t + attempt.h), attempt.whole)));
         };

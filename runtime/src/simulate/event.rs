@@ -9,38 +9,54 @@ use crate::kernel::Failure;
 const STANDS: f64 = 1e-9;
 /// So often is a change of sign looked for at most.
 const ROUNDS: u32 = 60;
-/// From this round on every other one halves the way.
-const PATIENCE: u32 = 12;
+/// A round that leaves more than this part of the bracket and of the guard is followed by one of the other kind.
+const SLOW: f64 = 0.25;
 
 /// A point of a guard along the step.
 type Point = (f64, f64);
 
-/// Between which points a guard changes sign, and a third point of it.
+/// Between which points a guard changes sign. Before the switch the guard is smooth along the step, beyond it need not be.
 #[derive(Clone, Copy)]
 struct Bracket {
     guard: usize,
     low: Point,
     high: Point,
+    /// The end of the bracket that was replaced last.
     third: Option<Point>,
+    /// Points before `low`, the last one first.
+    past: [Option<Point>; 2],
 }
 
 impl Bracket {
-    /// Where the parabola through the three points is 0, or the line through two.
-    fn root(&self) -> f64 {
+    fn new(guard: usize, low: Point, high: Point, third: Option<Point>) -> Self {
+        Self { guard, low, high, third, past: [None; 2] }
+    }
+
+    /// Where the parabola through `low` and two other points is 0 in the bracket.
+    fn parabola(&self, p: Point, q: Point) -> Option<f64> {
+        let (low, a) = self.low;
+        let slope = (p.1 - a) / (p.0 - low);
+        let bend = ((q.1 - p.1) / (q.0 - p.0) - slope) / (q.0 - low);
+        let tilt = slope - bend * (p.0 - low);
+        let root = (tilt * tilt - 4.0 * bend * a).sqrt();
+        let k = -0.5 * (tilt + root.copysign(tilt));
+        self.inside(a / k).or(self.inside(k / bend))
+    }
+
+    fn inside(&self, u: f64) -> Option<f64> {
+        (u > 0.0 && u < self.high.0 - self.low.0).then_some(self.low.0 + u)
+    }
+
+    /// The root by both ends of the bracket.
+    fn within(&self) -> f64 {
         let ((low, a), (high, b)) = (self.low, self.high);
-        let width = high - low;
-        let slope = (b - a) / width;
-        let line = -a / slope;
-        let inside = |u: f64| (u > 0.0 && u < width).then_some(low + u);
-        let parabola = || {
-            let (third, c) = self.third?;
-            let bend = ((c - b) / (third - high) - slope) / (third - low);
-            let tilt = slope - bend * width;
-            let root = (tilt * tilt - 4.0 * bend * a).sqrt();
-            let q = -0.5 * (tilt + root.copysign(tilt));
-            inside(a / q).or(inside(q / bend))
-        };
-        parabola().or(inside(line)).unwrap_or(low + 0.5 * width)
+        let line = || self.inside(-a * (high - low) / (b - a)).unwrap_or(0.5 * (low + high));
+        self.third.and_then(|q| self.parabola(self.high, q)).unwrap_or_else(line)
+    }
+
+    /// The root by the points before the switch alone, where there are enough.
+    fn ahead(&self) -> Option<f64> {
+        self.parabola(self.past[0]?, self.past[1]?)
     }
 }
 
@@ -49,8 +65,10 @@ impl Run {
     pub(super) fn guards_before(&mut self, t: f64) {
         if let Some(guards) = &mut self.guards {
             self.input[0] = t;
-            if let Ok(out) = guards.run(&self.state, &self.input) {
-                self.before.copy_from_slice(out);
+            match guards.run(&self.state, &self.input) {
+                Ok(out) => self.before.copy_from_slice(out),
+                // A guard that cannot be told switches nothing.
+                Err(_) => self.before.fill(0.0),
             }
         }
     }
@@ -62,39 +80,44 @@ impl Run {
         let Some(mut bracket) = self.bracket(t, h)? else { return Ok(None) };
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
         let mut past = floor;
+        let mut slow = false;
         for round in 0..ROUNDS {
-            let root = bracket.root();
+            let within = bracket.within();
             let (low, high) = (bracket.low.0, bracket.high.0);
-            if high - root <= 4.0 * past || high - low <= floor {
+            if high - within <= 4.0 * past || high - low <= floor {
                 break;
             }
-            let halves = round >= PATIENCE && round % 2 == 0;
-            let at = if halves { 0.5 * (low + high) } else { (root + past).max(low + floor) };
+            let middle = 0.5 * (low + high);
+            let root = match slow {
+                true if round % 4 == 3 => middle,
+                true => bracket.ahead().unwrap_or(middle),
+                false => within,
+            };
+            if root - low <= past && low > 0.0 {
+                past *= 8.0; // missed by rounding alone
+            }
+            let at = if root + past < high { root + past } else { middle };
             self.stride(t, at, Part::Trial)?;
             self.guards_at(t + at, Part::Trial);
             let Some(fit) = &mut self.fit else { return Ok(None) };
-            match earliest(&fit.below, &fit.seen) {
-                Some(guard) => {
-                    std::mem::swap(&mut fit.trial, &mut fit.whole);
-                    std::mem::swap(&mut fit.seen, &mut fit.beyond);
-                    let third = (guard == bracket.guard).then_some(bracket.high);
-                    bracket = Bracket {
-                        guard,
-                        low: (low, fit.below[guard]),
-                        high: (at, fit.beyond[guard]),
-                        third: third.or(bracket.third.filter(|_| guard == bracket.guard)),
-                    };
-                }
-                None => {
-                    std::mem::swap(&mut fit.seen, &mut fit.below);
-                    let third = Some(bracket.low);
-                    bracket = Bracket { low: (at, fit.below[bracket.guard]), third, ..bracket };
-                    // Missed by rounding alone.
-                    if bracket.root() - at <= past {
-                        past *= 8.0;
-                    }
-                }
+            let least = bracket.low.1.abs().min(bracket.high.1.abs());
+            let point;
+            if let Some(guard) = earliest(&fit.below, &fit.seen) {
+                std::mem::swap(&mut fit.trial, &mut fit.whole);
+                std::mem::swap(&mut fit.seen, &mut fit.beyond);
+                point = (at, fit.beyond[guard]);
+                bracket = if guard == bracket.guard {
+                    Bracket { high: point, third: Some(bracket.high), ..bracket }
+                } else {
+                    Bracket::new(guard, (low, fit.below[guard]), point, None)
+                };
+            } else {
+                std::mem::swap(&mut fit.seen, &mut fit.below);
+                point = (at, fit.below[bracket.guard]);
+                let before = [Some(bracket.low), bracket.past[0]];
+                bracket = Bracket { low: point, third: Some(bracket.low), past: before, ..bracket };
             }
+            slow = bracket.high.0 - bracket.low.0 > SLOW * (high - low) && point.1.abs() > SLOW * least;
         }
         let found = bracket.high.0;
         if found < STANDS * self.default_step {
@@ -116,12 +139,7 @@ impl Run {
         fit.below.copy_from_slice(&self.before);
         std::mem::swap(&mut fit.seen, &mut fit.beyond);
         if let Some(guard) = earliest(&fit.below, &fit.beyond) {
-            return Ok(Some(Bracket {
-                guard,
-                low: (0.0, fit.below[guard]),
-                high: (h, fit.beyond[guard]),
-                third: None,
-            }));
+            return Ok(Some(Bracket::new(guard, (0.0, fit.below[guard]), (h, fit.beyond[guard]), None)));
         }
         self.stride(t, 0.5 * h, Part::First)?;
         self.guards_at(t + 0.5 * h, Part::First);
@@ -131,17 +149,32 @@ impl Run {
             std::mem::swap(&mut fit.seen, &mut fit.beyond);
             copy(&fit.first, &mut fit.whole);
             let (low, high) = ((0.0, fit.below[guard]), (0.5 * h, fit.beyond[guard]));
-            return Ok(Some(Bracket { guard, low, high, third }));
+            return Ok(Some(Bracket::new(guard, low, high, third)));
+        }
+        std::mem::swap(&mut fit.seen, &mut fit.below);
+        // One that changes sign twice to one side of the middle: where the parabola through its three values turns.
+        let values = self.before.iter().zip(&fit.below).zip(&fit.beyond);
+        let turns = values.filter_map(|((start, middle), end)| turn(*start, *middle, *end));
+        if let Some(at) = turns.min_by(f64::total_cmp).map(|part| part * h) {
+            self.stride(t, at, Part::Trial)?;
+            self.guards_at(t + at, Part::Trial);
+            let Some(fit) = &mut self.fit else { return Ok(None) };
+            if let Some(guard) = earliest(&self.before, &fit.seen) {
+                std::mem::swap(&mut fit.seen, &mut fit.beyond);
+                std::mem::swap(&mut fit.trial, &mut fit.whole);
+                let late = at > 0.5 * h;
+                if !late {
+                    fit.below.copy_from_slice(&self.before);
+                }
+                let low = if late { 0.5 * h } else { 0.0 };
+                return Ok(Some(Bracket::new(guard, (low, fit.below[guard]), (at, fit.beyond[guard]), None)));
+            }
         }
         // A guard that was 0 at the start.
-        std::mem::swap(&mut fit.seen, &mut fit.below);
+        let Some(fit) = &self.fit else { return Ok(None) };
         let found = earliest(&fit.below, &fit.beyond);
-        Ok(found.map(|guard| Bracket {
-            guard,
-            low: (0.5 * h, fit.below[guard]),
-            high: (h, fit.beyond[guard]),
-            third: None,
-        }))
+        let ends = |i: usize| ((0.5 * h, fit.below[i]), (h, fit.beyond[i]));
+        Ok(found.map(|guard| Bracket::new(guard, ends(guard).0, ends(guard).1, None)))
     }
 
     /// Looks at the guards at the end of a step.
@@ -156,7 +189,6 @@ impl Run {
         };
         match guards.run(state, &self.input) {
             Ok(out) => fit.seen.copy_from_slice(out),
-            // A guard that cannot be told switches nothing.
             Err(_) => fit.seen.fill(0.0),
         }
     }
@@ -167,6 +199,14 @@ fn earliest(from: &[f64], to: &[f64]) -> Option<usize> {
     let changes =
         from.iter().zip(to).enumerate().filter(|(_, (a, b))| (**a < 0.0 && **b > 0.0) || (**a > 0.0 && **b < 0.0));
     changes.map(|(i, (a, b))| (i, a / (a - b))).min_by(|x, y| x.1.total_cmp(&y.1)).map(|found| found.0)
+}
+
+/// Where between 0 and 1 the parabola through three values of one sign, at 0, 1/2 and 1, turns after having changed sign.
+fn turn(start: f64, middle: f64, end: f64) -> Option<f64> {
+    let (slope, bend) = (4.0 * middle - 3.0 * start - end, 2.0 * (start - 2.0 * middle + end));
+    let at = -0.5 * slope / bend;
+    let alike = start * middle > 0.0 && middle * end > 0.0;
+    (alike && at > 0.0 && at < 1.0 && (start + 0.5 * slope * at) * start < 0.0).then_some(at)
 }
 
 fn copy(from: &Taken, to: &mut Taken) {

@@ -175,6 +175,7 @@ impl<'a> Simulation<'a> {
         sim.open = saved.open;
         sim.time = saved.time;
         sim.last_sample = saved.last_sample;
+        sim.look_again();
         Ok(sim)
     }
 

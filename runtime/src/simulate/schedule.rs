@@ -249,6 +249,15 @@ impl<'a> Simulation<'a> {
         self.decay[i] = decay;
     }
 
+    /// Looks again at what lies within steps, as a run that was not interrupted has done.
+    pub(super) fn look_again(&mut self) {
+        for (c, run) in self.scene.clusters.iter().zip(&mut self.runs).filter(|(_, run)| run.fit.is_some()) {
+            let input = run.input.clone();
+            let _ = run.look_at(c, &self.names, self.time); // where it fails, whoever looks is told
+            run.input = input;
+        }
+    }
+
     /// The next sample of any cluster.
     fn next_sample(&self) -> Option<f64> {
         self.order
