@@ -1,7 +1,7 @@
 //! Where in a step a law switches: the guard that changes sign, located by single steps from the start of the step to an instant just
 //! past the change.
 
-use super::adaptive::{Part, Taken};
+use super::attempt::{Part, Taken};
 use super::cluster::Run;
 use crate::kernel::Failure;
 
@@ -44,7 +44,7 @@ impl Bracket {
     }
 
     fn inside(&self, u: f64) -> Option<f64> {
-        (u > 0.0 && u < self.high.0 - self.low.0).then_some(self.low.0 + u)
+        (u >= 0.0 && u < self.high.0 - self.low.0).then_some(self.low.0 + u)
     }
 
     /// The root by both ends of the bracket.
@@ -112,8 +112,11 @@ impl Run {
                     Bracket::new(guard, (low, fit.below[guard]), point, None)
                 };
             } else {
-                std::mem::swap(&mut fit.seen, &mut fit.below);
-                point = (at, fit.below[bracket.guard]);
+                // A guard that is 0 there has not changed sign yet.
+                for (below, seen) in fit.below.iter_mut().zip(&fit.seen).filter(|(_, seen)| **seen != 0.0) {
+                    *below = *seen;
+                }
+                point = (at, fit.seen[bracket.guard]);
                 let before = [Some(bracket.low), bracket.past[0]];
                 bracket = Bracket { low: point, third: Some(bracket.low), past: before, ..bracket };
             }

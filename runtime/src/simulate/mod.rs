@@ -1,6 +1,7 @@
 //! Runs a scene: the multi-rate schedule, sample and hold, adaptive steps, and what is recorded.
 
 mod adaptive;
+mod attempt;
 mod cluster;
 mod event;
 mod given;
