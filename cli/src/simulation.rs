@@ -31,7 +31,7 @@ impl Steps {
         Self { tolerance: Some(tolerance), ..Self::default() }
     }
 
-    /// The longest step of those that are fitted to a tolerance, in s; a thousandth of the run where nothing is said.
+    /// The longest step of those that are fitted to a tolerance, in s.
     pub fn longest(mut self, step: f64) -> Self {
         self.longest = Some(step);
         self
@@ -62,12 +62,13 @@ impl Steps {
             (Some(h), Some(_)) => {
                 step = None;
                 let longest = self.longest.map_or(h, |l| l.min(h));
-                return Ok(simulate::Options { step, tolerance, default_step: longest });
+                return Ok(simulate::Options { step, tolerance, default_step: longest, longest: Some(longest) });
             }
             _ => {}
         }
         let usual = every.filter(|e| *e > 0.0).map_or(stop / 1000.0, |e| e.min(stop / 1000.0));
-        Ok(simulate::Options { step, tolerance, default_step: self.longest.unwrap_or(usual) })
+        let longest = self.longest;
+        Ok(simulate::Options { step, tolerance, default_step: longest.unwrap_or(usual), longest })
     }
 }
 

@@ -98,7 +98,10 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     } else {
         String::new()
     };
-    writeln!(out, "  {:11} {} ({order}), {} steps{newton}", "stepper", r.stepper, r.steps)?;
+    let counted = |n: u64, what: &str| if n > 0 { format!(", {n} {what}") } else { String::new() };
+    let rejected = counted(r.rejected, "rejected");
+    let events = counted(r.events, if r.events == 1 { "event" } else { "events" });
+    writeln!(out, "  {:11} {} ({order}), {} steps{rejected}{events}{newton}", "stepper", r.stepper, r.steps)?;
     if let Some(hold) = &r.hold {
         writeln!(out, "  {:11} {hold}", "hold")?;
     }
@@ -212,6 +215,8 @@ impl Serialize for Region<'_> {
         map.serialize_entry("order", &r.order)?;
         map.serialize_entry("hold", &r.hold)?;
         map.serialize_entry("steps", &r.steps)?;
+        map.serialize_entry("rejected", &r.rejected)?;
+        map.serialize_entry("events", &r.events)?;
         map.serialize_entry("newton_iterations", &r.newton_iterations)?;
         map.serialize_entry("H_initial", &r.h_initial)?;
         map.serialize_entry("H_final", &r.h_final)?;

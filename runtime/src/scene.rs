@@ -72,6 +72,10 @@ pub struct Stepper {
     pub passive: bool,
     /// One step.
     pub program: Program,
+    /// The first of the outputs of `program` that estimate the error of the step, absolute and in the unit of each: of the energy
+    /// and signal states, then of the integrals. The estimate is of the order of a method one order below. Without one, adaptive
+    /// steps are doubled.
+    pub estimate: Option<usize>,
     /// For `exact`: what the table is made of.
     pub linear: Option<Linear>,
     /// For `exact`: the same without the energies, for a look between two steps. It has none itself.

@@ -3,6 +3,7 @@
 mod collocation;
 mod common;
 
+mod adaptive;
 mod allocation;
 mod backend;
 mod causality;

@@ -272,7 +272,7 @@ fn order_two_on_measured_curves() {
         let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
         let within = if stop < 1.0 { 0.05 } else { 0.3 };
         assert!(orders.iter().all(|o| (o - 2.0).abs() <= within), "from {q0}: orders {orders:?} of {errors:?}");
-        let fitted = end(&compiled, Steps::tolerance(1e-9), stop, "x");
+        let fitted = end(&compiled, Steps::tolerance(1e-10), stop, "x");
         close(fitted, wanted, 2e-6, "x with fitted steps");
     }
 }

@@ -29,8 +29,8 @@ use std::time::Instant;
                   passive or not, the worst balance, why it failed), or with --every or --at its rows over time. What is done \
                   is kept in FILE.part until the table is written: the same command goes on after a run that was cut off.\nThe table of --input begins with a line such as `t,T_out`: the time in \
                   seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
-                  stopped, if both are looked at at the same instants. Steps that are fitted to a tolerance end at the rows, and the \
-                  longest of them depends on --stop where nothing is said: then give both --every and --longest.")]
+                  stopped, if both are looked at at the same instants. The first of the steps that are fitted to a tolerance depends on --stop \
+                  where --longest does not say it.")]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
@@ -54,13 +54,13 @@ pub struct How {
     /// End of the run; that of the model's `simulate` otherwise, or 1 s
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     stop: Option<f64>,
-    /// Fixed step of continuous regions
-    #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true, conflicts_with = "tolerance")]
+    /// Fixed step of continuous regions; with --tolerance, the longest of those that are fitted to it
+    #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
     /// Error allowed in a step of continuous regions, relative to the states' size; 1e-6 where neither this nor a step is told
     #[arg(long, value_name = "X", value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Option<f64>,
-    /// Longest of the steps that are fitted to a tolerance; a thousandth of the run, or --every where that is less, otherwise
+    /// Longest of the steps that are fitted to a tolerance
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true, conflicts_with = "step")]
     longest: Option<f64>,
     /// Distance of the rows of output; a thousandth of the run otherwise
@@ -313,7 +313,8 @@ fn asked(args: &How, settings: &Settings) -> (Steps, f64, Option<f64>) {
 /// The steps that the command line asks for.
 fn steps(args: &How) -> Steps {
     let steps = match (args.step, args.tolerance) {
-        (Some(h), _) => Steps::fixed(h),
+        (Some(h), None) => Steps::fixed(h),
+        (Some(h), Some(x)) => Steps::tolerance(x).longest(h),
         (None, Some(x)) => Steps::tolerance(x),
         (None, None) => Steps::new(),
     };

@@ -84,7 +84,8 @@ fn plan(text: &mut String, plan: &Plan) {
 
 fn steps(setup: &Setup) -> String {
     match (setup.step, setup.tolerance) {
-        (Some(h), _) => format!("{h} s"),
+        (Some(h), Some(x)) => format!("{x}, {h} s"),
+        (Some(h), None) => format!("{h} s"),
         (None, Some(x)) => x.to_string(),
         (None, None) => String::new(),
     }

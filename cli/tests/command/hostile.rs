@@ -23,7 +23,7 @@ fn arguments_that_are_no_numbers() {
     }
     here.bond(&["run", "a.bond", "--tolerance", "1"]).is(2, &[], &["between 0 and 1"]);
     here.bond(&["run", "a.bond", "--method", "magic"]).is(2, &[], &["gonzalez"]);
-    here.bond(&["run", "a.bond", "--step", "1ms", "--tolerance", "1e-3"]).is(2, &[], &["cannot be used with"]);
+    here.bond(&["run", "a.bond", "--step", "1ms", "--longest", "1ms"]).is(2, &[], &["cannot be used with"]);
     here.bond(&["run", "a.bond", "-o", "x.xlsx"]).is(2, &[], &["cannot be written as `.xlsx`"]);
     here.bond(&["run", "a.bond", "-o", "x.csv", "--ledger", "x.csv"]).is(2, &[], &["same file"]);
     here.bond(&["run", "a.bond", "-o", "-", "--ledger", "-"]).is(2, &[], &["same file"]);

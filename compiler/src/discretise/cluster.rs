@@ -360,7 +360,10 @@ impl Cluster {
                         )
                     })?,
                     Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
-                    Some(m @ (Method::Euler | Method::Rk4)) => explicit::write(self, model, form, m)?,
+                    Some(Method::Euler) => explicit::write(self, model, form, &explicit::EULER)?,
+                    Some(Method::SymplecticEuler) => explicit::write(self, model, form, &explicit::SYMPLECTIC)?,
+                    Some(Method::Rk4) => explicit::write(self, model, form, &explicit::RK4)?,
+                    Some(Method::Rk45) => explicit::write(self, model, form, &explicit::RK45)?,
                     Some(Method::Ray) => gonzalez::write(self, model, form)?,
                     Some(Method::Collocation4) => {
                         self.collocation(model, form, Method::Collocation4, Nodes::Gauss(2))?
@@ -406,7 +409,9 @@ impl Cluster {
                         | Method::Collocation12
                         | Method::Radau
                         | Method::Euler
-                        | Method::Rk4),
+                        | Method::SymplecticEuler
+                        | Method::Rk4
+                        | Method::Rk45),
                     ) => {
                         return Err(unfit(model, self, form, m, "a sampled region takes `gonzalez` or `ray`"));
                     }

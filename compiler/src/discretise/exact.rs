@@ -534,6 +534,7 @@ pub(super) fn write(
         order,
         passive: true,
         program,
+        estimate: None,
         linear: Some(linear),
         glance,
         fallback: None,

@@ -1,18 +1,89 @@
-//! Explicit Euler and the classical Runge-Kutta method, to compare with. Their steps do not keep the balance.
+//! Explicit methods, to compare with: Euler's, the classical one of Runge and Kutta, that of Dormand and Prince, and the semi-implicit
+//! Euler method. Their steps do not keep the balance.
 
-use super::Method;
 use super::cluster::{Cluster, missing, verified};
 use super::{instant, write};
 use crate::expression::Lowering;
-use crate::model::Model;
+use crate::model::{Model, Variable};
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
 
-/// A stage's time and state: step fraction behind it; and its weight.
-const EULER: [(f64, f64); 1] = [(0.0, 1.0)];
-const RK4: [(f64, f64); 4] = [(0.0, 1.0 / 6.0), (0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0)];
+/// A stage: the part of the step that is behind it, the weights of the rates of the stages before it in its state, and the weight of
+/// its own in the step.
+struct Row {
+    at: f64,
+    from: &'static [f64],
+    weight: f64,
+}
+
+/// A method: its stages, and the weights with which their rates estimate the error, where they do.
+pub(super) struct Tableau {
+    name: &'static str,
+    order: u32,
+    /// Whether the first stage moves the I storages and the second one, at which they have moved, all else.
+    halved: bool,
+    rows: &'static [Row],
+    error: &'static [f64],
+}
+
+/// Explicit Euler.
+pub(super) const EULER: Tableau =
+    Tableau { name: "euler", order: 1, halved: false, rows: &[Row { at: 0.0, from: &[], weight: 1.0 }], error: &[] };
+
+/// The classical method.
+pub(super) const RK4: Tableau = Tableau {
+    name: "rk4",
+    order: 4,
+    halved: false,
+    rows: &[
+        Row { at: 0.0, from: &[], weight: 1.0 / 6.0 },
+        Row { at: 0.5, from: &[0.5], weight: 1.0 / 3.0 },
+        Row { at: 0.5, from: &[0.0, 0.5], weight: 1.0 / 3.0 },
+        Row { at: 1.0, from: &[0.0, 0.0, 1.0], weight: 1.0 / 6.0 },
+    ],
+    error: &[],
+};
+
+/// J. R. Dormand, P. J. Prince, J. Comput. Appl. Math. 6 (1980): RK5(4)7M. The last stage is at the end of the step, and only the
+/// estimate asks for it.
+pub(super) const RK45: Tableau = Tableau {
+    name: "rk45",
+    order: 5,
+    halved: false,
+    rows: &[
+        Row { at: 0.0, from: &[], weight: 35.0 / 384.0 },
+        Row { at: 0.2, from: &[0.2], weight: 0.0 },
+        Row { at: 0.3, from: &[3.0 / 40.0, 9.0 / 40.0], weight: 500.0 / 1113.0 },
+        Row { at: 0.8, from: &[44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0], weight: 125.0 / 192.0 },
+        Row {
+            at: 8.0 / 9.0,
+            from: &[19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0],
+            weight: -2187.0 / 6784.0,
+        },
+        Row {
+            at: 1.0,
+            from: &[9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0],
+            weight: 11.0 / 84.0,
+        },
+        Row {
+            at: 1.0,
+            from: &[35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
+            weight: 0.0,
+        },
+    ],
+    error: &[71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339_200.0, 22.0 / 525.0, -1.0 / 40.0],
+};
+
+/// The semi-implicit method: the I storages move first. Powers are the means of both stages.
+pub(super) const SYMPLECTIC: Tableau = Tableau {
+    name: "symplectic_euler",
+    order: 1,
+    halved: true,
+    rows: &[Row { at: 0.0, from: &[], weight: 0.5 }, Row { at: 1.0, from: &[1.0], weight: 0.5 }],
+    error: &[],
+};
 
 /// What a stage gives.
 struct Stage {
@@ -29,16 +100,19 @@ pub(super) fn write(
     c: &Cluster,
     model: &mut Model,
     form: &Form,
-    method: Method,
+    method: &Tableau,
 ) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
-    let tableau: &[(f64, f64)] = if method == Method::Euler { &EULER } else { &RK4 };
-    let mut b = Builder::new(c.title(form, &format!("{} step", method.name())));
+    let &Tableau { name, order, halved, rows, error } = method;
+    // An I storage integrates an effort and gives a flow.
+    let kicked: Vec<bool> =
+        c.states.iter().map(|s| s.column.is_some_and(|i| form.column(i).gives == Variable::Flow)).collect();
+    let mut b = Builder::new(c.title(form, &format!("{name} step")));
     let entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut guesses = inputs.guesses.clone();
     let mut stages: Vec<Stage> = Vec::new();
-    for (fraction, _) in tableau {
-        let f = b.number(*fraction);
+    for row in rows {
+        let f = b.number(row.at);
         let ahead = b.mul(f, inputs.h);
         let time = b.add(inputs.t, ahead);
         let mut lowering = Lowering::new(inputs.env.iter().copied());
@@ -50,35 +124,32 @@ pub(super) fn write(
             let x = b.add(*x, gone);
             lowering.bind(*u, x);
         }
-        if let Some(before) = stages.last() {
-            for ((s, x), k) in c.states.iter().zip(&inputs.states).zip(&before.rates) {
-                let d = b.mul(ahead, *k);
-                let x = b.add(*x, d);
-                lowering.bind(s.symbol, x);
+        for (i, (s, x)) in c.states.iter().zip(&inputs.states).enumerate() {
+            if row.from.is_empty() || (halved && !kicked[i]) {
+                continue;
             }
+            let rate = sum(&mut b, &stages, row.from.iter().copied(), &|s| s.rates[i]);
+            let d = b.mul(inputs.h, rate);
+            let x = b.add(*x, d);
+            lowering.bind(s.symbol, x);
         }
         let stage = stage(c, model, form, &mut b, &mut lowering, &guesses)?;
         guesses.clone_from(&stage.loops);
         stages.push(stage);
     }
-    let weighted = |b: &mut Builder, pick: &dyn Fn(&Stage) -> Value| -> Value {
-        let mut sum = None;
-        for (stage, (_, w)) in stages.iter().zip(tableau) {
-            let w = b.number(*w);
-            let term = b.mul(w, pick(stage));
-            sum = Some(match sum {
-                Some(s) => b.add(s, term),
-                None => term,
-            });
-        }
-        sum.unwrap_or_else(|| b.number(0.0))
-    };
+    let weighted =
+        |b: &mut Builder, pick: &dyn Fn(&Stage) -> Value| sum(b, &stages, rows.iter().map(|r| r.weight), pick);
     b.slots(Array::Next, c.slots());
     write::no_carry(&mut b, c);
     let mut next = Vec::new();
+    let n = c.states.len();
+    let pick = |s: &Stage, i: usize| if i < n { s.rates[i] } else { s.integrals[i - n] };
     for (i, x) in inputs.states.iter().chain(&inputs.integrals).enumerate() {
-        let n = c.states.len();
-        let rate = weighted(&mut b, &|s| if i < n { s.rates[i] } else { s.integrals[i - n] });
+        let rate = match (halved, kicked.get(i)) {
+            (false, _) => weighted(&mut b, &|s| pick(s, i)),
+            (true, Some(true)) => pick(&stages[0], i),
+            (true, Some(false) | None) => pick(&stages[1], i),
+        };
         let d = b.mul(inputs.h, rate);
         let v = b.add(*x, d);
         b.store(Slot::new(Array::Next, i), v);
@@ -106,20 +177,45 @@ pub(super) fn write(
         }
     }
     write::energies(c, model, &mut b, (&next[..c.states.len()], &[]), &inputs, &entries)?;
+    let estimate = (!error.is_empty()).then(|| {
+        let integrals = c.integrals.iter().map(|i| model.pool.name(i.symbol).to_string());
+        let names = c.states.iter().map(|s| s.name.clone()).chain(integrals);
+        let slots: Vec<Slot> = names.map(|n| b.named(Array::Output, format!("error({n})"))).collect();
+        for (i, slot) in slots.iter().enumerate() {
+            let rate = sum(&mut b, &stages, error.iter().copied(), &|s| pick(s, i));
+            let off = b.mul(inputs.h, rate);
+            b.store(*slot, off);
+        }
+        slots.first().map_or(0, |s| s.index as usize)
+    });
     let program = verified(model, b.finish())?;
-    let order = if method == Method::Euler { 1 } else { 4 };
     Ok((
         Stepper {
-            name: method.name().into(),
+            name: name.into(),
             order,
             passive: false,
             program,
+            estimate,
             linear: None,
             glance: None,
             fallback: None,
         },
         entries,
     ))
+}
+
+/// The sum of something of the stages with these weights; nothing is added where a weight is 0.
+fn sum(b: &mut Builder, stages: &[Stage], weights: impl Iterator<Item = f64>, pick: &dyn Fn(&Stage) -> Value) -> Value {
+    let mut sum = None;
+    for (stage, w) in stages.iter().zip(weights).filter(|(_, w)| *w != 0.0) {
+        let w = b.number(w);
+        let term = b.mul(w, pick(stage));
+        sum = Some(match sum {
+            Some(s) => b.add(s, term),
+            None => term,
+        });
+    }
+    sum.unwrap_or_else(|| b.number(0.0))
 }
 
 fn stage(

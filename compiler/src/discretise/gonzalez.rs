@@ -223,6 +223,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
             order: 2,
             passive: true,
             program,
+            estimate: None,
             linear: None,
             glance: None,
             fallback: None,

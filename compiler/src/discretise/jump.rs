@@ -32,5 +32,14 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<Stepp
         b.store(Slot::new(Array::Next, c.states.len() + i), v);
     }
     let program = verified(model, b.finish())?;
-    Ok(Stepper { name: "next".into(), order: 0, passive: true, program, linear: None, glance: None, fallback: None })
+    Ok(Stepper {
+        name: "next".into(),
+        order: 0,
+        passive: true,
+        program,
+        estimate: None,
+        linear: None,
+        glance: None,
+        fallback: None,
+    })
 }

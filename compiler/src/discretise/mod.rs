@@ -53,11 +53,15 @@ pub enum Method {
     Euler,
     /// The classical Runge-Kutta method.
     Rk4,
+    /// That of Dormand and Prince, of order 5 with an estimate of order 4.
+    Rk45,
+    /// The semi-implicit Euler method.
+    SymplecticEuler,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Method; 11] = [
+    pub const ALL: [Method; 13] = [
         Method::Exact,
         Method::Gonzalez,
         Method::Collocation4,
@@ -68,7 +72,9 @@ impl Method {
         Method::Radau,
         Method::Ray,
         Method::Euler,
+        Method::SymplecticEuler,
         Method::Rk4,
+        Method::Rk45,
     ];
 
     /// As it is written.
@@ -85,6 +91,8 @@ impl Method {
             Method::Ray => "ray",
             Method::Euler => "euler",
             Method::Rk4 => "rk4",
+            Method::Rk45 => "rk45",
+            Method::SymplecticEuler => "symplectic_euler",
         }
     }
 

@@ -183,7 +183,16 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     }
     let program = verified(model, b.finish())?;
     Ok((
-        Stepper { name: "ray".into(), order: 1, passive: true, program, linear: None, glance: None, fallback: None },
+        Stepper {
+            name: "ray".into(),
+            order: 1,
+            passive: true,
+            program,
+            estimate: None,
+            linear: None,
+            glance: None,
+            fallback: None,
+        },
         entries,
     ))
 }

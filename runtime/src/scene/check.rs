@@ -210,6 +210,9 @@ impl Check<'_> {
             Some(linear) => table(linear).ok_or_else(|| self.wrong("its linear system has another shape"))?,
         };
         fits(&s.program, n, inputs, table)?;
+        let estimate = s.estimate.map_or(Some(0), |at| at.checked_add(self.c.states)?.checked_add(self.c.integrals));
+        let outputs = s.program.size(Array::Output);
+        self.that(estimate.is_some_and(|end| end <= outputs), "the error of its step is not computed")?;
         self.that(s.program.size(Array::Next) == n, "its step gives another state")
     }
 

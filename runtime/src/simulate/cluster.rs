@@ -1,5 +1,6 @@
 //! A cluster as it runs: its state, its steps, its ledger.
 
+use super::adaptive::Fit;
 use super::given::{Course, Feed};
 use super::worst::Worst;
 use super::{Error, Options};
@@ -10,9 +11,8 @@ use crate::kernel::{Backend, Failure, Kernel, Workspace};
 use crate::ledger::Sum;
 use crate::scene::{Cluster, Entries, Respond, Stepper};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
-/// So many steps in a row may be shorter than this part of the usual one; then a run does not get on, and stops.
-const CRAWL: (u32, f64) = (20_000, 1e-5);
 /// How often a fixed step that fails is halved.
 const HALVINGS: u32 = 12;
 /// How often before another stepper takes it, where there is one.
@@ -84,7 +84,7 @@ impl Ready {
     }
 
     /// Runs a step of the length that was prepared last.
-    fn run(&mut self, state: &[f64], input: &[f64]) -> Result<(), Failure> {
+    pub(super) fn run(&mut self, state: &[f64], input: &[f64]) -> Result<(), Failure> {
         let table = self.tables.get(self.last).map_or(&[][..], Vec::as_slice);
         self.kernel.run(state, input, table, &mut self.work)
     }
@@ -162,11 +162,11 @@ pub(super) struct Run {
     pub(super) step: Ready,
     pub(super) glance: Option<Ready>,
     /// Takes what the stepper cannot.
-    spare: Option<Ready>,
+    pub(super) spare: Option<Ready>,
     pub(super) instant: Look,
     /// What laws switch on, and its values at the start of the step.
-    guards: Option<Look>,
-    before: Vec<f64>,
+    pub(super) guards: Option<Look>,
+    pub(super) before: Vec<f64>,
     pub(super) respond: Option<Look>,
     /// What a matched hold falls back to.
     pub(super) fallback: Option<Look>,
@@ -176,22 +176,17 @@ pub(super) struct Run {
     pub(super) feed: Feed,
     pub(super) books: Vec<Book>,
     pub(super) steps: u64,
-    pub(super) rejected: u64,
     /// Its own time: `base + count * h`.
     pub(super) base: f64,
     pub(super) count: u64,
     pub(super) h: f64,
-    /// Length of the next adaptive step.
-    pub(super) ahead: f64,
-    /// Steps in a row that were far smaller than the usual one.
-    pub(super) crawl: u32,
     pub(super) largest: Vec<f64>,
     pub(super) curvature: Vec<f64>,
-    adaptive: Option<f64>,
+    /// What fits its steps to a tolerance, where it is run so.
+    pub(super) fit: Option<Fit>,
     fixed: Option<f64>,
-    default_step: f64,
-    buffers: [Vec<f64>; 4],
-    glanced: Vec<f64>,
+    pub(super) default_step: f64,
+    pub(super) glanced: Vec<f64>,
 }
 
 impl Run {
@@ -235,8 +230,7 @@ impl Run {
             })
             .collect();
         let is_exact = c.step.linear.is_some();
-        let total = state.len();
-        let outputs = c.step.program.size(crate::ir::Array::Output);
+        let fit = options.tolerance.filter(|_| c.period.is_none() && !is_exact);
         Ok(Self {
             index,
             step: Ready::new(&c.step, backend),
@@ -260,16 +254,12 @@ impl Run {
             feed,
             books,
             steps: 0,
-            rejected: 0,
             base: 0.0,
             count: 0,
             h: options.step.unwrap_or(options.default_step),
-            ahead: options.default_step,
-            crawl: 0,
-            adaptive: if is_exact { None } else { options.tolerance },
+            fit: fit.map(|tolerance| Fit::new(c, tolerance, options)),
             fixed: options.step,
             default_step: options.default_step,
-            buffers: [vec![0.0; total], vec![0.0; total], vec![0.0; total], vec![0.0; outputs]],
         })
     }
 
@@ -283,8 +273,11 @@ impl Run {
         self.base + self.count as f64 * self.h
     }
 
-    fn failure(&self, c: &Cluster, names: &[String], time: f64, why: Failure) -> Error {
+    pub(super) fn failure(&self, c: &Cluster, names: &[String], time: f64, why: Failure) -> Error {
         let state = match why {
+            Failure::NotFinite { slot } if slot.array == Array::Output => {
+                c.step.program.name_of(slot).map(ToString::to_string)
+            }
             Failure::NotFinite { slot } => c.names.get(slot.index as usize).cloned(),
             // An unknown is a loop, or the change of a state: `d(mass.p)`.
             Failure::NoConvergence { unknown, .. } => {
@@ -299,7 +292,7 @@ impl Run {
         Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why }
     }
 
-    fn unsound(&self, names: &[String], time: f64, what: String) -> Error {
+    pub(super) fn unsound(&self, names: &[String], time: f64, what: String) -> Error {
         Error::Energy { time, region: names.get(self.index).cloned().unwrap_or_default(), what }
     }
 
@@ -321,7 +314,7 @@ impl Run {
         end: f64,
         moved: &mut Vec<f64>,
     ) -> Result<(), Error> {
-        if self.adaptive.is_some() {
+        if self.fit.is_some() {
             return self.run_to(c, names, end, moved);
         }
         while self.time() < end - 1e-9 * self.h {
@@ -336,6 +329,10 @@ impl Run {
 
     /// Lays the grid anew: steps from now to `end`.
     pub(super) fn regrid(&mut self, now: f64, end: f64, h: f64) {
+        if let Some(fit) = &mut self.fit {
+            fit.limit = end;
+            return;
+        }
         let n = ((end - now) / h - 1e-9).ceil().max(1.0);
         self.base = now;
         self.count = 0;
@@ -358,11 +355,8 @@ impl Run {
         if end - now <= 1e-12 * end.abs().max(now.abs()) {
             return Ok(());
         }
-        if let Some(tolerance) = self.adaptive {
-            let mut t = now;
-            while t < end {
-                t = self.adapt(c, names, t, end, tolerance, moved)?;
-            }
+        if self.fit.is_some() {
+            self.fit_to(c, names, end, moved)?;
         } else {
             let h = self.fixed.unwrap_or(if c.step.order == 0 && c.step.linear.is_some() {
                 end - now
@@ -388,15 +382,8 @@ impl Run {
         until: f64,
         moved: &mut Vec<f64>,
     ) -> Result<(), Error> {
-        if let Some(tolerance) = self.adaptive {
-            // An adaptive run meets the instant itself.
-            let mut t = self.time();
-            while t < until * (1.0 - 1e-12) {
-                t = self.adapt(c, names, t, until, tolerance, moved)?;
-            }
-            self.base = t;
-            self.count = 0;
-            return Ok(());
+        if self.fit.is_some() {
+            return self.fit_past(c, names, until, moved);
         }
         while self.base + (self.count + 1) as f64 * self.h <= until * (1.0 + 1e-12) {
             let t = self.time();
@@ -483,7 +470,7 @@ impl Run {
         None
     }
 
-    fn guard_at(&mut self, t: f64) {
+    pub(super) fn guard_at(&mut self, t: f64) {
         self.input[0] = t;
         if let Some(guards) = &mut self.guards {
             let _ = guards.run(&self.state, &self.input); // a guard that cannot be told switches nothing
@@ -544,11 +531,8 @@ impl Run {
     }
 
     /// Whether the step in the workspace keeps the balance.
-    pub(super) fn keeps(&self, c: &Cluster) -> bool {
-        self.books.iter().zip(&c.entries).all(|(b, e)| {
-            let (residual, scale) = balance(b, e, &self.step.work.output);
-            residual.abs() <= OFF * scale.max(b.floor())
-        })
+    fn keeps(&self, c: &Cluster) -> bool {
+        self.books.iter().zip(&c.entries).all(|(b, e)| balances(b, e, b.h, &self.step.work.output))
     }
 
     fn prepare(&mut self, names: &[String], h: f64) -> Result<(), Error> {
@@ -556,7 +540,7 @@ impl Run {
         self.step.prepare(h).map_err(|why| Error::Table { region: region(), why })
     }
 
-    fn track(&mut self, c: &Cluster) {
+    pub(super) fn track(&mut self, c: &Cluster) {
         let traces = &mut self.input[c.traces_at()..];
         for ((l, x), trace) in self.largest.iter_mut().zip(&self.state).zip(traces) {
             let size = x.abs();
@@ -565,177 +549,14 @@ impl Run {
         }
     }
 
-    /// One adaptive step towards `end`: two halves against a whole. Gives the time reached.
-    fn adapt(
-        &mut self,
-        c: &Cluster,
-        names: &[String],
-        t: f64,
-        end: f64,
-        tolerance: f64,
-        moved: &mut Vec<f64>,
-    ) -> Result<f64, Error> {
-        let order = f64::from(c.step.order.max(1));
-        let mut last_failure = None;
-        let mut refused: Option<(f64, f64)> = None;
-        // What is given from outside changes evenly until then.
-        let end = self.feed.cut(t, end).unwrap_or(end);
-        self.feed.aim(&mut self.input, t, end);
-        if let Some(guards) = &mut self.guards {
-            self.input[0] = t;
-            if let Ok(out) = guards.run(&self.state, &self.input) {
-                self.before.copy_from_slice(out);
-            }
-        }
-        loop {
-            let mut h = self.ahead.min(self.default_step);
-            // Two steps of like length rather than one and a splinter.
-            let mut last = false;
-            if t + h >= end * (1.0 - 1e-12) {
-                h = end - t;
-                last = true;
-            } else if t + 2.0 * h > end {
-                h = 0.5 * (end - t);
-            }
-            if h <= 1e-13 * t.abs().max(1e-300) || h <= self.default_step * 1e-12 {
-                return Err(match last_failure {
-                    Some(why) => self.failure(c, names, t, why),
-                    None => {
-                        Error::TooSmall { time: t, region: names.get(self.index).cloned().unwrap_or_default(), step: h }
-                    }
-                });
-            }
-            match self.attempt(c, t, h) {
-                Ok(error) => {
-                    self.crawl = if h < CRAWL.1 * self.default_step && !last { self.crawl + 1 } else { 0 };
-                    if self.crawl > CRAWL.0 {
-                        let region = names.get(self.index).cloned().unwrap_or_default();
-                        return Err(Error::TooSmall { time: t, region, step: h });
-                    }
-                    let ratio = error / tolerance;
-                    let factor = (0.9 * ratio.max(1e-12).powf(-1.0 / (order + 1.0))).clamp(0.2, 4.0);
-                    // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small enough.
-                    let vain = h < 1e-3 * self.default_step
-                        && refused.is_some_and(|(longer, worse)| h < 0.5 * longer && error > 0.25 * worse);
-                    if ratio > 1.0 && !vain {
-                        self.ahead = h * factor.min(0.9);
-                        self.rejected += 1;
-                        refused = Some((h, error));
-                        continue;
-                    }
-                    let factor = if vain { 2.0 } else { factor };
-                    let planned = h;
-                    if let Some(kink) = self.kink(c, t, h) {
-                        h = kink;
-                        last = false;
-                    }
-                    // The halves count: first the one kept aside, then the one still in the workspace.
-                    book(&mut self.books, c, &self.buffers[3]).map_err(|what| self.unsound(names, t + h, what))?;
-                    advance_ports(c, &self.buffers[3], 0.5 * h, moved);
-                    book(&mut self.books, c, &self.step.work.output)
-                        .map_err(|what| self.unsound(names, t + h, what))?;
-                    advance_ports(c, &self.step.work.output, 0.5 * h, moved);
-                    self.state.copy_from_slice(&self.step.work.next);
-                    self.steps += 2;
-                    self.track(c);
-                    if !last || factor < 1.0 {
-                        self.ahead = (planned * factor).min(self.default_step);
-                    }
-                    return Ok(if last { end } else { t + h });
-                }
-                Err(why) => {
-                    last_failure = Some(why);
-                    self.ahead = 0.25 * h;
-                    self.rejected += 1;
-                }
-            }
-        }
-    }
-
-    /// Where in the step that was just attempted a law switched, if one did: the length of a step that ends just past it, which
-    /// then is the attempt in the workspace. A switch at the very start is left alone.
-    fn kink(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
-        let mut after = self.crossed(t + h)?;
-        let (mut low, mut high) = (0.0, h);
-        let mut below = self.before[after.0];
-        let floor = (4.0 * f64::EPSILON * (t + h)).max(1e-14 * h);
-        for round in 0..80 {
-            if high - low <= floor {
-                break;
-            }
-            // The secant of the guard, or the middle where it does not close in.
-            let secant = low + (high - low) * below / (below - after.1);
-            let inner = secant.clamp(low + 0.01 * (high - low).min(floor * 50.0), high);
-            let trial = if round % 3 == 2 || !inner.is_finite() {
-                0.5 * (low + high)
-            } else {
-                (inner + floor).min(high - 0.25 * floor)
-            };
-            if self.attempt(c, t, trial).is_err() {
-                break;
-            }
-            match self.crossed(t + trial) {
-                Some(found) => {
-                    high = trial;
-                    after = found;
-                }
-                None => {
-                    low = trial;
-                    below = self.guard(after.0).unwrap_or(below);
-                }
-            }
-        }
-        if high < 1e-9 * self.default_step {
-            high = h; // it stands on the kink already
-        }
-        let _ = self.attempt(c, t, high);
-        (high < h).then_some(high)
-    }
-
-    /// The first guard whose sign at the end of the attempt differs from that at the start, and its value there.
-    fn crossed(&mut self, t: f64) -> Option<(usize, f64)> {
-        let guards = self.guards.as_mut()?;
-        self.input[0] = t;
-        let out = guards.run(&self.step.work.next, &self.input).ok()?;
-        out.iter().zip(&self.before).position(|(a, b)| a * b < 0.0).map(|i| (i, out[i]))
-    }
-
-    /// The value of a guard when it was looked at last.
-    fn guard(&self, i: usize) -> Option<f64> {
-        self.guards.as_ref().map(|g| g.work.output[i])
-    }
-
-    /// A whole step and two halves; the larger relative difference of the states.
-    fn attempt(&mut self, c: &Cluster, t: f64, h: f64) -> Result<f64, Failure> {
-        let [whole, half, _, outputs] = &mut self.buffers;
-        self.input[0] = t;
-        self.input[1] = h;
-        self.step.run(&self.state, &self.input)?;
-        whole.copy_from_slice(&self.step.work.next);
-        self.input[1] = 0.5 * h;
-        self.step.run(&self.state, &self.input)?;
-        half.copy_from_slice(&self.step.work.next);
-        outputs.copy_from_slice(&self.step.work.output);
-        self.input[0] = t + 0.5 * h;
-        self.step.run(half, &self.input)?;
-        let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
-        let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
-        let divisor = (2f64.powi(c.step.order as i32) - 1.0).max(1.0);
-        let mut worst: f64 = 0.0;
-        for i in 0..c.states {
-            let x = self.step.work.next[i];
-            let natural = if self.curvature[i] > 0.0 { (2.0 * h_max / self.curvature[i]).sqrt() } else { 0.0 };
-            let size = x.abs().max(self.largest[i]).max(if natural.is_finite() { natural } else { 0.0 });
-            let off = (x - whole[i]).abs() / divisor;
-            if off > 0.0 {
-                worst = worst.max(if size > 0.0 { off / size } else { f64::INFINITY });
-            }
-        }
-        Ok(if worst.is_finite() { worst } else { f64::MAX })
-    }
-
     /// The state at `t`, without keeping it.
     pub(super) fn look_at(&mut self, c: &Cluster, names: &[String], t: f64) -> Result<&[f64], Error> {
+        if self.fit.as_ref().is_some_and(|f| f.shown == Some(t)) {
+            return Ok(&self.glanced);
+        }
+        if let Some(fit) = &mut self.fit {
+            fit.shown = None;
+        }
         let now = self.time();
         let h = t - now;
         if h.abs() <= 1e-12 * t.abs().max(now.abs()) || c.period.is_some() {
@@ -758,9 +579,34 @@ impl Run {
             }
             self.glance(c, names, at, rest)?;
             if cut.is_none() {
+                if let Some(fit) = self.fit.as_mut().filter(|_| at == now) {
+                    fit.shown = Some(t);
+                    fit.output.copy_from_slice(&self.step.work.output);
+                }
                 return Ok(&self.glanced);
             }
             at = piece;
+        }
+    }
+
+    /// The state as it was looked at last at `t`, which may lie within a step.
+    pub(super) fn state_at(&self, t: f64) -> &[f64] {
+        let shown = self.fit.as_ref().is_some_and(|f| f.shown == Some(t));
+        if shown { &self.glanced } else { &self.state }
+    }
+
+    /// The ledger at `t`: with a step to there where it was looked at within a step.
+    pub(super) fn books_at(&self, c: &Cluster, t: f64) -> Cow<'_, [Book]> {
+        match self.fit.as_ref().filter(|f| f.shown == Some(t)) {
+            None => Cow::Borrowed(&self.books),
+            Some(fit) => {
+                let mut books = self.books.clone();
+                // An energy that is no number ends the step that it lies in.
+                match book(&mut books, c, &fit.output) {
+                    Ok(()) => Cow::Owned(books),
+                    Err(_) => Cow::Borrowed(&self.books),
+                }
+            }
         }
     }
 
@@ -851,8 +697,8 @@ fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
     }
 }
 
-/// What the balance of a step is off by, and what that is measured against.
-fn balance(b: &Book, e: &Entries, out: &[f64]) -> (f64, f64) {
+/// Whether a step from the energy `before` keeps the balance.
+pub(super) fn balances(b: &Book, e: &Entries, before: f64, out: &[f64]) -> bool {
     let (mut net, mut turnover) = (0.0, 0.0);
     for (_, slot) in &e.supplied {
         net += out[*slot];
@@ -862,8 +708,9 @@ fn balance(b: &Book, e: &Entries, out: &[f64]) -> (f64, f64) {
         net -= out[*slot];
         turnover += out[*slot].abs();
     }
-    let before = e.before.map_or(b.h, |slot| out[slot]);
-    (out[e.energy] - before - net, out[e.size].abs().max(b.h.abs()).max(turnover))
+    let before = e.before.map_or(before, |slot| out[slot]);
+    let scale = out[e.size].abs().max(before.abs()).max(turnover).max(b.floor());
+    (out[e.energy] - before - net).abs() <= OFF * scale
 }
 
 /// Adds a step to the ledgers.
@@ -934,7 +781,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
 }
 
 /// Adds to each port the integral of what it gave out.
-fn advance_ports(c: &Cluster, out: &[f64], h: f64, moved: &mut Vec<f64>) {
+pub(super) fn advance_ports(c: &Cluster, out: &[f64], h: f64, moved: &mut Vec<f64>) {
     moved.resize(c.ports.len(), 0.0);
     for (m, p) in moved.iter_mut().zip(&c.ports) {
         *m += h * out[p.mean];

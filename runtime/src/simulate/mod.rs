@@ -1,6 +1,9 @@
 //! Runs a scene: the multi-rate schedule, sample and hold, adaptive steps, and what is recorded.
 
+mod adaptive;
+mod attempt;
 mod cluster;
+mod event;
 mod given;
 mod hold;
 mod save;
@@ -25,8 +28,10 @@ pub struct Options {
     pub step: Option<f64>,
     /// Relative error allowed in a step of continuous regions; makes them adaptive.
     pub tolerance: Option<f64>,
-    /// Step of continuous regions where neither is given and the method has no error, s.
+    /// Step of continuous regions where neither is given and the method has no error, s; adaptive ones begin with a small part of it.
     pub default_step: f64,
+    /// Longest of the adaptive steps, s; as long as they may be where there is none.
+    pub longest: Option<f64>,
 }
 
 /// Why a run stopped early.

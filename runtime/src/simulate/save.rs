@@ -3,6 +3,7 @@
 //! What is kept is all that a later step reads: states, what is held and foretold, the ledger, the grids of steps and the lengths
 //! that tables were made for. Workspaces are not, for nothing in them is read by the next run.
 
+use super::adaptive::Control;
 use super::cluster::{Book, Ready, Run};
 use super::given::{Course, Feed};
 use super::hold::{Held, Report};
@@ -62,13 +63,14 @@ struct Part {
     feed: Option<Feed>,
     books: Vec<Book>,
     steps: u64,
-    rejected: u64,
     iterations: u64,
     base: f64,
     count: u64,
     h: f64,
-    ahead: f64,
-    crawl: u32,
+    /// Of adaptive steps: the controller, the next instant that is met, and what moved through the integrals.
+    control: Option<Control>,
+    limit: f64,
+    through: Vec<f64>,
     largest: Vec<f64>,
     curvature: Vec<f64>,
     lengths: Vec<f64>,
@@ -104,19 +106,20 @@ impl Simulation<'_> {
     fn part(&self, i: usize) -> Part {
         let run = &self.runs[i];
         let fed = Feed::new(&self.scene.clusters[i], &self.given);
+        let (control, iterations) = run.kept();
         Part {
             state: run.state.clone(),
             input: run.input.clone(),
             feed: (run.feed != fed).then(|| run.feed.clone()),
             books: run.books.clone(),
             steps: run.steps,
-            rejected: run.rejected,
-            iterations: run.iterations(),
+            iterations,
             base: run.base,
             count: run.count,
             h: run.h,
-            ahead: run.ahead,
-            crawl: run.crawl,
+            control,
+            limit: run.fit.as_ref().map_or(0.0, |f| f.limit),
+            through: run.fit.as_ref().map(|f| f.moved.clone()).unwrap_or_default(),
             largest: run.largest.clone(),
             curvature: run.curvature.clone(),
             lengths: run.step.lengths.clone(),
@@ -172,6 +175,7 @@ impl<'a> Simulation<'a> {
         sim.open = saved.open;
         sim.time = saved.time;
         sim.last_sample = saved.last_sample;
+        sim.look_again();
         Ok(sim)
     }
 
@@ -203,9 +207,15 @@ impl<'a> Simulation<'a> {
             Some(saved) if saved.alike(&feed) => run.feed = saved,
             Some(_) => return Err(Refused::Shape("the inputs")),
         }
-        if !(part.h.is_finite() && part.h > 0.0 && part.base.is_finite() && part.ahead.is_finite()) {
+        let ahead = part.control.map_or(1.0, |k| k.ahead);
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        if !(positive(part.h) && part.base.is_finite() && positive(ahead) && part.limit.is_finite()) {
             return Err(Refused::Shape("the steps"));
         }
+        if part.control.is_some() != run.fit.is_some() {
+            return Err(Refused::Shape("the steps"));
+        }
+        same("the integrals", &part.through, run.fit.as_ref().map_or(&[], |f| &f.moved))?;
         tables(&mut run.step, &part.lengths)?;
         match &mut run.glance {
             Some(glance) => tables(glance, &part.glance)?,
@@ -231,13 +241,15 @@ impl Part {
         run.input.copy_from_slice(&self.input);
         run.books.clone_from(&self.books);
         run.steps = self.steps;
-        run.rejected = self.rejected;
         run.step.work.newton_iterations = self.iterations;
         run.base = self.base;
         run.count = self.count;
         run.h = self.h;
-        run.ahead = self.ahead;
-        run.crawl = self.crawl;
+        if let (Some(fit), Some(control)) = (&mut run.fit, self.control) {
+            fit.control = control;
+            fit.limit = self.limit;
+            fit.moved.copy_from_slice(&self.through);
+        }
         run.largest.copy_from_slice(&self.largest);
         run.curvature.copy_from_slice(&self.curvature);
     }

@@ -174,6 +174,12 @@ impl<'a> Simulation<'a> {
             scratch: Scratch::new(n, held.iter().map(Vec::len).max().unwrap_or(0)),
             held,
         };
+        // What is driven at a port is driven from the instant on to which it was advanced.
+        for open in &scene.open {
+            if let Some(fit) = &mut s.runs[open.port.0].fit {
+                fit.driven = true;
+            }
+        }
         for i in s.order.clone() {
             s.find_beta(i);
         }
@@ -193,7 +199,7 @@ impl<'a> Simulation<'a> {
 
     /// The state of a cluster.
     pub fn state(&self, cluster: usize) -> &[f64] {
-        &self.runs[cluster].state
+        self.runs[cluster].state_at(self.time)
     }
 
     /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; and gamma, how that over the next
@@ -241,6 +247,15 @@ impl<'a> Simulation<'a> {
         self.beta[i] = beta;
         self.gamma[i] = gamma;
         self.decay[i] = decay;
+    }
+
+    /// Looks again at what lies within steps, as a run that was not interrupted has done.
+    pub(super) fn look_again(&mut self) {
+        for (c, run) in self.scene.clusters.iter().zip(&mut self.runs).filter(|(_, run)| run.fit.is_some()) {
+            let input = run.input.clone();
+            let _ = run.look_at(c, &self.names, self.time); // where it fails, whoever looks is told
+            run.input = input;
+        }
     }
 
     /// The next sample of any cluster.
@@ -706,6 +721,7 @@ impl<'a> Simulation<'a> {
                 // A sampled cluster looks at its next sample only.
                 let past = if c.period.is_some() { now } else { run.time() };
                 run.feed.set(k, now, value, past);
+                run.drop_plan();
             }
         }
         self.given[input].set(now, value, now);
@@ -715,12 +731,15 @@ impl<'a> Simulation<'a> {
     pub fn summary(&self) -> Summary {
         let mut regions = Vec::new();
         let mut gained = Vec::new();
-        let largest = self.runs.iter().flat_map(|r| &r.books).map(Book::largest).fold(0.0, f64::max);
+        let books: Vec<_> =
+            self.scene.clusters.iter().zip(&self.runs).map(|(c, run)| run.books_at(c, self.time)).collect();
+        let largest = books.iter().flat_map(|b| b.iter()).map(Book::largest).fold(0.0, f64::max);
         for (r, region) in self.scene.regions.iter().enumerate() {
             let c = &self.scene.clusters[region.cluster];
             let run = &self.runs[region.cluster];
             let Some(k) = c.entries.iter().position(|e| e.region == r) else { continue };
-            let (b, e) = (&run.books[k], &c.entries[k]);
+            let (b, e) = (&books[region.cluster][k], &c.entries[k]);
+            let (control, newton_iterations) = run.kept();
             let list = |names: &[(String, usize)], sums: &[crate::ledger::Sum]| {
                 names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
             };
@@ -735,7 +754,9 @@ impl<'a> Simulation<'a> {
                 order: c.step.order,
                 hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
                 steps: run.steps,
-                newton_iterations: run.iterations(),
+                rejected: control.map_or(0, |k| k.rejected),
+                events: control.map_or(0, |k| k.events),
+                newton_iterations,
                 h_initial: b.h_initial,
                 h_final: b.h,
                 h_max: b.h_max,

@@ -39,6 +39,10 @@ pub struct RegionSummary {
     pub hold: Option<Cow<'static, str>>,
     /// Steps done.
     pub steps: u64,
+    /// Attempts at adaptive steps that were not kept.
+    pub rejected: u64,
+    /// Switches of laws at which adaptive steps were ended.
+    pub events: u64,
     /// Newton iterations done in them.
     pub newton_iterations: u64,
     /// At the start.

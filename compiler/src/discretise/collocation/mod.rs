@@ -364,7 +364,10 @@ pub(super) fn write(
     let order = if nodes == Nodes::Radau { 5 } else { 2 * s as u32 };
     let (fallback, _) = gonzalez::write(c, model, form)?;
     let fallback = (nodes != Nodes::Radau).then(|| Box::new(fallback));
-    Ok((Stepper { name: name.into(), order, passive, program, linear: None, glance: None, fallback }, entries))
+    Ok((
+        Stepper { name: name.into(), order, passive, program, estimate: None, linear: None, glance: None, fallback },
+        entries,
+    ))
 }
 
 /// What the three stages of Radau lose of each region's energy; whether that is all, every energy being quadratic.

@@ -1,0 +1,322 @@
+//! Steps that are fitted to a tolerance: the controller, and what is kept of its attempts.
+//!
+//! A step that goes beyond the instant to which a cluster is advanced is *planned*: computed and found good, but not kept until the
+//! cluster is advanced past its end. So rows of output lie inside of steps, and an input that is set at a row ends the step there.
+//! A plan is a cache: the state of a run without it gives the same plan again.
+
+use super::attempt::Taken;
+use super::cluster::{Run, advance_ports, book};
+use super::{Error, Options};
+use crate::ir::Array;
+use crate::scene::Cluster;
+use serde::{Deserialize, Serialize};
+
+/// So many steps in a row may be shorter than this part of the usual one; then a run does not get on, and stops.
+const CRAWL: (u32, f64) = (20_000, 1e-5);
+/// What a step is shorter than the controller's best guess.
+const SAFE: f64 = 0.9;
+/// Steps grow and shrink by no more than this at once.
+const GROW: f64 = 5.0;
+const SHRINK: f64 = 0.1;
+/// The first step, as a part of the usual one.
+const FIRST: f64 = 1e-2;
+/// Of a step that fails so much is tried next.
+const CUT: f64 = 0.25;
+/// After so many that fail another stepper tries, where there is one.
+const OWN: u32 = 6;
+/// The exponents of the controller in the error of a step and of the one before it (Hairer and Wanner, IV.8), times the order of
+/// the error.
+const PI: (f64, f64) = (0.7, 0.4);
+/// Instants closer to one another than this part of themselves are one.
+const SAME: f64 = 1e-12;
+
+/// The controller, as it is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Control {
+    /// Length of the next step, s.
+    pub(super) ahead: f64,
+    /// Length of the steps before the last switch of a law: where two laws alternate, as flight and contact do, those of the one that
+    /// comes.
+    other: f64,
+    /// The error of the last step over the tolerance; 1 at a fresh start.
+    pub(super) error: f64,
+    /// Steps in a row that were far smaller than the usual one.
+    pub(super) crawl: u32,
+    /// Attempts that were not kept.
+    pub(super) rejected: u64,
+    /// Switches of laws that were located.
+    pub(super) events: u64,
+}
+
+/// A step that was found good.
+#[derive(Clone, Copy, Debug)]
+struct Plan {
+    end: f64,
+    /// Whether the step counts as a whole, or else its halves.
+    whole: bool,
+    /// The controller after it.
+    control: Control,
+    /// The controller and the iterations before it.
+    before: (Control, u64),
+}
+
+/// What fits the steps of a cluster to a tolerance.
+pub(super) struct Fit {
+    tolerance: f64,
+    longest: f64,
+    pub(super) control: Control,
+    /// The next instant that has to be met.
+    pub(super) limit: f64,
+    /// It is driven from outside, so that every instant to which it is advanced is met.
+    pub(super) driven: bool,
+    /// What went into and out of each integral.
+    pub(super) moved: Vec<f64>,
+    plan: Option<Plan>,
+    /// Whether the stepper that takes what the first one cannot is at work.
+    pub(super) spare: bool,
+    /// A whole step, and its halves.
+    pub(super) whole: Taken,
+    pub(super) first: Taken,
+    pub(super) second: Taken,
+    /// A look on the way.
+    pub(super) trial: Taken,
+    /// The guards before a switch, beyond it, and where they were looked at last.
+    pub(super) below: Vec<f64>,
+    pub(super) beyond: Vec<f64>,
+    pub(super) seen: Vec<f64>,
+    /// The instant inside of the planned step that was looked at last, and what a step to it gives.
+    pub(super) shown: Option<f64>,
+    pub(super) output: Vec<f64>,
+}
+
+impl Fit {
+    pub(super) fn new(c: &Cluster, tolerance: f64, options: &Options) -> Self {
+        let ahead = FIRST * options.default_step;
+        let guards = c.guards.as_ref().map_or(0, |g| g.size(Array::Output));
+        let integrals = &c.initial[c.states..c.states + c.integrals];
+        Self {
+            tolerance,
+            longest: options.longest.unwrap_or(f64::INFINITY),
+            control: Control { ahead, other: ahead, error: 1.0, crawl: 0, rejected: 0, events: 0 },
+            limit: 0.0,
+            driven: false,
+            moved: integrals.iter().map(|x| x.abs()).collect(),
+            plan: None,
+            spare: false,
+            whole: Taken::new(c),
+            first: Taken::new(c),
+            second: Taken::new(c),
+            trial: Taken::new(c),
+            below: vec![0.0; guards],
+            beyond: vec![0.0; guards],
+            seen: vec![0.0; guards],
+            shown: None,
+            output: vec![0.0; c.step.program.size(Array::Output)],
+        }
+    }
+}
+
+impl Run {
+    /// Drops the planned step: what it was planned with changes.
+    pub(super) fn drop_plan(&mut self) {
+        if let Some(fit) = &mut self.fit
+            && let Some(plan) = fit.plan.take()
+        {
+            fit.control = plan.before.0;
+            self.step.work.newton_iterations = plan.before.1;
+        }
+    }
+
+    /// The controller without what is only planned, and the iterations done.
+    pub(super) fn kept(&self) -> (Option<Control>, u64) {
+        let iterations = self.iterations();
+        let Some(fit) = &self.fit else { return (None, iterations) };
+        let (control, iterations) = fit.plan.map_or((fit.control, iterations), |p| p.before);
+        (Some(control), iterations)
+    }
+
+    /// Runs to `end` exactly.
+    pub(super) fn fit_to(
+        &mut self,
+        c: &Cluster,
+        names: &[String],
+        end: f64,
+        moved: &mut Vec<f64>,
+    ) -> Result<(), Error> {
+        self.fit_past(c, names, end, moved)?;
+        while end - self.time() > SAME * end.abs() {
+            self.drop_plan();
+            self.plan(c, names, Some(end))?;
+            self.keep(c, names, moved)?;
+        }
+        Ok(())
+    }
+
+    /// Keeps all steps that end at `until` or before it, and plans the one beyond it.
+    pub(super) fn fit_past(
+        &mut self,
+        c: &Cluster,
+        names: &[String],
+        until: f64,
+        moved: &mut Vec<f64>,
+    ) -> Result<(), Error> {
+        if self.fit.as_ref().is_some_and(|f| f.driven) {
+            while until - self.time() > SAME * until.abs() {
+                self.drop_plan();
+                self.plan(c, names, Some(until))?;
+                self.keep(c, names, moved)?;
+            }
+            return Ok(());
+        }
+        while until - self.time() > SAME * until.abs() {
+            let Some(fit) = &self.fit else { return Ok(()) };
+            let end = match fit.plan {
+                Some(plan) => plan.end,
+                None => self.plan(c, names, None)?,
+            };
+            if end - until > SAME * until.abs() {
+                // The look is not needed to go on; where it fails, whoever looks is told.
+                let _ = self.look_at(c, names, until);
+                return Ok(());
+            }
+            self.keep(c, names, moved)?;
+        }
+        Ok(())
+    }
+
+    /// Keeps the planned step.
+    fn keep(&mut self, c: &Cluster, names: &[String], moved: &mut Vec<f64>) -> Result<(), Error> {
+        let Some(fit) = &mut self.fit else { return Ok(()) };
+        let Some(plan) = fit.plan.take() else { return Ok(()) };
+        fit.control = plan.control;
+        fit.shown = None;
+        let parts = [&fit.whole, &fit.first, &fit.second];
+        let parts = if plan.whole { &parts[..1] } else { &parts[1..] };
+        let mut failed = None;
+        let at = c.states..c.states + c.integrals;
+        for part in parts {
+            failed = failed.or(book(&mut self.books, c, &part.output).err());
+            advance_ports(c, &part.output, part.h, moved);
+            for ((m, x), before) in fit.moved.iter_mut().zip(&part.next[at.clone()]).zip(&self.state[at.clone()]) {
+                *m += (x - before).abs();
+            }
+            self.state.copy_from_slice(&part.next);
+            self.steps += 1;
+        }
+        self.base = plan.end;
+        self.count = 0;
+        self.track(c);
+        failed.map_or(Ok(()), |what| Err(self.unsound(names, plan.end, what)))
+    }
+
+    /// Finds the next step: one that meets `end`, where one is given, if it comes so far. Gives where it ends.
+    fn plan(&mut self, c: &Cluster, names: &[String], end: Option<f64>) -> Result<f64, Error> {
+        let t = self.time();
+        let Some(fit) = &self.fit else { return Ok(t) };
+        let before = (fit.control, self.iterations());
+        let result = self.fitted(c, names, t, end);
+        let Some(fit) = &mut self.fit else { return Ok(t) };
+        match result {
+            Ok((end, whole)) => {
+                let control = std::mem::replace(&mut fit.control, before.0);
+                fit.plan = Some(Plan { end, whole, control, before });
+                Ok(end)
+            }
+            Err(e) => {
+                fit.control = Control { rejected: fit.control.rejected, ..before.0 };
+                Err(e)
+            }
+        }
+    }
+
+    /// Tries steps from `t` until one is good: where it ends, and whether the whole counts. The controller is then after it.
+    fn fitted(&mut self, c: &Cluster, names: &[String], t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
+        let Some(fit) = &self.fit else { return Ok((t, true)) };
+        let (tolerance, longest, mut control) = (fit.tolerance, fit.longest, fit.control);
+        let order = f64::from(c.step.order + 1);
+        let limit = Some(fit.limit).filter(|l| *l > t + SAME * t.abs());
+        let end = end.into_iter().chain(limit).min_by(f64::total_cmp);
+        // What is given from outside changes evenly until then.
+        let far = t + 2.0 * control.ahead.min(longest);
+        let horizon = end.map_or(far, |e| e.min(far));
+        let cut = self.feed.cut(t, horizon);
+        self.feed.aim(&mut self.input, t, cut.unwrap_or(horizon));
+        let end = cut.or(end);
+        self.guards_before(t);
+        let (mut last_failure, mut refused) = (None, None::<(f64, f64)>);
+        let usual = self.default_step;
+        let mut failures = 0;
+        let (smallest, result) = loop {
+            if let Some(fit) = &mut self.fit {
+                fit.spare = failures >= OWN;
+            }
+            let mut h = control.ahead.min(longest);
+            // Two steps of like length rather than one and a splinter.
+            let mut last = None;
+            if let Some(end) = end {
+                if t + h >= end * (1.0 - SAME) {
+                    h = end - t;
+                    last = Some(end);
+                } else if t + 2.0 * h > end {
+                    h = 0.5 * (end - t);
+                }
+            }
+            if h <= 1e-13 * t.abs().max(1e-300) || h <= usual * 1e-12 {
+                break (h, None);
+            }
+            let attempt = match self.attempt(c, t, h) {
+                Ok(attempt) => attempt,
+                Err(why) => {
+                    last_failure = Some(why);
+                    failures += 1;
+                    control.ahead = CUT * h;
+                    control.rejected += 1;
+                    continue;
+                }
+            };
+            let ratio = attempt.error / tolerance;
+            // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small enough.
+            let vain = attempt.h < 1e-3 * usual
+                && refused.is_some_and(|(longer, worse)| attempt.h < 0.5 * longer && attempt.error > 0.25 * worse);
+            if ratio > 1.0 && !vain {
+                control.ahead = attempt.h * (SAFE * ratio.powf(-1.0 / order)).clamp(SHRINK, SAFE);
+                control.rejected += 1;
+                refused = Some((attempt.h, attempt.error));
+                continue;
+            }
+            let done = last.filter(|_| attempt.h >= h);
+            control.crawl = if attempt.h < CRAWL.1 * usual && done.is_none() { control.crawl + 1 } else { 0 };
+            if control.crawl > CRAWL.0 {
+                break (h, None);
+            }
+            if attempt.event {
+                // Beyond the switch another law holds.
+                let here = control.ahead.min((GROW * attempt.h).max(FIRST * usual));
+                (control.ahead, control.other) = (control.other, here);
+                control.events += 1;
+                control.error = 1.0;
+            } else {
+                let most = if refused.is_some() || last_failure.is_some() { 1.0 } else { GROW };
+                let factor = SAFE * ratio.max(1e-10).powf(-PI.0 / order) * control.error.powf(PI.1 / order);
+                let next = h * if vain { 2.0 } else { factor.clamp(2.0 * SHRINK, most) };
+                // A step that an end cut short says little of what comes.
+                let cut = h < SAFE * control.ahead;
+                control.ahead = if cut { next.max(control.ahead) } else { next };
+                control.error = if cut { control.error } else { ratio.clamp(1e-4, 1.0) };
+            }
+            break (h, Some((done.unwrap_or(t + attempt.h), attempt.whole)));
+        };
+        if let Some(fit) = &mut self.fit {
+            fit.control = control;
+            fit.spare = false;
+        }
+        match (result, last_failure) {
+            (Some(found), _) => Ok(found),
+            (None, Some(why)) if control.crawl <= CRAWL.0 => Err(self.failure(c, names, t, why)),
+            (None, _) => {
+                let region = names.get(self.index).cloned().unwrap_or_default();
+                Err(Error::TooSmall { time: t, region, step: smallest })
+            }
+        }
+    }
+}

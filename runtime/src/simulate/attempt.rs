@@ -1,0 +1,137 @@
+//! An attempt at an adaptive step: what is computed of it, and its estimated error.
+
+use super::cluster::{Book, Run, balances};
+use crate::ir::{Array, Slot};
+use crate::kernel::Failure;
+use crate::scene::{Cluster, Entries};
+
+/// What a step gave.
+#[derive(Debug, Default)]
+pub(super) struct Taken {
+    pub(super) h: f64,
+    pub(super) next: Vec<f64>,
+    pub(super) output: Vec<f64>,
+}
+
+impl Taken {
+    pub(super) fn new(c: &Cluster) -> Self {
+        Self { h: 0.0, next: c.initial.clone(), output: vec![0.0; c.step.program.size(Array::Output)] }
+    }
+}
+
+/// Which step is taken.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// A whole one.
+    Whole,
+    /// Its first half.
+    First,
+    /// Its second half, from where the first one ends.
+    Second,
+    /// A shorter one, to see where a law switches.
+    Trial,
+}
+
+/// An attempt.
+pub(super) struct Attempt {
+    /// Its length; shorter than what was asked for where a law switches.
+    pub(super) h: f64,
+    /// Its error, relative to the states' sizes.
+    pub(super) error: f64,
+    /// Whether the whole step counts, or else its halves.
+    pub(super) whole: bool,
+    /// It ends where a law switches.
+    pub(super) event: bool,
+}
+
+impl Run {
+    /// A step of length `h` from `t`, cut to where a law switches, and its error.
+    pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Attempt, Failure> {
+        self.stride(t, h, Part::Whole)?;
+        let event = self.event(t, h)?;
+        let (h, is_event) = (event.unwrap_or(h), event.is_some());
+        if c.step.estimate.is_none() {
+            if is_event || self.guards.is_none() {
+                self.stride(t, 0.5 * h, Part::First)?;
+            }
+            self.stride(t + 0.5 * h, 0.5 * h, Part::Second)?;
+        }
+        // What ends at a switch was found with a whole step, and so that one counts.
+        let error = self.estimate(c, is_event)?;
+        let whole = is_event || c.step.estimate.is_some();
+        if self.keeps_all(c, whole) { Ok(Attempt { h, error, whole, event: is_event }) } else { Err(Failure::Balance) }
+    }
+
+    /// Whether what counts of an attempt keeps the balance, where that can be otherwise and another stepper could take it.
+    fn keeps_all(&self, c: &Cluster, whole: bool) -> bool {
+        let Some(fit) = self.fit.as_ref().filter(|f| self.spare.is_some() && !f.spare) else { return true };
+        self.books.iter().zip(&c.entries).all(|(b, e)| {
+            if whole {
+                return balances(b, e, b.h, &fit.whole.output);
+            }
+            balances(b, e, b.h, &fit.first.output) && balances(b, e, fit.first.output[e.energy], &fit.second.output)
+        })
+    }
+
+    /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the states'
+    /// sizes: the embedded estimate, or what the difference of the two tells.
+    fn estimate(&self, c: &Cluster, whole: bool) -> Result<f64, Failure> {
+        let Some(fit) = &self.fit else { return Ok(0.0) };
+        let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
+        let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
+        let raised = 2f64.powi(c.step.order as i32);
+        let part = if whole { raised } else { 1.0 } / (raised - 1.0).max(1.0);
+        let mut worst: f64 = 0.0;
+        for i in 0..c.states + c.integrals {
+            let (x, off) = match c.step.estimate {
+                Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
+                None => (fit.second.next[i], (fit.second.next[i] - fit.whole.next[i]).abs() * part),
+            };
+            let size = match i.checked_sub(c.states) {
+                None => {
+                    let natural = (2.0 * h_max / self.curvature[i]).sqrt();
+                    let natural = if self.curvature[i] > 0.0 && natural.is_finite() { natural } else { 0.0 };
+                    x.abs().max(self.largest[i]).max(natural)
+                }
+                // An integral is measured against all that went into it and out of it.
+                Some(k) => fit.moved[k] + (x - self.state[i]).abs(),
+            };
+            if !off.is_finite() {
+                return Err(Failure::NotFinite { slot: Slot::new(Array::Next, i) });
+            }
+            if off > 0.0 {
+                worst = worst.max(if size > 0.0 { off / size } else { f64::INFINITY });
+            }
+        }
+        Ok(if worst.is_finite() { worst } else { f64::MAX })
+    }
+
+    /// One step, from the state (or the end of the first half) into one of the buffers.
+    pub(super) fn stride(&mut self, t: f64, h: f64, part: Part) -> Result<(), Failure> {
+        let Some(fit) = &mut self.fit else { return Ok(()) };
+        self.input[0] = t;
+        self.input[1] = h;
+        let state = if part == Part::Second { &fit.first.next } else { &self.state };
+        let spare = self.spare.as_mut().filter(|_| fit.spare);
+        let ready = spare.unwrap_or(&mut self.step);
+        ready.run(state, &self.input)?;
+        let work = &ready.work;
+        // 0 times a number is 0 unless it is not finite.
+        let spoiled: f64 = work.output.iter().map(|x| 0.0 * x).sum();
+        if spoiled != 0.0 {
+            let index = work.output.iter().position(|x| !x.is_finite()).unwrap_or(0);
+            return Err(Failure::NotFinite { slot: Slot::new(Array::Output, index) });
+        }
+        let into = match part {
+            Part::Whole => &mut fit.whole,
+            Part::First => &mut fit.first,
+            Part::Second => &mut fit.second,
+            Part::Trial => &mut fit.trial,
+        };
+        into.h = h;
+        into.next.copy_from_slice(&work.next);
+        let n = into.output.len();
+        into.output.copy_from_slice(&work.output[..n]);
+        Ok(())
+    }
+}

@@ -1,0 +1,219 @@
+//! Where in a step a law switches: the guard that changes sign, located by single steps from the start of the step to an instant just
+//! past the change.
+
+use super::attempt::{Part, Taken};
+use super::cluster::Run;
+use crate::kernel::Failure;
+
+/// A change of sign sooner than this part of the usual step after its start is where the step stands, and is let be.
+const STANDS: f64 = 1e-9;
+/// So often is a change of sign looked for at most.
+const ROUNDS: u32 = 60;
+/// A round that leaves more than this part of the bracket and of the guard is followed by one of the other kind.
+const SLOW: f64 = 0.25;
+
+/// A point of a guard along the step.
+type Point = (f64, f64);
+
+/// Between which points a guard changes sign. Before the switch the guard is smooth along the step, beyond it need not be.
+#[derive(Clone, Copy)]
+struct Bracket {
+    guard: usize,
+    low: Point,
+    high: Point,
+    /// The end of the bracket that was replaced last.
+    third: Option<Point>,
+    /// Points before `low`, the last one first.
+    past: [Option<Point>; 2],
+}
+
+impl Bracket {
+    fn new(guard: usize, low: Point, high: Point, third: Option<Point>) -> Self {
+        Self { guard, low, high, third, past: [None; 2] }
+    }
+
+    /// Where the parabola through `low` and two other points is 0 in the bracket.
+    fn parabola(&self, p: Point, q: Point) -> Option<f64> {
+        let (low, a) = self.low;
+        let slope = (p.1 - a) / (p.0 - low);
+        let bend = ((q.1 - p.1) / (q.0 - p.0) - slope) / (q.0 - low);
+        let tilt = slope - bend * (p.0 - low);
+        let root = (tilt * tilt - 4.0 * bend * a).sqrt();
+        let k = -0.5 * (tilt + root.copysign(tilt));
+        self.inside(a / k).or(self.inside(k / bend))
+    }
+
+    fn inside(&self, u: f64) -> Option<f64> {
+        (u >= 0.0 && u < self.high.0 - self.low.0).then_some(self.low.0 + u)
+    }
+
+    /// The root by both ends of the bracket.
+    fn within(&self) -> f64 {
+        let ((low, a), (high, b)) = (self.low, self.high);
+        let line = || self.inside(-a * (high - low) / (b - a)).unwrap_or(0.5 * (low + high));
+        self.third.and_then(|q| self.parabola(self.high, q)).unwrap_or_else(line)
+    }
+
+    /// The root by the points before the switch alone, where there are enough.
+    fn ahead(&self) -> Option<f64> {
+        self.parabola(self.past[0]?, self.past[1]?)
+    }
+}
+
+impl Run {
+    /// Takes down the guards at the start of a step.
+    pub(super) fn guards_before(&mut self, t: f64) {
+        if let Some(guards) = &mut self.guards {
+            self.input[0] = t;
+            match guards.run(&self.state, &self.input) {
+                Ok(out) => self.before.copy_from_slice(out),
+                // A guard that cannot be told switches nothing.
+                Err(_) => self.before.fill(0.0),
+            }
+        }
+    }
+
+    /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that ends just past
+    /// it, which then is the whole step. A switch at the very start is let be. Without one, the first half was taken too, where
+    /// there are guards.
+    pub(super) fn event(&mut self, t: f64, h: f64) -> Result<Option<f64>, Failure> {
+        let Some(mut bracket) = self.bracket(t, h)? else { return Ok(None) };
+        let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
+        let mut past = floor;
+        let mut slow = false;
+        for round in 0..ROUNDS {
+            let within = bracket.within();
+            let (low, high) = (bracket.low.0, bracket.high.0);
+            if high - within <= 4.0 * past || high - low <= floor {
+                break;
+            }
+            let middle = 0.5 * (low + high);
+            let root = match slow {
+                true if round % 4 == 3 => middle,
+                true => bracket.ahead().unwrap_or(middle),
+                false => within,
+            };
+            if root - low <= past && low > 0.0 {
+                past *= 8.0; // missed by rounding alone
+            }
+            let at = if root + past < high { root + past } else { middle };
+            self.stride(t, at, Part::Trial)?;
+            self.guards_at(t + at, Part::Trial);
+            let Some(fit) = &mut self.fit else { return Ok(None) };
+            let least = bracket.low.1.abs().min(bracket.high.1.abs());
+            let point;
+            if let Some(guard) = earliest(&fit.below, &fit.seen) {
+                std::mem::swap(&mut fit.trial, &mut fit.whole);
+                std::mem::swap(&mut fit.seen, &mut fit.beyond);
+                point = (at, fit.beyond[guard]);
+                bracket = if guard == bracket.guard {
+                    Bracket { high: point, third: Some(bracket.high), ..bracket }
+                } else {
+                    Bracket::new(guard, (low, fit.below[guard]), point, None)
+                };
+            } else {
+                // A guard that is 0 there has not changed sign yet.
+                for (below, seen) in fit.below.iter_mut().zip(&fit.seen).filter(|(_, seen)| **seen != 0.0) {
+                    *below = *seen;
+                }
+                point = (at, fit.seen[bracket.guard]);
+                let before = [Some(bracket.low), bracket.past[0]];
+                bracket = Bracket { low: point, third: Some(bracket.low), past: before, ..bracket };
+            }
+            slow = bracket.high.0 - bracket.low.0 > SLOW * (high - low) && point.1.abs() > SLOW * least;
+        }
+        let found = bracket.high.0;
+        if found < STANDS * self.default_step {
+            self.stride(t, h, Part::Whole)?;
+            self.stride(t, 0.5 * h, Part::First)?;
+            return Ok(None);
+        }
+        Ok(Some(found))
+    }
+
+    /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or at its
+    /// middle. The whole step is then the one to the end of that part.
+    fn bracket(&mut self, t: f64, h: f64) -> Result<Option<Bracket>, Failure> {
+        if self.guards.is_none() {
+            return Ok(None);
+        }
+        self.guards_at(t + h, Part::Whole);
+        let Some(fit) = &mut self.fit else { return Ok(None) };
+        fit.below.copy_from_slice(&self.before);
+        std::mem::swap(&mut fit.seen, &mut fit.beyond);
+        if let Some(guard) = earliest(&fit.below, &fit.beyond) {
+            return Ok(Some(Bracket::new(guard, (0.0, fit.below[guard]), (h, fit.beyond[guard]), None)));
+        }
+        self.stride(t, 0.5 * h, Part::First)?;
+        self.guards_at(t + 0.5 * h, Part::First);
+        let Some(fit) = &mut self.fit else { return Ok(None) };
+        if let Some(guard) = earliest(&fit.below, &fit.seen) {
+            let third = Some((h, fit.beyond[guard]));
+            std::mem::swap(&mut fit.seen, &mut fit.beyond);
+            copy(&fit.first, &mut fit.whole);
+            let (low, high) = ((0.0, fit.below[guard]), (0.5 * h, fit.beyond[guard]));
+            return Ok(Some(Bracket::new(guard, low, high, third)));
+        }
+        std::mem::swap(&mut fit.seen, &mut fit.below);
+        // One that changes sign twice to one side of the middle: where the parabola through its three values turns.
+        let values = self.before.iter().zip(&fit.below).zip(&fit.beyond);
+        let turns = values.filter_map(|((start, middle), end)| turn(*start, *middle, *end));
+        if let Some(at) = turns.min_by(f64::total_cmp).map(|part| part * h) {
+            self.stride(t, at, Part::Trial)?;
+            self.guards_at(t + at, Part::Trial);
+            let Some(fit) = &mut self.fit else { return Ok(None) };
+            if let Some(guard) = earliest(&self.before, &fit.seen) {
+                std::mem::swap(&mut fit.seen, &mut fit.beyond);
+                std::mem::swap(&mut fit.trial, &mut fit.whole);
+                let late = at > 0.5 * h;
+                if !late {
+                    fit.below.copy_from_slice(&self.before);
+                }
+                let low = if late { 0.5 * h } else { 0.0 };
+                return Ok(Some(Bracket::new(guard, (low, fit.below[guard]), (at, fit.beyond[guard]), None)));
+            }
+        }
+        // A guard that was 0 at the start.
+        let Some(fit) = &self.fit else { return Ok(None) };
+        let found = earliest(&fit.below, &fit.beyond);
+        let ends = |i: usize| ((0.5 * h, fit.below[i]), (h, fit.beyond[i]));
+        Ok(found.map(|guard| Bracket::new(guard, ends(guard).0, ends(guard).1, None)))
+    }
+
+    /// Looks at the guards at the end of a step.
+    fn guards_at(&mut self, t: f64, part: Part) {
+        let (Some(guards), Some(fit)) = (&mut self.guards, &mut self.fit) else { return };
+        self.input[0] = t;
+        let state = match part {
+            Part::Whole => &fit.whole.next,
+            Part::First => &fit.first.next,
+            Part::Second => &fit.second.next,
+            Part::Trial => &fit.trial.next,
+        };
+        match guards.run(state, &self.input) {
+            Ok(out) => fit.seen.copy_from_slice(out),
+            Err(_) => fit.seen.fill(0.0),
+        }
+    }
+}
+
+/// The guard that, going from some values to others, changes sign first.
+fn earliest(from: &[f64], to: &[f64]) -> Option<usize> {
+    let changes =
+        from.iter().zip(to).enumerate().filter(|(_, (a, b))| (**a < 0.0 && **b > 0.0) || (**a > 0.0 && **b < 0.0));
+    changes.map(|(i, (a, b))| (i, a / (a - b))).min_by(|x, y| x.1.total_cmp(&y.1)).map(|found| found.0)
+}
+
+/// Where between 0 and 1 the parabola through three values of one sign, at 0, 1/2 and 1, turns after having changed sign.
+fn turn(start: f64, middle: f64, end: f64) -> Option<f64> {
+    let (slope, bend) = (4.0 * middle - 3.0 * start - end, 2.0 * (start - 2.0 * middle + end));
+    let at = -0.5 * slope / bend;
+    let alike = start * middle > 0.0 && middle * end > 0.0;
+    (alike && at > 0.0 && at < 1.0 && (start + 0.5 * slope * at) * start < 0.0).then_some(at)
+}
+
+fn copy(from: &Taken, to: &mut Taken) {
+    to.h = from.h;
+    to.next.copy_from_slice(&from.next);
+    to.output.copy_from_slice(&from.output);
+}

@@ -1,0 +1,327 @@
+//! Steps that are fitted to a tolerance: their error, their events, what lies within them, and how they end.
+
+use crate::common::{advance, close, end, example, finish, probe, start, text, with};
+use bond::{Options, Steps, Summary};
+
+/// An ellipse of eccentricity 0.6 about a sun with mu = 1, from where it is nearest: half axis 1, period 2 pi.
+const KEPLER: &str = "model Kepler {
+  I:planet_x = 1 kg
+  I:planet_y { inertia = 1 kg; f0 = 2 m/s }
+  C(x, y):sun { H = -(1 N*m^2)/sqrt(x^2 + y^2); x_0 = 0.4 m; y_0 = 0 m }
+  1:vx -> planet_x, sun.x
+  1:vy -> planet_y, sun.y
+  probe x = sun.x
+  probe y = sun.y
+  probe px = planet_x.p
+  probe py = planet_y.p
+}";
+
+/// How far a planet is from where it was, after a period.
+fn missed(method: &str, tolerance: f64) -> (f64, u64) {
+    let compiled = with(Options::new().method(method), KEPLER);
+    let mut sim = start(&compiled, Steps::tolerance(tolerance));
+    finish(&mut sim, std::f64::consts::TAU);
+    let off = [("x", 0.4), ("y", 0.0), ("px", 0.0), ("py", 2.0)].map(|(name, wanted)| probe(&mut sim, name) - wanted);
+    (off[0].hypot(off[1]).max(off[2].hypot(off[3]) / 2.0), sim.summary().regions[0].steps)
+}
+
+#[test]
+fn a_planet_returns() {
+    let (off, steps) = missed("rk45", 1e-10);
+    assert!(off <= 1e-9 && steps < 1000, "off by {off:e} after {steps} steps");
+}
+
+/// With the tolerance the error of a run falls as that of a step does, each by its order.
+#[test]
+fn errors_fall_with_the_tolerance() {
+    for (method, order) in [("rk45", 5.0), ("rk4", 4.0), ("gonzalez", 2.0), ("euler", 1.0), ("symplectic_euler", 1.0)] {
+        let tolerances = if order > 1.0 { [1e-6, 1e-9] } else { [1e-5, 1e-7] };
+        let [a, b] = tolerances.map(|x| missed(method, x));
+        let found = (a.0 / b.0).ln() / (b.1 as f64 / a.1 as f64).ln();
+        assert!(found > order - 0.4, "{method}: order {found} of {a:?} and {b:?}");
+    }
+}
+
+/// A ball on a floor that is a spring where it is met: flight, half a swing about its rest, flight. With the height `h` that it falls
+/// from, where it is after a time.
+const BALL: &str = "model Ball {
+  Se:weight = -9.81 N
+  I:mass = 1 kg
+  C:floor { H = (20 kN/m)*min(q, 0 m)^2/2; q0 = 0.1 m }
+  weight -> 1:fall -> mass, floor
+  probe x = floor.q
+  probe energy = mass.H + floor.H + (9.81 N)*floor.q
+}";
+
+fn ball(t: f64) -> f64 {
+    let (h, g, w) = (0.1f64, 9.81f64, 20e3f64.sqrt());
+    let flight = (2.0 * h / g).sqrt();
+    let v = g * flight;
+    let contact = 2.0 * (std::f64::consts::PI - (v * w / g).atan()) / w;
+    let t = t % (2.0 * flight + contact);
+    if t < flight {
+        h - 0.5 * g * t * t
+    } else if t < flight + contact {
+        let s = w * (t - flight);
+        -g / (w * w) * (1.0 - s.cos()) - v / w * s.sin()
+    } else {
+        let back = 2.0 * flight + contact - t;
+        h - 0.5 * g * back * back
+    }
+}
+
+/// The largest error at rows over two seconds, seven bounces, and the ledger.
+fn bounced(method: &str, tolerance: f64) -> (f64, Summary) {
+    let compiled = with(Options::new().method(method), BALL);
+    let mut sim = start(&compiled, Steps::tolerance(tolerance));
+    let mut worst: f64 = 0.0;
+    for k in 1..=97 {
+        let t = f64::from(k) * 2.0 / 97.0;
+        advance(&mut sim, t);
+        worst = worst.max((probe(&mut sim, "x") - ball(t)).abs());
+    }
+    finish(&mut sim, 2.0);
+    (worst, sim.summary())
+}
+
+/// The order survives contact: that of the steps, not that of stepping over a kink.
+#[test]
+fn a_ball_keeps_its_order_through_contact() {
+    for (method, order) in [("gonzalez", 2.0), ("rk4", 4.0), ("rk45", 5.0)] {
+        let found = [1e-5, 1e-7, 1e-9].map(|x| bounced(method, x));
+        for pair in found.windows(2) {
+            let steps = |s: &Summary| s.regions[0].steps as f64;
+            let by_steps = (pair[0].0 / pair[1].0).ln() / (steps(&pair[1].1) / steps(&pair[0].1)).ln();
+            assert!(by_steps > order - 0.5, "{method}: order {by_steps}, errors {:e} and {:e}", pair[0].0, pair[1].0);
+        }
+        let (off, summary) = &found[2];
+        // Seven falls: in and out of contact.
+        let region = &summary.regions[0];
+        assert_eq!(region.events, 13, "{method}");
+        let most = if method == "gonzalez" { 2e-6 } else { 2e-7 };
+        assert!(*off < most, "{method}: off by {off:e}");
+        assert_eq!(summary.passive, method == "gonzalez");
+    }
+}
+
+/// No step ends within an impact without its events: a few steps a flight, and each contact is met.
+#[test]
+fn hertz_is_met() {
+    let compiled = text(
+        "use std.contact
+         model Drop {
+           Se:weight = 9.81 N
+           I:mass = 1 kg
+           Hertz:plate(gap = 0.1 m)
+           weight -> 1:fall -> mass
+           fall -> plate.tip
+           probe x = integral(fall.f, 0 m)
+         }",
+    );
+    let mut sim = start(&compiled, Steps::tolerance(1e-6));
+    let mut highest = f64::INFINITY;
+    for k in 1..=2000 {
+        advance(&mut sim, f64::from(k) * 1e-3);
+        let x = probe(&mut sim, "x");
+        assert!(x < 0.1026, "{x} at {k} ms is through the plate");
+        if k > 143 {
+            highest = highest.min(x);
+        }
+    }
+    // Nothing is lost: it comes back to where it fell from.
+    close(highest, 0.0, 1e-4, "highest");
+    let summary = sim.summary();
+    let region = &summary.regions[0];
+    assert!(summary.passive && region.events == 14 && region.steps < 2500, "{region:?}");
+}
+
+/// Thrown up just against a ceiling that it touches for 28 ms: within one step of free flight, which is exact however long.
+#[test]
+fn a_touch_within_a_step_is_met() {
+    for above in [1e-3, 1e-5] {
+        let v = (2.0 * 9.81 * (0.5 + above) as f64).sqrt();
+        let compiled = text(&format!(
+            "model Throw {{
+               Se:weight = -9.81 N
+               I:mass {{ inertia = 1 kg; f0 = {v} m/s }}
+               C:ceiling {{ H = (1 kN/m)*max(q - 0.5 m, 0 m)^2/2; q0 = 0 m }}
+               weight -> 1:rise -> mass, ceiling
+               probe x = ceiling.q
+             }}"
+        ));
+        let mut sim = start(&compiled, Steps::tolerance(1e-8));
+        finish(&mut sim, 0.6);
+        let region = sim.summary().regions.swap_remove(0);
+        assert!(region.events == 2, "{above}: {region:?}");
+    }
+}
+
+/// A body that stands on the kink of a law, and one that leaves it.
+#[test]
+fn standing_on_a_kink() {
+    for (f0, wanted) in [("0 m/s", 0.0), ("1 m/s", 1.0), ("-1 m/s", -0.1 * (10.0f64).sin())] {
+        let compiled = text(&format!(
+            "model Stand {{
+               I:mass {{ inertia = 1 kg; f0 = {f0} }}
+               C:floor {{ H = (100 N/m)*min(q, 0 m)^2/2; q0 = 0 m }}
+               1:v -> mass, floor
+               probe x = floor.q
+             }}"
+        ));
+        let stop = if f0 == "-1 m/s" { 0.2 } else { 1.0 };
+        let wanted = if f0 == "-1 m/s" { -0.1 * (10.0f64 * stop).sin() } else { wanted };
+        close(end(&compiled, Steps::tolerance(1e-9), stop, "x"), wanted, 1e-5, f0);
+    }
+}
+
+const SWING: &str = "model Swing {
+  I:mass = 1 kg
+  C:spring { stiffness = 100 N/m; q0 = 1 m }
+  1:v -> mass, spring
+  probe x = spring.q
+  probe energy = mass.H + spring.H
+  probe way = integral(abs(v.f), 0 m)
+}";
+
+/// What is looked at within a step is a step of the method to there, and looking changes no step.
+#[test]
+fn rows_within_steps() {
+    for (method, within) in [("gonzalez", 2e-4), ("rk45", 1e-6)] {
+        let compiled = with(Options::new().method(method), SWING);
+        let mut blind = start(&compiled, Steps::tolerance(1e-7));
+        finish(&mut blind, 5.0);
+        let mut seen = start(&compiled, Steps::tolerance(1e-7));
+        for k in 1..5000 {
+            let t = f64::from(k) * 1e-3;
+            advance(&mut seen, t);
+            close(probe(&mut seen, "x"), (10.0 * t).cos(), within, &format!("{method}: x at {t}"));
+            let (shown, booked) = (probe(&mut seen, "energy"), seen.summary().regions[0].h_final);
+            close(booked, shown, 1e-12, &format!("{method}: the ledger at {t}"));
+            close(seen.state("spring.q").unwrap_or(f64::NAN), probe(&mut seen, "x"), 0.0, "the state");
+        }
+        finish(&mut seen, 5.0);
+        let (a, b) = (blind.summary(), seen.summary());
+        assert_eq!(a.regions[0].h_final.to_bits(), b.regions[0].h_final.to_bits(), "{method}");
+        assert_eq!(a.regions[0].steps, b.regions[0].steps, "{method}");
+        assert!(a.regions[0].steps < 10_000, "{method}: {} steps", a.regions[0].steps);
+    }
+}
+
+/// Units don't matter: the same swing with its mass in another place of the scale.
+#[test]
+fn units_do_not_matter() {
+    let scaled = |m: f64| {
+        let scene = format!(
+            "model Swing {{
+               I:mass = {m:e} kg
+               C:spring {{ stiffness = {:e} N/m; q0 = 1 m }}
+               R:drag = {m:e} N*s/m
+               1:v -> mass, spring, drag
+               probe x = spring.q
+             }}",
+            100.0 * m
+        );
+        let compiled = with(Options::new().method("gonzalez"), &scene);
+        let mut sim = compiled.simulate(Steps::tolerance(1e-6)).unwrap_or_else(|e| panic!("{e}"));
+        finish(&mut sim, 1.0);
+        (probe(&mut sim, "x"), sim.summary().regions[0].steps)
+    };
+    let (a, b) = (scaled(1.0), scaled(1e-9));
+    close(a.0, b.0, 1e-9, "x");
+    assert_eq!(a.1, b.1);
+}
+
+/// A source that switches at known times, also for less than a step, of a mass that is at rest before.
+#[test]
+fn switches_in_time_are_met() {
+    let compiled = with(
+        Options::new().method("gonzalez"),
+        "model Pulse {
+           Se:push = if t > 0.4321 s then (if t < 0.4322 s then 1 kN else 0 N) else 0 N
+           I:mass = 1 kg
+           push -> 1:v -> mass
+           probe speed = v.f
+         }",
+    );
+    let mut sim = start(&compiled, Steps::tolerance(1e-6));
+    finish(&mut sim, 10.0);
+    close(probe(&mut sim, "speed"), 0.1, 1e-9, "speed");
+    let region = sim.summary().regions.swap_remove(0);
+    assert!(region.events == 2 && region.steps < 200, "{region:?}");
+}
+
+/// An integral that only a probe reads is watched too: of a speed that grows evenly each step is exact, of its square none is.
+#[test]
+fn integrals_are_watched() {
+    let compiled = with(
+        Options::new().method("gonzalez"),
+        "model Fall { Se:weight = 1 N  I:mass = 1 kg  weight -> 1:v -> mass  probe s = integral(v.f^2, 0 m^2/s) }",
+    );
+    close(end(&compiled, Steps::tolerance(1e-8), 3.0, "s"), 9.0, 1e-3, "s");
+}
+
+/// A state that grows beyond all numbers ends the run by name, and what was computed stays.
+#[test]
+fn what_is_not_finite_ends_the_run() {
+    for method in ["gonzalez", "rk4", "rk45"] {
+        let compiled =
+            with(Options::new().method(method), "model Grow { state z = 1 { dz = z^2/(1 s) }  probe y = z }");
+        let mut sim = start(&compiled, Steps::tolerance(1e-6));
+        let error = sim.advance(2.0).expect_err("it goes on beyond infinity").to_string();
+        assert!(error.contains("`z`"), "{method}: {error}");
+        let (t, z) = (sim.time(), sim.state("z").unwrap_or(f64::NAN));
+        assert!(z.is_finite() && z > 100.0, "{method}: z is {z} at {t}");
+        assert!(sim.summary().regions.is_empty());
+    }
+}
+
+/// An input that is set at a row holds from there, though the step that was planned goes further.
+#[test]
+fn inputs_end_a_planned_step() {
+    for method in ["gonzalez", "rk45"] {
+        let compiled = with(
+            Options::new().method(method),
+            "model Fed { input push = 0 N  MSe:hand = push  I:mass = 1 kg  hand -> 1:v -> mass  probe speed = v.f }",
+        );
+        let mut sim = start(&compiled, Steps::tolerance(1e-6));
+        advance(&mut sim, 1.0);
+        sim.set_input("push", 3.0).unwrap_or_else(|e| panic!("{e}"));
+        advance(&mut sim, 1.5);
+        close(probe(&mut sim, "speed"), 1.5, 1e-12, "speed");
+        sim.set_input("push", 0.0).unwrap_or_else(|e| panic!("{e}"));
+        finish(&mut sim, 4.0);
+        close(probe(&mut sim, "speed"), 1.5, 1e-12, "speed");
+    }
+}
+
+/// The longest step is kept to.
+#[test]
+fn the_longest_step() {
+    let compiled = example("pendulum", "Pendulum");
+    let count = |steps: Steps| {
+        let mut sim = start(&compiled, steps);
+        finish(&mut sim, 10.0);
+        sim.summary().regions[0].steps
+    };
+    let free = count(Steps::tolerance(1e-4));
+    assert!(free < 1000, "{free}");
+    assert!(count(Steps::tolerance(1e-4).longest(1e-3)) >= 20_000);
+}
+
+/// The semi-implicit method makes energy and takes it back; the explicit one makes ever more.
+#[test]
+fn symplectic_euler_keeps_near_its_energy() {
+    let run = |method: &str| {
+        let compiled = with(Options::new().method(method), SWING);
+        let mut sim = start(&compiled, Steps::fixed(1e-3));
+        let mut worst: f64 = 0.0;
+        for k in 1..=100 {
+            advance(&mut sim, f64::from(k));
+            worst = worst.max((probe(&mut sim, "energy") / 50.0 - 1.0).abs());
+        }
+        assert!(!sim.summary().passive);
+        worst
+    };
+    let (kept, grown) = (run("symplectic_euler"), run("euler"));
+    assert!(kept < 6e-3 && grown > 100.0, "{kept} and {grown}");
+}
