@@ -138,8 +138,8 @@ fn hertz_is_met() {
 /// Thrown up just against a ceiling that it touches for 28 ms: within one step of free flight, which is exact however long.
 #[test]
 fn a_touch_within_a_step_is_met() {
-    for above in [1e-3, 1e-5] {
-        let v = (2.0 * 9.81 * (0.5 + above) as f64).sqrt();
+    for above in [1e-3f64, 1e-5] {
+        let v = (2.0 * 9.81 * (0.5 + above)).sqrt();
         let compiled = text(&format!(
             "model Throw {{
                Se:weight = -9.81 N
