@@ -104,7 +104,8 @@ enum Format {
     Json,
 }
 
-fn tolerance(text: &str) -> Result<f64, String> {
+/// A tolerance.
+pub fn tolerance(text: &str) -> Result<f64, String> {
     match bond::quantity(text)? {
         (x, None) if x > 0.0 && x < 1.0 => Ok(x),
         (_, None) => Err("it must lie between 0 and 1, such as 1e-6".into()),

@@ -1,0 +1,94 @@
+//! How long the steps of a run are.
+
+use crate::summary::short;
+use bond_runtime::simulate::Options;
+
+/// Fixed steps, or steps that are fitted to a tolerance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Setting {
+    /// All of one length, s.
+    Step(f64),
+    /// Error allowed in each, relative.
+    Tolerance(f64),
+}
+
+impl Setting {
+    /// Its number.
+    pub fn value(self) -> f64 {
+        match self {
+            Setting::Step(x) | Setting::Tolerance(x) => x,
+        }
+    }
+
+    /// The same kind with another number.
+    pub fn with(self, x: f64) -> Self {
+        match self {
+            Setting::Step(_) => Setting::Step(x),
+            Setting::Tolerance(_) => Setting::Tolerance(x),
+        }
+    }
+
+    /// What the runtime is told; fitted steps are at most `longest`, s.
+    pub fn options(self, longest: f64) -> Options {
+        match self {
+            Setting::Step(h) => Options { step: Some(h), tolerance: None, default_step: longest },
+            Setting::Tolerance(x) => Options { step: None, tolerance: Some(x), default_step: longest },
+        }
+    }
+
+    /// The name of the option.
+    pub fn option(self) -> &'static str {
+        match self {
+            Setting::Step(_) => "step",
+            Setting::Tolerance(_) => "tolerance",
+        }
+    }
+
+    /// For people: `steps of 2 ms`.
+    pub fn words(self) -> String {
+        match self {
+            Setting::Step(h) => format!("steps of {}", time(h)),
+            Setting::Tolerance(x) => format!("tolerance {}", short(x)),
+        }
+    }
+
+    /// For a table: `step 2 ms`.
+    pub fn cell(self) -> String {
+        match self {
+            Setting::Step(h) => format!("step {}", time(h)),
+            Setting::Tolerance(x) => format!("tol {x:.0e}"),
+        }
+    }
+}
+
+/// A time with three digits and its unit.
+pub fn time(t: f64) -> String {
+    if t == 0.0 || !t.is_finite() {
+        return format!("{t} s");
+    }
+    // Rounded first: 999.9 ms is 1 s.
+    let rounded: f64 = format!("{t:.2e}").parse().unwrap_or(t);
+    let (factor, unit) = match rounded.abs() {
+        x if x < 1e-6 => (1e9, "ns"),
+        x if x < 1e-3 => (1e6, "us"),
+        x if x < 1.0 => (1e3, "ms"),
+        _ => (1.0, "s"),
+    };
+    let x = rounded * factor;
+    let digits = (2 - x.abs().log10().floor() as i32).clamp(0, 2) as usize;
+    let text = format!("{x:.digits$}");
+    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    format!("{text} {unit}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::time;
+
+    #[test]
+    fn three_digits() {
+        let list = [0.0, 1.0, 0.0123456, 3.4e-6, 999.96e-3, 250e-6, 12345.0, 5e-10];
+        let text: Vec<String> = list.into_iter().map(time).collect();
+        assert_eq!(text, ["0 s", "1 s", "12.3 ms", "3.4 us", "1 s", "250 us", "12300 s", "0.5 ns"]);
+    }
+}
