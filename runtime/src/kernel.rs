@@ -105,6 +105,9 @@ pub enum Failure {
         /// The row, of the residual, that has no pivot.
         row: usize,
     },
+    /// The energy of the step does not balance.
+    #[error("the energy of the step does not balance")]
+    Balance,
     /// A number in the new state is infinite or NaN.
     #[error("the new state {}[{}] is not finite", slot.array.letter(), slot.index)]
     NotFinite {

@@ -75,8 +75,11 @@ pub struct Stepper {
     /// For `exact`: what the table is made of.
     pub linear: Option<Linear>,
     /// For `exact`: the same without the energies, for a look between two steps. It has none itself.
-    #[serde(deserialize_with = "image::glance")]
+    #[serde(deserialize_with = "image::inner")]
     pub glance: Option<Box<Stepper>>,
+    /// What takes a step that this one cannot take, or whose balance it does not keep, however short. It has none itself.
+    #[serde(deserialize_with = "image::inner")]
+    pub fallback: Option<Box<Stepper>>,
 }
 
 /// How the held variable of a sampled region is found.
@@ -146,8 +149,10 @@ pub struct Cluster {
     pub states: usize,
     /// Integrals; they come next.
     pub integrals: usize,
-    /// What an iteration starts from; they come next, and last what rounding took from each state.
+    /// What an iteration starts from; they come next, and then what rounding took from each state.
     pub guesses: usize,
+    /// What the stepper keeps of its last step; that comes last.
+    pub memory: usize,
     /// The state at the start.
     pub initial: Vec<f64>,
     /// Names of all of them.

@@ -1,5 +1,6 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
+use super::collocation::{self, Nodes};
 use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, start, unfit};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
@@ -118,6 +119,8 @@ pub(super) struct Cluster {
     pub(super) h: Option<Symbol>,
     /// Change of each state over a step.
     pub(super) delta: Vec<Symbol>,
+    /// How many numbers the stepper keeps of its last step.
+    pub(super) memory: usize,
 }
 
 impl Cluster {
@@ -306,8 +309,14 @@ impl Cluster {
         pool.sum(&terms)
     }
 
-    /// Slots of the state: energy states, integrals, what loops start from, what rounding took from the energy states.
+    /// Slots of the state: energy states, integrals, what loops start from, what rounding took from the energy states, and what
+    /// the stepper keeps of its last step.
     pub(super) fn slots(&self) -> usize {
+        self.memory_at() + self.memory
+    }
+
+    /// The first slot of what the stepper keeps.
+    pub(super) fn memory_at(&self) -> usize {
         self.carry_at() + self.states.len()
     }
 
@@ -353,6 +362,22 @@ impl Cluster {
                     Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
                     Some(m @ (Method::Euler | Method::Rk4)) => explicit::write(self, model, form, m)?,
                     Some(Method::Ray) => gonzalez::write(self, model, form)?,
+                    Some(Method::Collocation4) => {
+                        self.collocation(model, form, Method::Collocation4, Nodes::Gauss(2))?
+                    }
+                    Some(Method::Collocation6) => {
+                        self.collocation(model, form, Method::Collocation6, Nodes::Gauss(3))?
+                    }
+                    Some(Method::Collocation8) => {
+                        self.collocation(model, form, Method::Collocation8, Nodes::Gauss(4))?
+                    }
+                    Some(Method::Collocation10) => {
+                        self.collocation(model, form, Method::Collocation10, Nodes::Gauss(5))?
+                    }
+                    Some(Method::Collocation12) => {
+                        self.collocation(model, form, Method::Collocation12, Nodes::Gauss(6))?
+                    }
+                    Some(Method::Radau) => self.collocation(model, form, Method::Radau, Nodes::Radau)?,
                 };
                 let is_linear = step.linear.is_some();
                 (step, entries, is_linear)
@@ -372,7 +397,17 @@ impl Cluster {
                         ));
                     }
                     Some(Method::Ray) => ray::write(self, model, form)?,
-                    Some(m @ (Method::Exact | Method::Euler | Method::Rk4)) => {
+                    Some(
+                        m @ (Method::Exact
+                        | Method::Collocation4
+                        | Method::Collocation6
+                        | Method::Collocation8
+                        | Method::Collocation10
+                        | Method::Collocation12
+                        | Method::Radau
+                        | Method::Euler
+                        | Method::Rk4),
+                    ) => {
                         return Err(unfit(model, self, form, m, "a sampled region takes `gonzalez` or `ray`"));
                     }
                 };
@@ -413,10 +448,12 @@ impl Cluster {
         initial.extend(self.integrals.iter().map(|i| i.start));
         initial.extend(start::guesses(self, model, form)?);
         initial.extend(self.states.iter().map(|_| 0.0));
+        initial.extend((0..self.memory).map(|_| 0.0));
         let mut names: Vec<String> = self.states.iter().map(|s| s.name.clone()).collect();
         names.extend(self.integrals.iter().map(|i| model.pool.name(i.symbol).to_string()));
         names.extend(self.loops.iter().map(|z| model.pool.name(*z).to_string()));
         names.extend(self.states.iter().map(|s| format!("carry({})", s.name)));
+        names.extend((0..self.memory).map(|i| format!("of the last step({i})")));
         Ok(scene::Cluster {
             name: self.name(form),
             period: sampling.as_ref().map(|s| s.period),
@@ -425,6 +462,7 @@ impl Cluster {
             states: self.states.len(),
             integrals: self.integrals.len(),
             guesses: self.loops.len(),
+            memory: self.memory,
             initial,
             names,
             step,
@@ -442,6 +480,22 @@ impl Cluster {
             entries,
             is_linear,
         })
+    }
+
+    /// The step of a collocation method.
+    fn collocation(
+        &mut self,
+        model: &mut Model,
+        form: &Form,
+        method: Method,
+        nodes: Nodes,
+    ) -> Result<(scene::Stepper, Vec<scene::Entries>), Vec<Diagnostic>> {
+        if !self.followed.is_empty() {
+            let why = "a storage of it follows a source, whose change over the step has no place among nodes";
+            return Err(unfit(model, self, form, method, why));
+        }
+        self.memory = collocation::memory(self, nodes);
+        collocation::write(self, model, form, method.name(), nodes)
     }
 
     /// Its name: that of its first region, else of its first state.

@@ -536,6 +536,7 @@ pub(super) fn write(
         program,
         linear: Some(linear),
         glance,
+        fallback: None,
     };
     let glance = stepper(glance, glance_linear, None);
     Ok(Some((stepper(program, linear, Some(Box::new(glance))), entries)))

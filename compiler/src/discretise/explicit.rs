@@ -108,7 +108,18 @@ pub(super) fn write(
     write::energies(c, model, &mut b, (&next[..c.states.len()], &[]), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     let order = if method == Method::Euler { 1 } else { 4 };
-    Ok((Stepper { name: method.name().into(), order, passive: false, program, linear: None, glance: None }, entries))
+    Ok((
+        Stepper {
+            name: method.name().into(),
+            order,
+            passive: false,
+            program,
+            linear: None,
+            glance: None,
+            fallback: None,
+        },
+        entries,
+    ))
 }
 
 fn stage(

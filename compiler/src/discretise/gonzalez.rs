@@ -194,8 +194,9 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         next.push(v);
         rests.push(rest);
     }
-    write::ledger(c, model, form, &mut b, &mut lowering, &flat, &entries, inputs.h)?;
+    write::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
     let first = b.slots(Array::Next, c.slots()).index as usize;
+    write::no_memory(&mut b, c);
     for (i, v) in rests.iter().enumerate() {
         b.store(Slot::new(Array::Next, c.carry_at() + i), *v);
     }
@@ -216,5 +217,16 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     }
     write::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
-    Ok((Stepper { name: "gonzalez".into(), order: 2, passive: true, program, linear: None, glance: None }, entries))
+    Ok((
+        Stepper {
+            name: "gonzalez".into(),
+            order: 2,
+            passive: true,
+            program,
+            linear: None,
+            glance: None,
+            fallback: None,
+        },
+        entries,
+    ))
 }

@@ -32,5 +32,5 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<Stepp
         b.store(Slot::new(Array::Next, c.states.len() + i), v);
     }
     let program = verified(model, b.finish())?;
-    Ok(Stepper { name: "next".into(), order: 0, passive: true, program, linear: None, glance: None })
+    Ok(Stepper { name: "next".into(), order: 0, passive: true, program, linear: None, glance: None, fallback: None })
 }

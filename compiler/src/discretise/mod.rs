@@ -2,6 +2,7 @@
 
 mod accounts;
 mod cluster;
+mod collocation;
 mod exact;
 mod explicit;
 mod gather;
@@ -34,6 +35,18 @@ pub enum Method {
     Exact,
     /// The discrete gradient.
     Gonzalez,
+    /// Energy-preserving collocation of 2 stages.
+    Collocation4,
+    /// The same of 3.
+    Collocation6,
+    /// The same of 4.
+    Collocation8,
+    /// The same of 5.
+    Collocation10,
+    /// The same of 6.
+    Collocation12,
+    /// Radau IIA of 3 stages, which damps what is stiff.
+    Radau,
     /// The paper's own, for sampled regions.
     Ray,
     /// Explicit Euler.
@@ -44,13 +57,31 @@ pub enum Method {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Method; 5] = [Method::Exact, Method::Gonzalez, Method::Ray, Method::Euler, Method::Rk4];
+    pub const ALL: [Method; 11] = [
+        Method::Exact,
+        Method::Gonzalez,
+        Method::Collocation4,
+        Method::Collocation6,
+        Method::Collocation8,
+        Method::Collocation10,
+        Method::Collocation12,
+        Method::Radau,
+        Method::Ray,
+        Method::Euler,
+        Method::Rk4,
+    ];
 
     /// As it is written.
     pub fn name(self) -> &'static str {
         match self {
             Method::Exact => "exact",
             Method::Gonzalez => "gonzalez",
+            Method::Collocation4 => "collocation4",
+            Method::Collocation6 => "collocation6",
+            Method::Collocation8 => "collocation8",
+            Method::Collocation10 => "collocation10",
+            Method::Collocation12 => "collocation12",
+            Method::Radau => "radau",
             Method::Ray => "ray",
             Method::Euler => "euler",
             Method::Rk4 => "rk4",

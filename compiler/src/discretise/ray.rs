@@ -21,7 +21,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let flat = instant::outputs(c, model, form, &mut b, &mut lowering, &inputs.guesses)?;
-    write::ledger(c, model, form, &mut b, &mut lowering, &flat, &entries, inputs.h)?;
+    write::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
     let n = c.states.len();
     let mut rates: Vec<Value> = Vec::new();
     for s in &c.states {
@@ -182,5 +182,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         e.leap = Some((energy.index as usize, count.index as usize));
     }
     let program = verified(model, b.finish())?;
-    Ok((Stepper { name: "ray".into(), order: 1, passive: true, program, linear: None, glance: None }, entries))
+    Ok((
+        Stepper { name: "ray".into(), order: 1, passive: true, program, linear: None, glance: None, fallback: None },
+        entries,
+    ))
 }

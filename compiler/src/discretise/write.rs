@@ -97,6 +97,14 @@ pub(super) fn no_carry(b: &mut Builder, c: &Cluster) {
     }
 }
 
+/// For steppers that keep nothing of a step but the state: nothing is left of what another one kept.
+pub(super) fn no_memory(b: &mut Builder, c: &Cluster) {
+    let zero = b.number(0.0);
+    for i in 0..c.memory {
+        b.store(Slot::new(Array::Next, c.memory_at() + i), zero);
+    }
+}
+
 /// Of more unknowns than this an affine system is solved once.
 const LARGE: usize = 64;
 
@@ -416,7 +424,8 @@ pub(super) fn weights_of_loops(
     weights.into_iter().map(|w| lowering.lower(&model.pool, b, w).map_err(|s| missing(model, s))).collect()
 }
 
-/// Stores the ledger's terms of a step whose outputs are all given by `flat` (means over the step) and the port means.
+/// Stores the ledger's terms of a step, and the port means. The outputs over the step are given by some instants of it, or means,
+/// each with its weight.
 #[expect(clippy::too_many_arguments, reason = "the pieces of one step")]
 pub(super) fn ledger(
     c: &Cluster,
@@ -424,46 +433,70 @@ pub(super) fn ledger(
     form: &Form,
     b: &mut Builder,
     lowering: &mut Lowering,
-    flat: &FxHashMap<Symbol, Expr>,
+    stages: &[(f64, &FxHashMap<Symbol, Expr>)],
     entries: &[Entries],
     h: Value,
 ) -> Result<(), Vec<Diagnostic>> {
-    let value = |model: &mut Model, b: &mut Builder, lowering: &mut Lowering, column, is_output: bool| {
-        let e = if is_output { model.pool.var(form.column(column).out) } else { form.input(&mut model.pool, column) };
+    let mut value = |model: &mut Model, b: &mut Builder, flat: &FxHashMap<Symbol, Expr>, e: Expr| {
         let e = model.pool.substitute(e, flat);
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
     };
+    // Σ weight of what `one` gives at each.
+    type One<'a> = dyn FnMut(&mut Model, &mut Builder, &FxHashMap<Symbol, Expr>) -> Result<Value, Vec<Diagnostic>> + 'a;
+    let mean = |model: &mut Model, b: &mut Builder, one: &mut One| -> Result<Value, Vec<Diagnostic>> {
+        let mut sum = None;
+        for (weight, flat) in stages {
+            let mut v = one(model, b, flat)?;
+            if *weight != 1.0 {
+                let weight = b.number(*weight);
+                v = b.mul(weight, v);
+            }
+            sum = Some(sum.map_or(v, |s| b.add(s, v)));
+        }
+        Ok(sum.unwrap_or_else(|| b.number(0.0)))
+    };
     for (i, p) in c.ports.iter().enumerate() {
-        let v = value(model, b, lowering, *p, false)?;
+        let e = form.input(&mut model.pool, *p);
+        let v = mean(model, b, &mut |model, b, flat| value(model, b, flat, e))?;
         b.store(Slot::new(Array::Output, i), v);
     }
-    for (e, accounts) in entries.iter().zip(c.accounts(model, form)) {
+    let mut power = |model: &mut Model, b: &mut Builder, columns: &[ColumnId]| {
+        mean(model, b, &mut |model, b, flat| {
+            let mut sum = None;
+            for column in columns {
+                let (z, i) = (model.pool.var(form.column(*column).out), form.input(&mut model.pool, *column));
+                let (z, i) = (value(model, b, flat, z)?, value(model, b, flat, i)?);
+                let p = b.mul(z, i);
+                sum = Some(sum.map_or(p, |s| b.add(s, p)));
+            }
+            Ok(sum.unwrap_or_else(|| b.number(0.0)))
+        })
+    };
+    let all = c.accounts(model, form);
+    for (e, accounts) in entries.iter().zip(&all) {
         for ((_, slot), column) in e.supplied.iter().zip(&accounts.supplied) {
-            let (z, i) = (value(model, b, lowering, *column, true)?, value(model, b, lowering, *column, false)?);
-            let p = b.mul(z, i);
+            let p = power(model, b, &[*column])?;
             let w = b.mul(h, p);
             let w = b.unary(Unary::Neg, w);
             b.store(Slot::new(Array::Output, *slot), w);
         }
         for ((_, slot), columns) in e.dissipated.iter().zip(&accounts.dissipated) {
-            let mut sum = None;
-            for column in columns {
-                let (z, i) = (value(model, b, lowering, *column, true)?, value(model, b, lowering, *column, false)?);
-                let p = b.mul(z, i);
-                sum = Some(sum.map_or(p, |s| b.add(s, p)));
-            }
-            let p = sum.unwrap_or_else(|| b.number(0.0));
+            let p = power(model, b, columns)?;
             let w = b.mul(h, p);
             b.store(Slot::new(Array::Output, *slot), w);
         }
+    }
+    for (e, accounts) in entries.iter().zip(&all) {
         for ((_, slot), columns) in e.produced.iter().zip(&accounts.produced) {
-            let mut sum = b.number(0.0);
-            for column in columns {
-                let s = flow(model, form, *column);
-                let s = model.pool.substitute(s, flat);
-                let s = lowering.lower(&model.pool, b, s).map_err(|s| missing(model, s))?;
-                sum = b.sub(sum, s);
-            }
+            let sum = mean(model, b, &mut |model, b, flat| {
+                let mut sum = b.number(0.0);
+                for column in columns {
+                    let s = flow(model, form, *column);
+                    let s = value(model, b, flat, s)?;
+                    sum = b.sub(sum, s);
+                }
+                Ok(sum)
+            })?;
             let w = b.mul(h, sum);
             b.store(Slot::new(Array::Output, *slot), w);
         }

@@ -173,14 +173,17 @@ impl Check<'_> {
         let inputs = self.inputs().ok_or_else(|| self.wrong("it has too many inputs"))?;
         self.that(c.period.is_none_or(|t| t.is_finite() && t > 0.0), "its period is not above 0")?;
         self.that(c.foreign_at >= 2 + c.ports.len(), "its inputs overlap")?;
-        let parts = [c.states, c.integrals, c.guesses, c.states];
+        let parts = [c.states, c.integrals, c.guesses, c.states, c.memory];
         let total = parts.into_iter().try_fold(0usize, usize::checked_add);
         self.that(total == Some(c.initial.len()) && c.names.len() == c.initial.len(), "its state has another length")?;
         self.stepper(&c.step, inputs)?;
-        if let Some(glance) = &c.step.glance {
-            self.that(glance.glance.is_none(), "a glance has a glance")?;
-            self.stepper(glance, inputs)?;
+        for inner in c.step.glance.iter().chain(&c.step.fallback) {
+            self.that(inner.glance.is_none() && inner.fallback.is_none(), "a stepper is nested too deeply")?;
+            self.stepper(inner, inputs)?;
         }
+        let outputs = c.step.program.size(Array::Output);
+        let reports = c.step.fallback.as_ref().is_none_or(|f| f.program.size(Array::Output) >= outputs);
+        self.that(reports, "what takes its place reports less")?;
         for program in [&c.instant, &c.stored].into_iter().chain(&c.guards) {
             self.look(program, inputs)?;
         }

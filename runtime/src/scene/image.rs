@@ -33,15 +33,15 @@ impl Scene {
     }
 }
 
-/// Reads the glance of a stepper, which has none itself: no file can nest them.
-pub(super) fn glance<'de, D: Deserializer<'de>>(reader: D) -> Result<Option<Box<Stepper>>, D::Error> {
+/// Reads the stepper within a stepper, which has none itself: no file can nest them.
+pub(super) fn inner<'de, D: Deserializer<'de>>(reader: D) -> Result<Option<Box<Stepper>>, D::Error> {
     thread_local! {
         static INSIDE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
     }
     if INSIDE.replace(true) {
         return match Option::<()>::deserialize(reader)? {
             None => Ok(None),
-            Some(()) => Err(D::Error::custom("a glance has a glance of its own")),
+            Some(()) => Err(D::Error::custom("a stepper within a stepper has one of its own")),
         };
     }
     let found = Option::deserialize(reader);

@@ -15,6 +15,10 @@ use serde::{Deserialize, Serialize};
 const CRAWL: (u32, f64) = (20_000, 1e-5);
 /// How often a fixed step that fails is halved.
 const HALVINGS: u32 = 12;
+/// How often before another stepper takes it, where there is one.
+const OWN: u32 = 4;
+/// What a step's balance may be off by, as a part of the energy there, where another stepper can take the step.
+const OFF: f64 = 2e-13;
 /// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held or turned
 /// over in a step: what is off by 1e-12 of that is the rounding of that energy.
 const TRACE: f64 = 1e-4;
@@ -157,6 +161,8 @@ pub(super) struct Run {
     pub(super) index: usize,
     pub(super) step: Ready,
     pub(super) glance: Option<Ready>,
+    /// Takes what the stepper cannot.
+    spare: Option<Ready>,
     pub(super) instant: Look,
     /// What laws switch on, and its values at the start of the step.
     guards: Option<Look>,
@@ -235,6 +241,7 @@ impl Run {
             index,
             step: Ready::new(&c.step, backend),
             glance: c.step.glance.as_deref().map(|s| Ready::new(s, backend)),
+            spare: c.step.fallback.as_deref().map(|s| Ready::new(s, backend)),
             instant,
             guards: c.guards.as_ref().map(|g| Look::new(g, backend)),
             before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.size(crate::ir::Array::Output))],
@@ -282,11 +289,12 @@ impl Run {
             // An unknown is a loop, or the change of a state: `d(mass.p)`.
             Failure::NoConvergence { unknown, .. } => {
                 c.step.program.name_of(Slot::new(Array::Local, unknown)).map(|n| {
+                    let n = n.split(" in stage ").next().unwrap_or(n);
                     let state = n.strip_prefix("d(").and_then(|n| n.strip_suffix(')'));
                     state.filter(|s| c.names.iter().any(|n| n == s)).unwrap_or(n).to_string()
                 })
             }
-            Failure::Singular { .. } => None,
+            Failure::Singular { .. } | Failure::Balance => None,
         };
         Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why }
     }
@@ -501,7 +509,7 @@ impl Run {
         self.prepare(names, h)?;
         self.input[0] = t;
         self.input[1] = h;
-        if let Err(why) = self.step.run(&self.state, &self.input) {
+        if let Err(why) = self.try_step(c, depth) {
             if depth >= HALVINGS || c.period.is_some() || c.is_linear {
                 return Err(self.failure(c, names, t, why));
             }
@@ -516,6 +524,31 @@ impl Run {
         advance_ports(c, &self.step.work.output, h, moved);
         self.track(c);
         Ok(())
+    }
+
+    /// A step into the workspace. Where there is another stepper, that one takes a step that was halved often enough, and a step
+    /// whose balance is off counts as failed.
+    fn try_step(&mut self, c: &Cluster, depth: u32) -> Result<(), Failure> {
+        let Some(spare) = self.spare.as_mut().filter(|_| depth >= OWN) else {
+            self.step.run(&self.state, &self.input)?;
+            let off = self.spare.is_some() && !self.keeps(c);
+            return if off { Err(Failure::Balance) } else { Ok(()) };
+        };
+        spare.run(&self.state, &self.input)?;
+        let (to, from) = (&mut self.step.work, &mut spare.work);
+        std::mem::swap(&mut to.next, &mut from.next);
+        let n = to.output.len();
+        to.output.copy_from_slice(&from.output[..n]);
+        to.newton_iterations += std::mem::take(&mut from.newton_iterations);
+        Ok(())
+    }
+
+    /// Whether the step in the workspace keeps the balance.
+    pub(super) fn keeps(&self, c: &Cluster) -> bool {
+        self.books.iter().zip(&c.entries).all(|(b, e)| {
+            let (residual, scale) = balance(b, e, &self.step.work.output);
+            residual.abs() <= OFF * scale.max(b.floor())
+        })
     }
 
     fn prepare(&mut self, names: &[String], h: f64) -> Result<(), Error> {
@@ -816,6 +849,21 @@ fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
     for (trace, x) in input[at..].iter_mut().zip(&largest[..c.states]) {
         *trace = TRACES * x.abs();
     }
+}
+
+/// What the balance of a step is off by, and what that is measured against.
+fn balance(b: &Book, e: &Entries, out: &[f64]) -> (f64, f64) {
+    let (mut net, mut turnover) = (0.0, 0.0);
+    for (_, slot) in &e.supplied {
+        net += out[*slot];
+        turnover += out[*slot].abs();
+    }
+    for (_, slot) in &e.dissipated {
+        net -= out[*slot];
+        turnover += out[*slot].abs();
+    }
+    let before = e.before.map_or(b.h, |slot| out[slot]);
+    (out[e.energy] - before - net, out[e.size].abs().max(b.h.abs()).max(turnover))
 }
 
 /// Adds a step to the ledgers.

@@ -1,0 +1,414 @@
+//! Collocation: a polynomial over the step whose slope at each node is the rate there.
+//!
+//! `collocation4` to `collocation12` have the nodes of Gauss and keep the energy (Hairer, J. Numer. Anal. Ind. Appl. Math. 5, 2010;
+//! Cohen and Hairer, BIT 51, 2011; Celledoni and Hoiseth, 2017): the co-energy variable of a storage at node i is
+//!
+//!   e_i = (1/b_i) ∫ l_i(τ) dH/dx(u(τ)) dτ
+//!
+//! with u the polynomial and l_i that of Lagrange. The rates are what D makes of that and of the resistors at the node, so that
+//! H(x+) - H(x) = ∫ dH/dx . u' = h Σ b_i e_i . f_i, and D being skew that is what was supplied less what was dissipated. Of a
+//! quadratic H e_i is the gradient at the node, and the method that of Gauss. The integral is had by Gauss's quadrature: exactly of
+//! a polynomial; else up to what `QUADRATURE` nodes more than stages leave, and a step whose balance shows that is not taken.
+//!
+//! `radau` is Radau IIA of three stages (order 5), e_i the gradient at the node. It damps what is stiff (L-stable) at the cost of energy:
+//! of a quadratic H it loses ½ w^T Q w with w = Σ d_i D_i in a step, where d d^T = diag(b) A + A^T diag(b) - b b^T (Burrage and
+//! Butcher, SIAM J. Numer. Anal. 16, 1979: algebraic stability). That is never negative, and booked under its own name.
+
+mod tableau;
+
+use super::cluster::{Cluster, Group, missing, verified};
+use super::gonzalez;
+use super::write::{self, System};
+use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
+use crate::model::Model;
+use crate::structure::Form;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir::{Array, Binary, Builder, Slot, Value};
+use bond_runtime::scene::{Entries, Stepper};
+use rustc_hash::FxHashMap;
+use tableau::{Tableau, quadrature};
+
+/// Nodes of the quadrature of an energy that is no polynomial, beyond the number of stages.
+const QUADRATURE: usize = 4;
+/// Nodes of a quadrature at most.
+const NODES: usize = 18;
+/// The polynomial of the last step is carried on over so many of its lengths; beyond, its end is.
+const REACH: f64 = 2.5;
+
+/// Which of the methods.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Nodes {
+    /// Gauss, so many.
+    Gauss(usize),
+    /// Radau's three.
+    Radau,
+}
+
+/// The unknowns of a stage: what each state changes by if its rate there holds over the step; and the loops.
+struct Stage {
+    change: Vec<Symbol>,
+    loops: Vec<Symbol>,
+}
+
+/// Everything about a step as expressions.
+struct Plan {
+    tableau: Tableau,
+    stages: Vec<Stage>,
+    /// Outputs at each node.
+    flats: Vec<FxHashMap<Symbol, Expr>>,
+}
+
+impl Plan {
+    fn new(c: &Cluster, pool: &mut Pool, form: &Form, nodes: Nodes) -> Self {
+        let tableau = match nodes {
+            Nodes::Gauss(s) => Tableau::gauss(s),
+            Nodes::Radau => Tableau::radau(),
+        };
+        let stages: Vec<Stage> = (1..=tableau.stages())
+            .map(|i| Stage {
+                change: c.delta.iter().map(|d| at_stage(pool, *d, i)).collect(),
+                loops: c.loops.iter().map(|z| at_stage(pool, *z, i)).collect(),
+            })
+            .collect();
+        let gradients = gradients(c, pool, &tableau, &stages, nodes);
+        let mut flats = Vec::new();
+        for (i, node) in tableau.nodes.iter().enumerate() {
+            let mut map = within(c, pool, &stages, &tableau.integrals(*node));
+            for (g, list) in c.groups.iter().zip(&gradients) {
+                for (s, z) in g.states.iter().zip(&list[i]) {
+                    if let Some(column) = c.states[*s].column {
+                        map.insert(form.column(column).out, *z);
+                    }
+                }
+            }
+            map.extend(c.loops.iter().zip(&stages[i].loops).map(|(z, at)| (*z, pool.var(*at))));
+            later(c, pool, *node, &mut map);
+            flats.push(c.flat(pool, map));
+        }
+        Self { tableau, stages, flats }
+    }
+
+    /// Unknowns with their residuals, node by node: changes of the states, then loops.
+    fn system(&self, c: &Cluster, pool: &mut Pool) -> (Vec<Symbol>, Vec<Expr>) {
+        let (mut unknowns, mut residuals) = (Vec::new(), Vec::new());
+        let loops = c.loop_residuals(pool);
+        for (stage, flat) in self.stages.iter().zip(&self.flats) {
+            unknowns.extend(stage.change.iter().chain(&stage.loops).copied());
+            if let Some(h) = c.h {
+                let h = pool.var(h);
+                for (s, d) in c.states.iter().zip(&stage.change) {
+                    let rate = pool.substitute(s.rate, flat);
+                    let (step, d) = (pool.mul(h, rate), pool.var(*d));
+                    residuals.push(pool.sub(d, step));
+                }
+            }
+            residuals.extend(loops.iter().map(|r| pool.substitute(*r, flat)));
+        }
+        (unknowns, residuals)
+    }
+}
+
+/// A symbol's own one at a stage.
+fn at_stage(pool: &mut Pool, s: Symbol, i: usize) -> Symbol {
+    let name = format!("{} in stage {i}", pool.name(s));
+    pool.symbol(&name)
+}
+
+/// `Σ weight d`
+fn weighted(pool: &mut Pool, weights: &[f64], of: &[Symbol]) -> Expr {
+    let terms: Vec<(Expr, Number)> = weights.iter().zip(of).map(|(w, d)| (pool.var(*d), Number::float(*w))).collect();
+    pool.combine(&terms)
+}
+
+/// The states where the changes of the stages count with these weights.
+fn within(c: &Cluster, pool: &mut Pool, stages: &[Stage], weights: &[f64]) -> FxHashMap<Symbol, Expr> {
+    let mut map = FxHashMap::default();
+    for (k, s) in c.states.iter().enumerate() {
+        let changes: Vec<Symbol> = stages.iter().map(|s| s.change[k]).collect();
+        let (x, d) = (pool.var(s.symbol), weighted(pool, weights, &changes));
+        map.insert(s.symbol, pool.add(x, d));
+    }
+    map
+}
+
+/// Time and what is given from outside, at a part of the step.
+fn later(c: &Cluster, pool: &mut Pool, part: f64, map: &mut FxHashMap<Symbol, Expr>) {
+    let (Some(t), Some(h)) = (c.time, c.h) else { return };
+    let (te, he) = (pool.var(t), pool.var(h));
+    let ahead = pool.scale(he, Number::float(part));
+    map.insert(t, pool.add(te, ahead));
+    for &(_, u, du) in &c.inputs {
+        let (ue, due) = (pool.var(u), pool.var(du));
+        let gone = pool.mul(ahead, due);
+        map.insert(u, pool.add(ue, gone));
+    }
+}
+
+/// Whether an energy is quadratic in its states.
+fn is_quadratic(c: &Cluster, pool: &mut Pool, g: &Group) -> bool {
+    let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
+    let free = |pool: &Pool, k: Expr| !pool.contains_any(k, &|s| symbols.contains(&s));
+    g.coenergy.iter().all(|z| pool.affine(*z, &symbols).is_some_and(|(l, _)| l.iter().all(|t| free(pool, t.1))))
+}
+
+/// The co-energy variables of each group at each node: by group, node, state.
+fn gradients(c: &Cluster, pool: &mut Pool, tableau: &Tableau, stages: &[Stage], nodes: Nodes) -> Vec<Vec<Vec<Expr>>> {
+    let s = tableau.stages();
+    let mut list = Vec::new();
+    for g in &c.groups {
+        if nodes == Nodes::Radau || is_quadratic(c, pool, g) {
+            let at = tableau.nodes.iter().map(|node| {
+                let map = within(c, pool, stages, &tableau.integrals(*node));
+                g.coenergy.iter().map(|z| pool.substitute(*z, &map)).collect()
+            });
+            list.push(at.collect());
+            continue;
+        }
+        let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
+        let degree = g.coenergy.iter().map(|z| degree(pool, *z, &symbols)).try_fold(0, |most, d| Some(most.max(d?)));
+        // The integrand has the degree of the gradient along the polynomial, and that of l_i.
+        let count = degree.map_or(s + QUADRATURE, |d| (d as usize * s + s).div_ceil(2));
+        let rule = quadrature(count.min(NODES));
+        let along: Vec<Vec<Expr>> = rule
+            .iter()
+            .map(|(node, _)| {
+                let map = within(c, pool, stages, &tableau.integrals(*node));
+                g.coenergy.iter().map(|z| pool.substitute(*z, &map)).collect()
+            })
+            .collect();
+        let values: Vec<Vec<f64>> = rule.iter().map(|(node, _)| tableau.values(*node)).collect();
+        let at = (0..s).map(|i| {
+            (0..g.states.len())
+                .map(|k| {
+                    let terms = rule
+                        .iter()
+                        .zip(&values)
+                        .zip(&along)
+                        .map(|(((_, w), l), z)| (z[k], Number::float(w * l[i] / tableau.weights[i])));
+                    let terms: Vec<(Expr, Number)> = terms.collect();
+                    pool.combine(&terms)
+                })
+                .collect()
+        });
+        list.push(at.collect());
+    }
+    list
+}
+
+/// The degree of a polynomial in the symbols; `None` where it is not seen to be one.
+fn degree(pool: &Pool, e: Expr, symbols: &[Symbol]) -> Option<u32> {
+    if !pool.contains_any(e, &|s| symbols.contains(&s)) {
+        return Some(0);
+    }
+    match pool.node(e) {
+        Node::Symbol(_) => Some(1),
+        Node::Sum(_, pairs) => pairs.iter().map(|p| degree(pool, p.0, symbols)).try_fold(0, |m, d| Some(m.max(d?))),
+        Node::Product(_, pairs) => pairs.iter().try_fold(0, |sum, (f, n)| match degree(pool, *f, symbols)? {
+            0 => Some(sum),
+            d => match n {
+                Number::Ratio(n, 1) if (1..=16).contains(n) => Some(sum + d * *n as u32),
+                Number::Ratio(..) | Number::Float(_) => None,
+            },
+        }),
+        Node::Select(test, a, b) if !pool.contains_any(*test, &|s| symbols.contains(&s)) => {
+            Some(degree(pool, *a, symbols)?.max(degree(pool, *b, symbols)?))
+        }
+        Node::Number(_) | Node::Power(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => None,
+    }
+}
+
+/// Where in the state a method keeps the polynomial of its last step: for each unknown of a stage its Taylor coefficients at the
+/// end, then the length of that step; 0 where there was none.
+pub(super) fn memory(c: &Cluster, nodes: Nodes) -> usize {
+    let stages = match nodes {
+        Nodes::Gauss(s) => s,
+        Nodes::Radau => 3,
+    };
+    (c.states.len() + c.loops.len()) * stages + 1
+}
+
+/// What the unknowns start from: the last step's polynomial carried on.
+fn guesses(b: &mut Builder, c: &Cluster, tableau: &Tableau, inputs: &write::Inputs) -> Vec<Value> {
+    let (s, n) = (tableau.stages(), c.states.len() + c.loops.len());
+    let first = b.slots(Array::State, n * s + 1).index as usize;
+    let slot = |i: usize| Slot::new(Array::State, first + i);
+    let past = b.load(slot(n * s));
+    let (zero, reach) = (b.number(0.0), b.number(REACH));
+    let there = b.binary(Binary::Lt, zero, past);
+    let most = b.mul(reach, past);
+    let near = b.binary(Binary::Le, inputs.h, most);
+    let ratio = b.div(inputs.h, past);
+    let mut list = Vec::new();
+    for node in &tableau.nodes {
+        let node = b.number(*node);
+        let theta = b.mul(ratio, node);
+        for k in 0..n {
+            let last = b.load(slot(k * s));
+            let mut sum = b.load(slot(k * s + s - 1));
+            for m in (0..s - 1).rev() {
+                let a = b.load(slot(k * s + m));
+                let term = b.mul(sum, theta);
+                sum = b.add(a, term);
+            }
+            let ahead = b.select(near, sum, last);
+            let (ahead, without) = match k.checked_sub(c.states.len()) {
+                None => (b.mul(ahead, inputs.h), zero),
+                Some(z) => (ahead, inputs.guesses[z]),
+            };
+            list.push(b.select(there, ahead, without));
+        }
+    }
+    list
+}
+
+/// Keeps the polynomial of this step.
+fn keep(b: &mut Builder, c: &Cluster, tableau: &Tableau, h: Value, found: &[Value]) {
+    let (s, n) = (tableau.stages(), c.states.len() + c.loops.len());
+    let first = c.memory_at();
+    let one = b.number(1.0);
+    let inverse = b.div(one, h);
+    let expansion = tableau.expansion();
+    for k in 0..n {
+        for (m, row) in expansion.iter().enumerate() {
+            let mut sum = None;
+            for (j, w) in row.iter().enumerate() {
+                let w = b.number(*w);
+                let term = b.mul(w, found[j * n + k]);
+                sum = Some(sum.map_or(term, |sum| b.add(sum, term)));
+            }
+            let sum = sum.unwrap_or(one);
+            let a = if k < c.states.len() { b.mul(sum, inverse) } else { sum };
+            b.store(Slot::new(Array::Next, first + k * s + m), a);
+        }
+    }
+    b.store(Slot::new(Array::Next, first + n * s), h);
+}
+
+/// Writes the step.
+pub(super) fn write(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    name: &'static str,
+    nodes: Nodes,
+) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
+    let mut b = Builder::new(c.title(form, &format!("{name} step")));
+    let mut entries = c.reserve(model, &mut b, form);
+    let inputs = write::inputs(&mut b, c, form, model);
+    let mut lowering = Lowering::new(inputs.env.iter().copied());
+    let plan = Plan::new(c, &mut model.pool, form, nodes);
+    let tableau = &plan.tableau;
+    let s = tableau.stages();
+    let (unknowns, residuals) = plan.system(c, &mut model.pool);
+    let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
+    let start = guesses(&mut b, c, tableau, &inputs);
+    let system = System {
+        unknowns: unknowns.clone(),
+        h: c.h,
+        start,
+        residuals,
+        weight: weight.repeat(s),
+        scale: scale.repeat(s),
+        flag: None,
+    };
+    write::solve(model, &mut b, &mut lowering, system)?;
+    let mut value =
+        |model: &mut Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
+    let (mut next, mut rests) = (Vec::new(), Vec::new());
+    for (k, x) in inputs.states.iter().enumerate() {
+        let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();
+        let d = weighted(&mut model.pool, &tableau.weights, &changes);
+        let d = value(model, &mut b, d)?;
+        let carry = b.load(inputs.carries[k]);
+        let (v, rest) = write::advance(&mut b, *x, d, carry);
+        next.push(v);
+        rests.push(rest);
+    }
+    let mut found = Vec::new();
+    for u in &unknowns {
+        let u = model.pool.var(*u);
+        found.push(value(model, &mut b, u)?);
+    }
+    b.slots(Array::Next, c.slots());
+    for (i, (v, rest)) in next.iter().zip(&rests).enumerate() {
+        b.store(Slot::new(Array::Next, i), *v);
+        b.store(Slot::new(Array::Next, c.carry_at() + i), *rest);
+    }
+    for (i, (integral, start)) in c.integrals.iter().zip(&inputs.integrals).enumerate() {
+        let mut terms = Vec::new();
+        for (flat, w) in plan.flats.iter().zip(&tableau.weights) {
+            terms.push((model.pool.substitute(integral.rate, flat), Number::float(*w)));
+        }
+        let mean = model.pool.combine(&terms);
+        let mean = value(model, &mut b, mean)?;
+        let change = b.mul(inputs.h, mean);
+        let v = b.add(*start, change);
+        b.store(Slot::new(Array::Next, c.states.len() + i), v);
+    }
+    let last = found.len() - c.loops.len();
+    for (i, z) in found[last..].iter().enumerate() {
+        b.store(Slot::new(Array::Next, c.states.len() + c.integrals.len() + i), *z);
+    }
+    keep(&mut b, c, tableau, inputs.h, &found);
+    let mut passive = true;
+    if nodes == Nodes::Radau {
+        passive = losses(c, model, &mut b, &mut lowering, &plan, &mut entries)?;
+    }
+    let stages: Vec<(f64, &FxHashMap<Symbol, Expr>)> = tableau.weights.iter().copied().zip(&plan.flats).collect();
+    write::ledger(c, model, form, &mut b, &mut lowering, &stages, &entries, inputs.h)?;
+    write::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
+    let program = verified(model, b.finish())?;
+    let order = if nodes == Nodes::Radau { 5 } else { 2 * s as u32 };
+    let (fallback, _) = gonzalez::write(c, model, form)?;
+    let fallback = (nodes != Nodes::Radau).then(|| Box::new(fallback));
+    Ok((Stepper { name: name.into(), order, passive, program, linear: None, glance: None, fallback }, entries))
+}
+
+/// What the three stages of Radau lose of each region's energy; whether that is all, every energy being quadratic.
+fn losses(
+    c: &Cluster,
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    plan: &Plan,
+    entries: &mut [Entries],
+) -> Result<bool, Vec<Diagnostic>> {
+    let t = &plan.tableau;
+    let first: Vec<f64> = t.nodes.iter().map(|node| t.integrals(*node)[0]).collect();
+    let row = t.integrals(t.nodes[0]);
+    // m = diag(b) A + A^T diag(b) - b b^T is d d^T.
+    let m: Vec<f64> = (0..t.stages())
+        .map(|j| t.weights[0] * row[j] + t.weights[j] * first[j] - t.weights[0] * t.weights[j])
+        .collect();
+    let d: Vec<f64> = m.iter().map(|x| x / m[0].sqrt()).collect();
+    let moved: Vec<Expr> = (0..c.states.len())
+        .map(|k| {
+            let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();
+            weighted(&mut model.pool, &d, &changes)
+        })
+        .collect();
+    let mut whole = true;
+    for (e, r) in entries.iter_mut().zip(&c.regions) {
+        let mut terms = Vec::new();
+        for g in c.groups_in(*r) {
+            if !is_quadratic(c, &mut model.pool, g) {
+                whole = false;
+                continue;
+            }
+            let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
+            for (s, z) in g.states.iter().zip(&g.coenergy) {
+                let Some((linear, _)) = model.pool.affine(*z, &symbols) else { continue };
+                for (j, k) in linear {
+                    let w = [moved[*s], moved[g.states[j]], k];
+                    terms.push((model.pool.product(&w), Number::ratio(1, 2)));
+                }
+            }
+        }
+        let loss = model.pool.combine(&terms);
+        let loss = lowering.lower(&model.pool, b, loss).map_err(|s| missing(model, s))?;
+        let slot = b.named(Array::Output, "dissipated(numerical loss)");
+        b.store(slot, loss);
+        e.dissipated.push(("numerical loss".into(), slot.index as usize));
+    }
+    Ok(whole)
+}
