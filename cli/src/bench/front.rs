@@ -17,6 +17,9 @@ pub fn place(p: &Point, reference: f64) -> Option<(f64, f64)> {
     p.result.as_ref().ok().map(|m| (m.error.max(ABOVE * reference), m.seconds))
 }
 
+/// What is further off is nothing that one would choose, however cheap.
+const FAR: f64 = 1.0;
+
 /// Marks the points of the front: for none of them is there another that is as exact and cheaper, or as cheap and more exact.
 pub fn mark(points: &mut [Point], reference: f64) {
     let places: Vec<Option<(f64, f64)>> = points.iter().map(|p| place(p, reference)).collect();
@@ -27,7 +30,7 @@ pub fn mark(points: &mut [Point], reference: f64) {
                 e <= error && s <= seconds && (e < error || s < seconds || (k < i && e == error && s == seconds))
             })
         });
-        p.front = !beaten;
+        p.front = !beaten && error < FAR;
     }
 }
 

@@ -112,7 +112,7 @@ pub fn picture(b: &Bench) -> Drawing {
 
 /// Where a point is: error, and time for a simulated second.
 fn spot(b: &Bench, p: &Point) -> Option<(f64, f64)> {
-    place(p, 0.0).map(|(e, s)| (e.max(1e-17), s / b.stop)).filter(|(e, s)| *e <= FAR && *s > 0.0)
+    place(p, 0.0).map(|(e, s)| (e.max(1e-16), s / b.stop)).filter(|(e, s)| *e <= FAR && *s > 0.0)
 }
 
 fn axes(d: &mut Drawing, x: &Scale, y: &Scale) {

@@ -10,6 +10,9 @@ use super::trial::{Lost, Run, Runner};
 const ROUNDING: f64 = 1e-15;
 /// A second method is looked for until it is within this of the first.
 const SECOND: f64 = 1e3;
+/// Extrapolation is tried where nothing is better than this, and with all methods where nothing is better than that.
+const FINE: f64 = 1e-11;
+const COARSE: f64 = 1e-9;
 /// Fixed steps are halved so often at most.
 const HALVINGS: u32 = 14;
 
@@ -72,14 +75,13 @@ impl Search<'_> {
                 Err(e) => why = format!("{}: {e}", runner.way.name),
             }
         }
-        let coarse = |found: &[Found]| found.iter().all(|f| f.change > self.target.max(1e-9));
-        if coarse(&found) {
-            for runner in order.iter().filter(|r| r.way.order > 0) {
-                found.extend(self.extrapolate(runner, stop));
-                if !coarse(&found) {
-                    break;
-                }
+        // Low orders get far by extrapolation alone; where it is fine already, the two highest orders may make it finer.
+        let above = |found: &[Found], least: f64| found.iter().all(|f| f.change > self.target.max(least));
+        for (i, runner) in order.iter().filter(|r| r.way.order > 0).enumerate() {
+            if !above(&found, if i < 2 { FINE } else { COARSE }) {
+                break;
             }
+            found.extend(self.extrapolate(runner, stop));
         }
         found.sort_by(|a, b| a.change.total_cmp(&b.change));
         let mut found = found.into_iter();

@@ -1,6 +1,7 @@
 //! How long the steps of a run are.
 
-use crate::summary::short;
+use bond::{RunError, Steps};
+use bond_compiler::model::Settings;
 use bond_runtime::simulate::Options;
 
 /// Fixed steps, or steps that are fitted to a tolerance.
@@ -28,12 +29,16 @@ impl Setting {
         }
     }
 
-    /// What the runtime is told; fitted steps are at most `longest`, s.
-    pub fn options(self, longest: f64) -> Options {
-        match self {
-            Setting::Step(h) => Options { step: Some(h), tolerance: None, default_step: longest },
-            Setting::Tolerance(x) => Options { step: None, tolerance: Some(x), default_step: longest },
-        }
+    /// What the runtime is told of a run to `stop`; fitted steps are at most `longest`, s.
+    ///
+    /// # Errors
+    /// A number that makes no sense.
+    pub fn options(self, stop: f64, longest: f64) -> Result<Options, RunError> {
+        let steps = match self {
+            Setting::Step(h) => Steps::fixed(h),
+            Setting::Tolerance(x) => Steps::tolerance(x),
+        };
+        steps.longest(longest).resolve(&Settings::default(), stop, None)
     }
 
     /// The name of the option.
@@ -48,7 +53,7 @@ impl Setting {
     pub fn words(self) -> String {
         match self {
             Setting::Step(h) => format!("steps of {}", time(h)),
-            Setting::Tolerance(x) => format!("tolerance {}", short(x)),
+            Setting::Tolerance(x) => format!("tolerance {}", digits(x)),
         }
     }
 
@@ -56,8 +61,17 @@ impl Setting {
     pub fn cell(self) -> String {
         match self {
             Setting::Step(h) => format!("step {}", time(h)),
-            Setting::Tolerance(x) => format!("tol {x:.0e}"),
+            Setting::Tolerance(x) => format!("tol {}", digits(x)),
         }
+    }
+}
+
+/// A number with three digits, as a power of ten: `3.16e-8`.
+fn digits(x: f64) -> String {
+    let text = format!("{x:.2e}");
+    match text.split_once('e') {
+        Some((mantissa, exponent)) => format!("{}e{exponent}", mantissa.trim_end_matches('0').trim_end_matches('.')),
+        None => text,
     }
 }
 

@@ -10,6 +10,9 @@ const POINTS: usize = 20;
 /// So many points in a row that the reference cannot tell from itself are enough.
 const FLOORS: usize = 2;
 
+/// So many points in a row that fail, or are no better than those before, are enough.
+const STALE: usize = 3;
+
 /// What a method is measured with.
 pub struct Sweep<'a> {
     /// What errors are measured against.
@@ -52,7 +55,7 @@ impl Sweep<'_> {
         let way = runner.way;
         let given = matches!(plan, Plan::Given(_));
         let mut points: Vec<Point> = Vec::new();
-        let (mut floors, mut last_steps) = (0, 0);
+        let (mut floors, mut stale, mut last_steps, mut best) = (0, 0, 0, f64::INFINITY);
         // What the last two points took.
         let mut took = (0.0, 0.0);
         for setting in plan.settings(self.stop) {
@@ -89,6 +92,11 @@ impl Sweep<'_> {
                 }
                 last_steps = m.steps;
                 floors = if m.floor { floors + 1 } else { 0 };
+                // Past its best, rounding is all that grows.
+                stale = if m.error < 0.7 * best { 0 } else { stale + usize::from(best < 1e-6) };
+                best = best.min(m.error);
+            } else if !points.is_empty() && points.iter().any(|p| p.result.is_ok()) {
+                stale += 1;
             }
             points.push(Point {
                 method: way.name,
@@ -98,7 +106,7 @@ impl Sweep<'_> {
                 result,
                 front: false,
             });
-            if floors >= FLOORS && !given {
+            if (floors >= FLOORS || stale >= STALE) && !given {
                 break;
             }
         }

@@ -6,6 +6,9 @@ use super::point::{Measured, Point};
 use super::setting::time;
 use std::fmt::Write;
 
+/// Letters of a reason.
+const ROOM: usize = 62;
+
 /// All of it.
 pub fn text(b: &Bench) -> String {
     let mut out = String::new();
@@ -34,12 +37,12 @@ fn write_text(out: &mut String, b: &Bench) -> std::fmt::Result {
         let mark = if p.front { "*" } else { " " };
         match &p.result {
             Ok(m) => writeln!(out, "{mark} {name:15} {:12} {}", p.setting.cell(), row(m, b.stop))?,
-            Err(why) => writeln!(out, "{mark} {name:15} {:12} failed: {why}", p.setting.cell())?,
+            Err(why) => writeln!(out, "{mark} {name:15} {:12} failed: {}", p.setting.cell(), brief(why))?,
         }
     }
     writeln!(
         out,
-        "\n*: on the front, nothing is both cheaper and more exact. error: the largest of all probes and states at the end, relative\n\
+        "\n*: on the front: nothing is both cheaper and more exact. error: the largest of all probes and states at the end, relative\n\
          to its largest size; on way: of the probes, along the run. drift, balance: of the energy, relative. Newton: iterations\n\
          a step. time/s: processor time for a simulated second. <: no more than the reference can tell."
     )?;
@@ -73,19 +76,23 @@ fn choices(out: &mut String, b: &Bench) -> std::fmt::Result {
     if list.is_empty() {
         return writeln!(out, "\nno point has an error below 0.1");
     }
-    writeln!(out, "\nto choose")?;
+    writeln!(out, "\n{:10} {:<35} {:>9}   where it need not", "to choose", "what keeps the balance", "time/s")?;
     for Advice { error, passive, other } in list {
-        let line = |p: &Point| {
-            let seconds = p.result.as_ref().map_or(f64::NAN, |m| m.seconds);
-            format!("{} with {}, {} a simulated second", p.method, p.setting.words(), time(seconds / b.stop))
-        };
-        let words = match (passive, other) {
-            (Some(p), None) => line(p),
-            (Some(p), Some(o)) => format!("{}; {}, which does not keep the balance", line(p), line(o)),
-            (None, Some(o)) => format!("{}, which does not keep the balance", line(o)),
-            (None, None) => continue,
-        };
-        writeln!(out, "  for {error:<8e} {words}")?;
+        let cost = |p: &Point| time(p.result.as_ref().map_or(f64::NAN, |m| m.seconds) / b.stop);
+        let name = |p: &Point| format!("{}, {}", p.method, p.setting.words());
+        let (own, seconds) = passive.map_or(("nothing".to_string(), String::new()), |p| (name(p), cost(p)));
+        let other = other.map_or(String::new(), |p| format!("{} {}", name(p), cost(p)));
+        writeln!(out, "{}", format!("  for {error:<5e} {own:<35} {seconds:>9}   {other}").trim_end())?;
     }
     Ok(())
+}
+
+/// Why a point failed, on the rest of a line.
+fn brief(why: &str) -> String {
+    let why = why.split(';').next().unwrap_or(why);
+    if why.chars().count() <= ROOM {
+        why.to_string()
+    } else {
+        why.chars().take(ROOM - 3).chain("...".chars()).collect()
+    }
 }

@@ -66,7 +66,8 @@ impl<'a> Runner<'a> {
 
     fn start(&self, backend: &dyn Backend, setting: Setting) -> Result<Simulation<'a>, RunError> {
         let given = self.task.given.iter().cloned();
-        Simulation::on(backend, &self.way.scene, &setting.options(self.task.longest), given)
+        let options = setting.options(self.task.stop, self.task.longest)?;
+        Simulation::on(backend, &self.way.scene, &options, given)
     }
 
     /// Runs once through the rows, for `limit` seconds at most.

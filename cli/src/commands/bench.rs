@@ -125,9 +125,9 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
         backend: code.backend(),
     };
     for h in &setup.steps {
-        crate::drive::possible(scene, &bench::Setting::Step(*h).options(stop), stop)?;
+        crate::drive::possible(scene, &bench::Setting::Step(*h).options(stop, stop)?, stop)?;
     }
-    crate::drive::possible(scene, &bench::Setting::Tolerance(1e-6).options(stop), stop)?;
+    crate::drive::possible(scene, &bench::Setting::Tolerance(1e-6).options(stop, stop)?, stop)?;
     let problem = match args.file.file_stem() {
         Some(stem) if args.file != Path::new("-") => stem.to_string_lossy().into_owned(),
         Some(_) | None => scene.name.clone(),
