@@ -2,6 +2,7 @@
 
 mod bench;
 mod checkpoint;
+mod choose;
 mod commands;
 mod csv;
 mod diff;

@@ -15,17 +15,16 @@ mod table;
 mod trial;
 mod way;
 
-pub use front::{Advice, advice};
 pub use json::json;
 pub use norm::{Difference, Quantities};
 pub use picture::picture;
-pub use point::{Measured, Point};
+pub use point::Point;
 pub use reference::{Reference, Search};
 pub use setting::{Setting, time};
 pub use sweep::Plan;
 pub use table::text;
-pub use trial::{Lost, Run, Runner, Task};
-pub use way::{LeftOut, Way, Ways};
+pub use trial::{Look, Lost, Runner, Task};
+pub use way::{Way, Ways};
 
 use bond::Course;
 use bond_runtime::kernel::Backend;
@@ -83,9 +82,12 @@ pub struct Bench {
 /// # Errors
 /// In words, where there is no reference.
 pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) -> Result<Bench, String> {
-    let rows: Vec<(f64, bool)> = (1..ROWS).map(|k| (setup.stop * f64::from(k) / f64::from(ROWS), true)).collect();
+    let stop = setup.stop;
+    let rows = || -> Box<dyn Iterator<Item = (f64, Look)>> {
+        Box::new((1..ROWS).map(move |k| (stop * f64::from(k) / f64::from(ROWS), Look::Keep)))
+    };
     let longest = setup.longest.unwrap_or(LONGEST * setup.stop);
-    let task = Task { stop: setup.stop, longest, given: &setup.given, rows: &rows };
+    let task = Task { stop, longest: Some(longest), every: None, given: &setup.given, rows: &rows, shows: false };
     let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, setup.backend)).collect();
     let quantities = Quantities::new(&ways.base);
     let search = Search {
@@ -105,7 +107,7 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
         ));
     }
     let asked = !setup.steps.is_empty() || !setup.tolerances.is_empty();
-    let coarsest = (setup.stop / (LONG * rough(&runners, setup.stop))).floor().max(1.0);
+    let coarsest = (setup.stop / (LONG * rough(runners.iter(), setup.stop))).floor().max(1.0);
     let sweep = Sweep { reference: &reference, repeat: setup.repeat, limit: setup.limit, stop: setup.stop };
     let mut points = Vec::new();
     for (i, runner) in runners.iter().enumerate() {
@@ -147,8 +149,8 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
 }
 
 /// The mean step of a run with rough steps that are fitted, s; a hundredth of the run where there is none.
-pub fn rough(runners: &[Runner], stop: f64) -> f64 {
-    let mut fitted: Vec<&Runner> = runners.iter().filter(|r| r.way.adaptive).collect();
+pub fn rough<'r, 'a: 'r>(runners: impl Iterator<Item = &'r Runner<'a>>, stop: f64) -> f64 {
+    let mut fitted: Vec<&Runner> = runners.filter(|r| r.way.adaptive).collect();
     // What solves its steps does not choose them for its stability.
     fitted.sort_by_key(|r| (!r.way.passive, r.way.order));
     let runs = fitted.iter().filter_map(|r| r.track(Setting::Tolerance(ROUGH), 2.0).ok());

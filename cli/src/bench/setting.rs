@@ -1,8 +1,6 @@
 //! How long the steps of a run are.
 
-use bond::{RunError, Steps};
-use bond_compiler::model::Settings;
-use bond_runtime::simulate::Options;
+use bond::Steps;
 
 /// Fixed steps, or steps that are fitted to a tolerance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,24 +27,13 @@ impl Setting {
         }
     }
 
-    /// What the runtime is told of a run to `stop`; fitted steps are at most `longest`, s.
-    ///
-    /// # Errors
-    /// A number that makes no sense.
-    pub fn options(self, stop: f64, longest: f64) -> Result<Options, RunError> {
+    /// As the library takes it; fitted steps are at most `longest`, s, where that is told.
+    pub fn steps(self, longest: Option<f64>) -> Steps {
         let steps = match self {
             Setting::Step(h) => Steps::fixed(h),
             Setting::Tolerance(x) => Steps::tolerance(x),
         };
-        steps.longest(longest).resolve(&Settings::default(), stop, None)
-    }
-
-    /// The name of the option.
-    pub fn option(self) -> &'static str {
-        match self {
-            Setting::Step(_) => "step",
-            Setting::Tolerance(_) => "tolerance",
-        }
+        longest.map_or(steps, |h| steps.longest(h))
     }
 
     /// For people: `steps of 2 ms`.

@@ -5,19 +5,44 @@ use super::kernels::{Guard, Guarded, Kernels};
 use super::setting::Setting;
 use super::way::Way;
 use bond::{Course, RunError, Simulation, Summary};
+use bond_compiler::model::Settings;
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
+use bond_runtime::simulate::Options;
 
 /// What all runs of a comparison have in common.
 pub struct Task<'a> {
     /// End, s.
     pub stop: f64,
-    /// Longest of the steps that are fitted to a tolerance, s.
-    pub longest: f64,
+    /// Longest of the steps that are fitted to a tolerance, s, where it is told.
+    pub longest: Option<f64>,
+    /// Distance of the rows, s, where it is told.
+    pub every: Option<f64>,
     /// Signals from outside.
     pub given: &'a [(String, Course)],
-    /// Instants at which probes are looked at, s, and whether each is; all before the end. Fitted steps end at each.
-    pub rows: &'a [(f64, bool)],
+    /// Instants of the way, s, in order.
+    pub rows: &'a dyn Fn() -> Box<dyn Iterator<Item = (f64, Look)> + 'a>,
+    /// Looking at probes is part of the work, and its time counts.
+    pub shows: bool,
+}
+
+/// What is done at a row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Look {
+    /// The run comes by.
+    Pass,
+    /// Its probes are kept.
+    Keep,
+}
+
+impl Task<'_> {
+    /// What the runtime is told.
+    ///
+    /// # Errors
+    /// A number that makes no sense.
+    pub fn options(&self, setting: Setting) -> Result<Options, RunError> {
+        setting.steps(self.longest).resolve(&Settings::default(), self.stop, self.every)
+    }
 }
 
 /// A run that came to its end.
@@ -66,7 +91,7 @@ impl<'a> Runner<'a> {
 
     fn start(&self, backend: &dyn Backend, setting: Setting) -> Result<Simulation<'a>, RunError> {
         let given = self.task.given.iter().cloned();
-        let options = setting.options(self.task.stop, self.task.longest)?;
+        let options = self.task.options(setting)?;
         Simulation::on(backend, &self.way.scene, &options, given)
     }
 
@@ -86,11 +111,14 @@ impl<'a> Runner<'a> {
         let (mut rows, mut largest, mut drift) = (Vec::new(), Vec::new(), 0.0);
         let begun = clock::now();
         let mut watching = 0.0;
-        for (t, looked) in self.task.rows {
-            sim.advance(*t)?;
-            if *looked {
-                let values = sim.probes()?[..shown].to_vec();
+        for (t, look) in (self.task.rows)() {
+            sim.advance(t)?;
+            if self.task.shows {
+                sim.probes()?;
+            }
+            if look == Look::Keep {
                 let from = clock::now();
+                let values = sim.probes()?[..shown].to_vec();
                 drift = f64::max(drift, drifted(&sim.summary()));
                 enlarge(&mut largest, &quantities(&values, &sim));
                 rows.push(values);

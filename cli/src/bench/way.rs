@@ -45,24 +45,47 @@ impl Ways {
     /// # Errors
     /// A model that is wrong, also one of which no region is continuous.
     pub fn new(text: &Text, options: &Options, wanted: &dyn Fn(Method) -> bool) -> Result<Self, Stop> {
+        let mut ways = Self::base(text, options)?;
+        ways.add(text, options, wanted);
+        Ok(ways)
+    }
+
+    /// Compiles a model as it says itself.
+    ///
+    /// # Errors
+    /// A model that is wrong, also one of which no region is continuous.
+    pub fn base(text: &Text, options: &Options) -> Result<Self, Stop> {
         let base = options.compile_text(text).map_err(|e| input::wrong(&e))?;
-        let mut ways = Self { base, list: Vec::new(), left_out: Vec::new() };
-        if ways.base.scene().clusters.iter().all(|c| c.period.is_some()) {
+        if base.scene().clusters.iter().all(|c| c.period.is_some()) {
             return Err(Stop::Model(format!(
                 "`{}` has no continuous region: every region steps at its own period, which is part of the model, so that \
                  there is no stepper to choose",
-                ways.base.scene().name
+                base.scene().name
             )));
         }
+        Ok(Self { base, list: Vec::new(), left_out: Vec::new() })
+    }
+
+    /// Compiles it for each of the methods that `wanted` takes.
+    pub fn add(&mut self, text: &Text, options: &Options, wanted: &dyn Fn(Method) -> bool) {
         for method in Method::ALL.into_iter().filter(|m| wanted(*m)) {
             let name = method.name();
             let made = options.clone().method(name).compile_text(text).map_err(|e| first(&e));
-            match made.and_then(|made| join(made.scene(), ways.base.scene(), name)) {
-                Ok(way) => ways.list.push(way),
-                Err(why) => ways.left_out.push(LeftOut { name, why }),
+            match made.and_then(|made| join(made.scene(), self.base.scene(), name)) {
+                Ok(way) => self.list.push(way),
+                Err(why) => self.left_out.push(LeftOut { name, why }),
             }
         }
-        Ok(ways)
+    }
+
+    /// The model as it says itself, where all its continuous regions are stepped by a method without error.
+    pub fn without_error(&self) -> Option<Way> {
+        let scene = self.base.scene();
+        let mut steppers = scene.clusters.iter().filter(|c| c.period.is_none()).map(|c| &c.step);
+        let name = Method::named(&steppers.next()?.name)?.name();
+        let way = join(scene, scene, name).ok()?;
+        let exact = way.order == 0 && !way.adaptive;
+        exact.then_some(way)
     }
 }
 

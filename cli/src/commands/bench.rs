@@ -5,8 +5,9 @@ use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::stop::Stop;
 use crate::{draw, output, report};
-use bond::{Code, Text};
+use bond::{Code, Steps, Text};
 use bond_compiler::discretise::Method;
+use bond_compiler::model::Settings;
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
 
@@ -124,10 +125,8 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
         limit: args.limit,
         backend: code.backend(),
     };
-    for h in &setup.steps {
-        crate::drive::possible(scene, &bench::Setting::Step(*h).options(stop, stop)?, stop)?;
-    }
-    crate::drive::possible(scene, &bench::Setting::Tolerance(1e-6).options(stop, stop)?, stop)?;
+    let least = setup.steps.iter().copied().fold(stop, f64::min);
+    crate::drive::possible(scene, &Steps::fixed(least).resolve(&Settings::default(), stop, None)?, stop)?;
     let problem = match args.file.file_stem() {
         Some(stem) if args.file != Path::new("-") => stem.to_string_lossy().into_owned(),
         Some(_) | None => scene.name.clone(),
