@@ -87,7 +87,15 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
         Box::new((1..ROWS).map(move |k| (stop * f64::from(k) / f64::from(ROWS), Look::Keep)))
     };
     let longest = setup.longest.unwrap_or(LONGEST * setup.stop);
-    let task = Task { stop, longest: Some(longest), every: None, given: &setup.given, rows: &rows, shows: false };
+    let task = Task {
+        stop,
+        longest: Some(longest),
+        every: None,
+        given: &setup.given,
+        rows: &rows,
+        shows: false,
+        ledger: true,
+    };
     let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, setup.backend)).collect();
     let quantities = Quantities::new(&ways.base);
     let search = Search {

@@ -13,6 +13,8 @@ const SECOND: f64 = 1e3;
 /// Extrapolation is tried where nothing is better than this, and with all methods where nothing is better than that.
 const FINE: f64 = 1e-11;
 const COARSE: f64 = 1e-9;
+/// A run is finer than another where it has so many times as many steps.
+const MORE: f64 = 1.1;
 /// Fixed steps are halved so often at most.
 const HALVINGS: u32 = 14;
 
@@ -110,30 +112,51 @@ impl Search<'_> {
         best.change <= good && second <= (SECOND * best.change.max(ROUNDING)).max(good)
     }
 
-    /// The run of a method that changes least from one setting to the next finer one.
+    /// The run of a method that changes least from one setting to the next finer one: of tolerances, or of fixed steps where those
+    /// have no effect.
     fn refine(&self, runner: &Runner, stop: f64) -> Result<Found, String> {
-        let settings: Vec<Setting> = if runner.way.adaptive {
-            let from = (-self.target.log10()).clamp(5.0, 10.0) as i32 - 1;
-            (from..=14).map(|k| Setting::Tolerance(format!("1e-{k}").parse().unwrap_or(1e-12))).collect()
-        } else {
-            (0..8).map(|k| Setting::Step(stop / 256.0 / f64::from(1 << k))).collect()
-        };
+        let from = (-self.target.log10()).clamp(5.0, 10.0) as i32 - 1;
+        let tolerances = (from..=14).map(|k| Setting::Tolerance(format!("1e-{k}").parse().unwrap_or(1e-12)));
+        let tolerances = if runner.way.adaptive { tolerances.collect() } else { Vec::new() };
+        let steps = (0..8).map(|k| Setting::Step(stop / 256.0 / f64::from(1 << k))).collect();
         let mut left = self.limit;
+        let found = self.finer(runner, tolerances, &mut left);
+        if matches!(&found, Ok(Some(_)) | Err(Lost::Late)) {
+            found
+        } else {
+            self.finer(runner, steps, &mut left).or(found)
+        }
+        .map_err(|lost| match lost {
+            Lost::Failed(why) => why,
+            Lost::Late => "it takes too long".to_string(),
+        })?
+        .ok_or_else(|| "its runs are all the same".to_string())
+    }
+
+    /// The best of runs with settings that are ever finer; None where no two of them differ in their steps.
+    fn finer(&self, runner: &Runner, settings: Vec<Setting>, left: &mut f64) -> Result<Option<Found>, Lost> {
         let mut last: Option<Run> = None;
         let mut best: Option<Found> = None;
         let mut worse = 0;
-        let mut why = "it takes too long".to_string();
+        let mut lost = None;
         for setting in settings {
-            let run = match runner.track(setting, left) {
+            let run = match runner.track(setting, *left) {
                 Ok(run) => run,
-                Err(Lost::Late) => break,
-                Err(Lost::Failed(e)) => {
-                    why = e;
+                Err(Lost::Late) => {
+                    lost = Some(Lost::Late);
+                    break;
+                }
+                Err(failed) => {
+                    lost = Some(failed);
                     if last.is_none() { continue } else { break }
                 }
             };
-            left -= run.seconds;
+            *left -= run.seconds;
             if let Some(last) = &last {
+                // Rows or samples may hold the steps so short that the tolerance does nothing: that tells nothing.
+                if (run.steps as f64) < MORE * last.steps as f64 {
+                    continue;
+                }
                 let change = self.change(last, &run);
                 if best.as_ref().is_none_or(|b| change < b.change) {
                     let how = format!("{}, {}", runner.way.name, setting.words());
@@ -148,7 +171,10 @@ impl Search<'_> {
             }
             last = Some(run);
         }
-        best.ok_or(why)
+        match (best, lost) {
+            (None, Some(lost)) if last.is_none() || lost == Lost::Late => Err(lost),
+            (best, _) => Ok(best),
+        }
     }
 
     /// The same of fixed steps that are halved and extrapolated.

@@ -24,6 +24,8 @@ pub struct Task<'a> {
     pub rows: &'a dyn Fn() -> Box<dyn Iterator<Item = (f64, Look)> + 'a>,
     /// Looking at probes is part of the work, and its time counts.
     pub shows: bool,
+    /// The ledger is looked at at rows that are kept, and not at the end alone.
+    pub ledger: bool,
 }
 
 /// What is done at a row.
@@ -119,7 +121,9 @@ impl<'a> Runner<'a> {
             if look == Look::Keep {
                 let from = clock::now();
                 let values = sim.probes()?[..shown].to_vec();
-                drift = f64::max(drift, drifted(&sim.summary()));
+                if self.task.ledger {
+                    drift = f64::max(drift, drifted(&sim.summary()));
+                }
                 enlarge(&mut largest, &quantities(&values, &sim));
                 rows.push(values);
                 watching += clock::now() - from;

@@ -13,8 +13,8 @@ const WINDOW: [f64; 3] = [1.0 / 30.0, 1.0 / 6.0, 1.0 / 2.0];
 const RUNS: usize = 10;
 /// A candidate that takes so many times as long as the best so far is given up.
 const LOST: f64 = 3.0;
-/// Processor time that any run may take, s.
-const LIMIT: f64 = 60.0;
+/// No run may take longer than the reference, or than this, s, where that is more.
+const LEAST: f64 = 0.05;
 
 /// Chooses.
 ///
@@ -93,7 +93,8 @@ impl Seek<'_, '_> {
     /// The coarsest setting found whose error is at most that which is asked for.
     fn run(&self, start: Setting, best: Option<&Tried>, tries: &mut usize) -> Option<Tried> {
         let [low, middle, high] = WINDOW.map(|w| w * self.error);
-        let limit = best.map_or(LIMIT, |b| (LOST * b.seconds).max(1e-3));
+        let dear = self.reference.run.seconds.max(LEAST);
+        let limit = best.map_or(dear, |b| (LOST * b.seconds).max(1e-3));
         // How the error follows the setting: as the order of the step, as the tolerance itself.
         let power = match start {
             Setting::Step(_) => f64::from(self.runner.way.order.max(1)),

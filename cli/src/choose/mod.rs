@@ -16,7 +16,7 @@ use bond_runtime::scene::Scene;
 use std::time::Instant;
 
 /// Rows whose probes are compared, about.
-const KEPT: usize = 100;
+const KEPT: usize = 1000;
 /// Processor time for looking for a reference with each method, s.
 const LIMIT: f64 = 10.0;
 
@@ -113,6 +113,7 @@ pub fn choose(ask: &Ask, mut ways: Ways) -> Result<Chosen, Stop> {
         given: ask.given,
         rows: &rows,
         shows: ask.shows,
+        ledger: false,
     };
     let quantities = Quantities::new(&ways.base);
     if let Some(way) = &without_error {
