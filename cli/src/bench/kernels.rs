@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// Runs of a program between two looks at the clock.
-const LOOK: u32 = 64;
+const LOOK: u32 = 256;
 
 /// The compiled programs of a scene.
 pub struct Kernels<'a> {

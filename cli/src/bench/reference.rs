@@ -15,6 +15,10 @@ const FINE: f64 = 1e-11;
 const COARSE: f64 = 1e-9;
 /// A run is finer than another where it has so many times as many steps.
 const MORE: f64 = 1.1;
+/// What failed so often with ever finer settings fails with all.
+const FAILURES: u32 = 3;
+/// Time for all methods, in that for one.
+const METHODS: f64 = 2.0;
 /// Fixed steps are halved so often at most.
 const HALVINGS: u32 = 14;
 
@@ -65,6 +69,7 @@ impl Search<'_> {
         // A method without error goes first, then the higher the order the better; what keeps the balance before what does not.
         let rank = |r: &Runner| if r.way.order == 0 { u32::MAX } else { r.way.order };
         order.sort_by_key(|r| (std::cmp::Reverse(rank(r)), !r.way.passive));
+        let mut total = METHODS * self.limit;
         let mut found: Vec<Found> = Vec::new();
         let mut why = "there is no method".to_string();
         for (i, runner) in order.iter().enumerate() {
@@ -72,7 +77,7 @@ impl Search<'_> {
             if self.enough(&found) {
                 break;
             }
-            match self.refine(runner, stop) {
+            match self.within(&mut total, |left| self.refine(runner, stop, left)) {
                 Ok(f) => found.push(f),
                 Err(e) => why = format!("{}: {e}", runner.way.name),
             }
@@ -83,7 +88,7 @@ impl Search<'_> {
             if !above(&found, if i < 2 { FINE } else { COARSE }) {
                 break;
             }
-            found.extend(self.extrapolate(runner, stop));
+            found.extend(self.within(&mut total, |left| self.extrapolate(runner, stop, left)));
         }
         found.sort_by(|a, b| a.change.total_cmp(&b.change));
         let mut found = found.into_iter();
@@ -104,6 +109,15 @@ impl Search<'_> {
         Ok(Reference { run: best.run, scales, error, how: best.how, checked })
     }
 
+    /// Does something with the time for a method, as far as all of it reaches.
+    fn within<T>(&self, total: &mut f64, what: impl FnOnce(&mut f64) -> T) -> T {
+        let mut left = total.min(self.limit);
+        let before = left;
+        let result = what(&mut left);
+        *total -= before - left;
+        result
+    }
+
     /// Whether the best is good enough, and has a second beside it.
     fn enough(&self, found: &[Found]) -> bool {
         let Some(best) = found.iter().min_by(|a, b| a.change.total_cmp(&b.change)) else { return false };
@@ -114,33 +128,28 @@ impl Search<'_> {
 
     /// The run of a method that changes least from one setting to the next finer one: of tolerances, or of fixed steps where those
     /// have no effect.
-    fn refine(&self, runner: &Runner, stop: f64) -> Result<Found, String> {
+    fn refine(&self, runner: &Runner, stop: f64, left: &mut f64) -> Result<Found, String> {
         let from = (-self.target.log10()).clamp(5.0, 10.0) as i32 - 1;
         let tolerances = (from..=14).map(|k| Setting::Tolerance(format!("1e-{k}").parse().unwrap_or(1e-12)));
         let tolerances = if runner.way.adaptive { tolerances.collect() } else { Vec::new() };
         let steps = (0..8).map(|k| Setting::Step(stop / 256.0 / f64::from(1 << k))).collect();
-        let mut left = self.limit;
-        let found = self.finer(runner, tolerances, &mut left);
-        if matches!(&found, Ok(Some(_)) | Err(Lost::Late)) {
-            found
-        } else {
-            self.finer(runner, steps, &mut left).or(found)
-        }
-        .map_err(|lost| match lost {
-            Lost::Failed(why) => why,
-            Lost::Late => "it takes too long".to_string(),
-        })?
-        .ok_or_else(|| "its runs are all the same".to_string())
+        let found = self.finer(runner, tolerances, left);
+        if matches!(&found, Ok(Some(_)) | Err(Lost::Late)) { found } else { self.finer(runner, steps, left).or(found) }
+            .map_err(|lost| match lost {
+                Lost::Failed(why) => why,
+                Lost::Late => "it takes too long".to_string(),
+            })?
+            .ok_or_else(|| "its runs are all the same".to_string())
     }
 
     /// The best of runs with settings that are ever finer; None where no two of them differ in their steps.
     fn finer(&self, runner: &Runner, settings: Vec<Setting>, left: &mut f64) -> Result<Option<Found>, Lost> {
         let mut last: Option<Run> = None;
         let mut best: Option<Found> = None;
-        let mut worse = 0;
+        let (mut worse, mut failures) = (0, 0);
         let mut lost = None;
         for setting in settings {
-            let run = match runner.track(setting, *left) {
+            let run = match self.timed(runner, setting, left) {
                 Ok(run) => run,
                 Err(Lost::Late) => {
                     lost = Some(Lost::Late);
@@ -148,10 +157,10 @@ impl Search<'_> {
                 }
                 Err(failed) => {
                     lost = Some(failed);
-                    if last.is_none() { continue } else { break }
+                    failures += 1;
+                    if last.is_none() && failures < FAILURES { continue } else { break }
                 }
             };
-            *left -= run.seconds;
             if let Some(last) = &last {
                 // Rows or samples may hold the steps so short that the tolerance does nothing: that tells nothing.
                 if (run.steps as f64) < MORE * last.steps as f64 {
@@ -178,15 +187,14 @@ impl Search<'_> {
     }
 
     /// The same of fixed steps that are halved and extrapolated.
-    fn extrapolate(&self, runner: &Runner, stop: f64) -> Option<Found> {
-        let mut left = self.limit;
+    fn extrapolate(&self, runner: &Runner, stop: f64, left: &mut f64) -> Option<Found> {
         let mut best: Option<Found> = None;
+        let mut failures = 0;
         let mut tableaus = [1, 2].map(|apart| Tableau::new(runner.way.order, apart));
         for k in 0..HALVINGS {
             let h = stop / 64.0 / f64::from(1 << k);
-            match runner.track(Setting::Step(h), left) {
+            match self.timed(runner, Setting::Step(h), left) {
                 Ok(run) => {
-                    left -= run.seconds;
                     for tableau in &mut tableaus {
                         for (column, (before, now)) in tableau.push(run.clone()).into_iter().enumerate().skip(1) {
                             let change = self.change(&before, &now);
@@ -198,7 +206,11 @@ impl Search<'_> {
                         }
                     }
                 }
-                Err(Lost::Failed(_)) => tableaus = [1, 2].map(|apart| Tableau::new(runner.way.order, apart)),
+                Err(Lost::Failed(_)) if failures == FAILURES => break,
+                Err(Lost::Failed(_)) => {
+                    failures += 1;
+                    tableaus = [1, 2].map(|apart| Tableau::new(runner.way.order, apart));
+                }
                 Err(Lost::Late) => break,
             }
             if best.as_ref().is_some_and(|b| b.change <= self.target) {
@@ -206,6 +218,17 @@ impl Search<'_> {
             }
         }
         best
+    }
+
+    /// A run that may take what is left, which is less then.
+    fn timed(&self, runner: &Runner, setting: Setting, left: &mut f64) -> Result<Run, Lost> {
+        if *left <= 0.0 {
+            return Err(Lost::Late);
+        }
+        let begun = super::clock::now();
+        let result = runner.track(setting, *left);
+        *left -= super::clock::now() - begun;
+        result
     }
 
     fn change(&self, a: &Run, b: &Run) -> f64 {

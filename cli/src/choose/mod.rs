@@ -18,7 +18,7 @@ use std::time::Instant;
 /// Rows whose probes are compared, about.
 const KEPT: usize = 1000;
 /// Processor time for looking for a reference with each method, s.
-const LIMIT: f64 = 10.0;
+const LIMIT: f64 = 5.0;
 
 /// What is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
