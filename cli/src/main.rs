@@ -1,10 +1,13 @@
 //! The `bond` command.
 
+mod bench;
 mod checkpoint;
+mod choose;
 mod commands;
 mod csv;
 mod diff;
 mod document;
+mod draw;
 mod drive;
 mod emit;
 mod ensemble;
@@ -24,7 +27,7 @@ mod table;
 mod text;
 
 use clap::{Parser, Subcommand};
-use commands::{build, check, doc, fmt, linearize, new, run, serve as serving, show, test};
+use commands::{bench as benching, build, check, doc, fmt, linearize, new, run, serve as serving, show, test};
 use std::process::ExitCode;
 use stop::Stop;
 
@@ -56,6 +59,7 @@ enum Command {
     Show(show::Args),
     Linearize(linearize::Args),
     Run(Box<run::Args>),
+    Bench(Box<benching::Args>),
     Serve(serving::Args),
     Test(test::Args),
 }
@@ -88,6 +92,7 @@ fn command(command: &Command) -> Result<(), Stop> {
         Command::Show(args) => show::show(args),
         Command::Linearize(args) => linearize::linearize(args),
         Command::Run(args) => run::run(args),
+        Command::Bench(args) => benching::bench(args),
         Command::Serve(args) => serving::serve(args),
         Command::Test(args) => test::test(args),
     }

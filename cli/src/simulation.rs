@@ -261,6 +261,15 @@ impl<'a> Simulation<'a> {
         })
     }
 
+    /// The energy and signal states of all regions by name. In a run with fixed steps they are those at the end of the last whole
+    /// step.
+    pub fn states(&self) -> impl Iterator<Item = (&'a str, f64)> {
+        let clusters = self.scene.clusters.iter().enumerate();
+        clusters.flat_map(|(i, c)| {
+            c.names.iter().take(c.states).map(String::as_str).zip(self.inner.state(i).iter().copied())
+        })
+    }
+
     /// What the open ports hold now: name and value.
     pub fn held(&self) -> Vec<(&'a str, f64)> {
         self.scene.open.iter().map(|o| o.name.as_str()).zip(self.inner.held()).collect()

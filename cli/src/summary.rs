@@ -1,5 +1,7 @@
 //! The summary of a run, for people and for programs.
 
+use crate::bench::Setting;
+use crate::choose::Chosen;
 use crate::stop::Stop;
 use bond::{RegionSummary, Summary};
 use bond_runtime::scene::Scene;
@@ -10,6 +12,8 @@ use std::fmt::Write;
 pub struct Outcome<'a> {
     /// What ran.
     pub scene: &'a Scene,
+    /// The stepper that was chosen for it, where one was.
+    pub chosen: Option<&'a Chosen>,
     /// Where it went on from; 0 where it began, s.
     pub from: f64,
     /// The end that was asked for, s.
@@ -48,6 +52,10 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         short(o.wall),
         short(pace)
     )?;
+    if let Some(c) = o.chosen {
+        writeln!(out, "{:11} {} with {}: {}", "chosen", c.method, c.setting.words(), c.why)?;
+        writeln!(out, "{:11} error about {:.1e}, measured against {}", "", c.error, c.against)?;
+    }
     if s.passive {
         writeln!(out, "{:11} yes", "passive")?;
     } else {
@@ -194,9 +202,31 @@ impl Serialize for Json<'_> {
             .collect();
         map.serialize_entry("bars", &bars)?;
         map.serialize_entry("final", &Final(o))?;
+        if let Some(c) = o.chosen {
+            map.serialize_entry("chosen", &Choice(c))?;
+        }
         if let Some(why) = &o.failure {
             map.serialize_entry("error", why)?;
         }
+        map.end()
+    }
+}
+
+struct Choice<'a>(&'a Chosen);
+
+impl Serialize for Choice<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let c = self.0;
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("method", c.method)?;
+        match c.setting {
+            Setting::Step(h) => map.serialize_entry("step", &h)?,
+            Setting::Tolerance(x) => map.serialize_entry("tolerance", &x)?,
+        }
+        map.serialize_entry("estimated_error", &c.error)?;
+        map.serialize_entry("why", &c.why)?;
+        map.serialize_entry("against", &c.against)?;
+        map.serialize_entry("choosing_seconds", &c.took)?;
         map.end()
     }
 }

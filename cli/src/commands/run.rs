@@ -1,6 +1,8 @@
 //! `bond run`: simulate.
 
+use crate::bench::Ways;
 use crate::checkpoint::Checkpoints;
+use crate::choose::{Ask, Chosen, Target};
 use crate::drive::{self, Halt, Watch};
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
@@ -8,8 +10,8 @@ use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Outcome};
 use crate::table::{self, Cell, Column, Kind, Table};
-use crate::{checkpoint, ensemble, output, report};
-use bond::{Code, RunError, Simulation, Steps, Summary};
+use crate::{checkpoint, choose, ensemble, output, report};
+use bond::{Code, RunError, Simulation, Steps, Summary, Text};
 use bond_compiler::discretise::Method;
 use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
@@ -22,12 +24,14 @@ use std::time::Instant;
 #[command(after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv\n  \
                   bond run wall.bond --set wall.k=2e3 --set \"m=0.5 kg\" --at 40ms,1s -o - --summary json\n  \
                   bond run wall_of_a_house.bond --input weather.csv\n  \
+                  bond run pendulum.bond --error 1e-5\n  bond run wall.bond --budget 50us\n  \
                   bond run wall.bond --sweep \"wall.k=500 N/m..2 kN/m:50\" --sweep m=0.5,1,2 -o wall.parquet\n  \
                   bond run wall.bond --monte-carlo 10000 --draw \"m=normal(1 kg, 50 g)\" --draw \"wall.k=uniform(900, 1100)\" \
                   --seed 7 -o wall.csv\n  bond run wall.bond --stop 4s --every 10ms --longest 10ms --checkpoint wall.state\n  \
                   bond run wall.bond --stop 10s --every 10ms --resume wall.state\n\nAn ensemble's table has a row an instance (its parameters, the probes at the end, \
                   passive or not, the worst balance, why it failed), or with --every or --at its rows over time. What is done \
-                  is kept in FILE.part until the table is written: the same command goes on after a run that was cut off.\nThe table of --input begins with a line such as `t,T_out`: the time in \
+                  is kept in FILE.part until the table is written: the same command goes on after a run that was cut off.\nFor --error and --budget, steppers that keep the balance (or that of --method) are tried \
+                  first, against a run that is far more exact; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
                   seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
                   stopped, if both are looked at at the same instants. The first of the steps that are fitted to a tolerance depends on --stop \
                   where --longest does not say it.")]
@@ -42,6 +46,12 @@ pub struct Args {
     set: Set,
     #[command(flatten)]
     which: Which,
+    /// Choose stepper and step for a relative error of at most E, in any probe or state; --method names the stepper
+    #[arg(long, value_name = "E", value_parser = tolerance, allow_negative_numbers = true, conflicts_with_all = ["step", "tolerance", "budget", "resume"])]
+    error: Option<f64>,
+    /// Choose the most exact stepper and step that take at most this processor time, for a period of the fastest sampled region, or for a simulated second where nothing is sampled
+    #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true, conflicts_with_all = ["step", "tolerance", "resume"])]
+    budget: Option<f64>,
     #[command(flatten)]
     how: How,
     #[command(flatten)]
@@ -104,7 +114,8 @@ enum Format {
     Json,
 }
 
-fn tolerance(text: &str) -> Result<f64, String> {
+/// A tolerance.
+pub fn tolerance(text: &str) -> Result<f64, String> {
     match bond::quantity(text)? {
         (x, None) if x > 0.0 && x < 1.0 => Ok(x),
         (_, None) => Err("it must lie between 0 and 1, such as 1e-6".into()),
@@ -129,8 +140,51 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     if args.ensemble.asked() {
         return many(args, options);
     }
+    let target = match (args.error, args.budget) {
+        (Some(e), _) => Some(Target::Error(e)),
+        (None, Some(t)) => Some(Target::Budget(t)),
+        (None, None) => None,
+    };
+    if let Some(target) = target {
+        return chosen(args, options, target);
+    }
     let compiled = input::compile(&args.file, &options)?;
     simulate(compiled.scene(), &compiled.stages().model.settings, &args.how)
+}
+
+/// Chooses a stepper and its step, and runs with them.
+fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Stop> {
+    let how = &args.how;
+    let text = Text::new(&input::name(&args.file), input::read(&args.file)?);
+    let ways = Ways::base(&text, &options)?;
+    let settings = ways.base.stages().model.settings.clone();
+    let (_, stop, every) = asked(how, &settings);
+    let rows = Rows::new(stop, Grid::asked(how.every, settings.every, &how.at), &how.at)?;
+    let scene = ways.base.scene();
+    drive::possible(scene, &steps(how).resolve(&Settings::default(), stop, every)?, stop)?;
+    let given = match &how.input {
+        Some(path) if is_dash(Some(path)) => {
+            return Err(Stop::Usage("--input is read more than once to choose a stepper; give a file".into()));
+        }
+        Some(path) => input::table(path, scene, how.input_hold)?,
+        None => Vec::new(),
+    };
+    let ask = Ask {
+        target,
+        text: &text,
+        options: input::options(&args.which, &args.set),
+        method: args.method.as_deref(),
+        stop,
+        rows,
+        every,
+        longest: how.longest,
+        shows: how.output.is_some(),
+        given: &given,
+        backend: if how.interpret { Code::Interpreted.backend() } else { Code::Native.backend() },
+    };
+    let chosen = choose::choose(&ask, ways)?;
+    report::say(&format!("note: choosing {} took {} s", chosen.method, summary::short(chosen.took)));
+    go(&chosen.scene, &settings, how, Some(&chosen))
 }
 
 /// Runs a scene whose model says `settings`.
@@ -138,8 +192,14 @@ pub fn run(args: &Args) -> Result<(), Stop> {
 /// # Errors
 /// A command line that is wrong, numerics that fail.
 pub fn simulate(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> {
+    go(scene, settings, args, None)
+}
+
+/// Runs a scene, with steps that were chosen or that are told.
+fn go(scene: &Scene, settings: &Settings, args: &How, chosen: Option<&Chosen>) -> Result<(), Stop> {
     places(args)?;
     let (steps, stop, every) = asked(args, settings);
+    let steps = chosen.map_or(steps, Chosen::steps);
     let grid = Grid::asked(args.every, settings.every, &args.at);
     let rows = Rows::new(stop, grid, &args.at)?;
     let given = match &args.input {
@@ -174,7 +234,7 @@ pub fn simulate(scene: &Scene, settings: &Settings, args: &How) -> Result<(), St
     };
     // What was computed is kept, also of a run that failed.
     files.commit()?;
-    tell(args, scene, &mut sim, (from, stop), started, failure)
+    tell(args, (scene, chosen), &mut sim, (from, stop), started, failure)
 }
 
 /// Runs an ensemble.
@@ -201,10 +261,16 @@ fn many(args: &Args, options: bond::Options) -> Result<(), Stop> {
 
 /// Refuses options that do not go with an ensemble, or only with one.
 fn ensembles(args: &Args) -> Result<(), Stop> {
-    let single = [
+    let single: [(&str, bool, &str); 5] = [
         ("--ledger", args.how.ledger.is_some(), "its ledger is written"),
         ("--checkpoint", args.how.checkpoint.is_some(), "its state is saved; an ensemble goes on by itself"),
         ("--resume", args.how.resume.is_some(), "it goes on; an ensemble goes on by itself"),
+        (
+            "--error",
+            args.error.is_some(),
+            "a stepper is chosen; then take that with --method and --step or --tolerance",
+        ),
+        ("--budget", args.budget.is_some(), "a stepper is chosen; then take that with --method and --step"),
     ];
     match args.ensemble.idle() {
         Some(option) if !args.ensemble.asked() => {
@@ -242,7 +308,7 @@ impl Watch for OnTheWay<'_> {
 /// The summary, and the error of a run that failed.
 fn tell(
     args: &How,
-    scene: &Scene,
+    (scene, chosen): (&Scene, Option<&Chosen>),
     sim: &mut Simulation<'_>,
     (from, stop): (f64, f64),
     started: Instant,
@@ -257,6 +323,7 @@ fn tell(
     };
     let outcome = Outcome {
         scene,
+        chosen,
         from,
         stop,
         wall: started.elapsed().as_secs_f64(),

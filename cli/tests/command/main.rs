@@ -1,8 +1,10 @@
 //! The `bond` command from outside: what it prints, writes and answers.
 
+mod bench;
 mod build;
 mod check;
 mod checkpoint;
+mod choose;
 mod doc;
 mod emit;
 mod ensemble;
@@ -161,12 +163,12 @@ fn table(text: &str) -> (Vec<String>, Vec<Vec<f64>>) {
 #[test]
 fn every_command_has_help_with_an_example() {
     let here = Folder::new();
-    for command in ["new", "build", "check", "doc", "fmt", "show", "linearize", "run", "serve", "test"] {
+    for command in ["new", "bench", "build", "check", "doc", "fmt", "show", "linearize", "run", "serve", "test"] {
         here.bond(&[command, "--help"]).is(0, &["Examples:", &format!("bond {command}")], &[]);
         here.bond(&["help", command]).is(0, &["Usage:"], &[]);
     }
     here.bond(&["--help"]).is(0, &["Exit status"], &[]);
     here.bond(&["--version"]).is(0, &[env!("CARGO_PKG_VERSION")], &[]);
     here.bond(&[]).is(2, &[], &["Usage:"]);
-    here.bond(&["bench"]).is(2, &[], &["unrecognized"]);
+    here.bond(&["bunch"]).is(2, &[], &["unrecognized"]);
 }

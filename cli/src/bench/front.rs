@@ -1,0 +1,56 @@
+//! Which points are on the front, and what to choose.
+
+use super::point::{ABOVE, Point};
+
+/// What to choose for an error.
+pub struct Advice<'a> {
+    /// It, relative.
+    pub error: f64,
+    /// The cheapest of the methods that keep the balance.
+    pub passive: Option<&'a Point>,
+    /// The cheapest of all, where that is another one.
+    pub other: Option<&'a Point>,
+}
+
+/// Error and time of a point; an error that the reference cannot tell counts as the least that it can.
+pub fn place(p: &Point, reference: f64) -> Option<(f64, f64)> {
+    p.result.as_ref().ok().map(|m| (m.error.max(ABOVE * reference), m.seconds))
+}
+
+/// What is further off is nothing that one would choose, however cheap.
+const FAR: f64 = 1.0;
+
+/// Marks the points of the front: for none of them is there another that is as exact and cheaper, or as cheap and more exact.
+pub fn mark(points: &mut [Point], reference: f64) {
+    let places: Vec<Option<(f64, f64)>> = points.iter().map(|p| place(p, reference)).collect();
+    for (i, p) in points.iter_mut().enumerate() {
+        let Some((error, seconds)) = places[i] else { continue };
+        let beaten = places.iter().enumerate().any(|(k, other)| {
+            other.is_some_and(|(e, s)| {
+                e <= error && s <= seconds && (e < error || s < seconds || (k < i && e == error && s == seconds))
+            })
+        });
+        p.front = !beaten && error < FAR;
+    }
+}
+
+/// What to choose, decade by decade, as far as the points reach.
+pub fn advice(points: &[Point], reference: f64) -> Vec<Advice<'_>> {
+    let reached = points.iter().filter_map(|p| place(p, reference)).map(|p| p.0).fold(f64::INFINITY, f64::min);
+    let cheapest = |error: f64, passive: bool| {
+        let fits = points.iter().filter(|p| p.passive || !passive);
+        let fits = fits.filter_map(|p| place(p, reference).filter(|(e, _)| *e <= error).map(|(_, s)| (p, s)));
+        fits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|f| f.0)
+    };
+    let mut list = Vec::new();
+    for k in 1..=15 {
+        let error: f64 = format!("1e-{k}").parse().unwrap_or(0.0);
+        if error < reached {
+            break;
+        }
+        let passive = cheapest(error, true);
+        let other = cheapest(error, false).filter(|p| !p.passive);
+        list.push(Advice { error, passive, other });
+    }
+    list
+}

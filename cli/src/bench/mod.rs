@@ -1,0 +1,167 @@
+//! Speed against error: every stepper that a model can take, over a range of steps and tolerances, against a reference of its own.
+
+pub mod clock;
+mod extrapolate;
+mod front;
+mod json;
+mod kernels;
+mod norm;
+mod picture;
+mod point;
+mod reference;
+mod setting;
+mod sweep;
+mod table;
+mod trial;
+mod way;
+
+pub use json::json;
+pub use norm::{Difference, Quantities};
+pub use picture::picture;
+pub use point::Point;
+pub use reference::{Reference, Search};
+pub use setting::{Setting, time};
+pub use sweep::Plan;
+pub use table::text;
+pub use trial::{Look, Lost, Runner, Task};
+pub use way::{Way, Ways};
+
+use bond::Course;
+use bond_runtime::kernel::Backend;
+use sweep::Sweep;
+
+/// Rows at which runs are compared on their way.
+const ROWS: u32 = 32;
+/// The longest fitted step, as a part of the run.
+const LONGEST: f64 = 0.1;
+/// The longest fixed step, in steps of a rough fitted run.
+const LONG: f64 = 16.0;
+/// Tolerance of that rough run.
+const ROUGH: f64 = 1e-3;
+
+/// What is compared, and how.
+pub struct Setup<'a> {
+    /// End of the run, s.
+    pub stop: f64,
+    /// The longest fitted step, s, where it is told.
+    pub longest: Option<f64>,
+    /// Steps, where they are told.
+    pub steps: Vec<f64>,
+    /// Tolerances, where they are told.
+    pub tolerances: Vec<f64>,
+    /// Signals from outside.
+    pub given: Vec<(String, Course)>,
+    /// Readings of the time of a point.
+    pub repeat: usize,
+    /// Processor time for a method, s.
+    pub limit: f64,
+    /// What runs the programs.
+    pub backend: &'a dyn Backend,
+}
+
+/// What came out.
+pub struct Bench {
+    /// Name of the model.
+    pub model: String,
+    /// What the figures are called: the name of the file.
+    pub problem: String,
+    /// End of the run, s.
+    pub stop: f64,
+    /// What is compared.
+    pub quantities: Quantities,
+    /// What errors are measured against.
+    pub reference: Reference,
+    /// The points, by method.
+    pub points: Vec<Point>,
+    /// What was left out or skipped, and why.
+    pub notes: Vec<String>,
+}
+
+/// Compares the ways.
+///
+/// # Errors
+/// In words, where there is no reference.
+pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) -> Result<Bench, String> {
+    let stop = setup.stop;
+    let rows = || -> Box<dyn Iterator<Item = (f64, Look)>> {
+        Box::new((1..ROWS).map(move |k| (stop * f64::from(k) / f64::from(ROWS), Look::Keep)))
+    };
+    let longest = setup.longest.unwrap_or(LONGEST * setup.stop);
+    let task = Task {
+        stop,
+        longest: Some(longest),
+        every: None,
+        given: &setup.given,
+        rows: &rows,
+        shows: false,
+        ledger: true,
+    };
+    let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, setup.backend)).collect();
+    let quantities = Quantities::new(&ways.base);
+    let search = Search {
+        runners: &runners,
+        quantities: &quantities,
+        target: 0.0,
+        limit: setup.limit,
+        progress: &|part| progress(0.3 * part),
+    };
+    let reference = search.find(setup.stop)?;
+    let mut notes: Vec<String> = ways.left_out.iter().map(|l| format!("{}: left out, {}", l.name, l.why)).collect();
+    if reference.error > 1e-3 {
+        notes.push(format!(
+            "the reference does not converge (it is known to {:.0e}): the run is chaotic, or too stiff for what there is; a shorter \
+             --stop may help",
+            reference.error
+        ));
+    }
+    let asked = !setup.steps.is_empty() || !setup.tolerances.is_empty();
+    let coarsest = (setup.stop / (LONG * rough(runners.iter(), setup.stop))).floor().max(1.0);
+    let sweep = Sweep { reference: &reference, repeat: setup.repeat, limit: setup.limit, stop: setup.stop };
+    let mut points = Vec::new();
+    for (i, runner) in runners.iter().enumerate() {
+        progress(0.3 + 0.7 * i as f64 / runners.len() as f64);
+        let mut left = setup.limit;
+        let mut plans = Vec::new();
+        if asked {
+            plans.push(Plan::Given(setup.steps.iter().copied().map(Setting::Step).collect()));
+            if runner.way.adaptive {
+                plans.push(Plan::Given(setup.tolerances.iter().copied().map(Setting::Tolerance).collect()));
+            } else if !setup.tolerances.is_empty() {
+                notes.push(format!("{}: no tolerance has an effect on it", runner.way.name));
+            }
+        } else {
+            plans.push(Plan::Halved(if runner.way.adaptive { coarsest } else { 1.0 }));
+            if runner.way.adaptive {
+                plans.push(Plan::Tightened);
+            }
+        }
+        let share = left / plans.len().max(1) as f64;
+        for (k, plan) in plans.iter().enumerate() {
+            // What the first kind leaves of its half is the second's.
+            let mut own = if k + 1 == plans.len() { left } else { share };
+            let before = own;
+            points.extend(sweep.run(runner, plan, &mut own, &mut notes));
+            left -= before - own;
+        }
+    }
+    front::mark(&mut points, reference.error);
+    Ok(Bench {
+        model: ways.base.scene().name.clone(),
+        problem: problem.to_string(),
+        stop: setup.stop,
+        quantities,
+        reference,
+        points,
+        notes,
+    })
+}
+
+/// The mean step of a run with rough steps that are fitted, s; a hundredth of the run where there is none.
+pub fn rough<'r, 'a: 'r>(runners: impl Iterator<Item = &'r Runner<'a>>, stop: f64) -> f64 {
+    let mut fitted: Vec<&Runner> = runners.filter(|r| r.way.adaptive).collect();
+    // What solves its steps does not choose them for its stability.
+    fitted.sort_by_key(|r| (!r.way.passive, r.way.order));
+    let runs = fitted.iter().filter_map(|r| r.track(Setting::Tolerance(ROUGH), 2.0).ok());
+    let steps = runs.map(|run| run.steps).find(|s| *s > 0);
+    steps.map_or(stop / 100.0, |s| stop / s as f64)
+}

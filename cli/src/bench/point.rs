@@ -1,0 +1,90 @@
+//! A point of the comparison: a method with a setting, what it costs and how far off it is.
+
+use super::clock;
+use super::norm::Difference;
+use super::reference::Reference;
+use super::setting::Setting;
+use super::trial::{Lost, Runner};
+
+/// A reading of the clock is of this much computing at least, where a run is shorter, s.
+const READING: f64 = 0.02;
+/// Runs in one reading at most.
+const TIMES: usize = 256;
+/// An error is measured where it is so much larger than that of the reference.
+pub const ABOVE: f64 = 10.0;
+
+/// A method with a setting.
+#[derive(Clone, Debug)]
+pub struct Point {
+    /// `gonzalez`
+    pub method: &'static str,
+    /// Its order; 0 where it has no error.
+    pub order: u32,
+    /// Whether it keeps the balance.
+    pub passive: bool,
+    /// Step or tolerance.
+    pub setting: Setting,
+    /// What came of it, or why nothing did.
+    pub result: Result<Measured, String>,
+    /// Nothing is both cheaper and more exact.
+    pub front: bool,
+}
+
+/// What was measured.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Differences from the reference, of a run without rows at its end, of a run with rows along it.
+    pub difference: Difference,
+    /// The largest of them at the end: the error.
+    pub error: f64,
+    /// Not far above the error of the reference itself: it may be anything below.
+    pub floor: bool,
+    /// The largest sum of the residuals of a balance on the way, relative to the largest energy.
+    pub drift: f64,
+    /// The worst balance of a step, relative.
+    pub balance: f64,
+    /// Steps of continuous regions.
+    pub steps: u64,
+    /// Newton iterations in them.
+    pub iterations: u64,
+    /// Processor time of stepping to the end, s.
+    pub seconds: f64,
+}
+
+/// Measures a point. Gives also the processor time that this took in all, s.
+///
+/// # Errors
+/// A run that fails or takes longer than `limit` seconds.
+pub fn measure(
+    runner: &Runner,
+    setting: Setting,
+    reference: &Reference,
+    repeat: usize,
+    limit: f64,
+) -> Result<Measured, Lost> {
+    let begun = clock::now();
+    let tracked = runner.track(setting, limit)?;
+    let first = runner.plain(setting, 1)?;
+    let times = ((READING / first.seconds.max(1e-9)).ceil() as usize).clamp(1, TIMES);
+    let mut readings = if times == 1 { vec![first.seconds] } else { Vec::new() };
+    while readings.len() < repeat.max(1) && (readings.is_empty() || clock::now() - begun < limit) {
+        readings.push(runner.plain(setting, times)?.seconds);
+    }
+    let ends = Difference::new(&first, &reference.run, &reference.scales);
+    let mut difference = Difference::new(&tracked, &reference.run, &reference.scales);
+    for (along, end) in difference.along.iter_mut().zip(&ends.end) {
+        *along = along.max(*end);
+    }
+    difference.end = ends.end;
+    let error = difference.at_end();
+    Ok(Measured {
+        error,
+        floor: error < ABOVE * reference.error,
+        difference,
+        drift: tracked.drift.max(first.drift),
+        balance: tracked.balance.max(first.balance),
+        steps: first.steps,
+        iterations: first.iterations,
+        seconds: clock::median(readings),
+    })
+}

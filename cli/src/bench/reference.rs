@@ -1,0 +1,237 @@
+//! What runs are measured against: the run that agrees best with itself when its steps are made shorter, looked at by a second
+//! method.
+
+use super::extrapolate::Tableau;
+use super::norm::{Difference, Quantities};
+use super::setting::Setting;
+use super::trial::{Lost, Run, Runner};
+
+/// No reference is taken to be better than this: rounding.
+const ROUNDING: f64 = 1e-15;
+/// A second method is looked for until it is within this of the first.
+const SECOND: f64 = 1e3;
+/// Extrapolation is tried where nothing is better than this, and with all methods where nothing is better than that.
+const FINE: f64 = 1e-11;
+const COARSE: f64 = 1e-9;
+/// A run is finer than another where it has so many times as many steps.
+const MORE: f64 = 1.1;
+/// What failed so often with ever finer settings fails with all.
+const FAILURES: u32 = 3;
+/// Time for all methods, in that for one.
+const METHODS: f64 = 2.0;
+/// Fixed steps are halved so often at most.
+const HALVINGS: u32 = 14;
+
+/// A run that others are measured against.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    /// It.
+    pub run: Run,
+    /// What differences are relative to, by quantity.
+    pub scales: Vec<f64>,
+    /// Its own error, as estimated, relative.
+    pub error: f64,
+    /// How it was had.
+    pub how: String,
+    /// Another method's run, and how far that is from it.
+    pub checked: Option<(String, f64)>,
+}
+
+/// A candidate: its run, how much it changed when its steps were made shorter, and what it is.
+struct Found {
+    method: &'static str,
+    run: Run,
+    change: f64,
+    how: String,
+}
+
+/// How a reference is looked for.
+pub struct Search<'a> {
+    /// The methods.
+    pub runners: &'a [Runner<'a>],
+    /// What is compared.
+    pub quantities: &'a Quantities,
+    /// The error that is good enough; 0 for the best that there is.
+    pub target: f64,
+    /// Processor time for each method, s.
+    pub limit: f64,
+    /// Told what part of it is done.
+    pub progress: &'a dyn Fn(f64),
+}
+
+impl Search<'_> {
+    /// Finds it.
+    ///
+    /// # Errors
+    /// In words, where no method comes to the end with two settings.
+    pub fn find(&self, stop: f64) -> Result<Reference, String> {
+        let mut order: Vec<&Runner> = self.runners.iter().collect();
+        // A method without error goes first, then the higher the order the better; what keeps the balance before what does not.
+        let rank = |r: &Runner| if r.way.order == 0 { u32::MAX } else { r.way.order };
+        order.sort_by_key(|r| (std::cmp::Reverse(rank(r)), !r.way.passive));
+        let mut total = METHODS * self.limit;
+        let mut found: Vec<Found> = Vec::new();
+        let mut why = "there is no method".to_string();
+        for (i, runner) in order.iter().enumerate() {
+            (self.progress)(i as f64 / order.len() as f64);
+            if self.enough(&found) {
+                break;
+            }
+            match self.within(&mut total, |left| self.refine(runner, stop, left)) {
+                Ok(f) => found.push(f),
+                Err(e) => why = format!("{}: {e}", runner.way.name),
+            }
+        }
+        // Low orders get far by extrapolation alone; where it is fine already, the two highest orders may make it finer.
+        let above = |found: &[Found], least: f64| found.iter().all(|f| f.change > self.target.max(least));
+        for (i, runner) in order.iter().filter(|r| r.way.order > 0).enumerate() {
+            if !above(&found, if i < 2 { FINE } else { COARSE }) {
+                break;
+            }
+            found.extend(self.within(&mut total, |left| self.extrapolate(runner, stop, left)));
+        }
+        found.sort_by(|a, b| a.change.total_cmp(&b.change));
+        let mut found = found.into_iter();
+        let Some(best) = found.next() else { return Err(why) };
+        let scales = self.quantities.scales(&best.run);
+        let second = found.find(|f| f.method != best.method);
+        let checked = second.map(|s| {
+            let apart = Difference::new(&best.run, &s.run, &scales).anywhere();
+            (s, apart)
+        });
+        let mut error = best.change.max(ROUNDING);
+        if let Some((s, apart)) = &checked
+            && *apart > 3.0 * (best.change + s.change)
+        {
+            error = apart.max(error);
+        }
+        let checked = checked.map(|(s, apart)| (s.how, apart));
+        Ok(Reference { run: best.run, scales, error, how: best.how, checked })
+    }
+
+    /// Does something with the time for a method, as far as all of it reaches.
+    fn within<T>(&self, total: &mut f64, what: impl FnOnce(&mut f64) -> T) -> T {
+        let mut left = total.min(self.limit);
+        let before = left;
+        let result = what(&mut left);
+        *total -= before - left;
+        result
+    }
+
+    /// Whether the best is good enough, and has a second beside it.
+    fn enough(&self, found: &[Found]) -> bool {
+        let Some(best) = found.iter().min_by(|a, b| a.change.total_cmp(&b.change)) else { return false };
+        let good = self.target.max(1e-12);
+        let second = found.iter().filter(|f| f.method != best.method).map(|f| f.change).fold(f64::INFINITY, f64::min);
+        best.change <= good && second <= (SECOND * best.change.max(ROUNDING)).max(good)
+    }
+
+    /// The run of a method that changes least from one setting to the next finer one: of tolerances, or of fixed steps where those
+    /// have no effect.
+    fn refine(&self, runner: &Runner, stop: f64, left: &mut f64) -> Result<Found, String> {
+        let from = (-self.target.log10()).clamp(5.0, 10.0) as i32 - 1;
+        let tolerances = (from..=14).map(|k| Setting::Tolerance(format!("1e-{k}").parse().unwrap_or(1e-12)));
+        let tolerances = if runner.way.adaptive { tolerances.collect() } else { Vec::new() };
+        let steps = (0..8).map(|k| Setting::Step(stop / 256.0 / f64::from(1 << k))).collect();
+        let found = self.finer(runner, tolerances, left);
+        if matches!(&found, Ok(Some(_)) | Err(Lost::Late)) { found } else { self.finer(runner, steps, left).or(found) }
+            .map_err(|lost| match lost {
+                Lost::Failed(why) => why,
+                Lost::Late => "it takes too long".to_string(),
+            })?
+            .ok_or_else(|| "its runs are all the same".to_string())
+    }
+
+    /// The best of runs with settings that are ever finer; None where no two of them differ in their steps.
+    fn finer(&self, runner: &Runner, settings: Vec<Setting>, left: &mut f64) -> Result<Option<Found>, Lost> {
+        let mut last: Option<Run> = None;
+        let mut best: Option<Found> = None;
+        let (mut worse, mut failures) = (0, 0);
+        let mut lost = None;
+        for setting in settings {
+            let run = match self.timed(runner, setting, left) {
+                Ok(run) => run,
+                Err(Lost::Late) => {
+                    lost = Some(Lost::Late);
+                    break;
+                }
+                Err(failed) => {
+                    lost = Some(failed);
+                    failures += 1;
+                    if last.is_none() && failures < FAILURES { continue } else { break }
+                }
+            };
+            if let Some(last) = &last {
+                // Rows or samples may hold the steps so short that the tolerance does nothing: that tells nothing.
+                if (run.steps as f64) < MORE * last.steps as f64 {
+                    continue;
+                }
+                let change = self.change(last, &run);
+                if best.as_ref().is_none_or(|b| change < b.change) {
+                    let how = format!("{}, {}", runner.way.name, setting.words());
+                    best = Some(Found { method: runner.way.name, run: run.clone(), change, how });
+                    worse = 0;
+                } else {
+                    worse += 1;
+                }
+                if change <= self.target || worse >= 3 {
+                    break;
+                }
+            }
+            last = Some(run);
+        }
+        match (best, lost) {
+            (None, Some(lost)) if last.is_none() || lost == Lost::Late => Err(lost),
+            (best, _) => Ok(best),
+        }
+    }
+
+    /// The same of fixed steps that are halved and extrapolated.
+    fn extrapolate(&self, runner: &Runner, stop: f64, left: &mut f64) -> Option<Found> {
+        let mut best: Option<Found> = None;
+        let mut failures = 0;
+        let mut tableaus = [1, 2].map(|apart| Tableau::new(runner.way.order, apart));
+        for k in 0..HALVINGS {
+            let h = stop / 64.0 / f64::from(1 << k);
+            match self.timed(runner, Setting::Step(h), left) {
+                Ok(run) => {
+                    for tableau in &mut tableaus {
+                        for (column, (before, now)) in tableau.push(run.clone()).into_iter().enumerate().skip(1) {
+                            let change = self.change(&before, &now);
+                            if best.as_ref().is_none_or(|b| change < b.change) {
+                                let words = Setting::Step(h).words();
+                                let how = format!("{}, {words}, extrapolated {column} times", runner.way.name);
+                                best = Some(Found { method: runner.way.name, run: now, change, how });
+                            }
+                        }
+                    }
+                }
+                Err(Lost::Failed(_)) if failures == FAILURES => break,
+                Err(Lost::Failed(_)) => {
+                    failures += 1;
+                    tableaus = [1, 2].map(|apart| Tableau::new(runner.way.order, apart));
+                }
+                Err(Lost::Late) => break,
+            }
+            if best.as_ref().is_some_and(|b| b.change <= self.target) {
+                break;
+            }
+        }
+        best
+    }
+
+    /// A run that may take what is left, which is less then.
+    fn timed(&self, runner: &Runner, setting: Setting, left: &mut f64) -> Result<Run, Lost> {
+        if *left <= 0.0 {
+            return Err(Lost::Late);
+        }
+        let begun = super::clock::now();
+        let result = runner.track(setting, *left);
+        *left -= super::clock::now() - begun;
+        result
+    }
+
+    fn change(&self, a: &Run, b: &Run) -> f64 {
+        Difference::new(b, a, &self.quantities.scales(b)).anywhere()
+    }
+}

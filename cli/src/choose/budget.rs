@@ -1,0 +1,104 @@
+//! The most exact stepper for a time: of each, steps are halved while they fit.
+
+use super::{Ask, Tried, attempt};
+use crate::bench::{Reference, Runner, Setting, Ways, clock, rough, time};
+use crate::progress::Progress;
+use crate::stop::Stop;
+use bond_runtime::scene::Scene;
+
+/// Errors below this are not told apart.
+pub const SHARP: f64 = 1e-12;
+/// What of the time is used, so that a slower moment does not break it.
+const USED: f64 = 0.7;
+/// The longest fixed step that is tried, in steps of a rough fitted run.
+const LONG: f64 = 8.0;
+/// Steps are halved so often at most.
+const HALVINGS: i32 = 24;
+
+/// Processor time that a run may take, s: for a period of the fastest sampled region, or for a simulated second, so much.
+pub fn allowed(budget: f64, stop: f64, scene: &Scene) -> f64 {
+    USED * budget * stop / unit(scene)
+}
+
+/// The shortest period of a scene, s; 1 where there is none.
+fn unit(scene: &Scene) -> f64 {
+    scene.clusters.iter().filter_map(|c| c.period).min_by(f64::total_cmp).unwrap_or(1.0)
+}
+
+/// Chooses.
+///
+/// # Errors
+/// A time that no stepper keeps.
+pub fn choose(
+    budget: f64,
+    ask: &Ask,
+    ways: &Ways,
+    candidates: &[&Runner],
+    reference: &Reference,
+    progress: &Progress,
+) -> Result<(Tried, String), Stop> {
+    let scene = ways.base.scene();
+    let allowed = allowed(budget, ask.stop, scene);
+    let first = LONG * rough(candidates.iter().copied(), ask.stop);
+    let mut best: Option<Tried> = None;
+    let mut cheapest: Option<Tried> = None;
+    for (i, runner) in candidates.iter().enumerate() {
+        progress.at(0.5 + 0.5 * i as f64 / candidates.len() as f64);
+        for k in 0..HALVINGS {
+            let setting = Setting::Step(first.min(ask.stop) / f64::from(k).exp2());
+            // What fails or gives no number at a long step may do at a shorter one; what takes too long only takes longer.
+            let mut tried = match attempt(runner, setting, reference, 4.0 * allowed + 0.01) {
+                Ok(tried) => tried,
+                Err(crate::bench::Lost::Failed(_)) => continue,
+                Err(crate::bench::Lost::Late) => break,
+            };
+            if tried.seconds < 1e-3 {
+                // A single short run tells little.
+                let again = (0..5).filter_map(|_| attempt(runner, setting, reference, allowed.max(1.0)).ok());
+                tried.seconds = clock::median(again.map(|t| t.seconds).chain([tried.seconds]).collect());
+            }
+            if cheapest.as_ref().is_none_or(|c| tried.seconds < c.seconds) {
+                cheapest = Some(tried.clone());
+            }
+            if tried.seconds > allowed {
+                break;
+            }
+            let floor = 10.0 * reference.error;
+            let place = |t: &Tried| (t.error.max(floor), t.seconds);
+            let wins = |b: &Tried| {
+                let ((e, s), (eb, sb)) = (place(&tried), place(b));
+                e < eb || (e == eb && s < sb)
+            };
+            if best.as_ref().is_none_or(wins) {
+                best = Some(tried.clone());
+            }
+            if tried.error <= floor {
+                break;
+            }
+        }
+    }
+    let of = match scene.clusters.iter().any(|c| c.period.is_some()) {
+        true => format!("a period of {}", time(unit(scene))),
+        false => "a simulated second".to_string(),
+    };
+    match (best, cheapest) {
+        (Some(tried), _) => {
+            let cost = time(tried.seconds * unit(scene) / ask.stop);
+            let among = match ask.method {
+                Some(_) => "its most exact steps".to_string(),
+                None => format!("the most exact of {} that keep the balance", candidates.len()),
+            };
+            let most = time(budget);
+            let why = format!("{among} that take at most {most} for {of}: {cost} on average");
+            Ok((tried, why))
+        }
+        (None, Some(c)) => Err(Stop::Numerics(format!(
+            "no stepper keeps to {} for {of}; the cheapest found is {} with {}, which takes {}, and a third of a time is kept in hand",
+            time(budget),
+            c.method,
+            c.setting.words(),
+            time(c.seconds * unit(scene) / ask.stop)
+        ))),
+        (None, None) => Err(Stop::Numerics(format!("no stepper comes to the end within {} for {of}", time(budget)))),
+    }
+}

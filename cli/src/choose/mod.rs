@@ -1,0 +1,179 @@
+//! A stepper and its step chosen for the user: by the error that a run may have, or by the time that it may take. What is chosen was
+//! tried before: by the very run that follows.
+
+mod budget;
+mod error;
+mod exact;
+
+use crate::bench::{Look, Quantities, Reference, Runner, Search, Setting, Task, Way, Ways};
+use crate::progress::Progress;
+use crate::rows::Rows;
+use crate::stop::Stop;
+use bond::{Course, Options, Steps, Text};
+use bond_compiler::discretise::Method;
+use bond_runtime::kernel::Backend;
+use bond_runtime::scene::Scene;
+use std::time::Instant;
+
+/// Rows whose probes are compared, about.
+const KEPT: usize = 1000;
+/// Processor time for looking for a reference with each method, s.
+const LIMIT: f64 = 5.0;
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Target {
+    /// The largest relative error of a probe or state.
+    Error(f64),
+    /// Processor time for a period of the scene, or for a simulated second where nothing is sampled, s.
+    Budget(f64),
+}
+
+/// What a choice is made for.
+pub struct Ask<'a> {
+    /// What is asked for.
+    pub target: Target,
+    /// The model.
+    pub text: &'a Text,
+    /// How it is compiled, without a method.
+    pub options: Options,
+    /// The method, where the user names one.
+    pub method: Option<&'a str>,
+    /// End, s; where it is not told, that of the model.
+    pub stop: f64,
+    /// Rows of the run.
+    pub rows: Rows,
+    /// Distance of the rows, s, where it is told.
+    pub every: Option<f64>,
+    /// The longest fitted step, s, where it is told.
+    pub longest: Option<f64>,
+    /// Probes are written at each row.
+    pub shows: bool,
+    /// Signals from outside.
+    pub given: &'a [(String, Course)],
+    /// What runs the programs.
+    pub backend: &'a dyn Backend,
+}
+
+/// What was chosen.
+#[derive(Clone, Debug)]
+pub struct Chosen {
+    /// `gonzalez`
+    pub method: &'static str,
+    /// Its step or tolerance.
+    pub setting: Setting,
+    /// What that error is.
+    pub error: f64,
+    /// Why it was chosen, in words.
+    pub why: String,
+    /// What it was measured against.
+    pub against: String,
+    /// How long choosing took, s.
+    pub took: f64,
+    /// The scene that runs.
+    pub scene: Scene,
+    /// The longest fitted step, s, where it was told.
+    longest: Option<f64>,
+}
+
+impl Chosen {
+    /// The steps of the run.
+    pub fn steps(&self) -> Steps {
+        self.setting.steps(self.longest)
+    }
+}
+
+/// What a candidate came to.
+#[derive(Clone, Debug)]
+struct Tried {
+    method: &'static str,
+    setting: Setting,
+    error: f64,
+    /// Processor time of stepping to the end, s.
+    seconds: f64,
+}
+
+/// Chooses. `ways` has the model as it says itself, compiled.
+///
+/// # Errors
+/// A model that is wrong, one of which no region is continuous, a target that nothing meets.
+pub fn choose(ask: &Ask, mut ways: Ways) -> Result<Chosen, Stop> {
+    let begun = Instant::now();
+    let without_error = ways.without_error();
+    let progress = Progress::new();
+    let every = (ask.rows.clone().count() / KEPT).max(1);
+    let rows = || -> Box<dyn Iterator<Item = (f64, Look)> + '_> {
+        let inside = ask.rows.clone().filter(|t| *t > 0.0 && *t < ask.stop * (1.0 - 1e-12)).enumerate();
+        Box::new(inside.map(move |(i, t)| (t, if i % every == 0 { Look::Keep } else { Look::Pass })))
+    };
+    let task = Task {
+        stop: ask.stop,
+        longest: ask.longest,
+        every: ask.every,
+        given: ask.given,
+        rows: &rows,
+        shows: ask.shows,
+        ledger: false,
+    };
+    let quantities = Quantities::new(&ways.base);
+    if let Some(way) = &without_error {
+        let runner = Runner::new(way, &task, ask.backend);
+        if let Some((tried, why)) = exact::choose(ask, &runner, &quantities) {
+            let against = "itself with steps of half the length".to_string();
+            return Ok(chosen(ask, way, &tried, why, against, begun));
+        }
+    }
+    ways.add(ask.text, &ask.options, &|_: Method| true);
+    let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, ask.backend)).collect();
+    let own = |r: &&Runner| match ask.method {
+        Some(name) => r.way.name == name,
+        None => r.way.passive && r.way.order > 0,
+    };
+    let candidates: Vec<&Runner> = runners.iter().filter(own).collect();
+    if candidates.is_empty() {
+        let name = ask.method.unwrap_or("that keeps the balance");
+        return Err(Stop::Usage(format!("there is no stepper {name} to choose a step for")));
+    }
+    let target = match ask.target {
+        Target::Error(e) => e / error::SHARPER,
+        Target::Budget(_) => budget::SHARP,
+    };
+    let search = Search {
+        runners: &runners,
+        quantities: &quantities,
+        target,
+        limit: LIMIT,
+        progress: &|part| progress.at(0.5 * part),
+    };
+    let reference = search
+        .find(ask.stop)
+        .map_err(|why| Stop::Numerics(format!("no stepper gives a run to measure errors against: {why}")))?;
+    progress.at(0.5);
+    let (tried, why) = match ask.target {
+        Target::Error(e) => error::choose(e, ask, &candidates, &reference, &progress)?,
+        Target::Budget(t) => budget::choose(t, ask, &ways, &candidates, &reference, &progress)?,
+    };
+    let way = ways.list.iter().find(|w| w.name == tried.method);
+    let way = way.ok_or_else(|| Stop::Usage("the method that was chosen is gone".into()))?;
+    Ok(chosen(ask, way, &tried, why, reference.how.clone(), begun))
+}
+
+fn chosen(ask: &Ask, way: &Way, tried: &Tried, why: String, against: String, begun: Instant) -> Chosen {
+    Chosen {
+        method: tried.method,
+        setting: tried.setting,
+        error: tried.error,
+        why,
+        against,
+        took: begun.elapsed().as_secs_f64(),
+        scene: way.scene.clone(),
+        longest: ask.longest,
+    }
+}
+
+/// A run, its error and its cost.
+fn attempt(runner: &Runner, setting: Setting, reference: &Reference, limit: f64) -> Result<Tried, crate::bench::Lost> {
+    let run = runner.track(setting, limit)?;
+    let error = crate::bench::Difference::new(&run, &reference.run, &reference.scales).anywhere();
+    Ok(Tried { method: runner.way.name, setting, error, seconds: run.seconds })
+}

@@ -1,0 +1,149 @@
+//! `bond bench`: speed against error.
+
+use crate::bench::{self, Setup, Ways};
+use crate::input::{self, Set, Which};
+use crate::progress::Progress;
+use crate::stop::Stop;
+use crate::{draw, output, report};
+use bond::{Code, Steps, Text};
+use bond_compiler::discretise::Method;
+use bond_compiler::model::Settings;
+use clap::builder::PossibleValuesParser;
+use std::path::{Path, PathBuf};
+
+/// Compare the steppers of a model: time against error, and what to choose
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  bond bench pendulum.bond\n  bond bench pendulum.bond --methods gonzalez,rk4 --plot pendulum.png\n  \
+                  bond bench pendulum.bond --stop 10s --steps 1ms,2ms,5ms --as json -o pendulum.json\n\nEvery stepper that can take \
+                  the model runs with fixed steps, each half of the last, and with tolerances from 1e-2 to 1e-12, until its error is \
+                  that of rounding or its time is over. Errors are measured against a run of its own with far smaller ones, which \
+                  is compared with that of a second method. The error of a point is the largest at the end of the run of all \
+                  probes and states, each relative to its largest size. Time is processor time of stepping to the end; \
+                  what is done once before, such as making machine code, is left out. Sampled regions keep their period and their \
+                  stepper: these are part of the model.\nExit status: 3 where no stepper gives a reference."
+)]
+pub struct Args {
+    /// A model; `-` is standard input
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Only these steppers; all that can take the model otherwise
+    #[arg(long, value_name = "A,B,...", value_delimiter = ',', value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
+    methods: Vec<String>,
+    /// These fixed steps; a range found by a rough run otherwise
+    #[arg(long, value_name = "H1,H2,...", value_delimiter = ',', value_parser = input::span, allow_negative_numbers = true)]
+    steps: Vec<f64>,
+    /// These tolerances; from 1e-2 to 1e-12 otherwise
+    #[arg(long, value_name = "X1,X2,...", value_delimiter = ',', value_parser = super::run::tolerance, allow_negative_numbers = true)]
+    tolerances: Vec<f64>,
+    /// Longest of the steps that are fitted to a tolerance; a tenth of the run otherwise
+    #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
+    longest: Option<f64>,
+    /// End of the run; that of the model's `simulate` otherwise, or 1 s
+    #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
+    stop: Option<f64>,
+    #[command(flatten)]
+    set: Set,
+    #[command(flatten)]
+    which: Which,
+    /// Read inputs over time from a CSV file: column `t`, and one column an input; linear between rows
+    #[arg(long, value_name = "FILE.csv")]
+    input: Option<PathBuf>,
+    /// Inputs keep the value of a row until the next one
+    #[arg(long, requires = "input")]
+    input_hold: bool,
+    /// Readings of the clock for each point, of which the middle one counts; a reading of a short run is of many in a row
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeat: u32,
+    /// Processor time for each method at most; points that would need more are skipped, and named
+    #[arg(long, value_name = "T", default_value = "10s", value_parser = input::span)]
+    limit: f64,
+    /// How the points are written
+    #[arg(long = "as", value_enum, default_value_t = Format::Text, value_name = "FORMAT")]
+    format: Format,
+    /// Write them to a file instead of standard output
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Draw them to a file, `.svg` or `.png`: error and time in decades, a line for each method
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Interpret the step programs instead of compiling them to machine code
+    #[arg(long)]
+    interpret: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
+enum Format {
+    /// A table, and what to choose
+    Text,
+    /// A list with an object for each point
+    Json,
+}
+
+/// Compares.
+///
+/// # Errors
+/// A command line or a model that is wrong, a model of which there is no reference.
+pub fn bench(args: &Args) -> Result<(), Stop> {
+    if let Some(path) = &args.plot {
+        draw::format(path)?;
+        if args.output.as_ref() == Some(path) {
+            return Err(Stop::Usage("-o and --plot name the same file".into()));
+        }
+    }
+    if args.file == Path::new("-") && args.input.as_deref() == Some(Path::new("-")) {
+        return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
+    }
+    if let Some(x) = args.tolerances.iter().find(|x| **x < 1e-14) {
+        return Err(Stop::Usage(format!("the tolerance is {x:e}; it must be 1e-14 at least, which is rounding")));
+    }
+    let progress = Progress::new();
+    let text = Text::new(&input::name(&args.file), input::read(&args.file)?);
+    let wanted = |m: Method| args.methods.is_empty() || args.methods.iter().any(|name| name == m.name());
+    let ways = Ways::new(&text, &input::options(&args.which, &args.set), &wanted)?;
+    let scene = ways.base.scene();
+    if ways.list.is_empty() {
+        let why: Vec<String> = ways.left_out.iter().map(|l| format!("{}: {}", l.name, l.why)).collect();
+        return Err(Stop::Usage(format!("no stepper is left to compare: {}", why.join("; "))));
+    }
+    let stop = args.stop.or(ways.base.stages().model.settings.stop).unwrap_or_else(|| {
+        report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
+        1.0
+    });
+    let given = match &args.input {
+        Some(path) => input::table(path, scene, args.input_hold)?,
+        None => Vec::new(),
+    };
+    let code = if args.interpret { Code::Interpreted } else { Code::Native };
+    let setup = Setup {
+        stop,
+        longest: args.longest,
+        steps: args.steps.clone(),
+        tolerances: args.tolerances.clone(),
+        given,
+        repeat: args.repeat as usize,
+        limit: args.limit,
+        backend: code.backend(),
+    };
+    let least = setup.steps.iter().copied().fold(stop, f64::min);
+    crate::drive::possible(scene, &Steps::fixed(least).resolve(&Settings::default(), stop, None)?, stop)?;
+    let problem = match args.file.file_stem() {
+        Some(stem) if args.file != Path::new("-") => stem.to_string_lossy().into_owned(),
+        Some(_) | None => scene.name.clone(),
+    };
+    let done = bench::bench(&ways, &problem, &setup, &|part| progress.at(part));
+    drop(progress);
+    let done =
+        done.map_err(|why| Stop::Numerics(format!("no stepper gives a run to measure the others against: {why}")))?;
+    if let Some(path) = &args.plot {
+        bench::picture(&done).put(path)?;
+    }
+    let text = match args.format {
+        Format::Text => bench::text(&done),
+        Format::Json => {
+            done.notes.iter().for_each(|note| report::say(&format!("note: {note}")));
+            bench::json(&done)?
+        }
+    };
+    output::put(args.output.as_deref(), &text)
+}

@@ -1,0 +1,217 @@
+//! Pictures of lines, marks and text, as SVG and PNG.
+
+use crate::output;
+use crate::stop::Stop;
+use std::path::Path;
+
+/// Red, green, blue.
+pub type Colour = [u8; 3];
+
+/// Where a text has its place.
+#[derive(Clone, Copy)]
+pub enum Middle {
+    /// At its start.
+    Start,
+    /// In its middle.
+    Middle,
+    /// At its end.
+    End,
+}
+
+/// The shape of a mark.
+#[derive(Clone, Copy)]
+pub enum Mark {
+    /// A circle.
+    Circle,
+    /// A square.
+    Square,
+    /// A triangle that stands.
+    Triangle,
+    /// A square on its corner.
+    Diamond,
+}
+
+/// A format of pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Format {
+    /// Lines as text.
+    Svg,
+    /// Points.
+    Png,
+}
+
+/// The format that a file's name asks for.
+///
+/// # Errors
+/// Another ending, or a program without pictures.
+pub fn format(path: &Path) -> Result<Format, Stop> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let format = match ending.as_deref() {
+        Some("svg") => Format::Svg,
+        Some("png") => Format::Png,
+        _ => {
+            return Err(Stop::Usage(format!(
+                "{} is no picture that can be drawn; let its name end in .svg or .png",
+                path.display()
+            )));
+        }
+    };
+    if !cfg!(feature = "plot") {
+        return Err(Stop::Usage("this program was built without pictures; build it with the feature `plot`".into()));
+    }
+    output::whole(path)?;
+    Ok(format)
+}
+
+/// What is drawn, in order. Lengths are in points of the picture, from its upper left corner.
+pub struct Drawing {
+    size: (f64, f64),
+    list: Vec<Shape>,
+}
+
+enum Shape {
+    Line { points: Vec<(f64, f64)>, colour: Colour, width: f64, dashes: Option<&'static str> },
+    Rect { at: (f64, f64), size: (f64, f64), colour: Colour },
+    Area { points: Vec<(f64, f64)>, colour: Colour, full: bool },
+    Circle { at: (f64, f64), radius: f64, colour: Colour, full: bool },
+    Text { at: (f64, f64), text: String, size: u32, colour: Colour, middle: Middle, up: bool },
+}
+
+impl Drawing {
+    /// An empty one.
+    pub fn new(width: f64, height: f64) -> Self {
+        Self { size: (width, height), list: Vec::new() }
+    }
+
+    /// A line through points; dashes as in SVG.
+    pub fn line(&mut self, points: &[(f64, f64)], colour: Colour, width: f64, dashes: Option<&'static str>) {
+        if points.len() > 1 {
+            self.list.push(Shape::Line { points: points.to_vec(), colour, width, dashes });
+        }
+    }
+
+    /// A filled rectangle.
+    pub fn rect(&mut self, at: (f64, f64), size: (f64, f64), colour: Colour) {
+        self.list.push(Shape::Rect { at, size, colour });
+    }
+
+    /// A mark, filled or open.
+    pub fn mark(&mut self, mark: Mark, at: (f64, f64), radius: f64, colour: Colour, full: bool) {
+        let corners: &[(f64, f64)] = match mark {
+            Mark::Circle => {
+                self.list.push(Shape::Circle { at, radius, colour, full });
+                return;
+            }
+            Mark::Square => &[(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)],
+            Mark::Triangle => &[(0.0, -1.2), (1.1, 0.8), (-1.1, 0.8)],
+            Mark::Diamond => &[(0.0, -1.25), (1.25, 0.0), (0.0, 1.25), (-1.25, 0.0)],
+        };
+        let points = corners.iter().map(|(x, y)| (at.0 + radius * x, at.1 + radius * y)).collect();
+        self.list.push(Shape::Area { points, colour, full });
+    }
+
+    /// A text on its line.
+    pub fn text(&mut self, at: (f64, f64), text: &str, size: u32, colour: Colour, middle: Middle) {
+        self.list.push(Shape::Text { at, text: text.into(), size, colour, middle, up: false });
+    }
+
+    /// A text that runs upwards.
+    pub fn text_up(&mut self, at: (f64, f64), text: &str, size: u32, colour: Colour, middle: Middle) {
+        self.list.push(Shape::Text { at, text: text.into(), size, colour, middle, up: true });
+    }
+
+    /// Writes it to a file.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn put(&self, path: &Path) -> Result<(), Stop> {
+        let bytes =
+            self.bytes(format(path)?).map_err(|e| Stop::Usage(format!("cannot draw {}: {e}", path.display())))?;
+        output::put_bytes(path, &bytes)
+    }
+
+    #[cfg(not(feature = "plot"))]
+    fn bytes(&self, _: Format) -> Result<Vec<u8>, String> {
+        let _ = (&self.size, &self.list);
+        Err("pictures are not part of this program".into())
+    }
+
+    #[cfg(feature = "plot")]
+    fn bytes(&self, format: Format) -> Result<Vec<u8>, String> {
+        use kuva::backend::{raster::RasterBackend, svg::SvgBackend};
+        let mut scene = kuva::render::render::Scene::new(self.size.0, self.size.1);
+        scene.font_family = Some("DejaVu Sans, Verdana, sans-serif".into());
+        scene.elements = self.list.iter().map(Shape::primitive).collect();
+        match format {
+            Format::Svg => Ok(SvgBackend::default().render_scene(&scene).into_bytes()),
+            Format::Png => RasterBackend::new().with_scale(2.0).render_scene(&scene),
+        }
+    }
+}
+
+#[cfg(feature = "plot")]
+impl Shape {
+    fn primitive(&self) -> kuva::render::render::Primitive {
+        use kuva::render::color::Color;
+        use kuva::render::render::{PathData, Primitive, TextAnchor};
+        use std::fmt::Write;
+        let paint = |c: &Colour| Color::Rgb(c[0], c[1], c[2]);
+        let inside = |c: &Colour, full: bool| if full { paint(c) } else { Color::Rgb(255, 255, 255) };
+        match self {
+            Shape::Line { points, colour, width, dashes } => Primitive::PolyLine {
+                points: points.clone(),
+                stroke: paint(colour),
+                stroke_width: *width,
+                stroke_dasharray: dashes.map(String::from),
+            },
+            Shape::Rect { at, size, colour } => Primitive::Rect {
+                x: at.0,
+                y: at.1,
+                width: size.0,
+                height: size.1,
+                fill: paint(colour),
+                stroke: None,
+                stroke_width: None,
+                opacity: None,
+            },
+            Shape::Area { points, colour, full } => {
+                let mut d = String::new();
+                for (i, (x, y)) in points.iter().enumerate() {
+                    // Writing to a string cannot fail.
+                    let _ = write!(d, "{}{x:.2},{y:.2} ", if i == 0 { 'M' } else { 'L' });
+                }
+                Primitive::Path(Box::new(PathData {
+                    d: d + "Z",
+                    fill: Some(inside(colour, *full)),
+                    stroke: paint(colour),
+                    stroke_width: 1.3,
+                    opacity: None,
+                    stroke_dasharray: None,
+                }))
+            }
+            Shape::Circle { at, radius, colour, full } => Primitive::Circle {
+                cx: at.0,
+                cy: at.1,
+                r: *radius,
+                fill: inside(colour, *full),
+                fill_opacity: None,
+                stroke: Some(paint(colour)),
+                stroke_width: Some(1.3),
+            },
+            Shape::Text { at, text, size, colour, middle, up } => Primitive::Text {
+                x: at.0,
+                y: at.1,
+                content: text.clone(),
+                size: *size,
+                anchor: match middle {
+                    Middle::Start => TextAnchor::Start,
+                    Middle::Middle => TextAnchor::Middle,
+                    Middle::End => TextAnchor::End,
+                },
+                rotate: up.then_some(-90.0),
+                bold: false,
+                color: Some(paint(colour)),
+            },
+        }
+    }
+}

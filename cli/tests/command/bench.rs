@@ -1,0 +1,176 @@
+//! `bond bench`: the points, what they say of themselves, and the pictures of them. No speed is asserted.
+
+use super::{BLOWS_UP, Done, Folder, OSCILLATOR};
+use serde_json::Value;
+
+/// It swings far; linear it is not.
+pub const PENDULUM: &str = "\
+model Pendulum {
+  C:gravity { H = (10 J)*(1 - cos(q/(1 rad))); q0 = 2 rad }
+  I:arm = 1 kg*m^2
+  1:w -> gravity, arm
+  probe angle = gravity.q
+  probe speed = w.f
+  simulate { stop = 2 s }
+}
+";
+
+/// All is computed at 10 Hz.
+const SAMPLED: &str = "\
+model Sampled {
+  sampled at 10 Hz {
+    C:c { compliance = 1 F; q0 = 1 C }
+    R:r = 1 Ohm
+    c -> r
+  }
+  probe q = c.q
+}
+";
+
+fn points(done: &Done) -> Vec<Value> {
+    serde_json::from_str(&done.out).unwrap()
+}
+
+fn of<'a>(points: &'a [Value], method: &str) -> Vec<&'a Value> {
+    points.iter().filter(|p| p["method"] == method).collect()
+}
+
+fn errors(points: &[&Value]) -> Vec<f64> {
+    points.iter().map(|p| p["error"].as_f64().unwrap()).collect()
+}
+
+#[test]
+fn errors_fall_with_the_order() {
+    let here = Folder::new().with("pendulum.bond", PENDULUM);
+    let args =
+        ["bench", "pendulum.bond", "--methods", "gonzalez,rk4,euler,exact", "--steps", "20ms,10ms,5ms", "--as", "json"];
+    let done = here.bond(&args).is(0, &[], &["note: exact: left out", "not linear"]);
+    let list = points(&done);
+    assert_eq!(list.len(), 9, "{list:?}");
+    for (method, order) in [("gonzalez", 2.0), ("rk4", 4.0), ("euler", 1.0)] {
+        let own = of(&list, method);
+        assert_eq!(own.len(), 3);
+        for pair in errors(&own).windows(2) {
+            let measured = (pair[0] / pair[1]).log2();
+            assert!((measured - order).abs() < 0.35, "{method}: {measured} instead of {order}");
+        }
+        for p in own {
+            assert_eq!((&p["problem"], &p["model"]), (&Value::from("pendulum"), &Value::from("Pendulum")));
+            assert_eq!(p["passive_stepper"], method == "gonzalez");
+            assert!(p["tolerance"].is_null() && p["step"].as_f64().is_some());
+            assert!(p["seconds"].as_f64().unwrap() > 0.0 && p["steps"].as_u64().unwrap() >= 100);
+            // The error is the worst of what is told of each probe and state.
+            let ends = |what: &str| -> Vec<f64> {
+                p[what].as_object().unwrap().values().map(|x| x["end"].as_f64().unwrap()).collect()
+            };
+            let all: Vec<f64> = [ends("probes"), ends("states")].concat();
+            assert_eq!(all.len(), 4);
+            assert_eq!(all.iter().copied().fold(0.0, f64::max), p["error"].as_f64().unwrap());
+            for probe in p["probes"].as_object().unwrap().values() {
+                assert!(probe["largest"].as_f64() >= probe["end"].as_f64());
+            }
+            assert!(p["reference_error"].as_f64().unwrap() < 1e-9);
+        }
+    }
+    // What keeps the balance keeps it; Euler's method does not.
+    assert!(
+        of(&list, "gonzalez")
+            .iter()
+            .all(|p| p["balance"].as_f64().unwrap() < 1e-12 && p["drift"].as_f64().unwrap() < 1e-12)
+    );
+    assert!(of(&list, "euler").iter().all(|p| p["drift"].as_f64().unwrap() > 1e-3));
+}
+
+#[test]
+fn the_front_is_a_front() {
+    let here = Folder::new().with("pendulum.bond", PENDULUM);
+    let done = here.bond(&["bench", "pendulum.bond", "--methods", "gonzalez,rk4", "--repeat", "1", "--as", "json"]).is(
+        0,
+        &[],
+        &[],
+    );
+    let list = points(&done);
+    let place = |p: &Value| {
+        let floor = 10.0 * p["reference_error"].as_f64().unwrap();
+        Some((p["error"].as_f64()?.max(floor), p["seconds"].as_f64()?))
+    };
+    let known: Vec<(f64, f64)> = list.iter().filter_map(place).collect();
+    assert!(list.iter().any(|p| p["front"] == true) && list.iter().any(|p| p["front"] == false));
+    assert!(list.iter().any(|p| !p["tolerance"].is_null()) && list.iter().any(|p| !p["step"].is_null()));
+    for p in &list {
+        let Some((error, seconds)) = place(p) else { continue };
+        let beaten = known.iter().any(|(e, s)| *e <= error && *s <= seconds && (*e < error || *s < seconds));
+        if p["front"] == true {
+            assert!(!beaten && error < 1.0, "{p}");
+        } else if error < 1.0 {
+            assert!(beaten || known.iter().filter(|k| **k == (error, seconds)).count() > 1, "{p}");
+        }
+    }
+}
+
+#[test]
+fn a_table_for_people_says_what_to_choose() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let done = here.bond(&["bench", "a.bond", "--methods", "exact,gonzalez", "--repeat", "1"]);
+    let done = done.is(0, &["scene       Oscillator", "reference", "to choose", "exact", "gonzalez", "balance"], &[]);
+    assert!(done.out.lines().any(|l| l.starts_with("* ")), "{}", done.out);
+    let wide = done.out.lines().map(|l| l.chars().count()).max().unwrap();
+    assert!(wide <= 140, "{wide} letters wide");
+    // Linear and undriven: one step of any length is without error.
+    let list =
+        points(&here.bond(&["bench", "a.bond", "--methods", "exact,rk4", "--steps", "1s,50ms", "--as", "json"]).is(
+            0,
+            &[],
+            &[],
+        ));
+    assert!(errors(&of(&list, "exact")).iter().all(|e| *e < 1e-10), "{list:?}");
+    assert!(errors(&of(&list, "rk4")).iter().all(|e| *e > 1e-6), "{list:?}");
+    // The same to a file.
+    here.bond(&["bench", "a.bond", "--methods", "gonzalez", "--steps", "0.01", "-o", "a.txt"]).is(0, &[], &[]);
+    assert!(here.read("a.txt").contains("gonzalez"));
+}
+
+#[test]
+fn a_point_that_fails_is_listed_with_its_reason() {
+    // The spring makes Euler's method grow by some 1e3 each step, beyond all numbers.
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let args = ["bench", "a.bond", "--set", "k=1e12 N/m", "--methods", "exact,euler", "--steps", "1ms", "--as", "json"];
+    let list = points(&here.bond(&args).is(0, &[], &[]));
+    let failed = of(&list, "euler");
+    assert_eq!(failed.len(), 1);
+    assert!(failed[0]["error"].is_null() && failed[0]["seconds"].is_null() && failed[0]["front"] == false);
+    assert!(failed[0]["failed"].as_str().unwrap().contains("finite"), "{list:?}");
+}
+
+#[test]
+fn pictures() {
+    let here = Folder::new().with("p.bond", PENDULUM);
+    let args = ["bench", "p.bond", "--methods", "gonzalez,rk4", "--steps", "50ms,25ms,10ms", "--repeat", "1", "--plot"];
+    let draw = |name: &str| here.bond(&[&args[..], &[name]].concat());
+    draw("p.svg").is(0, &["to choose"], &[]);
+    let svg = here.read("p.svg");
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+    for text in ["Pendulum: speed against error", "gonzalez", "rk4", "keeps the balance", "10⁻", "front"] {
+        assert!(svg.contains(text), "`{text}` is not in the picture");
+    }
+    draw("p.png").is(0, &[], &[]);
+    let png = std::fs::read(here.0.join("p.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG\r\n\x1a\n") && png.ends_with(b"IEND\xaeB`\x82") && png.len() > 10_000);
+    draw("p.gif").is(2, &[], &["p.gif", ".svg or .png"]);
+    assert_eq!(here.list(), ["p.bond", "p.png", "p.svg"]);
+}
+
+#[test]
+fn what_is_wrong_is_told() {
+    let here = Folder::new().with("p.bond", PENDULUM).with("s.bond", SAMPLED).with("b.bond", BLOWS_UP);
+    here.bond(&["bench", "p.bond", "--methods", "gonzales"]).is(2, &[], &["gonzales", "gonzalez", "rk4"]);
+    here.bond(&["bench", "p.bond", "--methods", "exact"]).is(2, &[], &["no stepper is left", "not linear"]);
+    here.bond(&["bench", "p.bond", "--steps", "0"]).is(2, &[], &["longer than 0 s"]);
+    here.bond(&["bench", "p.bond", "--steps", "1e-15"]).is(2, &[], &["steps in 2 s"]);
+    here.bond(&["bench", "p.bond", "--tolerances", "2"]).is(2, &[], &["between 0 and 1"]);
+    here.bond(&["bench", "p.bond", "--plot", "x.svg", "-o", "x.svg"]).is(2, &[], &["the same file"]);
+    here.bond(&["bench", "none.bond"]).is(2, &[], &["cannot read none.bond"]);
+    here.bond(&["bench", "s.bond"]).is(1, &[], &["no continuous region"]);
+    let blown = here.bond(&["bench", "b.bond", "--methods", "gonzalez,rk4"]);
+    blown.is(3, &[], &["no stepper gives a run to measure the others against"]);
+}

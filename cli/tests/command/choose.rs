@@ -1,0 +1,104 @@
+//! `bond run --error` and `--budget`: what is chosen is said, and an error that is asked for is met.
+
+use super::bench::PENDULUM;
+use super::{Folder, OSCILLATOR, table};
+use serde_json::Value;
+
+/// A spring that hardens, with friction, driven: at rest it is not.
+const DUFFING: &str = "\
+model Duffing {
+  Se:drive = (0.5 N)*cos((1.4 rad/s)*t)
+  I:mass = 1 kg
+  C:spring { e = (1 N/m)*q + (5 N/m^3)*q^3 }
+  R:friction = 0.1 N*s/m
+  drive -> 1:v -> mass, spring, friction
+  probe x = spring.q
+  probe speed = v.f
+  simulate { stop = 20 s }
+}
+";
+
+/// The largest difference of two tables of rows, of each column relative to its largest value.
+fn apart(a: &str, b: &str) -> f64 {
+    let (a, b) = (table(a).1, table(b).1);
+    assert_eq!(a.len(), b.len());
+    let columns = 1..a[0].len();
+    let of = |k: usize| {
+        let size = b.iter().map(|r| r[k].abs()).fold(0.0, f64::max);
+        a.iter().zip(&b).map(|(x, y)| (x[k] - y[k]).abs() / size).fold(0.0, f64::max)
+    };
+    columns.map(of).fold(0.0, f64::max)
+}
+
+#[test]
+fn an_error_that_is_asked_for_is_delivered() {
+    let here = Folder::new().with("pendulum.bond", PENDULUM).with("duffing.bond", DUFFING);
+    for name in ["pendulum.bond", "duffing.bond"] {
+        let run = |args: &[&str]| here.bond(&[&["run", name, "--every", "0.02"], args].concat()).is(0, &[], &[]);
+        run(&["--method", "rk4", "--step", "2e-4", "-o", "exact.csv"]);
+        let exact = here.read("exact.csv");
+        for (asked, method) in [(1e-3, None), (1e-5, None), (1e-7, None), (1e-4, Some("gonzalez")), (1e-6, Some("rk4"))]
+        {
+            let error = format!("{asked:e}");
+            let mut args = vec!["--error", &error, "-o", "x.csv", "--summary", "json"];
+            args.extend(method.iter().flat_map(|m| ["--method", m]));
+            let summary: Value = serde_json::from_str(&run(&args).out).unwrap();
+            let chosen = &summary["chosen"];
+            let measured = apart(&here.read("x.csv"), &exact);
+            assert!(asked / 100.0 <= measured && measured <= asked, "{name}, {asked:e}: {measured:e} with {chosen}");
+            assert_eq!(chosen["method"], summary["regions"][0]["stepper"]);
+            assert!(method.is_none_or(|m| chosen["method"] == m), "{chosen}");
+            assert!(chosen["step"].is_null() != chosen["tolerance"].is_null(), "{chosen}");
+            let estimated = chosen["estimated_error"].as_f64().unwrap();
+            assert!(estimated <= asked && estimated >= 0.3 * measured, "{chosen}, {measured:e}");
+            if method != Some("rk4") {
+                assert_eq!(summary["passive"], true, "{summary}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_chosen_is_said() {
+    let here = Folder::new().with("pendulum.bond", PENDULUM).with("a.bond", OSCILLATOR);
+    here.bond(&["run", "pendulum.bond", "--error", "1e-4"]).is(
+        0,
+        &["\nchosen      ", "keep the balance", "error about", "measured against"],
+        &["note: choosing"],
+    );
+    // Linear: exact, whatever is asked for.
+    let done = here.bond(&["run", "a.bond", "--error", "1e-9", "--summary", "json"]).is(0, &[], &[]);
+    let chosen = serde_json::from_str::<Value>(&done.out).unwrap()["chosen"].clone();
+    assert_eq!(chosen["method"], "exact");
+    assert!(chosen["why"].as_str().unwrap().contains("linear") && chosen["estimated_error"].as_f64().unwrap() < 1e-11);
+    // A run without a choice says nothing of one.
+    let done = here.bond(&["run", "a.bond", "--summary", "json"]).is(0, &[], &[]);
+    assert!(serde_json::from_str::<Value>(&done.out).unwrap()["chosen"].is_null());
+}
+
+#[test]
+fn a_budget_is_kept_or_refused() {
+    let here = Folder::new().with("pendulum.bond", PENDULUM).with("a.bond", OSCILLATOR);
+    let done = here.bond(&["run", "pendulum.bond", "--budget", "1s", "--summary", "json"]).is(0, &[], &[]);
+    let chosen = serde_json::from_str::<Value>(&done.out).unwrap()["chosen"].clone();
+    // A second of computing for a second is much: rounding is what is left.
+    assert!(chosen["estimated_error"].as_f64().unwrap() < 1e-9, "{chosen}");
+    assert!(chosen["why"].as_str().unwrap().contains("at most 1 s for a simulated second"), "{chosen}");
+    here.bond(&["run", "pendulum.bond", "--budget", "1e-13"]).is(3, &[], &["no stepper", "cheapest"]);
+    here.bond(&["run", "a.bond", "--budget", "1s"]).is(0, &["exact with steps of", "fit"], &[]);
+}
+
+#[test]
+fn what_does_not_go_together_is_told() {
+    let here = Folder::new().with("p.bond", PENDULUM);
+    for other in [["--step", "1ms"], ["--tolerance", "1e-6"], ["--budget", "1ms"], ["--resume", "x"]] {
+        here.bond(&[&["run", "p.bond", "--error", "1e-5"], &other[..]].concat()).is(2, &[], &["cannot be used with"]);
+    }
+    here.bond(&["run", "p.bond", "--error", "1e-5", "--sweep", "gravity.q0=1,2"]).is(
+        2,
+        &[],
+        &["--error", "single runs"],
+    );
+    here.bond(&["run", "p.bond", "--error", "2"]).is(2, &[], &["between 0 and 1"]);
+    here.bond(&["run", "p.bond", "--error", "1e-5", "--method", "exact"]).is(1, &[], &["not linear"]);
+}
