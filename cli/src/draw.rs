@@ -9,7 +9,7 @@ pub type Colour = [u8; 3];
 
 /// Where a text has its place.
 #[derive(Clone, Copy)]
-pub enum Middle {
+pub enum Anchor {
     /// At its start.
     Start,
     /// In its middle.
@@ -74,7 +74,7 @@ enum Shape {
     Rect { at: (f64, f64), size: (f64, f64), colour: Colour },
     Area { points: Vec<(f64, f64)>, colour: Colour, full: bool },
     Circle { at: (f64, f64), radius: f64, colour: Colour, full: bool },
-    Text { at: (f64, f64), text: String, size: u32, colour: Colour, middle: Middle, up: bool },
+    Text { at: (f64, f64), text: String, size: u32, colour: Colour, middle: Anchor, up: bool },
 }
 
 impl Drawing {
@@ -111,12 +111,12 @@ impl Drawing {
     }
 
     /// A text on its line.
-    pub fn text(&mut self, at: (f64, f64), text: &str, size: u32, colour: Colour, middle: Middle) {
+    pub fn text(&mut self, at: (f64, f64), text: &str, size: u32, colour: Colour, middle: Anchor) {
         self.list.push(Shape::Text { at, text: text.into(), size, colour, middle, up: false });
     }
 
     /// A text that runs upwards.
-    pub fn text_up(&mut self, at: (f64, f64), text: &str, size: u32, colour: Colour, middle: Middle) {
+    pub fn text_up(&mut self, at: (f64, f64), text: &str, size: u32, colour: Colour, middle: Anchor) {
         self.list.push(Shape::Text { at, text: text.into(), size, colour, middle, up: true });
     }
 
@@ -204,9 +204,9 @@ impl Shape {
                 content: text.clone(),
                 size: *size,
                 anchor: match middle {
-                    Middle::Start => TextAnchor::Start,
-                    Middle::Middle => TextAnchor::Middle,
-                    Middle::End => TextAnchor::End,
+                    Anchor::Start => TextAnchor::Start,
+                    Anchor::Middle => TextAnchor::Middle,
+                    Anchor::End => TextAnchor::End,
                 },
                 rotate: up.then_some(-90.0),
                 bold: false,

@@ -4,7 +4,7 @@ use super::Bench;
 use super::front::place;
 use super::point::Point;
 use super::setting::{Setting, time};
-use crate::draw::{Colour, Drawing, Mark, Middle};
+use crate::draw::{Anchor, Colour, Drawing, Mark};
 
 const WIDTH: f64 = 960.0;
 const HEIGHT: f64 = 640.0;
@@ -68,15 +68,15 @@ pub fn picture(b: &Bench) -> Drawing {
     let shown: Vec<(&Point, f64, f64)> = b.points.iter().filter_map(|p| spot(b, p).map(|(e, s)| (p, e, s))).collect();
     let x = Scale::around(shown.iter().map(|s| s.1), left, right);
     let y = Scale::around(shown.iter().map(|s| s.2), bottom, top);
-    d.text((left, 30.0), &format!("{}: speed against error", b.model), 18, BLACK, Middle::Start);
+    d.text((left, 30.0), &format!("{}: speed against error", b.model), 18, BLACK, Anchor::Start);
     let told = format!("{} simulated; errors against {}", time(b.stop), b.reference.how);
-    d.text((left, 50.0), &told, 12, GREY, Middle::Start);
+    d.text((left, 50.0), &told, 12, GREY, Anchor::Start);
     // What the reference cannot tell.
     let floor = super::point::ABOVE * b.reference.error;
     if floor.log10() > f64::from(x.low) {
         let edge = x.at(floor);
         d.rect((left, top), (edge - left, bottom - top), SHADE);
-        d.text_up((left + 14.0, bottom - 8.0), "within the reference's own error", 11, GREY, Middle::Start);
+        d.text_up((left + 14.0, bottom - 8.0), "within the reference's own error", 11, GREY, Anchor::Start);
     }
     axes(&mut d, &x, &y);
     let mut front: Vec<(f64, f64)> = shown.iter().filter(|s| s.0.front).map(|s| (x.at(s.1), y.at(s.2))).collect();
@@ -104,7 +104,7 @@ pub fn picture(b: &Bench) -> Drawing {
         let passive = b.points.iter().any(|p| p.method == *method && p.passive);
         d.line(&[(at.0 - 12.0, at.1), (at.0 + 12.0, at.1)], colour, 1.4, None);
         d.mark(mark, at, 4.2, colour, passive);
-        d.text((at.0 + 20.0, at.1 + 4.0), method, 13, BLACK, Middle::Start);
+        d.text((at.0 + 20.0, at.1 + 4.0), method, 13, BLACK, Anchor::Start);
     }
     legend(&mut d, top + 14.0 + 20.0 * methods.len() as f64 + 16.0);
     d
@@ -122,20 +122,20 @@ fn axes(d: &mut Drawing, x: &Scale, y: &Scale) {
         let at = x.at(decade(k));
         d.line(&[(at, top), (at, bottom)], PALE, 1.0, None);
         if (k - x.high) % apart(x) == 0 {
-            d.text((at, bottom + 19.0), &power(k), 13, BLACK, Middle::Middle);
+            d.text((at, bottom + 19.0), &power(k), 13, BLACK, Anchor::Middle);
         }
     }
     for k in y.low..=y.high {
         let at = y.at(decade(k));
         d.line(&[(left, at), (right, at)], PALE, 1.0, None);
         if (k - y.high) % apart(y) == 0 {
-            d.text((left - 9.0, at + 4.5), &time(decade(k)), 13, BLACK, Middle::End);
+            d.text((left - 9.0, at + 4.5), &time(decade(k)), 13, BLACK, Anchor::End);
         }
     }
     d.line(&[(left, top), (left, bottom), (right, bottom), (right, top), (left, top)], BLACK, 1.0, None);
     let (middle, height) = (0.5 * (left + right), 0.5 * (top + bottom));
-    d.text((middle, bottom + 46.0), "error at the end, relative", 13, BLACK, Middle::Middle);
-    d.text_up((24.0, height), "processor time for a simulated second", 13, BLACK, Middle::Middle);
+    d.text((middle, bottom + 46.0), "error at the end, relative", 13, BLACK, Anchor::Middle);
+    d.text_up((24.0, height), "processor time for a simulated second", 13, BLACK, Anchor::Middle);
 }
 
 /// What filled marks, dashes and the broad line mean.
@@ -149,7 +149,7 @@ fn legend(d: &mut Drawing, from: f64) {
     d.line(&[(left, row(4.0)), (left + 24.0, row(4.0))], FRONT, 9.0, None);
     let words = ["keeps the balance", "does not", "fixed steps", "steps to a tolerance", "front"];
     for (i, words) in words.iter().enumerate() {
-        d.text((left + 32.0, row(i as f64) + 4.0), words, 12, GREY, Middle::Start);
+        d.text((left + 32.0, row(i as f64) + 4.0), words, 12, GREY, Anchor::Start);
     }
 }
 

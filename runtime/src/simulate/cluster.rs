@@ -573,13 +573,13 @@ impl Run {
             }
             self.feed.aim(&mut self.input, at, piece);
             while let Some(part) = self.switch(c, at, rest) {
-                self.glance(c, names, at, part)?;
+                self.glance(c, names, at, part, 0)?;
                 at += part;
                 rest = piece - at;
             }
-            self.glance(c, names, at, rest)?;
+            let whole = self.glance(c, names, at, rest, 0)?;
             if cut.is_none() {
-                if let Some(fit) = self.fit.as_mut().filter(|_| at == now) {
+                if let Some(fit) = self.fit.as_mut().filter(|_| at == now && whole) {
                     fit.shown = Some(t);
                     fit.output.copy_from_slice(&self.step.work.output);
                 }
@@ -610,10 +610,11 @@ impl Run {
         }
     }
 
-    /// Moves what is looked at by one step.
-    fn glance(&mut self, c: &Cluster, names: &[String], at: f64, h: f64) -> Result<(), Error> {
+    /// Moves what is looked at by one step; where that fails, by two halves. Whether it was one.
+    fn glance(&mut self, c: &Cluster, names: &[String], at: f64, h: f64, depth: u32) -> Result<bool, Error> {
         let iterations = self.step.work.newton_iterations;
-        let ready = self.glance.as_mut().unwrap_or(&mut self.step);
+        let other = self.spare.as_mut().filter(|_| depth >= OWN).or(self.glance.as_mut());
+        let ready = other.unwrap_or(&mut self.step);
         let h = ready.known(h, at + h);
         self.input[0] = at;
         self.input[1] = h;
@@ -625,7 +626,15 @@ impl Run {
             self.glanced.copy_from_slice(&ready.work.next);
         }
         self.step.work.newton_iterations = iterations;
-        result.map_err(|why| self.failure(c, names, at, why))
+        match result {
+            Ok(()) => Ok(true),
+            Err(why) if depth >= HALVINGS || c.is_linear => Err(self.failure(c, names, at, why)),
+            Err(_) => {
+                self.glance(c, names, at, 0.5 * h, depth + 1)?;
+                self.glance(c, names, at + 0.5 * h, 0.5 * h, depth + 1)?;
+                Ok(false)
+            }
+        }
     }
 
     /// Runs the cluster's observation at `t`.
