@@ -50,7 +50,7 @@ pub(super) fn outputs(
     let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let scale = write::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
     let system =
-        System { unknowns: c.loops.clone(), h: None, start: guesses.to_vec(), residuals, weight, scale, flag: None };
+        System { unknowns: c.loops.clone(), h: None, start: guesses.to_vec(), residuals, weight, scale, flag: None, once: false };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
 }

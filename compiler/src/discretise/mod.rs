@@ -14,6 +14,7 @@ mod level;
 mod order;
 mod probes;
 mod ray;
+mod sav;
 mod start;
 mod tear;
 mod write;
@@ -47,6 +48,8 @@ pub enum Method {
     Collocation12,
     /// Radau IIA of 3 stages, which damps what is stiff.
     Radau,
+    /// Linearly implicit with a quadratised energy: one linear solve.
+    Sav,
     /// The paper's own, for sampled regions.
     Ray,
     /// Explicit Euler.
@@ -57,7 +60,7 @@ pub enum Method {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Method; 11] = [
+    pub const ALL: [Method; 12] = [
         Method::Exact,
         Method::Gonzalez,
         Method::Collocation4,
@@ -66,6 +69,7 @@ impl Method {
         Method::Collocation10,
         Method::Collocation12,
         Method::Radau,
+        Method::Sav,
         Method::Ray,
         Method::Euler,
         Method::Rk4,
@@ -82,6 +86,7 @@ impl Method {
             Method::Collocation10 => "collocation10",
             Method::Collocation12 => "collocation12",
             Method::Radau => "radau",
+            Method::Sav => "sav",
             Method::Ray => "ray",
             Method::Euler => "euler",
             Method::Rk4 => "rk4",
