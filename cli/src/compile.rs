@@ -32,7 +32,7 @@ impl Options {
         self
     }
 
-    /// Takes another stepper: `exact`, `gonzalez`, `ray`, `euler`, `rk4`.
+    /// Takes another stepper: `exact`, `gonzalez`, `sav`, `ray`, `euler`, `rk4`.
     pub fn method(mut self, name: impl Into<String>) -> Self {
         self.method = Some(name.into());
         self

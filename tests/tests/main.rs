@@ -24,6 +24,7 @@ mod orders;
 mod parse;
 mod program;
 mod random;
+mod sav;
 mod save;
 mod signals;
 mod solutions;

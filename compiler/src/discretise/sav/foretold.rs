@@ -1,9 +1,12 @@
 //! What is foretold of a step: where its middle lies, by carrying on the last two.
 
 use super::super::cluster::Cluster;
+use super::super::start;
 use super::super::write::Inputs;
 use crate::expression::{Expr, Lowering, Pool, Symbol};
+use crate::model::Model;
 use crate::structure::Form;
+use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Value};
 use rustc_hash::FxHashMap;
 
@@ -70,7 +73,6 @@ impl Foretold {
         let memory: Vec<Value> = (0..layout.len).map(|i| b.load(Slot::new(Array::State, first + i))).collect();
         let (zero, half, reach) = (b.number(0.0), b.number(0.5), b.number(REACH));
         let [last, before] = layout.lengths.map(|i| memory[i]);
-        let one_done = b.binary(Binary::Lt, zero, last);
         let two_done = b.binary(Binary::Lt, zero, before);
         let most = b.mul(reach, last);
         let near = b.binary(Binary::Le, inputs.h, most);
@@ -87,7 +89,6 @@ impl Foretold {
         let mut changes = Vec::new();
         for i in 0..c.states.len() {
             let rate = carry_on(b, memory[layout.rates[0] + i], memory[layout.rates[1] + i]);
-            let rate = b.select(one_done, rate, zero);
             changes.push(b.mul(inputs.h, rate));
         }
         let loops: Vec<Value> =
@@ -116,6 +117,19 @@ impl Foretold {
         let star = c.flat(pool, map);
         Self { memory, changes, loops, star }
     }
+}
+
+/// The rates of the states at the start, by which the first step is foretold; 0 where they are not finite. Nothing comes in at ports yet.
+pub(super) fn rates(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, Vec<Diagnostic>> {
+    let loops = start::guesses(c, model, form)?;
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    let rates: Vec<Expr> = c.states.iter().map(|s| model.pool.substitute(s.rate, &flat)).collect();
+    let mut known: FxHashMap<Symbol, f64> = c.loops.iter().copied().zip(loops).collect();
+    known.extend(c.states.iter().map(|s| (s.symbol, s.initial)));
+    known.extend(c.inputs.iter().map(|(i, u, _)| (*u, model.inputs[*i].value)));
+    let found = model.pool.eval_all(&rates, &|s| known.get(&s).copied().unwrap_or(0.0));
+    Ok(found.into_iter().map(|x| if x.is_finite() { x } else { 0.0 }).collect())
 }
 
 /// Time and what is given from outside, in the middle of the step.

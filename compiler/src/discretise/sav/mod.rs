@@ -1,19 +1,20 @@
 //! One linear solve a step: the non-iterative stepper, with a quadratised energy.
 //!
 //! The quadratic energies H_q are taken by the midpoint rule. Any other energy V is kept as a number W of its own, which starts as
-//! V(x) and then goes its own way (scalar auxiliary variables: Shen, Xu and Yang, J. Comput. Phys. 353, 2018; in the form for
-//! mechanics: Bilbao, Ducceschi and Zama, J. Comput. Phys. 472, 2023). With x* the middle of the step as it is foretold, a shift
-//! c, r = sqrt(2 (W + c)) and g = dV/dx(x*) / sqrt(2 (V(x*) + c)),
+//! V(x) and then goes its own way (scalar auxiliary variables: Shen, Xu and Yang, J. Comput. Phys. 353, 2018; for mechanics: Bilbao,
+//! Ducceschi and Zama, J. Comput. Phys. 472, 2023). With x* the middle of the step as it is foretold, a shift c, r = sqrt(2 (V(x) + c))
+//! and g = dV/dx(x*) / sqrt(2 (V(x*) + c)),
 //!
-//!   e = g rbar,  rbar = r + g . d / 2,      W+ = (r + g . d)^2 / 2 - c = W + e . d,      d = x+ - x
+//!   e = g rbar,  rbar = r + g . d / 2,      W+ = W + ((r + g . d)^2 - r^2) / 2 = W + e . d,      d = x+ - x
 //!
 //! is linear in d, and e the co-energy variables of an energy that is exactly W. Everything that is not linear stands at x*:
 //! ratios, and of each law its chord, z = (law(f*) / f*) f, which is passive where the law is. So what is stored, H_q + W, less what
 //! it was, is what was supplied less what was dissipated, of each by its own formula, whatever x* was.
 //!
-//! Since r is computed anew in each step, c may be: it is what keeps V + c above what the region ever held, at its least, so that
-//! W >= -c. How far W is from V is taken back out of the motion, by adding to g what makes g . d* less by that; it changes a force by
-//! a tenth at most.
+//! With r taken from W, as is usual, a force would be off for good once W is, also at rest. So r is taken from V(x), as long as W is
+//! not far below that: r = sqrt(2 (min(V(x), W + s/2) + c)), s = c + min V, where s is the largest energy that the region ever held.
+//! Since rbar g . d >= -r^2 / 2, W never falls below -c - s/2. How far W is from V is taken back out of the motion, by adding to g
+//! what makes g . d* less by that; it changes a force by a tenth at most.
 
 mod foretold;
 mod vault;
@@ -21,7 +22,7 @@ mod vault;
 use super::cluster::{Cluster, Part, missing, verified};
 use super::write::{self, Inputs, System};
 use super::{Method, gonzalez, unfit};
-use crate::expression::{Expr, Lowering, Number, Symbol};
+use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
@@ -148,12 +149,26 @@ impl Writing<'_> {
         let here = self.value(v.energy)?;
         let slopes = v.slopes.iter().map(|z| self.tell(*z)).collect::<Found<Vec<_>>>()?;
         let slopes = slopes.into_iter().map(|z| self.value(z)).collect::<Found<Vec<_>>>()?;
+        let mut curvatures = Vec::new();
+        for (z, s) in v.slopes.iter().zip(&v.states) {
+            // Of one state it cancels out.
+            let k = match v.states.len() {
+                1 => self.model.pool.one(),
+                _ => self.model.pool.derivative(*z, self.c.states[*s].symbol),
+            };
+            let k = self.tell(k)?;
+            curvatures.push(self.value(k)?);
+        }
         let changes: Vec<Value> = v.states.iter().map(|s| self.foretold.changes[*s]).collect();
         let b = &mut *self.b;
         let (zero, two, one) = (b.number(0.0), b.number(2.0), b.number(1.0));
+        let half = b.number(0.5);
+        let room = b.mul(half, size);
+        let allowed = b.add(w, room);
+        let from = b.binary(Binary::Min, here, allowed);
         let least = match v.least {
             Some(least) => b.number(least),
-            None => w,
+            None => here,
         };
         let low = b.binary(Binary::Min, least, there);
         let root = |b: &mut Builder, x: Value| {
@@ -163,29 +178,48 @@ impl Writing<'_> {
             let up = b.mul(two, up);
             b.unary(Unary::Sqrt, up)
         };
-        let (r, root) = (root(b, w), root(b, there));
+        let (r, root) = (root(b, from), root(b, there));
         let some = b.binary(Binary::Lt, zero, root);
         let inverse = b.div(one, root);
         let inverse = b.select(some, inverse, zero);
-        // Each state's work as foretold takes its share of the distance back.
+        // What is added to the forces takes the distance of W from V back from the motion as it is foretold, and stays small beside them.
         let off = b.sub(w, here);
         let gentle = b.number(GENTLE);
         let bound = b.mul(gentle, off);
-        let mut sum = b.mul(bound, bound);
-        let works: Vec<Value> = slopes.iter().zip(&changes).map(|(f, d)| b.mul(*f, *d)).collect();
-        for work in &works {
-            let square = b.mul(*work, *work);
-            sum = b.add(sum, square);
+        let bound = b.mul(bound, bound);
+        let mut factors: Vec<Value> = slopes.iter().map(|f| b.mul(*f, inverse)).collect();
+        let sizes: Vec<Value> = factors
+            .iter()
+            .zip(&curvatures)
+            .map(|(g, k)| {
+                let k = b.unary(Unary::Abs, *k);
+                let square = b.mul(*g, *g);
+                b.add(k, square)
+            })
+            .collect();
+        let (mut way, mut force) = (zero, zero);
+        let mut pulls = Vec::new();
+        for ((f, d), m) in slopes.iter().zip(&changes).zip(&sizes) {
+            let pull = b.mul(*m, *d);
+            let square = b.mul(pull, *d);
+            way = b.add(way, square);
+            let square = b.mul(*f, *f);
+            let square = b.div(square, *m);
+            let some = b.binary(Binary::Lt, zero, *m);
+            let square = b.select(some, square, zero);
+            force = b.add(force, square);
+            pulls.push(pull);
         }
+        let sum = b.mul(way, force);
+        let sum = b.add(sum, bound);
         let some = b.binary(Binary::Lt, zero, sum);
-        let share = b.div(off, sum);
+        let share = b.mul(off, force);
+        let share = b.div(share, sum);
         let share = b.select(some, share, zero);
-        let mut factors = Vec::new();
-        for (f, work) in slopes.iter().zip(works) {
-            let part = b.mul(work, share);
-            let part = b.sub(one, part);
-            let f = b.mul(*f, part);
-            factors.push(b.mul(f, inverse));
+        let share = b.mul(share, inverse);
+        for (g, pull) in factors.iter_mut().zip(pulls) {
+            let part = b.mul(share, pull);
+            *g = b.sub(*g, part);
         }
         let factors: Vec<Expr> = factors.into_iter().map(|g| self.call("factor", g)).collect();
         let r = self.call("root", r);
@@ -205,22 +239,31 @@ impl Writing<'_> {
 }
 
 /// Why the step cannot be taken, if it cannot.
-fn refusal(c: &Cluster, form: &Form) -> Option<String> {
+fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
     if !c.followed.is_empty() {
         return Some("a storage of it follows a source".into());
     }
+    let grows = |n: &Node| matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _));
     c.nodes.iter().find_map(|n| {
         let column = n.resistor()?;
         let (region, name) = (&form.regions[form.column(column).region.at()], &form.column(column).name);
-        if region.gains.contains_key(&column) || region.laws.contains_key(&column) {
+        if region.gains.contains_key(&column) {
             return None;
         }
-        Some(match n.how {
-            Output::Curve { .. } => format!("the law of `{name}` is a curve, which has no chord where it stands upright"),
-            Output::Explicit(_) | Output::Implicit(_) => {
-                format!("`{name}` is a port of a field whose laws are not linear, and a chord of each port alone is not passive")
+        let law = region.laws.get(&column);
+        match (law, n.how) {
+            (None, Output::Curve { .. }) => {
+                Some(format!("the law of `{name}` is a curve, which has no chord where it stands upright"))
             }
-        })
+            (None, Output::Explicit(_) | Output::Implicit(_)) => Some(format!(
+                "`{name}` is a port of a field whose laws are not linear, and a chord of each port alone is not passive"
+            )),
+            // Within a loop nothing but the law itself tells how far its argument can get in a step.
+            (Some((_, law)), Output::Curve { .. }) if pool.any_node(*law, &grows) => Some(format!(
+                "the law of `{name}` has an exponential in it, whose chord at what is foretold says nothing of what it gives in a loop"
+            )),
+            (Some(_), Output::Explicit(_) | Output::Implicit(_) | Output::Curve { .. }) => None,
+        }
     })
 }
 
@@ -237,8 +280,8 @@ pub(super) struct Plan {
     memory: Vec<Value>,
 }
 
-/// Room for what a cluster keeps of a step; what it starts as.
-pub(super) fn reserve(c: &mut Cluster, model: &mut Model) {
+/// Room for what a cluster keeps of a step, and what it starts as.
+pub(super) fn reserve(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<()> {
     let stores = Stores::new(c, model);
     let layout = Layout::new(c, stores.vaults.len());
     c.memory = layout.len;
@@ -249,6 +292,10 @@ pub(super) fn reserve(c: &mut Cluster, model: &mut Model) {
     for i in 0..c.regions.len() {
         c.kept[layout.sizes + i] = stores.above(i);
     }
+    for (i, rate) in foretold::rates(c, model, form)?.into_iter().enumerate() {
+        c.kept[layout.rates[0] + i] = rate;
+    }
+    Ok(())
 }
 
 /// Writes what is known before the solution, and gives the system. `more` are unknowns of the caller's.
@@ -293,11 +340,11 @@ pub(super) fn plan(
 impl Writing<'_> {
     /// Outputs of the storages; by vault the work done on it: what its factors share, and their sum times the changes.
     fn storages(&mut self, stores: &Stores, layout: Layout) -> Found<Vec<(Expr, Expr)>> {
-        let mut terms: FxHashMap<usize, Vec<Expr>> = FxHashMap::default();
+        let mut terms: Vec<Vec<Expr>> = vec![Vec::new(); self.c.states.len()];
         for p in &stores.plain {
             for (s, z) in p.states.iter().zip(&p.slopes) {
                 let z = self.linear(*z)?;
-                terms.entry(*s).or_default().push(z);
+                terms[*s].push(z);
             }
         }
         let mut works = Vec::new();
@@ -306,11 +353,11 @@ impl Writing<'_> {
             let given = self.open(v, kept, size)?;
             for (s, g) in v.states.iter().zip(&given.factors) {
                 let e = self.model.pool.mul(*g, given.rbar);
-                terms.entry(*s).or_default().push(e);
+                terms[*s].push(e);
             }
             works.push((given.rbar, given.moved));
         }
-        for (s, list) in terms {
+        for (s, list) in terms.into_iter().enumerate() {
             if let Some(column) = self.c.states[s].column {
                 let e = self.model.pool.sum(&list);
                 self.map.insert(self.form.column(column).out, e);
@@ -365,9 +412,7 @@ impl Writing<'_> {
                     pool.add(base, rise)
                 }
                 _ if loops.contains(&n.out) => continue,
-                (Part::Resistor(column), Output::Explicit(_) | Output::Implicit(_)) => {
-                    self.resistor(column, n.how)?
-                }
+                (Part::Resistor(column), Output::Explicit(_) | Output::Implicit(_)) => self.resistor(column, n.how)?,
                 (Part::Source(_) | Part::Signal | Part::Follower(_), Output::Explicit(e)) => self.linear(e)?,
                 (Part::Source(_) | Part::Signal | Part::Follower(_), Output::Implicit(_) | Output::Curve { .. }) => {
                     continue;
@@ -434,10 +479,10 @@ impl Writing<'_> {
 
 /// Writes the step.
 pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(Stepper, Vec<Entries>)> {
-    if let Some(why) = refusal(c, form) {
+    if let Some(why) = refusal(c, &model.pool, form) {
         return Err(unfit(model, c, form, Method::Sav, &why));
     }
-    reserve(c, model);
+    reserve(c, model, form)?;
     let c = &*c;
     let mut b = Builder::new(c.title(form, "sav step"));
     let mut entries = c.reserve(model, &mut b, form);
