@@ -32,7 +32,7 @@ impl Options {
         self
     }
 
-    /// Takes another stepper: `exact`, `gonzalez`, `ray`, `euler`, `symplectic_euler`, `rk4`, `rk45`.
+    /// Takes another stepper: one of [`bond_compiler::discretise::Method::ALL`], by name.
     pub fn method(mut self, name: impl Into<String>) -> Self {
         self.method = Some(name.into());
         self

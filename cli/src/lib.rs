@@ -32,7 +32,7 @@ mod quantity;
 mod simulation;
 
 pub use bond_compiler::show::{As, What};
-pub use bond_runtime::simulate::{BarSummary, Course, ElementEnergy, RegionSummary, Summary};
+pub use bond_runtime::simulate::{BarSummary, Course, ElementEnergy, Modified, RegionSummary, Summary};
 pub use compile::{Compiled, Options, Text, compile_file, compile_str};
 pub use errors::Errors;
 pub use given::{Given, TableError};

@@ -121,6 +121,10 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
             writeln!(out, "  {name:11} {} {unit}", short(x))?;
         }
     }
+    if let Some(m) = r.modified {
+        let (most, part) = (short(m.max_difference), short(m.relative));
+        writeln!(out, "  {:11} of a modified energy, at most {most} {unit} ({part} relative) from H", "ledger")?;
+    }
     for x in r.resistors.iter().filter(|x| x.energy < 0.0 && -x.energy > 1e-9 * r.h_max) {
         writeln!(out, "  {:11} {} {unit} by {}", "injected", short(-x.energy), x.name)?;
     }
@@ -256,6 +260,10 @@ impl Serialize for Region<'_> {
         map.serialize_entry("debt_max", &r.debt_max)?;
         map.serialize_entry("leaps", &r.leaps)?;
         map.serialize_entry("pseudo", &r.pseudo)?;
+        if let Some(m) = r.modified {
+            let modified = serde_json::json!({"difference": m.difference, "max_difference": m.max_difference, "relative": m.relative});
+            map.serialize_entry("modified", &modified)?;
+        }
         let energies = |list: &[bond::ElementEnergy]| -> Vec<_> {
             list.iter().map(|x| serde_json::json!({"name": x.name, "energy": x.energy})).collect()
         };

@@ -117,6 +117,8 @@ pub struct Entries {
     pub produced: Vec<(String, usize)>,
     /// Energy that an energy leap of `ray` missed (created where positive), and 1 where there was one.
     pub leap: Option<(usize, usize)>,
+    /// Of a stepper that keeps another energy than H, which then is `energy`: H itself at the end of the step.
+    pub modified: Option<usize>,
 }
 
 /// A port of a cluster: a double bar or an open port. Its variable comes in, the conjugate goes out.

@@ -232,6 +232,19 @@ fn scenes_driven_from_outside_give_the_same_numbers() {
     assert!(seen > 50 && objects > 50, "{seen} scenes have a form in C, {objects} as objects");
 }
 
+/// What the non-iterative step keeps of its last steps, and starts from, is in the block as any state is.
+#[test]
+fn the_non_iterative_step_gives_the_same_numbers() {
+    if !is_there() {
+        return;
+    }
+    for (name, h) in [("pendulum", 0.01), ("kepler", 0.01), ("spring_pendulum", 0.01), ("pump_relief", 0.005)] {
+        let path = models().join("classics").join(format!("{name}.bond"));
+        let compiled = file(&path, Options::new().method("sav"));
+        assert_eq!(same(name, &compiled, h), Ok(true), "{name}");
+    }
+}
+
 /// A wall whose law jumps, for rates and holds that the examples do not have.
 const WALL: &str = "\
 model Wall(k = 1000 N/m, b = 5 N*s/m, gap = 1e-4 m) {

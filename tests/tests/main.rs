@@ -26,6 +26,7 @@ mod orders;
 mod parse;
 mod program;
 mod random;
+mod sav;
 mod save;
 mod signals;
 mod solutions;

@@ -1,7 +1,7 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
 use super::collocation::{self, Nodes};
-use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, start, unfit};
+use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, sav, start, unfit};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model};
@@ -121,6 +121,8 @@ pub(super) struct Cluster {
     pub(super) delta: Vec<Symbol>,
     /// How many numbers the stepper keeps of its last step.
     pub(super) memory: usize,
+    /// What those are at the start; 0 where it is not said.
+    pub(super) kept: Vec<f64>,
 }
 
 impl Cluster {
@@ -381,6 +383,7 @@ impl Cluster {
                         self.collocation(model, form, Method::Collocation12, Nodes::Gauss(6))?
                     }
                     Some(Method::Radau) => self.collocation(model, form, Method::Radau, Nodes::Radau)?,
+                    Some(Method::Sav) => sav::write(self, model, form)?,
                 };
                 let is_linear = step.linear.is_some();
                 (step, entries, is_linear)
@@ -408,6 +411,7 @@ impl Cluster {
                         | Method::Collocation10
                         | Method::Collocation12
                         | Method::Radau
+                        | Method::Sav
                         | Method::Euler
                         | Method::SymplecticEuler
                         | Method::Rk4
@@ -453,7 +457,7 @@ impl Cluster {
         initial.extend(self.integrals.iter().map(|i| i.start));
         initial.extend(start::guesses(self, model, form)?);
         initial.extend(self.states.iter().map(|_| 0.0));
-        initial.extend((0..self.memory).map(|_| 0.0));
+        initial.extend((0..self.memory).map(|i| self.kept.get(i).copied().unwrap_or(0.0)));
         let mut names: Vec<String> = self.states.iter().map(|s| s.name.clone()).collect();
         names.extend(self.integrals.iter().map(|i| model.pool.name(i.symbol).to_string()));
         names.extend(self.loops.iter().map(|z| model.pool.name(*z).to_string()));

@@ -183,7 +183,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         model,
         &mut b,
         &mut lowering,
-        System { unknowns, h: c.h, start, residuals, weight, scale, flag: None },
+        System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false },
     )?;
     let (mut next, mut rests) = (Vec::new(), Vec::new());
     for (x, d) in inputs.states.iter().zip(&c.delta) {

@@ -123,7 +123,12 @@ fn respond(
         }
     }
     let flag = matched.then(|| b.slot(Array::Local));
-    write::solve(model, &mut b, &mut lowering, System { unknowns, h: c.h, start, residuals, weight, scale, flag })?;
+    write::solve(
+        model,
+        &mut b,
+        &mut lowering,
+        System { unknowns, h: c.h, start, residuals, weight, scale, flag, once: false },
+    )?;
     for (i, e) in outs.iter().enumerate() {
         let e = model.pool.substitute(*e, &flat);
         let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;

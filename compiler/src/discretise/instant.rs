@@ -49,8 +49,16 @@ pub(super) fn outputs(
     let one = model.pool.int(1);
     let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let scale = write::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
-    let system =
-        System { unknowns: c.loops.clone(), h: None, start: guesses.to_vec(), residuals, weight, scale, flag: None };
+    let system = System {
+        unknowns: c.loops.clone(),
+        h: None,
+        start: guesses.to_vec(),
+        residuals,
+        weight,
+        scale,
+        flag: None,
+        once: false,
+    };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
 }

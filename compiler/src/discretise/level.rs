@@ -52,6 +52,11 @@ fn is_smooth(pool: &Pool, e: Expr) -> bool {
 /// The least energy of a group near where it starts; where there is none, as of heat, which is least at no temperature, its energy
 /// at the start.
 pub(super) fn least(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
+    bottom(model, g, c).0
+}
+
+/// The same, and whether it is a least energy rather than that at the start.
+pub(super) fn bottom(model: &mut Model, g: &Group, c: &Cluster) -> (f64, bool) {
     // Of each state its symbol, where the energy is least, and where it starts.
     let at: Vec<(Symbol, f64, f64)> =
         g.states.iter().map(|s| (c.states[*s].symbol, minimum(model, g, c, *s), c.states[*s].initial)).collect();
@@ -61,7 +66,7 @@ pub(super) fn least(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
     let rise = (level(g.energy, true) - level(g.energy, false)).abs();
     let flat = g.coenergy.iter().zip(&at).all(|(z, t)| level(*z, false).abs() * (t.2 - t.1).abs() <= 1e-6 * rise);
     let h = level(g.energy, !flat);
-    if h.is_finite() { h } else { 0.0 }
+    if h.is_finite() { (h, flat) } else { (0.0, false) }
 }
 
 /// The state where a storage's energy is least, near where it starts: by walking down and Newton's method.

@@ -14,6 +14,7 @@ mod level;
 mod order;
 mod probes;
 mod ray;
+mod sav;
 mod start;
 mod tear;
 mod write;
@@ -47,6 +48,8 @@ pub enum Method {
     Collocation12,
     /// Radau IIA of 3 stages, which damps what is stiff.
     Radau,
+    /// Linearly implicit with a quadratised energy: one linear solve.
+    Sav,
     /// The paper's own, for sampled regions.
     Ray,
     /// Explicit Euler.
@@ -61,7 +64,7 @@ pub enum Method {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Method; 13] = [
+    pub const ALL: [Method; 14] = [
         Method::Exact,
         Method::Gonzalez,
         Method::Collocation4,
@@ -70,6 +73,7 @@ impl Method {
         Method::Collocation10,
         Method::Collocation12,
         Method::Radau,
+        Method::Sav,
         Method::Ray,
         Method::Euler,
         Method::SymplecticEuler,
@@ -88,6 +92,7 @@ impl Method {
             Method::Collocation10 => "collocation10",
             Method::Collocation12 => "collocation12",
             Method::Radau => "radau",
+            Method::Sav => "sav",
             Method::Ray => "ray",
             Method::Euler => "euler",
             Method::Rk4 => "rk4",

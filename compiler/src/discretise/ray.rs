@@ -86,6 +86,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         weight: vec![unit],
         scale: vec![unit],
         flag: Some(flag),
+        once: false,
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let met = b.load(flag);
@@ -129,6 +130,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         weight: vec![unit],
         scale: vec![unit],
         flag: Some(mirror_flag),
+        once: false,
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let found = b.load(mirror_flag);

@@ -118,6 +118,8 @@ pub(super) struct System {
     pub(super) weight: Vec<Value>,
     pub(super) scale: Vec<Value>,
     pub(super) flag: Option<Slot>,
+    /// Whether it is linear, and solved once.
+    pub(super) once: bool,
 }
 
 /// Solves a system; afterwards `lowering` has the values of the unknowns.
@@ -167,7 +169,7 @@ fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: 
     }
     let is_unknown = |s: Symbol| place.contains_key(&s);
     // Few unknowns are cheap to look at again, which takes the rounding of the solution off.
-    let affine = n > LARGE && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
+    let affine = (n > LARGE || system.once) && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
     // What does not change in the iteration is computed before it.
     let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().collect();
     for e in fixed_parts(&model.pool, system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)), &unknown) {

@@ -208,6 +208,8 @@ pub struct Region {
     pub steep: FxHashMap<ColumnId, Output>,
     /// Of linear resistors and ports of linear fields: the output as a combination of inputs.
     pub gains: FxHashMap<ColumnId, Row>,
+    /// Of resistors of one port that have no gain, and are no curves: the law's argument, and the law in terms of it.
+    pub laws: FxHashMap<ColumnId, (Symbol, Expr)>,
     /// Storages that were merged into others.
     pub dependent: Vec<Dependent>,
     /// Dependent storages that follow sources.

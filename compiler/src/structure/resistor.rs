@@ -16,11 +16,13 @@ pub(super) struct Found {
     pub(super) gain: Option<Row>,
     /// See [`super::Region::steep`].
     pub(super) steep: Option<Output>,
+    /// See [`super::Region::laws`].
+    pub(super) law: Option<(Symbol, Expr)>,
 }
 
 impl Found {
     fn plain(how: Output) -> Self {
-        Self { how, gain: None, steep: None }
+        Self { how, gain: None, steep: None, law: None }
     }
 }
 
@@ -106,11 +108,13 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     }
     let law_output = r.resolve(law.output, Some(c.region), span)?;
     let value = r.model.pool.substitute(law_output, &arguments);
+    let own = (members.len() == 1).then_some((law.argument, law_output));
     if law.gives != c.gives {
         // The law gives the input; its root is sought.
-        return Ok(Some(Found::plain(Output::Implicit(r.model.pool.sub(value, inputs[place])))));
+        let how = Output::Implicit(r.model.pool.sub(value, inputs[place]));
+        return Ok(Some(Found { law: own, ..Found::plain(how) }));
     }
-    let mut found = Found::plain(Output::Explicit(value));
+    let mut found = Found { law: own, ..Found::plain(Output::Explicit(value)) };
     let grows = |n: &Node| matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _) | Node::Power(..));
     if members.len() == 1 && r.model.pool.any_node(law.output, &grows) {
         // It has an exponential in it, as that of a junction diode.

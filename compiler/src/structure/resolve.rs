@@ -219,6 +219,7 @@ pub(super) fn outputs(
             groups: vec![],
             resistors: vec![],
             gains: FxHashMap::default(),
+            laws: FxHashMap::default(),
             steep: FxHashMap::default(),
             dependent: vec![],
             following: vec![],
@@ -287,6 +288,7 @@ pub(super) fn outputs(
         if let Some(found) = resistor::output(&mut r, form, id).map_err(one)? {
             regions[region].resistors.push((id, found.how));
             regions[region].gains.extend(found.gain.map(|g| (id, g)));
+            regions[region].laws.extend(found.law.map(|l| (id, l)));
             regions[region].steep.extend(found.steep.map(|s| (id, s)));
         }
     }

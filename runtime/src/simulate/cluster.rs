@@ -142,6 +142,8 @@ pub(super) struct Book {
     pub(super) gained: Worst,
     /// Which of them gave most in a step, and how much (below 0).
     pub(super) giver: (usize, f64),
+    /// What the energy that the stepper keeps is off H by: now, and at most.
+    pub(super) modified: (f64, f64),
 }
 
 impl Book {
@@ -770,6 +772,10 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         let h = out[e.energy];
         if !h.is_finite() {
             return Err("what is stored".into());
+        }
+        if let Some(slot) = e.modified {
+            let off = h - out[slot];
+            b.modified = (off, b.modified.1.max(off.abs()));
         }
         let before = e.before.map_or(b.h, |slot| out[slot]);
         let residual = (h - before) - ((supplied - dissipated) + leap);

@@ -15,7 +15,7 @@ mod worst;
 pub use given::{Course, Unfit};
 pub use hold::Report;
 pub use save::Refused;
-pub use summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
+pub use summary::{BarSummary, ElementEnergy, ElementEntropy, Modified, RegionSummary, Summary};
 
 use crate::kernel::Failure;
 use serde::{Deserialize, Serialize};

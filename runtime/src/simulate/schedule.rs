@@ -3,7 +3,7 @@
 use super::cluster::{Book, Look, Run};
 use super::given::Course;
 use super::hold::{Held, Report, within_budget};
-use super::summary::{BarSummary, ElementEnergy, ElementEntropy, RegionSummary, Summary};
+use super::summary::{BarSummary, ElementEnergy, ElementEntropy, Modified, RegionSummary, Summary};
 use super::{Error, Options};
 use crate::interpreter::Interpret;
 use crate::kernel::Backend;
@@ -770,6 +770,11 @@ impl<'a> Simulation<'a> {
                 total: if b.largest() > 0.0 { b.residual.value().abs() / b.largest() } else { 0.0 },
                 passive_stepper: c.step.passive,
                 pseudo: region.pseudo,
+                modified: e.modified.map(|_| Modified {
+                    difference: b.modified.0,
+                    max_difference: b.modified.1,
+                    relative: if b.largest() > 0.0 { b.modified.1 / b.largest() } else { 0.0 },
+                }),
                 sources: list(&e.supplied, &b.sources),
                 resistors: list(&e.dissipated, &b.resistors),
                 produced: e

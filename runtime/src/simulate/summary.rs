@@ -20,6 +20,17 @@ pub struct ElementEntropy {
     pub entropy: f64,
 }
 
+/// How far the energy that a stepper keeps is from H.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Modified {
+    /// It less H, now, J.
+    pub difference: f64,
+    /// The largest magnitude of that, J.
+    pub max_difference: f64,
+    /// The same, as a part of the largest energy that was stored or turned over in a step.
+    pub relative: f64,
+}
+
 /// A region's ledger at one instant. Energies in J, since the start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionSummary {
@@ -71,6 +82,8 @@ pub struct RegionSummary {
     pub passive_stepper: bool,
     /// The ledger is of a pseudo energy.
     pub pseudo: bool,
+    /// Where the ledger is of an energy that the stepper keeps in the place of H: how far from H that is.
+    pub modified: Option<Modified>,
     /// By source, port or double bar.
     pub sources: Vec<ElementEnergy>,
     /// By resistor; below 0 where an active one injected energy.

@@ -97,10 +97,16 @@ impl Lower {
                 }
                 it.large(w, newton, &residual, matrix);
             } else {
-                it.judge(w, &residual);
+                if !newton.affine {
+                    it.judge(w, &residual);
+                }
                 let r: Vec<Value> = (0..n).map(|i| w.value(&residual, At::One(i))).collect();
                 let solution = w.eliminate(n, &entries, &r, it.row);
-                it.advance(w, &solution);
+                if newton.affine {
+                    it.once(w, &solution);
+                } else {
+                    it.advance(w, &solution);
+                }
             }
         });
         self.w.push(Stmt::Loop(body));
@@ -186,11 +192,16 @@ impl Iteration {
         if !newton.affine {
             return self.advance(w, &solution);
         }
+        self.once(w, &solution);
+    }
+
+    /// Takes the solution off the unknowns, which is all where the equations are affine.
+    fn once(&self, w: &mut Writer, solution: &Vector) {
         let (row, zero) = (w.get(self.row), w.number(0.0));
         let solved = w.lt(row, zero);
         w.when(solved.not(), |w| self.finish(w, SINGULAR));
         w.each(self.n, |w, at| {
-            let (d, u) = (w.at(&solution, at), w.at(&self.unknowns, at));
+            let (d, u) = (w.at(solution, at), w.at(&self.unknowns, at));
             let u = w.sub(u, d);
             w.put(&self.unknowns, at, u);
         });

@@ -150,7 +150,7 @@ fn later(c: &Cluster, pool: &mut Pool, part: f64, map: &mut FxHashMap<Symbol, Ex
 }
 
 /// Whether an energy is quadratic in its states.
-fn is_quadratic(c: &Cluster, pool: &mut Pool, g: &Group) -> bool {
+pub(super) fn is_quadratic(c: &Cluster, pool: &mut Pool, g: &Group) -> bool {
     let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
     let free = |pool: &Pool, k: Expr| !pool.contains_any(k, &|s| symbols.contains(&s));
     g.coenergy.iter().all(|z| pool.affine(*z, &symbols).is_some_and(|(l, _)| l.iter().all(|t| free(pool, t.1))))
@@ -198,7 +198,7 @@ fn gradients(c: &Cluster, pool: &mut Pool, tableau: &Tableau, stages: &[Stage], 
 }
 
 /// The degree of a polynomial in the symbols; `None` where it is not seen to be one.
-fn degree(pool: &Pool, e: Expr, symbols: &[Symbol]) -> Option<u32> {
+pub(super) fn degree(pool: &Pool, e: Expr, symbols: &[Symbol]) -> Option<u32> {
     if !pool.contains_any(e, &|s| symbols.contains(&s)) {
         return Some(0);
     }
@@ -312,7 +312,7 @@ pub(super) fn write(
     };
     if apart.is_none() {
         let decouple::Start { unknowns, residuals, guesses: start, weight, scale } = start;
-        let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None };
+        let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false };
         write::solve(model, &mut b, &mut lowering, system)?;
     }
     let mut value =

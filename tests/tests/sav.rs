@@ -1,0 +1,193 @@
+//! The non-iterative step: its order, its balance, and how far the energy that it keeps is from H.
+
+use crate::common::{close, file, finish, models, probe, start, with};
+use bond::{Code, Compiled, Options, Simulation, Steps, Summary};
+
+/// A circuit whose capacitor and resistor are not linear, driven.
+const CIRCUIT: &str = "\
+model Circuit(r = 0.4 Ohm, r3 = 0.3 Ohm/A^2, c = 1 F, s = 0.8 V/C^3) {
+  Se:u = 1.5 V * cos(2 rad/s * t)
+  I:coil = 1 H
+  C:cap { H = q^2/(2*c) + s*q^4/4; q0 = 0.2 C }
+  R:res { e = r*f + r3*f^3 }
+  u -> 1:i -> coil, cap, res
+  probe q = cap.q
+  probe p = coil.p
+}
+";
+
+/// A mass on a hardening spring, in a drag that grows with the cube of the speed.
+const DRAG: &str = "\
+model Drag(k = 1 N/m, k3 = 1 N/m^3, b = 0.3 N*s/m, b3 = 0.5 N*s^3/m^3) {
+  C:spring { H = k*q^2/2 + k3*q^4/4; q0 = 1 m }
+  I:mass = 1 kg
+  R:drag { e = b*f + b3*f^3 }
+  1:v -> spring, mass, drag
+  probe q = spring.q
+  probe p = mass.p
+}
+";
+
+/// The chain of Fermi, Pasta, Ulam and Tsingou in its first mode.
+const CHAIN: &str = "\
+model Chain(n = 32, k = 1 N/m, a = 0.25 N/m^2, b = 0.7 N/m^3) {
+  for i in 1..n { I:m[i] { inertia = 1 kg; f0 = 0.9 m/s * sin(pi*i/(n+1)) } 1:v[i] }
+  for i in 1..n+1 { C:s[i] { H = k*q^2/2 + a*q^3/3 + b*q^4/4 } 0:j[i] }
+  for i in 1..n { v[i] -> m[i]; j[i] -> v[i]; v[i] -> j[i+1] }
+  for i in 1..n+1 { j[i] -> s[i] }
+  Sf:left = 0 m/s
+  Sf:right = 0 m/s
+  left -> j[1]
+  j[n+1] -> right
+}
+";
+
+fn options() -> Options {
+    Options::new().method("sav")
+}
+
+fn classic(name: &str) -> Compiled {
+    file(&models().join("classics").join(format!("{name}.bond")), options())
+}
+
+fn last(compiled: &Compiled, h: f64, stop: f64) -> (Vec<f64>, Summary) {
+    let mut sim = start(compiled, Steps::fixed(h));
+    finish(&mut sim, stop);
+    let values = sim.probes().unwrap_or_else(|e| panic!("{e}")).to_vec();
+    (values, sim.summary())
+}
+
+/// What the energy that is kept was off H by at most, J.
+fn off(summary: &Summary) -> f64 {
+    summary.regions[0].modified.expect("it keeps an energy of its own").max_difference
+}
+
+#[test]
+fn it_has_order_two() {
+    let cases = [
+        ("pendulum", classic("pendulum"), 2.0, 0.0125),
+        ("Henon and Heiles", classic("henon_heiles"), 10.0, 0.05),
+        ("Kepler", classic("kepler"), 3.0, 0.00625),
+        ("circuit", with(options(), CIRCUIT), 4.0, 0.025),
+        ("drag", with(options(), DRAG), 3.0, 0.02),
+    ];
+    for (name, compiled, stop, h) in cases {
+        let runs: Vec<(Vec<f64>, Summary)> = (0..4).map(|k| last(&compiled, h / f64::from(1 << k), stop)).collect();
+        let errors: Vec<f64> = runs
+            .windows(2)
+            .map(|w| w[0].0.iter().zip(&w[1].0).take(2).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max))
+            .collect();
+        for e in errors.windows(2) {
+            let order = (e[0] / e[1]).log2();
+            assert!((order - 2.0).abs() <= 0.1, "{name}: order {order} of {errors:?}");
+        }
+        // What is kept comes nearer to H at least as fast.
+        for w in runs.windows(2) {
+            assert!(off(&w[0].1) > 3.5 * off(&w[1].1), "{name}: {} to {}", off(&w[0].1), off(&w[1].1));
+        }
+    }
+}
+
+#[test]
+fn it_balances_at_any_step_with_one_solution() {
+    // At 100 s a step is some fifty periods of each; the energy of a star's field has no lower bound, and lets it go.
+    let cases = [
+        (classic("pendulum"), 100.0),
+        (classic("henon_heiles"), 1.0),
+        (with(options(), CIRCUIT), 100.0),
+        (with(options(), DRAG), 100.0),
+    ];
+    for (compiled, most) in cases {
+        for h in [0.01, 1.0, most] {
+            let (_, summary) = last(&compiled, h, 1000.0 * h);
+            let region = &summary.regions[0];
+            assert_eq!(region.stepper, "sav");
+            assert_eq!((region.steps, region.newton_iterations), (1000, 1000), "h = {h}");
+            assert!(summary.worst_step <= 1e-12 && summary.total <= 1e-12, "h = {h}: {}", summary.worst_step);
+            assert!(region.passive_stepper && region.resistors.iter().all(|r| r.energy >= 0.0), "h = {h}");
+            assert!(region.modified.is_some_and(|m| m.max_difference.is_finite()));
+        }
+    }
+}
+
+#[test]
+fn what_it_keeps_does_not_drift_from_the_energy() {
+    let compiled = classic("pendulum");
+    let (mut sim, mut early) = (start(&compiled, Steps::fixed(0.01)), 0.0);
+    for stop in [100.0, 1000.0] {
+        finish(&mut sim, stop);
+        let summary = sim.summary();
+        assert!(summary.passive && summary.worst_step <= 1e-14 && summary.total <= 1e-13, "{}", summary.total);
+        if early > 0.0 {
+            assert!(off(&summary) <= 1.01 * early, "{} after {early}", off(&summary));
+        }
+        early = off(&summary);
+    }
+    let (_, summary) = last(&with(options(), CHAIN), 0.05, 500.0);
+    assert!(
+        summary.passive && summary.total <= 1e-13 && summary.regions[0].modified.is_some_and(|m| m.relative < 1e-3)
+    );
+}
+
+/// However far what it keeps went from H on the way, a force at rest is what the law says.
+#[test]
+fn at_rest_forces_are_right() {
+    let compiled = classic("levitation");
+    let mut sim = start(&compiled, Steps::fixed(5e-4));
+    finish(&mut sim, 2.0);
+    close(probe(&mut sim, "gap"), 0.008, 1e-9, "the gap");
+    close(probe(&mut sim, "current"), 0.7003570517957, 1e-6, "the current");
+}
+
+#[test]
+fn a_nonlinear_resistor_takes_power() {
+    let (_, summary) = last(&with(options(), DRAG), 0.5, 50.0);
+    let region = &summary.regions[0];
+    assert!(summary.passive && region.dissipated > 0.0);
+    // It comes to rest, where H is 0.
+    assert!(region.h_final.abs() <= off(&summary) + 1e-6, "{} of {}", region.h_final, off(&summary));
+    close(region.h_initial - region.h_final, region.dissipated, 1e-12, "what was lost");
+}
+
+#[test]
+fn adaptive_steps_meet_what_is_asked_for() {
+    for (name, wanted) in [("pendulum", "angle"), ("kepler", "x")] {
+        let compiled = classic(name);
+        let at = |tolerance: f64| {
+            let mut sim = start(&compiled, Steps::tolerance(tolerance));
+            finish(&mut sim, 3.0);
+            assert!(sim.summary().worst_step <= 1e-12);
+            probe(&mut sim, wanted)
+        };
+        close(at(1e-7), at(1e-10), 1e-3, name);
+    }
+}
+
+#[test]
+fn a_saved_run_goes_on_with_the_same_bits() {
+    let compiled = classic("double_pendulum");
+    let mut whole = start(&compiled, Steps::fixed(0.01));
+    finish(&mut whole, 1.0);
+    let bytes = whole.save().unwrap_or_else(|e| panic!("{e}"));
+    let resumed = Simulation::resume(Code::default().backend(), compiled.scene(), &bytes, []);
+    let mut second = resumed.unwrap_or_else(|e| panic!("{e}"));
+    for sim in [&mut whole, &mut second] {
+        finish(sim, 2.0);
+    }
+    assert!(whole.save().ok() == second.save().ok() && whole.summary() == second.summary());
+}
+
+#[test]
+fn what_it_cannot_take_is_said_by_name() {
+    let cases = [
+        ("stick_slip", ["`friction` is a curve", "gonzalez"]),
+        ("diode_rectifier", ["`diode` has an exponential", "gonzalez"]),
+        ("gas_piston", ["is a port of a field whose laws are not linear", "gonzalez"]),
+    ];
+    for (name, words) in cases {
+        let path = models().join("classics").join(format!("{name}.bond"));
+        let Err(errors) = options().compile_file(&path) else { panic!("{name} compiles") };
+        let text = errors.to_string();
+        assert!(words.iter().all(|w| text.contains(w)), "{name}: {text}");
+    }
+}
