@@ -2,6 +2,7 @@
 
 use crate::rows::Rows;
 use crate::stop::Stop;
+use crate::summary::short;
 use bond::{RunError, Simulation};
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::Options;
@@ -22,11 +23,11 @@ pub fn possible(scene: &Scene, options: &Options, stop: f64) -> Result<(), Stop>
         Err(Stop::Usage(format!("{what} would make {steps:.1e} steps in {stop} s, at most {STEPS:.0e} are done")))
     };
     if let Some(h) = options.step {
-        refuse(stop / h, format!("steps of {h} s"))?;
+        refuse(stop / h, format!("steps of {} s", short(h)))?;
     }
     for c in &scene.clusters {
         if let Some(period) = c.period {
-            refuse(stop / period, format!("the period {period} s of `{}`", c.name))?;
+            refuse(stop / period, format!("the period {} s of `{}`", short(period), c.name))?;
         }
     }
     Ok(())

@@ -86,11 +86,20 @@ impl Workspace {
     }
 }
 
+/// Where nothing changed, the iteration never began: the equations have no finite value there.
+fn unsettled(iterations: u32, unknown: usize, change: f64) -> String {
+    if change == 0.0 {
+        return "the equations have no finite value where the iteration starts: a number is too large for them, or undefined"
+            .into();
+    }
+    format!("no convergence after {iterations} iterations; w[{unknown}] still changes by {change:e}")
+}
+
 /// Why a run gave no result.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum Failure {
     /// Newton's method came to its limit.
-    #[error("no convergence after {iterations} iterations; w[{unknown}] still changes by {change:e}")]
+    #[error("{}", unsettled(*iterations, *unknown, *change))]
     NoConvergence {
         /// Iterations done.
         iterations: u32,

@@ -50,13 +50,18 @@ pub fn scenes(text: &str) -> Vec<String> {
     file.items.iter().filter_map(runs).collect()
 }
 
-/// Folders of models that run and expect something.
+/// Folders of models that run and expect something, by any stepper and step. (`hard` does as it says itself.)
 pub const RUN: [&str; 4] = ["examples", "elements", "components", "classics"];
 
 /// All scenes of the examples, the elements, the components and the classics: title, path, model.
 pub fn all_scenes() -> Vec<(String, PathBuf, String)> {
+    RUN.iter().flat_map(|folder| scenes_of(folder)).collect()
+}
+
+/// All scenes of a folder: title, path, model.
+pub fn scenes_of(folder: &str) -> Vec<(String, PathBuf, String)> {
     let mut list = Vec::new();
-    for (path, text) in RUN.iter().flat_map(|folder| texts(folder)) {
+    for (path, text) in texts(folder) {
         for scene in scenes(&text) {
             list.push((format!("{} {scene}", title(&path)), path.clone(), scene));
         }

@@ -1,6 +1,6 @@
 //! Every file of `models/` is known, and every `expect` holds.
 
-use crate::common::{all_scenes, file, files, models, run, stop, texts};
+use crate::common::{all_scenes, file, files, models, run, scenes_of, stop, texts};
 use bond::{Compiled, Options, Simulation, Steps, Summary};
 use bond_runtime::scene::ExpectationKind;
 use bond_runtime::{Interpreter, Kernel};
@@ -23,7 +23,8 @@ fn no_file_is_unknown() {
         }
         assert!(
             folder.is_dir()
-                && ["components", "examples", "elements", "classics", "invalid", "library"].contains(&name.as_str()),
+                && ["components", "examples", "elements", "classics", "hard", "invalid", "library"]
+                    .contains(&name.as_str()),
             "models/{name} is run by no test"
         );
         for path in files(&name) {
@@ -35,7 +36,7 @@ fn no_file_is_unknown() {
 
 #[test]
 fn every_model_has_docs() {
-    for folder in ["components", "examples", "elements", "classics", "invalid", "library"] {
+    for folder in ["components", "examples", "elements", "classics", "hard", "invalid", "library"] {
         for (path, text) in texts(folder) {
             assert!(text.starts_with("//! "), "{} does not say what it is", path.display());
         }
@@ -44,7 +45,7 @@ fn every_model_has_docs() {
 
 #[test]
 fn every_scene_expects_something() {
-    for folder in crate::common::RUN {
+    for folder in crate::common::RUN.into_iter().chain(["hard"]) {
         for (path, _) in texts(folder) {
             let compiled = file(&path, Options::new());
             assert!(!compiled.scene().probes.expectations.is_empty(), "{} expects nothing", path.display());
@@ -66,7 +67,7 @@ fn every_element_kind_has_its_model() {
 #[test]
 fn every_expectation_holds() {
     let mut broken = Vec::new();
-    for (title, path, scene) in all_scenes() {
+    for (title, path, scene) in all_scenes().into_iter().chain(scenes_of("hard")) {
         let compiled = file(&path, Options::new().model(&scene));
         for why in check(&compiled) {
             broken.push(format!("{title}: {why}"));

@@ -15,6 +15,7 @@ mod emitted;
 mod exchange;
 mod expectations;
 mod form;
+mod hard;
 mod holds;
 mod image;
 mod ledger;

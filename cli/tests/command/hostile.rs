@@ -181,3 +181,42 @@ fn odd_paths() {
     std::os::unix::fs::symlink("loop.bond", here.0.join("loop.bond")).unwrap();
     here.bond(&["check", "loop.bond"]).is(2, &[], &["cannot read"]);
 }
+
+/// Parameters that no physics has end in numbers, or in an error that says which: never in NaN, and never in a row of 300 zeros.
+#[test]
+fn parameters_of_no_physics() {
+    let here = Folder::new();
+    let run = |file: &str, set: &str| {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/hard").join(file);
+        let done = here.bond(&["run", &path.display().to_string(), "--set", set, "-o", "-"]);
+        let digits = done.err.split(|c: char| !c.is_ascii_digit()).map(str::len).max();
+        assert!(digits < Some(40), "{file} with {set}: {}", done.err);
+        done
+    };
+    for (set, word) in [
+        ("m=0", "inertia of `mass` is 0"),
+        ("m=-1", "negative inertia"),
+        ("m=5e-324", "5e-324"),
+        ("b=0", "resistance of `damper` is 0"),
+        ("b=-1", "active R:damper"),
+    ] {
+        run("hostile.bond", set).is(1, &[], &[word]);
+    }
+    for set in ["m=NaN", "m=inf", "m=1e999"] {
+        run("hostile.bond", set).is(2, &[], &["number"]);
+    }
+    for set in ["k=1e300", "beta=1e300", "x0=1e300", "v0=1e300", "u=1e300"] {
+        run("hostile.bond", set).is(3, &[], &["no finite value"]);
+    }
+    for set in ["m=1e-300", "m=1e300", "k=1e-300", "beta=0", "b=1e-300", "b=1e300", "x0=1e-300", "u=1e-300"] {
+        let done = run("hostile.bond", set).is(0, &[], &["passive"]);
+        assert!(!done.out.contains("NaN") && !done.out.contains("inf"), "{set}: {}", done.out);
+    }
+    // Its steps are too long for such a mass: it says so.
+    run("hostile.bond", "m=1e-300").is(0, &[], &["NO", "was off by"]);
+    run("sampled.bond", "ratio=0").is(1, &[], &["a period of 0 s"]);
+    run("sampled.bond", "ratio=-1").is(1, &[], &["cannot be run"]);
+    run("sampled.bond", "ratio=1e-300").is(2, &[], &["3.16228e-302 s"]);
+    run("fput.bond", "n=0").is(1, &[], &["spring[1]"]);
+    run("fput.bond", "n=1e300").is(1, &[], &["1e300"]);
+}

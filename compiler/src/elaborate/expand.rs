@@ -1,7 +1,7 @@
 //! First walk: makes the instances, expands `for` and `if`, declares every name, and notes the bonds.
 
 use super::suggest::nearest;
-use super::{Decl, Elaborator, Entity, Let, Param, ParamState, PortDecl, ScopeId};
+use super::{Decl, Elaborator, Entity, Let, Param, ParamState, PortDecl, ScopeId, told};
 use crate::element;
 use crate::model::{ElementId, Hold, Kind, Sampling};
 use bond_grammar::ast::{
@@ -522,8 +522,8 @@ impl<'a> Elaborator<'a> {
                         "elaborate::period",
                         clock,
                         match &block.clock {
-                            Clock::At(_) => format!("a rate of {} Hz cannot be run", 1.0 / p),
-                            Clock::Every(_) => format!("a period of {p} s cannot be run"),
+                            Clock::At(_) => format!("a rate of {} Hz cannot be run", told(1.0 / p)),
+                            Clock::Every(_) => format!("a period of {} s cannot be run", told(p)),
                         },
                     )
                     .help("give a positive rate or period, such as `at 1 kHz` or `every 40 ms`"),

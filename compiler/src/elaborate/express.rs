@@ -1,6 +1,6 @@
 //! Turns written expressions into expressions of the pool, with their units.
 
-use super::{Elaborator, Equation, Mode, ScopeId, Typed, Unit, Value};
+use super::{Elaborator, Equation, Mode, ScopeId, Typed, Unit, Value, told};
 use crate::expression::Symbol;
 use crate::model::{ElementId, Integral, Signal};
 use crate::units::{self, Dimension};
@@ -78,7 +78,12 @@ impl<'a> Elaborator<'a> {
             return Some(x as i64);
         }
         let words = self.words(e);
-        self.wrong("elaborate::integer", e.span, format!("`{words}` is {x}, and a whole number is needed"), "round it")
+        self.wrong(
+            "elaborate::integer",
+            e.span,
+            format!("`{words}` is {}, and a whole number is needed", told(x)),
+            "round it",
+        )
     }
 
     /// A condition that is known now.

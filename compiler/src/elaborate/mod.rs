@@ -38,6 +38,11 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
 use rustc_hash::FxHashMap;
 
+/// A number as messages tell it: with an exponent where it would be a row of zeros.
+pub(crate) fn told(x: f64) -> String {
+    if x == 0.0 || !x.is_finite() || (1e-9..1e15).contains(&x.abs()) { x.to_string() } else { format!("{x:e}") }
+}
+
 type ScopeId = usize;
 
 /// An expression and its unit.

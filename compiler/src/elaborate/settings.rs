@@ -1,6 +1,6 @@
 //! `simulate`, `expect` and `--set`.
 
-use super::{Elaborator, Mode, ScopeId, Unit};
+use super::{Elaborator, Mode, ScopeId, Unit, told};
 use crate::Options;
 use crate::model::{Expectation, ExpectationKind, Settings};
 use crate::units::Dimension;
@@ -81,8 +81,12 @@ impl<'a> Elaborator<'a> {
             return Some(x);
         }
         self.errors.push(
-            Diagnostic::error("elaborate::simulate", e.span, format!("`{name}` is {x} s, and must be positive"))
-                .help(format!("such as `{name} = 10 s`")),
+            Diagnostic::error(
+                "elaborate::simulate",
+                e.span,
+                format!("`{name}` is {} s, and must be positive", told(x)),
+            )
+            .help(format!("such as `{name} = 10 s`")),
         );
         None
     }
@@ -164,7 +168,7 @@ impl<'a> Elaborator<'a> {
                     Diagnostic::error(
                         "elaborate::value",
                         field.value.span,
-                        format!("the inertia of the port is {x}, and must be positive"),
+                        format!("the inertia of the port is {}, and must be positive", told(x)),
                     )
                     .help("give the least mass that the hand and the handle have"),
                 );

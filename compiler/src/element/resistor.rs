@@ -1,7 +1,7 @@
 //! Resistors: `e = r f`, `f = g e`, or a law that never gives power.
 
 use super::fields::Fields;
-use crate::elaborate::{Elaborator, Inference, Typed};
+use crate::elaborate::{Elaborator, Inference, Typed, told};
 use crate::model::{BondId, Curve, ElementId, Resistor, Variable};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
@@ -60,8 +60,12 @@ impl<'a> Elaborator<'a> {
             && x < 0.0
         {
             self.errors.push(
-                Diagnostic::error("elaborate::value", place, format!("negative resistance: that of `{name}` is {x}"))
-                    .help(format!("a resistor that gives power must say so: `active R:{name}`")),
+                Diagnostic::error(
+                    "elaborate::value",
+                    place,
+                    format!("negative resistance: that of `{name}` is {}", told(x)),
+                )
+                .help(format!("a resistor that gives power must say so: `active R:{name}`")),
             );
             return None;
         }

@@ -1,7 +1,7 @@
 //! Storages. `C`: dq/dt = f, e = dH/dq. `I`: dp/dt = e, f = dH/dp.
 
 use super::fields::Fields;
-use crate::elaborate::{Elaborator, Inference, Typed, Unit};
+use crate::elaborate::{Elaborator, Inference, Typed, Unit, told};
 use crate::expression::{Expr, Sign, Symbol};
 use crate::model::{BondId, ElementId, Kind, Signal, Storage};
 use crate::units::Dimension;
@@ -123,10 +123,12 @@ impl<'a> Elaborator<'a> {
         } else {
             "give a positive number".to_string()
         };
-        let how = if x < 0.0 {
-            format!("negative {what}: that of `{name}` is {x}")
+        let how = if x > 0.0 {
+            format!("the {what} of `{name}` is {}, and one over that is no number to compute with", told(x))
+        } else if x < 0.0 {
+            format!("negative {what}: that of `{name}` is {}", told(x))
         } else {
-            format!("the {what} of `{name}` is {x}, and must be positive")
+            format!("the {what} of `{name}` is {}, and must be positive", told(x))
         };
         self.errors.push(Diagnostic::error("elaborate::value", ast.span, how).help(help));
         None
