@@ -5,6 +5,7 @@ use crate::output;
 use crate::stop::Stop;
 use bond::{Code, Course, RunError, Simulation};
 use bond_runtime::scene::Scene;
+use bond_runtime::simulate;
 use std::path::Path;
 
 /// Saves the state, each time whole or not at all.
@@ -43,6 +44,15 @@ impl<'a> Checkpoints<'a> {
         self.wait(sim.time());
         output::put_bytes(self.path, &sim.save()?)
     }
+}
+
+/// What a saved state says of its scene and of its run; None where it is no state, as resuming will say.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn saved(path: &Path) -> Result<Option<(u64, simulate::Options)>, Stop> {
+    let bytes = std::fs::read(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
+    Ok(simulate::saved(&bytes).ok())
 }
 
 /// A run that goes on from a file.

@@ -4,6 +4,7 @@ use crate::errors::Errors;
 use crate::load::{FileLoader, read};
 use crate::quantity::{Quantity, quantity};
 use crate::simulation::{RunError, Simulation, Steps};
+use bond_compiler::discretise::Accuracy;
 use bond_compiler::show::{As, Shown, What};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
@@ -17,6 +18,7 @@ use std::path::Path;
 pub struct Options {
     model: Option<String>,
     method: Option<String>,
+    accuracy: Accuracy,
     set: Vec<(String, Result<Quantity, String>)>,
 }
 
@@ -29,6 +31,12 @@ impl Options {
     /// Takes another model of the file for the scene.
     pub fn model(mut self, name: impl Into<String>) -> Self {
         self.model = Some(name.into());
+        self
+    }
+
+    /// Lets a tolerance choose the stepper where none is named; as the model's `simulate` says where this is not called.
+    pub fn accuracy(mut self, accuracy: Accuracy) -> Self {
+        self.accuracy = accuracy;
         self
     }
 
@@ -83,7 +91,12 @@ impl Options {
                 Err(why) => return Err(lone(&text.name, "elaborate::set", format!("the value of `{path}`: {why}"))),
             }
         }
-        let options = bond_compiler::Options { model: self.model.clone(), set, method: self.method.clone() };
+        let options = bond_compiler::Options {
+            model: self.model.clone(),
+            set,
+            method: self.method.clone(),
+            accuracy: self.accuracy,
+        };
         let sources = text.sources.clone();
         match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {
             Ok(inner) => Ok(Compiled { inner, sources }),

@@ -113,7 +113,8 @@ fn models(file: &File) -> impl Iterator<Item = &Model> {
 fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> Component {
     // A parameter that must be given is 1 here, so that the rest has its units.
     let set = model.params.iter().filter(|p| p.default.is_none()).map(|p| (p.name.text.clone(), 1.0, None)).collect();
-    let options = bond_compiler::Options { model: Some(model.name.text.clone()), set, method: None };
+    let options =
+        bond_compiler::Options { model: Some(model.name.text.clone()), set, ..bond_compiler::Options::default() };
     let flat = elaborate(sources, id, files, &options, Vec::new()).ok();
     let flat = flat.as_ref();
     let mut found = Component {

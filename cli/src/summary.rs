@@ -110,6 +110,9 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     let rejected = counted(r.rejected, "rejected");
     let events = counted(r.events, if r.events == 1 { "event" } else { "events" });
     writeln!(out, "  {:11} {} ({order}), {} steps{rejected}{events}{newton}", "stepper", r.stepper, r.steps)?;
+    if !r.why.is_empty() && r.why != "asked for" {
+        writeln!(out, "  {:11} {}", "because", r.why)?;
+    }
     if let Some(hold) = &r.hold {
         writeln!(out, "  {:11} {hold}", "hold")?;
     }
@@ -142,7 +145,7 @@ fn hints(o: &Outcome) -> Vec<String> {
     let regions = &o.summary.regions;
     let mut list = Vec::new();
     if let Some(r) = regions.iter().find(|r| !r.passive_stepper) {
-        list.push(format!("`{}` makes energy of its own; `--method gonzalez` keeps the balance", r.stepper));
+        list.push(format!("`{}` does not keep the balance; `--method gonzalez` does", r.stepper));
     }
     if let Some(r) = regions
         .iter()
@@ -246,6 +249,7 @@ impl Serialize for Region<'_> {
         map.serialize_entry("period", &r.period)?;
         map.serialize_entry("states", &r.states)?;
         map.serialize_entry("stepper", &r.stepper)?;
+        map.serialize_entry("why", &r.why)?;
         map.serialize_entry("order", &r.order)?;
         map.serialize_entry("hold", &r.hold)?;
         map.serialize_entry("steps", &r.steps)?;

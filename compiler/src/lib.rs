@@ -36,6 +36,8 @@ pub struct Options {
     pub set: Vec<(String, f64, Option<Dimension>)>,
     /// The stepper, in the place of the one that `simulate` names.
     pub method: Option<String>,
+    /// What was asked of the accuracy, by which a stepper that is not named is chosen.
+    pub accuracy: discretise::Accuracy,
 }
 
 /// A compiled model, with all that was made on the way.
@@ -97,7 +99,7 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
     let (model, graph, causality, form) = form(model, graph, causality)?;
     let mut model = model;
     let method = discretise::method(&model, options)?;
-    let scene = discretise::discretise(&mut model, &form, method)?;
+    let scene = discretise::discretise(&mut model, &form, method, options.accuracy)?;
     Ok(Compiled { model, graph, causality, form, scene })
 }
 

@@ -66,6 +66,8 @@ pub struct Region {
 pub struct Stepper {
     /// `gonzalez`
     pub name: Cow<'static, str>,
+    /// Why it was taken; empty where there was no choice.
+    pub why: Cow<'static, str>,
     /// Its order; 0 where it has no error.
     pub order: u32,
     /// Whether its steps keep the balance.

@@ -12,7 +12,7 @@ use crate::summary::{self, Outcome};
 use crate::table::{self, Cell, Column, Kind, Table};
 use crate::{checkpoint, choose, ensemble, output, report};
 use bond::{Code, RunError, Simulation, Steps, Summary, Text};
-use bond_compiler::discretise::Method;
+use bond_compiler::discretise::{Accuracy, Method};
 use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
 use clap::builder::PossibleValuesParser;
@@ -136,6 +136,7 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     if let Some(method) = &args.method {
         options = options.method(method);
     }
+    options = options.accuracy(accuracy(&args.how));
     ensembles(args)?;
     if args.ensemble.asked() {
         return many(args, options);
@@ -148,7 +149,7 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     if let Some(target) = target {
         return chosen(args, options, target);
     }
-    let compiled = input::compile(&args.file, &options)?;
+    let compiled = compile(args, options)?;
     simulate(compiled.scene(), &compiled.stages().model.settings, &args.how)
 }
 
@@ -375,6 +376,33 @@ fn asked(args: &How, settings: &Settings) -> (Steps, f64, Option<f64>) {
         1.0
     });
     (steps(args), stop, args.every.or(settings.every))
+}
+
+/// What the command line asks of the accuracy.
+fn accuracy(args: &How) -> Accuracy {
+    match (args.step, args.tolerance) {
+        (_, Some(x)) => Accuracy::Tolerance(x),
+        (Some(_), None) => Accuracy::Fixed,
+        (None, None) => Accuracy::AsModel,
+    }
+}
+
+/// Compiles a scene; one whose state was saved with the accuracy that was asked for then.
+fn compile(args: &Args, options: bond::Options) -> Result<bond::Compiled, Stop> {
+    let compiled = input::compile(&args.file, &options)?;
+    let Some(path) = &args.how.resume else { return Ok(compiled) };
+    let Some((fingerprint, saved)) = checkpoint::saved(path)? else { return Ok(compiled) };
+    let fits = |c: &bond::Compiled| c.scene().fingerprint() == Ok(fingerprint);
+    if fits(&compiled) || args.method.is_some() || args.file == Path::new("-") {
+        return Ok(compiled);
+    }
+    for accuracy in [saved.tolerance.map_or(Accuracy::Fixed, Accuracy::Tolerance), Accuracy::Fixed] {
+        let other = input::compile(&args.file, &options.clone().accuracy(accuracy))?;
+        if fits(&other) {
+            return Ok(other);
+        }
+    }
+    Ok(compiled)
 }
 
 /// The steps that the command line asks for.

@@ -1,7 +1,9 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
 use super::collocation::{self, Nodes};
-use super::{Method, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, sav, start, unfit};
+use super::{
+    Method, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, sav, start, unfit,
+};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model};
@@ -332,7 +334,7 @@ impl Cluster {
         &mut self,
         model: &mut Model,
         form: &Form,
-        method: Option<Method>,
+        (method, tolerance): (Option<Method>, Option<f64>),
         shows: &[Symbol],
         foreign: Vec<(usize, usize)>,
     ) -> Result<scene::Cluster, Vec<Diagnostic>> {
@@ -346,9 +348,18 @@ impl Cluster {
         }
         let (step, entries, is_linear) = match &sampling {
             None => {
-                let wanted = method.filter(|m| *m != Method::Ray);
-                let (step, entries) = match wanted {
-                    None => match exact::write(self, model, form)? {
+                let mut wanted = method.filter(|m| *m != Method::Ray);
+                let (mut linear, mut why) = (None, "asked for");
+                if wanted.is_none() {
+                    linear = exact::write(self, model, form)?;
+                    why = "it is linear";
+                }
+                if wanted.is_none() && linear.is_none() {
+                    let (method, reason) = choice::nonlinear(self, &model.pool, tolerance);
+                    (wanted, why) = (Some(method), reason);
+                }
+                let (mut step, entries) = match wanted {
+                    None => match linear {
                         Some(found) => found,
                         None => gonzalez::write(self, model, form)?,
                     },
@@ -385,6 +396,7 @@ impl Cluster {
                     Some(Method::Radau) => self.collocation(model, form, Method::Radau, Nodes::Radau)?,
                     Some(Method::Sav) => sav::write(self, model, form)?,
                 };
+                step.why = why.into();
                 let is_linear = step.linear.is_some();
                 (step, entries, is_linear)
             }

@@ -531,6 +531,7 @@ pub(super) fn write(
     let order = if cubic { 4 } else { 0 };
     let stepper = |program, linear, glance| Stepper {
         name: "exact".into(),
+        why: "".into(),
         order,
         passive: true,
         program,

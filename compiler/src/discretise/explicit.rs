@@ -192,6 +192,7 @@ pub(super) fn write(
     Ok((
         Stepper {
             name: name.into(),
+            why: "".into(),
             order,
             passive: false,
             program,

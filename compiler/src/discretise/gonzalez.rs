@@ -220,6 +220,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     Ok((
         Stepper {
             name: "gonzalez".into(),
+            why: "".into(),
             order: 2,
             passive: true,
             program,

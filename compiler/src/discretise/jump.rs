@@ -34,6 +34,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<Stepp
     let program = verified(model, b.finish())?;
     Ok(Stepper {
         name: "next".into(),
+        why: "".into(),
         order: 0,
         passive: true,
         program,

@@ -1,6 +1,7 @@
 //! From the port-Hamiltonian form to step programs: one file a stepper, one for the holds.
 
 mod accounts;
+mod choice;
 mod cluster;
 mod collocation;
 mod exact;
@@ -26,6 +27,7 @@ use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::scene::{self, Scene};
+pub use choice::Accuracy;
 use cluster::Cluster;
 use rustc_hash::FxHashMap;
 
@@ -120,11 +122,17 @@ pub fn method(model: &Model, options: &Options) -> Result<Option<Method>, Vec<Di
     Method::named(name).map(Some).ok_or_else(|| cluster::unknown_method(name, span))
 }
 
-/// Writes the programs of a scene. `method` is for all regions that can take it.
+/// Writes the programs of a scene. `method` is for all regions that can take it; without one, the accuracy chooses.
 ///
 /// # Errors
 /// A method that a region cannot take.
-pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Result<Scene, Vec<Diagnostic>> {
+pub fn discretise(
+    model: &mut Model,
+    form: &Form,
+    method: Option<Method>,
+    accuracy: Accuracy,
+) -> Result<Scene, Vec<Diagnostic>> {
+    let tolerance = accuracy.tolerance(model.settings.tolerance);
     let mut clusters = gather::gather(model, form);
     let wanted = probes::wanted(model, form);
     // Which signals does each cluster have to show to the others and to the probes?
@@ -145,7 +153,7 @@ pub fn discretise(model: &mut Model, form: &Form, method: Option<Method>) -> Res
     for (i, c) in clusters.iter_mut().enumerate() {
         let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
         let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
-        scene.clusters.push(c.build(model, form, method, &shows[i], foreign)?);
+        scene.clusters.push(c.build(model, form, (method, tolerance), &shows[i], foreign)?);
     }
     for i in &model.inputs {
         let (name, unit) = (i.name.clone(), i.unit.map(|u| u.to_string()));

@@ -187,6 +187,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     Ok((
         Stepper {
             name: "ray".into(),
+            why: "".into(),
             order: 1,
             passive: true,
             program,

@@ -14,7 +14,7 @@ mod worst;
 
 pub use given::{Course, Unfit};
 pub use hold::Report;
-pub use save::Refused;
+pub use save::{Refused, saved};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, Modified, RegionSummary, Summary};
 
 use crate::kernel::Failure;

@@ -84,6 +84,15 @@ struct Part {
     moved: Vec<f64>,
 }
 
+/// The fingerprint of the scene whose state was saved, and what its run was started with.
+///
+/// # Errors
+/// Bytes that are no state.
+pub fn saved(bytes: &[u8]) -> Result<(u64, Options), Damaged> {
+    let saved: Saved = envelope::open(Kind::State, bytes)?;
+    Ok((saved.fingerprint, saved.options))
+}
+
 impl Simulation<'_> {
     /// The whole state, as bytes. Saving changes nothing.
     ///

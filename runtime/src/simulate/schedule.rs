@@ -751,6 +751,7 @@ impl<'a> Simulation<'a> {
                 period: region.period,
                 states: region.states,
                 stepper: c.step.name.clone(),
+                why: c.step.why.clone(),
                 order: c.step.order,
                 hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
                 steps: run.steps,

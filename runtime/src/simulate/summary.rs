@@ -44,6 +44,8 @@ pub struct RegionSummary {
     pub states: usize,
     /// The method.
     pub stepper: Cow<'static, str>,
+    /// Why it was taken: `it is linear`; empty where there was no choice.
+    pub why: Cow<'static, str>,
     /// Its order; 0: no error.
     pub order: u32,
     /// The hold, of a sampled region.

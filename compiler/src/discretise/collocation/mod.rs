@@ -365,7 +365,17 @@ pub(super) fn write(
     let (fallback, _) = gonzalez::write(c, model, form)?;
     let fallback = (nodes != Nodes::Radau).then(|| Box::new(fallback));
     Ok((
-        Stepper { name: name.into(), order, passive, program, estimate: None, linear: None, glance: None, fallback },
+        Stepper {
+            name: name.into(),
+            why: "".into(),
+            order,
+            passive,
+            program,
+            estimate: None,
+            linear: None,
+            glance: None,
+            fallback,
+        },
         entries,
     ))
 }

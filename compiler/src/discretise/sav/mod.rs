@@ -551,6 +551,7 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
     let program = verified(model, b.finish())?;
     let stepper = Stepper {
         name: "sav".into(),
+        why: "".into(),
         order: 2,
         passive: true,
         program,
