@@ -6,7 +6,8 @@ use bond_compiler::backend::native::Jit;
 use bond_compiler::backend::{lower, unit};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Binary, Builder, Newton, Program, Slot, Unary, Value};
-use bond_runtime::kernel::Backend;
+use bond_runtime::kernel::{Backend, Kernel};
+use bond_runtime::simulate::{self, Maker};
 use proptest::prelude::*;
 
 /// Rows of a run.
@@ -47,6 +48,78 @@ fn machine_code_gives_the_interpreters_bits_on_every_model() {
         compiled_ones += compiled.scene().clusters.iter().filter(|c| lower(&c.step.program).is_some()).count();
     }
     assert!(compiled_ones > 100, "{compiled_ones} step programs have a plain form");
+}
+
+/// Machine code that goes through whole stretches from the first on.
+struct Eager;
+
+impl Backend for Eager {
+    fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
+        Jit.kernel(program)
+    }
+
+    fn stretches(&self) -> Option<Maker> {
+        Jit.stretches().map(|m| Maker { worth: 0, ..m })
+    }
+}
+
+/// A run that looks at rows, is saved on the way and goes on from there, and whose inputs change: what it shows, as bits.
+fn stretched(compiled: &Compiled, backend: &dyn Backend, options: &simulate::Options, end: f64) -> (Vec<u64>, String) {
+    let scene = compiled.scene();
+    let mut shown: Vec<u64> = Vec::new();
+    let mut sim = match simulate::Simulation::on(backend, scene, options, Vec::new()) {
+        Ok(sim) => sim,
+        Err(e) => return (shown, e.to_string()),
+    };
+    for k in 1..=ROWS {
+        if k == ROWS / 2 {
+            let saved = sim.save().unwrap_or_else(|e| panic!("{e}"));
+            sim = simulate::Simulation::resume(backend, scene, &saved, Vec::new()).unwrap_or_else(|e| panic!("{e}"));
+        }
+        if k == ROWS / 3 {
+            (0..scene.inputs.len()).for_each(|i| sim.set_input(i, 0.9 * scene.inputs[i].value + 0.01));
+        }
+        // Rows that do not lie on the steps' grid, close together and far apart.
+        let at = if k % 2 == 0 { f64::from(k) } else { f64::from(k) + 0.93 };
+        if let Err(e) = sim.advance(at * end / f64::from(ROWS)) {
+            return (shown, format!("{e}\n{:?}", sim.summary()));
+        }
+        match sim.probes() {
+            Ok(p) => shown.extend(p.iter().map(|x| x.to_bits())),
+            Err(e) => return (shown, e.to_string()),
+        }
+        let summary = sim.summary();
+        for r in &summary.regions {
+            let numbers = [r.h_final, r.h_max, r.supplied, r.dissipated, r.leaked, r.tank, r.debt_max, r.worst_step, r.total];
+            shown.extend(numbers.iter().map(|x| x.to_bits()));
+            shown.extend(r.sources.iter().chain(&r.resistors).map(|e| e.energy.to_bits()));
+            shown.extend([r.steps, r.newton_iterations, r.leaps]);
+        }
+    }
+    let end = sim.finish(end * 1.05).map_or_else(|e| e.to_string(), |()| String::new());
+    (shown, format!("{end}{:?}", sim.summary()))
+}
+
+#[test]
+fn whole_stretches_give_the_interpreters_bits() {
+    let mut stretches = 0;
+    for (title, path, scene) in all_scenes() {
+        let compiled = file(&path, Options::new().model(&scene));
+        let settings = &compiled.stages().model.settings;
+        let shortest = compiled.scene().clusters.iter().filter_map(|c| c.period).fold(f64::INFINITY, f64::min);
+        let stop = stop(&compiled);
+        // Some hundreds of intervals.
+        let end = if shortest.is_finite() { 600.0 * shortest } else { stop.min(1.0) };
+        for h in [stop / 3000.0, end / 777.0] {
+            let options = Steps::fixed(h).resolve(settings, end, settings.every).unwrap_or_else(|e| panic!("{e}"));
+            let whole = unit::stretch(compiled.scene(), &options).is_some();
+            let interpreted = stretched(&compiled, &Interpret, &options, end);
+            let native = stretched(&compiled, &Eager, &options, end);
+            assert_eq!(native, interpreted, "{title} {scene} at {h} s, as a whole: {whole}");
+            stretches += u32::from(whole);
+        }
+    }
+    assert!(stretches > 100, "{stretches} runs have the form of a stretch");
 }
 
 const SPECIAL: [f64; 14] = [

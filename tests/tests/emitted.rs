@@ -67,7 +67,7 @@ int main(void) {
     bond_save(&b, before);
     bond_save(&other, after);
     if (memcmp(before, after, sizeof before)) return 6;
-    if (bond_ledger(&b, -1, 0) == 0 || bond_ledger(&b, BOND_REGIONS, 0) == 0 || bond_ledger(&b, 0, 17) == 0) return 5;
+    if (bond_ledger(&b, -1, 0) == 0 || bond_ledger(&b, BOND_REGIONS, 0) == 0 || bond_ledger(&b, 0, BOND_LEDGER_GAINED + 1) == 0) return 5;
     return bond_size() == sizeof b ? 0 : 4;
 }
 "#;

@@ -116,7 +116,8 @@ pub(super) struct Book {
     pub(super) supplied: Sum,
     pub(super) dissipated: Sum,
     pub(super) leaked: Sum,
-    pub(super) residual: Sum,
+    /// A sum of roundings: digits of its own rounding are none.
+    pub(super) residual: f64,
     /// What the balances of the steps are off by.
     pub(super) worst: Worst,
     pub(super) turnover_max: f64,
@@ -879,7 +880,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         let floor = b.floor();
         b.worst.add(residual.abs(), scale, floor);
         b.gained.add(-least, scale, floor);
-        b.residual.add(residual);
+        b.residual += residual;
         b.leaked.add(leap);
     }
     Ok(())

@@ -1,5 +1,6 @@
 //! The multi-rate schedule: sampled regions at their instants, continuous ones between.
 
+use super::ahead::Ahead;
 use super::cluster::{Book, Look, Run};
 use super::given::Course;
 use super::hold::{Held, Report, within_budget};
@@ -56,6 +57,7 @@ pub struct Simulation<'a> {
     pub(super) read: Vec<usize>,
     pub(super) probed: Vec<usize>,
     scratch: Scratch,
+    pub(super) ahead: Ahead,
 }
 
 /// Room for what a sample works out, so that taking one allocates nothing.
@@ -173,6 +175,7 @@ impl<'a> Simulation<'a> {
             probed: distinct(&scene.probes.gather),
             scratch: Scratch::new(n, held.iter().map(Vec::len).max().unwrap_or(0)),
             held,
+            ahead: Ahead::new(backend.stretches()),
         };
         for i in s.order.clone() {
             s.find_beta(i);
@@ -256,6 +259,7 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A step that fails. What was computed until then stays.
     pub fn advance(&mut self, until: f64) -> Result<(), Error> {
+        self.leap(until);
         while let Some(at) = self.next_sample().filter(|at| *at <= until * (1.0 + 1e-12)) {
             self.meet(at)?;
             self.sample(at)?;
@@ -746,7 +750,7 @@ impl<'a> Simulation<'a> {
                 tank: b.tank,
                 leaps: b.leaps,
                 worst_step: b.worst.above(floor),
-                total: if b.largest() > 0.0 { b.residual.value().abs() / b.largest() } else { 0.0 },
+                total: if b.largest() > 0.0 { b.residual.abs() / b.largest() } else { 0.0 },
                 passive_stepper: c.step.passive,
                 pseudo: region.pseudo,
                 sources: list(&e.supplied, &b.sources),

@@ -10,7 +10,7 @@ use rustc_hash::FxHashMap;
 pub(in crate::backend) const UNROLLED: usize = 8;
 
 /// A routine in the making.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(in crate::backend) struct Writer {
     blocks: Vec<Vec<Stmt>>,
     pub(in crate::backend) numbers: Vec<Option<Number>>,

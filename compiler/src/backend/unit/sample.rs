@@ -135,6 +135,10 @@ impl Writing<'_> {
             let (v, q) = (w.kept(held.v), w.kept(held.q));
             let here = if self.latches(i, k) { w.kept(held.w) } else { w.mul(v, q) };
             crossed = w.add(crossed, here);
+            if self.full {
+                w.keep(held.crossed, here);
+                w.gather(held.energy, here);
+            }
             let back = w.unary(Unary::Neg, q);
             let flow = w.div(back, length);
             w.keep(place.input + c.ports[h.port].input, flow);
