@@ -277,7 +277,8 @@ impl Run {
 
 impl Held {
     fn put(&self, p: &HeldPlaces, block: &mut [f64]) {
-        for (at, x) in [(p.v, self.v), (p.q, self.q), (p.w, self.w), (p.crossed, self.crossed), (p.last_q, self.last_q)] {
+        for (at, x) in [(p.v, self.v), (p.q, self.q), (p.w, self.w), (p.crossed, self.crossed), (p.last_q, self.last_q)]
+        {
             block[at] = x;
         }
         put(block, p.alpha, &self.alpha);
@@ -318,7 +319,9 @@ impl Book {
         }
         self.worst.put_tops(&mut block[p.worst..]);
         self.gained.put_tops(&mut block[p.gained..]);
-        for (at, sums, n) in [(p.sources, &self.sources, e.supplied.len()), (p.resistors, &self.resistors, e.dissipated.len())] {
+        for (at, sums, n) in
+            [(p.sources, &self.sources, e.supplied.len()), (p.resistors, &self.resistors, e.dissipated.len())]
+        {
             if let Some(at) = at {
                 sums.iter().take(n).enumerate().for_each(|(k, s)| put(block, at + 2 * k, &s.parts()));
             }

@@ -152,6 +152,8 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         }
         return Ok(());
     }
+    // Where no update is made at all, a failure tells none, rather than that of an earlier step.
+    scratch.update[..n].fill(0.0);
     let measure = Measure::new(&scratch.weight[..n], &scratch.scale[..n]);
     let mut best = f64::INFINITY;
     let mut before: Option<f64> = None; // |d|² of the update made last

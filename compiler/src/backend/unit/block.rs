@@ -110,6 +110,22 @@ impl Cluster {
         let books = start.energies.iter().map(|h| block.put(&ledger::start(*h))).collect();
         let more = if full { c.entries.iter().map(|e| More::new(block, c, e)).collect() } else { Vec::new() };
         let iterations = full.then(|| block.take(1));
-        Self { state, next, input, output, seen, called, largest, moved, count, left, held, books, more, iterations, table: 0 }
+        Self {
+            state,
+            next,
+            input,
+            output,
+            seen,
+            called,
+            largest,
+            moved,
+            count,
+            left,
+            held,
+            books,
+            more,
+            iterations,
+            table: 0,
+        }
     }
 }

@@ -38,8 +38,7 @@ const DEBT: usize = 14;
 const GAINED: usize = 15;
 
 /// The numbers of a ledger that a run goes on from, in the order of `bond_runtime::simulate::BookPlaces`.
-pub(super) const KEPT: [usize; 10] =
-    [H, H_MAX, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, TANK, DEBT];
+pub(super) const KEPT: [usize; 10] = [H, H_MAX, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, TANK, DEBT];
 
 /// What a ledger starts as, with so much energy.
 pub(super) fn start(h: f64) -> Vec<f64> {
@@ -85,10 +84,12 @@ impl Writing<'_> {
                 supplied = if k == 0 { x } else { w.add(supplied, x) };
                 let size = w.abs(x);
                 turnover = if k == 0 { size } else { w.add(turnover, size) };
-                w.gather(at + SUPPLIED, x);
                 if let Some(own) = more.and_then(|m| m.sources) {
                     w.gather(own + 2 * k, x);
                 }
+            }
+            if !e.supplied.is_empty() {
+                w.gather(at + SUPPLIED, supplied);
             }
             for (k, (_, slot)) in e.dissipated.iter().enumerate() {
                 let x = out(w, *slot);
@@ -97,10 +98,12 @@ impl Writing<'_> {
                 turnover = if k == 0 && e.supplied.is_empty() { size } else { w.add(turnover, size) };
                 let below = w.lt(x, least);
                 least = w.select(below, x, least);
-                w.gather(at + DISSIPATED, x);
                 if let Some(own) = more.and_then(|m| m.resistors) {
                     w.gather(own + 2 * k, x);
                 }
+            }
+            if !e.dissipated.is_empty() {
+                w.gather(at + DISSIPATED, dissipated);
             }
             let leap = e.leap.map_or(zero, |(slot, _)| out(w, slot));
             let h = out(w, e.energy);
@@ -125,8 +128,12 @@ impl Writing<'_> {
                 w.raise(at + TURNOVER, turnover);
             }
             w.keep(at + H, h);
-            w.raise(at + H_MAX, own);
-            w.raise(at + SIZE, size);
+            let most = w.raise(at + H_MAX, own);
+            if e.size == e.energy {
+                w.keep(at + SIZE, most);
+            } else {
+                w.raise(at + SIZE, size);
+            }
             let off = w.abs(residual);
             self.worst(w, i, k, false, off, scale);
             if !e.dissipated.is_empty() {

@@ -17,13 +17,13 @@ use super::code::{Memory, Place, Routine, Stmt, Value, size};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
 use block::{Block, Cluster};
-use lift::{Lifted, Uses, lift};
-use std::collections::BTreeSet;
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{GIVEN, Respond, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start};
+use lift::{Lifted, Uses, lift};
+use std::collections::BTreeSet;
 
 /// A scene ready to be printed as a program of its own.
 #[derive(Clone, Debug)]
