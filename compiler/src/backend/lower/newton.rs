@@ -4,7 +4,7 @@ use super::writer::{At, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir;
-use bond_runtime::solve::newton::{HALVINGS, NUDGES, STALLS, STRETCHES};
+use bond_runtime::solve::newton::{HALVINGS, NEAR, NUDGES, POLYNOMIAL, STALLS, STRETCHES};
 
 /// How an iteration ended.
 const DONE: f64 = 1.0;
@@ -37,6 +37,8 @@ pub(super) struct Iteration {
     stalls: Var,
     end: Var,
     row: Var,
+    /// See `bond_runtime::solve::newton::Plan`.
+    near: f64,
 }
 
 /// Whether a weight counts.
@@ -100,7 +102,8 @@ impl Lower {
 
 /// What comes before the loop.
 pub(super) fn begin(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> Iteration {
-    Iteration::new(w, newton.residual.len(), numbers, newton.affine)
+    let near = if newton.is_polynomial() { POLYNOMIAL } else { NEAR };
+    Iteration { near, ..Iteration::new(w, newton.residual.len(), numbers, newton.affine) }
 }
 
 impl Iteration {
@@ -133,6 +136,7 @@ impl Iteration {
             stalls: w.starting(0.0),
             end: w.starting(0.0),
             row: w.starting(-1.0),
+            near: NEAR,
         };
         if affine {
             return it;
@@ -370,7 +374,7 @@ impl Iteration {
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
         let quick = Cond::all([Cond::True(made), w.eq(halvings, zero), w.le(square, quick)]);
         let slow = Cond::all([Cond::True(made), w.le(slow, square)]);
-        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-8), w.tolerance(1e-10));
+        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(self.near), w.tolerance(1e-10));
         let ratio = w.div(last, square);
         let t = w.mul(least, ratio);
         let under = w.lt(t, most);
