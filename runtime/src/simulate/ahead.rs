@@ -132,7 +132,7 @@ impl Simulation<'_> {
             let held = self.held[i].iter().all(|h| !h.silent && h.holder_energy == h.other_energy);
             grid && held && run.feed.is_settled(now) && self.moved[i].len() == c.ports.len()
         });
-        (!sampled || (gone as f64 * places.interval == now && self.time == now))
+        (!sampled || gone as f64 * places.interval == now)
             && self.given.iter().all(|g| g.is_settled(now))
             && steps.all(|good| good)
     }
