@@ -1,6 +1,7 @@
 //! What every back end offers: one program, ready to run.
 
 use crate::ir::{Array, Program, Slot};
+use crate::simulate;
 use crate::solve::{linear, newton};
 use thiserror::Error;
 
@@ -34,6 +35,11 @@ pub trait Backend {
     /// # Panics
     /// Where the program does not pass [`Program::verify`].
     fn kernel(&self, program: &Program) -> Box<dyn Kernel>;
+
+    /// Makes what goes through whole stretches of a run at once, where this back end has such.
+    fn stretches(&self) -> Option<simulate::Maker> {
+        None
+    }
 }
 
 /// What a run works on besides its arguments. Nothing in it is read by the next run.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A sum that keeps what rounding would lose: Neumaier's compensation.
+/// A sum that keeps what rounding would lose: what each addition is off by is found without branches (Knuth's two-sum), and summed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sum {
     sum: f64,
@@ -15,12 +15,22 @@ impl Sum {
         Self::default()
     }
 
+    /// A sum that goes on from its two numbers.
+    pub(crate) fn of([sum, rest]: [f64; 2]) -> Self {
+        Self { sum, rest }
+    }
+
+    /// Its two numbers.
+    pub(crate) fn parts(&self) -> [f64; 2] {
+        [self.sum, self.rest]
+    }
+
     /// Adds a term.
     #[inline]
     pub fn add(&mut self, x: f64) {
         let sum = self.sum + x;
-        // The smaller of the two is what lost digits.
-        self.rest += if self.sum.abs() >= x.abs() { (self.sum - sum) + x } else { (x - sum) + self.sum };
+        let added = sum - self.sum;
+        self.rest += (self.sum - (sum - added)) + (x - added);
         self.sum = sum;
     }
 

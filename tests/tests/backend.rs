@@ -1,13 +1,16 @@
 //! Back ends give the same numbers, to the last bit. What leaves this program as C or objects is tested in `emitted`.
 
-use crate::common::{all_scenes, cases, file, stop};
+use crate::common::{all_scenes, cases, file, stop, with};
 use bond::{Code, Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::native::Jit;
 use bond_compiler::backend::{lower, unit};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Binary, Builder, Newton, Program, Slot, Unary, Value};
-use bond_runtime::kernel::Backend;
+use bond_runtime::kernel::{Backend, Kernel};
+use bond_runtime::scene::Scene;
+use bond_runtime::simulate::{self, Maker, Places, Stretch};
 use proptest::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Rows of a run.
 const ROWS: u32 = 60;
@@ -47,6 +50,118 @@ fn machine_code_gives_the_interpreters_bits_on_every_model() {
         compiled_ones += compiled.scene().clusters.iter().filter(|c| lower(&c.step.program).is_some()).count();
     }
     assert!(compiled_ones > 100, "{compiled_ones} step programs have a plain form");
+}
+
+/// Machine code that goes through whole stretches from the first on, and counts: intervals gone, and stretches that failed.
+struct Eager;
+
+static GONE: AtomicU64 = AtomicU64::new(0);
+static FAILED: AtomicU64 = AtomicU64::new(0);
+
+struct Counted(Box<dyn Stretch>);
+
+impl Stretch for Counted {
+    fn places(&self) -> &Places {
+        self.0.places()
+    }
+
+    fn run(&mut self, block: &mut [f64], intervals: u64, notes: &mut [f64]) -> (u64, usize) {
+        let (gone, noted) = self.0.run(block, intervals, notes);
+        GONE.fetch_add(gone, Ordering::Relaxed);
+        FAILED.fetch_add(u64::from(gone < intervals), Ordering::Relaxed);
+        (gone, noted)
+    }
+}
+
+impl Backend for Eager {
+    fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
+        Jit.kernel(program)
+    }
+
+    fn stretches(&self) -> Option<Maker> {
+        let make = |scene: &Scene, options: &simulate::Options| -> Option<Box<dyn Stretch>> {
+            Some(Box::new(Counted((Jit.stretches()?.make)(scene, options)?)))
+        };
+        Some(Maker { make, worth: 0 })
+    }
+}
+
+/// A run that looks at rows, is saved on the way and goes on from there, and whose inputs change: what it shows, as bits.
+fn stretched(compiled: &Compiled, backend: &dyn Backend, options: &simulate::Options, end: f64) -> (Vec<u64>, String) {
+    let scene = compiled.scene();
+    let mut shown: Vec<u64> = Vec::new();
+    let mut sim = match simulate::Simulation::on(backend, scene, options, Vec::new()) {
+        Ok(sim) => sim,
+        Err(e) => return (shown, e.to_string()),
+    };
+    for k in 1..=ROWS {
+        if k == ROWS / 2 {
+            let saved = sim.save().unwrap_or_else(|e| panic!("{e}"));
+            sim = simulate::Simulation::resume(backend, scene, &saved, Vec::new()).unwrap_or_else(|e| panic!("{e}"));
+        }
+        if k == ROWS / 3 {
+            (0..scene.inputs.len()).for_each(|i| sim.set_input(i, 0.9 * scene.inputs[i].value + 0.01));
+        }
+        // Rows that do not lie on the steps' grid, close together and far apart.
+        let at = if k % 2 == 0 { f64::from(k) } else { f64::from(k) + 0.93 };
+        if let Err(e) = sim.advance(at * end / f64::from(ROWS)) {
+            return (shown, format!("{e}\n{:?}", sim.summary()));
+        }
+        match sim.probes() {
+            Ok(p) => shown.extend(p.iter().map(|x| x.to_bits())),
+            Err(e) => return (shown, e.to_string()),
+        }
+        let summary = sim.summary();
+        for r in &summary.regions {
+            let numbers =
+                [r.h_final, r.h_max, r.supplied, r.dissipated, r.leaked, r.tank, r.debt_max, r.worst_step, r.total];
+            shown.extend(numbers.iter().map(|x| x.to_bits()));
+            shown.extend(r.sources.iter().chain(&r.resistors).map(|e| e.energy.to_bits()));
+            shown.extend([r.steps, r.newton_iterations, r.leaps]);
+        }
+    }
+    let end = sim.finish(end * 1.05).map_or_else(|e| e.to_string(), |()| String::new());
+    (shown, format!("{end}{:?}", sim.summary()))
+}
+
+/// Asserts that a run by stretches is that by the interpreter; whether there are such.
+fn same_by_stretches(title: &str, compiled: &Compiled, h: f64, end: f64) -> bool {
+    let settings = &compiled.stages().model.settings;
+    let options = Steps::fixed(h).resolve(settings, end, settings.every).unwrap_or_else(|e| panic!("{e}"));
+    let whole = unit::stretch(compiled.scene(), &options).is_some();
+    let interpreted = stretched(compiled, &Interpret, &options, end);
+    let native = stretched(compiled, &Eager, &options, end);
+    assert_eq!(native, interpreted, "{title} at {h} s, as a whole: {whole}");
+    whole
+}
+
+#[test]
+fn whole_stretches_give_the_interpreters_bits() {
+    let mut stretches = 0;
+    for (title, path, scene) in all_scenes() {
+        let compiled = file(&path, Options::new().model(&scene));
+        let shortest = compiled.scene().clusters.iter().filter_map(|c| c.period).fold(f64::INFINITY, f64::min);
+        let stop = stop(&compiled);
+        // Some hundreds of intervals.
+        let end = if shortest.is_finite() { 600.0 * shortest } else { stop.min(1.0) };
+        for h in [stop / 3000.0, end / 777.0] {
+            stretches += u32::from(same_by_stretches(&format!("{title} {scene}"), &compiled, h, end));
+        }
+    }
+    // Steps that have no solution, and are halved; a source that is no number from some time on.
+    let failing = [
+        "model A { Se:u = sin(3 rad/s * t) * 3 N  I:m { inertia = 0.1 kg; f0 = 1 m/s }  R:dry { e = if f > 0 then 2 N else -2 N }
+                   1:v -> m, dry  u -> v  probe f = m.f }",
+        "model A { Se:u = 1 N * sqrt(0.8 - t / (1 s))  I:m = 1 kg  C:s { e = q^3 * (1 N/m^3) }  1:v -> m, s  u -> v  probe f = m.f }",
+    ];
+    for text in failing {
+        let compiled = with(Options::new().method("gonzalez"), text);
+        for h in [1e-3, 2e-2] {
+            assert!(same_by_stretches(text, &compiled, h, 1.0), "{text}");
+        }
+    }
+    let (gone, failed) = (GONE.load(Ordering::Relaxed), FAILED.load(Ordering::Relaxed));
+    assert!(stretches > 100 && gone > 20_000 && failed > 2, "{stretches} runs, {gone} intervals, {failed} failures");
 }
 
 const SPECIAL: [f64; 14] = [

@@ -196,12 +196,22 @@ fn emit(folder: &Folder, figure: &Figure, compiled: &Compiled) -> Result<(unit::
 }
 
 /// The program around a scene.
-fn link(folder: &Folder, figure: &Figure, part: &str, name: &str, flags: &[&str]) -> Result<PathBuf, String> {
+fn link(
+    folder: &Folder,
+    figure: &Figure,
+    unit: &unit::Unit,
+    part: &str,
+    name: &str,
+    flags: &[&str],
+) -> Result<PathBuf, String> {
     let scenes = format!("-DSCENES={}", figure.scenes);
     let mut arguments = flags.to_vec();
     arguments.extend(["-std=gnu99", scenes.as_str(), "scene_main.c", part]);
     if figure.pulls {
         arguments.push("-DPULLS");
+    }
+    if unit.run.is_some() {
+        arguments.push("-DRUNS");
     }
     folder.cc(&arguments, &format!("scene_{name}_{}", figure.title.replace(|c: char| !c.is_ascii_alphanumeric(), "_")))
 }
@@ -215,14 +225,14 @@ fn emitted(
 ) -> Result<PathBuf, String> {
     let (unit, options) = emit(folder, figure, compiled)?;
     folder.put("scene.c", c::source(&unit, &options))?;
-    link(folder, figure, "scene.c", name, flags)
+    link(folder, figure, &unit, "scene.c", name, flags)
 }
 
 #[cfg(feature = "native")]
 fn object(folder: &Folder, figure: &Figure, compiled: &Compiled) -> Result<PathBuf, String> {
     let (unit, _) = emit(folder, figure, compiled)?;
     folder.put("scene.o", bond_compiler::backend::native::object(&unit, "bond")?)?;
-    link(folder, figure, "scene.o", "object", &["-O2"])
+    link(folder, figure, &unit, "scene.o", "object", &["-O2"])
 }
 
 #[cfg(not(feature = "native"))]

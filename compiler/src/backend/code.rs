@@ -205,6 +205,8 @@ pub enum Stmt {
     },
     /// Adds to the iterations done.
     Count(Value),
+    /// Leaves four numbers for who runs the routine, one after the other in [`Memory::Next`].
+    Note([Value; 4]),
     /// Ends the routine without a result.
     Fail(Reason),
 }
@@ -275,22 +277,25 @@ pub struct Routine {
 impl Routine {
     /// How many statements it has, those inside others included.
     pub fn size(&self) -> usize {
-        fn count(body: &[Stmt]) -> usize {
-            body.iter()
-                .map(|s| match s {
-                    Stmt::If(_, a, b) => 1 + count(a) + count(b),
-                    Stmt::Loop(a) | Stmt::For(_, _, _, a) => 1 + count(a),
-                    Stmt::Let(..)
-                    | Stmt::Set(..)
-                    | Stmt::Store(..)
-                    | Stmt::Break
-                    | Stmt::Continue
-                    | Stmt::Solve { .. }
-                    | Stmt::Count(_)
-                    | Stmt::Fail(_) => 1,
-                })
-                .sum()
-        }
-        count(&self.body)
+        size(&self.body)
     }
+}
+
+/// How many statements there are, those inside others included.
+pub fn size(body: &[Stmt]) -> usize {
+    body.iter()
+        .map(|s| match s {
+            Stmt::If(_, a, b) => 1 + size(a) + size(b),
+            Stmt::Loop(a) | Stmt::For(_, _, _, a) => 1 + size(a),
+            Stmt::Let(..)
+            | Stmt::Set(..)
+            | Stmt::Store(..)
+            | Stmt::Break
+            | Stmt::Continue
+            | Stmt::Solve { .. }
+            | Stmt::Count(_)
+            | Stmt::Note(_)
+            | Stmt::Fail(_) => 1,
+        })
+        .sum()
 }

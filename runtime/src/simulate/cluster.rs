@@ -120,7 +120,8 @@ pub(super) struct Book {
     pub(super) supplied: Sum,
     pub(super) dissipated: Sum,
     pub(super) leaked: Sum,
-    pub(super) residual: Sum,
+    /// A sum of roundings: digits of its own rounding are none.
+    pub(super) residual: f64,
     /// What the balances of the steps are off by.
     pub(super) worst: Worst,
     pub(super) turnover_max: f64,
@@ -739,8 +740,8 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
             supplied += w;
             turnover += f64::abs(w);
             sum.add(w);
-            b.supplied.add(w);
         }
+        b.supplied.add(supplied);
         let mut least = 0.0f64;
         for (k, ((name, slot), sum)) in e.dissipated.iter().zip(&mut b.resistors).enumerate() {
             let w = out[*slot];
@@ -754,8 +755,8 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
                 b.giver = (k, w);
             }
             sum.add(w);
-            b.dissipated.add(w);
         }
+        b.dissipated.add(dissipated);
         for ((name, slot), sum) in e.produced.iter().zip(&mut b.produced) {
             let s = out[*slot];
             if !s.is_finite() {
@@ -781,15 +782,16 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         let residual = (h - before) - ((supplied - dissipated) + leap);
         let size = out[e.size].abs();
         let scale = size.max(b.h.abs()).max(turnover);
-        b.size_max = b.size_max.max(size);
         b.turnover_max = b.turnover_max.max(turnover);
         b.h = h;
         b.h_max = b.h_max.max(h.abs());
+        // Where none can be negative, the magnitude of the whole is it.
+        b.size_max = if e.size == e.energy { b.h_max } else { b.size_max.max(size) };
         b.h_top = b.h_top.max(h);
         let floor = b.floor();
         b.worst.add(residual.abs(), scale, floor);
         b.gained.add(-least, scale, floor);
-        b.residual.add(residual);
+        b.residual += residual;
         b.leaked.add(leap);
     }
     Ok(())

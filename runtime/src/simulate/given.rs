@@ -101,6 +101,11 @@ impl Course {
         p.value + p.slope * (t - p.at)
     }
 
+    /// Whether it is the same from an instant on.
+    pub(super) fn is_settled(&self, t: f64) -> bool {
+        self.pieces.last().is_none_or(|p| p.at <= t && p.slope == 0.0)
+    }
+
     /// The first instant after `t`, by more than `slack`, at which another piece begins.
     fn next(&self, t: f64, slack: f64) -> Option<f64> {
         let i = self.pieces.partition_point(|p| p.at <= t + slack);
@@ -134,6 +139,11 @@ impl Feed {
     /// Sets a course from now on; the cluster itself has come as far as `past`.
     pub(super) fn set(&mut self, k: usize, now: f64, value: f64, past: f64) {
         self.courses[k].set(now, value, past);
+    }
+
+    /// Whether all signals are the same from an instant on.
+    pub(super) fn is_settled(&self, t: f64) -> bool {
+        self.courses.iter().all(|c| c.is_settled(t))
     }
 
     /// The end of the piece of time from `t` on over which each of the signals changes evenly, if it lies before `end`.

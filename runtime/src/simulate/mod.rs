@@ -1,19 +1,23 @@
 //! Runs a scene: the multi-rate schedule, sample and hold, adaptive steps, and what is recorded.
 
 mod adaptive;
+mod ahead;
 mod attempt;
 mod cluster;
 mod event;
 mod given;
 mod hold;
+mod places;
 mod save;
 mod schedule;
 mod start;
 mod summary;
 mod worst;
 
+pub use ahead::{Maker, Stretch};
 pub use given::{Course, Unfit};
 pub use hold::Report;
+pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 pub use save::{Refused, saved};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, Modified, RegionSummary, Summary};
 

@@ -1,5 +1,6 @@
 //! The multi-rate schedule: sampled regions at their instants, continuous ones between.
 
+use super::ahead::Ahead;
 use super::cluster::{Book, Look, Run};
 use super::given::Course;
 use super::hold::{Held, Report, within_budget};
@@ -56,6 +57,7 @@ pub struct Simulation<'a> {
     pub(super) read: Vec<usize>,
     pub(super) probed: Vec<usize>,
     scratch: Scratch,
+    pub(super) ahead: Ahead,
 }
 
 /// Room for what a sample works out, so that taking one allocates nothing.
@@ -173,6 +175,7 @@ impl<'a> Simulation<'a> {
             probed: distinct(&scene.probes.gather),
             scratch: Scratch::new(n, held.iter().map(Vec::len).max().unwrap_or(0)),
             held,
+            ahead: Ahead::new(backend.stretches()),
         };
         // What is driven at a port is driven from the instant on to which it was advanced.
         for open in &scene.open {
@@ -271,6 +274,7 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A step that fails. What was computed until then stays.
     pub fn advance(&mut self, until: f64) -> Result<(), Error> {
+        self.leap(until);
         while let Some(at) = self.next_sample().filter(|at| *at <= until * (1.0 + 1e-12)) {
             self.meet(at)?;
             self.sample(at)?;
@@ -381,7 +385,7 @@ impl<'a> Simulation<'a> {
     fn commit(&mut self, i: usize) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let period = c.period.unwrap_or(0.0);
-        let mut crossed = 0.0;
+        let (rate, mut crossed) = (1.0 / period, 0.0);
         for k in 0..self.held[i].len() {
             let latches = self.latches(&self.held[i][k]);
             let h = &mut self.held[i][k];
@@ -402,7 +406,7 @@ impl<'a> Simulation<'a> {
             h.other_energy.add(there);
             h.difference = h.difference.max((h.holder_energy.value() - h.other_energy.value()).abs());
             crossed += here;
-            self.runs[i].input[c.ports[h.port].input] = -h.q / period;
+            self.runs[i].input[c.ports[h.port].input] = -h.q * rate;
         }
         let start = (self.next[i] - 1) as f64 * period;
         let mut moved = std::mem::take(&mut self.moved[i]);
@@ -455,6 +459,7 @@ impl<'a> Simulation<'a> {
     fn respond(&mut self, i: usize, at: f64, scratch: &mut Scratch) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let period = c.period.unwrap_or(0.0);
+        let rate = 1.0 / period;
         for bar in self.scene.bars.iter().filter(|b| b.other.0 == i) {
             let v = self.held[bar.holder.0].iter().find(|h| (bar.holder.0, h.port) == bar.holder).map_or(0.0, |h| h.v);
             self.runs[i].input[c.ports[bar.other.1].input] = bar.sign * v;
@@ -474,7 +479,7 @@ impl<'a> Simulation<'a> {
         input[0] = at;
         input[1] = period;
         for h in &self.held[i] {
-            input[c.ports[h.port].input] = -h.last_q / period;
+            input[c.ports[h.port].input] = -h.last_q * rate;
         }
         let matched = matches!(respond, Respond::Matched(..));
         if matched {
@@ -535,7 +540,7 @@ impl<'a> Simulation<'a> {
     /// monotone in q. Several: one after the other, a few times over.
     fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64], q: &mut Vec<f64>) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let period = c.period.unwrap_or(0.0);
+        let rate = 1.0 / c.period.unwrap_or(0.0);
         let n = values.len();
         let base = self.runs[i].input.len();
         q.clear();
@@ -547,7 +552,7 @@ impl<'a> Simulation<'a> {
             let free = alpha[k] - pull;
             let call = |this: &mut Self, q: &[f64]| -> Result<f64, Error> {
                 for (h, q) in this.held[i].iter().zip(q) {
-                    this.respond_input[i][c.ports[h.port].input] = -q / period;
+                    this.respond_input[i][c.ports[h.port].input] = -q * rate;
                 }
                 let run = &mut this.runs[i];
                 let Some(look) = &mut run.fallback else { return Ok(0.0) };
@@ -768,7 +773,7 @@ impl<'a> Simulation<'a> {
                 tank: b.tank,
                 leaps: b.leaps,
                 worst_step: b.worst.above(floor),
-                total: if b.largest() > 0.0 { b.residual.value().abs() / b.largest() } else { 0.0 },
+                total: if b.largest() > 0.0 { b.residual.abs() / b.largest() } else { 0.0 },
                 passive_stepper: c.step.passive,
                 pseudo: region.pseudo,
                 modified: e.modified.map(|_| Modified {

@@ -47,8 +47,7 @@ pub fn header(unit: &Unit, options: &Options) -> String {
 typedef struct {p}_state {{
     {p}_real x[{}]; /* all that goes from interval to interval */
     {p}_real s[{}]; /* scratch, which no interval reads from the one before */
-    {p}_real k[{}]; /* what the interval began with, to be put back if it fails */
-}} {p}_state;
+{}}} {p}_state;
 
 /* Why an interval failed: an iteration came to its limit, or met equations without a solution, or a number is not finite, or
    intervals cannot be counted any more (after 2^53 of them; single numbers end at 2^24). The scene then is as the interval found it. */
@@ -66,7 +65,7 @@ void {p}_output(const {p}_state *b, {p}_real *out);
    continuous region what the outside gives over it, along the half arrow. May be null where there are no ports. 0, or why it failed. */
 int {p}_commit({p}_state *b, const {p}_real *moved);
 
-/* Looks at the probes, one number each. 0, or why it failed. Looking changes nothing that an interval reads. */
+{}/* Looks at the probes, one number each. 0, or why it failed. Looking changes nothing that an interval reads. */
 int {p}_probes({p}_state *b, {p}_real *out);
 
 /* Sets a signal given from outside, from the start of the interval that runs; a sampled region meets it at its next sample. */
@@ -90,7 +89,19 @@ void {p}_restore({p}_state *b, const {p}_real *saved);
 ",
         unit.image.len(),
         super::scratch(unit),
-        unit.image.len(),
+        if unit.whole {
+            String::new()
+        } else {
+            format!("    {p}_real k[{}]; /* what the interval began with, to be put back if it fails */\n", unit.image.len())
+        },
+        if unit.run.is_none() {
+            String::new()
+        } else {
+            format!(
+                "/* Goes so many intervals on, faster than one by one. 0, or why one failed; the scene then is as that one found it, and the\n   \
+                 time tells which it was. */\nint {p}_run({p}_state *b, unsigned long intervals);\n\n"
+            )
+        },
     );
     out.push_str("\n#ifdef __cplusplus\n}\n#endif\n#endif\n");
     out

@@ -86,6 +86,7 @@ impl Used {
                 | Stmt::Break
                 | Stmt::Continue
                 | Stmt::Count(_)
+                | Stmt::Note(_)
                 | Stmt::Fail(_) => {}
             }
         }
@@ -177,6 +178,8 @@ impl Printer<'_> {
                     self.line(depth, &format!("m{} = bond_solve_{system}(s + {matrix}, s + {vector}, s);", row.0));
                 }
                 Stmt::Count(v) => self.unused(depth, *v),
+                // Who runs a scene by itself reads no notes.
+                Stmt::Note(list) => list.iter().for_each(|v| self.unused(depth, *v)),
                 Stmt::Fail(reason) => {
                     let (code, notes) = match reason {
                         Reason::NoConvergence(_, a, b) => ("BOND_NO_CONVERGENCE", vec![*a, *b]),

@@ -16,6 +16,7 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     let after = unit.commit.systems.len();
     let commit = function(&unit.commit, "commit", 0, &mut needs);
     let observe = function(&unit.observe, "observe", after, &mut needs);
+    let many = unit.run.as_ref().map(|r| function(r, "many", 0, &mut needs)).unwrap_or_default();
     let solvers = solve::functions(&unit.commit, 0, &mut needs) + &solve::functions(&unit.observe, after, &mut needs);
     let mut out = format!(
         "/* {} as a program of its own, made by bond; see {}. C99 and libm. For the same bits on every machine: -ffp-contract=off. */\n\
@@ -60,6 +61,7 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     }
     out.push_str(&solvers);
     out.push_str(&commit);
+    out.push_str(&many);
     out.push_str(&observe);
     out.push_str(&interface(unit, p));
     out
@@ -133,12 +135,24 @@ fn interface(unit: &Unit, p: &str) -> String {
     if unit.open.is_empty() {
         out.push_str("    (void)b;\n    (void)out;\n");
     }
-    let _ = writeln!(
-        out,
-        "}}\n\nint {p}_commit({p}_state *b, const {p}_real *moved) {{\n    int failed;\n    \
-         memcpy(b->k, b->x, sizeof b->x);\n    failed = commit(b->x, moved, 0, b->s);\n    \
-         if (failed) memcpy(b->x, b->k, sizeof b->x);\n    return failed;\n}}\n"
-    );
+    let _ = writeln!(out, "}}\n\nint {p}_commit({p}_state *b, const {p}_real *moved) {{");
+    out.push_str(if unit.whole {
+        "    return commit(b->x, moved, 0, b->s);\n}\n\n"
+    } else {
+        "    int failed;\n    memcpy(b->k, b->x, sizeof b->x);\n    failed = commit(b->x, moved, 0, b->s);\n    \
+         if (failed) memcpy(b->x, b->k, sizeof b->x);\n    return failed;\n}\n\n"
+    });
+    if unit.run.is_some() {
+        // Counters are numbers, of which single ones count not far.
+        let _ = writeln!(
+            out,
+            "int {p}_run({p}_state *b, unsigned long intervals) {{\n    while (intervals > 0) {{\n        \
+             const unsigned long part = intervals < 1000000 ? intervals : 1000000;\n        bond_real most = (bond_real)part, gone = 0;\n        \
+             const int failed = many(b->x, &most, &gone, b->s);\n        if (failed) {{\n            most = gone;\n            \
+             (void)many(b->x, &most, &gone, b->s);\n            return failed;\n        }}\n        intervals -= part;\n    }}\n    \
+             return 0;\n}}\n"
+        );
+    }
     let _ =
         writeln!(out, "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s);\n}}\n");
     let _ = writeln!(out, "void {p}_input({p}_state *b, int input, {p}_real value) {{");

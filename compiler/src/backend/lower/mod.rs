@@ -283,12 +283,18 @@ impl Lower {
             let (memory, base) = self.places[Array::Next as usize];
             return self.w.check(memory, base, n);
         }
-        let spoiled = named.iter().fold(zero, |sum, x| {
-            let term = self.w.mul(zero, *x);
-            self.w.add(sum, term)
+        // A sum of finite numbers is finite, unless it overflows: then each is looked at.
+        let Some((first, rest)) = named.split_first() else { return };
+        let sum = rest.iter().fold(*first, |sum, x| self.w.add(sum, *x));
+        let sound = self.w.finite(sum);
+        self.w.when(sound.not(), |w| {
+            let spoiled = named.iter().fold(zero, |sum, x| {
+                let term = w.mul(zero, *x);
+                w.add(sum, term)
+            });
+            let sound = w.eq(spoiled, zero);
+            w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
         });
-        let sound = self.w.eq(spoiled, zero);
-        self.w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
     }
 }
 

@@ -48,6 +48,7 @@ impl Used {
                 },
                 Stmt::Let(..) | Stmt::Break | Stmt::Continue | Stmt::Solve { .. } => {}
                 Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => self.value(*v),
+                Stmt::Note(list) => list.iter().for_each(|v| self.value(*v)),
                 Stmt::If(c, yes, no) => {
                     c.each_value(&mut |v| self.value(v));
                     self.block(no);
@@ -80,9 +81,13 @@ impl Used {
                 changed |= self.clear(body);
                 !body.is_empty()
             }
-            Stmt::Store(..) | Stmt::Break | Stmt::Continue | Stmt::Solve { .. } | Stmt::Count(_) | Stmt::Fail(_) => {
-                true
-            }
+            Stmt::Store(..)
+            | Stmt::Break
+            | Stmt::Continue
+            | Stmt::Solve { .. }
+            | Stmt::Count(_)
+            | Stmt::Note(_)
+            | Stmt::Fail(_) => true,
         });
         changed || body.len() < before
     }

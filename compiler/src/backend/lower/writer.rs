@@ -12,7 +12,7 @@ pub(in crate::backend) const UNROLLED: usize = 24;
 pub(in crate::backend) const ELIMINATED: usize = 8;
 
 /// A routine in the making.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(in crate::backend) struct Writer {
     blocks: Vec<Vec<Stmt>>,
     pub(in crate::backend) numbers: Vec<Option<Number>>,

@@ -5,12 +5,14 @@
 )]
 
 use super::functions::{self, ONE, SOLVE, TWO};
-use super::translate::{NO_CONVERGENCE, NOT_FINITE, SINGULAR, define};
+use super::translate::{NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
 use crate::backend::code::Routine;
-use crate::backend::lower;
+use crate::backend::{lower, unit};
 use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::{Array, Program};
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
+use bond_runtime::scene::Scene;
+use bond_runtime::simulate::{self, Places};
 use bond_runtime::solve::linear;
 use cranelift_codegen::settings::{self, Configurable};
 use cranelift_jit::{JITBuilder, JITModule};
@@ -18,6 +20,9 @@ use cranelift_module::{Linkage, default_libcall_names};
 
 /// Statements in a function at most: above, compiling takes longer than it saves.
 const LARGEST: usize = 30_000;
+
+/// A scene is compiled as a whole after so many intervals: some milliseconds, at some 50 ns that each then takes less.
+const WORTH: u64 = 40_000;
 
 /// Compiles programs to machine code. A program that is too large, or has a form that machine code is not written for, is
 /// interpreted; so is all on a machine that Cranelift does not know.
@@ -31,11 +36,18 @@ impl Backend for Jit {
             None => Box::new(Interpreter::new(program)),
         }
     }
+
+    fn stretches(&self) -> Option<simulate::Maker> {
+        let make = |scene: &Scene, options: &simulate::Options| -> Option<Box<dyn simulate::Stretch>> {
+            Some(Box::new(Whole::new(scene, options)?))
+        };
+        Some(simulate::Maker { make, worth: WORTH })
+    }
 }
 
 /// The signature of a compiled function; see [`define`].
 type Function = extern "C" fn(
-    *const f64,
+    *mut f64,
     *const f64,
     *const f64,
     *mut f64,
@@ -47,9 +59,8 @@ type Function = extern "C" fn(
     *const u32,
 ) -> i32;
 
-/// A program as machine code.
-struct Compiled {
-    program: Program,
+/// A routine as machine code.
+struct Code {
     function: Function,
     scratch: usize,
     systems: Vec<linear::System>,
@@ -59,9 +70,8 @@ struct Compiled {
     module: Option<JITModule>,
 }
 
-impl Compiled {
-    fn new(program: &Program) -> Option<Self> {
-        let routine = lower(program)?;
+impl Code {
+    fn new(routine: Routine) -> Option<Self> {
         if routine.size() > LARGEST {
             return None;
         }
@@ -87,21 +97,33 @@ impl Compiled {
         let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone())).collect();
         let scratch = routine.scratch as usize;
         let Routine { data, tables, .. } = routine;
-        Some(Self { program: program.clone(), function, scratch, systems, data, tables, module: Some(module) })
+        Some(Self { function, scratch, systems, data, tables, module: Some(module) })
     }
 }
 
 // SAFETY: the code is never written after it was made, and the module is touched again only when it is dropped.
-unsafe impl Send for Compiled {}
-// SAFETY: as above; `run` reads this and writes the workspace it is given.
-unsafe impl Sync for Compiled {}
+unsafe impl Send for Code {}
+// SAFETY: as above; who calls it reads this and writes memory of his own.
+unsafe impl Sync for Code {}
 
-impl Drop for Compiled {
+impl Drop for Code {
     fn drop(&mut self) {
         if let Some(module) = self.module.take() {
             // SAFETY: `function` is not called any more, and no other pointer into the code exists.
             unsafe { module.free_memory() };
         }
+    }
+}
+
+/// A program as machine code.
+struct Compiled {
+    program: Program,
+    code: Code,
+}
+
+impl Compiled {
+    fn new(program: &Program) -> Option<Self> {
+        Some(Self { code: Code::new(lower(program)?)?, program: program.clone() })
     }
 }
 
@@ -118,24 +140,24 @@ impl Kernel for Compiled {
                 && table.len() >= size(Array::Table)
                 && work.next.len() >= size(Array::Next)
                 && work.output.len() >= size(Array::Output)
-                && work.registers.len() >= self.scratch
-                && work.systems.len() == self.systems.len(),
+                && work.registers.len() >= self.code.scratch
+                && work.systems.len() == self.code.systems.len(),
             "slices are as long as the program's arrays"
         );
-        let mut report = [0.0; 4];
+        let mut report = [0.0; REPORT as usize / 8];
         // The function reads and writes the arrays within the sizes that were just asserted, which the program's verifier and
-        // `lower` keep to; `report` has the four places that it writes; the systems are those it was compiled with.
-        let code = (self.function)(
-            state.as_ptr(),
+        // `lower` keep to; `report` has the places that it writes; the systems are those it was compiled with.
+        let code = (self.code.function)(
+            state.as_ptr().cast_mut(), // read only, as `lower` writes it
             input.as_ptr(),
             table.as_ptr(),
             work.next.as_mut_ptr(),
             work.output.as_mut_ptr(),
             work.registers.as_mut_ptr(),
-            self.data.as_ptr(),
+            self.code.data.as_ptr(),
             report.as_mut_ptr(),
             &raw mut work.systems,
-            self.tables.as_ptr(),
+            self.code.tables.as_ptr(),
         );
         work.newton_iterations += report[0] as u64;
         match i64::from(code) {
@@ -154,9 +176,66 @@ impl Kernel for Compiled {
     }
 
     fn workspace(&self) -> Workspace {
-        let mut work = Workspace::new(&self.program, &[], self.scratch);
-        work.systems.clone_from(&self.systems);
+        let mut work = Workspace::new(&self.program, &[], self.code.scratch);
+        work.systems.clone_from(&self.code.systems);
         work
+    }
+}
+
+/// A scene as machine code that goes through many intervals.
+struct Whole {
+    code: Code,
+    places: Places,
+    table: Vec<f64>,
+    scratch: Vec<f64>,
+    systems: Vec<linear::System>,
+}
+
+impl Whole {
+    fn new(scene: &Scene, options: &simulate::Options) -> Option<Self> {
+        let unit::Stretch { run, places, table } = unit::stretch(scene, options)?;
+        let code = Code::new(run)?;
+        let (scratch, systems) = (vec![0.0; code.scratch], code.systems.clone());
+        Some(Self { code, places, table, scratch, systems })
+    }
+
+    /// Goes on; how many intervals it went, whether it went all, and the notes.
+    fn go(&mut self, block: &mut [f64], intervals: u64, notes: &mut [f64]) -> (u64, bool, usize) {
+        let (most, mut gone, mut report) = ([intervals as f64], [0.0], [0.0; REPORT as usize / 8]);
+        // The routine reads and writes the block, its table and scratch within their sizes, which `unit` lays out, its one input and
+        // its one output; `report` has the places that it writes; who calls makes room for as many notes as intervals can leave.
+        let failed = (self.code.function)(
+            block.as_mut_ptr(),
+            most.as_ptr(),
+            self.table.as_ptr(),
+            notes.as_mut_ptr(),
+            gone.as_mut_ptr(),
+            self.scratch.as_mut_ptr(),
+            self.code.data.as_ptr(),
+            report.as_mut_ptr(),
+            &raw mut self.systems,
+            self.code.tables.as_ptr(),
+        );
+        (gone[0] as u64, failed == 0, report[4].to_bits() as usize / 32)
+    }
+}
+
+impl simulate::Stretch for Whole {
+    fn places(&self) -> &Places {
+        &self.places
+    }
+
+    fn run(&mut self, block: &mut [f64], intervals: u64, notes: &mut [f64]) -> (u64, usize) {
+        let each: usize = self.places.clusters.iter().map(|c| 2 * c.steps as usize * c.books.len()).sum();
+        let intervals = intervals.min((notes.len() / (4 * each.max(1))) as u64);
+        assert!(block.len() >= self.places.image.len(), "the block is as long as its image");
+        let (gone, good, noted) = self.go(block, intervals, notes);
+        if good {
+            return (gone, noted);
+        }
+        // The block is what it was: once more, without the interval that failed.
+        let (gone, _, noted) = self.go(block, gone, notes);
+        (gone, noted)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Object files: a unit as machine code with the functions that its header declares.
 
 use super::functions;
-use super::translate::{Made, define};
+use super::translate::{Made, REPORT, define};
 use crate::backend::code::Memory;
 use crate::backend::unit::{NAMES, Unit};
 use cranelift_codegen::ir::condcodes::IntCC;
@@ -54,10 +54,14 @@ struct Face<'n> {
 impl Writer<'_> {
     fn all(&mut self) -> Made<()> {
         let own = |name: &str| format!("{}_{name}_", self.prefix);
-        let (commit, observe) = (own("commit"), own("observe"));
+        let (commit, observe, several) = (own("commit"), own("observe"), own("many"));
         let start = self.numbers("start", &self.unit.image)?;
         let table = self.numbers("table", &self.unit.table)?;
         let commit = define(&mut self.module, &commit, &self.unit.commit, Linkage::Local, functions::libm)?;
+        let many = match &self.unit.run {
+            Some(many) => Some(define(&mut self.module, &several, many, Linkage::Local, functions::libm)?),
+            None => None,
+        };
         let observe = define(&mut self.module, &observe, &self.unit.observe, Linkage::Local, functions::libm)?;
         let pointer = self.module.target_config().pointer_type();
         let n = self.unit.image.len() as i64;
@@ -69,7 +73,7 @@ impl Writer<'_> {
             None
         })?;
         let kept = 8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit)) as i64;
-        let size = kept + 8 * n;
+        let size = if self.unit.whole { kept } else { kept + 8 * n };
         self.function(face("size", &[], Some(pointer)), |_, b, _| Some(b.ins().iconst(pointer, size)))?;
         self.function(face("save", &[pointer, pointer], None), |_, b, args| {
             copy(b, args[1], args[0], n);
@@ -80,9 +84,12 @@ impl Writer<'_> {
             None
         })?;
         self.function(face("commit", &[pointer, pointer], Some(types::I32)), |w, b, args| {
+            if w.unit.whole {
+                return Some(w.run(b, commit, table, args[0], &[(Memory::Input, args[1])]));
+            }
             let backup = b.ins().iadd_imm_u(args[0], kept);
             copy(b, backup, args[0], n);
-            let failed = w.run(b, commit, table, args[0], Memory::Input, args[1]);
+            let failed = w.run(b, commit, table, args[0], &[(Memory::Input, args[1])]);
             let (back, end) = (b.create_block(), b.create_block());
             b.ins().brif(failed, back, &[] as &[BlockArg], end, &[] as &[BlockArg]);
             b.switch_to_block(back);
@@ -91,8 +98,28 @@ impl Writer<'_> {
             b.switch_to_block(end);
             Some(failed)
         })?;
+        if let Some(many) = many {
+            self.function(face("run", &[pointer, types::I64], Some(types::I32)), |w, b, args| {
+                let room = b.create_sized_stack_slot(StackSlotData::new(StackSlotKind::ExplicitSlot, 16, 3));
+                let most = b.ins().stack_addr(pointer, room, 0);
+                let gone = b.ins().iadd_imm_u(most, 8);
+                let count = b.ins().fcvt_from_uint(types::F64, args[1]);
+                b.ins().store(MemFlagsData::trusted(), count, most, 0);
+                let given = [(Memory::Input, most), (Memory::Output, gone)];
+                let failed = w.run(b, many, table, args[0], &given);
+                let (back, end) = (b.create_block(), b.create_block());
+                b.ins().brif(failed, back, &[] as &[BlockArg], end, &[] as &[BlockArg]);
+                b.switch_to_block(back);
+                let done = load(b, gone, 0);
+                b.ins().store(MemFlagsData::trusted(), done, most, 0);
+                w.run(b, many, table, args[0], &given);
+                b.ins().jump(end, &[] as &[BlockArg]);
+                b.switch_to_block(end);
+                Some(failed)
+            })?;
+        }
         self.function(face("probes", &[pointer, pointer], Some(types::I32)), |w, b, args| {
-            Some(w.run(b, observe, table, args[0], Memory::Output, args[1]))
+            Some(w.run(b, observe, table, args[0], &[(Memory::Output, args[1])]))
         })?;
         self.function(face("output", &[pointer, pointer], None), |w, b, args| {
             for (k, o) in w.unit.open.iter().enumerate() {
@@ -168,19 +195,18 @@ impl Writer<'_> {
         b.ins().symbol_value(pointer, global)
     }
 
-    /// Runs a routine on a state, with one of its other memories given.
+    /// Runs a routine on a state, with some of its other memories given.
     fn run(
         &mut self,
         b: &mut FunctionBuilder<'_>,
         routine: FuncId,
         table: DataId,
         state: ir::Value,
-        given: Memory,
-        what: ir::Value,
+        given: &[(Memory, ir::Value)],
     ) -> ir::Value {
         let pointer = self.module.target_config().pointer_type();
         let none = b.ins().iconst(pointer, 0);
-        let report = b.create_sized_stack_slot(StackSlotData::new(StackSlotKind::ExplicitSlot, 32, 3));
+        let report = b.create_sized_stack_slot(StackSlotData::new(StackSlotKind::ExplicitSlot, REPORT, 3));
         let report = b.ins().stack_addr(pointer, report, 0);
         let table = self.data(b, table);
         let scratch = b.ins().iadd_imm_u(state, 8 * self.unit.image.len() as i64);
@@ -190,8 +216,9 @@ impl Writer<'_> {
                 Memory::State => state,
                 Memory::Table => table,
                 Memory::Scratch => scratch,
-                m if m == given => what,
-                Memory::Input | Memory::Next | Memory::Output | Memory::Data => none,
+                Memory::Input | Memory::Next | Memory::Output | Memory::Data => {
+                    given.iter().find(|g| g.0 == m).map_or(none, |g| g.1)
+                }
             })
             .collect();
         args.extend([report, none, none]);

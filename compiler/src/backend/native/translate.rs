@@ -21,6 +21,11 @@ pub(super) const NOT_FINITE: i64 = 3;
 /// See [`NO_CONVERGENCE`]; only a whole scene counts intervals.
 const CLOCK: i64 = 4;
 
+/// Where in the report the size of the notes is, bytes.
+const NOTES: i32 = 32;
+/// Size of the report, bytes: iterations, three numbers of a failure, the size of the notes.
+pub(super) const REPORT: u32 = 40;
+
 /// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report (iterations, then
 /// what a failure tells), the context for [`functions::SOLVE`], and the tables; returns 0 or why it failed.
 ///
@@ -155,6 +160,7 @@ impl<M: Module> Translate<'_, '_, M> {
                     let after = self.b.ins().fadd(before, k);
                     self.b.ins().store(MemFlagsData::trusted(), after, report, 0);
                 }
+                Stmt::Note(list) => self.note(list),
                 Stmt::Fail(reason) => {
                     self.fail(*reason);
                     return true;
@@ -162,6 +168,20 @@ impl<M: Module> Translate<'_, '_, M> {
             }
         }
         false
+    }
+
+    /// Leaves numbers behind those before; how many bytes there are is the report's last entry.
+    fn note(&mut self, list: &[Value]) {
+        let (report, notes) = (self.params[Memory::ALL.len()], Memory::ALL.iter().position(|m| *m == Memory::Next));
+        let notes = self.params[notes.unwrap_or(0)];
+        let so_far = self.b.ins().load(types::I64, MemFlagsData::trusted(), report, NOTES);
+        let to = self.b.ins().iadd(notes, so_far);
+        for (k, v) in list.iter().enumerate() {
+            let x = self.of(*v);
+            self.b.ins().store(MemFlagsData::trusted(), x, to, 8 * k as i32);
+        }
+        let after = self.b.ins().iadd_imm_u(so_far, 8 * list.len() as i64);
+        self.b.ins().store(MemFlagsData::trusted(), after, report, NOTES);
     }
 
     fn branch(&mut self, c: &Cond, yes: &[Stmt], no: &[Stmt]) -> bool {

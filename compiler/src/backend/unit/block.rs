@@ -1,6 +1,7 @@
 //! Where everything of a scene is in its block of numbers.
 
 use super::ledger;
+use super::more::More;
 use bond_runtime::ir::Array;
 use bond_runtime::scene;
 use bond_runtime::simulate::StartCluster;
@@ -47,6 +48,10 @@ pub(super) struct Cluster {
     pub(super) held: Vec<Held>,
     /// One ledger for each of its regions.
     pub(super) books: Vec<usize>,
+    /// What a run within this program keeps besides, for each of its regions.
+    pub(super) more: Vec<More>,
+    /// Iterations of its steps so far; only of a run within this program.
+    pub(super) iterations: Option<usize>,
     /// Where its numbers are in the table.
     pub(super) table: usize,
 }
@@ -62,10 +67,14 @@ pub(super) struct Held {
     pub(super) alpha: usize,
     pub(super) before: usize,
     pub(super) intervals: usize,
+    /// What crossed in the interval that ended last, and in all (two numbers); only of a run within this program.
+    pub(super) crossed: usize,
+    pub(super) energy: usize,
 }
 
 impl Cluster {
-    pub(super) fn new(block: &mut Block, c: &scene::Cluster, start: &StartCluster) -> Self {
+    /// Its places; `full` where all is kept that `bond_runtime::simulate` keeps.
+    pub(super) fn new(block: &mut Block, c: &scene::Cluster, start: &StartCluster, full: bool) -> Self {
         let n = start.held.len();
         let state = block.put(&start.state);
         let next = block.take(start.state.len());
@@ -94,9 +103,29 @@ impl Cluster {
                 alpha: block.take(2),
                 before: block.take(2),
                 intervals: block.take(1),
+                crossed: block.take(usize::from(full)),
+                energy: block.take(if full { 2 } else { 0 }),
             })
             .collect();
         let books = start.energies.iter().map(|h| block.put(&ledger::start(*h))).collect();
-        Self { state, next, input, output, seen, called, largest, moved, count, left, held, books, table: 0 }
+        let more = if full { c.entries.iter().map(|e| More::new(block, c, e)).collect() } else { Vec::new() };
+        let iterations = full.then(|| block.take(1));
+        Self {
+            state,
+            next,
+            input,
+            output,
+            seen,
+            called,
+            largest,
+            moved,
+            count,
+            left,
+            held,
+            books,
+            more,
+            iterations,
+            table: 0,
+        }
     }
 }

@@ -4,8 +4,8 @@ use super::Writing;
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 
-/// What a ledger holds, in order; sums have two numbers each, of which the second is what rounding took from the first.
-pub const NAMES: [&str; 17] = [
+/// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took from the first.
+pub const NAMES: [&str; 16] = [
     "h",
     "h_initial",
     "h_max",
@@ -16,7 +16,6 @@ pub const NAMES: [&str; 17] = [
     "leaked",
     "leaked_rest",
     "residual",
-    "residual_rest",
     "worst",
     "turnover_max",
     "size_max",
@@ -31,12 +30,15 @@ const SUPPLIED: usize = 3;
 const DISSIPATED: usize = 5;
 const LEAKED: usize = 7;
 const RESIDUAL: usize = 9;
-const WORST: usize = 11;
-const TURNOVER: usize = 12;
-const SIZE: usize = 13;
-const TANK: usize = 14;
-const DEBT: usize = 15;
-const GAINED: usize = 16;
+const WORST: usize = 10;
+const TURNOVER: usize = 11;
+const SIZE: usize = 12;
+const TANK: usize = 13;
+const DEBT: usize = 14;
+const GAINED: usize = 15;
+
+/// The numbers of a ledger that a run goes on from, in the order of `bond_runtime::simulate::BookPlaces`.
+pub(super) const KEPT: [usize; 10] = [H, H_MAX, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, TANK, DEBT];
 
 /// What a ledger starts as, with so much energy.
 pub(super) fn start(h: f64) -> Vec<f64> {
@@ -47,14 +49,13 @@ pub(super) fn start(h: f64) -> Vec<f64> {
 
 impl Writer {
     /// Adds to a compensated sum, as `bond_runtime::ledger::Sum`.
-    fn gather(&mut self, at: usize, x: Value) {
+    pub(super) fn gather(&mut self, at: usize, x: Value) {
         let (before, rest) = (self.kept(at), self.kept(at + 1));
         let sum = self.add(before, x);
-        let (size, other) = (self.abs(sum), self.abs(x));
-        let (p, q) = (self.sub(before, sum), self.sub(x, sum));
-        let (p, q) = (self.add(p, x), self.add(q, before));
-        let larger = self.le(other, size);
-        let lost = self.select(larger, p, q);
+        let added = self.sub(sum, before);
+        let (p, q) = (self.sub(sum, added), self.sub(x, added));
+        let p = self.sub(before, p);
+        let lost = self.add(p, q);
         let rest = self.add(rest, lost);
         self.keep(at, sum);
         self.keep(at + 1, rest);
@@ -73,7 +74,8 @@ impl Writing<'_> {
     /// Books the step whose outputs are in the block.
     pub(super) fn book(&self, w: &mut Writer, i: usize) {
         let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
-        for (e, &at) in c.entries.iter().zip(&place.books) {
+        for (k, (e, &at)) in c.entries.iter().zip(&place.books).enumerate() {
+            let more = place.more.get(k);
             let zero = w.number(0.0);
             let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
             let (mut supplied, mut dissipated, mut turnover, mut least) = (zero, zero, zero, zero);
@@ -81,57 +83,119 @@ impl Writing<'_> {
                 let x = out(w, *slot);
                 supplied = if k == 0 { x } else { w.add(supplied, x) };
                 let size = w.abs(x);
-                turnover = w.add(turnover, size);
-                w.gather(at + SUPPLIED, x);
+                turnover = if k == 0 { size } else { w.add(turnover, size) };
+                if let Some(own) = more.and_then(|m| m.sources) {
+                    w.gather(own + 2 * k, x);
+                }
+            }
+            if !e.supplied.is_empty() {
+                w.gather(at + SUPPLIED, supplied);
             }
             for (k, (_, slot)) in e.dissipated.iter().enumerate() {
                 let x = out(w, *slot);
                 dissipated = if k == 0 { x } else { w.add(dissipated, x) };
                 let size = w.abs(x);
-                turnover = w.add(turnover, size);
+                turnover = if k == 0 && e.supplied.is_empty() { size } else { w.add(turnover, size) };
                 let below = w.lt(x, least);
                 least = w.select(below, x, least);
-                w.gather(at + DISSIPATED, x);
+                if let Some(own) = more.and_then(|m| m.resistors) {
+                    w.gather(own + 2 * k, x);
+                }
+            }
+            if !e.dissipated.is_empty() {
+                w.gather(at + DISSIPATED, dissipated);
             }
             let leap = e.leap.map_or(zero, |(slot, _)| out(w, slot));
             let h = out(w, e.energy);
             let last = w.kept(at + H);
             let before = e.before.map_or(last, |slot| out(w, slot));
-            let (rise, net) = (w.sub(h, before), w.sub(supplied, dissipated));
-            let net = w.add(net, leap);
+            let (rise, mut net) = (w.sub(h, before), w.sub(supplied, dissipated));
+            if e.leap.is_some() {
+                net = w.add(net, leap);
+            }
             let residual = w.sub(rise, net);
-            let size = out(w, e.size);
-            let size = w.abs(size);
-            let held = w.abs(last);
-            let scale = w.larger(size, held);
-            let scale = w.larger(scale, turnover);
-            w.keep(at + H, h);
             let own = w.abs(h);
-            let (a, b, c) = (w.raise(at + H_MAX, own), w.raise(at + TURNOVER, turnover), w.raise(at + SIZE, size));
-            let largest = w.larger(a, b);
-            let largest = w.larger(largest, c);
-            let trace = w.number(1e-4);
-            let floor = w.mul(trace, largest);
-            let scale = w.larger(scale, floor);
+            let size = if e.size == e.energy {
+                own
+            } else {
+                let size = out(w, e.size);
+                w.abs(size)
+            };
+            let held = w.abs(last);
+            let mut scale = w.larger(size, held);
+            if !(e.supplied.is_empty() && e.dissipated.is_empty()) {
+                scale = w.larger(scale, turnover);
+                w.raise(at + TURNOVER, turnover);
+            }
+            w.keep(at + H, h);
+            let most = w.raise(at + H_MAX, own);
+            if e.size == e.energy {
+                w.keep(at + SIZE, most);
+            } else {
+                w.raise(at + SIZE, size);
+            }
             let off = w.abs(residual);
-            let given = w.unary(bond_runtime::ir::Unary::Neg, least);
-            for (slot, error) in [(WORST, off), (GAINED, given)] {
-                let worst = w.kept(at + slot);
-                let allowed = w.mul(worst, scale);
-                let more = w.lt(allowed, error);
-                w.when(more, |w| {
-                    let ratio = w.div(error, scale);
-                    w.keep(at + slot, ratio);
+            self.worst(w, i, k, false, off, scale);
+            if !e.dissipated.is_empty() {
+                let gave = w.lt(least, zero);
+                w.when(gave, |w| {
+                    if let Some(more) = more {
+                        more.giver(w, place.output, e);
+                    }
+                    let given = w.unary(bond_runtime::ir::Unary::Neg, least);
+                    self.worst(w, i, k, true, given, scale);
                 });
             }
-            w.gather(at + RESIDUAL, residual);
-            if e.leap.is_some() {
+            let total = w.kept(at + RESIDUAL);
+            let total = w.add(total, residual);
+            w.keep(at + RESIDUAL, total);
+            if let Some((_, count)) = e.leap {
                 w.gather(at + LEAKED, leap);
+                if let Some(more) = more {
+                    let (x, before, one) = (out(w, count), w.kept(more.leaps), w.number(1.0));
+                    let none = w.eq(x, zero);
+                    let after = w.add(before, one);
+                    let after = w.select(none, before, after);
+                    w.keep(more.leaps, after);
+                }
+            }
+            if let Some(more) = more {
+                w.raise(more.top, h);
             }
             let sum = w.add(turnover, own);
             let sound = w.finite(sum);
             w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
         }
+    }
+
+    /// Looks whether an error is the worst so far beside its scale: of the balance, or of what resistors gave.
+    fn worst(&self, w: &mut Writer, i: usize, k: usize, gained: bool, error: Value, scale: Value) {
+        let place = &self.clusters[i];
+        let at = place.books[k];
+        let floor = |w: &mut Writer| {
+            let (a, b, c) = (w.kept(at + H_MAX), w.kept(at + TURNOVER), w.kept(at + SIZE));
+            let largest = w.larger(a, b);
+            let largest = w.larger(largest, c);
+            let trace = w.number(1e-4);
+            w.mul(trace, largest)
+        };
+        if let Some(more) = place.more.get(k) {
+            return more.worst(w, if gained { more.gained } else { more.worst }, error, scale, floor);
+        }
+        let slot = at + if gained { GAINED } else { WORST };
+        let worst = w.kept(slot);
+        let allowed = w.mul(worst, scale);
+        let maybe = w.lt(allowed, error);
+        w.when(maybe, |w| {
+            let floor = floor(w);
+            let scale = w.larger(scale, floor);
+            let allowed = w.mul(worst, scale);
+            let more = w.lt(allowed, error);
+            w.when(more, |w| {
+                let ratio = w.div(error, scale);
+                w.keep(slot, ratio);
+            });
+        });
     }
 
     /// Books what crossed a held port in the place of what the step's own effort would have let in.
@@ -147,6 +211,20 @@ impl Writing<'_> {
         }
         let zero = w.number(0.0);
         let leak = w.sub(called.unwrap_or(zero), crossed);
+        if let (Some(more), Some(e)) = (place.more.first(), c.entries.first()) {
+            for (h, held) in self.start.clusters[i].held.iter().zip(&place.held) {
+                let port = &c.ports[h.port];
+                let named = e.supplied.iter().position(|s| s.0 == port.name);
+                if let (Some(k), Some(sources)) = (named, more.sources) {
+                    let (own, q, mean) = (w.kept(held.crossed), w.kept(held.q), out(w, port.mean));
+                    let called = w.mul(q, mean);
+                    let off = w.sub(own, called);
+                    w.gather(sources + 2 * k, off);
+                }
+            }
+            let size = w.abs(crossed);
+            w.raise(more.crossed, size);
+        }
         let mut dissipated = None;
         for (_, slot) in c.entries.iter().flat_map(|e| &e.dissipated) {
             let x = out(w, *slot);

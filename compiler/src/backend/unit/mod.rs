@@ -7,10 +7,13 @@
 
 mod block;
 mod ledger;
+mod lift;
+mod more;
 mod sample;
 mod step;
+mod stretch;
 
-use super::code::{Memory, Place, Routine, Stmt, Value};
+use super::code::{Memory, Place, Routine, Stmt, Value, size};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
 use block::{Block, Cluster};
@@ -19,6 +22,8 @@ use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{GIVEN, Respond, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start};
+use lift::{Lifted, Uses, lift};
+use std::collections::BTreeSet;
 
 /// A scene ready to be printed as a program of its own.
 #[derive(Clone, Debug)]
@@ -34,6 +39,12 @@ pub struct Unit {
     /// Ends the interval that runs, and begins the next one. [`Memory::State`] is the block; [`Memory::Input`] is, for each open
     /// port, how far the outside moved, or for one of a continuous region, what it gives.
     pub commit: Routine,
+    /// Whether an interval that fails has changed nothing of the block.
+    pub whole: bool,
+    /// Goes so many intervals on as [`Memory::Input`] tells, and leaves in [`Memory::Output`] how many it has gone where it fails;
+    /// then it has changed nothing of the block. None where there are open ports, or a scene is too large to be gone through
+    /// without looking into the block.
+    pub run: Option<Routine>,
     /// Looks: [`Memory::Output`] gets the probes.
     pub observe: Routine,
     /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds it.
@@ -78,6 +89,7 @@ pub struct Region {
 }
 
 pub use ledger::NAMES;
+pub use stretch::{Stretch, stretch};
 
 /// The unit of a scene, at fixed steps.
 ///
@@ -90,25 +102,12 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let simulation = Simulation::on(&Interpret, scene, options, Vec::new()).map_err(|e| e.to_string())?;
     let start = simulation.start();
     let plan = Plan::new(scene, options, &start)?;
-    let mut block = Block::default();
-    let time = block.take(2); // and how many intervals are over
-    let values: Vec<f64> = scene.inputs.iter().map(|i| i.value).collect();
-    let given = block.put(&values);
-    let means = block.take(scene.open.len());
-    let mut unit = Writing {
-        scene,
-        start: &start,
-        plan: &plan,
-        time,
-        given,
-        means,
-        clusters: Vec::new(),
-        block,
-        table: Vec::new(),
-    };
-    unit.lay_out()?;
-    let commit = unit.commit()?;
-    let observe = unit.observe()?;
+    let mut unit = Writing::new(scene, &start, &plan, false)?;
+    let (time, given) = (unit.time, unit.given);
+    let (observe, looked) = unit.observe()?;
+    let mut kept = unit.public();
+    kept.extend(looked);
+    let Routines { commit, whole, run } = unit.routines(&kept)?;
     let open = (0..scene.open.len()).map(|o| unit.open(o)).collect();
     let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
@@ -118,6 +117,8 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
         image: unit.block.image,
         table: unit.table,
         commit,
+        whole,
+        run,
         observe,
         open,
         inputs,
@@ -125,6 +126,16 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
         regions,
         time,
     })
+}
+
+/// Routines with more statements than this look into the block: a compiler would not keep so much elsewhere.
+const LARGEST: usize = 20_000;
+
+/// See [`Unit`].
+struct Routines {
+    commit: Routine,
+    whole: bool,
+    run: Option<Routine>,
 }
 
 /// How a scene's clusters step, known before it runs.
@@ -216,16 +227,33 @@ struct Writing<'a> {
     /// Places of the signals given from outside, and of what open ports of continuous regions gave out on average.
     given: usize,
     means: usize,
+    /// Whether all is kept that `bond_runtime::simulate` keeps, for a run within this program.
+    full: bool,
     clusters: Vec<Cluster>,
     block: Block,
     table: Vec<f64>,
+}
+
+impl<'a> Writing<'a> {
+    /// With everything in its place.
+    fn new(scene: &'a Scene, start: &'a Start, plan: &'a Plan, full: bool) -> Result<Self, String> {
+        let mut block = Block::default();
+        let time = block.take(2); // and how many intervals are over
+        let values: Vec<f64> = scene.inputs.iter().map(|i| i.value).collect();
+        let given = block.put(&values);
+        let means = block.take(scene.open.len());
+        let (clusters, table) = (Vec::new(), Vec::new());
+        let mut unit = Self { scene, start, plan, time, given, means, full, clusters, block, table };
+        unit.lay_out()?;
+        Ok(unit)
+    }
 }
 
 impl Writing<'_> {
     /// Gives everything its place.
     fn lay_out(&mut self) -> Result<(), String> {
         for (i, (c, s)) in self.scene.clusters.iter().zip(&self.start.clusters).enumerate() {
-            let mut place = Cluster::new(&mut self.block, c, s);
+            let mut place = Cluster::new(&mut self.block, c, s, self.full);
             if let Some(linear) = &c.step.linear {
                 place.table = self.table.len();
                 let table = exponential::table(linear, self.plan.steps[i].h).map_err(|e| e.to_string())?;
@@ -237,8 +265,56 @@ impl Writing<'_> {
         Ok(())
     }
 
-    /// The routine of an interval's end and the next one's begin.
-    fn commit(&mut self) -> Result<Routine, String> {
+    /// Places that are read from outside.
+    fn public(&self) -> BTreeSet<u32> {
+        let mut list: BTreeSet<u32> = [self.time, self.time + 1].map(|at| at as u32).into();
+        let mut add = |at: usize, n: usize| list.extend((at..at + n).map(|at| at as u32));
+        add(self.given, self.scene.inputs.len());
+        add(self.means, self.scene.open.len());
+        for place in &self.clusters {
+            place.held.iter().for_each(|h| add(h.v, 1));
+            place.books.iter().for_each(|at| add(*at, NAMES.len()));
+        }
+        list
+    }
+
+    /// The routines that go on, where these places are looked at besides.
+    fn routines(&mut self, kept: &BTreeSet<u32>) -> Result<Routines, String> {
+        let mut w = self.commit()?;
+        let body = w.close();
+        let mut kept = kept.clone();
+        kept.extend(Uses::of(&body).read);
+        w.open();
+        let lifted = if size(&body) > LARGEST { None } else { lift(&mut w, &body, &kept) };
+        let name = format!("interval of {}", self.scene.name);
+        let Some(Lifted { before, body, after }) = lifted else {
+            body.into_iter().for_each(|s| w.push(s));
+            return Ok(Routines { commit: w.routine(name), whole: false, run: None });
+        };
+        let mut many = w.clone();
+        before.iter().chain(&body).chain(&after).for_each(|s| w.push(s.clone()));
+        let commit = w.routine(name);
+        if !self.scene.open.is_empty() {
+            return Ok(Routines { commit, whole: true, run: None });
+        }
+        before.into_iter().for_each(|s| many.push(s));
+        let (count, one) = (many.starting(0.0), many.number(1.0));
+        let most = many.load(Place::new(Memory::Input, 0));
+        many.repeat(|w| {
+            let k = w.get(count);
+            w.push(Stmt::Store(Place::new(Memory::Output, 0), k));
+            let more = w.lt(k, most);
+            w.when(more.not(), |w| w.push(Stmt::Break));
+            body.into_iter().for_each(|s| w.push(s));
+            let k = w.add(k, one);
+            w.set(count, k);
+        });
+        after.into_iter().for_each(|s| many.push(s));
+        Ok(Routines { commit, whole: true, run: Some(many.routine(format!("intervals of {}", self.scene.name))) })
+    }
+
+    /// What an interval's end and the next one's begin do.
+    fn commit(&mut self) -> Result<Writer, String> {
         let mut w = Writer::new();
         let zero = w.number(0.0);
         for (o, open) in self.scene.open.iter().enumerate() {
@@ -272,17 +348,18 @@ impl Writing<'_> {
                 w.keep(self.means + o, mean);
             }
         }
-        let w = self.samples(w)?;
-        Ok(w.routine(format!("interval of {}", self.scene.name)))
+        self.samples(w)
     }
 
-    /// The routine that looks.
-    fn observe(&mut self) -> Result<Routine, String> {
+    /// The routine that looks, and where.
+    fn observe(&mut self) -> Result<(Routine, BTreeSet<u32>), String> {
         let mut w = Writer::new();
         for &i in &self.start.probed {
             w = self.look(w, i)?;
         }
-        let Some(program) = &self.scene.probes.program else { return Ok(w.routine("probes".into())) };
+        let Some(program) = &self.scene.probes.program else {
+            return Ok((w.routine("probes".into()), BTreeSet::new()));
+        };
         let inputs = self.block.take(program.size(bond_runtime::ir::Array::Input));
         let t = w.kept(self.time);
         w.keep(inputs, t);
@@ -302,7 +379,9 @@ impl Writing<'_> {
             let x = w.kept(seen + k);
             w.push(Stmt::Store(Place::new(Memory::Output, k as u32), x));
         }
-        Ok(w.routine("probes".into()))
+        let routine = w.routine("probes".into());
+        let read = Uses::of(&routine.body).read;
+        Ok((routine, read))
     }
 
     /// Writes an observation of a cluster at the time that is now.

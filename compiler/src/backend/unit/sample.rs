@@ -129,14 +129,18 @@ impl Writing<'_> {
         let place = self.clusters[i].clone();
         let start = &self.start.clusters[i];
         let period = self.plan.steps[i].h;
-        let length = w.number(period);
+        let (length, rate) = (w.number(period), w.number(1.0 / period));
         let mut crossed = w.number(0.0);
         for (k, (h, held)) in start.held.iter().zip(&place.held).enumerate() {
             let (v, q) = (w.kept(held.v), w.kept(held.q));
             let here = if self.latches(i, k) { w.kept(held.w) } else { w.mul(v, q) };
             crossed = w.add(crossed, here);
+            if self.full {
+                w.keep(held.crossed, here);
+                w.gather(held.energy, here);
+            }
             let back = w.unary(Unary::Neg, q);
-            let flow = w.div(back, length);
+            let flow = w.mul(back, rate);
             w.keep(place.input + c.ports[h.port].input, flow);
         }
         let (count, one) = (w.kept(place.count), w.number(1.0));
@@ -193,7 +197,7 @@ impl Writing<'_> {
         let Some(respond) = &c.respond else { return Ok(w) };
         let n = start.held.len();
         let period = self.plan.steps[i].h;
-        let (length, now) = (w.number(period), w.kept(self.time));
+        let (length, rate, now) = (w.number(period), w.number(1.0 / period), w.kept(self.time));
         let changes: Vec<Value> = place
             .held
             .iter()
@@ -209,7 +213,7 @@ impl Writing<'_> {
             for (h, held) in start.held.iter().zip(&place.held) {
                 let q = w.kept(held.last_q);
                 let back = w.unary(Unary::Neg, q);
-                let flow = w.div(back, length);
+                let flow = w.mul(back, rate);
                 w.keep(place.input + c.ports[h.port].input, flow);
             }
         };
@@ -305,7 +309,7 @@ impl Writing<'_> {
         let start = self.start.clusters[i].clone();
         let n = values.len();
         let (zero, half, one) = (w.number(0.0), w.number(0.5), w.number(1.0));
-        let length = w.number(self.plan.steps[i].h);
+        let rate = w.number(1.0 / self.plan.steps[i].h);
         let q: Vec<_> = alpha
             .iter()
             .map(|a| {
@@ -338,7 +342,7 @@ impl Writing<'_> {
             for (h, q) in start.held.iter().zip(&q) {
                 let x = w.get(*q);
                 let back = w.unary(Unary::Neg, x);
-                let flow = w.div(back, length);
+                let flow = w.mul(back, rate);
                 w.keep(place.input + c.ports[h.port].input, flow);
             }
             w = self.program(w, fallback, place.state, 0, place.input, place.called, &c.name)?;

@@ -2,7 +2,10 @@
 
 use super::{Steps, Writing};
 use crate::backend::code::{Stmt, Value};
-use crate::backend::lower::writer::Writer;
+use crate::backend::lower::writer::{At, Writer};
+
+/// So many numbers are gone through one by one.
+const WRITTEN: usize = 64;
 
 impl Writing<'_> {
     /// Brings continuous clusters to the end of the interval.
@@ -48,9 +51,12 @@ impl Writing<'_> {
         let length = w.number(h);
         w.keep(place.input, t);
         w.keep(place.input + 1, length);
+        w.open();
         let mut w = self.program(w, &c.step.program, place.state, place.next, place.input, place.output, &c.name)?;
+        let body = w.close();
+        counted(&mut w, body, place.iterations);
         let n = self.start.clusters[i].state.len();
-        w.each(n, |w, at| {
+        some(&mut w, n, |w, at| {
             let x = w.read(place.next, at);
             w.put_at(place.state, at, x);
         });
@@ -61,7 +67,7 @@ impl Writing<'_> {
             let sum = w.add(before, more);
             w.keep(place.moved + k, sum);
         }
-        w.each(c.states, |w, at| {
+        some(&mut w, c.states, |w, at| {
             let (x, most) = (w.read(place.state, at), w.read(place.largest, at));
             let size = w.abs(x);
             let most = w.larger(most, size);
@@ -71,5 +77,35 @@ impl Writing<'_> {
             w.put_at(place.input + c.traces_at(), at, trace);
         });
         Ok(w)
+    }
+}
+
+/// Does something for each of `n` numbers of the block, without a counter where they are not many: then they can be variables.
+fn some(w: &mut Writer, n: usize, mut f: impl FnMut(&mut Writer, At)) {
+    if n <= WRITTEN {
+        return (0..n).for_each(|i| f(w, At::One(i)));
+    }
+    w.each(n, f);
+}
+
+/// Writes statements, whose iterations are counted in the block where there is a place for that.
+fn counted(w: &mut Writer, body: Vec<Stmt>, at: Option<usize>) {
+    for s in body {
+        match (s, at) {
+            (Stmt::Count(n), Some(at)) => {
+                let before = w.kept(at);
+                let after = w.add(before, n);
+                w.keep(at, after);
+            }
+            (Stmt::If(c, yes, no), Some(_)) => {
+                let (yes, no) = (w.block(|w| counted(w, yes, at)), w.block(|w| counted(w, no, at)));
+                w.push(Stmt::If(c, yes, no));
+            }
+            (Stmt::Loop(body), Some(_)) => {
+                let body = w.block(|w| counted(w, body, at));
+                w.push(Stmt::Loop(body));
+            }
+            (s, _) => w.push(s),
+        }
     }
 }

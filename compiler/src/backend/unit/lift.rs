@@ -1,0 +1,130 @@
+//! Takes numbers of the block into variables: an interval reads the block at its start and writes it at its end, where it did not
+//! fail. What fails has written nothing.
+
+use crate::backend::code::{Memory, Op, Place, Stmt, Var};
+use crate::backend::lower::writer::Writer;
+use rustc_hash::FxHashSet;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What a routine does with the block.
+#[derive(Default)]
+pub(super) struct Uses {
+    /// Places that are read before they are written.
+    pub(super) read: BTreeSet<u32>,
+    /// Places that are written.
+    pub(super) written: BTreeSet<u32>,
+    /// Whether places are found by counters, which variables have none of.
+    counted: bool,
+}
+
+impl Uses {
+    /// Those of some statements.
+    pub(super) fn of(body: &[Stmt]) -> Self {
+        let mut uses = Self::default();
+        uses.block(body, &mut FxHashSet::default());
+        uses
+    }
+
+    fn place(&mut self, p: &Place) -> Option<u32> {
+        if p.memory != Memory::State {
+            return None;
+        }
+        self.counted |= !p.along.is_empty() || p.through.is_some();
+        Some(p.base)
+    }
+
+    /// Goes through a block, at whose start some places are known to be written; whether its end is not reached.
+    fn block(&mut self, body: &[Stmt], known: &mut FxHashSet<u32>) -> bool {
+        for s in body {
+            match s {
+                Stmt::Let(_, Op::Load(p)) => {
+                    if let Some(at) = self.place(p).filter(|at| !known.contains(at)) {
+                        self.read.insert(at);
+                    }
+                }
+                Stmt::Store(p, _) => {
+                    if let Some(at) = self.place(p) {
+                        self.written.insert(at);
+                        known.insert(at);
+                    }
+                }
+                Stmt::If(_, yes, no) => {
+                    let (mut a, mut b) = (known.clone(), known.clone());
+                    match (self.block(yes, &mut a), self.block(no, &mut b)) {
+                        (true, true) => return true,
+                        (true, false) => *known = b,
+                        (false, true) => *known = a,
+                        (false, false) => *known = a.intersection(&b).copied().collect(),
+                    }
+                }
+                // Where a loop is left, nothing of it need have been written.
+                Stmt::Loop(body) | Stmt::For(_, _, _, body) => {
+                    self.block(body, &mut known.clone());
+                }
+                Stmt::Break | Stmt::Continue | Stmt::Fail(_) => return true,
+                Stmt::Let(_, Op::Get(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..))
+                | Stmt::Set(..)
+                | Stmt::Solve { .. }
+                | Stmt::Count(_)
+                | Stmt::Note(_) => {}
+            }
+        }
+        false
+    }
+}
+
+/// Statements whose numbers of the block are variables.
+pub(super) struct Lifted {
+    /// Reads the block.
+    pub(super) before: Vec<Stmt>,
+    pub(super) body: Vec<Stmt>,
+    /// Writes what is kept of it.
+    pub(super) after: Vec<Stmt>,
+}
+
+/// Lifts statements, of which these places are looked at later; None where places are found by counters.
+pub(super) fn lift(w: &mut Writer, body: &[Stmt], kept: &BTreeSet<u32>) -> Option<Lifted> {
+    let uses = Uses::of(body);
+    if uses.counted {
+        return None;
+    }
+    let vars: BTreeMap<u32, Var> = uses.read.union(&uses.written).map(|at| (*at, w.var())).collect();
+    // What is written in one interval and read in the next, or only in some branch, must be known to the first.
+    let before = w.block(|w| {
+        for (at, var) in &vars {
+            if uses.read.contains(at) || kept.contains(at) {
+                let x = w.load(Place::new(Memory::State, *at));
+                w.set(*var, x);
+            }
+        }
+    });
+    let body = swapped(body, &vars);
+    let after = w.block(|w| {
+        for (at, var) in vars.iter().filter(|(at, _)| uses.written.contains(at) && kept.contains(at)) {
+            let x = w.get(*var);
+            w.push(Stmt::Store(Place::new(Memory::State, *at), x));
+        }
+    });
+    Some(Lifted { before, body, after })
+}
+
+/// The statements with variables in the place of the block.
+fn swapped(body: &[Stmt], vars: &BTreeMap<u32, Var>) -> Vec<Stmt> {
+    let var = |p: &Place| vars.get(&p.base).filter(|_| p.memory == Memory::State).copied();
+    let one = |s: &Stmt| match s {
+        Stmt::Let(v, Op::Load(p)) => var(p).map_or_else(|| s.clone(), |var| Stmt::Let(*v, Op::Get(var))),
+        Stmt::Store(p, x) => var(p).map_or_else(|| s.clone(), |var| Stmt::Set(var, *x)),
+        Stmt::If(c, yes, no) => Stmt::If(c.clone(), swapped(yes, vars), swapped(no, vars)),
+        Stmt::Loop(body) => Stmt::Loop(swapped(body, vars)),
+        Stmt::For(i, from, to, body) => Stmt::For(*i, *from, *to, swapped(body, vars)),
+        Stmt::Let(_, Op::Get(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..))
+        | Stmt::Set(..)
+        | Stmt::Break
+        | Stmt::Continue
+        | Stmt::Solve { .. }
+        | Stmt::Count(_)
+        | Stmt::Note(_)
+        | Stmt::Fail(_) => s.clone(),
+    };
+    body.iter().map(one).collect()
+}

@@ -1,0 +1,117 @@
+//! A scene as one routine for a run within this program: it goes many intervals on, and keeps all that
+//! `bond_runtime::simulate` keeps, to the same bits.
+
+use super::{Plan, Routines, Writing, ledger};
+use crate::backend::code::Routine;
+use bond_runtime::interpreter::Interpret;
+use bond_runtime::scene::Scene;
+use bond_runtime::simulate::{BookPlaces, ClusterPlaces, HeldPlaces, Options, Places, Simulation};
+use std::collections::BTreeSet;
+
+/// Routines with more statements than this take longer to compile than most runs would gain.
+const LARGEST: usize = 6000;
+
+/// The routine, and what it works on.
+#[derive(Clone, Debug)]
+pub struct Stretch {
+    /// As [`super::Unit::run`].
+    pub run: Routine,
+    /// Where everything is in its block.
+    pub places: Places,
+    /// Numbers that never change.
+    pub table: Vec<f64>,
+}
+
+/// The routine of a scene; None where a run of it looks at it in each interval, steps its parts at different times, or is too
+/// large to gain.
+pub fn stretch(scene: &Scene, options: &Options) -> Option<Stretch> {
+    let sampled = scene.clusters.iter().any(|c| c.period.is_some());
+    let produced = scene.clusters.iter().flat_map(|c| &c.entries).any(|e| !e.produced.is_empty());
+    let adaptive =
+        options.tolerance.is_some() && scene.clusters.iter().any(|c| c.period.is_none() && c.step.linear.is_none());
+    // What another stepper may have to take, or is kept beside H, is seen to step by step.
+    let watched = scene.clusters.iter().any(|c| c.step.fallback.is_some())
+        || scene.clusters.iter().flat_map(|c| &c.entries).any(|e| e.modified.is_some());
+    if !scene.open.is_empty() || produced || adaptive || watched {
+        return None;
+    }
+    let simulation = Simulation::on(&Interpret, scene, options, Vec::new()).ok()?;
+    let start = simulation.start();
+    let plan = Plan::new(scene, options, &start).ok()?;
+    let apart = scene.clusters.iter().zip(&start.clusters).any(|(c, s)| c.period.is_none() && !s.connected);
+    if plan.ratio.iter().any(|r| *r != 1) || (sampled && apart) {
+        return None;
+    }
+    let mut unit = Writing::new(scene, &start, &plan, true).ok()?;
+    let places = unit.places();
+    let kept: BTreeSet<u32> = (0..unit.block.image.len() as u32).collect();
+    let Routines { run, .. } = unit.routines(&kept).ok()?;
+    let run = run.filter(|r| r.size() <= LARGEST)?;
+    Some(Stretch { run, places, table: unit.table })
+}
+
+impl Writing<'_> {
+    /// Where everything is that a run keeps.
+    fn places(&self) -> Places {
+        let clusters = self.clusters.iter().zip(&self.start.clusters).enumerate().map(|(i, (p, s))| ClusterPlaces {
+            state: p.state,
+            input: p.input,
+            largest: p.largest,
+            moved: p.moved,
+            count: p.count,
+            iterations: p.iterations.unwrap_or(0),
+            h: self.plan.steps[i].h,
+            steps: self.plan.steps[i].n,
+            beta: s.beta.clone(),
+            gamma: s.gamma.clone(),
+            decay: s.decay.clone(),
+            books: p.books.iter().zip(&p.more).map(|(at, m)| book(*at, m)).collect(),
+            held: p.held.iter().map(held).collect(),
+        });
+        Places {
+            image: self.block.image.clone(),
+            time: self.time,
+            given: self.given,
+            interval: self.plan.interval,
+            clusters: clusters.collect(),
+        }
+    }
+}
+
+fn book(at: usize, m: &super::more::More) -> BookPlaces {
+    let [h, h_max, supplied, dissipated, leaked, residual, turnover, size, tank, debt] = ledger::KEPT.map(|k| at + k);
+    BookPlaces {
+        h,
+        h_max,
+        h_top: m.top,
+        supplied,
+        dissipated,
+        leaked,
+        residual,
+        worst: m.worst,
+        gained: m.gained,
+        turnover,
+        size,
+        tank,
+        debt,
+        crossed: m.crossed,
+        leaps: m.leaps,
+        giver: m.giver,
+        sources: m.sources,
+        resistors: m.resistors,
+    }
+}
+
+fn held(h: &super::block::Held) -> HeldPlaces {
+    HeldPlaces {
+        v: h.v,
+        q: h.q,
+        w: h.w,
+        crossed: h.crossed,
+        last_q: h.last_q,
+        alpha: h.alpha,
+        before: h.before,
+        intervals: h.intervals,
+        energy: h.energy,
+    }
+}
