@@ -109,6 +109,9 @@ pub struct Entries {
     pub before: Option<usize>,
     /// Sum of the magnitudes of the storages' energies: the same output where none can be negative.
     pub size: usize,
+    /// Where each step's balance is looked at before it counts: the change of H, had without the difference of two of its values,
+    /// and the sum of the magnitudes of its parts.
+    pub change: Option<(usize, usize)>,
     /// Energy in by each source: name, output.
     pub supplied: Vec<(String, usize)>,
     /// Energy lost in each resistor: name, output.

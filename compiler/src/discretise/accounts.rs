@@ -40,6 +40,11 @@ impl Cluster {
                 true => b.named(Array::Output, format!("size({name})")).index as usize,
                 false => e.energy,
             };
+            if self.watched {
+                let change = b.named(Array::Output, format!("change({name})")).index as usize;
+                let exchanged = b.named(Array::Output, format!("exchanged({name})")).index as usize;
+                e.change = Some((change, exchanged));
+            }
             for c in accounts.supplied {
                 let name = form.column(c).name.clone();
                 let slot = b.named(Array::Output, format!("supplied({name})"));

@@ -123,6 +123,8 @@ pub(super) struct Cluster {
     pub(super) delta: Vec<Symbol>,
     /// How many numbers the stepper keeps of its last step.
     pub(super) memory: usize,
+    /// Whether each step's balance is looked at before it counts.
+    pub(super) watched: bool,
     /// What those are at the start; 0 where it is not said.
     pub(super) kept: Vec<f64>,
 }
@@ -516,6 +518,7 @@ impl Cluster {
             return Err(unfit(model, self, form, method, why));
         }
         self.memory = collocation::memory(self, nodes);
+        self.watched = nodes != Nodes::Radau;
         collocation::write(self, model, form, method.name(), nodes)
     }
 

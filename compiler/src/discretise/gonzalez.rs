@@ -52,7 +52,7 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
 /// of Itoh and Abe (J. Comput. Phys. 76, 1988), which move one state after the other, in the order of the states and in the
 /// opposite one: each satisfies g . d = H(x + d) - H(x), and so does their mean, which is symmetric and so of order 2. Unlike
 /// Gonzalez' correction along d it asks for no common unit of the states, and each quotient is written without cancellation.
-fn gradient(
+pub(super) fn gradient(
     c: &Cluster,
     pool: &mut Pool,
     g: &Group,

@@ -257,7 +257,7 @@ impl Check<'_> {
 
     fn entries(&self, e: &Entries) -> Result<(), Unsound> {
         let lists = e.supplied.iter().chain(&e.dissipated).chain(&e.produced).map(|x| x.1);
-        let leap = e.leap.into_iter().flat_map(|(a, b)| [a, b]);
+        let leap = e.leap.into_iter().chain(e.change).flat_map(|(a, b)| [a, b]);
         let mut slots = lists.chain(e.before).chain(e.modified).chain(leap).chain([e.energy, e.size]);
         let outputs = self.c.step.program.size(Array::Output);
         self.that(slots.all(|s| s < outputs), "an entry of its ledger is not computed")?;

@@ -8,6 +8,7 @@ use super::attempt::Taken;
 use super::cluster::{Run, advance_ports, book};
 use super::{Error, Options};
 use crate::ir::Array;
+use crate::kernel::Failure;
 use crate::scene::Cluster;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +23,8 @@ const SHRINK: f64 = 0.1;
 const FIRST: f64 = 1e-2;
 /// Of a step that fails so much is tried next.
 const CUT: f64 = 0.25;
+/// What a balance is off by should fall below this part when the step is cut.
+const FALLS: f64 = 1.0 / 16.0;
 /// After so many that fail another stepper tries, where there is one.
 const OWN: u32 = 6;
 /// The exponents of the controller in the error of a step and of the one before it (Hairer and Wanner, IV.8), times the order of
@@ -74,6 +77,8 @@ pub(super) struct Fit {
     plan: Option<Plan>,
     /// Whether the stepper that takes what the first one cannot is at work.
     pub(super) spare: bool,
+    /// What the balance of an attempt that was not good for that was off by, J.
+    pub(super) off: f64,
     /// A whole step, and its halves.
     pub(super) whole: Taken,
     pub(super) first: Taken,
@@ -103,6 +108,7 @@ impl Fit {
             moved: integrals.iter().map(|x| x.abs()).collect(),
             plan: None,
             spare: false,
+            off: 0.0,
             whole: Taken::new(c),
             first: Taken::new(c),
             second: Taken::new(c),
@@ -245,7 +251,7 @@ impl Run {
         self.guards_before(t);
         let (mut last_failure, mut refused) = (None, None::<(f64, f64)>);
         let usual = self.default_step;
-        let mut failures = 0;
+        let (mut failures, mut off) = (0, None::<f64>);
         let (smallest, result) = loop {
             if let Some(fit) = &mut self.fit {
                 fit.spare = failures >= OWN;
@@ -269,7 +275,15 @@ impl Run {
                 Err(why) => {
                     last_failure = Some(why);
                     failures += 1;
-                    control.ahead = CUT * h;
+                    // What a quadrature misses falls fast with the step. What does not is a kink, or the rounding of H near 0.
+                    let now = self.fit.as_ref().filter(|_| why == Failure::Balance).map(|f| f.off);
+                    let stuck = off.zip(now).is_some_and(|(off, now)| now > FALLS * off);
+                    off = now;
+                    if stuck {
+                        failures = failures.max(OWN);
+                    } else {
+                        control.ahead = CUT * h;
+                    }
                     control.rejected += 1;
                     continue;
                 }
@@ -296,7 +310,9 @@ impl Run {
                 control.events += 1;
                 control.error = 1.0;
             } else {
-                let most = if refused.is_some() || last_failure.is_some() { 1.0 } else { GROW };
+                // What the other stepper took says nothing against longer steps.
+                let other = self.fit.as_ref().is_some_and(|f| f.spare);
+                let most = if refused.is_some() || (last_failure.is_some() && !other) { 1.0 } else { GROW };
                 let factor = SAFE * ratio.max(1e-10).powf(-PI.0 / order) * control.error.powf(PI.1 / order);
                 let next = h * if vain { 2.0 } else { factor.clamp(2.0 * SHRINK, most) };
                 // A step that an end cut short says little of what comes.

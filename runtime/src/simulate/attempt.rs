@@ -1,6 +1,6 @@
 //! An attempt at an adaptive step: what is computed of it, and its estimated error.
 
-use super::cluster::{Book, Run, balances};
+use super::cluster::{Book, Run, imbalance};
 use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
 use crate::scene::{Cluster, Entries};
@@ -59,18 +59,22 @@ impl Run {
         // What ends at a switch was found with a whole step, and so that one counts.
         let error = self.estimate(c, is_event)?;
         let whole = is_event || c.step.estimate.is_some();
-        if self.keeps_all(c, whole) { Ok(Attempt { h, error, whole, event: is_event }) } else { Err(Failure::Balance) }
+        let off = self.off(c, whole);
+        let Some(fit) = self.fit.as_mut().filter(|_| off != 0.0) else {
+            return Ok(Attempt { h, error, whole, event: is_event });
+        };
+        fit.off = off;
+        Err(Failure::Balance)
     }
 
-    /// Whether what counts of an attempt keeps the balance, where that can be otherwise and another stepper could take it.
-    fn keeps_all(&self, c: &Cluster, whole: bool) -> bool {
-        let Some(fit) = self.fit.as_ref().filter(|f| self.spare.is_some() && !f.spare) else { return true };
-        self.books.iter().zip(&c.entries).all(|(b, e)| {
-            if whole {
-                return balances(b, e, b.h, &fit.whole.output);
-            }
-            balances(b, e, b.h, &fit.first.output) && balances(b, e, fit.first.output[e.energy], &fit.second.output)
-        })
+    /// What the balance of what counts of an attempt is off by, where another stepper could take it; 0 else.
+    fn off(&self, c: &Cluster, whole: bool) -> f64 {
+        let Some(fit) = self.fit.as_ref().filter(|f| self.spare.is_some() && !f.spare) else { return 0.0 };
+        let of = |(b, e): (&Book, &Entries)| match whole {
+            true => imbalance(b, e, &fit.whole.output),
+            false => imbalance(b, e, &fit.first.output).max(imbalance(b, e, &fit.second.output)),
+        };
+        self.books.iter().zip(&c.entries).map(of).fold(0.0, f64::max)
     }
 
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the states'
@@ -79,7 +83,8 @@ impl Run {
         let Some(fit) = &self.fit else { return Ok(0.0) };
         let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
-        let raised = 2f64.powi(c.step.order as i32);
+        let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
+        let raised = 2f64.powi(order as i32);
         let part = if whole { raised } else { 1.0 } / (raised - 1.0).max(1.0);
         let mut worst: f64 = 0.0;
         for i in 0..c.states + c.integrals {

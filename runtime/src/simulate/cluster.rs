@@ -18,7 +18,7 @@ const HALVINGS: u32 = 12;
 /// How often before another stepper takes it, where there is one.
 const OWN: u32 = 4;
 /// What a step's balance may be off by, as a part of the energy there, where another stepper can take the step.
-const OFF: f64 = 2e-13;
+const OFF: f64 = 2e-14;
 /// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held or turned
 /// over in a step: what is off by 1e-12 of that is the rounding of that energy.
 const TRACE: f64 = 1e-4;
@@ -535,7 +535,7 @@ impl Run {
 
     /// Whether the step in the workspace keeps the balance.
     fn keeps(&self, c: &Cluster) -> bool {
-        self.books.iter().zip(&c.entries).all(|(b, e)| balances(b, e, b.h, &self.step.work.output))
+        self.books.iter().zip(&c.entries).all(|(b, e)| imbalance(b, e, &self.step.work.output) == 0.0)
     }
 
     fn prepare(&mut self, names: &[String], h: f64) -> Result<(), Error> {
@@ -624,7 +624,11 @@ impl Run {
         if let Err(why) = ready.prepare(h) {
             return Err(Error::Table { region: names.get(self.index).cloned().unwrap_or_default(), why });
         }
-        let result = ready.run(&self.glanced, &self.input);
+        let mut result = ready.run(&self.glanced, &self.input);
+        let off = || self.books.iter().zip(&c.entries).any(|(b, e)| imbalance(b, e, &ready.work.output) > 0.0);
+        if result.is_ok() && depth < OWN && c.step.fallback.is_some() && off() {
+            result = Err(Failure::Balance);
+        }
         if result.is_ok() {
             self.glanced.copy_from_slice(&ready.work.next);
         }
@@ -709,9 +713,10 @@ fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
     }
 }
 
-/// Whether a step from the energy `before` keeps the balance.
-pub(super) fn balances(b: &Book, e: &Entries, before: f64, out: &[f64]) -> bool {
-    let (mut net, mut turnover) = (0.0, 0.0);
+/// What the balance of a step is off by, where that is looked at; 0 where that is no more than rounding.
+pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
+    let Some((change, exchanged)) = e.change else { return 0.0 };
+    let (mut net, mut turnover) = (0.0, out[exchanged]);
     for (_, slot) in &e.supplied {
         net += out[*slot];
         turnover += out[*slot].abs();
@@ -720,9 +725,9 @@ pub(super) fn balances(b: &Book, e: &Entries, before: f64, out: &[f64]) -> bool 
         net -= out[*slot];
         turnover += out[*slot].abs();
     }
-    let before = e.before.map_or(before, |slot| out[slot]);
-    let scale = out[e.size].abs().max(before.abs()).max(turnover).max(b.floor());
-    (out[e.energy] - before - net).abs() <= OFF * scale
+    let scale = out[e.size].abs().max(turnover).max(b.floor());
+    let off = (out[change] - net).abs();
+    if off <= OFF * scale { 0.0 } else { off }
 }
 
 /// Adds a step to the ledgers.

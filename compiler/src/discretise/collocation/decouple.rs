@@ -58,7 +58,8 @@ pub(super) fn solve(
         let mut algebra = Algebra { b };
         modes.iter().map(|m| Factors::new(&mut algebra, n, &matrices.p, &matrices.q, m.value)).collect()
     });
-    if matrices.fixed {
+    // A small system is cheap to look at again, which takes the rounding of the solution off.
+    if matrices.fixed && factors.is_none() {
         return linear(model, b, lowering, start, (&modes, &matrices, factors.as_deref())).map(Some);
     }
     let slots = b.slots(Array::Local, size);

@@ -26,9 +26,9 @@ use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Binary, Builder, Slot, Value};
+use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use tableau::{Tableau, quadrature};
 
 /// Nodes of the quadrature of an energy that is no polynomial, beyond the number of stages.
@@ -317,11 +317,12 @@ pub(super) fn write(
     }
     let mut value =
         |model: &mut Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
-    let (mut next, mut rests) = (Vec::new(), Vec::new());
+    let (mut next, mut rests, mut steps) = (Vec::new(), Vec::new(), Vec::new());
     for (k, x) in inputs.states.iter().enumerate() {
         let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();
         let d = weighted(&mut model.pool, &tableau.weights, &changes);
         let d = value(model, &mut b, d)?;
+        steps.push(d);
         let carry = b.load(inputs.carries[k]);
         let (v, rest) = write::advance(&mut b, *x, d, carry);
         next.push(v);
@@ -353,6 +354,7 @@ pub(super) fn write(
         b.store(Slot::new(Array::Next, c.states.len() + c.integrals.len() + i), *z);
     }
     keep(&mut b, c, tableau, inputs.h, &found);
+    changes(c, model, &mut b, &mut lowering, &steps, &entries)?;
     let mut passive = true;
     if nodes == Nodes::Radau {
         passive = losses(c, model, &mut b, &mut lowering, &plan, &mut entries)?;
@@ -378,6 +380,44 @@ pub(super) fn write(
         },
         entries,
     ))
+}
+
+/// Stores the change of each region's energy, by its discrete gradient and so without cancellation, and the sum of the magnitudes of
+/// its parts: against that what the quadrature misses is seen from the first step on, when H is no more than rounding.
+fn changes(
+    c: &Cluster,
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    steps: &[Value],
+    entries: &[Entries],
+) -> Result<(), Vec<Diagnostic>> {
+    let half = model.pool.ratio(1, 2);
+    let mut middle = FxHashMap::default();
+    for ((s, d), step) in c.states.iter().zip(&c.delta).zip(steps) {
+        let (x, de) = (model.pool.var(s.symbol), model.pool.var(*d));
+        let ahead = model.pool.mul(half, de);
+        middle.insert(s.symbol, model.pool.add(x, ahead));
+        lowering.bind(*d, *step);
+    }
+    for (e, r) in entries.iter().zip(&c.regions) {
+        let Some((change, exchanged)) = e.change else { continue };
+        let (mut sum, mut size) = (b.number(0.0), b.number(0.0));
+        for g in c.groups_in(*r) {
+            let gradient = gonzalez::gradient(c, &mut model.pool, g, (&middle, &FxHashSet::default()));
+            for (s, z) in g.states.iter().zip(gradient) {
+                let z = lowering.lower(&model.pool, b, z).map_err(|s| missing(model, s))?;
+                let d = steps[*s];
+                let part = b.mul(z, d);
+                sum = b.add(sum, part);
+                let part = b.unary(Unary::Abs, part);
+                size = b.add(size, part);
+            }
+        }
+        b.store(Slot::new(Array::Output, change), sum);
+        b.store(Slot::new(Array::Output, exchanged), size);
+    }
+    Ok(())
 }
 
 /// What the three stages of Radau lose of each region's energy; whether that is all, every energy being quadratic.
