@@ -19,6 +19,8 @@ const HALVINGS: u32 = 12;
 const OWN: u32 = 4;
 /// What a step's balance may be off by, as a part of the energy there, where another stepper can take the step.
 const OFF: f64 = 2e-14;
+/// The same of a step that the other stepper took.
+const CLOSES: f64 = 2e-13;
 /// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held or turned
 /// over in a step: what is off by 1e-12 of that is the rounding of that energy.
 const TRACE: f64 = 1e-4;
@@ -530,7 +532,8 @@ impl Run {
         let n = to.output.len();
         to.output.copy_from_slice(&from.output[..n]);
         to.newton_iterations += std::mem::take(&mut from.newton_iterations);
-        if depth >= HALVINGS || self.keeps(c) { Ok(()) } else { Err(Failure::Balance) }
+        let closes = self.books.iter().zip(&c.entries).all(|(b, e)| closes(b, e, &self.step.work.output));
+        if depth >= HALVINGS || closes { Ok(()) } else { Err(Failure::Balance) }
     }
 
     /// Whether the step in the workspace keeps the balance.
@@ -711,6 +714,15 @@ fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
     for (trace, x) in input[at..].iter_mut().zip(&largest[..c.states]) {
         *trace = TRACES * x.abs();
     }
+}
+
+/// Whether the balance of a step that was taken in the place of another closes.
+fn closes(b: &Book, e: &Entries, out: &[f64]) -> bool {
+    let (supplied, dissipated): (f64, f64) =
+        (e.supplied.iter().map(|(_, s)| out[*s]).sum(), e.dissipated.iter().map(|(_, s)| out[*s]).sum());
+    let before = e.before.map_or(b.h, |slot| out[slot]);
+    let scale = out[e.size].abs().max(before.abs()).max(supplied.abs()).max(dissipated.abs()).max(b.floor());
+    (out[e.energy] - before - (supplied - dissipated)).abs() <= CLOSES * scale
 }
 
 /// What the balance of a step is off by, where that is looked at; 0 where that is no more than rounding.
