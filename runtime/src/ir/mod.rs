@@ -161,20 +161,6 @@ pub struct Newton {
     pub flag: Option<Slot>,
 }
 
-impl Newton {
-    /// Whether its equations are sums of products of the unknowns: their slope has no jumps, and changes as slowly as the unknowns.
-    pub fn is_polynomial(&self) -> bool {
-        self.body.iter().all(|inst| match inst {
-            Inst::Let(_, Op::Unary(f, _)) => *f == Unary::Neg,
-            Inst::Let(_, Op::Binary(f, ..)) => matches!(f, Binary::Add | Binary::Sub | Binary::Mul),
-            Inst::Let(_, Op::Select(..)) | Inst::Newton(_) => false,
-            Inst::Let(_, Op::Const(_) | Op::Load(_)) | Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => {
-                true
-            }
-        })
-    }
-}
-
 /// Iterations inside one another, at most, in a program that is read.
 const NESTED: u32 = 32;
 

@@ -16,9 +16,8 @@
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
-//!   small(t) with `t = min(1e-8, 4e-16 |e|² / |d|²)` (1e-6 for 1e-8 where the equations are polynomials: there is no jump of the
-//!   slope that such an update could lead past, and no law so steep that convergence seems quadratic before it is): convergence being quadratic, the next update would be near
-//!   `d |d|² / |e|²`, below rounding; or small(1e-10), where `|d|` is at least half of `|e|`: rounding keeps it from
+//!   small(t) with `t = min(1e-8, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
+//!   `d |d|² / |e|²`, below rounding; or small(1e-12), where `|d|` is at least half of `|e|`: rounding keeps it from
 //!   falling; or small(1e-6), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown.
 //!
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what it gave, and
@@ -40,11 +39,6 @@ pub const STALLS: u32 = 6;
 /// How often one update is halved at most.
 pub const HALVINGS: u32 = 30;
 
-/// Updates so small beside the unknowns may be the last, where quadratic convergence shows that the next one would be rounding.
-pub const NEAR: f64 = 1e-8;
-/// The same where the equations are polynomials.
-pub const POLYNOMIAL: f64 = 1e-6;
-
 /// What is known of an iteration before it runs.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -60,8 +54,6 @@ pub struct Plan {
     pub affine: bool,
     /// Whether the body gives the update itself.
     pub given: bool,
-    /// [`NEAR`] or [`POLYNOMIAL`].
-    pub near: f64,
     /// The slot of `Local` that gets 1 or 0 instead of a failure.
     pub flag: Option<usize>,
     linear: linear::Plan,
@@ -73,8 +65,7 @@ impl Plan {
         let pattern = newton.jacobian.iter().map(|&(row, column, _)| (row, column)).collect();
         let flag = newton.flag.map(|slot| slot.index as usize);
         let plan = Self::of(newton.unknowns as usize, newton.residual.len(), pattern, newton.limit, flag);
-        let near = if newton.is_polynomial() { POLYNOMIAL } else { NEAR };
-        Self { affine: newton.affine, given: !newton.update.is_empty(), near, ..plan }
+        Self { affine: newton.affine, given: !newton.update.is_empty(), ..plan }
     }
 
     /// The plan of an iteration given by its parts.
@@ -83,7 +74,7 @@ impl Plan {
     /// Where the pattern is not within `n` rows and columns.
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
         let linear = linear::Plan::new(n, &pattern);
-        Self { unknowns, n, pattern, limit, affine: false, given: false, near: NEAR, flag, linear }
+        Self { unknowns, n, pattern, limit, affine: false, given: false, flag, linear }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -257,10 +248,10 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         let quick = |last: f64| halvings == 0 && square <= 1e-6 * last;
         let t = match before {
             Some(last) if plan.given => geometric(square, last),
-            Some(last) if 0.25 * last <= square => 1e-10,
+            Some(last) if 0.25 * last <= square => 1e-12,
             Some(last) if quick(last) => {
                 let t = 4e-16 * (last / square);
-                if t < plan.near { t } else { plan.near }
+                if t < 1e-8 { t } else { 1e-8 }
             }
             Some(_) | None => 4e-16,
         };

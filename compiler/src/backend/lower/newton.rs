@@ -4,7 +4,7 @@ use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir;
-use bond_runtime::solve::newton::{HALVINGS, NEAR, NUDGES, POLYNOMIAL, STALLS, STRETCHES};
+use bond_runtime::solve::newton::{HALVINGS, NUDGES, STALLS, STRETCHES};
 
 /// How an iteration ended.
 const DONE: f64 = 1.0;
@@ -39,8 +39,6 @@ pub(super) struct Iteration {
     row: Var,
     /// Whether the update is given.
     given: bool,
-    /// See `bond_runtime::solve::newton::Plan`.
-    near: f64,
 }
 
 /// Whether a weight counts.
@@ -123,9 +121,8 @@ impl Lower {
 
 /// What comes before the loop.
 pub(super) fn begin(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> Iteration {
-    let near = if newton.is_polynomial() { POLYNOMIAL } else { NEAR };
     let given = !newton.update.is_empty();
-    Iteration { near, given, ..Iteration::new(w, newton.residual.len(), numbers, newton.affine) }
+    Iteration { given, ..Iteration::new(w, newton.residual.len(), numbers, newton.affine) }
 }
 
 impl Iteration {
@@ -159,7 +156,6 @@ impl Iteration {
             end: w.starting(0.0),
             row: w.starting(-1.0),
             given: false,
-            near: NEAR,
         };
         if affine {
             return it;
@@ -411,7 +407,7 @@ impl Iteration {
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
         let quick = Cond::all([Cond::True(made), w.eq(halvings, zero), w.le(square, quick)]);
         let slow = Cond::all([Cond::True(made), w.le(slow, square)]);
-        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(self.near), w.tolerance(1e-10));
+        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-8), w.tolerance(1e-12));
         let ratio = w.div(last, square);
         if self.given {
             return self.geometric(w, square, ratio, slow);
