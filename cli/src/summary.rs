@@ -110,7 +110,7 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     let rejected = counted(r.rejected, "rejected");
     let events = counted(r.events, if r.events == 1 { "event" } else { "events" });
     writeln!(out, "  {:11} {} ({order}), {} steps{rejected}{events}{newton}", "stepper", r.stepper, r.steps)?;
-    if !r.why.is_empty() && r.why != "asked for" {
+    if !r.why.is_empty() {
         writeln!(out, "  {:11} {}", "because", r.why)?;
     }
     if let Some(hold) = &r.hold {

@@ -88,6 +88,24 @@ pub struct Stepper {
     pub fallback: Option<Box<Stepper>>,
 }
 
+impl Stepper {
+    /// A stepper that is its program and nothing else.
+    pub fn new(name: &'static str, order: u32, passive: bool, program: Program) -> Self {
+        let why = Cow::Borrowed("");
+        Self {
+            name: name.into(),
+            why,
+            order,
+            passive,
+            program,
+            estimate: None,
+            linear: None,
+            glance: None,
+            fallback: None,
+        }
+    }
+}
+
 /// How the held variable of a sampled region is found.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum Respond {

@@ -251,10 +251,8 @@ proptest! {
             Err(RunError::Numerics(_)) => return Ok(()),
             Err(other) => return Err(TestCaseError::fail(format!("{other}\n{text}"))),
         };
-        let mut failed = false;
         match sim.finish(0.5) {
-            Ok(()) => {}
-            Err(RunError::Numerics(_)) => failed = true,
+            Ok(()) | Err(RunError::Numerics(_)) => {}
             Err(other) => return Err(TestCaseError::fail(format!("{other}\n{text}"))),
         }
         let summary = sim.summary();
@@ -265,10 +263,10 @@ proptest! {
             let nothing = size(r) <= 1e-14 * largest;
             // So may be those of a single step of a region without states, between two bars that hold the same.
             let cancels = r.states == 0 && r.total <= 1e-13;
-            // A lagged hold on a law that stiffens may throw its scene out of all bounds: the squares of such numbers are none.
-            let beyond = size(r) > 1e30;
-            // In the steps before one that fails the equations hardly tell their unknowns; the run says that it stopped.
-            prop_assert!(nothing || cancels || beyond || r.worst_step <= 1e-9 || failed, "the balance of {} is off by {:e}\n{text}", r.name, r.worst_step);
+            // A lagged hold on a law that stiffens may throw a scene of a few joules out of all bounds, where its equations hardly tell
+            // their unknowns. Below that a few reach 1e-10 to 1e-9, see the known limits in docs/mathematics.md.
+            let beyond = size(r) > 1e12;
+            prop_assert!(nothing || cancels || beyond || r.worst_step <= 1e-9, "the balance of {} is off by {:e}\n{text}", r.name, r.worst_step);
         }
         for bar in &summary.bars {
             prop_assert!(bar.difference == 0.0, "the sides of {} differ by {:e}\n{text}", bar.name, bar.difference);

@@ -123,10 +123,10 @@ pub(super) struct Cluster {
     pub(super) delta: Vec<Symbol>,
     /// How many numbers the stepper keeps of its last step.
     pub(super) memory: usize,
-    /// Whether each step's balance is looked at before it counts.
-    pub(super) watched: bool,
     /// What those are at the start; 0 where it is not said.
     pub(super) kept: Vec<f64>,
+    /// Whether each step's balance is looked at before it counts.
+    pub(super) watched: bool,
 }
 
 impl Cluster {
@@ -351,7 +351,7 @@ impl Cluster {
         let (step, entries, is_linear) = match &sampling {
             None => {
                 let mut wanted = method.filter(|m| *m != Method::Ray);
-                let (mut linear, mut why) = (None, "asked for");
+                let (mut linear, mut why) = (None, "");
                 if wanted.is_none() {
                     linear = exact::write(self, model, form)?;
                     why = "it is linear";

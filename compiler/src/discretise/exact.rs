@@ -530,15 +530,9 @@ pub(super) fn write(
     let (glance, glance_linear, _) = self::program(c, model, form, &mut rows, time, false)?;
     let order = if cubic { 4 } else { 0 };
     let stepper = |program, linear, glance| Stepper {
-        name: "exact".into(),
-        why: "".into(),
-        order,
-        passive: true,
-        program,
-        estimate: None,
         linear: Some(linear),
         glance,
-        fallback: None,
+        ..Stepper::new("exact", order, true, program)
     };
     let glance = stepper(glance, glance_linear, None);
     Ok(Some((stepper(program, linear, Some(Box::new(glance))), entries)))

@@ -189,20 +189,7 @@ pub(super) fn write(
         slots.first().map_or(0, |s| s.index as usize)
     });
     let program = verified(model, b.finish())?;
-    Ok((
-        Stepper {
-            name: name.into(),
-            why: "".into(),
-            order,
-            passive: false,
-            program,
-            estimate,
-            linear: None,
-            glance: None,
-            fallback: None,
-        },
-        entries,
-    ))
+    Ok((Stepper { estimate, ..Stepper::new(name, order, false, program) }, entries))
 }
 
 /// The sum of something of the stages with these weights; nothing is added where a weight is 0.

@@ -217,18 +217,5 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     }
     write::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
-    Ok((
-        Stepper {
-            name: "gonzalez".into(),
-            why: "".into(),
-            order: 2,
-            passive: true,
-            program,
-            estimate: None,
-            linear: None,
-            glance: None,
-            fallback: None,
-        },
-        entries,
-    ))
+    Ok((Stepper::new("gonzalez", 2, true, program), entries))
 }

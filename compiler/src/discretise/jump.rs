@@ -32,15 +32,5 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<Stepp
         b.store(Slot::new(Array::Next, c.states.len() + i), v);
     }
     let program = verified(model, b.finish())?;
-    Ok(Stepper {
-        name: "next".into(),
-        why: "".into(),
-        order: 0,
-        passive: true,
-        program,
-        estimate: None,
-        linear: None,
-        glance: None,
-        fallback: None,
-    })
+    Ok(Stepper::new("next", 0, true, program))
 }

@@ -184,18 +184,5 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         e.leap = Some((energy.index as usize, count.index as usize));
     }
     let program = verified(model, b.finish())?;
-    Ok((
-        Stepper {
-            name: "ray".into(),
-            why: "".into(),
-            order: 1,
-            passive: true,
-            program,
-            estimate: None,
-            linear: None,
-            glance: None,
-            fallback: None,
-        },
-        entries,
-    ))
+    Ok((Stepper::new("ray", 1, true, program), entries))
 }

@@ -364,22 +364,12 @@ pub(super) fn write(
     write::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     let order = if nodes == Nodes::Radau { 5 } else { 2 * s as u32 };
-    let (fallback, _) = gonzalez::write(c, model, form)?;
-    let fallback = (nodes != Nodes::Radau).then(|| Box::new(fallback));
-    Ok((
-        Stepper {
-            name: name.into(),
-            why: "".into(),
-            order,
-            passive,
-            program,
-            estimate: None,
-            linear: None,
-            glance: None,
-            fallback,
-        },
-        entries,
-    ))
+    // What Radau loses has no place in the balance of another.
+    let fallback = match nodes {
+        Nodes::Gauss(_) => Some(Box::new(gonzalez::write(c, model, form)?.0)),
+        Nodes::Radau => None,
+    };
+    Ok((Stepper { fallback, ..Stepper::new(name, order, passive, program) }, entries))
 }
 
 /// Stores the change of each region's energy, by its discrete gradient and so without cancellation, and the sum of the magnitudes of

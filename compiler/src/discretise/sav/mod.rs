@@ -549,17 +549,7 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
         sizes.iter().enumerate().map(|(i, s)| b.binary(Binary::Max, plan.memory[layout.sizes + i], *s)).collect();
     store(&mut b, at + layout.sizes, &sizes);
     let program = verified(model, b.finish())?;
-    let stepper = Stepper {
-        name: "sav".into(),
-        why: "".into(),
-        order: 2,
-        passive: true,
-        program,
-        estimate: None,
-        linear: None,
-        glance: None,
-        fallback: None,
-    };
+    let stepper = Stepper::new("sav", 2, true, program);
     Ok((stepper, entries))
 }
 
