@@ -192,7 +192,7 @@ pub enum Stmt {
     For(Index, u32, u32, Vec<Stmt>),
     /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and the right
     /// side, which becomes the solution, are in [`Memory::Scratch`] from these places on. The variable becomes -1, or the row
-    /// that has no pivot.
+    /// that has no pivot. Where there is a value and it is not 0, the matrix is what it was when this was solved last.
     Solve {
         /// Which system.
         system: u32,
@@ -202,6 +202,8 @@ pub enum Stmt {
         vector: u32,
         /// See above.
         row: Var,
+        /// See above.
+        same: Option<Value>,
     },
     /// Adds to the iterations done.
     Count(Value),

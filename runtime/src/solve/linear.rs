@@ -76,7 +76,8 @@ impl Plan {
         }
     }
 
-    /// Solves `J x = b`, `b` in and `x` out, with the values of `J` in the order of the pattern given to [`Plan::new`].
+    /// Solves `J x = b`, `b` in and `x` out, with the values of `J` in the order of the pattern given to [`Plan::new`]. `same` where
+    /// these are known to be those of the last solution with this scratch, whose factors are then good again.
     ///
     /// # Errors
     /// A row for which no pivot is found; `vector` then means nothing. `x` may be infinite or NaN without an error.
@@ -89,10 +90,11 @@ impl Plan {
         values: &[f64],
         vector: &mut [f64],
         scratch: &mut Scratch,
+        same: bool,
     ) -> Result<(), usize> {
         match &self.method {
             Method::Dense => self.dense(pattern, values, vector, scratch),
-            Method::Sparse(symbolic) => match scratch.numeric.factor(symbolic, values) {
+            Method::Sparse(symbolic) => match scratch.numeric.factor(symbolic, values, same) {
                 Ok(()) => {
                     scratch.numeric.solve(symbolic, values, vector);
                     Ok(())
@@ -156,8 +158,8 @@ impl System {
     ///
     /// # Panics
     /// Where a slice is too short.
-    pub fn solve(&mut self, values: &[f64], vector: &mut [f64]) -> Result<(), usize> {
-        self.plan.solve(&self.pattern, values, vector, &mut self.scratch)
+    pub fn solve(&mut self, values: &[f64], vector: &mut [f64], same: bool) -> Result<(), usize> {
+        self.plan.solve(&self.pattern, values, vector, &mut self.scratch, same)
     }
 }
 
@@ -185,7 +187,7 @@ mod tests {
         let mut random = Random::new(11);
         let right: Vec<f64> = (0..n).map(|_| random.next()).collect();
         let mut x = right.clone();
-        assert_eq!(plan.solve(&pattern, &values, &mut x, &mut plan.scratch()), Ok(()));
+        assert_eq!(plan.solve(&pattern, &values, &mut x, &mut plan.scratch(), false), Ok(()));
         let mut rest = right;
         for (r, c, v) in entries {
             rest[r as usize] -= v * x[c as usize];

@@ -153,7 +153,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
         system.evaluate(&mut scratch.residual[..n], &mut scratch.jacobian)?;
         let update = &mut scratch.residual[..n];
         plan.linear
-            .solve(&plan.pattern, &scratch.jacobian, update, &mut scratch.linear)
+            .solve(&plan.pattern, &scratch.jacobian, update, &mut scratch.linear, false)
             .map_err(|row| Failure::Singular { row })?;
         for (u, d) in system.unknowns().iter_mut().zip(update) {
             *u -= *d;
@@ -196,7 +196,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
             Ok(())
         } else {
             trial.copy_from_slice(residual);
-            plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear)
+            plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear, false)
         };
         let square = measure.square(trial);
         if solved.is_err() || !square.is_finite() {

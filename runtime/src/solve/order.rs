@@ -72,9 +72,10 @@ pub fn transversal(n: usize, pattern: &[(u32, u32)]) -> Result<Vec<u32>, usize> 
     Ok(row_of)
 }
 
-/// Nodes in lists by degree.
+/// Nodes in lists by degree, first in, first out: so a chain is eliminated from both its ends.
 struct Buckets {
     head: Vec<u32>,
+    tail: Vec<u32>,
     next: Vec<u32>,
     previous: Vec<u32>,
     degree: Vec<u32>,
@@ -83,29 +84,34 @@ struct Buckets {
 
 impl Buckets {
     fn new(n: usize) -> Self {
-        Self { head: vec![NONE; n + 1], next: vec![NONE; n], previous: vec![NONE; n], degree: vec![0; n], least: 0 }
+        let none = vec![NONE; n + 1];
+        let (next, previous) = (vec![NONE; n], vec![NONE; n]);
+        Self { head: none.clone(), tail: none, next, previous, degree: vec![0; n], least: 0 }
     }
 
     fn insert(&mut self, node: u32, degree: usize) {
-        let old = self.head[degree];
-        self.next[node as usize] = old;
-        self.previous[node as usize] = NONE;
-        if old != NONE {
-            self.previous[old as usize] = node;
+        let old = self.tail[degree];
+        self.previous[node as usize] = old;
+        self.next[node as usize] = NONE;
+        match old {
+            NONE => self.head[degree] = node,
+            _ => self.next[old as usize] = node,
         }
-        self.head[degree] = node;
+        self.tail[degree] = node;
         self.degree[node as usize] = degree as u32;
         self.least = self.least.min(degree);
     }
 
     fn remove(&mut self, node: u32) {
         let (before, after) = (self.previous[node as usize], self.next[node as usize]);
+        let degree = self.degree[node as usize] as usize;
         match before {
-            NONE => self.head[self.degree[node as usize] as usize] = after,
+            NONE => self.head[degree] = after,
             _ => self.next[before as usize] = after,
         }
-        if after != NONE {
-            self.previous[after as usize] = before;
+        match after {
+            NONE => self.tail[degree] = before,
+            _ => self.previous[after as usize] = before,
         }
     }
 
@@ -138,7 +144,7 @@ pub fn minimum_degree(mut neighbours: Vec<Vec<u32>>) -> Vec<u32> {
     let mut last: Vec<u32> = (0..n as u32).filter(|&i| gone[i as usize]).collect();
     last.sort_by_key(|&i| (neighbours[i as usize].len(), i));
     let mut buckets = Buckets::new(n);
-    for i in (0..n).rev() {
+    for i in 0..n {
         if gone[i] {
             neighbours[i] = Vec::new();
             continue;

@@ -88,10 +88,9 @@ impl Symbolic {
             list.dedup();
         }
         let column = minimum_degree(neighbours.clone());
-        let mut step = vec![0u32; n];
-        for (k, &c) in column.iter().enumerate() {
-            step[c as usize] = k as u32;
-        }
+        let upper = fill(&column, &inverted(&column), &neighbours);
+        let column = by_level(&column, &upper);
+        let step = inverted(&column);
         let upper = fill(&column, &step, &neighbours);
         let lower = transpose(&upper);
         let mut starts = vec![0u32; n + 1];
@@ -156,6 +155,29 @@ impl Symbolic {
     }
 }
 
+/// By column: its step.
+fn inverted(column: &[u32]) -> Vec<u32> {
+    let mut step = vec![0; column.len()];
+    for (k, &c) in column.iter().enumerate() {
+        step[c as usize] = k as u32;
+    }
+    step
+}
+
+/// The same elimination in an order in which steps that do not wait for one another stand side by side: by how many lie
+/// below them in the tree of elimination, where a step's parent is the first that needs it.
+fn by_level(column: &[u32], upper: &Pattern) -> Vec<u32> {
+    let mut level = vec![0u32; column.len()];
+    for k in 0..column.len() {
+        if let Some(&parent) = upper.columns[upper.row(k)].first() {
+            level[parent as usize] = level[parent as usize].max(level[k] + 1);
+        }
+    }
+    let mut steps: Vec<usize> = (0..column.len()).collect();
+    steps.sort_by_key(|k| level[*k]);
+    steps.into_iter().map(|k| column[k]).collect()
+}
+
 /// The pattern of the upper factor of a symmetric pattern: each row's own entries, and those of the rows whose first
 /// entry it is.
 fn fill(order: &[u32], step: &[u32], neighbours: &[Vec<u32>]) -> Pattern {
@@ -216,6 +238,7 @@ fn transpose(upper: &Pattern) -> Pattern {
 #[derive(Clone, Debug, Default)]
 pub struct Numeric {
     lower: Vec<f64>,
+    /// Rows divided by their pivots.
     upper: Vec<f64>,
     /// Of the pivots.
     inverse: Vec<f64>,
@@ -229,17 +252,17 @@ pub struct Numeric {
 }
 
 impl Numeric {
-    /// Factors the matrix with these values, in the order of the pattern.
+    /// Factors the matrix with these values, in the order of the pattern; `same` where they are known to be those of the last call.
     ///
     /// # Errors
     /// A row whose pivot is 0, not finite, or too small beside the entries below it.
     ///
     /// # Panics
     /// Where this was made by another [`Symbolic`], or there are fewer values than the pattern has places.
-    pub fn factor(&mut self, symbolic: &Symbolic, values: &[f64]) -> Result<(), usize> {
+    pub fn factor(&mut self, symbolic: &Symbolic, values: &[f64], same: bool) -> Result<(), usize> {
         // The matrix of a linear region is the same in every step of one length.
         let values = &values[..symbolic.entries.len()];
-        if self.factored == values {
+        if self.factored.len() == values.len() && (same || self.factored == values) {
             return Ok(());
         }
         self.factored.clear();
@@ -259,7 +282,7 @@ impl Numeric {
     pub fn solve_raised(&mut self, symbolic: &Symbolic, values: &[f64], b: &mut [f64]) -> Result<(), usize> {
         self.factored.clear();
         self.eliminate(symbolic, values, RAISED)?;
-        self.first(symbolic, b);
+        self.first(symbolic, b, true);
         let mut change = largest(&self.work);
         for _ in 0..STEPS {
             let (row, part) = self.rest(symbolic, values, b);
@@ -330,6 +353,9 @@ impl Numeric {
                 work[j as usize] = 0.0;
             }
         }
+        for (i, reciprocal) in inverse.iter().enumerate() {
+            upper[symbolic.upper.row(i)].iter_mut().for_each(|u| *u *= reciprocal);
+        }
         Ok(())
     }
 
@@ -361,19 +387,21 @@ impl Numeric {
     /// # Panics
     /// As [`Numeric::factor`], and where `b` is shorter than the matrix.
     pub fn solve(&mut self, symbolic: &Symbolic, values: &[f64], b: &mut [f64]) {
-        self.first(symbolic, b);
-        if self.growth > SUSPICIOUS {
+        let suspicious = self.growth > SUSPICIOUS;
+        self.first(symbolic, b, suspicious);
+        if suspicious {
             self.rest(symbolic, values, b);
             self.correct(symbolic, b);
         }
     }
 
-    /// Solves, and keeps the scaled right side.
-    fn first(&mut self, symbolic: &Symbolic, b: &mut [f64]) {
-        for (k, &row) in symbolic.row.iter().enumerate() {
-            let scaled = b[row as usize] * self.row_scale[k];
-            self.work[k] = scaled;
-            self.right[k] = scaled;
+    /// Solves, and keeps the scaled right side where it is looked at again.
+    fn first(&mut self, symbolic: &Symbolic, b: &mut [f64], again: bool) {
+        for ((work, scale), &row) in self.work.iter_mut().zip(&self.row_scale).zip(&symbolic.row) {
+            *work = b[row as usize] * scale;
+        }
+        if again {
+            self.right.copy_from_slice(&self.work);
         }
         self.substitute(symbolic);
         for k in 0..symbolic.n {
@@ -423,11 +451,11 @@ impl Numeric {
         }
         for i in (0..symbolic.n).rev() {
             let range = symbolic.upper.row(i);
-            let mut sum = work[i];
+            let mut sum = work[i] * self.inverse[i];
             for (&j, u) in symbolic.upper.columns[range.clone()].iter().zip(&self.upper[range]) {
                 sum -= u * work[j as usize];
             }
-            work[i] = sum * self.inverse[i];
+            work[i] = sum;
         }
     }
 }

@@ -46,7 +46,7 @@ pub fn header(unit: &Unit, options: &Options) -> String {
 /* A scene that runs: plain data, to be kept wherever you like. */
 typedef struct {p}_state {{
     {p}_real x[{}]; /* all that goes from interval to interval */
-    {p}_real s[{}]; /* scratch, which no interval reads from the one before */
+    {p}_real s[{}]; /* scratch: what an interval finds there it could make anew */
 {}}} {p}_state;
 
 /* Why an interval failed: an iteration came to its limit, or met equations without a solution, or a number is not finite, or
@@ -88,7 +88,7 @@ void {p}_save(const {p}_state *b, {p}_real *saved);
 void {p}_restore({p}_state *b, const {p}_real *saved);
 ",
         unit.image.len(),
-        super::scratch(unit),
+        super::scratch(unit).0,
         if unit.whole {
             String::new()
         } else {

@@ -100,17 +100,18 @@ static void bond_substitute(const struct bond_pattern *p, const bond_real *lower
         work[i] = sum;
     }
     for (i = p->n; i-- > 0;) {
-        bond_real sum = work[i];
+        bond_real sum = work[i] * inverse[i];
         for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) sum -= upper[k] * work[p->upper_columns[k]];
-        work[i] = sum * inverse[i];
+        work[i] = sum;
     }
 }
-/* Elimination with fixed pivots and one step of refinement where it was not plainly stable. -1, or the row without a pivot. */
-static bond_real bond_sparse(const struct bond_pattern *p, const bond_real *values, bond_real *b, bond_real *w) {
+/* The factors with fixed pivots, in w. -1, or the row without a pivot. */
+static bond_real bond_factor(const struct bond_pattern *p, const bond_real *values, bond_real *w) {
     const unsigned long n = p->n;
     bond_real *lower = w, *upper = lower + p->lower, *inverse = upper + p->upper, *rows = inverse + n;
-    bond_real *columns = rows + n, *work = columns + n, *right = work + n, growth = 0;
+    bond_real *columns = rows + n, *work = columns + n, growth = 0;
     unsigned long i, k, m;
+    work[2 * n] = -1;
     for (i = 0; i < n; ++i) work[i] = 0;
     for (i = 0; i < n; ++i) {
         bond_real largest = 0;
@@ -158,10 +159,24 @@ static bond_real bond_sparse(const struct bond_pattern *p, const bond_real *valu
             work[p->upper_columns[k]] = 0;
         }
     }
+    for (i = 0; i < n; ++i)
+        for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) upper[k] *= inverse[i];
+    work[2 * n] = growth;
+    return -1;
+}
+/* Elimination, and one step of refinement where it was not plainly stable; the factors are those in w where the values are the
+   same as before. -1, or the row without a pivot. */
+static bond_real bond_sparse(const struct bond_pattern *p, const bond_real *values, bond_real *b, bond_real *w, int same) {
+    const unsigned long n = p->n;
+    bond_real *lower = w, *upper = lower + p->lower, *inverse = upper + p->upper, *rows = inverse + n;
+    bond_real *columns = rows + n, *work = columns + n, *right = work + n;
+    const bond_real failed = same && right[n] >= 0 ? -1 : bond_factor(p, values, w);
+    unsigned long i, k;
+    if (!(failed < 0)) return failed;
     for (i = 0; i < n; ++i) right[i] = work[i] = b[p->row[i]] * rows[i];
     bond_substitute(p, lower, upper, inverse, work);
     for (i = 0; i < n; ++i) b[p->column[i]] = work[i] * columns[i];
-    if (growth > BOND_R(1e3)) {
+    if (right[n] > BOND_R(1e3)) {
         for (i = 0; i < n; ++i) {
             bond_real rest = right[i];
             for (k = p->starts[i]; k < p->starts[i + 1]; ++k)

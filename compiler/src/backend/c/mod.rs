@@ -57,7 +57,11 @@ fn comment(text: &str) -> String {
     text.replace("*/", "* /").replace("/*", "/ *").replace(['\n', '\r', '\\'], " ").replace("??", "? ?")
 }
 
-/// How many numbers of scratch the routines need, with those of [`solve`].
-pub(super) fn scratch(unit: &Unit) -> usize {
-    [&unit.commit, &unit.observe].iter().map(|r| r.scratch as usize + solve::room(r)).max().unwrap_or(0).max(1)
+/// How many numbers of scratch the routines need, with those of [`solve`]; where the probes' begin.
+pub(super) fn scratch(unit: &Unit) -> (usize, usize) {
+    let of = |r: &crate::backend::code::Routine| r.scratch as usize + solve::room(r);
+    let (commit, observe) = (of(&unit.commit), of(&unit.observe));
+    // Factors that are kept are not written over.
+    let apart = if unit.commit.systems.is_empty() { 0 } else { commit };
+    (commit.max(apart + observe).max(1), apart)
 }

@@ -173,9 +173,11 @@ impl Printer<'_> {
                     self.block(body, depth + 1);
                     self.line(depth, "}");
                 }
-                Stmt::Solve { system, matrix, vector, row } => {
+                Stmt::Solve { system, matrix, vector, row, same } => {
                     let system = self.first + *system as usize;
-                    self.line(depth, &format!("m{} = bond_solve_{system}(s + {matrix}, s + {vector}, s);", row.0));
+                    let same = same.map_or("0".into(), |v| format!("{} != 0", self.of(v)));
+                    let call = format!("bond_solve_{system}(s + {matrix}, s + {vector}, s, {same})");
+                    self.line(depth, &format!("m{} = {call};", row.0));
                 }
                 Stmt::Count(v) => self.unused(depth, *v),
                 // Who runs a scene by itself reads no notes.

@@ -5,19 +5,25 @@ use crate::backend::code::Routine;
 use bond_runtime::solve::linear::Plan;
 use std::fmt::Write;
 
+/// How many numbers the elimination of each system of a routine needs. Each has its own: it keeps its factors.
+fn rooms(routine: &Routine) -> impl Iterator<Item = usize> {
+    routine.systems.iter().map(|s| match Plan::new(s.n, &s.pattern).sparse() {
+        Some(t) => t.tables().lower.1.len() + t.tables().upper.1.len() + 5 * s.n + 1,
+        None => s.n * s.n + 4 * s.n,
+    })
+}
+
 /// How many numbers the eliminations of a routine need.
 pub(super) fn room(routine: &Routine) -> usize {
-    let of = |plan: &Plan, n: usize| match plan.sparse() {
-        Some(s) => s.tables().lower.1.len() + s.tables().upper.1.len() + 5 * n,
-        None => n * n + 4 * n,
-    };
-    routine.systems.iter().map(|s| of(&Plan::new(s.n, &s.pattern), s.n)).max().unwrap_or(0)
+    rooms(routine).sum()
 }
 
 /// The functions `bond_solve_0`, ... that a routine calls, numbered from `first` on.
 pub(super) fn functions(routine: &Routine, first: usize, needs: &mut Needs) -> String {
     let mut out = String::new();
-    for (k, s) in routine.systems.iter().enumerate().map(|(k, s)| (first + k, s)) {
+    let mut at = routine.scratch as usize;
+    for ((k, s), room) in routine.systems.iter().enumerate().zip(rooms(routine)) {
+        let k = first + k;
         let plan = Plan::new(s.n, &s.pattern);
         let call = match plan.sparse() {
             Some(symbolic) => {
@@ -49,21 +55,21 @@ pub(super) fn functions(routine: &Routine, first: usize, needs: &mut Needs) -> S
                     let _ = write!(out, ", solve_{k}_{name}");
                 }
                 out.push_str(" };\n");
-                format!("bond_sparse(&solve_{k}, a, b, w)")
+                format!("bond_sparse(&solve_{k}, a, b, w, same)")
             }
             None => {
                 needs.insert("bond_dense");
                 let list: Vec<u32> = s.pattern.iter().flat_map(|p| [p.0, p.1]).collect();
                 numbers(&mut out, &format!("static const unsigned short solve_{k}_at[]"), &list);
-                format!("bond_dense({}, solve_{k}_at, {}, a, b, w)", s.n, s.pattern.len())
+                format!("(void)same, bond_dense({}, solve_{k}_at, {}, a, b, w)", s.n, s.pattern.len())
             }
         };
         let _ = writeln!(
             out,
-            "static bond_real bond_solve_{k}(const bond_real *a, bond_real *b, bond_real *s) {{\n    \
-             bond_real *w = s + {};\n    return {call};\n}}",
-            routine.scratch
+            "static bond_real bond_solve_{k}(const bond_real *a, bond_real *b, bond_real *s, int same) {{\n    \
+             bond_real *w = s + {at};\n    return {call};\n}}"
         );
+        at += room;
     }
     out
 }

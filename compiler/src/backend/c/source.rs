@@ -1,7 +1,7 @@
 //! The source: the routines, and what the header promises.
 
 use super::print::{Needs, body, letter, memories, number};
-use super::{Options, comment, solve};
+use super::{Options, comment, scratch, solve};
 use crate::backend::code::{Memory, Number, Routine};
 use crate::backend::unit::{NAMES, Unit};
 use std::fmt::Write;
@@ -123,6 +123,10 @@ fn is_declaration(line: &str) -> bool {
 /// The public functions.
 fn interface(unit: &Unit, p: &str) -> String {
     let mut out = String::new();
+    let probes = match scratch(unit).1 {
+        0 => String::new(),
+        at => format!(" + {at}"),
+    };
     let _ = writeln!(
         out,
         "void {p}_init({p}_state *b) {{\n    memset(b, 0, sizeof *b);\n    memcpy(b->x, start, sizeof start);\n}}\n"
@@ -154,7 +158,7 @@ fn interface(unit: &Unit, p: &str) -> String {
         );
     }
     let _ =
-        writeln!(out, "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s);\n}}\n");
+        writeln!(out, "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s{probes});\n}}\n");
     let _ = writeln!(out, "void {p}_input({p}_state *b, int input, {p}_real value) {{");
     match unit.inputs.first() {
         None => out.push_str("    (void)b;\n    (void)input;\n    (void)value;\n"),

@@ -10,7 +10,7 @@ pub(super) mod writer;
 
 use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Inst, Op, Program, Slot};
-use writer::{ELIMINATED, UNROLLED, Writer, scratch};
+use writer::{ELIMINATED, UNROLLED, Writer};
 
 /// Products with so many entries at most are written out.
 const ENTRIES: usize = 64;
@@ -299,14 +299,32 @@ impl Lower {
 }
 
 impl Writer {
-    /// Fails where one of some numbers is not finite.
+    /// Fails where one of some numbers is not finite. Where there are many, four at a time: additions wait for one another.
     fn check(&mut self, memory: Memory, base: u32, n: usize) {
         let zero = self.number(0.0);
-        let spoiled = self.fold(n, zero, |w, at, sum| {
-            let x = w.load(Place { memory, ..scratch(base, at) });
+        let spoil = |w: &mut Self, sum: Value, place: Place| {
+            let x = w.load(place);
             let term = w.mul(zero, x);
             w.add(sum, term)
-        });
+        };
+        let spoiled = if n <= UNROLLED {
+            (0..n).fold(zero, |sum, i| spoil(self, sum, Place::new(memory, base + i as u32)))
+        } else {
+            let sums: Vec<Var> = (0..4).map(|_| self.starting(0.0)).collect();
+            let index = self.index();
+            let body = self.block(|w| {
+                for (k, sum) in sums.iter().enumerate() {
+                    let before = w.get(*sum);
+                    let place = Place { along: vec![(index, 4)], ..Place::new(memory, base + k as u32) };
+                    let after = spoil(w, before, place);
+                    w.set(*sum, after);
+                }
+            });
+            self.push(Stmt::For(index, 0, n as u32 / 4, body));
+            let parts: Vec<Value> = sums.iter().map(|s| self.get(*s)).collect();
+            let sum = parts.into_iter().fold(zero, |sum, x| self.add(sum, x));
+            (n - n % 4..n).fold(sum, |sum, i| spoil(self, sum, Place::new(memory, base + i as u32)))
+        };
         let sound = self.eq(spoiled, zero);
         self.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
     }

@@ -95,7 +95,7 @@ impl Lower {
                 for (i, (_, _, v)) in entries.iter().enumerate() {
                     w.push(Stmt::Store(scratch(matrix, At::One(i)), *v));
                 }
-                it.large(w, newton, &residual, matrix);
+                it.large(w, newton, &residual, (matrix, None));
             } else {
                 if !newton.affine {
                     it.judge(w, &residual);
@@ -178,7 +178,13 @@ impl Iteration {
     }
 
     /// An iteration on unknowns that are not written out, after its residual and the entries of its matrix.
-    pub(super) fn large(&self, w: &mut Writer, newton: &ir::Newton, residual: &Values, matrix: u32) {
+    pub(super) fn large(
+        &self,
+        w: &mut Writer,
+        newton: &ir::Newton,
+        residual: &Values,
+        (matrix, same): (u32, Option<Value>),
+    ) {
         if !newton.affine {
             self.judge(w, residual);
         }
@@ -188,7 +194,7 @@ impl Iteration {
         });
         let pattern = newton.jacobian.iter().map(|e| (e.0, e.1)).collect();
         let system = w.system(self.n, pattern);
-        w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row });
+        w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row, same });
         let solution = Vector::Memory(self.trial);
         if !newton.affine {
             return self.advance(w, &solution);

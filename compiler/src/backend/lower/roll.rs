@@ -3,11 +3,13 @@
 //! What a stretch of straight code gives (what it stores, and the values that are used after it) is cut into cones: a result with all
 //! that it is made of, down to what is loaded, to numbers, and to other results. Cones of one shape are a family, and a family is a
 //! loop over its members. Where the places that they read and write run evenly these are counted, else they are looked up in a
-//! table. What two cones share is computed in both, unless it is dear. A long sum is a family of terms, and a loop that adds them in
-//! their order.
+//! table. What two cones share is computed in both, unless that is dear. A long sum is a family of terms, and a loop that adds them in
+//! their order. A matrix that depends on next to nothing, as that of a linear region does on the step alone, is made again, and
+//! factored, only where that has changed.
 
 mod cone;
 mod family;
+mod fixed;
 
 use super::newton::Numbers;
 use super::writer::{At, Values, Vector, Writer, scratch};
@@ -15,9 +17,12 @@ use super::{ELIMINATED, Places};
 use crate::backend::code::{Memory, Place, Stmt};
 use bond_runtime::ir::{self, Array, Binary, Inst, Op, Program, Unary};
 use cone::Cone;
+use fixed::Fixed;
 
 /// A cone has so many operations at most; what goes beyond is a result of its own.
 const CONE: u32 = 48;
+/// What two results share is a result of its own where it has more operations than this: a number costs some two to keep and have.
+const SHARED: u32 = 5;
 /// Sums of so many terms are loops.
 const SUM: u32 = 16;
 /// Results may lie so many deep on one another: in a deeper program nothing runs side by side.
@@ -40,7 +45,7 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Wr
         loops: Vec::new(),
         w,
     };
-    if roll.gather(&program.body, false).and_then(|()| roll.plan()).is_none() {
+    if roll.gather(&program.body, false).and_then(|()| roll.fixed()).and_then(|()| roll.plan()).is_none() {
         roll.w.scratch = before;
         return (roll.w, false);
     }
@@ -82,6 +87,8 @@ struct Loop<'p> {
     scale: u32,
     residual: u32,
     matrix: u32,
+    /// The matrix, where it hardly ever changes: else the body makes it.
+    fixed: Option<Fixed>,
 }
 
 /// A program on its way.
@@ -127,13 +134,10 @@ impl<'p> Roll<'p> {
                     let (residual, matrix) = (self.w.room(n), self.w.room(newton.jacobian.len()));
                     self.segments.push(Segment::default());
                     let body = self.segments.len() - 1;
-                    self.loops.push(Loop { newton, body, weight, scale, residual, matrix });
+                    self.loops.push(Loop { newton, body, weight, scale, residual, matrix, fixed: None });
                     self.gather(&newton.body, true)?;
                     for (i, r) in newton.residual.iter().enumerate() {
                         self.root(body, scratch(residual, At::One(i)), *r);
-                    }
-                    for (i, (_, _, v)) in newton.jacobian.iter().enumerate() {
-                        self.root(body, scratch(matrix, At::One(i)), *v);
                     }
                     self.segments.push(Segment::default());
                 }
@@ -200,7 +204,7 @@ impl<'p> Roll<'p> {
                 Op::Const(_) | Op::Load(_) | Op::Select(..) => false,
             };
             let is_end = ends.contains_key(&value);
-            if outside[v] || sum > CONE || (dear && self.uses[v] > 1) || is_end {
+            if outside[v] || sum > CONE || ((dear || sum > SHARED) && self.uses[v] > 1) || is_end {
                 let at = self.w.room(1);
                 self.kept[v] = Some(at);
                 if !is_end {
@@ -217,20 +221,17 @@ impl<'p> Roll<'p> {
         if self.kept[v.0 as usize].is_some() { level + 1 } else { level }
     }
 
-    /// Fails where a segment both loads the program's scratch and stores to it: results are not in the order of the program.
+    /// Fails where a segment both loads and stores a place of the program's scratch: results are not in the order of the program.
     fn ordered(&self) -> Option<()> {
         let (_, first) = self.places[Array::Local as usize];
-        let own = |p: &Place| p.memory == Memory::Scratch && p.base >= first && p.base < first + self.w.scratch;
-        let mut loads = vec![false; self.segments.len()];
-        for (op, home) in self.ops.iter().zip(&self.home) {
-            loads[*home as usize] |= matches!(op, Op::Load(slot) if slot.array == Array::Local);
-        }
-        // The iteration's numbers are written by its body, which loads the unknowns: they lie behind the program's own.
-        let program = self.loops.first().map_or(u32::MAX, |l| if l.newton.affine { l.residual } else { l.weight });
-        let clash = |(s, segment): (usize, &Segment)| {
-            loads[s] && segment.roots.iter().any(|r| own(&r.to) && r.to.base < program)
-        };
-        (!self.segments.iter().enumerate().any(clash)).then_some(())
+        let loads = self.ops.iter().zip(&self.home).filter_map(|(op, home)| match op {
+            Op::Load(slot) if slot.array == Array::Local => Some((*home as usize, first + slot.index)),
+            Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => None,
+        });
+        let loads: rustc_hash::FxHashSet<(usize, u32)> = loads.collect();
+        let clash = |s: usize, r: &Root| r.to.memory == Memory::Scratch && loads.contains(&(s, r.to.base));
+        let mut segments = self.segments.iter().enumerate();
+        (!segments.any(|(s, segment)| segment.roots.iter().any(|r| clash(s, r)))).then_some(())
     }
 
     /// Finds long sums: by their last value, the roots of its segment that are its terms.
@@ -294,7 +295,8 @@ impl<'p> Roll<'p> {
     }
 
     fn iteration(&mut self, k: usize) {
-        let Loop { newton, body, weight, scale, residual, matrix } = self.loops[k];
+        let Loop { newton, body, weight, scale, residual, matrix, ref fixed } = self.loops[k];
+        let fixed = fixed.clone();
         let first = self.places[Array::Local as usize].1;
         let numbers = Numbers {
             unknowns: Vector::Memory(first + newton.unknowns),
@@ -305,7 +307,8 @@ impl<'p> Roll<'p> {
         self.w.open();
         it.count_up(&mut self.w, newton.limit);
         self.segment(body);
-        it.large(&mut self.w, newton, &Values::Memory(residual), matrix);
+        let same = fixed.as_ref().map(|f| self.remake(f));
+        it.large(&mut self.w, newton, &Values::Memory(residual), (matrix, same));
         let block = self.w.close();
         self.w.push(Stmt::Loop(block));
         let flag = newton.flag.map(|f| Place::new(Memory::Scratch, first + f.index));

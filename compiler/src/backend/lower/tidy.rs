@@ -46,7 +46,8 @@ impl Used {
                         self.value(*b);
                     }
                 },
-                Stmt::Let(..) | Stmt::Break | Stmt::Continue | Stmt::Solve { .. } => {}
+                Stmt::Let(..) | Stmt::Break | Stmt::Continue => {}
+                Stmt::Solve { same, .. } => same.iter().for_each(|v| self.value(*v)),
                 Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => self.value(*v),
                 Stmt::Note(list) => list.iter().for_each(|v| self.value(*v)),
                 Stmt::If(c, yes, no) => {

@@ -239,15 +239,21 @@ impl simulate::Stretch for Whole {
     }
 }
 
-/// Solves a large system for compiled code: -1, or the row without a pivot.
-extern "C" fn solve(systems: *mut Vec<linear::System>, which: usize, matrix: *const f64, vector: *mut f64) -> f64 {
+/// Solves a large system for compiled code: -1, or the row without a pivot. `same` is not 0 where the matrix is that of the last time.
+extern "C" fn solve(
+    systems: *mut Vec<linear::System>,
+    which: usize,
+    matrix: *const f64,
+    vector: *mut f64,
+    same: f64,
+) -> f64 {
     // SAFETY: compiled code hands on the pointer that `run` gave it, and numbers of systems of the routine it was made from.
     let Some(system) = (unsafe { &mut *systems }).get_mut(which) else { return 0.0 };
     let (entries, n) = (system.entries(), system.size());
     // SAFETY: `lower` reserves so many numbers of the scratch at these places, apart from one another.
     let (matrix, vector) =
         unsafe { (std::slice::from_raw_parts(matrix, entries), std::slice::from_raw_parts_mut(vector, n)) };
-    match system.solve(matrix, vector) {
+    match system.solve(matrix, vector, same != 0.0) {
         Ok(()) => -1.0,
         Err(row) => row as f64,
     }

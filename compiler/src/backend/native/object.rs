@@ -72,7 +72,7 @@ impl Writer<'_> {
             copy(b, args[0], from, n);
             None
         })?;
-        let kept = 8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit)) as i64;
+        let kept = 8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit).0) as i64;
         let size = if self.unit.whole { kept } else { kept + 8 * n };
         self.function(face("size", &[], Some(pointer)), |_, b, _| Some(b.ins().iconst(pointer, size)))?;
         self.function(face("save", &[pointer, pointer], None), |_, b, args| {

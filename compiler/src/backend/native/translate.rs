@@ -152,7 +152,9 @@ impl<M: Module> Translate<'_, '_, M> {
                     self.b.ins().brif(more, head, &[] as &[BlockArg], end, &[] as &[BlockArg]);
                     self.b.switch_to_block(end);
                 }
-                Stmt::Solve { system, matrix, vector, row } => self.solve(*system, *matrix, *vector, row.0),
+                Stmt::Solve { system, matrix, vector, row, same } => {
+                    self.solve((*system, *matrix, *vector), row.0, *same);
+                }
                 Stmt::Count(k) => {
                     let k = self.of(*k);
                     let report = self.params[Memory::ALL.len()];
@@ -419,15 +421,19 @@ impl<M: Module> Translate<'_, '_, M> {
         }
     }
 
-    fn solve(&mut self, system: u32, matrix: u32, vector: u32, row: u32) {
+    fn solve(&mut self, (system, matrix, vector): (u32, u32, u32), row: u32, same: Option<Value>) {
         let pointer = self.pointer;
         let scratch = self.params[Memory::ALL.iter().position(|m| *m == Memory::Scratch).unwrap_or(0)];
         let context = self.params[Memory::ALL.len() + 1];
         let system = self.b.ins().iconst(pointer, i64::from(system));
         let matrix = self.b.ins().iadd_imm_u(scratch, 8 * i64::from(matrix));
         let vector = self.b.ins().iadd_imm_u(scratch, 8 * i64::from(vector));
-        if let Some(f) = self.function(functions::SOLVE, &[pointer; 4]) {
-            let call = self.b.ins().call(f, &[context, system, matrix, vector]);
+        let same = match same {
+            Some(v) => self.of(v),
+            None => self.b.ins().f64const(0.0),
+        };
+        if let Some(f) = self.function(functions::SOLVE, &[pointer, pointer, pointer, pointer, types::F64]) {
+            let call = self.b.ins().call(f, &[context, system, matrix, vector, same]);
             let x = self.b.inst_results(call)[0];
             self.b.def_var(self.vars[row as usize], x);
         }

@@ -12,7 +12,7 @@ fn check(n: usize, entries: &[(u32, u32, f64)], bound: f64) -> Symbolic {
     let right = b.clone();
     let symbolic = Symbolic::analyse(n, &pattern).unwrap();
     let mut numeric = symbolic.numeric();
-    numeric.factor(&symbolic, &values).unwrap();
+    numeric.factor(&symbolic, &values, false).unwrap();
     numeric.solve(&symbolic, &values, &mut b);
     let mut rest = right.clone();
     let mut size: Vec<f64> = right.iter().map(|b| b.abs()).collect();
@@ -102,10 +102,10 @@ fn singular_matrices_are_told() {
     let pattern = [(0, 0), (0, 1), (1, 0), (1, 1)];
     let symbolic = Symbolic::analyse(2, &pattern).unwrap();
     let mut numeric = symbolic.numeric();
-    assert!(numeric.factor(&symbolic, &[1.0, 2.0, 0.5, 1.0]).is_err());
-    assert!(numeric.factor(&symbolic, &[0.0, 2.0, 0.5, 0.0]).is_err());
-    assert!(numeric.factor(&symbolic, &[1.0, f64::NAN, 0.5, 1.0]).is_err());
-    assert!(numeric.factor(&symbolic, &[1.0, 2.0, 0.5, 7.0]).is_ok());
+    assert!(numeric.factor(&symbolic, &[1.0, 2.0, 0.5, 1.0], false).is_err());
+    assert!(numeric.factor(&symbolic, &[0.0, 2.0, 0.5, 0.0], false).is_err());
+    assert!(numeric.factor(&symbolic, &[1.0, f64::NAN, 0.5, 1.0], false).is_err());
+    assert!(numeric.factor(&symbolic, &[1.0, 2.0, 0.5, 7.0], false).is_ok());
 }
 
 #[test]
@@ -125,7 +125,7 @@ fn raised_pivots() {
     let values: Vec<_> = entries.iter().map(|&(.., v)| v).collect();
     let symbolic = Symbolic::analyse(n as usize, &pattern).unwrap();
     let mut numeric = symbolic.numeric();
-    assert!(numeric.factor(&symbolic, &values).is_err());
+    assert!(numeric.factor(&symbolic, &values, false).is_err());
     let right: Vec<f64> = (0..n).map(|_| random.next()).collect();
     let mut x = right.clone();
     assert_eq!(numeric.solve_raised(&symbolic, &values, &mut x), Ok(()));
