@@ -517,9 +517,12 @@ impl Cluster {
             let why = "a storage of it follows a source, whose change over the step has no place among nodes";
             return Err(unfit(model, self, form, method, why));
         }
-        self.memory = collocation::memory(self, nodes);
-        self.watched = nodes != Nodes::Radau;
-        collocation::write(self, model, form, method.name(), nodes)
+        let apart = collocation::Apart::new(self, model, form, nodes);
+        // Linear equations are solved at once: from no guess, and by a quadrature that misses nothing.
+        let linear = apart.as_ref().is_some_and(|a| a.is_linear());
+        self.memory = if linear { 0 } else { collocation::memory(self, nodes) };
+        self.watched = nodes != Nodes::Radau && !linear;
+        collocation::write(self, model, form, (method.name(), nodes), apart.as_ref())
     }
 
     /// Its name: that of its first region, else of its first state.

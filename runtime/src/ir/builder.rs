@@ -12,6 +12,37 @@ struct Scope {
     loads: [Vec<Option<Value>>; 6],
 }
 
+/// By value, whether something that is written depends on it.
+struct Live(Vec<bool>);
+
+impl Live {
+    fn mark(&mut self, values: impl IntoIterator<Item = Value>) {
+        values.into_iter().for_each(|v| self.0[v.0 as usize] = true);
+    }
+
+    /// Takes out of a block what nothing depends on; what comes after it is known.
+    fn keep(&mut self, body: &mut Vec<Inst>) {
+        let mut kept = Vec::with_capacity(body.len());
+        for mut inst in body.drain(..).rev() {
+            match &mut inst {
+                Inst::Let(v, _) if !self.0[v.0 as usize] => continue,
+                Inst::Let(_, op) => self.mark(op.operands()),
+                Inst::Store(_, v) => self.mark([*v]),
+                Inst::Newton(n) => {
+                    let lists = [&n.residual, &n.update, &n.weight, &n.scale];
+                    self.mark(lists.into_iter().flatten().copied());
+                    self.mark(n.jacobian.iter().map(|e| e.2));
+                    self.keep(&mut n.body);
+                }
+                Inst::MatVec { .. } | Inst::Quad { .. } => {}
+            }
+            kept.push(inst);
+        }
+        kept.reverse();
+        *body = kept;
+    }
+}
+
 /// Writes a [`Program`] instruction by instruction.
 pub struct Builder {
     name: String,
@@ -193,7 +224,8 @@ impl Builder {
         while self.scopes.len() > 1 {
             self.scopes.pop();
         }
-        let body = self.scopes.pop().map(|s| s.body).unwrap_or_default();
+        let mut body = self.scopes.pop().map(|s| s.body).unwrap_or_default();
+        Live(vec![false; self.values as usize]).keep(&mut body);
         Program { name: self.name, sizes: self.sizes, names: self.names, body, values: self.values }
     }
 

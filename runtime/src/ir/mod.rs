@@ -87,6 +87,19 @@ pub enum Op {
     Select(Value, Value, Value),
 }
 
+impl Op {
+    /// The values that it looks at.
+    pub fn operands(&self) -> impl Iterator<Item = Value> + use<> {
+        let list = match *self {
+            Op::Const(_) | Op::Load(_) => [None, None, None],
+            Op::Unary(_, a) => [Some(a), None, None],
+            Op::Binary(_, a, b) => [Some(a), Some(b), None],
+            Op::Select(c, a, b) => [Some(c), Some(a), Some(b)],
+        };
+        list.into_iter().flatten()
+    }
+}
+
 /// One instruction.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Inst {

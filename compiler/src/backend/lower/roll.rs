@@ -166,7 +166,7 @@ impl<'p> Roll<'p> {
         // A value that another segment uses.
         let mut outside = vec![false; n];
         for v in 0..n {
-            for a in operands(&self.ops[v]) {
+            for a in self.ops[v].operands() {
                 self.uses[a.0 as usize] += 1;
                 outside[a.0 as usize] |= self.home[a.0 as usize] != self.home[v];
             }
@@ -192,7 +192,7 @@ impl<'p> Roll<'p> {
                     level = level.max(self.after(r.value) + 1);
                 }
             } else {
-                for a in operands(&self.ops[v]) {
+                for a in self.ops[v].operands() {
                     level = level.max(if self.home[a.0 as usize] == self.home[v] { self.after(a) } else { 0 });
                     sum = sum.saturating_add(if self.kept[a.0 as usize].is_some() { 1 } else { size[a.0 as usize] });
                 }
@@ -363,15 +363,4 @@ impl<'p> Roll<'p> {
         let total = w.get(total);
         w.push(Stmt::Store(scratch(to, At::One(0)), total));
     }
-}
-
-/// What an op looks at.
-fn operands(op: &Op) -> impl Iterator<Item = ir::Value> {
-    let list = match *op {
-        Op::Const(_) | Op::Load(_) => [None, None, None],
-        Op::Unary(_, a) => [Some(a), None, None],
-        Op::Binary(_, a, b) => [Some(a), Some(b), None],
-        Op::Select(c, a, b) => [Some(c), Some(a), Some(b)],
-    };
-    list.into_iter().flatten()
 }

@@ -5,9 +5,9 @@
 use super::complex::{Algebra, Cx, Entries, Factors};
 use super::modes::{Mode, modes};
 use super::tableau::Tableau;
-use super::{Plan, is_quadratic};
+use super::{COUPLED, Nodes, is_quadratic};
 use crate::discretise::cluster::{Cluster, missing};
-use crate::discretise::write::{Inputs, fixed_parts};
+use crate::discretise::write::{Inputs, System, fixed_parts};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::Form;
@@ -20,13 +20,16 @@ const STRAIGHT: usize = 8;
 /// Iterations at most: one that needs more is better off with a shorter step.
 const LIMIT: u32 = 20;
 
-/// What the unknowns start from, and what an iteration's numbers are measured by.
-pub(super) struct Start {
-    pub(super) unknowns: Vec<Symbol>,
-    pub(super) residuals: Vec<Expr>,
-    pub(super) guesses: Vec<Value>,
-    pub(super) weight: Vec<Value>,
-    pub(super) scale: Vec<Value>,
+/// The equations of all stages, to be taken apart.
+pub(in crate::discretise) struct Apart {
+    tableau: Tableau,
+    modes: Vec<Mode>,
+    /// Unknowns of a stage.
+    n: usize,
+    /// Derivatives of a stage's rates and loop equations: row, unknown, and where they are not 0, what.
+    slopes: Vec<(usize, usize, Expr)>,
+    /// Whether these are the same wherever the state is, so that the equations are linear.
+    fixed: bool,
 }
 
 /// Entries of P and Q, where they are not 0.
@@ -34,72 +37,182 @@ struct Matrices {
     n: usize,
     p: Entries,
     q: Entries,
-    /// Whether they are the same wherever the state is, so that the equations are linear.
-    fixed: bool,
 }
 
-/// Solves the equations of a step, all stages at once. `None` where the method's matrix could not be taken apart.
-pub(super) fn solve(
-    c: &Cluster,
-    model: &mut Model,
-    form: &Form,
-    b: &mut Builder,
-    lowering: &mut Lowering,
-    plan: &Plan,
-    (start, inputs): (&Start, &Inputs),
-) -> Result<Option<()>, Vec<Diagnostic>> {
-    let t = &plan.tableau;
-    let a: Vec<Vec<f64>> = t.nodes.iter().map(|node| t.integrals(*node)).collect();
-    let Some(modes) = modes(&a) else { return Ok(None) };
-    let matrices = matrices(c, model, form, b, t, (start, inputs))?;
-    let n = matrices.n;
-    let size = start.unknowns.len();
-    let factors: Option<Vec<Factors>> = (n <= STRAIGHT).then(|| {
-        let mut algebra = Algebra { b };
-        modes.iter().map(|m| Factors::new(&mut algebra, n, &matrices.p, &matrices.q, m.value)).collect()
-    });
-    // A small system is cheap to look at again, which takes the rounding of the solution off.
-    if matrices.fixed && factors.is_none() {
-        return linear(model, b, lowering, start, (&modes, &matrices, factors.as_deref())).map(Some);
+impl Apart {
+    /// None where there are few unknowns, which are solved for together.
+    pub(in crate::discretise) fn new(c: &Cluster, model: &mut Model, form: &Form, nodes: Nodes) -> Option<Self> {
+        let tableau = nodes.tableau();
+        let n = c.states.len() + c.loops.len();
+        if n * tableau.stages() <= COUPLED {
+            return None;
+        }
+        let a: Vec<Vec<f64>> = tableau.nodes.iter().map(|node| tableau.integrals(*node)).collect();
+        let modes = modes(&a)?;
+        let map = c.at_instant(&mut model.pool, form);
+        let flat = c.flat(&mut model.pool, map);
+        let mut rows: Vec<Expr> = c.states.iter().map(|s| model.pool.substitute(s.rate, &flat)).collect();
+        for r in c.loop_residuals(&mut model.pool) {
+            rows.push(model.pool.substitute(r, &flat));
+        }
+        let places = c.states.iter().map(|s| s.symbol).chain(c.loops.iter().copied());
+        let place: FxHashMap<Symbol, usize> = places.enumerate().map(|(i, s)| (s, i)).collect();
+        let is_place = |s: Symbol| place.contains_key(&s);
+        let mut fixed = quadratic(c, &mut model.pool);
+        let mut slopes = Vec::new();
+        for (i, row) in rows.into_iter().enumerate() {
+            let mut by: Vec<(usize, Symbol)> =
+                model.pool.symbols(row).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
+            by.sort_unstable();
+            let symbols: Vec<Symbol> = by.iter().map(|b| b.1).collect();
+            for ((j, _), d) in by.into_iter().zip(model.pool.derivatives(row, &symbols)) {
+                if !model.pool.is_zero(d) {
+                    fixed &= !model.pool.contains_any(d, &is_place);
+                    slopes.push((i, j, d));
+                }
+            }
+        }
+        Some(Self { tableau, modes, n, slopes, fixed })
     }
-    let slots = b.slots(Array::Local, size);
-    let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
-    for (i, (s, v)) in start.unknowns.iter().zip(&start.guesses).enumerate() {
-        b.name(slot(i), model.pool.name(*s));
-        b.store(slot(i), *v);
+
+    /// Whether the equations are linear, and solved as such: a small system is cheap to look at again, which takes the rounding
+    /// of the solution off.
+    pub(in crate::discretise) fn is_linear(&self) -> bool {
+        self.fixed && self.n > STRAIGHT
     }
-    let unknown: FxHashSet<Symbol> = start.unknowns.iter().copied().collect();
-    for e in fixed_parts(&model.pool, start.residuals.iter().copied(), &unknown) {
-        lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
+
+    /// Solves linear equations.
+    pub(super) fn at_once(
+        &self,
+        c: &Cluster,
+        model: &mut Model,
+        b: &mut Builder,
+        lowering: &mut Lowering,
+        (unknowns, residuals): (&[Symbol], &[Expr]),
+        inputs: &Inputs,
+    ) -> Result<(), Vec<Diagnostic>> {
+        let matrices = self.matrices(c, model, b, inputs, None)?;
+        let zero = model.pool.zero();
+        let none: FxHashMap<Symbol, Expr> = unknowns.iter().map(|u| (*u, zero)).collect();
+        let mut right = Vec::with_capacity(unknowns.len());
+        for r in model.pool.substitute_all(residuals, &none) {
+            let v = lowering.lower(&model.pool, b, r).map_err(|s| missing(model, s))?;
+            right.push(b.unary(Unary::Neg, v));
+        }
+        let found = apart(b, (&self.modes, &matrices, None), &right, false);
+        for (s, v) in unknowns.iter().zip(found) {
+            lowering.bind(*s, v);
+        }
+        Ok(())
     }
-    let mut inside = lowering.clone();
-    b.open(slots, size);
-    for (i, s) in start.unknowns.iter().enumerate() {
-        let v = b.load(slot(i));
-        inside.bind(*s, v);
+
+    /// Solves the equations of a step by iteration.
+    pub(super) fn iterate(
+        &self,
+        c: &Cluster,
+        model: &mut Model,
+        b: &mut Builder,
+        lowering: &mut Lowering,
+        (system, inputs): (&System, &Inputs),
+    ) -> Result<(), Vec<Diagnostic>> {
+        let matrices = self.matrices(c, model, b, inputs, Some(&system.start))?;
+        let n = self.n;
+        let size = system.unknowns.len();
+        let factors: Option<Vec<Factors>> = (n <= STRAIGHT).then(|| {
+            let mut algebra = Algebra { b };
+            self.modes.iter().map(|m| Factors::new(&mut algebra, n, &matrices.p, &matrices.q, m.value)).collect()
+        });
+        let slots = b.slots(Array::Local, size);
+        let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
+        for (i, (s, v)) in system.unknowns.iter().zip(&system.start).enumerate() {
+            b.name(slot(i), model.pool.name(*s));
+            b.store(slot(i), *v);
+        }
+        let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().collect();
+        for e in fixed_parts(&model.pool, system.residuals.iter().copied(), &unknown) {
+            lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
+        }
+        let mut inside = lowering.clone();
+        b.open(slots, size);
+        for (i, s) in system.unknowns.iter().enumerate() {
+            let v = b.load(slot(i));
+            inside.bind(*s, v);
+        }
+        let mut residual = Vec::with_capacity(size);
+        for r in &system.residuals {
+            residual.push(inside.lower(&model.pool, b, *r).map_err(|s| missing(model, s))?);
+        }
+        let update = apart(b, (&self.modes, &matrices, factors.as_deref()), &residual, true);
+        b.close(Newton {
+            unknowns: slots.index,
+            body: Vec::new(),
+            residual,
+            jacobian: Vec::new(),
+            update,
+            weight: system.weight.clone(),
+            scale: system.scale.clone(),
+            limit: LIMIT,
+            affine: false,
+            flag: None,
+        });
+        for (i, s) in system.unknowns.iter().enumerate() {
+            let v = b.load(slot(i));
+            lowering.bind(*s, v);
+        }
+        Ok(())
     }
-    let mut residual = Vec::with_capacity(size);
-    for r in &start.residuals {
-        residual.push(inside.lower(&model.pool, b, *r).map_err(|s| missing(model, s))?);
+
+    /// P and Q at the middle of the step that the guesses foretell, if there are any.
+    fn matrices(
+        &self,
+        c: &Cluster,
+        model: &mut Model,
+        b: &mut Builder,
+        inputs: &Inputs,
+        guesses: Option<&[Value]>,
+    ) -> Result<Matrices, Vec<Diagnostic>> {
+        let (n, states) = (self.n, c.states.len());
+        let mut lowering = Lowering::new(inputs.env.iter().copied());
+        let half = b.number(0.5);
+        let ahead = b.mul(half, inputs.h);
+        if let Some(time) = c.time {
+            lowering.bind(time, b.add(inputs.t, ahead));
+        }
+        for ((_, u, _), (x, slope)) in c.inputs.iter().zip(&inputs.given) {
+            let gone = b.mul(ahead, *slope);
+            lowering.bind(*u, b.add(*x, gone));
+        }
+        if let Some(guesses) = guesses {
+            let weights = self.tableau.integrals(0.5);
+            for (k, (s, x)) in c.states.iter().zip(&inputs.states).enumerate() {
+                let mut sum = *x;
+                for (j, w) in weights.iter().enumerate() {
+                    let w = b.number(*w);
+                    let term = b.mul(w, guesses[j * n + k]);
+                    sum = b.add(sum, term);
+                }
+                lowering.bind(s.symbol, sum);
+            }
+            let middle = self.tableau.stages() / 2;
+            for (k, z) in c.loops.iter().enumerate() {
+                lowering.bind(*z, guesses[middle * n + states + k]);
+            }
+        }
+        let mut m = Matrices { n, p: Entries::new(), q: Entries::new() };
+        let one = b.number(1.0);
+        m.p.extend((0..states).map(|i| (i, i, one)));
+        for &(i, j, d) in &self.slopes {
+            let mut v = lowering.lower(&model.pool, b, d).map_err(|s| missing(model, s))?;
+            if i < states {
+                let less = b.unary(Unary::Neg, inputs.h);
+                v = b.mul(less, v);
+            }
+            let to = if j < states { &mut m.q } else { &mut m.p };
+            to.push((i, j, v));
+        }
+        m.p.sort_unstable_by_key(|e| (e.0, e.1));
+        Ok(m)
     }
-    let update = apart(b, (&modes, &matrices, factors.as_deref()), &residual, true);
-    b.close(Newton {
-        unknowns: slots.index,
-        body: Vec::new(),
-        residual,
-        jacobian: Vec::new(),
-        update,
-        weight: start.weight.clone(),
-        scale: start.scale.clone(),
-        limit: LIMIT,
-        affine: false,
-        flag: None,
-    });
-    for (i, s) in start.unknowns.iter().enumerate() {
-        let v = b.load(slot(i));
-        lowering.bind(*s, v);
-    }
-    Ok(Some(()))
 }
 
 /// What takes the equations apart: modes, matrices, and where there are few unknowns, the factors.
@@ -128,28 +241,6 @@ fn apart(b: &mut Builder, (modes, m, factors): Parts, right: &[Value], inside: b
     }
     let zero = b.number(0.0);
     sums.into_iter().map(|u| u.unwrap_or(zero)).collect()
-}
-
-/// The equations of a linear region: solved at once.
-fn linear(
-    model: &mut Model,
-    b: &mut Builder,
-    lowering: &mut Lowering,
-    start: &Start,
-    parts: Parts,
-) -> Result<(), Vec<Diagnostic>> {
-    let zero = model.pool.zero();
-    let none: FxHashMap<Symbol, Expr> = start.unknowns.iter().map(|u| (*u, zero)).collect();
-    let mut right = Vec::with_capacity(start.unknowns.len());
-    for r in model.pool.substitute_all(&start.residuals, &none) {
-        let v = lowering.lower(&model.pool, b, r).map_err(|s| missing(model, s))?;
-        right.push(b.unary(Unary::Neg, v));
-    }
-    let found = apart(b, parts, &right, false);
-    for (s, v) in start.unknowns.iter().zip(found) {
-        lowering.bind(*s, v);
-    }
-    Ok(())
 }
 
 /// Whether every energy is quadratic.
@@ -238,78 +329,4 @@ fn by_pattern(b: &mut Builder, m: &Matrices, mode: &Mode, right: &[Cx], inside: 
             Cx { re: Some(re), im }
         })
         .collect()
-}
-
-/// P and Q at the middle of the step that the guesses foretell.
-fn matrices(
-    c: &Cluster,
-    model: &mut Model,
-    form: &Form,
-    b: &mut Builder,
-    t: &Tableau,
-    (start, inputs): (&Start, &Inputs),
-) -> Result<Matrices, Vec<Diagnostic>> {
-    let (states, loops) = (c.states.len(), c.loops.len());
-    let n = states + loops;
-    let map = c.at_instant(&mut model.pool, form);
-    let flat = c.flat(&mut model.pool, map);
-    let mut rows: Vec<Expr> = c.states.iter().map(|s| model.pool.substitute(s.rate, &flat)).collect();
-    for r in c.loop_residuals(&mut model.pool) {
-        rows.push(model.pool.substitute(r, &flat));
-    }
-    let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let half = b.number(0.5);
-    let ahead = b.mul(half, inputs.h);
-    if let Some(time) = c.time {
-        lowering.bind(time, b.add(inputs.t, ahead));
-    }
-    for ((_, u, _), (x, slope)) in c.inputs.iter().zip(&inputs.given) {
-        let gone = b.mul(ahead, *slope);
-        lowering.bind(*u, b.add(*x, gone));
-    }
-    let weights = t.integrals(0.5);
-    for (k, (s, x)) in c.states.iter().zip(&inputs.states).enumerate() {
-        let mut sum = *x;
-        for (j, w) in weights.iter().enumerate() {
-            let w = b.number(*w);
-            let term = b.mul(w, start.guesses[j * n + k]);
-            sum = b.add(sum, term);
-        }
-        lowering.bind(s.symbol, sum);
-    }
-    let middle = t.stages() / 2;
-    for (k, z) in c.loops.iter().enumerate() {
-        lowering.bind(*z, start.guesses[middle * n + states + k]);
-    }
-    let place: FxHashMap<Symbol, usize> =
-        c.states.iter().map(|s| s.symbol).chain(c.loops.iter().copied()).enumerate().map(|(i, s)| (s, i)).collect();
-    let is_place = |s: Symbol| place.contains_key(&s);
-    let fixed = quadratic(c, &mut model.pool);
-    let mut m = Matrices { n, p: Entries::new(), q: Entries::new(), fixed };
-    let one = b.number(1.0);
-    for i in 0..states {
-        m.p.push((i, i, one));
-    }
-    for (i, row) in rows.into_iter().enumerate() {
-        let mut by: Vec<(usize, Symbol)> =
-            model.pool.symbols(row).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
-        by.sort_unstable();
-        let symbols: Vec<Symbol> = by.iter().map(|b| b.1).collect();
-        let slopes = model.pool.derivatives(row, &symbols);
-        for ((j, _), d) in by.into_iter().zip(slopes) {
-            if model.pool.is_zero(d) {
-                continue;
-            }
-            m.fixed &= !model.pool.contains_any(d, &is_place);
-            let mut v = lowering.lower(&model.pool, b, d).map_err(|s| missing(model, s))?;
-            if i < states {
-                let less = b.unary(Unary::Neg, inputs.h);
-                v = b.mul(less, v);
-            }
-            let to = if j < states { &mut m.q } else { &mut m.p };
-            to.push((i, j, v));
-        }
-    }
-    m.p.sort_unstable_by_key(|e| (e.0, e.1));
-    Ok(m)
 }

@@ -19,6 +19,8 @@ mod decouple;
 mod modes;
 mod tableau;
 
+pub(super) use decouple::Apart;
+
 use super::cluster::{Cluster, Group, missing, verified};
 use super::gonzalez;
 use super::write::{self, System};
@@ -63,12 +65,18 @@ struct Plan {
     flats: Vec<FxHashMap<Symbol, Expr>>,
 }
 
-impl Plan {
-    fn new(c: &Cluster, pool: &mut Pool, form: &Form, nodes: Nodes) -> Self {
-        let tableau = match nodes {
+impl Nodes {
+    fn tableau(self) -> Tableau {
+        match self {
             Nodes::Gauss(s) => Tableau::gauss(s),
             Nodes::Radau => Tableau::radau(),
-        };
+        }
+    }
+}
+
+impl Plan {
+    fn new(c: &Cluster, pool: &mut Pool, form: &Form, nodes: Nodes) -> Self {
+        let tableau = nodes.tableau();
         let stages: Vec<Stage> = (1..=tableau.stages())
             .map(|i| Stage {
                 change: c.delta.iter().map(|d| at_stage(pool, *d, i)).collect(),
@@ -291,8 +299,8 @@ pub(super) fn write(
     c: &Cluster,
     model: &mut Model,
     form: &Form,
-    name: &'static str,
-    nodes: Nodes,
+    (name, nodes): (&'static str, Nodes),
+    apart: Option<&Apart>,
 ) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, &format!("{name} step")));
     let mut entries = c.reserve(model, &mut b, form);
@@ -302,18 +310,19 @@ pub(super) fn write(
     let tableau = &plan.tableau;
     let s = tableau.stages();
     let (unknowns, residuals) = plan.system(c, &mut model.pool);
-    let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
-    let guesses = guesses(&mut b, c, tableau, &inputs);
-    let (weight, scale) = (weight.repeat(s), scale.repeat(s));
-    let start = decouple::Start { unknowns: unknowns.clone(), residuals, guesses, weight, scale };
-    let apart = match unknowns.len() > COUPLED {
-        true => decouple::solve(c, model, form, &mut b, &mut lowering, &plan, (&start, &inputs))?,
-        false => None,
-    };
-    if apart.is_none() {
-        let decouple::Start { unknowns, residuals, guesses: start, weight, scale } = start;
+    let linear = apart.filter(|a| a.is_linear());
+    if let Some(apart) = linear {
+        apart.at_once(c, model, &mut b, &mut lowering, (&unknowns, &residuals), &inputs)?;
+    } else {
+        let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
+        let start = guesses(&mut b, c, tableau, &inputs);
+        let (weight, scale) = (weight.repeat(s), scale.repeat(s));
+        let unknowns = unknowns.clone();
         let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false };
-        write::solve(model, &mut b, &mut lowering, system)?;
+        match apart {
+            Some(apart) => apart.iterate(c, model, &mut b, &mut lowering, (&system, &inputs))?,
+            None => write::solve(model, &mut b, &mut lowering, system)?,
+        }
     }
     let mut value =
         |model: &mut Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
@@ -353,7 +362,9 @@ pub(super) fn write(
     for (i, z) in found[last..].iter().enumerate() {
         b.store(Slot::new(Array::Next, c.states.len() + c.integrals.len() + i), *z);
     }
-    keep(&mut b, c, tableau, inputs.h, &found);
+    if linear.is_none() {
+        keep(&mut b, c, tableau, inputs.h, &found);
+    }
     changes(c, model, &mut b, &mut lowering, &steps, &entries)?;
     let mut passive = true;
     if nodes == Nodes::Radau {
@@ -364,10 +375,10 @@ pub(super) fn write(
     write::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     let order = if nodes == Nodes::Radau { 5 } else { 2 * s as u32 };
-    // What Radau loses has no place in the balance of another.
+    // What Radau loses has no place in the balance of another; linear equations need none.
     let fallback = match nodes {
-        Nodes::Gauss(_) => Some(Box::new(gonzalez::write(c, model, form)?.0)),
-        Nodes::Radau => None,
+        Nodes::Gauss(_) if linear.is_none() => Some(Box::new(gonzalez::write(c, model, form)?.0)),
+        Nodes::Gauss(_) | Nodes::Radau => None,
     };
     Ok((Stepper { fallback, ..Stepper::new(name, order, passive, program) }, entries))
 }

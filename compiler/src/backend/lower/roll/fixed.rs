@@ -1,9 +1,9 @@
 //! Matrices that hardly ever change.
 
-use super::{Roll, Segment, operands};
+use super::{Roll, Segment};
 use crate::backend::code::{Cond, Memory, Place, Stmt, Value};
 use crate::backend::lower::writer::{At, scratch};
-use bond_runtime::ir::{Array, Op};
+use bond_runtime::ir::{self, Array, Op};
 
 /// What a matrix may depend on: so many numbers at most.
 const KEYS: usize = 2;
@@ -23,7 +23,7 @@ impl Roll<'_> {
     /// Has every matrix made: in a segment of its own where it is fixed, else in the body of its iteration.
     pub(super) fn fixed(&mut self) -> Option<()> {
         let mut uses = vec![0u32; self.ops.len()];
-        self.ops.iter().flat_map(operands).for_each(|v| uses[v.0 as usize] += 1);
+        self.ops.iter().flat_map(Op::operands).for_each(|v| uses[v.0 as usize] += 1);
         self.segments.iter().flat_map(|s| &s.roots).for_each(|r| uses[r.value.0 as usize] += 1);
         for l in &self.loops {
             l.newton.jacobian.iter().for_each(|(_, _, v)| uses[v.0 as usize] += 1);
@@ -51,7 +51,7 @@ impl Roll<'_> {
     }
 
     /// The places that values depend on, where these are few, and none is of the program's own scratch.
-    fn keys(&self, values: &[bond_runtime::ir::Value]) -> Option<Vec<Place>> {
+    fn keys(&self, values: &[ir::Value]) -> Option<Vec<Place>> {
         let mut seen = vec![false; self.ops.len()];
         let mut open: Vec<_> = values.to_vec();
         let mut keys: Vec<(Memory, u32)> = Vec::new();
@@ -70,20 +70,20 @@ impl Roll<'_> {
                     keys.push(key);
                 }
             }
-            open.extend(operands(op));
+            open.extend(op.operands());
         }
         keys.sort_unstable_by_key(|k| k.1);
         Some(keys.into_iter().map(|(memory, at)| Place::new(memory, at)).collect())
     }
 
     /// Moves what only these values need to a segment.
-    fn take(&mut self, values: &[bond_runtime::ir::Value], uses: &[u32], segment: usize) {
+    fn take(&mut self, values: &[ir::Value], uses: &[u32], segment: usize) {
         let mut here = vec![0u32; self.ops.len()];
         values.iter().for_each(|v| here[v.0 as usize] += 1);
         for v in (0..self.ops.len()).rev() {
             if here[v] > 0 && here[v] == uses[v] {
                 self.home[v] = segment as u32;
-                operands(&self.ops[v]).for_each(|a| here[a.0 as usize] += 1);
+                self.ops[v].operands().for_each(|a| here[a.0 as usize] += 1);
             }
         }
     }
