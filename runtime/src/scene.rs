@@ -163,6 +163,19 @@ pub struct Port {
 /// `value + slope (t - instant)` over a whole step.
 pub const GIVEN: usize = 3;
 
+/// Where the laws of a cluster switch.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Guards {
+    /// What the conditions of laws compare, less what they compare it with: 0 where a law switches. Inputs as for
+    /// [`Cluster::instant`]. Where they depend on what the step solves its loops for, they are taken at what it found, and then
+    /// come the loops' residuals, these residuals' derivatives by the loops' unknowns, row by row, and the guards'.
+    pub program: Program,
+    /// How many guards.
+    pub count: usize,
+    /// How many unknowns of loops they depend on: all, or 0.
+    pub loops: usize,
+}
+
 /// What steps as one.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Cluster {
@@ -192,8 +205,8 @@ pub struct Cluster {
     pub respond: Option<Respond>,
     /// Observation at one instant. Inputs as for the step (h is not used).
     pub instant: Program,
-    /// What the conditions of its laws compare, less what they compare it with: 0 where a law switches. Inputs as for `instant`.
-    pub guards: Option<Program>,
+    /// Where its laws switch.
+    pub guards: Option<Guards>,
     /// What is stored: H of each region, then d2H/dx2 of each state. Inputs as for `instant`; it depends on the state alone.
     pub stored: Program,
     /// H of each region of the cluster: region, output of `stored`.

@@ -46,7 +46,7 @@ fn programs(scene: &Scene) -> Vec<&Program> {
     let mut list = Vec::new();
     for c in &scene.clusters {
         list.extend([&c.step.program, &c.instant, &c.stored]);
-        list.extend(&c.guards);
+        list.extend(c.guards.iter().map(|g| &g.program));
         list.extend(c.step.glance.iter().map(|g| &g.program));
         match &c.respond {
             Some(Respond::Last(p)) => list.push(p),

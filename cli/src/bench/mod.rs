@@ -18,7 +18,7 @@ mod way;
 pub use json::json;
 pub use norm::{Difference, Quantities};
 pub use picture::picture;
-pub use point::Point;
+pub use point::{Point, timed};
 pub use reference::{Reference, Search};
 pub use setting::{Setting, time};
 pub use sweep::Plan;

@@ -4,7 +4,7 @@ use super::clock;
 use super::norm::Difference;
 use super::reference::Reference;
 use super::setting::Setting;
-use super::trial::{Lost, Runner};
+use super::trial::{Lost, Run, Runner};
 
 /// A reading of the clock is of this much computing at least, where a run is shorter, s.
 const READING: f64 = 0.02;
@@ -64,12 +64,7 @@ pub fn measure(
 ) -> Result<Measured, Lost> {
     let begun = clock::now();
     let tracked = runner.track(setting, limit)?;
-    let first = runner.plain(setting, 1)?;
-    let times = ((READING / first.seconds.max(1e-9)).ceil() as usize).clamp(1, TIMES);
-    let mut readings = if times == 1 { vec![first.seconds] } else { Vec::new() };
-    while readings.len() < repeat.max(1) && (readings.is_empty() || clock::now() - begun < limit) {
-        readings.push(runner.plain(setting, times)?.seconds);
-    }
+    let (first, seconds) = timed(runner, setting, repeat, limit - (clock::now() - begun))?;
     let ends = Difference::new(&first, &reference.run, &reference.scales);
     let mut difference = Difference::new(&tracked, &reference.run, &reference.scales);
     for (along, end) in difference.along.iter_mut().zip(&ends.end) {
@@ -85,6 +80,22 @@ pub fn measure(
         balance: tracked.balance.max(first.balance),
         steps: first.steps,
         iterations: first.iterations,
-        seconds: clock::median(readings),
+        seconds,
     })
+}
+
+/// Runs without rows, `repeat` readings of the clock, fewer where they take longer than `limit` in all: the first run, and the processor
+/// time of one, s.
+///
+/// # Errors
+/// A run that fails.
+pub fn timed(runner: &Runner, setting: Setting, repeat: usize, limit: f64) -> Result<(Run, f64), Lost> {
+    let begun = clock::now();
+    let first = runner.plain(setting, 1)?;
+    let times = ((READING / first.seconds.max(1e-9)).ceil() as usize).clamp(1, TIMES);
+    let mut readings = if times == 1 { vec![first.seconds] } else { Vec::new() };
+    while readings.len() < repeat.max(1) && (readings.is_empty() || clock::now() - begun < limit) {
+        readings.push(runner.plain(setting, times)?.seconds);
+    }
+    Ok((first, clock::median(readings)))
 }

@@ -1,7 +1,7 @@
 //! The most exact stepper for a time: of each, steps are halved while they fit.
 
 use super::{Ask, Tried, attempt};
-use crate::bench::{Reference, Runner, Setting, Ways, clock, rough, time};
+use crate::bench::{Reference, Runner, Setting, Ways, rough, time, timed};
 use crate::progress::Progress;
 use crate::stop::Stop;
 use bond_runtime::scene::Scene;
@@ -12,6 +12,9 @@ pub const SHARP: f64 = 1e-12;
 const USED: f64 = 0.7;
 /// The longest fixed step that is tried, in steps of a rough fitted run.
 const LONG: f64 = 8.0;
+/// Readings of the clock for each run that fits, and up to so long, s, with its rows, of runs that seem not to.
+const READINGS: usize = 5;
+const ROWS: f64 = 0.01;
 /// Steps are halved so often at most.
 const HALVINGS: i32 = 24;
 
@@ -52,10 +55,11 @@ pub fn choose(
                 Err(crate::bench::Lost::Failed(_)) => continue,
                 Err(crate::bench::Lost::Late) => break,
             };
-            if tried.seconds < 1e-3 {
-                // A single short run tells little.
-                let again = (0..5).filter_map(|_| attempt(runner, setting, reference, allowed.max(1.0)).ok());
-                tried.seconds = clock::median(again.map(|t| t.seconds).chain([tried.seconds]).collect());
+            // What rows cost on the way is not the stepper's.
+            if tried.seconds < allowed.max(ROWS)
+                && let Ok((_, seconds)) = timed(runner, setting, READINGS, allowed.max(ROWS))
+            {
+                tried.seconds = seconds;
             }
             if cheapest.as_ref().is_none_or(|c| tried.seconds < c.seconds) {
                 cheapest = Some(tried.clone());

@@ -173,7 +173,9 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let map = midpoint(c, &mut model.pool, form);
+    let mut map = midpoint(c, &mut model.pool, form);
+    let sources = write::sources(c, &mut model.pool, &mut map, |name| format!("{name} in the middle"));
+    write::bind(model, &mut b, &mut lowering, &sources)?;
     let flat = c.flat(&mut model.pool, map);
     let (unknowns, residuals) = system(c, &mut model.pool, &flat);
     let (weight, scale) = measures(c, model, form, &mut b, &mut lowering, &inputs)?;

@@ -7,10 +7,14 @@ use crate::model::Model;
 use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{self, Array, Builder, Program, Slot, Unary};
+use bond_runtime::scene::Guards;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
 const HOLD: f64 = 1e-2;
+
+/// Laws that switch on what so many loops tell at most are watched.
+const LOOPS: usize = 16;
 
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
@@ -91,12 +95,14 @@ pub(super) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Prog
     verified(model, b.finish())
 }
 
-/// Writes the guards of a cluster's laws; `None` where no law switches on something that the states and the time tell.
-pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<Program>, Vec<Diagnostic>> {
+/// Writes the guards of a cluster's laws; `None` where no law switches on something that states, time and loops tell.
+pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<Guards>, Vec<Diagnostic>> {
     let map = c.at_instant(&mut model.pool, form);
     let mut roots: Vec<Expr> = map.values().copied().collect();
     let flat = c.flat(&mut model.pool, map);
-    roots.extend(flat.values().copied());
+    let residuals: Vec<Expr> =
+        c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
+    roots.extend(flat.values().chain(&residuals).copied());
     for s in c.states.iter().filter(|s| s.column.is_none()) {
         roots.push(model.pool.substitute(s.rate, &flat));
     }
@@ -104,7 +110,9 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
     let mut seen: FxHashSet<Expr> = FxHashSet::default();
     let mut found: Vec<Expr> = Vec::new();
     let given = c.inputs.iter().map(|i| i.1).chain(c.time);
-    let told: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(given).collect();
+    let mut told: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(given).collect();
+    let loops: &[Symbol] = if c.loops.len() <= LOOPS { &c.loops } else { &[] };
+    told.extend(loops);
     while let Some(e) = roots.pop() {
         if !seen.insert(e) {
             continue;
@@ -137,12 +145,26 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
     let mut b = Builder::new(c.title(form, "guards"));
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    for g in found {
-        let v = lowering.lower(&model.pool, &mut b, g).map_err(|s| missing(model, s))?;
-        let slot = b.named(Array::Output, model.pool.print(g));
+    let count = found.len();
+    let mut list: Vec<(String, Expr)> = found.iter().map(|g| (model.pool.print(*g), *g)).collect();
+    let wide = found.iter().any(|g| model.pool.contains_any(*g, &|s| loops.contains(&s)));
+    if wide {
+        for (z, guess) in loops.iter().zip(&inputs.guesses) {
+            lowering.bind(*z, *guess);
+        }
+        let names: Vec<String> = loops.iter().map(|z| model.pool.name(*z).to_string()).collect();
+        list.extend(names.iter().zip(&residuals).map(|(z, r)| (format!("residual of {z}"), *r)));
+        for (what, e) in names.iter().zip(&residuals).map(|(z, r)| (z.clone(), *r)).chain(list[..count].to_vec()) {
+            let slopes = model.pool.derivatives(e, loops);
+            list.extend(names.iter().zip(slopes).map(|(z, d)| (format!("d {what} / d {z}"), d)));
+        }
+    }
+    for (name, e) in list {
+        let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
+        let slot = b.named(Array::Output, name);
         b.store(slot, v);
     }
-    Ok(Some(verified(model, b.finish())?))
+    Ok(Some(Guards { program: verified(model, b.finish())?, count, loops: if wide { loops.len() } else { 0 } }))
 }
 
 /// Writes the observation of the signals `shows`.

@@ -89,6 +89,47 @@ pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) ->
     (next, b.sub(y, done))
 }
 
+/// What time and what is given make sources give, as symbols of their own: computed once, so that equations and ledger have it with
+/// the same rounding, whatever is left of it where it nearly cancels. `map` says when, and then has the symbols; their values.
+pub(super) fn sources(
+    c: &Cluster,
+    pool: &mut Pool,
+    map: &mut FxHashMap<Symbol, Expr>,
+    name: impl Fn(&str) -> String,
+) -> Vec<(Symbol, Expr)> {
+    let given: FxHashSet<Symbol> = c.inputs.iter().map(|i| i.1).chain(c.time).collect();
+    let mut list = Vec::new();
+    for n in &c.nodes {
+        let (Some(_), Output::Explicit(e)) = (n.source(), n.how) else { continue };
+        let symbols = pool.symbols(e);
+        if symbols.is_empty() || symbols.iter().any(|s| !given.contains(s)) || map.contains_key(&n.out) {
+            continue;
+        }
+        let name = name(pool.name(n.out));
+        let (symbol, value) = (pool.symbol(&name), pool.substitute(e, map));
+        map.insert(n.out, pool.var(symbol));
+        list.push((symbol, value));
+    }
+    list
+}
+
+/// Has them known.
+///
+/// # Errors
+/// A symbol that means nothing.
+pub(super) fn bind(
+    model: &Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    list: &[(Symbol, Expr)],
+) -> Result<(), Vec<Diagnostic>> {
+    for (s, e) in list {
+        let v = lowering.lower(&model.pool, b, *e).map_err(|s| missing(model, s))?;
+        lowering.bind(*s, v);
+    }
+    Ok(())
+}
+
 /// For steppers that carry nothing.
 pub(super) fn no_carry(b: &mut Builder, c: &Cluster) {
     let zero = b.number(0.0);

@@ -64,7 +64,9 @@ fn operations(text: &str) -> usize {
             (bench.symbol(name), builder.load(slot))
         })
         .collect();
-    let _ = Lowering::new(env).lower(&bench.pool, &mut builder, e).expect("bound");
+    let value = Lowering::new(env).lower(&bench.pool, &mut builder, e).expect("bound");
+    let slot = builder.slot(Array::Output);
+    builder.store(slot, value);
     let program = builder.finish();
     let counts = |inst: &&Inst| matches!(inst, Inst::Let(_, op) if !matches!(op, Op::Const(_) | Op::Load(_)));
     program.body.iter().filter(counts).count()

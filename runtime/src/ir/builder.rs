@@ -1,6 +1,7 @@
 //! Makes programs. Equal values of one block are made once.
 
 use super::known::{Key, Known};
+use super::prune::prune;
 use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Unary, Value};
 
 /// A block that is being written, and the loads and values known in it.
@@ -10,37 +11,6 @@ struct Scope {
     known: Known,
     /// Loads apart, for they are forgotten one by one: of each array, what was loaded of each slot.
     loads: [Vec<Option<Value>>; 6],
-}
-
-/// By value, whether something that is written depends on it.
-struct Live(Vec<bool>);
-
-impl Live {
-    fn mark(&mut self, values: impl IntoIterator<Item = Value>) {
-        values.into_iter().for_each(|v| self.0[v.0 as usize] = true);
-    }
-
-    /// Takes out of a block what nothing depends on; what comes after it is known.
-    fn keep(&mut self, body: &mut Vec<Inst>) {
-        let mut kept = Vec::with_capacity(body.len());
-        for mut inst in body.drain(..).rev() {
-            match &mut inst {
-                Inst::Let(v, _) if !self.0[v.0 as usize] => continue,
-                Inst::Let(_, op) => self.mark(op.operands()),
-                Inst::Store(_, v) => self.mark([*v]),
-                Inst::Newton(n) => {
-                    let lists = [&n.residual, &n.update, &n.weight, &n.scale];
-                    self.mark(lists.into_iter().flatten().copied());
-                    self.mark(n.jacobian.iter().map(|e| e.2));
-                    self.keep(&mut n.body);
-                }
-                Inst::MatVec { .. } | Inst::Quad { .. } => {}
-            }
-            kept.push(inst);
-        }
-        kept.reverse();
-        *body = kept;
-    }
 }
 
 /// Writes a [`Program`] instruction by instruction.
@@ -225,8 +195,8 @@ impl Builder {
             self.scopes.pop();
         }
         let mut body = self.scopes.pop().map(|s| s.body).unwrap_or_default();
-        Live(vec![false; self.values as usize]).keep(&mut body);
-        Program { name: self.name, sizes: self.sizes, names: self.names, body, values: self.values }
+        let values = prune(&mut body, self.values);
+        Program { name: self.name, sizes: self.sizes, names: self.names, body, values }
     }
 
     /// Forgets loads of slots that are about to change. What was computed from the old loads keeps its name: values never change.

@@ -8,6 +8,7 @@ mod builder;
 mod display;
 mod known;
 mod op;
+mod prune;
 mod verify;
 
 pub use builder::Builder;

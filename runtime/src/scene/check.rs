@@ -1,6 +1,6 @@
 //! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on that.
 
-use super::{Cluster, Entries, ExpectationKind, GIVEN, Respond, Scene, Stepper};
+use super::{Cluster, Entries, ExpectationKind, GIVEN, Guards, Respond, Scene, Stepper};
 use crate::exponential::{Layout, Linear};
 use crate::ir::{Array, Inst, Invalid, Program};
 use thiserror::Error;
@@ -184,10 +184,16 @@ impl Check<'_> {
         let outputs = c.step.program.size(Array::Output);
         let reports = c.step.fallback.as_ref().is_none_or(|f| f.program.size(Array::Output) >= outputs);
         self.that(reports, "what takes its place reports less")?;
-        for program in [&c.instant, &c.stored].into_iter().chain(&c.guards) {
+        for program in [&c.instant, &c.stored].into_iter().chain(c.guards.iter().map(|g| &g.program)) {
             self.look(program, inputs)?;
         }
         self.that(c.guards.is_none() || c.period.is_none(), "it is sampled and has guards")?;
+        let told = |g: &Guards| {
+            let (n, m) = (g.count, g.loops);
+            let outputs = g.program.size(Array::Output);
+            n <= outputs && m <= outputs && outputs == n + m + m * m + n * m
+        };
+        self.that(c.guards.as_ref().is_none_or(told), "what its guards tell is not there")?;
         self.respond(inputs)?;
         self.ports(inputs)?;
         let stored = c.stored.size(Array::Output);

@@ -97,7 +97,7 @@ pub(super) struct Fit {
 impl Fit {
     pub(super) fn new(c: &Cluster, tolerance: f64, options: &Options) -> Self {
         let ahead = FIRST * options.default_step;
-        let guards = c.guards.as_ref().map_or(0, |g| g.size(Array::Output));
+        let guards = c.guards.as_ref().map_or(0, |g| g.count);
         let integrals = &c.initial[c.states..c.states + c.integrals];
         Self {
             tolerance,
@@ -248,7 +248,7 @@ impl Run {
         let cut = self.feed.cut(t, horizon);
         self.feed.aim(&mut self.input, t, cut.unwrap_or(horizon));
         let end = cut.or(end);
-        self.guards_before(t);
+        self.guards_before(c, t, control.ahead.min(longest));
         let (mut last_failure, mut refused) = (None, None::<(f64, f64)>);
         let usual = self.default_step;
         let (mut failures, mut off) = (0, None::<f64>);

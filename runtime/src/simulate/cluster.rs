@@ -2,6 +2,7 @@
 
 use super::adaptive::Fit;
 use super::given::{Course, Feed};
+use super::guard::Watch;
 use super::worst::Worst;
 use super::{Error, Options};
 use crate::exponential;
@@ -170,7 +171,7 @@ pub(super) struct Run {
     pub(super) spare: Option<Ready>,
     pub(super) instant: Look,
     /// What laws switch on, and its values at the start of the step.
-    pub(super) guards: Option<Look>,
+    pub(super) guards: Option<Watch>,
     pub(super) before: Vec<f64>,
     pub(super) respond: Option<Look>,
     /// What a matched hold falls back to.
@@ -242,8 +243,8 @@ impl Run {
             glance: c.step.glance.as_deref().map(|s| Ready::new(s, backend)),
             spare: c.step.fallback.as_deref().map(|s| Ready::new(s, backend)),
             instant,
-            guards: c.guards.as_ref().map(|g| Look::new(g, backend)),
-            before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.size(crate::ir::Array::Output))],
+            guards: c.guards.as_ref().map(|g| Watch::new(g, backend)),
+            before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.count)],
             respond: c.respond.as_ref().map(|r| match r {
                 Respond::Last(p) | Respond::Matched(p, _) => Look::new(p, backend),
             }),
@@ -440,13 +441,13 @@ impl Run {
             return None;
         }
         self.guard_at(t);
-        for (b, out) in self.before.iter_mut().zip(self.guards.iter().flat_map(|g| &g.work.output)) {
+        for (b, out) in self.before.iter_mut().zip(self.guards.iter().flat_map(|g| g.values())) {
             *b = *out;
         }
         if self.before.contains(&0.0) {
             // It stands on a switch: what counts is the side it goes to.
             self.guard_at(t + 1e-6 * h);
-            for (b, out) in self.before.iter_mut().zip(self.guards.iter().flat_map(|g| &g.work.output)) {
+            for (b, out) in self.before.iter_mut().zip(self.guards.iter().flat_map(|g| g.values())) {
                 if *b == 0.0 {
                     *b = *out;
                 }
@@ -484,7 +485,7 @@ impl Run {
 
     fn switched(&mut self, t: f64) -> bool {
         self.guard_at(t);
-        self.guards.iter().flat_map(|g| &g.work.output).zip(&self.before).any(|(a, b)| a * b < 0.0)
+        self.guards.iter().flat_map(|g| g.values()).zip(&self.before).any(|(a, b)| a * b < 0.0)
     }
 
     /// One step, kept; a step of a continuous cluster that fails is taken as two of half the length, and those likewise: a law

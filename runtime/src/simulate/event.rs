@@ -2,11 +2,15 @@
 //! past the change.
 
 use super::attempt::{Part, Taken};
-use super::cluster::Run;
+use super::cluster::{Ready, Run};
+use super::guard::Watch;
 use crate::kernel::Failure;
+use crate::scene::Cluster;
 
 /// A change of sign sooner than this part of the usual step after its start is where the step stands, and is let be.
 const STANDS: f64 = 1e-9;
+/// How long a step is that tells what a state does not, as a part of the step there.
+const PEEK: f64 = 1e-4;
 /// So often is a change of sign looked for at most.
 const ROUNDS: u32 = 60;
 /// A round that leaves more than this part of the bracket and of the guard is followed by one of the other kind.
@@ -61,23 +65,19 @@ impl Bracket {
 }
 
 impl Run {
-    /// Takes down the guards at the start of a step.
-    pub(super) fn guards_before(&mut self, t: f64) {
-        if let Some(guards) = &mut self.guards {
-            self.input[0] = t;
-            match guards.run(&self.state, &self.input) {
-                Ok(out) => self.before.copy_from_slice(out),
-                // A guard that cannot be told switches nothing.
-                Err(_) => self.before.fill(0.0),
-            }
-        }
+    /// Takes down the guards at the start of a step, which will have about this length.
+    pub(super) fn guards_before(&mut self, c: &Cluster, t: f64, h: f64) {
+        let Some(guards) = &mut self.guards else { return };
+        self.input[0] = t;
+        self.input[1] = PEEK * h;
+        look(c, guards, &mut self.step, (&self.state, &self.input), &mut self.before);
     }
 
     /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that ends just past
     /// it, which then is the whole step. A switch at the very start is let be. Without one, the first half was taken too, where
     /// there are guards.
-    pub(super) fn event(&mut self, t: f64, h: f64) -> Result<Option<f64>, Failure> {
-        let Some(mut bracket) = self.bracket(t, h)? else { return Ok(None) };
+    pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Option<f64>, Failure> {
+        let Some(mut bracket) = self.bracket(c, t, h)? else { return Ok(None) };
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
         let mut past = floor;
         let mut slow = false;
@@ -98,7 +98,7 @@ impl Run {
             }
             let at = if root + past < high { root + past } else { middle };
             self.stride(t, at, Part::Trial)?;
-            self.guards_at(t + at, Part::Trial);
+            self.guards_at(c, t + at, Part::Trial);
             let Some(fit) = &mut self.fit else { return Ok(None) };
             let least = bracket.low.1.abs().min(bracket.high.1.abs());
             let point;
@@ -133,11 +133,11 @@ impl Run {
 
     /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or at its
     /// middle. The whole step is then the one to the end of that part.
-    fn bracket(&mut self, t: f64, h: f64) -> Result<Option<Bracket>, Failure> {
+    fn bracket(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Option<Bracket>, Failure> {
         if self.guards.is_none() {
             return Ok(None);
         }
-        self.guards_at(t + h, Part::Whole);
+        self.guards_at(c, t + h, Part::Whole);
         let Some(fit) = &mut self.fit else { return Ok(None) };
         fit.below.copy_from_slice(&self.before);
         std::mem::swap(&mut fit.seen, &mut fit.beyond);
@@ -145,7 +145,7 @@ impl Run {
             return Ok(Some(Bracket::new(guard, (0.0, fit.below[guard]), (h, fit.beyond[guard]), None)));
         }
         self.stride(t, 0.5 * h, Part::First)?;
-        self.guards_at(t + 0.5 * h, Part::First);
+        self.guards_at(c, t + 0.5 * h, Part::First);
         let Some(fit) = &mut self.fit else { return Ok(None) };
         if let Some(guard) = earliest(&fit.below, &fit.seen) {
             let third = Some((h, fit.beyond[guard]));
@@ -160,7 +160,7 @@ impl Run {
         let turns = values.filter_map(|((start, middle), end)| turn(*start, *middle, *end));
         if let Some(at) = turns.min_by(f64::total_cmp).map(|part| part * h) {
             self.stride(t, at, Part::Trial)?;
-            self.guards_at(t + at, Part::Trial);
+            self.guards_at(c, t + at, Part::Trial);
             let Some(fit) = &mut self.fit else { return Ok(None) };
             if let Some(guard) = earliest(&self.before, &fit.seen) {
                 std::mem::swap(&mut fit.seen, &mut fit.beyond);
@@ -181,19 +181,32 @@ impl Run {
     }
 
     /// Looks at the guards at the end of a step.
-    fn guards_at(&mut self, t: f64, part: Part) {
+    fn guards_at(&mut self, c: &Cluster, t: f64, part: Part) {
         let (Some(guards), Some(fit)) = (&mut self.guards, &mut self.fit) else { return };
-        self.input[0] = t;
-        let state = match part {
-            Part::Whole => &fit.whole.next,
-            Part::First => &fit.first.next,
-            Part::Second => &fit.second.next,
-            Part::Trial => &fit.trial.next,
+        let taken = match part {
+            Part::Whole => &fit.whole,
+            Part::First => &fit.first,
+            Part::Second => &fit.second,
+            Part::Trial => &fit.trial,
         };
-        match guards.run(state, &self.input) {
-            Ok(out) => fit.seen.copy_from_slice(out),
-            Err(_) => fit.seen.fill(0.0),
+        self.input[0] = t;
+        self.input[1] = PEEK * taken.h;
+        let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
+        look(c, guards, step, (&taken.next, &self.input), &mut fit.seen);
+    }
+}
+
+/// Looks at the guards in a state. One that cannot be told switches nothing: it is 0.
+fn look(c: &Cluster, guards: &mut Watch, step: &mut Ready, (state, input): (&[f64], &[f64]), seen: &mut [f64]) {
+    match guards.run(state, input) {
+        Ok(open) => {
+            let loops = c.states + c.integrals;
+            if open && step.run(state, input).is_ok() {
+                guards.told(&step.work.next[loops..], &state[loops..]);
+            }
+            seen.copy_from_slice(guards.values());
         }
+        Err(_) => seen.fill(0.0),
     }
 }
 

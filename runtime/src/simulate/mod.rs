@@ -6,6 +6,7 @@ mod attempt;
 mod cluster;
 mod event;
 mod given;
+mod guard;
 mod hold;
 mod places;
 mod save;

@@ -157,8 +157,10 @@ fn interface(unit: &Unit, p: &str) -> String {
              return 0;\n}}\n"
         );
     }
-    let _ =
-        writeln!(out, "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s{probes});\n}}\n");
+    let _ = writeln!(
+        out,
+        "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s{probes});\n}}\n"
+    );
     let _ = writeln!(out, "void {p}_input({p}_state *b, int input, {p}_real value) {{");
     match unit.inputs.first() {
         None => out.push_str("    (void)b;\n    (void)input;\n    (void)value;\n"),

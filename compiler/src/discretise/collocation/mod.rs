@@ -63,6 +63,8 @@ struct Plan {
     stages: Vec<Stage>,
     /// Outputs at each node.
     flats: Vec<FxHashMap<Symbol, Expr>>,
+    /// What sources give at the nodes.
+    sources: Vec<(Symbol, Expr)>,
 }
 
 impl Nodes {
@@ -84,7 +86,7 @@ impl Plan {
             })
             .collect();
         let gradients = gradients(c, pool, &tableau, &stages, nodes);
-        let mut flats = Vec::new();
+        let (mut flats, mut sources) = (Vec::new(), Vec::new());
         for (i, node) in tableau.nodes.iter().enumerate() {
             let mut map = within(c, pool, &stages, &tableau.integrals(*node));
             for (g, list) in c.groups.iter().zip(&gradients) {
@@ -96,9 +98,10 @@ impl Plan {
             }
             map.extend(c.loops.iter().zip(&stages[i].loops).map(|(z, at)| (*z, pool.var(*at))));
             later(c, pool, *node, &mut map);
+            sources.extend(write::sources(c, pool, &mut map, |name| format!("{name} in stage {}", i + 1)));
             flats.push(c.flat(pool, map));
         }
-        Self { tableau, stages, flats }
+        Self { tableau, stages, flats, sources }
     }
 
     /// Unknowns with their residuals, node by node: changes of the states, then loops.
@@ -307,6 +310,7 @@ pub(super) fn write(
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let plan = Plan::new(c, &mut model.pool, form, nodes);
+    write::bind(model, &mut b, &mut lowering, &plan.sources)?;
     let tableau = &plan.tableau;
     let s = tableau.stages();
     let (unknowns, residuals) = plan.system(c, &mut model.pool);
