@@ -93,19 +93,19 @@ impl Workspace {
 }
 
 /// Where nothing changed, the iteration never began: the equations have no finite value there.
-fn unsettled(iterations: u32, unknown: usize, change: f64) -> String {
+fn unsettled(iterations: u32, change: f64) -> String {
     if change == 0.0 {
         return "the equations have no finite value where the iteration starts: a number is too large for them, or undefined"
             .into();
     }
-    format!("no convergence after {iterations} iterations; w[{unknown}] still changes by {change:e}")
+    format!("no convergence after {iterations} iterations, of which the last changed an unknown by {change:.2e}")
 }
 
 /// Why a run gave no result.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum Failure {
     /// Newton's method came to its limit.
-    #[error("{}", unsettled(*iterations, *unknown, *change))]
+    #[error("{}", unsettled(*iterations, *change))]
     NoConvergence {
         /// Iterations done.
         iterations: u32,
@@ -124,7 +124,7 @@ pub enum Failure {
     #[error("the energy of the step does not balance")]
     Balance,
     /// A number in the new state is infinite or NaN.
-    #[error("the new state {}[{}] is not finite", slot.array.letter(), slot.index)]
+    #[error("a number that it gives is infinite or undefined")]
     NotFinite {
         /// The first such slot.
         slot: Slot,

@@ -164,10 +164,6 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
     if let Some(lost) = lost.filter(|n| *n > 0) {
         report::say(&format!("warning: {lost} rows of the ledger were lost, the disk being too slow"));
     }
-    let end = match end {
-        Err(Stop::Pipe) => return Err(Stop::Pipe),
-        other => other?,
-    };
     let outcome = Outcome {
         scene,
         exchange: &scene_side,
@@ -185,6 +181,9 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
         report::say(text.trim_end());
     } else {
         output::print(&text)?;
+    }
+    if let Some(why) = end.broken {
+        return Err(why);
     }
     match end.failure {
         None => Ok(()),

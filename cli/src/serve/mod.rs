@@ -60,6 +60,8 @@ pub struct End {
     pub times: Times,
     /// The step that failed, if one did.
     pub failure: Option<RunError>,
+    /// What broke the line, if something did.
+    pub broken: Option<Stop>,
 }
 
 /// A running exchange.
@@ -131,69 +133,83 @@ impl Loop<'_, '_> {
 }
 
 /// Exchanges until the end.
-///
-/// # Errors
-/// A line that is broken.
-pub fn serve(
-    exchange: &mut Exchange<'_>,
-    link: &mut Link,
-    mut log: Option<&mut Log>,
-    until: &Until<'_>,
-) -> Result<End, Stop> {
+pub fn serve(exchange: &mut Exchange<'_>, link: &mut Link, log: Option<&mut Log>, until: &Until<'_>) -> End {
     let period = exchange.period() * 1e9;
     let [lateness, step, work, round] = [(); 4].map(|()| Meter::new());
     let times = Times { lateness, step, work, round, missed: 0, own: 0, wall: 0.0 };
     let mut l = Loop { exchange, link, sent: vec![0; SENT], times };
-    if let Some(log) = &mut log {
-        log.add(l.exchange);
+    let mut start = clock::now();
+    let result = l.go(period, &mut start, log, until);
+    l.times.wall = (clock::now() - start) as f64 / 1e9;
+    l.exchange.end();
+    for _ in 0..if l.link.repeats() && result.is_ok() { FAREWELLS } else { 0 } {
+        // Who does not hear it any more needs no farewell.
+        let _ = l.link.send(l.exchange.effort());
     }
-    let mut failure = None;
-    let begins = l.meet(period as u64, until.asked)?;
-    let start = clock::now();
-    let mut k = 0u64;
-    while begins && until.intervals.is_none_or(|n| k < n) && !until.asked.load(Ordering::Relaxed) {
-        k += 1;
-        // The first measurement is there already.
-        let deadline = if until.lockstep {
-            if k > 1 && !l.wait(until.asked)? {
-                break;
-            }
-            clock::now()
-        } else {
-            let deadline = start + (k as f64 * period).round() as u64;
-            clock::sleep_until(deadline);
-            deadline
-        };
-        let woken = clock::now();
-        let over = l.link.is_over();
-        l.hear()?;
-        let (begun, worked) = (clock::now(), clock::worked());
-        if let Err(e) = l.exchange.tick() {
-            failure = Some(e);
-            break;
-        }
-        let (worked, stepped) = (clock::worked() - worked, clock::now());
-        l.send()?;
-        let done = clock::now();
-        l.times.lateness.add(woken.saturating_sub(deadline));
-        l.times.step.add(stepped - begun);
-        l.times.work.add(done - woken);
-        if !until.lockstep && done as f64 > deadline as f64 + period {
-            l.times.missed += 1;
-            // What it did not compute, it waited for the machine.
-            l.times.own += u64::from(worked as f64 > period);
-        }
+    let (failure, broken) = match result {
+        Ok(failure) => (failure, None),
+        Err(why) => (None, Some(why)),
+    };
+    End { times: l.times, failure, broken }
+}
+
+impl Loop<'_, '_> {
+    /// Goes on until the end: the step that failed, if one did. `start` becomes that of the first interval.
+    ///
+    /// # Errors
+    /// A line that is broken.
+    fn go(
+        &mut self,
+        period: f64,
+        start: &mut u64,
+        mut log: Option<&mut Log>,
+        until: &Until<'_>,
+    ) -> Result<Option<RunError>, Stop> {
+        let l = self;
         if let Some(log) = &mut log {
             log.add(l.exchange);
         }
-        if over {
-            break;
+        let begins = l.meet(period as u64, until.asked)?;
+        *start = clock::now();
+        let mut k = 0u64;
+        while begins && until.intervals.is_none_or(|n| k < n) && !until.asked.load(Ordering::Relaxed) {
+            k += 1;
+            // The first measurement is there already.
+            let deadline = if until.lockstep {
+                if k > 1 && !l.wait(until.asked)? {
+                    break;
+                }
+                clock::now()
+            } else {
+                let deadline = *start + (k as f64 * period).round() as u64;
+                clock::sleep_until(deadline);
+                deadline
+            };
+            let woken = clock::now();
+            let over = l.link.is_over();
+            l.hear()?;
+            let (begun, worked) = (clock::now(), clock::worked());
+            if let Err(e) = l.exchange.tick() {
+                return Ok(Some(e));
+            }
+            let (worked, stepped) = (clock::worked() - worked, clock::now());
+            l.send()?;
+            let done = clock::now();
+            l.times.lateness.add(woken.saturating_sub(deadline));
+            l.times.step.add(stepped - begun);
+            l.times.work.add(done - woken);
+            if !until.lockstep && done as f64 > deadline as f64 + period {
+                l.times.missed += 1;
+                // What it did not compute, it waited for the machine.
+                l.times.own += u64::from(worked as f64 > period);
+            }
+            if let Some(log) = &mut log {
+                log.add(l.exchange);
+            }
+            if over {
+                break;
+            }
         }
+        Ok(None)
     }
-    l.times.wall = (clock::now() - start) as f64 / 1e9;
-    l.exchange.end();
-    for _ in 0..if l.link.repeats() { FAREWELLS } else { 0 } {
-        l.link.send(l.exchange.effort())?;
-    }
-    Ok(End { times: l.times, failure })
 }

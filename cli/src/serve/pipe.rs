@@ -167,7 +167,8 @@ fn lines(mut items: Producer<Item>, ports: usize) {
 fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
     let mut list = [0.0; PORTS];
     let mut count = 0;
-    for cell in line.split(',').map(str::trim) {
+    let blank = !line.contains(',');
+    for cell in line.split(|c: char| if blank { c.is_whitespace() } else { c == ',' }).map(str::trim) {
         let x = cell.parse::<f64>().ok().filter(|x| x.is_finite());
         let x = x.ok_or_else(|| format!("`{}` is no number", cell.escape_default()))?;
         if let Some(place) = list.get_mut(count) {
@@ -175,5 +176,9 @@ fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
         }
         count += 1;
     }
-    if count == ports { Ok(list) } else { Err(format!("there are {count} numbers for {ports} open ports")) }
+    if count == ports {
+        Ok(list)
+    } else {
+        Err(format!("there are {count} numbers for {ports} open ports: one a port, with commas between them"))
+    }
 }

@@ -272,9 +272,13 @@ impl Inference {
                 None => "of another unit".to_string(),
             };
             let needed = match name(&e.needed.0) {
-                Some(u) if u == "1" => "a bare number, without a unit,".to_string(),
+                Some(u) if u == "1" => "a bare number without a unit".to_string(),
                 Some(u) => u,
                 None => "another unit".to_string(),
+            };
+            let value = match name(&e.needed.0) {
+                Some(u) if u == "1" => needed.clone(),
+                Some(_) | None => format!("the value in {needed}"),
             };
             let within = match &e.calls {
                 Some(call) => format!(" in `{}`", (names.function)(call.function)),
@@ -294,9 +298,9 @@ impl Inference {
             }
             let error = error.help(match name(&e.found.0.div(&e.needed.0)) {
                 Some(off) => {
-                    format!("the unit is off by a factor of {off}: give the value in {needed}, or mend the expression")
+                    format!("the unit is off by a factor of {off}: give {value}, or mend the expression")
                 }
-                None => format!("give the value in {needed}"),
+                None => format!("give {value}"),
             });
             // Effort and flow of a ratio say the same.
             if errors.last() != Some(&error) {

@@ -43,7 +43,7 @@ pub struct Options {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum Error {
     /// A step failed.
-    #[error("at t = {time} s, a step of `{region}` failed: {why}{}", state.as_ref().map(|s| format!(" (state {s})")).unwrap_or_default())]
+    #[error("at t = {time} s, a step of `{region}` failed: {why}{}", state.as_ref().map(|s| format!(" (`{s}`)")).unwrap_or_default())]
     Step {
         /// When.
         time: f64,
