@@ -366,7 +366,7 @@ pub(super) fn write(
     let order = if nodes == Nodes::Radau { 5 } else { 2 * s as u32 };
     // What Radau loses has no place in the balance of another.
     let fallback = match nodes {
-        Nodes::Gauss(_) => Some(Box::new(gonzalez::write(c, model, form)?.0)),
+        Nodes::Gauss(_) => Some(Box::new(gonzalez::write(c, model, form, false)?.0)),
         Nodes::Radau => None,
     };
     Ok((Stepper { fallback, ..Stepper::new(name, order, passive, program) }, entries))
