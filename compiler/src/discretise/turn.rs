@@ -1,9 +1,9 @@
 //! Sines and cosines within an iteration, by the addition formulas.
 //!
 //! The discrete gradient of an energy with angles asks for sines and cosines of many sums of few angles: of what they are at the start,
-//! which an iteration does not change, and of multiples of half their changes. Where that takes less, sine and cosine of each part are
-//! had once, and those of the sums are products of them. These are off by rounding of 1, as the sum itself is by rounding of an angle;
-//! the sine of a sum of small angles keeps its digits, as that sum does.
+//! which an iteration does not change, and of multiples of half their changes. So sine and cosine of each part are had once, and those
+//! of the sums are products of them. These are off by rounding of 1, where the sum itself is by rounding of the angle, which may have
+//! grown to many turns; the sine of a sum of small angles keeps its digits, as that sum does.
 
 use super::cluster::missing;
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
@@ -29,7 +29,7 @@ pub(super) struct Turns {
 }
 
 impl Turns {
-    /// Those of some expressions; None where nothing is gained.
+    /// Those of some expressions; None where none is a sum of what changes and what does not.
     pub(super) fn of(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Option<Self> {
         let asked = asked(pool, all, unknown);
         let mut sums = Vec::new();
@@ -52,8 +52,7 @@ impl Turns {
         }
         let changing = units(sums.iter().flat_map(|s| &s.3))?;
         let staying = units(sums.iter().flat_map(|s| &s.2))?;
-        // Twice an iteration it is computed, once the parts that stay.
-        if 2 * asked.len() <= 3 * (2 * changing.len()) + 2 * staying.len() {
+        if sums.iter().all(|s| s.2.is_empty() || s.3.is_empty()) {
             return None;
         }
         let fixed = staying.len();

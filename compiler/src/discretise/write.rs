@@ -77,17 +77,19 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
 /// flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A carry from when the
 /// state was much larger than it is now is dropped: it would be no rounding any more.
 pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value) {
-    let plain = b.add(x, change);
-    let (plain, size) = (b.unary(Unary::Abs, plain), b.unary(Unary::Abs, carry));
+    let sum = b.add(x, change);
+    let (plain, size) = (b.unary(Unary::Abs, sum), b.unary(Unary::Abs, carry));
     let epsilon = b.number(f64::EPSILON);
     let most = b.mul(epsilon, plain);
     let fits = b.binary(ir::Binary::Le, size, most);
-    let zero = b.number(0.0);
-    let carry = b.select(fits, carry, zero);
+    // Both ways at once, so that the next step waits for the choice alone.
+    let done = b.sub(sum, x);
+    let without = b.sub(change, done);
     let y = b.add(change, carry);
     let next = b.add(x, y);
     let done = b.sub(next, x);
-    (next, b.sub(y, done))
+    let rest = b.sub(y, done);
+    (b.select(fits, next, sum), b.select(fits, rest, without))
 }
 
 /// For steppers that carry nothing.
@@ -212,6 +214,7 @@ fn iterate(
     }
     let mut inside = lowering.clone();
     inside.share(shares);
+    inside.begin(b);
     b.open(slots, n);
     for (i, s) in system.unknowns.iter().enumerate() {
         let v = b.load(slot(i));
@@ -249,14 +252,16 @@ fn iterate(
 }
 
 /// What products within an iteration divide by, where one division does for several: with one over it, where that does not change in
-/// the iteration.
+/// the iteration. Where there are choices, a division for two is better had where it is asked for.
 fn shared(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Vec<(Below, Option<Expr>)> {
     let (mut seen, mut stack) = (FxHashSet::default(), all.to_vec());
     let mut list: Vec<Below> = Vec::new();
+    let mut choices = false;
     while let Some(e) = stack.pop() {
         if !seen.insert(e) || !pool.contains_any(e, &|s| unknown.contains(&s)) {
             continue;
         }
+        choices |= matches!(pool.node(e), expression::Node::Select(..));
         list.extend(Lowering::below(pool, e));
         pool.node(e).each_child(&mut |c| stack.push(c));
     }
@@ -267,7 +272,7 @@ fn shared(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Vec<(Be
         if !below.iter().any(|(f, _)| pool.contains_any(*f, &|s| unknown.contains(&s))) {
             let factors: Vec<(Expr, Number)> = below.iter().map(|(f, (n, d))| (*f, Number::ratio(*n, *d))).collect();
             shared.push((below.clone(), Some(pool.powers(&factors))));
-        } else if same.len() > 1 {
+        } else if same.len() > if choices { 2 } else { 1 } {
             shared.push((below.clone(), None));
         }
     }

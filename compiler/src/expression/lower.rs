@@ -23,6 +23,8 @@ pub struct Lowering {
     inverses: FxHashMap<Below, Option<Value>>,
     /// Whether sines and cosines of sums are made of those of the terms, where these are there.
     turns: bool,
+    /// Values before this one do not change in the iteration that is written.
+    fixed: u32,
 }
 
 /// What a product is divided by: factors and their exponents.
@@ -38,6 +40,7 @@ impl Lowering {
             given: false,
             inverses: FxHashMap::default(),
             turns: false,
+            fixed: 0,
         };
         env.into_iter().for_each(|(s, value)| lowering.bind(s, value));
         lowering
@@ -49,6 +52,11 @@ impl Lowering {
         if !self.given {
             self.fresh.push(s);
         }
+    }
+
+    /// Begins what is done over and over: of a product what was there before is multiplied first, so that nobody waits for it.
+    pub fn begin(&mut self, builder: &Builder) {
+        self.fixed = builder.count();
     }
 
     /// Makes sines and cosines of sums of those of the terms, where these are there.
@@ -308,7 +316,17 @@ impl Lowering {
             key = None;
         }
         let multiply = |builder: &mut Builder, all: Vec<Value>| all.into_iter().reduce(|a, b| builder.mul(a, b));
-        let (above, below) = (multiply(builder, above), multiply(builder, below));
+        let (still, above): (Vec<Value>, Vec<Value>) = above.into_iter().partition(|v| v.0 < self.fixed);
+        let above = match multiply(builder, still) {
+            Some(still) if !above.is_empty() => {
+                let still = scaled(builder, still, std::mem::replace(&mut constant, 1.0));
+                let moving = multiply(builder, above);
+                moving.map(|m| builder.mul(still, m))
+            }
+            Some(still) => Some(still),
+            None => multiply(builder, above),
+        };
+        let below = multiply(builder, below);
         if let (Some(key), Some(b)) = (key, below) {
             let inverse = match self.inverses.get(&key) {
                 Some(Some(inverse)) => *inverse,

@@ -5,8 +5,8 @@
 //!
 //! 1. `J` is eliminated without pivots (of two unknowns: by Cramer's rule), and `d = J^-1 r`, `u = u - d`.
 //! 2. With `z_i = |u_i| + s_i`: done where each `|d_i| <= 4e-16 z_i`.
-//! 3. The residual there with the same elimination gives `e`. The next such update would be near `2 e_i² / d_i`: so it is done, with
-//!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-8 z_i`; or `|e_i| <= 4e-16 z_i`. Each
+//! 3. The residual there with the same elimination gives `e`. Done where each `|e_i| <= 4e-16 |u_i|`, which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
+//!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or `|e_i| <= 4e-16 z_i`. Each
 //!    unknown counts by itself, since those that converge at once say nothing of the others.
 //! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
 //! 5. Else it begins anew from the start that was told apart from a foretold one; where there is none, it goes on from `u`, as after an
@@ -30,7 +30,7 @@ pub const ROUNDING: f64 = 4e-16;
 /// So many times the square of the last update over the one before are at most that.
 pub const NEXT: f64 = 8.0;
 /// The largest last update.
-pub const LAST: f64 = 1e-8;
+pub const LAST: f64 = 1e-11;
 /// The largest second update that may be rounding alone.
 pub const STALLED: f64 = 1e-12;
 /// The part of the first update that the second one is at most, where the iteration goes on from it.
@@ -199,6 +199,10 @@ pub(super) fn begin<S: System>(
     system.evaluate(residual, jacobian)?;
     trial.copy_from_slice(residual);
     pattern.solve(&room.matrix, trial);
+    // Less than the unknowns can show: so nobody need wait for it.
+    if trial.iter().zip(system.unknowns().iter()).all(|(e, u)| e.abs() <= ROUNDING * u.abs()) {
+        return Ok(Begun::Done);
+    }
     let done = update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z));
     let (first, second) = (part(update, z), part(trial, z));
     let good = (second <= GOOD * first || second <= STALLED) && first.is_finite();

@@ -5,7 +5,7 @@ use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir;
 use bond_runtime::solve::newton::{HALVINGS, NUDGES, STALLS, STRETCHES};
-use bond_runtime::solve::quick::Pattern;
+use bond_runtime::solve::quick::{LAST, Pattern};
 
 /// How an iteration ended.
 pub(super) const DONE: f64 = 1.0;
@@ -484,7 +484,7 @@ impl Iteration {
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
         let quick = Cond::all([Cond::True(made), w.eq(halvings, zero), w.le(square, quick)]);
         let slow = Cond::all([Cond::True(made), w.le(slow, square)]);
-        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-8), w.tolerance(1e-12));
+        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(LAST), w.tolerance(1e-12));
         let ratio = w.div(last, square);
         if self.given {
             return self.geometric(w, square, ratio, slow);

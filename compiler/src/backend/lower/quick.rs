@@ -172,6 +172,16 @@ impl Lower {
             let w = &mut this.w;
             let more = matrix.solve(w, &left);
             let second: Vec<Value> = more.iter().map(|d| w.abs(*d)).collect();
+            let seen: Vec<Cond> = second
+                .iter()
+                .zip(&next)
+                .map(|(e, u)| {
+                    let u = w.abs(*u);
+                    let allowed = w.mul(rounding, u);
+                    w.le(*e, allowed)
+                })
+                .collect();
+            w.when(Cond::all(seen), |w| it.finish(w, DONE));
             let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
             let last: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i])).collect();
             w.when(Cond::all(last), |w| {

@@ -1,7 +1,8 @@
 //! Takes out what nothing uses, and what one branch alone uses into it.
 
 use crate::backend::code::{Op, Reason, Routine, Stmt, Value, Var};
-use rustc_hash::FxHashMap;
+use bond_runtime::ir::{Binary, Unary};
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Takes values, and settings of variables, out of a routine that nothing looks at.
 pub(super) fn tidy(routine: &mut Routine) {
@@ -13,7 +14,7 @@ pub(super) fn tidy(routine: &mut Routine) {
             break;
         }
     }
-    sink(&mut routine.body);
+    sink(&mut routine.body, &mut routine.vars);
 }
 
 /// Where a value is used.
@@ -25,8 +26,9 @@ enum Where {
     Here,
 }
 
-/// Moves what is computed for one branch alone into that branch, so that it costs nothing where the other one is taken.
-fn sink(body: &mut Vec<Stmt>) {
+/// Moves what is computed for one branch alone into that branch, so that it costs nothing where the other one is taken. A choice
+/// between values of which one takes long to compute becomes a branch.
+fn sink(body: &mut Vec<Stmt>, vars: &mut u32) {
     let mut places: FxHashMap<Value, Where> = FxHashMap::default();
     let mut moves: Vec<Option<(usize, bool)>> = vec![None; body.len()];
     for (k, s) in body.iter().enumerate().rev() {
@@ -43,13 +45,23 @@ fn sink(body: &mut Vec<Stmt>) {
                 *known = Where::Here;
             }
         };
-        if let Stmt::If(c, yes, no) = s {
+        if let (Stmt::Let(_, Op::Select(c, a, b)), Where::Here) = (s, at) {
+            c.each_value(&mut |v| note(v, Where::Here));
+            note(*a, Where::Branch(k, true));
+            note(*b, Where::Branch(k, false));
+        } else if let Stmt::If(c, yes, no) = s {
             c.each_value(&mut |v| note(v, Where::Here));
             yes.iter().for_each(|s| uses(s, &mut |v| note(v, Where::Branch(k, true))));
             no.iter().for_each(|s| uses(s, &mut |v| note(v, Where::Branch(k, false))));
         } else {
             uses(s, &mut |v| note(v, at));
         }
+    }
+    let long: FxHashSet<usize> =
+        body.iter().zip(&moves).filter(|(s, _)| takes_long(s)).filter_map(|(_, to)| Some((*to)?.0)).collect();
+    for to in &mut moves {
+        // A choice of what is had at once stays one.
+        *to = to.filter(|(k, _)| long.contains(k) || matches!(body[*k], Stmt::If(..)));
     }
     let mut taken: FxHashMap<(usize, bool), Vec<Stmt>> = FxHashMap::default();
     let mut rest = Vec::with_capacity(body.len());
@@ -60,24 +72,54 @@ fn sink(body: &mut Vec<Stmt>) {
                 let mut with = |first: bool, block: Vec<Stmt>| {
                     let mut all = taken.remove(&(k, first)).unwrap_or_default();
                     all.extend(block);
-                    sink(&mut all);
+                    sink(&mut all, vars);
                     all
                 };
                 let (yes, no) = (with(true, yes), with(false, no));
                 rest.push(Stmt::If(c, yes, no));
             }
+            (Stmt::Let(v, Op::Select(c, a, b)), None) if long.contains(&k) => {
+                let var = Var(*vars);
+                *vars += 1;
+                let mut with = |first: bool, x: Value| {
+                    let mut all = taken.remove(&(k, first)).unwrap_or_default();
+                    all.push(Stmt::Set(var, x));
+                    sink(&mut all, vars);
+                    all
+                };
+                let (yes, no) = (with(true, a), with(false, b));
+                rest.push(Stmt::If(c, yes, no));
+                rest.push(Stmt::Let(v, Op::Get(var)));
+            }
             (Stmt::Loop(mut inner), None) => {
-                sink(&mut inner);
+                sink(&mut inner, vars);
                 rest.push(Stmt::Loop(inner));
             }
-            (Stmt::For(i, from, to, mut inner), None) => {
-                sink(&mut inner);
-                rest.push(Stmt::For(i, from, to, inner));
-            }
+            // Loops over many alike are left to who can do several at once.
             (s, None) => rest.push(s),
         }
     }
     *body = rest;
+}
+
+/// Whether a statement takes longer than a branch may cost.
+fn takes_long(s: &Stmt) -> bool {
+    match s {
+        Stmt::Let(_, Op::Binary(f, ..)) => matches!(f, Binary::Div | Binary::Pow | Binary::Atan2),
+        Stmt::Let(_, Op::Unary(f, _)) => !matches!(f, Unary::Neg | Unary::Abs | Unary::Sign | Unary::Not),
+        Stmt::Let(_, Op::Load(_) | Op::Get(_) | Op::Select(..))
+        | Stmt::Set(..)
+        | Stmt::Store(..)
+        | Stmt::If(..)
+        | Stmt::Loop(_)
+        | Stmt::Break
+        | Stmt::Continue
+        | Stmt::For(..)
+        | Stmt::Solve { .. }
+        | Stmt::Count(_)
+        | Stmt::Note(_)
+        | Stmt::Fail(_) => false,
+    }
 }
 
 /// The values that a statement uses, those inside it included.
