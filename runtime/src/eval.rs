@@ -61,6 +61,12 @@ impl Exponent {
     }
 }
 
+/// Sine and cosine of a number, each to the bit what [`unary`] gives: both are rounded correctly.
+#[inline]
+pub fn turn(a: f64) -> (f64, f64) {
+    pxfm::f_sincos(a)
+}
+
 /// A function of one value.
 #[inline]
 pub fn unary(f: Unary, a: f64) -> f64 {
@@ -183,6 +189,16 @@ mod tests {
     /// Equal to the bit, any NaN being equal to any other.
     fn same(a: f64, b: f64) -> bool {
         a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan())
+    }
+
+    #[test]
+    fn turns_are_sines_and_cosines() {
+        let mut random = crate::solve::testing::Random::new(11);
+        let numbers = (0..200_000).map(|k| random.next() * f64::from(k % 64 - 40).exp2() * 7.0);
+        for x in SPECIALS.into_iter().chain(numbers) {
+            let (sine, cosine) = turn(x);
+            assert!(same(sine, unary(Unary::Sin, x)) && same(cosine, unary(Unary::Cos, x)), "{x:e}");
+        }
     }
 
     #[test]

@@ -34,6 +34,7 @@ struct Loop {
     jacobian: Vec<u32>,
     weight: Vec<u32>,
     scale: Vec<u32>,
+    cold: Vec<u32>,
 }
 
 impl Interpreter {
@@ -141,6 +142,7 @@ impl Machine<'_> {
         let mut scratch = std::mem::take(&mut self.work.newtons[k]);
         gather(&mut scratch.weight, &shape.weight, &self.work.registers);
         gather(&mut scratch.scale, &shape.scale, &self.work.registers);
+        gather(&mut scratch.cold, &shape.cold, &self.work.registers);
         let mut count = 0;
         let mut body = Body { machine: self, shape, plan };
         let result = newton::solve(plan, &mut scratch, &mut count, &mut body);

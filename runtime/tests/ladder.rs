@@ -46,6 +46,7 @@ fn ladder(n: usize) -> Program {
         jacobian,
         weight: vec![one; n],
         scale: vec![one; n],
+        cold: Vec::new(),
         limit: 50,
         update: Vec::new(),
         affine: false,

@@ -292,6 +292,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         jacobian: if own { Vec::new() } else { jacobian },
         weight: weights,
         scale: if weight { vec![small; n] } else { scales },
+        cold: Vec::new(),
         limit: 40,
         update: if own { update } else { Vec::new() },
         affine: false,

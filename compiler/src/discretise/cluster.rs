@@ -2,7 +2,8 @@
 
 use super::collocation::{self, Nodes};
 use super::{
-    Method, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, sav, start, unfit,
+    Method, ahead, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, sav, start,
+    unfit,
 };
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
@@ -304,6 +305,14 @@ impl Cluster {
         &self.groups[first..past]
     }
 
+    /// The energies of all groups and their derivatives.
+    pub(super) fn energies(&self) -> Vec<Expr> {
+        let mut all: Vec<Expr> =
+            self.groups.iter().flat_map(|g| g.coenergy.iter().copied().chain([g.energy])).collect();
+        all.sort_unstable();
+        all
+    }
+
     /// H of a region of the cluster.
     pub(super) fn energy(&self, pool: &mut Pool, region: RegionId) -> Expr {
         let one = |g: &Group| match g.states[..] {
@@ -363,7 +372,7 @@ impl Cluster {
                 let (mut step, entries) = match wanted {
                     None => match linear {
                         Some(found) => found,
-                        None => gonzalez::write(self, model, form)?,
+                        None => self.gonzalez(model, form)?,
                     },
                     Some(Method::Exact) => exact::write(self, model, form)?.ok_or_else(|| {
                         unfit(
@@ -374,12 +383,12 @@ impl Cluster {
                             "it is not linear with a quadratic energy, or too large",
                         )
                     })?,
-                    Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
+                    Some(Method::Gonzalez) => self.gonzalez(model, form)?,
                     Some(Method::Euler) => explicit::write(self, model, form, &explicit::EULER)?,
                     Some(Method::SymplecticEuler) => explicit::write(self, model, form, &explicit::SYMPLECTIC)?,
                     Some(Method::Rk4) => explicit::write(self, model, form, &explicit::RK4)?,
                     Some(Method::Rk45) => explicit::write(self, model, form, &explicit::RK45)?,
-                    Some(Method::Ray) => gonzalez::write(self, model, form)?,
+                    Some(Method::Ray) => self.gonzalez(model, form)?,
                     Some(Method::Collocation4) => {
                         self.collocation(model, form, Method::Collocation4, Nodes::Gauss(2))?
                     }
@@ -406,7 +415,7 @@ impl Cluster {
             Some(_) => {
                 let wanted = own.or(method.filter(|m| *m == Method::Ray));
                 let (step, entries) = match wanted {
-                    None | Some(Method::Gonzalez) => gonzalez::write(self, model, form)?,
+                    None | Some(Method::Gonzalez) => self.gonzalez(model, form)?,
                     Some(m @ Method::Ray) if !self.followed.is_empty() => {
                         return Err(unfit(
                             model,
@@ -503,6 +512,16 @@ impl Cluster {
             entries,
             is_linear,
         })
+    }
+
+    /// The step by the discrete gradient.
+    fn gonzalez(
+        &mut self,
+        model: &mut Model,
+        form: &Form,
+    ) -> Result<(scene::Stepper, Vec<scene::Entries>), Vec<Diagnostic>> {
+        self.memory = ahead::memory(self, &mut model.pool, form);
+        gonzalez::write(self, model, form, true)
     }
 
     /// The step of a collocation method.

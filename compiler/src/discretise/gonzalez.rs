@@ -4,7 +4,9 @@
 //! gradient, which for one state is the difference quotient of H, written without cancellation. Resistors and loops are
 //! solved with it. The unknowns are the changes of the states, so that x+ = x + change is rounded once.
 
+use super::ahead::Ahead;
 use super::cluster::{Cluster, Group, Part, missing, verified};
+use super::turn;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
@@ -167,8 +169,14 @@ pub(super) fn measures(
     Ok((weight, scale))
 }
 
-/// Writes the step.
-pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
+/// Writes the step. Where it is the cluster's own, rather than what another stepper falls back to, `own` says so: its memory is then
+/// that of [`super::ahead`].
+pub(super) fn write(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    own: bool,
+) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "gonzalez step"));
     let entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
@@ -178,16 +186,19 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     write::bind(model, &mut b, &mut lowering, &sources)?;
     let flat = c.flat(&mut model.pool, map);
     let (unknowns, residuals) = system(c, &mut model.pool, &flat);
+    let symbols = c.states.iter().map(|s| s.symbol).collect();
+    turn::angles(model, &mut b, &mut lowering, &c.energies(), &symbols)?;
     let (weight, scale) = measures(c, model, form, &mut b, &mut lowering, &inputs)?;
     let zero = b.number(0.0);
-    let start = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
-    write::solve(
-        model,
-        &mut b,
-        &mut lowering,
-        System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false },
-    )?;
-    let (mut next, mut rests) = (Vec::new(), Vec::new());
+    let rest: Vec<Value> = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
+    let ahead = if own { Ahead::new(&mut b, c, inputs.h) } else { None };
+    let (start, cold) = match &ahead {
+        Some(ahead) => (ahead.start.iter().chain(&inputs.guesses).copied().collect(), rest),
+        None => (rest, Vec::new()),
+    };
+    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false };
+    write::solve_from(model, &mut b, &mut lowering, system, cold)?;
+    let (mut next, mut rests, mut changes) = (Vec::new(), Vec::new(), Vec::new());
     for (x, d) in inputs.states.iter().zip(&c.delta) {
         let d = model.pool.var(*d);
         let d = lowering.lower(&model.pool, &mut b, d).map_err(|s| missing(model, s))?;
@@ -195,10 +206,14 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         let (v, rest) = write::advance(&mut b, *x, d, carry);
         next.push(v);
         rests.push(rest);
+        changes.push(d);
     }
     write::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
     let first = b.slots(Array::Next, c.slots()).index as usize;
-    write::no_memory(&mut b, c);
+    match &ahead {
+        Some(ahead) => ahead.keep(&mut b, c, &changes),
+        None => write::no_memory(&mut b, c),
+    }
     for (i, v) in rests.iter().enumerate() {
         b.store(Slot::new(Array::Next, c.carry_at() + i), *v);
     }

@@ -1,6 +1,7 @@
 //! From the port-Hamiltonian form to step programs: one file a stepper, one for the holds.
 
 mod accounts;
+mod ahead;
 mod choice;
 mod cluster;
 mod collocation;
@@ -18,6 +19,7 @@ mod ray;
 mod sav;
 mod start;
 mod tear;
+mod turn;
 mod write;
 
 use crate::Options;

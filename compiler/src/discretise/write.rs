@@ -2,7 +2,8 @@
 
 use super::cluster::{Cluster, Group, Node, missing};
 use super::tear::tear;
-use crate::expression::{self, Expr, Lowering, Pool, Symbol};
+use super::turn::Turns;
+use crate::expression::{self, Below, Expr, Lowering, Number, Pool, Symbol};
 use crate::model::{Law, Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
@@ -76,17 +77,19 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
 /// flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A carry from when the
 /// state was much larger than it is now is dropped: it would be no rounding any more.
 pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value) {
-    let plain = b.add(x, change);
-    let (plain, size) = (b.unary(Unary::Abs, plain), b.unary(Unary::Abs, carry));
+    let sum = b.add(x, change);
+    let (plain, size) = (b.unary(Unary::Abs, sum), b.unary(Unary::Abs, carry));
     let epsilon = b.number(f64::EPSILON);
     let most = b.mul(epsilon, plain);
     let fits = b.binary(ir::Binary::Le, size, most);
-    let zero = b.number(0.0);
-    let carry = b.select(fits, carry, zero);
+    // Both ways at once, so that the next step waits for the choice alone.
+    let done = b.sub(sum, x);
+    let without = b.sub(change, done);
     let y = b.add(change, carry);
     let next = b.add(x, y);
     let done = b.sub(next, x);
-    (next, b.sub(y, done))
+    let rest = b.sub(y, done);
+    (b.select(fits, next, sum), b.select(fits, rest, without))
 }
 
 /// What time and what is given make sources give, as symbols of their own: computed once, so that equations and ledger have it with
@@ -168,11 +171,27 @@ pub(super) fn solve(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
+    system: System,
+) -> Result<(), Vec<Diagnostic>> {
+    solve_from(model, b, lowering, system, Vec::new())
+}
+
+/// Solves a system whose start is foretold; `cold` is where else it starts.
+pub(super) fn solve_from(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
     mut system: System,
+    mut cold: Vec<Value>,
 ) -> Result<(), Vec<Diagnostic>> {
     let h = system.h;
+    let all = system.unknowns.clone();
     let torn = tear(&mut model.pool, &mut system, h);
-    iterate(model, b, lowering, system)?;
+    if !cold.is_empty() {
+        let by: FxHashMap<Symbol, Value> = all.into_iter().zip(cold).collect();
+        cold = system.unknowns.iter().filter_map(|s| by.get(s).copied()).collect();
+    }
+    iterate(model, b, lowering, system, cold)?;
     for (s, e) in torn {
         let v = lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
         lowering.bind(s, v);
@@ -181,7 +200,13 @@ pub(super) fn solve(
 }
 
 /// Newton's method on a system.
-fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: System) -> Result<(), Vec<Diagnostic>> {
+fn iterate(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    system: System,
+    cold: Vec<Value>,
+) -> Result<(), Vec<Diagnostic>> {
     let n = system.unknowns.len();
     if n == 0 {
         return Ok(());
@@ -216,11 +241,28 @@ fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: 
     for e in fixed_parts(&model.pool, system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)), &unknown) {
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
     }
+    let all: Vec<Expr> = system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)).collect();
+    let turns = Turns::of(&mut model.pool, &all, &unknown);
+    let before = turns.as_ref().map(|t| t.before(model, b, lowering)).transpose()?;
+    let shared = shared(&mut model.pool, &all, &unknown);
+    let mut shares = Vec::with_capacity(shared.len());
+    for (below, outside) in shared {
+        let value = match outside {
+            Some(e) => Some(lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?),
+            None => None,
+        };
+        shares.push((below, value));
+    }
     let mut inside = lowering.clone();
+    inside.share(shares);
+    inside.begin(b);
     b.open(slots, n);
     for (i, s) in system.unknowns.iter().enumerate() {
         let v = b.load(slot(i));
         inside.bind(*s, v);
+    }
+    if let (Some(turns), Some(before)) = (&turns, &before) {
+        turns.write(model, b, &mut inside, before)?;
     }
     let mut residual = Vec::with_capacity(n);
     for r in &system.residuals {
@@ -238,6 +280,7 @@ fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: 
         update: Vec::new(),
         weight: system.weight,
         scale: system.scale,
+        cold,
         limit: 200,
         affine,
         flag: system.flag,
@@ -247,6 +290,34 @@ fn iterate(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, system: 
         lowering.bind(*s, v);
     }
     Ok(())
+}
+
+/// What products within an iteration divide by, where one division does for several: with one over it, where that does not change in
+/// the iteration. Where there are choices, a division for two is better had where it is asked for.
+fn shared(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Vec<(Below, Option<Expr>)> {
+    let (mut seen, mut stack) = (FxHashSet::default(), all.to_vec());
+    let mut list: Vec<Below> = Vec::new();
+    let mut choices = false;
+    while let Some(e) = stack.pop() {
+        if !seen.insert(e) || !pool.contains_any(e, &|s| unknown.contains(&s)) {
+            continue;
+        }
+        choices |= matches!(pool.node(e), expression::Node::Select(..));
+        list.extend(Lowering::below(pool, e));
+        pool.node(e).each_child(&mut |c| stack.push(c));
+    }
+    list.sort_unstable();
+    let mut shared = Vec::new();
+    for same in list.chunk_by(|a, b| a == b) {
+        let Some(below) = same.first() else { continue };
+        if !below.iter().any(|(f, _)| pool.contains_any(*f, &|s| unknown.contains(&s))) {
+            let factors: Vec<(Expr, Number)> = below.iter().map(|(f, (n, d))| (*f, Number::ratio(*n, *d))).collect();
+            shared.push((below.clone(), Some(pool.powers(&factors))));
+        } else if same.len() > if choices { 2 } else { 1 } {
+            shared.push((below.clone(), None));
+        }
+    }
+    shared
 }
 
 /// The largest parts of expressions that hold none of the unknowns (and are more than a number or a symbol).
@@ -577,6 +648,7 @@ pub(super) fn energies(
         end.insert(t, model.pool.add(te, he));
     }
     let symbols: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).collect();
+    super::turn::angles(model, b, &mut at, &c.energies(), &symbols)?;
     for (e, r) in entries.iter().zip(&c.regions) {
         let h = c.energy(&mut model.pool, *r);
         let later = model.pool.substitute(h, &end);

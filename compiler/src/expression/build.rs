@@ -150,7 +150,7 @@ impl Pool {
     }
 
     /// The product of all, each to its rational exponent.
-    pub(super) fn powers(&mut self, all: &[(Expr, Number)]) -> Expr {
+    pub fn powers(&mut self, all: &[(Expr, Number)]) -> Expr {
         match all {
             [(e, n)] if n.is_one() => return *e,
             // a number times something needs no further look

@@ -4,6 +4,7 @@ use super::pages::Pages;
 use super::walk::Found;
 use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Builder, Unary, Value};
+use rustc_hash::FxHashMap;
 
 /// Writes expressions into a program; what was written once is not written again.
 ///
@@ -18,12 +19,29 @@ pub struct Lowering {
     fresh: Vec<Symbol>,
     /// Whether a parameter was given a value.
     given: bool,
+    /// One over denominators that several products share.
+    inverses: FxHashMap<Below, Option<Value>>,
+    /// Whether sines and cosines of sums are made of those of the terms, where these are there.
+    turns: bool,
+    /// Values before this one do not change in the iteration that is written.
+    fixed: u32,
 }
+
+/// What a product is divided by: factors and their exponents.
+pub type Below = Vec<(Expr, (i64, i64))>;
 
 impl Lowering {
     /// Symbols with their values. A parameter that is not among them is its number.
     pub fn new(env: impl IntoIterator<Item = (Symbol, Value)>) -> Self {
-        let mut lowering = Lowering { env: Pages::default(), memo: Pages::default(), fresh: Vec::new(), given: false };
+        let mut lowering = Lowering {
+            env: Pages::default(),
+            memo: Pages::default(),
+            fresh: Vec::new(),
+            given: false,
+            inverses: FxHashMap::default(),
+            turns: false,
+            fixed: 0,
+        };
         env.into_iter().for_each(|(s, value)| lowering.bind(s, value));
         lowering
     }
@@ -34,6 +52,32 @@ impl Lowering {
         if !self.given {
             self.fresh.push(s);
         }
+    }
+
+    /// Begins what is done over and over: of a product what was there before is multiplied first, so that nobody waits for it.
+    pub fn begin(&mut self, builder: &Builder) {
+        self.fixed = builder.count();
+    }
+
+    /// Makes sines and cosines of sums of those of the terms, where these are there.
+    pub fn turn(&mut self) {
+        self.turns = true;
+    }
+
+    /// Divides by what several products share once, and by what is given with a value not at all.
+    pub fn share(&mut self, denominators: impl IntoIterator<Item = (Below, Option<Value>)>) {
+        self.inverses = denominators.into_iter().collect();
+    }
+
+    /// What an expression is divided by, where it is a product; parts that are numbers do not count.
+    pub fn below(pool: &Pool, e: Expr) -> Option<Below> {
+        let Node::Product(_, factors) = pool.node(e) else { return None };
+        below(factors, &|f| pool.constant(f).is_some())
+    }
+
+    /// Gives an expression its value, where that is had by other means.
+    pub fn know(&mut self, e: Expr, value: Value) {
+        self.memo.insert(e.0, value.0);
     }
 
     /// The value of an expression. Parameters and constant parts become one number each.
@@ -123,6 +167,9 @@ impl Lowering {
                 builder.binary(Binary::Pow, a, b)
             }
             Node::Unary(f, a) => {
+                if let Some(value) = self.turned(pool, builder, *f, *a) {
+                    return Ok(value);
+                }
                 let a = self.child(builder, *a, folded);
                 builder.unary(*f, a)
             }
@@ -134,6 +181,49 @@ impl Lowering {
                 let [c, a, b] = [c, a, b].map(|&x| self.child(builder, x, folded));
                 builder.select(c, a, b)
             }
+        })
+    }
+
+    /// The sine or cosine of a sum or difference of two angles whose own are there.
+    fn turned(&self, pool: &Pool, builder: &mut Builder, f: Unary, e: Expr) -> Option<Value> {
+        let Node::Sum(c, terms) = pool.node(e) else { return None };
+        let (true, true, [(p, m), (q, n)]) = (self.turns, c.is_zero(), &terms[..]) else { return None };
+        if !m.abs().is_one() || !n.abs().is_one() {
+            return None;
+        }
+        let known = |f: Unary, e: Expr| self.known(pool.existing(f, e)?);
+        let [sp, cp, sq, cq] =
+            [known(Unary::Sin, *p)?, known(Unary::Cos, *p)?, known(Unary::Sin, *q)?, known(Unary::Cos, *q)?];
+        let (first, second) = match f {
+            Unary::Sin => (builder.mul(sp, cq), builder.mul(cp, sq)),
+            Unary::Cos => (builder.mul(cp, cq), builder.mul(sp, sq)),
+            Unary::Neg
+            | Unary::Abs
+            | Unary::Sign
+            | Unary::Sqrt
+            | Unary::Exp
+            | Unary::Log
+            | Unary::Tan
+            | Unary::Asin
+            | Unary::Acos
+            | Unary::Atan
+            | Unary::Sinh
+            | Unary::Cosh
+            | Unary::Tanh
+            | Unary::Not => return None,
+        };
+        // sin(p + q) = sin p cos q + cos p sin q, cos(p + q) = cos p cos q - sin p sin q
+        let (minus_p, minus_q) = (m.is_negative(), n.is_negative());
+        Some(match (f == Unary::Sin, minus_p, minus_q) {
+            (true, false, false) => builder.add(first, second),
+            (true, false, true) => builder.sub(first, second),
+            (true, true, false) => builder.sub(second, first),
+            (true, true, true) => {
+                let sum = builder.add(first, second);
+                builder.unary(Unary::Neg, sum)
+            }
+            (false, p, q) if p == q => builder.sub(first, second),
+            (false, ..) => builder.add(first, second),
         })
     }
 
@@ -202,6 +292,7 @@ impl Lowering {
         factors: &[(Expr, Number)],
         folded: &dyn Fn(Expr) -> Option<f64>,
     ) -> Value {
+        let mut key = below(factors, &|f| folded(f).is_some()).filter(|k| self.inverses.contains_key(k));
         let mut constant = c.to_f64();
         let mut divisor = 1.0;
         let (mut above, mut below): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
@@ -222,9 +313,32 @@ impl Lowering {
         } else if divisor != 1.0 {
             let divisor = builder.number(divisor);
             below.push(divisor);
+            key = None;
         }
         let multiply = |builder: &mut Builder, all: Vec<Value>| all.into_iter().reduce(|a, b| builder.mul(a, b));
-        let (above, below) = (multiply(builder, above), multiply(builder, below));
+        let (still, above): (Vec<Value>, Vec<Value>) = above.into_iter().partition(|v| v.0 < self.fixed);
+        let above = match multiply(builder, still) {
+            Some(still) if !above.is_empty() => {
+                let still = scaled(builder, still, std::mem::replace(&mut constant, 1.0));
+                let moving = multiply(builder, above);
+                moving.map(|m| builder.mul(still, m))
+            }
+            Some(still) => Some(still),
+            None => multiply(builder, above),
+        };
+        let below = multiply(builder, below);
+        if let (Some(key), Some(b)) = (key, below) {
+            let inverse = match self.inverses.get(&key) {
+                Some(Some(inverse)) => *inverse,
+                _ => {
+                    let one = builder.number(1.0);
+                    builder.div(one, b)
+                }
+            };
+            self.inverses.insert(key, Some(inverse));
+            let a = scaled(builder, above.unwrap_or(inverse), constant);
+            return if above.is_some() { builder.mul(a, inverse) } else { a };
+        }
         match (above, below) {
             (None, None) => builder.number(constant),
             (Some(a), None) => scaled(builder, a, constant),
@@ -238,6 +352,16 @@ impl Lowering {
             }
         }
     }
+}
+
+/// The factors below.
+fn below(factors: &[(Expr, Number)], is_number: &dyn Fn(Expr) -> bool) -> Option<Below> {
+    let mut list = Below::new();
+    for (f, n) in factors.iter().filter(|(f, n)| n.is_negative() && !is_number(*f)) {
+        let Number::Ratio(n, d) = n else { return None };
+        list.push((*f, (*n, *d)));
+    }
+    (!list.is_empty()).then_some(list)
 }
 
 fn scaled(builder: &mut Builder, value: Value, by: f64) -> Value {

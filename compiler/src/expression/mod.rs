@@ -33,7 +33,7 @@ mod support;
 mod table;
 mod walk;
 
-pub use lower::Lowering;
+pub use lower::{Below, Lowering};
 pub use number::Number;
 pub use polynomial::{Affine, Quadratic};
 pub use pool::{Expr, Node, Pool, Symbol};

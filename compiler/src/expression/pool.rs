@@ -244,6 +244,12 @@ impl Pool {
         }
     }
 
+    /// A function of an expression, where it is there.
+    pub(super) fn existing(&self, f: Unary, e: Expr) -> Option<Expr> {
+        let node = Node::Unary(f, e);
+        self.known.find(hash_of(&node), |e| self.nodes[e.0 as usize] == node)
+    }
+
     /// The one sum of these terms.
     pub(super) fn intern_sum(&mut self, c: Number, terms: impl AsRef<[(Expr, Number)]> + Into<Pairs>) -> Expr {
         let hash = hash_of_pairs(true, c, terms.as_ref());

@@ -116,6 +116,11 @@ impl Builder {
         self.op(Op::Unary(f, a))
     }
 
+    /// How many values there are so far: later ones have larger numbers.
+    pub fn count(&self) -> u32 {
+        self.values
+    }
+
     /// A function of two values.
     pub fn binary(&mut self, f: Binary, a: Value, b: Value) -> Value {
         self.op(Op::Binary(f, a, b))

@@ -101,6 +101,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     for (i, (weight, scale)) in newton.weight.iter().zip(&newton.scale).enumerate() {
         writeln!(f, "{indent}  weight[{i}] = {weight}, scale[{i}] = {scale}")?;
     }
+    for (i, x) in newton.cold.iter().enumerate() {
+        writeln!(f, "{indent}  cold[{i}] = {x}")?;
+    }
     Ok(())
 }
 
@@ -133,6 +136,7 @@ mod tests {
             jacobian: vec![(0, 0, one)],
             weight: vec![one],
             scale: vec![v],
+            cold: Vec::new(),
             limit: 9,
             update: Vec::new(),
             affine: false,

@@ -166,6 +166,9 @@ pub struct Newton {
     pub weight: Vec<Value>,
     /// One an unknown: size against which a relative change is measured besides the unknown itself.
     pub scale: Vec<Value>,
+    /// Where the unknowns start is foretold, and this, one value an unknown, is where else: what was foretold then never decides whether
+    /// there is a solution. Empty else.
+    pub cold: Vec<Value>,
     /// Iterations at most.
     pub limit: u32,
     /// Whether the residual is affine in the unknowns: the first update is the solution.

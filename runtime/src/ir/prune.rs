@@ -29,7 +29,7 @@ impl Needed {
                 Inst::Let(_, op) => self.mark(op.operands()),
                 Inst::Store(_, v) => self.mark([*v]),
                 Inst::Newton(n) => {
-                    let lists = [&n.residual, &n.update, &n.weight, &n.scale];
+                    let lists = [&n.residual, &n.update, &n.weight, &n.scale, &n.cold];
                     self.mark(lists.into_iter().flatten().copied());
                     self.mark(n.jacobian.iter().map(|e| e.2));
                     self.keep(&mut n.body);
@@ -64,7 +64,7 @@ impl Numbers {
                 }
                 Inst::Store(_, v) => self.rename(v),
                 Inst::Newton(n) => {
-                    n.weight.iter_mut().chain(&mut n.scale).for_each(|v| self.rename(v));
+                    n.weight.iter_mut().chain(&mut n.scale).chain(&mut n.cold).for_each(|v| self.rename(v));
                     self.block(&mut n.body);
                     n.residual.iter_mut().chain(&mut n.update).for_each(|v| self.rename(v));
                     n.jacobian.iter_mut().for_each(|e| self.rename(&mut e.2));

@@ -122,7 +122,7 @@ impl Check<'_> {
     fn newton(&mut self, newton: &Newton) -> Result<(), Invalid> {
         let first = Slot { array: Array::Local, index: newton.unknowns };
         let n = newton.residual.len();
-        if newton.weight.len() != n || newton.scale.len() != n {
+        if newton.weight.len() != n || newton.scale.len() != n || ![0, n].contains(&newton.cold.len()) {
             return Err(Invalid::Lengths(first));
         }
         let size = n as u32;
@@ -134,7 +134,7 @@ impl Check<'_> {
             }
             self.write(flag, 1)?;
         }
-        self.all(newton.weight.iter().chain(&newton.scale).copied())?;
+        self.all(newton.weight.iter().chain(&newton.scale).chain(&newton.cold).copied())?;
         let own = newton.update.is_empty() || (newton.jacobian.is_empty() && !newton.affine);
         if !own || ![0, n].contains(&newton.update.len()) {
             return Err(Invalid::Lengths(first));
@@ -260,6 +260,7 @@ mod tests {
             jacobian: vec![(0, 0, j)],
             weight: vec![one],
             scale: vec![one],
+            cold: Vec::new(),
             limit: 50,
             update: Vec::new(),
             affine: false,

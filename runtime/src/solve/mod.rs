@@ -4,6 +4,7 @@ pub mod dense;
 pub mod linear;
 pub mod newton;
 mod order;
+pub mod quick;
 pub mod sparse;
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 //!   other `w_j s_j²` over `s_i²`, so that no equation goes unseen; where there is no weight at all, all are 1.
 //! - Up to `limit` times: compute `r`, `J`.
 //!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far and above
-//!      the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), and the last update was halved fewer than
+//!      the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the last update was halved fewer than
 //!      [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start over.
 //!   2. Where all of `r` is 0: done.
 //!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the first update,
@@ -16,9 +16,12 @@
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
-//!   small(t) with `t = min(1e-8, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
+//!   small(t) with `t = min(1e-11, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
 //!   `d |d|² / |e|²`, below rounding; or small(1e-12), where `|d|` is at least half of `|e|`: rounding keeps it from
 //!   falling; or small(1e-6), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown.
+//!
+//! Few unknowns begin with two updates by one matrix, [`quick`], which mostly is all. Where the start was foretold and the iteration
+//! fails from there, it begins anew from the other start that is given.
 //!
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what it gave, and
 //! fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what is still off is near
@@ -27,6 +30,7 @@
 //! What the body wrote to slots other than the unknowns belongs to the iterate before the last update.
 
 use super::linear;
+use super::quick::{self, Begun};
 use crate::ir;
 use crate::kernel::Failure;
 
@@ -38,6 +42,9 @@ pub const STRETCHES: u32 = 6;
 pub const STALLS: u32 = 6;
 /// How often one update is halved at most.
 pub const HALVINGS: u32 = 30;
+/// After so many iterations updates are no longer halved for what the residual becomes: beyond the corner of a law it may have to be
+/// larger first, as where a body that slid one way is to slide the other.
+pub const DAMPED: u32 = 100;
 
 /// What is known of an iteration before it runs.
 #[derive(Clone, Debug)]
@@ -56,6 +63,10 @@ pub struct Plan {
     pub given: bool,
     /// The slot of `Local` that gets 1 or 0 instead of a failure.
     pub flag: Option<usize>,
+    /// Whether the start is foretold, and another one given besides.
+    pub foretold: bool,
+    /// Where it begins with two updates by one matrix.
+    quick: Option<quick::Pattern>,
     linear: linear::Plan,
 }
 
@@ -65,7 +76,13 @@ impl Plan {
         let pattern = newton.jacobian.iter().map(|&(row, column, _)| (row, column)).collect();
         let flag = newton.flag.map(|slot| slot.index as usize);
         let plan = Self::of(newton.unknowns as usize, newton.residual.len(), pattern, newton.limit, flag);
-        Self { affine: newton.affine, given: !newton.update.is_empty(), ..plan }
+        Self {
+            affine: newton.affine,
+            given: !newton.update.is_empty(),
+            foretold: !newton.cold.is_empty(),
+            quick: quick::Pattern::of(newton),
+            ..plan
+        }
     }
 
     /// The plan of an iteration given by its parts.
@@ -74,7 +91,8 @@ impl Plan {
     /// Where the pattern is not within `n` rows and columns.
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
         let linear = linear::Plan::new(n, &pattern);
-        Self { unknowns, n, pattern, limit, affine: false, given: false, flag, linear }
+        let (quick, foretold) = (None, false);
+        Self { unknowns, n, pattern, limit, affine: false, given: false, flag, foretold, quick, linear }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -105,6 +123,8 @@ impl Plan {
             jacobian: vec![0.0; if self.given { n } else { self.pattern.len() }],
             update: vec![0.0; n],
             trial: vec![0.0; n],
+            cold: vec![0.0; if self.foretold { n } else { 0 }],
+            room: quick::Room::new(self.quick.as_ref().map_or(0, |q| q.size())),
             linear: self.linear.scratch(),
         }
     }
@@ -117,10 +137,13 @@ pub struct Scratch {
     pub weight: Vec<f64>,
     /// The scales; to be filled in before [`solve`].
     pub scale: Vec<f64>,
-    residual: Vec<f64>,
-    jacobian: Vec<f64>,
-    update: Vec<f64>,
-    trial: Vec<f64>,
+    /// Where else to start, where the start is foretold; to be filled in likewise.
+    pub cold: Vec<f64>,
+    pub(super) residual: Vec<f64>,
+    pub(super) jacobian: Vec<f64>,
+    pub(super) update: Vec<f64>,
+    pub(super) trial: Vec<f64>,
+    pub(super) room: quick::Room,
     linear: linear::Scratch,
 }
 
@@ -162,20 +185,68 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     }
     // Where no update is made at all, a failure tells none, rather than that of an earlier step.
     scratch.update[..n].fill(0.0);
+    let (mut way, mut again) = (Way { done: 0, before: None, best: f64::INFINITY }, plan.foretold);
+    if let Some(pattern) = &plan.quick {
+        way.done = 1;
+        *count += 1;
+        match quick::begin(pattern, &plan.pattern, scratch, system)? {
+            Begun::Done => return Ok(()),
+            Begun::Anew => {
+                again = false;
+                scratch.update[..n].fill(0.0);
+                system.unknowns().copy_from_slice(scratch.room.start());
+            }
+            Begun::On { before, best, again: more } => {
+                again = more;
+                (way.before, way.best) = (Some(before), best);
+            }
+        }
+    }
+    let result = iterate(plan, scratch, count, system, way);
+    if !again || result.is_ok() {
+        return result;
+    }
+    scratch.update[..n].fill(0.0);
+    let start = if plan.quick.is_some() { scratch.room.start() } else { &scratch.cold };
+    system.unknowns().copy_from_slice(start);
+    iterate(plan, scratch, count, system, Way { done: 0, before: None, best: f64::INFINITY })
+}
+
+/// Where an iteration is on its way.
+struct Way {
+    /// Iterations so far.
+    done: u32,
+    /// `|d|²` of the update made last.
+    before: Option<f64>,
+    /// The smallest `|r|²` so far.
+    best: f64,
+}
+
+/// Iterates.
+fn iterate<S: System>(
+    plan: &Plan,
+    scratch: &mut Scratch,
+    count: &mut u64,
+    system: &mut S,
+    way: Way,
+) -> Result<(), Failure> {
+    let n = plan.n;
     let measure = Measure::new(&scratch.weight[..n], &scratch.scale[..n]);
-    let mut best = f64::INFINITY;
-    let mut before: Option<f64> = None; // |d|² of the update made last
+    let Way { done, mut before, mut best } = way;
     let mut halvings = 0; // of the update made last
     let mut stretches = 0; // the same, doubled
     let mut nudges = 0;
     let mut stalls = 0; // updates in a row that were not much smaller than the one before
-    for _ in 0..plan.limit {
+    for k in done..plan.limit {
         *count += 1;
         let residual = &mut scratch.residual[..n];
         system.evaluate(residual, &mut scratch.jacobian)?;
         let size = measure.square(residual);
         let may_halve = before.is_some() && halvings < HALVINGS;
-        let worse = before.is_some() && size > 4.0 * best && size > 1e-26 * measure.energy(system.unknowns());
+        let worse = before.is_some()
+            && k < DAMPED
+            && size > 4.0 * best
+            && size > 1e-26 * measure.energy(system.unknowns());
         if !size.is_finite() || worse {
             if may_halve {
                 halve(&mut scratch.update, system.unknowns());
@@ -251,7 +322,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
             Some(last) if 0.25 * last <= square => 1e-12,
             Some(last) if quick(last) => {
                 let t = 4e-16 * (last / square);
-                if t < 1e-8 { t } else { 1e-8 }
+                if t < quick::LAST { t } else { quick::LAST }
             }
             Some(_) | None => 4e-16,
         };
@@ -287,7 +358,7 @@ fn halve(update: &mut [f64], unknowns: &mut [f64]) {
 }
 
 /// The norms of an iteration.
-struct Measure<'a> {
+pub(super) struct Measure<'a> {
     weight: &'a [f64],
     scale: &'a [f64],
     weighted: bool,
@@ -296,7 +367,7 @@ struct Measure<'a> {
 }
 
 impl<'a> Measure<'a> {
-    fn new(weight: &'a [f64], scale: &'a [f64]) -> Self {
+    pub(super) fn new(weight: &'a [f64], scale: &'a [f64]) -> Self {
         let known = || weight.iter().zip(scale).filter(|&(&w, _)| counts(w));
         let count = known().count();
         let share = known().map(|(w, s)| w * s * s).sum::<f64>() / count as f64;
@@ -314,7 +385,7 @@ impl<'a> Measure<'a> {
     }
 
     /// `|v|²`
-    fn square(&self, v: &[f64]) -> f64 {
+    pub(super) fn square(&self, v: &[f64]) -> f64 {
         if self.weighted {
             // What has no weight must be finite all the same.
             v.iter().enumerate().map(|(i, v)| self.weight(i) * v * v).sum()

@@ -4,6 +4,7 @@
 
 mod eliminate;
 mod newton;
+mod quick;
 mod roll;
 mod tidy;
 pub(super) mod writer;

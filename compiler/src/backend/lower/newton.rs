@@ -4,41 +4,43 @@ use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir;
-use bond_runtime::solve::newton::{HALVINGS, NUDGES, STALLS, STRETCHES};
+use bond_runtime::solve::newton::{DAMPED, HALVINGS, NUDGES, STALLS, STRETCHES};
+use bond_runtime::solve::quick::{LAST, Pattern};
 
 /// How an iteration ended.
-const DONE: f64 = 1.0;
+pub(super) const DONE: f64 = 1.0;
 const NO_CONVERGENCE: f64 = 2.0;
 const SINGULAR: f64 = 3.0;
 
 /// An iteration on its way.
 pub(super) struct Iteration {
-    n: usize,
-    unknowns: Vector,
+    pub(super) n: usize,
+    pub(super) unknowns: Vector,
     /// Where the solution of a large system is.
     trial: u32,
     /// Iterations so far.
-    count: Var,
-    update: Vector,
+    pub(super) count: Var,
+    pub(super) update: Vector,
     raw_weight: Values,
     weight: Vector,
     /// The same where all of them are numbers that count.
     plain: Option<Vec<Value>>,
     /// 1 where there is a weight at all.
     weighted: Option<Var>,
-    scale: Values,
-    best: Var,
+    pub(super) scale: Values,
+    pub(super) best: Var,
     /// Whether an update was made, and its square.
-    made: Var,
-    before: Var,
+    pub(super) made: Var,
+    pub(super) before: Var,
     halvings: Var,
     stretches: Var,
     nudges: Var,
     stalls: Var,
-    end: Var,
+    pub(super) end: Var,
     row: Var,
-    /// Whether the update is given.
+    /// Whether the update is given, and whether the first one is all.
     given: bool,
+    affine: bool,
 }
 
 /// Whether a weight counts.
@@ -68,9 +70,46 @@ impl Lower {
         } else {
             Numbers { unknowns, weight: self.w.values(raw), scale: self.w.values(scale) }
         };
-        let it = begin(&mut self.w, newton, numbers);
+        let mut it = Iteration::new(&mut self.w, newton, numbers);
+        match Pattern::of(newton) {
+            Some(pattern) => {
+                let begun = self.begin(newton, &pattern, &it);
+                let rest = self.inside(|this| {
+                    it.prepare(&mut this.w);
+                    it.started(&mut this.w);
+                    begun.go_on(&mut this.w, &it);
+                    let body = this.body(newton, &it);
+                    it.twice(&mut this.w, body, |w| w.get(begun.again), |w| begun.anew(w, &it));
+                });
+                let (end, done) = (self.w.get(it.end), self.w.number(DONE));
+                let done = self.w.eq(end, done);
+                self.w.push(Stmt::If(done.not(), rest, Vec::new()));
+            }
+            None => {
+                it.prepare(&mut self.w);
+                let body = self.body(newton, &it);
+                if newton.cold.is_empty() {
+                    self.w.push(Stmt::Loop(body));
+                } else {
+                    let (start, again) = (self.all(&newton.cold), self.w.starting(1.0));
+                    let start = self.w.values(start);
+                    it.twice(&mut self.w, body, |w| w.get(again), |w| it.put_values(w, &start));
+                }
+            }
+        }
+        let flag = newton.flag;
+        let mut flagged = None;
+        it.end(&mut self.w, newton, |_, x| flagged = Some(x));
+        if let (Some(flag), Some(x)) = (flag, flagged) {
+            self.write(flag, None, x);
+        }
+    }
+
+    /// One iteration.
+    fn body(&mut self, newton: &ir::Newton, it: &Iteration) -> Vec<Stmt> {
+        let n = newton.residual.len();
         let matrix = if n > ELIMINATED { self.w.room(newton.jacobian.len()) } else { 0 };
-        let body = self.inside(|this| {
+        self.inside(|this| {
             it.count_up(&mut this.w, newton.limit);
             this.block(&newton.body);
             let residual = this.all(&newton.residual);
@@ -108,25 +147,20 @@ impl Lower {
                     it.advance(w, &solution);
                 }
             }
-        });
-        self.w.push(Stmt::Loop(body));
-        let flag = newton.flag;
-        let mut flagged = None;
-        it.end(&mut self.w, newton, |_, x| flagged = Some(x));
-        if let (Some(flag), Some(x)) = (flag, flagged) {
-            self.write(flag, None, x);
-        }
+        })
     }
 }
 
 /// What comes before the loop.
 pub(super) fn begin(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> Iteration {
-    let given = !newton.update.is_empty();
-    Iteration { given, ..Iteration::new(w, newton.residual.len(), numbers, newton.affine) }
+    let mut it = Iteration::new(w, newton, numbers);
+    it.prepare(w);
+    it
 }
 
 impl Iteration {
-    fn new(w: &mut Writer, n: usize, numbers: Numbers, affine: bool) -> Self {
+    fn new(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> Self {
+        let (n, affine) = (newton.residual.len(), newton.affine);
         let Numbers { unknowns, weight, scale } = numbers;
         let plain = match &weight {
             Values::List(list) if list.iter().all(|x| w.known(*x).is_some_and(|x| x > 0.0 && x.is_finite())) => {
@@ -135,7 +169,7 @@ impl Iteration {
             Values::List(_) | Values::Memory(_) => None,
         };
         let trial = if n > ELIMINATED { w.room(n) } else { 0 };
-        let mut it = Self {
+        Self {
             n,
             unknowns,
             trial,
@@ -145,27 +179,70 @@ impl Iteration {
             plain,
             weighted: None,
             scale,
-            count: w.starting(0.0),
-            best: w.starting(f64::INFINITY),
-            made: w.starting(0.0),
-            before: w.starting(0.0),
-            halvings: w.starting(0.0),
-            stretches: w.starting(0.0),
-            nudges: w.starting(0.0),
-            stalls: w.starting(0.0),
-            end: w.starting(0.0),
-            row: w.starting(-1.0),
-            given: false,
-        };
-        if affine {
-            return it;
+            count: w.var(),
+            best: w.var(),
+            made: w.var(),
+            before: w.var(),
+            halvings: w.var(),
+            stretches: w.var(),
+            nudges: w.var(),
+            stalls: w.var(),
+            end: w.var(),
+            row: w.var(),
+            given: !newton.update.is_empty(),
+            affine,
         }
-        let zero = w.number(0.0);
-        w.each(n, |w, at| w.put(&it.update, at, zero));
-        if it.plain.is_none() {
-            it.weigh(w);
+    }
+
+    /// Makes the measures.
+    fn prepare(&mut self, w: &mut Writer) {
+        self.reset(w);
+        if self.plain.is_none() && !self.affine {
+            self.weigh(w);
         }
-        it
+    }
+
+    /// Where no iteration was done.
+    fn reset(&self, w: &mut Writer) {
+        let (zero, infinite, none) = (w.number(0.0), w.number(f64::INFINITY), w.number(-1.0));
+        let clear =
+            [self.count, self.made, self.before, self.halvings, self.stretches, self.nudges, self.stalls, self.end];
+        clear.into_iter().for_each(|v| w.set(v, zero));
+        w.set(self.best, infinite);
+        w.set(self.row, none);
+        if !self.affine {
+            w.each(self.n, |w, at| w.put(&self.update, at, zero));
+        }
+    }
+
+    /// Iterates, and where that fails once more, if `again` says so, after `anew`.
+    fn twice(
+        &self,
+        w: &mut Writer,
+        body: Vec<Stmt>,
+        again: impl FnOnce(&mut Writer) -> Value,
+        anew: impl FnOnce(&mut Writer),
+    ) {
+        let over = w.starting(0.0);
+        w.repeat(|w| {
+            w.push(Stmt::Loop(body));
+            let (end, done, one) = (w.get(self.end), w.number(DONE), w.number(1.0));
+            let (again, over_now) = (again(w), w.get(over));
+            let enough = Cond::any([w.eq(end, done), Cond::True(again).not(), Cond::True(over_now)]);
+            w.when(enough, |w| w.push(Stmt::Break));
+            w.set(over, one);
+            let k = w.get(self.count);
+            w.push(Stmt::Count(k));
+            self.reset(w);
+            anew(w);
+        });
+    }
+
+    fn put_values(&self, w: &mut Writer, list: &Values) {
+        w.each(self.n, |w, at| {
+            let x = w.value(list, at);
+            w.put(&self.unknowns, at, x);
+        });
     }
 
     /// Begins an iteration, or ends them.
@@ -299,7 +376,7 @@ impl Iteration {
     }
 
     /// `Σ w v²`
-    fn square(&self, w: &mut Writer, mut v: impl FnMut(&mut Writer, At) -> Value) -> Value {
+    pub(super) fn square(&self, w: &mut Writer, mut v: impl FnMut(&mut Writer, At) -> Value) -> Value {
         let zero = w.number(0.0);
         w.fold(self.n, zero, |w, at, sum| {
             let (k, x) = (self.weight(w, at), v(w, at));
@@ -328,7 +405,7 @@ impl Iteration {
         }
     }
 
-    fn finish(&self, w: &mut Writer, how: f64) {
+    pub(super) fn finish(&self, w: &mut Writer, how: f64) {
         let how = w.number(how);
         w.set(self.end, how);
         w.push(Stmt::Break);
@@ -368,7 +445,8 @@ impl Iteration {
             let noise = self.energy(w);
             let part = w.tolerance(1e-26);
             let noise = w.mul(part, noise);
-            let worse = Cond::all([Cond::True(made), above, w.lt(noise, size)]);
+            let (so_far, damped) = (w.get(self.count), w.number(f64::from(DAMPED)));
+            let worse = Cond::all([Cond::True(made), above, w.lt(noise, size), w.le(so_far, damped)]);
             w.when(Cond::any([finite.clone().not(), worse]), |w| {
                 let may = self.may_halve(w);
                 w.when(may, |w| self.halve(w));
@@ -413,7 +491,7 @@ impl Iteration {
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
         let quick = Cond::all([Cond::True(made), w.eq(halvings, zero), w.le(square, quick)]);
         let slow = Cond::all([Cond::True(made), w.le(slow, square)]);
-        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(1e-8), w.tolerance(1e-12));
+        let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(LAST), w.tolerance(1e-12));
         let ratio = w.div(last, square);
         if self.given {
             return self.geometric(w, square, ratio, slow);

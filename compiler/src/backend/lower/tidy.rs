@@ -1,6 +1,8 @@
-//! Takes out what nothing uses.
+//! Takes out what nothing uses, and what one branch alone uses into it.
 
 use crate::backend::code::{Op, Reason, Routine, Stmt, Value, Var};
+use bond_runtime::ir::{Binary, Unary};
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Takes values, and settings of variables, out of a routine that nothing looks at.
 pub(super) fn tidy(routine: &mut Routine) {
@@ -9,8 +11,146 @@ pub(super) fn tidy(routine: &mut Routine) {
         let mut used = Used { values: vec![false; routine.numbers.len()], vars: vec![false; routine.vars as usize] };
         used.block(&routine.body);
         if !used.clear(&mut routine.body) {
-            return;
+            break;
         }
+    }
+    sink(&mut routine.body, &mut routine.vars);
+}
+
+/// Where a value is used.
+#[derive(Clone, Copy, PartialEq)]
+enum Where {
+    /// In one branch of the statement with this number: the first one, or the other.
+    Branch(usize, bool),
+    /// Elsewhere, or in several places.
+    Here,
+}
+
+/// Moves what is computed for one branch alone into that branch, so that it costs nothing where the other one is taken. A choice
+/// between values of which one takes long to compute becomes a branch.
+fn sink(body: &mut Vec<Stmt>, vars: &mut u32) {
+    let mut places: FxHashMap<Value, Where> = FxHashMap::default();
+    let mut moves: Vec<Option<(usize, bool)>> = vec![None; body.len()];
+    for (k, s) in body.iter().enumerate().rev() {
+        let mut at = Where::Here;
+        if let Stmt::Let(v, Op::Unary(..) | Op::Binary(..) | Op::Select(..)) = s
+            && let Some(&Where::Branch(i, first)) = places.get(v)
+        {
+            at = Where::Branch(i, first);
+            moves[k] = Some((i, first));
+        }
+        let mut note = |v: Value, at: Where| {
+            let known = places.entry(v).or_insert(at);
+            if *known != at {
+                *known = Where::Here;
+            }
+        };
+        if let (Stmt::Let(_, Op::Select(c, a, b)), Where::Here) = (s, at) {
+            c.each_value(&mut |v| note(v, Where::Here));
+            note(*a, Where::Branch(k, true));
+            note(*b, Where::Branch(k, false));
+        } else if let Stmt::If(c, yes, no) = s {
+            c.each_value(&mut |v| note(v, Where::Here));
+            yes.iter().for_each(|s| uses(s, &mut |v| note(v, Where::Branch(k, true))));
+            no.iter().for_each(|s| uses(s, &mut |v| note(v, Where::Branch(k, false))));
+        } else {
+            uses(s, &mut |v| note(v, at));
+        }
+    }
+    let long: FxHashSet<usize> =
+        body.iter().zip(&moves).filter(|(s, _)| takes_long(s)).filter_map(|(_, to)| Some((*to)?.0)).collect();
+    for to in &mut moves {
+        // A choice of what is had at once stays one.
+        *to = to.filter(|(k, _)| long.contains(k) || matches!(body[*k], Stmt::If(..)));
+    }
+    let mut taken: FxHashMap<(usize, bool), Vec<Stmt>> = FxHashMap::default();
+    let mut rest = Vec::with_capacity(body.len());
+    for (k, (s, to)) in std::mem::take(body).into_iter().zip(&moves).enumerate() {
+        match (s, to) {
+            (s, Some(to)) => taken.entry(*to).or_default().push(s),
+            (Stmt::If(c, yes, no), None) => {
+                let mut with = |first: bool, block: Vec<Stmt>| {
+                    let mut all = taken.remove(&(k, first)).unwrap_or_default();
+                    all.extend(block);
+                    sink(&mut all, vars);
+                    all
+                };
+                let (yes, no) = (with(true, yes), with(false, no));
+                rest.push(Stmt::If(c, yes, no));
+            }
+            (Stmt::Let(v, Op::Select(c, a, b)), None) if long.contains(&k) => {
+                let var = Var(*vars);
+                *vars += 1;
+                let mut with = |first: bool, x: Value| {
+                    let mut all = taken.remove(&(k, first)).unwrap_or_default();
+                    all.push(Stmt::Set(var, x));
+                    sink(&mut all, vars);
+                    all
+                };
+                let (yes, no) = (with(true, a), with(false, b));
+                rest.push(Stmt::If(c, yes, no));
+                rest.push(Stmt::Let(v, Op::Get(var)));
+            }
+            (Stmt::Loop(mut inner), None) => {
+                sink(&mut inner, vars);
+                rest.push(Stmt::Loop(inner));
+            }
+            // Loops over many alike are left to who can do several at once.
+            (s, None) => rest.push(s),
+        }
+    }
+    *body = rest;
+}
+
+/// Whether a statement takes longer than a branch may cost.
+fn takes_long(s: &Stmt) -> bool {
+    match s {
+        Stmt::Let(_, Op::Binary(f, ..)) => matches!(f, Binary::Div | Binary::Pow | Binary::Atan2),
+        Stmt::Let(_, Op::Unary(f, _)) => !matches!(f, Unary::Neg | Unary::Abs | Unary::Sign | Unary::Not),
+        Stmt::Let(_, Op::Load(_) | Op::Get(_) | Op::Select(..))
+        | Stmt::Set(..)
+        | Stmt::Store(..)
+        | Stmt::If(..)
+        | Stmt::Loop(_)
+        | Stmt::Break
+        | Stmt::Continue
+        | Stmt::For(..)
+        | Stmt::Solve { .. }
+        | Stmt::Count(_)
+        | Stmt::Note(_)
+        | Stmt::Fail(_) => false,
+    }
+}
+
+/// The values that a statement uses, those inside it included.
+fn uses(s: &Stmt, mut f: &mut dyn FnMut(Value)) {
+    match s {
+        Stmt::Let(_, op) => match op {
+            Op::Load(_) | Op::Get(_) => {}
+            Op::Unary(_, a) => f(*a),
+            Op::Binary(_, a, b) => {
+                f(*a);
+                f(*b);
+            }
+            Op::Select(c, a, b) => {
+                c.each_value(&mut f);
+                f(*a);
+                f(*b);
+            }
+        },
+        Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => f(*v),
+        Stmt::Note(list) => list.iter().for_each(|v| f(*v)),
+        Stmt::If(c, yes, no) => {
+            c.each_value(&mut f);
+            yes.iter().chain(no).for_each(|s| uses(s, f));
+        }
+        Stmt::Loop(body) | Stmt::For(_, _, _, body) => body.iter().for_each(|s| uses(s, f)),
+        Stmt::Fail(Reason::NoConvergence(_, a, b)) => {
+            f(*a);
+            f(*b);
+        }
+        Stmt::Fail(Reason::Singular(a)) => f(*a),
+        Stmt::Fail(Reason::NotFinite | Reason::Clock) | Stmt::Break | Stmt::Continue | Stmt::Solve { .. } => {}
     }
 }
 

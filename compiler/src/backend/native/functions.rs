@@ -63,6 +63,19 @@ extern "C" fn atan2(a: f64, b: f64) -> f64 {
 /// Names and addresses of the functions of two values.
 pub(super) const TWO: &[(Binary, extern "C" fn(f64, f64) -> f64)] = &[(Binary::Pow, pow), (Binary::Atan2, atan2)];
 
+/// Sine and cosine of one number, as two numbers.
+#[repr(C)]
+pub(super) struct Turn(f64, f64);
+
+/// The name of the function that gives both.
+pub(super) const TURN: &str = "bond_sincos";
+
+/// See [`TURN`].
+pub(super) extern "C" fn turn(x: f64) -> Turn {
+    let (sine, cosine) = eval::turn(x);
+    Turn(sine, cosine)
+}
+
 /// The name of the function that solves large systems: context, system, matrix entries, right side; gives -1 or a row.
 pub(super) const SOLVE: &str = "bond_solve";
 

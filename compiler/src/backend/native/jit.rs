@@ -87,9 +87,10 @@ impl Code {
         for (op, f) in TWO {
             builder.symbol(functions::binary(*op)?, *f as *const u8);
         }
+        builder.symbol(functions::TURN, functions::turn as *const u8);
         builder.symbol(SOLVE, solve as *const u8);
         let mut module = JITModule::new(builder);
-        let id = define(&mut module, "step", &routine, Linkage::Export, |name| name).ok()?;
+        let id = define(&mut module, "step", &routine, Linkage::Export, |name| name, cfg!(unix)).ok()?;
         module.finalize_definitions().ok()?;
         let code = module.get_finalized_function(id);
         // SAFETY: `define` gives the function this signature, in the platform's C convention, which `extern "C"` is too.

@@ -57,12 +57,12 @@ impl Writer<'_> {
         let (commit, observe, several) = (own("commit"), own("observe"), own("many"));
         let start = self.numbers("start", &self.unit.image)?;
         let table = self.numbers("table", &self.unit.table)?;
-        let commit = define(&mut self.module, &commit, &self.unit.commit, Linkage::Local, functions::libm)?;
+        let commit = define(&mut self.module, &commit, &self.unit.commit, Linkage::Local, functions::libm, false)?;
         let many = match &self.unit.run {
-            Some(many) => Some(define(&mut self.module, &several, many, Linkage::Local, functions::libm)?),
+            Some(many) => Some(define(&mut self.module, &several, many, Linkage::Local, functions::libm, false)?),
             None => None,
         };
-        let observe = define(&mut self.module, &observe, &self.unit.observe, Linkage::Local, functions::libm)?;
+        let observe = define(&mut self.module, &observe, &self.unit.observe, Linkage::Local, functions::libm, false)?;
         let pointer = self.module.target_config().pointer_type();
         let n = self.unit.image.len() as i64;
         let face = |name, params: &[ir::Type], gives| Face { name, params: params.to_vec(), gives };

@@ -7,7 +7,7 @@ use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
 use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, types};
 use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext, Variable};
 use cranelift_module::{FuncId, Linkage, Module, ModuleError};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// What Cranelift made, or why it could not.
 pub(super) type Made<T> = Result<T, Box<ModuleError>>;
@@ -29,13 +29,14 @@ pub(super) const REPORT: u32 = 40;
 /// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report (iterations, then
 /// what a failure tells), the context for [`functions::SOLVE`], and the tables; returns 0 or why it failed.
 ///
-/// `names` says under which names functions of numbers are found.
+/// `names` says under which names functions of numbers are found, `pairs` whether there is [`functions::TURN`] among them.
 pub(super) fn define<M: Module>(
     module: &mut M,
     name: &str,
     routine: &Routine,
     linkage: Linkage,
     names: fn(&'static str) -> &'static str,
+    pairs: bool,
 ) -> Made<FuncId> {
     let pointer = module.target_config().pointer_type();
     let mut signature = module.make_signature();
@@ -57,6 +58,8 @@ pub(super) fn define<M: Module>(
         flags: FxHashMap::default(),
         functions: FxHashMap::default(),
         loops: Vec::new(),
+        turns: if pairs { turns(&routine.body) } else { FxHashSet::default() },
+        turned: Vec::new(),
         names,
         routine,
         params,
@@ -94,11 +97,55 @@ struct Translate<'a, 'f, M> {
     functions: FxHashMap<&'static str, ir::FuncRef>,
     /// Heads and ends of the loops around.
     loops: Vec<(ir::Block, ir::Block)>,
+    /// Of what both sine and cosine are asked for, and what they are, where that was computed in this block or one around it.
+    turns: FxHashSet<Value>,
+    turned: Vec<(Value, (ir::Value, ir::Value))>,
+}
+
+/// The values of which both sine and cosine are asked for.
+fn turns(body: &[Stmt]) -> FxHashSet<Value> {
+    fn gather(body: &[Stmt], sines: &mut FxHashSet<Value>, cosines: &mut FxHashSet<Value>) {
+        for s in body {
+            match s {
+                Stmt::Let(_, Op::Unary(Unary::Sin, a)) => {
+                    sines.insert(*a);
+                }
+                Stmt::Let(_, Op::Unary(Unary::Cos, a)) => {
+                    cosines.insert(*a);
+                }
+                Stmt::If(_, yes, no) => {
+                    gather(yes, sines, cosines);
+                    gather(no, sines, cosines);
+                }
+                Stmt::Loop(body) | Stmt::For(_, _, _, body) => gather(body, sines, cosines),
+                Stmt::Let(..)
+                | Stmt::Set(..)
+                | Stmt::Store(..)
+                | Stmt::Break
+                | Stmt::Continue
+                | Stmt::Solve { .. }
+                | Stmt::Count(_)
+                | Stmt::Note(_)
+                | Stmt::Fail(_) => {}
+            }
+        }
+    }
+    let (mut sines, mut cosines) = (FxHashSet::default(), FxHashSet::default());
+    gather(body, &mut sines, &mut cosines);
+    sines.retain(|v| cosines.contains(v));
+    sines
 }
 
 impl<M: Module> Translate<'_, '_, M> {
     /// Writes a block; true where its end is not reached.
     fn block(&mut self, body: &[Stmt]) -> bool {
+        let known = self.turned.len();
+        let ended = self.statements(body);
+        self.turned.truncate(known);
+        ended
+    }
+
+    fn statements(&mut self, body: &[Stmt]) -> bool {
         for s in body {
             match s {
                 Stmt::Let(v, op) => {
@@ -303,6 +350,10 @@ impl<M: Module> Translate<'_, '_, M> {
                 let flag = self.negate(flag);
                 self.flag(v, flag)
             }
+            Unary::Sin | Unary::Cos if self.turns.contains(&a) => {
+                let (sine, cosine) = self.turn(a, x);
+                if f == Unary::Sin { sine } else { cosine }
+            }
             Unary::Exp
             | Unary::Log
             | Unary::Sin
@@ -315,6 +366,23 @@ impl<M: Module> Translate<'_, '_, M> {
             | Unary::Cosh
             | Unary::Tanh => self.call(functions::unary(f), &[x]),
         }
+    }
+
+    /// Sine and cosine of a value.
+    fn turn(&mut self, a: Value, x: ir::Value) -> (ir::Value, ir::Value) {
+        if let Some(found) = self.turned.iter().rev().find(|t| t.0 == a) {
+            return found.1;
+        }
+        let pair = match self.function(functions::TURN, &[types::F64], 2) {
+            Some(f) => {
+                let call = self.b.ins().call(f, &[x]);
+                let results = self.b.inst_results(call);
+                (results[0], results[1])
+            }
+            None => (x, x),
+        };
+        self.turned.push((a, pair));
+        pair
     }
 
     fn binary(&mut self, v: Value, f: Binary, a: Value, b: Value) -> ir::Value {
@@ -396,14 +464,14 @@ impl<M: Module> Translate<'_, '_, M> {
         self.b.ins().fcmp(how, x, y)
     }
 
-    /// The function of a name, with so many parameters of a type.
-    fn function(&mut self, name: &'static str, params: &[ir::Type]) -> Option<ir::FuncRef> {
+    /// The function of a name, with parameters of these types and so many results.
+    fn function(&mut self, name: &'static str, params: &[ir::Type], results: usize) -> Option<ir::FuncRef> {
         if let Some(&f) = self.functions.get(name) {
             return Some(f);
         }
         let mut signature = self.module.make_signature();
         signature.params = params.iter().map(|t| AbiParam::new(*t)).collect();
-        signature.returns = vec![AbiParam::new(types::F64)];
+        signature.returns = vec![AbiParam::new(types::F64); results];
         let id = self.module.declare_function((self.names)(name), Linkage::Import, &signature).ok()?;
         let f = self.module.declare_func_in_func(id, self.b.func);
         self.functions.insert(name, f);
@@ -411,7 +479,7 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 
     fn call(&mut self, name: Option<&'static str>, args: &[ir::Value]) -> ir::Value {
-        let function = name.and_then(|name| self.function(name, &vec![types::F64; args.len()]));
+        let function = name.and_then(|name| self.function(name, &vec![types::F64; args.len()], 1));
         match function {
             Some(f) => {
                 let call = self.b.ins().call(f, args);
@@ -432,7 +500,7 @@ impl<M: Module> Translate<'_, '_, M> {
             Some(v) => self.of(v),
             None => self.b.ins().f64const(0.0),
         };
-        if let Some(f) = self.function(functions::SOLVE, &[pointer, pointer, pointer, pointer, types::F64]) {
+        if let Some(f) = self.function(functions::SOLVE, &[pointer, pointer, pointer, pointer, types::F64], 1) {
             let call = self.b.ins().call(f, &[context, system, matrix, vector, same]);
             let x = self.b.inst_results(call)[0];
             self.b.def_var(self.vars[row as usize], x);

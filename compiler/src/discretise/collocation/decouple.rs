@@ -5,12 +5,12 @@
 use super::complex::{Algebra, Cx, Entries, Factors};
 use super::modes::{Mode, modes};
 use super::tableau::Tableau;
-use super::{COUPLED, Nodes, is_quadratic};
+use super::{BENT, COUPLED, Nodes, is_quadratic};
 use crate::discretise::cluster::{Cluster, missing};
 use crate::discretise::write::{Inputs, System, fixed_parts};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
-use crate::structure::Form;
+use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Inst, Newton, Slot, Unary, Value};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -44,7 +44,9 @@ impl Apart {
     pub(in crate::discretise) fn new(c: &Cluster, model: &mut Model, form: &Form, nodes: Nodes) -> Option<Self> {
         let tableau = nodes.tableau();
         let n = c.states.len() + c.loops.len();
-        if n * tableau.stages() <= COUPLED {
+        // What a curve's matrix in the middle tells is not that of its other branches.
+        let bends = c.loop_nodes().iter().any(|n| matches!(n.how, Output::Curve { .. }));
+        if n * tableau.stages() <= if bends { BENT } else { COUPLED } {
             return None;
         }
         let a: Vec<Vec<f64>> = tableau.nodes.iter().map(|node| tableau.integrals(*node)).collect();
@@ -151,6 +153,7 @@ impl Apart {
             update,
             weight: system.weight.clone(),
             scale: system.scale.clone(),
+            cold: Vec::new(),
             limit: LIMIT,
             affine: false,
             flag: None,
@@ -313,6 +316,7 @@ fn by_pattern(b: &mut Builder, m: &Matrices, mode: &Mode, right: &[Cx], inside: 
         update: Vec::new(),
         weight: vec![one; size],
         scale: vec![one; size],
+        cold: Vec::new(),
         limit: 1,
         affine: true,
         flag: inside.then_some(flag),

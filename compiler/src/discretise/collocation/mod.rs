@@ -39,6 +39,8 @@ const QUADRATURE: usize = 4;
 const NODES: usize = 18;
 /// Up to so many unknowns in all stages their equations are solved as one, by Newton's method with its whole matrix.
 const COUPLED: usize = 8;
+/// The same where a resistor is a curve.
+const BENT: usize = 48;
 /// The polynomial of the last step is carried on over so many of its lengths; beyond, its end is.
 const REACH: f64 = 2.5;
 
@@ -381,7 +383,7 @@ pub(super) fn write(
     let order = if nodes == Nodes::Radau { 5 } else { 2 * s as u32 };
     // What Radau loses has no place in the balance of another; linear equations need none.
     let fallback = match nodes {
-        Nodes::Gauss(_) if linear.is_none() => Some(Box::new(gonzalez::write(c, model, form)?.0)),
+        Nodes::Gauss(_) if linear.is_none() => Some(Box::new(gonzalez::write(c, model, form, false)?.0)),
         Nodes::Gauss(_) | Nodes::Radau => None,
     };
     Ok((Stepper { fallback, ..Stepper::new(name, order, passive, program) }, entries))

@@ -1,0 +1,257 @@
+//! How an iteration of few unknowns begins, as `bond_runtime::solve::quick` does it; its doc says what and why.
+
+use super::Lower;
+use super::newton::{DONE, Iteration};
+use super::writer::{At, Values, Writer};
+use crate::backend::code::{Cond, Stmt, Value, Var};
+use bond_runtime::ir;
+use bond_runtime::solve::quick::{GOOD, LAST, NEXT, Pattern, ROUNDING, STALLED};
+
+/// What is left of the beginning, where that is not all.
+pub(super) struct Begun {
+    /// Whether the iteration goes on, rather than begins anew.
+    on: Var,
+    /// Whether it begins anew where it fails.
+    pub(super) again: Var,
+    /// The update made last, and the residual before it.
+    update: Vec<Var>,
+    residual: Vec<Var>,
+    /// Where it begins anew.
+    start: Vec<Value>,
+}
+
+impl Begun {
+    /// Brings the iteration to where it goes on.
+    pub(super) fn go_on(&self, w: &mut Writer, it: &Iteration) {
+        let on = w.get(self.on);
+        w.branch(
+            Cond::True(on),
+            |w| {
+                let update: Vec<Value> = self.update.iter().map(|v| w.get(*v)).collect();
+                let residual: Vec<Value> = self.residual.iter().map(|v| w.get(*v)).collect();
+                it.resume(w, &update, &residual);
+            },
+            |w| self.anew(w, it),
+        );
+    }
+
+    /// Puts the unknowns where it begins anew.
+    pub(super) fn anew(&self, w: &mut Writer, it: &Iteration) {
+        it.put_all(w, &self.start);
+    }
+}
+
+/// An eliminated matrix.
+struct Eliminated<'a> {
+    pattern: &'a Pattern,
+    a: Vec<Value>,
+    /// One over the determinant of two unknowns.
+    inverse: Option<Value>,
+}
+
+impl<'a> Eliminated<'a> {
+    fn new(w: &mut Writer, pattern: &'a Pattern, entries: &[(u32, u32, Value)]) -> Self {
+        let n = pattern.size();
+        let (zero, one) = (w.number(0.0), w.number(1.0));
+        let mut a = vec![zero; n * n];
+        for (i, j, v) in entries {
+            a[*i as usize * n + *j as usize] = *v;
+        }
+        if n == 2 {
+            let (p, q) = (w.mul(a[0], a[3]), w.mul(a[1], a[2]));
+            let det = w.sub(p, q);
+            let inverse = Some(w.div(one, det));
+            return Self { pattern, a, inverse };
+        }
+        for k in 0..n {
+            a[k * n + k] = w.div(one, a[k * n + k]);
+            for i in (k + 1..n).filter(|i| pattern.has(*i, k)) {
+                let l = w.mul(a[i * n + k], a[k * n + k]);
+                a[i * n + k] = l;
+                for j in (k + 1..n).filter(|j| pattern.has(k, *j)) {
+                    let term = w.mul(l, a[k * n + j]);
+                    a[i * n + j] = w.sub(a[i * n + j], term);
+                }
+            }
+        }
+        Self { pattern, a, inverse: None }
+    }
+
+    fn solve(&self, w: &mut Writer, right: &[Value]) -> Vec<Value> {
+        let (n, a, mut x) = (self.pattern.size(), &self.a, right.to_vec());
+        if let Some(inverse) = self.inverse {
+            let (s, t) = (w.mul(x[0], a[3]), w.mul(a[1], x[1]));
+            let p = w.sub(s, t);
+            let (s, t) = (w.mul(a[0], x[1]), w.mul(x[0], a[2]));
+            let q = w.sub(s, t);
+            return vec![w.mul(p, inverse), w.mul(q, inverse)];
+        }
+        for k in 0..n {
+            for i in (k + 1..n).filter(|i| self.pattern.has(*i, k)) {
+                let term = w.mul(a[i * n + k], x[k]);
+                x[i] = w.sub(x[i], term);
+            }
+        }
+        for k in (0..n).rev() {
+            let mut rest = x[k];
+            for j in (k + 1..n).filter(|j| self.pattern.has(k, *j)) {
+                let term = w.mul(a[k * n + j], x[j]);
+                rest = w.sub(rest, term);
+            }
+            x[k] = w.mul(rest, a[k * n + k]);
+        }
+        x
+    }
+}
+
+/// `Σ |v_i| / z_i`, of the magnitudes.
+fn part(w: &mut Writer, v: &[Value], z: &[Value]) -> Value {
+    let zero = w.number(0.0);
+    v.iter().zip(z).fold(zero, |sum, (v, z)| {
+        let term = w.div(*v, *z);
+        w.add(sum, term)
+    })
+}
+
+/// Whether a second update of an unknown is its last, after the first and beside its size.
+fn is_last(w: &mut Writer, first: Value, second: Value, z: Value) -> Cond {
+    let (rounding, last, next) = (w.tolerance(ROUNDING), w.tolerance(LAST), w.number(NEXT));
+    let allowed = w.mul(rounding, z);
+    let times = w.mul(next, second);
+    let (square, most, largest) = (w.mul(times, second), w.mul(allowed, first), w.mul(last, z));
+    let near = Cond::all([w.le(square, most), w.le(second, largest)]);
+    Cond::any([w.le(second, allowed), near])
+}
+
+impl Lower {
+    /// Begins an iteration.
+    pub(super) fn begin(&mut self, newton: &ir::Newton, pattern: &Pattern, it: &Iteration) -> Begun {
+        let n = pattern.size();
+        let foretold = !newton.cold.is_empty();
+        let w = &mut self.w;
+        let start = match foretold {
+            true => newton.cold.iter().map(|v| self.values[v.0 as usize].unwrap_or(Value(0))).collect(),
+            false => it.get_all(w),
+        };
+        let (on, again) = (w.starting(0.0), w.starting(0.0));
+        let vars = |w: &mut Writer| -> Vec<Var> { (0..n).map(|_| w.var()).collect() };
+        let begun = Begun { on, again, update: vars(w), residual: vars(w), start };
+        let one = w.number(1.0);
+        it.started(w);
+        let keep = |w: &mut Writer, update: &[Value], residual: &[Value]| {
+            begun.update.iter().zip(update).for_each(|(v, x)| w.set(*v, *x));
+            begun.residual.iter().zip(residual).for_each(|(v, x)| w.set(*v, *x));
+            w.set(begun.on, one);
+        };
+        let body = self.inside(|this| {
+            let (residual, entries) = this.equations(newton);
+            let w = &mut this.w;
+            let matrix = Eliminated::new(w, pattern, &entries);
+            let update = matrix.solve(w, &residual);
+            let before = it.get_all(w);
+            let next: Vec<Value> = before.iter().zip(&update).map(|(u, d)| w.sub(*u, *d)).collect();
+            it.put_all(w, &next);
+            let z: Vec<Value> = (0..n)
+                .map(|i| {
+                    let (u, s) = (w.abs(next[i]), it.scale(w, At::One(i)));
+                    w.add(u, s)
+                })
+                .collect();
+            let first: Vec<Value> = update.iter().map(|d| w.abs(*d)).collect();
+            let rounding = w.tolerance(ROUNDING);
+            let small: Vec<Cond> = first
+                .iter()
+                .zip(&z)
+                .map(|(d, z)| {
+                    let allowed = w.mul(rounding, *z);
+                    w.le(*d, allowed)
+                })
+                .collect();
+            w.when(Cond::all(small), |w| it.finish(w, DONE));
+            let (left, _) = this.equations(newton);
+            let w = &mut this.w;
+            let more = matrix.solve(w, &left);
+            let second: Vec<Value> = more.iter().map(|d| w.abs(*d)).collect();
+            let seen: Vec<Cond> = second
+                .iter()
+                .zip(&next)
+                .map(|(e, u)| {
+                    let u = w.abs(*u);
+                    let allowed = w.mul(rounding, u);
+                    w.le(*e, allowed)
+                })
+                .collect();
+            w.when(Cond::all(seen), |w| it.finish(w, DONE));
+            let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
+            let last: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i])).collect();
+            w.when(Cond::all(last), |w| {
+                it.put_all(w, &after);
+                it.finish(w, DONE);
+            });
+            let (first, second) = (part(w, &first, &z), part(w, &second, &z));
+            let finite = w.finite(first);
+            w.when(finite.not(), |w| w.push(Stmt::Break));
+            let good = w.number(GOOD);
+            let most = w.mul(good, first);
+            let rounding = w.tolerance(STALLED);
+            let good = Cond::any([w.le(second, most), w.le(second, rounding)]);
+            w.branch(
+                good,
+                |w| {
+                    it.put_all(w, &after);
+                    keep(w, &more, &left);
+                    w.set(begun.again, one);
+                },
+                |w| {
+                    if !foretold {
+                        keep(w, &update, &residual);
+                    }
+                },
+            );
+            w.push(Stmt::Break);
+        });
+        self.w.push(Stmt::Loop(body));
+        begun
+    }
+
+    /// The residual and the entries of the matrix, at the unknowns as they are.
+    fn equations(&mut self, newton: &ir::Newton) -> (Vec<Value>, Vec<(u32, u32, Value)>) {
+        self.block(&newton.body);
+        let residual = self.all(&newton.residual);
+        let entries = newton.jacobian.iter().map(|(r, c, v)| (*r, *c, self.of(*v))).collect();
+        (residual, entries)
+    }
+}
+
+impl Iteration {
+    fn get_all(&self, w: &mut Writer) -> Vec<Value> {
+        (0..self.n).map(|i| w.at(&self.unknowns, At::One(i))).collect()
+    }
+
+    fn put_all(&self, w: &mut Writer, list: &[Value]) {
+        list.iter().enumerate().for_each(|(i, x)| w.put(&self.unknowns, At::One(i), *x));
+    }
+
+    /// Where one iteration is done already, and nothing decided.
+    pub(super) fn started(&self, w: &mut Writer) {
+        let (zero, one) = (w.number(0.0), w.number(1.0));
+        w.set(self.count, one);
+        w.set(self.end, zero);
+    }
+
+    fn scale(&self, w: &mut Writer, at: At) -> Value {
+        w.value(&self.scale, at)
+    }
+
+    /// Takes an update as made, from where the residual was this.
+    fn resume(&self, w: &mut Writer, update: &[Value], residual: &[Value]) {
+        let one = w.number(1.0);
+        update.iter().enumerate().for_each(|(i, d)| w.put(&self.update, At::One(i), *d));
+        let residual = Values::List(residual.to_vec());
+        let (before, best) =
+            (self.square(w, |w, at| w.at(&self.update, at)), self.square(w, |w, at| w.value(&residual, at)));
+        w.set(self.before, before);
+        w.set(self.best, best);
+        w.set(self.made, one);
+    }
+}

@@ -1,0 +1,258 @@
+//! Sines and cosines within an iteration, by the addition formulas.
+//!
+//! The discrete gradient of an energy with angles asks for sines and cosines of many sums of few angles: of what they are at the start,
+//! which an iteration does not change, and of multiples of half their changes. So sine and cosine of each part are had once, and those
+//! of the sums are products of them. These are off by rounding of 1, where the sum itself is by rounding of the angle, which may have
+//! grown to many turns; the sine of a sum of small angles keeps its digits, as that sum does.
+
+use super::cluster::missing;
+use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
+use crate::model::Model;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir::{Builder, Unary, Value};
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// The largest multiple of a part.
+const MULTIPLE: i64 = 4;
+
+/// Sine and cosine.
+type Pair = (Value, Value);
+
+/// Angles as sums of multiples of parts.
+pub(super) struct Turns {
+    /// The parts; those that change in the iteration come last.
+    parts: Vec<Expr>,
+    /// How many do not.
+    fixed: usize,
+    /// Sines and cosines as they are asked for: the function, its expression, and how often each part is in its argument.
+    asked: Vec<(Unary, Expr, Vec<i64>)>,
+}
+
+impl Turns {
+    /// Those of some expressions; None where none is a sum of what changes and what does not.
+    pub(super) fn of(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Option<Self> {
+        let asked = asked(pool, all, unknown);
+        let mut sums = Vec::new();
+        for (f, e, argument) in &asked {
+            let (constant, terms) = terms(pool, *argument);
+            let (moving, fixed): (Vec<_>, Vec<_>) =
+                terms.into_iter().partition(|(t, _)| pool.contains_any(*t, &|s| unknown.contains(&s)));
+            let fixed: Vec<(Expr, Number)> = match constant.is_zero() {
+                true => fixed,
+                false => vec![(
+                    {
+                        let c = pool.numeral(constant);
+                        let f = pool.combine(&fixed);
+                        pool.add(c, f)
+                    },
+                    Number::ratio(1, 1),
+                )],
+            };
+            sums.push((*f, *e, fixed, moving));
+        }
+        let changing = units(sums.iter().flat_map(|s| &s.3))?;
+        let staying = units(sums.iter().flat_map(|s| &s.2))?;
+        if sums.iter().all(|s| s.2.is_empty() || s.3.is_empty()) {
+            return None;
+        }
+        let fixed = staying.len();
+        let units: Vec<(Expr, Number)> = staying.into_iter().chain(changing).collect();
+        let place: FxHashMap<Expr, usize> = units.iter().enumerate().map(|(i, u)| (u.0, i)).collect();
+        let mut list = Vec::new();
+        for (f, e, still, moving) in sums {
+            let mut times = vec![0; units.len()];
+            for (t, n) in still.into_iter().chain(moving) {
+                let i = place[&t];
+                times[i] = multiple(n, units[i].1).filter(|m| m.abs() <= MULTIPLE)?;
+            }
+            list.push((f, e, times));
+        }
+        let parts = units.into_iter().map(|(t, n)| pool.scale(t, n)).collect();
+        Some(Self { parts, fixed, asked: list })
+    }
+
+    /// Writes what an iteration does not change.
+    pub(super) fn before(
+        &self,
+        model: &mut Model,
+        b: &mut Builder,
+        lowering: &mut Lowering,
+    ) -> Result<Vec<Pair>, Vec<Diagnostic>> {
+        self.parts[..self.fixed].iter().map(|e| pair(model, b, lowering, *e)).collect()
+    }
+
+    /// Writes the others, and what they come to.
+    pub(super) fn write(
+        &self,
+        model: &mut Model,
+        b: &mut Builder,
+        lowering: &mut Lowering,
+        before: &[Pair],
+    ) -> Result<(), Vec<Diagnostic>> {
+        let mut pairs = before.to_vec();
+        for e in &self.parts[self.fixed..] {
+            pairs.push(pair(model, b, lowering, *e)?);
+        }
+        let mut known = Known { pairs, sums: FxHashMap::default() };
+        for (f, e, times) in &self.asked {
+            let (sine, cosine) = known.sum(b, times.clone());
+            lowering.know(*e, if *f == Unary::Sin { sine } else { cosine });
+        }
+        Ok(())
+    }
+}
+
+/// Pairs so far.
+struct Known {
+    pairs: Vec<Pair>,
+    sums: FxHashMap<Vec<i64>, Pair>,
+}
+
+impl Known {
+    /// The pair of a sum of multiples of parts.
+    fn sum(&mut self, b: &mut Builder, times: Vec<i64>) -> Pair {
+        if let Some(&found) = self.sums.get(&times) {
+            return found;
+        }
+        let Some(last) = times.iter().rposition(|n| *n != 0) else { return (b.number(0.0), b.number(1.0)) };
+        let n = times[last];
+        let mut rest = times.clone();
+        rest[last] = 0;
+        let pair = if rest.iter().any(|n| *n != 0) {
+            let mut own = vec![0; times.len()];
+            own[last] = n;
+            let (p, q) = (self.sum(b, rest), self.sum(b, own));
+            added(b, p, q)
+        } else if n == 1 {
+            self.pairs[last]
+        } else if n < 0 {
+            rest[last] = -n;
+            let (sine, cosine) = self.sum(b, rest);
+            (b.unary(Unary::Neg, sine), cosine)
+        } else {
+            let mut less = rest.clone();
+            (rest[last], less[last]) = (n / 2, n - n / 2);
+            let (p, q) = (self.sum(b, rest), self.sum(b, less));
+            added(b, p, q)
+        };
+        self.sums.insert(times, pair);
+        pair
+    }
+}
+
+/// The pair of a sum.
+fn added(b: &mut Builder, p: Pair, q: Pair) -> Pair {
+    let (ss, cc) = (b.mul(p.0, q.0), b.mul(p.1, q.1));
+    let (sc, cs) = (b.mul(p.0, q.1), b.mul(p.1, q.0));
+    (b.add(sc, cs), b.sub(cc, ss))
+}
+
+/// Writes sine and cosine of the angles whose sums and differences some expressions ask for: with them the others are products.
+pub(super) fn angles(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    all: &[Expr],
+    states: &FxHashSet<Symbol>,
+) -> Result<(), Vec<Diagnostic>> {
+    let (mut single, mut sums) = (FxHashSet::default(), 0);
+    let mut parts = Vec::new();
+    for (_, e, argument) in asked(&model.pool, all, states) {
+        if !matches!(model.pool.node(argument), Node::Sum(..)) {
+            single.insert(e);
+            continue;
+        }
+        let (constant, terms) = terms(&mut model.pool, argument);
+        if !constant.is_zero() || terms.len() != 2 || terms.iter().any(|(_, n)| !n.abs().is_one()) {
+            continue;
+        }
+        sums += 1;
+        parts.extend(terms.into_iter().map(|t| t.0));
+    }
+    parts.sort_unstable();
+    parts.dedup();
+    let mut more = 0;
+    for e in &parts {
+        for f in [Unary::Sin, Unary::Cos] {
+            let own = model.pool.unary(f, *e);
+            more += usize::from(!single.contains(&own));
+        }
+    }
+    if more < sums {
+        lowering.turn();
+        for e in parts {
+            pair(model, b, lowering, e)?;
+        }
+    }
+    Ok(())
+}
+
+/// Sine and cosine of an expression.
+fn pair(model: &mut Model, b: &mut Builder, lowering: &mut Lowering, e: Expr) -> Result<Pair, Vec<Diagnostic>> {
+    let (sine, cosine) = (model.pool.unary(Unary::Sin, e), model.pool.unary(Unary::Cos, e));
+    let mut lower = |e| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
+    Ok((lower(sine)?, lower(cosine)?))
+}
+
+/// All sines and cosines whose arguments change: the function, itself, its argument.
+fn asked(pool: &Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Vec<(Unary, Expr, Expr)> {
+    let (mut seen, mut stack, mut list) = (FxHashSet::default(), all.to_vec(), Vec::new());
+    while let Some(e) = stack.pop() {
+        if !seen.insert(e) || !pool.contains_any(e, &|s| unknown.contains(&s)) {
+            continue;
+        }
+        if let Node::Unary(f @ (Unary::Sin | Unary::Cos), argument) = pool.node(e) {
+            list.push((*f, e, *argument));
+        }
+        pool.node(e).each_child(&mut |c| stack.push(c));
+    }
+    list.sort_unstable_by_key(|t| t.1);
+    list
+}
+
+/// An expression as a number and terms with their coefficients.
+fn terms(pool: &mut Pool, e: Expr) -> (Number, Vec<(Expr, Number)>) {
+    match pool.node(e) {
+        Node::Sum(c, pairs) => (*c, pairs.to_vec()),
+        Node::Product(c, _) if !c.is_one() => {
+            let c = *c;
+            (Number::ratio(0, 1), vec![(pool.scale(e, c.recip()), c)])
+        }
+        Node::Number(_)
+        | Node::Symbol(_)
+        | Node::Product(..)
+        | Node::Power(..)
+        | Node::Unary(..)
+        | Node::Binary(..)
+        | Node::Select(..) => (Number::ratio(0, 1), vec![(e, Number::ratio(1, 1))]),
+    }
+}
+
+/// Each term once, with the largest number that its coefficients are multiples of; None where one is no ratio.
+fn units<'a>(all: impl Iterator<Item = &'a (Expr, Number)>) -> Option<Vec<(Expr, Number)>> {
+    let mut by: Vec<(Expr, (i64, i64))> = Vec::new();
+    for (t, n) in all {
+        let Number::Ratio(n, d) = *n else { return None };
+        match by.iter_mut().find(|b| b.0 == *t) {
+            None => by.push((*t, (n.checked_abs()?, d))),
+            Some((_, unit)) => {
+                let common = d.checked_mul(unit.1 / gcd(d, unit.1))?;
+                let (a, b) = (n.checked_abs()?.checked_mul(common / d)?, unit.0.checked_mul(common / unit.1)?);
+                *unit = (gcd(a, b), common);
+            }
+        }
+    }
+    by.sort_unstable_by_key(|b| b.0);
+    Some(by.into_iter().map(|(t, (n, d))| (t, Number::ratio(n, d))).collect())
+}
+
+/// How many times a unit a number is.
+fn multiple(n: Number, unit: Number) -> Option<i64> {
+    let (Number::Ratio(a, b), Number::Ratio(c, d)) = (n, unit) else { return None };
+    let (above, below) = (a.checked_mul(d)?, b.checked_mul(c)?);
+    (below != 0 && above % below == 0).then(|| above / below)
+}
+
+fn gcd(a: i64, b: i64) -> i64 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}

@@ -1,0 +1,288 @@
+//! Two updates with one matrix: how an iteration of few unknowns begins, and mostly ends.
+//!
+//! # What is done
+//! At the start, with residual `r` and Jacobian `J`:
+//!
+//! 1. `J` is eliminated without pivots (of two unknowns: by Cramer's rule), and `d = J^-1 r`, `u = u - d`.
+//! 2. With `z_i = |u_i| + s_i`: done where each `|d_i| <= 4e-16 z_i`.
+//! 3. The residual there with the same elimination gives `e`. Done where each `|e_i| <= 4e-16 |u_i|`, which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
+//!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or `|e_i| <= 4e-16 z_i`. Each
+//!    unknown counts by itself, since those that converge at once say nothing of the others.
+//! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
+//! 5. Else it begins anew from the start that was told apart from a foretold one; where there is none, it goes on from `u`, as after an
+//!    iteration that made the update `d`. Where `|d|` is not finite it begins anew in any case.
+//!
+//! An elimination without pivots that lost digits shows as an `e` that is not small, and so nothing is taken on trust.
+//! What was foretold never decides whether a solution is found: where the iteration fails from 4, it begins anew as in 5.
+//!
+//! Counted is one iteration.
+
+use super::newton::{Measure, Scratch, System};
+use crate::ir;
+use crate::kernel::Failure;
+
+/// More unknowns than this are not begun so.
+pub const UNKNOWNS: usize = 8;
+/// Nor is a body of more instructions than this, which back ends write anew for it.
+pub const INSTRUCTIONS: usize = 2000;
+/// The part of the sizes that is rounding.
+pub const ROUNDING: f64 = 4e-16;
+/// So many times the square of the last update over the one before are at most that.
+pub const NEXT: f64 = 8.0;
+/// The largest last update.
+pub const LAST: f64 = 1e-11;
+/// The largest second update that may be rounding alone.
+pub const STALLED: f64 = 1e-12;
+/// The part of the first update that the second one is at most, where the iteration goes on from it.
+pub const GOOD: f64 = 0.1;
+
+/// Which entries of a matrix may be other than 0 in its elimination.
+#[derive(Clone, Debug)]
+pub struct Pattern {
+    n: usize,
+    filled: Vec<bool>,
+}
+
+impl Pattern {
+    /// That of an iteration that begins so; None of others.
+    pub fn of(newton: &ir::Newton) -> Option<Self> {
+        let n = newton.residual.len();
+        let plain = newton.body.iter().all(|i| !matches!(i, ir::Inst::Newton(_)));
+        if !(1..=UNKNOWNS).contains(&n)
+            || newton.affine
+            || !newton.update.is_empty()
+            || newton.body.len() > INSTRUCTIONS
+            || !plain
+        {
+            return None;
+        }
+        Self::new(n, newton.jacobian.iter().map(|t| (t.0, t.1)))
+    }
+
+    /// That of entries (row, column); None where a pivot is missing whatever the numbers.
+    ///
+    /// # Panics
+    /// Where an entry is not within `n` rows and columns.
+    pub fn new(n: usize, entries: impl IntoIterator<Item = (u32, u32)>) -> Option<Self> {
+        let mut filled = vec![false; n * n];
+        entries.into_iter().for_each(|(i, j)| filled[i as usize * n + j as usize] = true);
+        if n == 2 {
+            return (filled[0] && filled[3] || filled[1] && filled[2]).then_some(Self { n, filled });
+        }
+        for k in 0..n {
+            if !filled[k * n + k] {
+                return None;
+            }
+            for i in (k + 1..n).filter(|i| filled[i * n + k]).collect::<Vec<_>>() {
+                for j in k + 1..n {
+                    filled[i * n + j] |= filled[k * n + j];
+                }
+            }
+        }
+        Some(Self { n, filled })
+    }
+
+    /// How many unknowns there are.
+    pub fn size(&self) -> usize {
+        self.n
+    }
+
+    /// Whether an entry may be other than 0.
+    pub fn has(&self, i: usize, j: usize) -> bool {
+        self.filled[i * self.n + j]
+    }
+
+    /// Eliminates a matrix in place: below the diagonal what rows are taken times, on it one over the pivots. Of two unknowns it
+    /// stays, and its first number beyond becomes one over the determinant.
+    fn eliminate(&self, a: &mut [f64]) {
+        let n = self.n;
+        if n == 2 {
+            a[4] = 1.0 / (a[0] * a[3] - a[1] * a[2]);
+            return;
+        }
+        for k in 0..n {
+            a[k * n + k] = 1.0 / a[k * n + k];
+            for i in (k + 1..n).filter(|i| self.has(*i, k)) {
+                let l = a[i * n + k] * a[k * n + k];
+                a[i * n + k] = l;
+                for j in (k + 1..n).filter(|j| self.has(k, *j)) {
+                    a[i * n + j] -= l * a[k * n + j];
+                }
+            }
+        }
+    }
+
+    /// Solves with an eliminated matrix, in place.
+    fn solve(&self, a: &[f64], x: &mut [f64]) {
+        let n = self.n;
+        if n == 2 {
+            let (p, q) = (x[0] * a[3] - a[1] * x[1], a[0] * x[1] - x[0] * a[2]);
+            (x[0], x[1]) = (p * a[4], q * a[4]);
+            return;
+        }
+        for k in 0..n {
+            for i in (k + 1..n).filter(|i| self.has(*i, k)) {
+                x[i] -= a[i * n + k] * x[k];
+            }
+        }
+        for k in (0..n).rev() {
+            let mut rest = x[k];
+            for j in (k + 1..n).filter(|j| self.has(k, *j)) {
+                rest -= a[k * n + j] * x[j];
+            }
+            x[k] = rest * a[k * n + k];
+        }
+    }
+}
+
+/// Memory for it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Room {
+    matrix: Vec<f64>,
+    size: Vec<f64>,
+    first: Vec<f64>,
+    start: Vec<f64>,
+}
+
+impl Room {
+    pub(super) fn new(n: usize) -> Self {
+        // One more: of two unknowns, the determinant.
+        Self { matrix: vec![0.0; n * n + 1], size: vec![0.0; n], first: vec![0.0; n], start: vec![0.0; n] }
+    }
+
+    /// Where the iteration begins anew.
+    pub(super) fn start(&self) -> &[f64] {
+        &self.start
+    }
+}
+
+/// How it went.
+pub(super) enum Begun {
+    /// It is done.
+    Done,
+    /// The iteration begins anew.
+    Anew,
+    /// It goes on, as after an update with this square and a residual with that; whether it begins anew where it fails.
+    On { before: f64, best: f64, again: bool },
+}
+
+/// Begins an iteration.
+pub(super) fn begin<S: System>(
+    pattern: &Pattern,
+    entries: &[(u32, u32)],
+    scratch: &mut Scratch,
+    system: &mut S,
+) -> Result<Begun, Failure> {
+    let n = pattern.n;
+    let Scratch { weight, scale, cold, residual, jacobian, update, trial, room, .. } = scratch;
+    let foretold = !cold.is_empty();
+    room.start.copy_from_slice(if foretold { cold } else { system.unknowns() });
+    system.evaluate(residual, jacobian)?;
+    room.matrix.fill(0.0);
+    for (&(i, j), v) in entries.iter().zip(jacobian.iter()) {
+        room.matrix[i as usize * n + j as usize] = *v;
+    }
+    pattern.eliminate(&mut room.matrix);
+    room.first.copy_from_slice(residual);
+    update.copy_from_slice(residual);
+    pattern.solve(&room.matrix, update);
+    for (u, d) in system.unknowns().iter_mut().zip(update.iter()) {
+        *u -= *d;
+    }
+    for ((z, u), s) in room.size.iter_mut().zip(system.unknowns().iter()).zip(scale.iter()) {
+        *z = u.abs() + s;
+    }
+    let z = &room.size;
+    if update.iter().zip(z).all(|(d, z)| d.abs() <= ROUNDING * z) {
+        return Ok(Begun::Done);
+    }
+    system.evaluate(residual, jacobian)?;
+    trial.copy_from_slice(residual);
+    pattern.solve(&room.matrix, trial);
+    // Less than the unknowns can show: so nobody need wait for it.
+    if trial.iter().zip(system.unknowns().iter()).all(|(e, u)| e.abs() <= ROUNDING * u.abs()) {
+        return Ok(Begun::Done);
+    }
+    let done = update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z));
+    let (first, second) = (part(update, z), part(trial, z));
+    let good = (second <= GOOD * first || second <= STALLED) && first.is_finite();
+    if done || good {
+        for (u, d) in system.unknowns().iter_mut().zip(trial.iter()) {
+            *u -= *d;
+        }
+    }
+    if done {
+        return Ok(Begun::Done);
+    }
+    if !first.is_finite() {
+        return Ok(Begun::Anew);
+    }
+    let measure = Measure::new(weight, scale);
+    if good {
+        update.copy_from_slice(trial);
+        return Ok(Begun::On { before: measure.square(trial), best: measure.square(residual), again: true });
+    }
+    if foretold {
+        return Ok(Begun::Anew);
+    }
+    Ok(Begun::On { before: measure.square(update), best: measure.square(&room.first), again: false })
+}
+
+/// `Σ |v_i| / z_i`
+fn part(v: &[f64], z: &[f64]) -> f64 {
+    v.iter().zip(z).fold(0.0, |sum, (v, z)| sum + v.abs() / z)
+}
+
+/// Whether a second update of an unknown is its last, after the first and beside its size.
+fn is_last(first: f64, second: f64, z: f64) -> bool {
+    let allowed = ROUNDING * z;
+    second <= allowed || (NEXT * second * second <= allowed * first && second <= LAST * z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::testing::Random;
+
+    #[test]
+    fn eliminations_solve() {
+        let mut random = Random::new(3);
+        for n in 1..=UNKNOWNS {
+            for _ in 0..50 {
+                let mut entries: Vec<(u32, u32)> = Vec::new();
+                for k in 0..n * n {
+                    let (i, j) = (k / n, k % n);
+                    if i == j || random.next() > 0.2 {
+                        entries.push((i as u32, j as u32));
+                    }
+                }
+                let pattern = Pattern::new(n, entries.iter().copied()).expect("there is a diagonal");
+                let mut a = vec![0.0; n * n + 1];
+                for (i, j) in &entries {
+                    a[*i as usize * n + *j as usize] = 0.3 * random.next() + if i == j { 3.0 } else { 0.0 };
+                }
+                let x: Vec<f64> = (0..n).map(|_| random.next()).collect();
+                let mut b: Vec<f64> = (0..n).map(|i| (0..n).map(|j| a[i * n + j] * x[j]).sum()).collect();
+                pattern.eliminate(&mut a);
+                pattern.solve(&a, &mut b);
+                for (x, b) in x.iter().zip(&b) {
+                    assert!((x - b).abs() < 1e-13, "n {n}: {x} {b}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_pivot_that_is_never_there_is_seen() {
+        assert!(Pattern::new(3, [(0, 0), (1, 2), (2, 1)]).is_none());
+        assert!(Pattern::new(3, [(0, 0), (0, 1), (1, 0), (1, 2), (2, 1)]).is_some());
+        assert!(Pattern::new(2, [(0, 1), (1, 0)]).is_some());
+    }
+
+    #[test]
+    fn last_updates() {
+        assert!(is_last(1e-4, 1e-11, 1.0) && is_last(1.0, 1e-16, 1.0) && is_last(0.0, 1e-17, 0.1));
+        assert!(!is_last(1e-4, 1e-9, 1.0) && !is_last(1e-9, 9e-10, 1.0) && !is_last(0.0, 1e-12, 1.0));
+        assert!(!is_last(f64::NAN, 0.1, 1.0) && !is_last(1.0, f64::NAN, 1.0) && !is_last(1.0, 1e-20, f64::NAN));
+    }
+}
