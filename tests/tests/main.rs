@@ -2,6 +2,7 @@
 
 mod collocation;
 mod common;
+mod corners;
 
 mod adaptive;
 mod allocation;

@@ -1,0 +1,110 @@
+//! Laws that switch on what only a step tells: dry friction, diodes. Against closed forms, with the steps of every tolerance.
+
+use crate::common::{finish, probe, start, with};
+use bond::{Options, Steps};
+
+/// Steppers that keep the balance, and one that damps.
+const METHODS: [&str; 5] = ["gonzalez", "collocation4", "collocation8", "collocation12", "radau"];
+const TOLERANCES: [f64; 3] = [1e-5, 1e-7, 1e-9];
+
+/// What probes come to at an instant.
+fn ends(text: &str, method: &str, tolerance: f64, end: f64, names: [&str; 2]) -> [f64; 2] {
+    let compiled = with(Options::new().method(method), text);
+    let mut sim = start(&compiled, Steps::tolerance(tolerance));
+    finish(&mut sim, end);
+    names.map(|name| probe(&mut sim, name))
+}
+
+/// A block that slides to rest, and stays: after m v / F, at m v^2 / 2F.
+#[test]
+fn a_block_comes_to_rest() {
+    for (speed, force) in [(7.0, 5.886), (2.0, 8.0), (3.0, 5.886)] {
+        let text = format!(
+            "model Slide {{
+  I:block {{ inertia = 2 kg; f0 = {speed} m/s }}
+  R:dry {{ e = {force} N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }}
+  1:v -> block, dry
+  probe v = v.f
+  probe x = integral(v.f, 0 m)
+}}"
+        );
+        for method in METHODS {
+            for tolerance in TOLERANCES {
+                let [v, x] = ends(&text, method, tolerance, 3.0, ["v", "x"]);
+                let (wanted, what) = (speed * speed / force, format!("{speed}, {method}, {tolerance:e}"));
+                assert!(v.abs() < 1e-12, "{what}: it still slides at {v:e} m/s");
+                assert!((x / wanted - 1.0).abs() < 1e-9, "{what}: {x} m and {wanted}");
+            }
+        }
+    }
+}
+
+/// On a spring each swing is shorter by 2 F/k than the last, until the spring no longer holds against the friction.
+#[test]
+fn swings_die_out() {
+    let text = "model Swing {
+  I:block = 1 kg
+  C:spring { stiffness = 100 N/m; q0 = 0.17 m }
+  R:dry { e = 2 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }
+  1:v -> block, spring, dry
+  probe v = v.f
+  probe x = spring.q
+}";
+    for method in METHODS {
+        for tolerance in TOLERANCES {
+            let [v, x] = ends(text, method, tolerance, 3.0, ["v", "x"]);
+            let what = format!("{method}, {tolerance:e}");
+            assert!(v.abs() < 1e-12, "{what}: it still slides at {v:e} m/s");
+            assert!((x - 0.01).abs() < 50.0 * tolerance, "{what}: it rests at {x} m");
+        }
+    }
+}
+
+/// A coil behind a diode: its current falls to 0, waits until the voltage is positive again, and rises anew.
+#[test]
+fn a_current_waits_for_its_voltage() {
+    let text = "model Coil {
+  Se:mains = 10 V * sin(1 rad/s * t)
+  R:load = 1 Ohm
+  I:coil = 2 H
+  R:diode { f = max(s, 0) * 1 A; e = min(s, 0) * 1 V }
+  mains -> 1:i -> load, coil, diode
+  probe i = i.f
+}";
+    let after = 9.0 - std::f64::consts::TAU;
+    let wanted = 2.0 * (after.sin() - 2.0 * after.cos() + 2.0 * (-after / 2.0).exp());
+    for (method, order) in [("gonzalez", 2), ("collocation4", 4), ("collocation8", 8), ("radau", 5)] {
+        let off = TOLERANCES.map(|tolerance| {
+            let [waits, i] = [6.0, 9.0].map(|end| ends(text, method, tolerance, end, ["i", "i"])[0]);
+            assert!(waits.abs() < 1e-12, "{method}, {tolerance:e}: {waits:e} A flow through the diode");
+            (i / wanted - 1.0).abs()
+        });
+        for (off, tolerance) in off.iter().zip(TOLERANCES) {
+            assert!(*off < 100.0 * tolerance, "{method} of order {order}, {tolerance:e}: off by {off:e}");
+        }
+    }
+}
+
+/// A source that nearly cancels at the start counts with one rounding in equations and ledger.
+#[test]
+fn a_source_that_cancels_needs_no_short_steps() {
+    let text = "model Plates {
+  Se:u = 40 V * (1 - exp(-(t/(1 ms))))
+  R:r = 1 MOhm
+  C(q, x):plate { H = q^2*(1 mm + x)/(2*(1e-12 F*m)) }
+  I:mass = 1e-3 kg
+  C:spring { stiffness = 10 N/m }
+  R:damp = 0.05 N*s/m
+  u -> 1:i -> r, plate.q
+  1:v -> mass, spring, damp, plate.x
+  probe x = plate.x
+}";
+    for tolerance in TOLERANCES {
+        let compiled = with(Options::new().method("collocation8"), text);
+        let mut sim = start(&compiled, Steps::tolerance(tolerance));
+        finish(&mut sim, 0.05);
+        let region = &sim.summary().regions[0];
+        assert!(region.steps < 200, "{tolerance:e}: {} steps", region.steps);
+        assert!(region.worst_step < 1e-13, "{tolerance:e}: the balance is off by {:e}", region.worst_step);
+    }
+}
