@@ -4,7 +4,7 @@
 //! At the start, with residual `r` and Jacobian `J`:
 //!
 //! 1. `J` is eliminated without pivots (of two unknowns: by Cramer's rule), and `d = J^-1 r`, `u = u - d`.
-//! 2. With `z_i = |u_i| + s_i`: done where each `|d_i| <= 4e-16 z_i`.
+//! 2. With `z_i = |u_i| + s_i`, where these are at most 1e100 (else it begins anew as in 5): done where each `|d_i| <= 4e-16 z_i`.
 //! 3. The residual there with the same elimination gives `e`. Done where each `|e_i| <= 4e-16 |u_i|`, which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
 //!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or `|e_i| <= 4e-16 z_i`. Each
 //!    unknown counts by itself, since those that converge at once say nothing of the others.
@@ -31,6 +31,8 @@ pub const ROUNDING: f64 = 4e-16;
 pub const NEXT: f64 = 8.0;
 /// The largest last update.
 pub const LAST: f64 = 1e-11;
+/// The largest size that is taken: squares of larger ones overflow.
+pub const RANGE: f64 = 1e100;
 /// The largest second update that may be rounding alone.
 pub const STALLED: f64 = 1e-12;
 /// The part of the first update that the second one is at most, where the iteration goes on from it.
@@ -193,6 +195,9 @@ pub(super) fn begin<S: System>(
         *z = u.abs() + s;
     }
     let z = &room.size;
+    if !z.iter().all(|z| *z <= RANGE) {
+        return Ok(Begun::Anew);
+    }
     if update.iter().zip(z).all(|(d, z)| d.abs() <= ROUNDING * z) {
         return Ok(Begun::Done);
     }

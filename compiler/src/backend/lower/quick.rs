@@ -5,7 +5,7 @@ use super::newton::{DONE, Iteration};
 use super::writer::{At, Values, Writer};
 use crate::backend::code::{Cond, Stmt, Value, Var};
 use bond_runtime::ir;
-use bond_runtime::solve::quick::{GOOD, LAST, NEXT, Pattern, ROUNDING, STALLED};
+use bond_runtime::solve::quick::{GOOD, LAST, NEXT, Pattern, RANGE, ROUNDING, STALLED};
 
 /// What is left of the beginning, where that is not all.
 pub(super) struct Begun {
@@ -157,6 +157,9 @@ impl Lower {
                     w.add(u, s)
                 })
                 .collect();
+            let range = w.number(RANGE);
+            let within = Cond::all(z.iter().map(|z| w.le(*z, range)).collect::<Vec<_>>());
+            w.when(within.not(), |w| w.push(Stmt::Break));
             let first: Vec<Value> = update.iter().map(|d| w.abs(*d)).collect();
             let rounding = w.tolerance(ROUNDING);
             let small: Vec<Cond> = first
