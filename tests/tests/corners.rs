@@ -24,13 +24,13 @@ fn a_block_comes_to_rest() {
   I:block {{ inertia = 2 kg; f0 = {speed} m/s }}
   R:dry {{ e = {force} N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }}
   1:v -> block, dry
-  probe v = v.f
+  probe speed = v.f
   probe x = integral(v.f, 0 m)
 }}"
         );
         for method in METHODS {
             for tolerance in TOLERANCES {
-                let [v, x] = ends(&text, method, tolerance, 3.0, ["v", "x"]);
+                let [v, x] = ends(&text, method, tolerance, 3.0, ["speed", "x"]);
                 let (wanted, what) = (speed * speed / force, format!("{speed}, {method}, {tolerance:e}"));
                 assert!(v.abs() < 1e-12, "{what}: it still slides at {v:e} m/s");
                 assert!((x / wanted - 1.0).abs() < 1e-9, "{what}: {x} m and {wanted}");
@@ -47,12 +47,12 @@ fn swings_die_out() {
   C:spring { stiffness = 100 N/m; q0 = 0.17 m }
   R:dry { e = 2 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }
   1:v -> block, spring, dry
-  probe v = v.f
+  probe speed = v.f
   probe x = spring.q
 }";
     for method in METHODS {
         for tolerance in TOLERANCES {
-            let [v, x] = ends(text, method, tolerance, 3.0, ["v", "x"]);
+            let [v, x] = ends(text, method, tolerance, 3.0, ["speed", "x"]);
             let what = format!("{method}, {tolerance:e}");
             assert!(v.abs() < 1e-12, "{what}: it still slides at {v:e} m/s");
             assert!((x - 0.01).abs() < 50.0 * tolerance, "{what}: it rests at {x} m");
@@ -69,13 +69,13 @@ fn a_current_waits_for_its_voltage() {
   I:coil = 2 H
   R:diode { f = max(s, 0) * 1 A; e = min(s, 0) * 1 V }
   mains -> 1:i -> load, coil, diode
-  probe i = i.f
+  probe current = i.f
 }";
     let after = 9.0 - std::f64::consts::TAU;
     let wanted = 2.0 * (after.sin() - 2.0 * after.cos() + 2.0 * (-after / 2.0).exp());
     for (method, order) in [("gonzalez", 2), ("collocation4", 4), ("collocation8", 8), ("radau", 5)] {
         let off = TOLERANCES.map(|tolerance| {
-            let [waits, i] = [6.0, 9.0].map(|end| ends(text, method, tolerance, end, ["i", "i"])[0]);
+            let [waits, i] = [6.0, 9.0].map(|end| ends(text, method, tolerance, end, ["current", "current"])[0]);
             assert!(waits.abs() < 1e-12, "{method}, {tolerance:e}: {waits:e} A flow through the diode");
             (i / wanted - 1.0).abs()
         });

@@ -3,13 +3,14 @@
 //! The state keeps each state's last three changes d, d', d'', and one over the length of the last step. Where all steps are of one
 //! length, the next change is foretold as 3 d - 3 d' + d'', the parabola through them; else as q d, with q the length of the step over that
 //! of the last one, and what is kept is stretched likewise.
+//! Where that is far from the last change, beside the two before, steps are too long for it, and none is made.
 //! It is a guess and no more: the iteration that fails from there, or does not converge at once, starts from no change.
 
 use super::cluster::Cluster;
 use super::gonzalez;
 use crate::expression::Pool;
 use crate::structure::Form;
-use bond_runtime::ir::{Array, Binary, Builder, Slot, Value};
+use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::solve::quick::UNKNOWNS;
 
 /// Over so many lengths of the last step its change is carried on.
@@ -60,6 +61,7 @@ impl Ahead {
         let near = b.binary(Binary::Le, ratio, reach);
         let ratio = b.select(near, ratio, zero);
         let (mut kept, mut start) = (Vec::new(), Vec::new());
+        let (half, mut even) = (b.number(0.5), one);
         for i in 0..n {
             let [d, d1, d2] = [0, 1, 2].map(|k| b.load(slot(KEPT * i + k)));
             let mut stretched = |x: Value| {
@@ -71,9 +73,19 @@ impl Ahead {
             let (thrice, bend) = (b.mul(three, d), b.mul(three, d1));
             let bend = b.sub(d2, bend);
             let curve = b.add(thrice, bend);
-            start.push(b.select(same, curve, line));
+            // Steps far longer than what they go through change from one to the next as they like.
+            let bent = b.select(same, curve, line);
+            let last = b.select(same, d, before);
+            let off = b.sub(bent, last);
+            let (off, x, y) = (b.unary(Unary::Abs, off), b.unary(Unary::Abs, d1), b.unary(Unary::Abs, d2));
+            let sum = b.add(x, y);
+            let most = b.mul(half, sum);
+            let within = b.binary(Binary::Le, off, most);
+            even = b.mul(even, within);
+            start.push(bent);
             kept.push([line, before]);
         }
+        let start = start.into_iter().map(|x| b.select(even, x, zero)).collect();
         Some(Self { kept, inverse, start })
     }
 

@@ -243,10 +243,8 @@ fn iterate<S: System>(
         system.evaluate(residual, &mut scratch.jacobian)?;
         let size = measure.square(residual);
         let may_halve = before.is_some() && halvings < HALVINGS;
-        let worse = before.is_some()
-            && k < DAMPED
-            && size > 4.0 * best
-            && size > 1e-26 * measure.energy(system.unknowns());
+        let worse =
+            before.is_some() && k < DAMPED && size > 4.0 * best && size > 1e-26 * measure.energy(system.unknowns());
         if !size.is_finite() || worse {
             if may_halve {
                 halve(&mut scratch.update, system.unknowns());

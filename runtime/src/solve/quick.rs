@@ -5,7 +5,7 @@
 //!
 //! 1. `J` is eliminated without pivots (of two unknowns: by Cramer's rule), and `d = J^-1 r`, `u = u - d`.
 //! 2. With `z_i = |u_i| + s_i`, where these are at most 1e100 (else it begins anew as in 5): done where each `|d_i| <= 4e-16 z_i`.
-//! 3. The residual there with the same elimination gives `e`. Done where each `|e_i| <= 4e-16 |u_i|`, which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
+//! 3. The residual there with the same elimination gives `e`. Where each `|d_i|` is at most 1e-2 `z_i`: done where each `|e_i| <= 4e-16 |u_i|`, which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
 //!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or `|e_i| <= 4e-16 z_i`. Each
 //!    unknown counts by itself, since those that converge at once say nothing of the others.
 //! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
@@ -33,6 +33,9 @@ pub const NEXT: f64 = 8.0;
 pub const LAST: f64 = 1e-11;
 /// The largest size that is taken: squares of larger ones overflow.
 pub const RANGE: f64 = 1e100;
+/// The largest first update after which the second one may be the last. What is far from where it began says nothing by the matrix from
+/// there: of a pendulum over many of its periods a residual may be small by chance, or beside a matrix that was large.
+pub const NEAR: f64 = 1e-2;
 /// The largest second update that may be rounding alone.
 pub const STALLED: f64 = 1e-12;
 /// The part of the first update that the second one is at most, where the iteration goes on from it.
@@ -205,10 +208,11 @@ pub(super) fn begin<S: System>(
     trial.copy_from_slice(residual);
     pattern.solve(&room.matrix, trial);
     // Less than the unknowns can show: so nobody need wait for it.
-    if trial.iter().zip(system.unknowns().iter()).all(|(e, u)| e.abs() <= ROUNDING * u.abs()) {
+    let near = update.iter().zip(z).all(|(d, z)| d.abs() <= NEAR * z);
+    if near && trial.iter().zip(system.unknowns().iter()).all(|(e, u)| e.abs() <= ROUNDING * u.abs()) {
         return Ok(Begun::Done);
     }
-    let done = update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z));
+    let done = near && update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z));
     let (first, second) = (part(update, z), part(trial, z));
     let good = (second <= GOOD * first || second <= STALLED) && first.is_finite();
     if done || good {

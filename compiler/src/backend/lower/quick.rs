@@ -5,7 +5,7 @@ use super::newton::{DONE, Iteration};
 use super::writer::{At, Values, Writer};
 use crate::backend::code::{Cond, Stmt, Value, Var};
 use bond_runtime::ir;
-use bond_runtime::solve::quick::{GOOD, LAST, NEXT, Pattern, RANGE, ROUNDING, STALLED};
+use bond_runtime::solve::quick::{GOOD, LAST, NEAR, NEXT, Pattern, RANGE, ROUNDING, STALLED};
 
 /// What is left of the beginning, where that is not all.
 pub(super) struct Begun {
@@ -175,6 +175,16 @@ impl Lower {
             let w = &mut this.w;
             let more = matrix.solve(w, &left);
             let second: Vec<Value> = more.iter().map(|d| w.abs(*d)).collect();
+            let nearest = w.number(NEAR);
+            let near: Vec<Cond> = first
+                .iter()
+                .zip(&z)
+                .map(|(d, z)| {
+                    let most = w.mul(nearest, *z);
+                    w.le(*d, most)
+                })
+                .collect();
+            let near = Cond::all(near);
             let seen: Vec<Cond> = second
                 .iter()
                 .zip(&next)
@@ -184,10 +194,10 @@ impl Lower {
                     w.le(*e, allowed)
                 })
                 .collect();
-            w.when(Cond::all(seen), |w| it.finish(w, DONE));
+            w.when(Cond::all(seen.into_iter().chain([near.clone()])), |w| it.finish(w, DONE));
             let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
             let last: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i])).collect();
-            w.when(Cond::all(last), |w| {
+            w.when(Cond::all(last.into_iter().chain([near])), |w| {
                 it.put_all(w, &after);
                 it.finish(w, DONE);
             });
