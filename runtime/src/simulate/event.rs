@@ -70,7 +70,7 @@ impl Run {
         let Some(guards) = &mut self.guards else { return };
         self.input[0] = t;
         self.input[1] = PEEK * h;
-        look(c, guards, &mut self.step, (&self.state, &self.input), &mut self.before);
+        look(c, guards, &mut self.step, (&self.state, &self.input), None, &mut self.before);
     }
 
     /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that ends just past
@@ -192,17 +192,24 @@ impl Run {
         self.input[0] = t;
         self.input[1] = PEEK * taken.h;
         let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
-        look(c, guards, step, (&taken.next, &self.input), &mut fit.seen);
+        look(c, guards, step, (&taken.next, &self.input), Some(&self.before), &mut fit.seen);
     }
 }
 
 /// Looks at the guards in a state. One that cannot be told switches nothing: it is 0.
-fn look(c: &Cluster, guards: &mut Watch, step: &mut Ready, (state, input): (&[f64], &[f64]), seen: &mut [f64]) {
+fn look(
+    c: &Cluster,
+    guards: &mut Watch,
+    step: &mut Ready,
+    (state, input): (&[f64], &[f64]),
+    start: Option<&[f64]>,
+    seen: &mut [f64],
+) {
     match guards.run(state, input) {
         Ok(open) => {
             let loops = c.states + c.integrals;
             if open && step.run(state, input).is_ok() {
-                guards.told(&step.work.next[loops..], &state[loops..]);
+                guards.told(&step.work.next[loops..], &state[loops..], start);
             }
             seen.copy_from_slice(guards.values());
         }

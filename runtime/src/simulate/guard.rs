@@ -70,11 +70,15 @@ impl Watch {
         Ok(self.pivots.contains(&None))
     }
 
-    /// Has what the state does not tell from a short step, which found these unknowns where the step before found those.
-    pub(super) fn told(&mut self, found: &[f64], before: &[f64]) {
+    /// Has what the state does not tell from a short step, which found these unknowns where the step before found those; not where that
+    /// one went beyond the switch, seen from the guards at its `start`.
+    pub(super) fn told(&mut self, found: &[f64], before: &[f64], start: Option<&[f64]>) {
         let (n, m) = (self.count, self.loops);
         let slopes = &self.look.work.output[n + m + m * m..];
-        for (value, slopes) in self.values.iter_mut().zip(slopes.chunks_exact(m.max(1))) {
+        for (i, (value, slopes)) in self.values.iter_mut().zip(slopes.chunks_exact(m.max(1))).enumerate() {
+            if start.is_some_and(|start| *value * start[i] < 0.0) {
+                continue;
+            }
             let open = (0..m).filter(|k| !self.pivots.contains(&Some(*k)));
             let moved: f64 = open.map(|k| slopes[k] * (found[k] - before[k])).sum();
             if moved.is_finite() {
