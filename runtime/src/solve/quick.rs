@@ -5,7 +5,8 @@
 //!
 //! 1. `J` is eliminated without pivots (of two unknowns: by Cramer's rule), and `d = J^-1 r`, `u = u - d`.
 //! 2. With `z_i = |u_i| + s_i`, where these are at most 1e100 (else it begins anew as in 5): done where each `|d_i| <= 4e-16 z_i`.
-//! 3. The residual there with the same elimination gives `e`. Where each `|d_i|` is at most 1e-2 `z_i`: done where each `|e_i| <= 4e-16 |u_i|`, which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
+//! 3. The residual there with the same elimination gives `e`. Where a `|d_i|` is above 1e-2 `z_i`: done where no entry of `J` there is off by
+//!    more than a tenth, and `|e_i| <= 4e-16 z_i`. Else done where each `|e_i| <= 4e-16 |u_i|`, which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
 //!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or `|e_i| <= 4e-16 z_i`. Each
 //!    unknown counts by itself, since those that converge at once say nothing of the others.
 //! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
@@ -36,6 +37,8 @@ pub const RANGE: f64 = 1e100;
 /// The largest first update after which the second one may be the last. What is far from where it began says nothing by the matrix from
 /// there: of a pendulum over many of its periods a residual may be small by chance, or beside a matrix that was large.
 pub const NEAR: f64 = 1e-2;
+/// How far an entry of the matrix may be from what it was, where the iteration ends far from its start.
+pub const ALIKE: f64 = 0.1;
 /// The largest second update that may be rounding alone.
 pub const STALLED: f64 = 1e-12;
 /// The part of the first update that the second one is at most, where the iteration goes on from it.
@@ -144,6 +147,8 @@ impl Pattern {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Room {
     matrix: Vec<f64>,
+    /// The matrix as it was.
+    entries: Vec<f64>,
     size: Vec<f64>,
     first: Vec<f64>,
     start: Vec<f64>,
@@ -152,7 +157,13 @@ pub(super) struct Room {
 impl Room {
     pub(super) fn new(n: usize) -> Self {
         // One more: of two unknowns, the determinant.
-        Self { matrix: vec![0.0; n * n + 1], size: vec![0.0; n], first: vec![0.0; n], start: vec![0.0; n] }
+        Self {
+            matrix: vec![0.0; n * n + 1],
+            entries: Vec::with_capacity(n * n),
+            size: vec![0.0; n],
+            first: vec![0.0; n],
+            start: vec![0.0; n],
+        }
     }
 
     /// Where the iteration begins anew.
@@ -183,6 +194,8 @@ pub(super) fn begin<S: System>(
     let foretold = !cold.is_empty();
     room.start.copy_from_slice(if foretold { cold } else { system.unknowns() });
     system.evaluate(residual, jacobian)?;
+    room.entries.clear();
+    room.entries.extend_from_slice(jacobian);
     room.matrix.fill(0.0);
     for (&(i, j), v) in entries.iter().zip(jacobian.iter()) {
         room.matrix[i as usize * n + j as usize] = *v;
@@ -212,7 +225,15 @@ pub(super) fn begin<S: System>(
     if near && trial.iter().zip(system.unknowns().iter()).all(|(e, u)| e.abs() <= ROUNDING * u.abs()) {
         return Ok(Begun::Done);
     }
-    let done = near && update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z));
+    // Far from the start it ends where the matrix is still the same, and rounding is left.
+    let alike = |(a, b): (&f64, &f64)| (a - b).abs() <= ALIKE * b.abs();
+    let settled =
+        || jacobian.iter().zip(&room.entries).all(alike) && trial.iter().zip(z).all(|(e, z)| e.abs() <= ROUNDING * z);
+    let done = if !near {
+        settled()
+    } else {
+        update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z))
+    };
     let (first, second) = (part(update, z), part(trial, z));
     let good = (second <= GOOD * first || second <= STALLED) && first.is_finite();
     if done || good {

@@ -5,7 +5,7 @@ use super::newton::{DONE, Iteration};
 use super::writer::{At, Values, Writer};
 use crate::backend::code::{Cond, Stmt, Value, Var};
 use bond_runtime::ir;
-use bond_runtime::solve::quick::{GOOD, LAST, NEAR, NEXT, Pattern, RANGE, ROUNDING, STALLED};
+use bond_runtime::solve::quick::{ALIKE, GOOD, LAST, NEAR, NEXT, Pattern, RANGE, ROUNDING, STALLED};
 
 /// What is left of the beginning, where that is not all.
 pub(super) struct Begun {
@@ -171,7 +171,7 @@ impl Lower {
                 })
                 .collect();
             w.when(Cond::all(small), |w| it.finish(w, DONE));
-            let (left, _) = this.equations(newton);
+            let (left, there) = this.equations(newton);
             let w = &mut this.w;
             let more = matrix.solve(w, &left);
             let second: Vec<Value> = more.iter().map(|d| w.abs(*d)).collect();
@@ -196,6 +196,23 @@ impl Lower {
                 .collect();
             w.when(Cond::all(seen.into_iter().chain([near.clone()])), |w| it.finish(w, DONE));
             let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
+            w.when(near.clone().not(), |w| {
+                let alike = w.number(ALIKE);
+                let mut settled: Vec<Cond> = Vec::new();
+                for ((_, _, a), (_, _, b)) in there.iter().zip(&entries) {
+                    let (off, size) = (w.sub(*a, *b), w.abs(*b));
+                    let (off, most) = (w.abs(off), w.mul(alike, size));
+                    settled.push(w.le(off, most));
+                }
+                for (e, z) in second.iter().zip(&z) {
+                    let allowed = w.mul(rounding, *z);
+                    settled.push(w.le(*e, allowed));
+                }
+                w.when(Cond::all(settled), |w| {
+                    it.put_all(w, &after);
+                    it.finish(w, DONE);
+                });
+            });
             let last: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i])).collect();
             w.when(Cond::all(last.into_iter().chain([near])), |w| {
                 it.put_all(w, &after);
