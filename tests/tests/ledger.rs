@@ -1,6 +1,6 @@
 //! The invariants of the ledger, on every model: each step's balance closes, and both sides of a double bar count the same.
 
-use crate::common::{all_scenes, file, run, stop};
+use crate::common::{all_scenes, file, finish, run, start, stop, with};
 use bond::{Options, Steps, Summary};
 
 fn assert_balanced(title: &str, summary: &Summary) {
@@ -226,4 +226,31 @@ fn friction_that_sticks_from_rest() {
     let mut sim = compiled.simulate(Steps::fixed(1e-3)).unwrap_or_else(|e| panic!("{e}"));
     sim.finish(0.2).unwrap_or_else(|e| panic!("{e}"));
     assert_balanced("friction", &sim.summary());
+}
+
+/// Steps of hundreds and thousands of turns have many solutions, and Newton's method wanders: what it ends with is one all the same.
+#[test]
+fn giant_steps_of_pendulums_balance() {
+    let one = "model One {
+  I:mass = 1 kg
+  C:weight { H = 9.81 J * (1 - cos(q/(1 m))); q0 = 2 m }
+  1:v -> mass, weight
+}";
+    let two = "model Two(m = 1 kg, l = 1 m, g = 9.81 m/s^2) {
+  IC(I p1, I p2, C q1, C q2):arm {
+    H = (p1^2 + 2*p2^2 - 2*p1*p2*cos(q1 - q2)) / (2*m*l^2*(1 + sin(q1 - q2)^2)) - m*g*l*(2*cos(q1) + cos(q2))
+    q1_0 = 90 deg;  q2_0 = 90 deg
+  }
+  1:w1 -> arm.p1, arm.q1
+  1:w2 -> arm.p2, arm.q2
+}";
+    for text in [one, two] {
+        let compiled = with(Options::new().method("gonzalez"), text);
+        for h in [3.0, 62.5, 200.0, 1000.0, 2238.927065294208, 3093.059959142987, 3648.246828308633, 3e4] {
+            let mut sim = start(&compiled, Steps::fixed(h));
+            finish(&mut sim, 2000.0 * h);
+            let worst = sim.summary().worst_step;
+            assert!(worst < 1e-9, "steps of {h} s: off by {worst:e}");
+        }
+    }
 }

@@ -18,7 +18,8 @@
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
 //!   small(t) with `t = min(1e-11, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
 //!   `d |d|² / |e|²`, below rounding; or small(1e-12), where `|d|` is at least half of `|e|`: rounding keeps it from
-//!   falling; or small(1e-6), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown.
+//!   falling; or small(1e-10), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown; or
+//!   small(1e-6) then, where besides the smallest `|r|²` so far is at most `1e-20 Σ w_i (u_i² + s_i²)`, which is rounding.
 //!
 //! Few unknowns begin with two updates by one matrix, [`quick`], which mostly is all. Where the start was foretold and the iteration
 //! fails from there, it begins anew from the other start that is given.
@@ -326,7 +327,11 @@ fn iterate<S: System>(
         };
         let done = small(t);
         stalls = if before.is_some_and(|last| square >= 0.25 * last) { stalls + 1 } else { 0 };
-        if done || (!plan.given && stalls >= STALLS && small(1e-6)) {
+        let quiet = || {
+            let told = measure.energy(u);
+            told == 0.0 || best <= 1e-20 * told
+        };
+        if done || (!plan.given && stalls >= STALLS && (small(1e-10) || (small(1e-6) && quiet()))) {
             return Ok(());
         }
         before = Some(square);

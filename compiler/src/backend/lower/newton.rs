@@ -512,9 +512,13 @@ impl Iteration {
                 let most = w.number(f64::from(STALLS));
                 let many = w.le(most, k);
                 w.when(many, |w| {
-                    let t = w.tolerance(1e-6);
-                    let small = self.small(w, t);
-                    w.when(small, |w| self.finish(w, DONE));
+                    let (little, few, part) = (w.tolerance(1e-10), w.tolerance(1e-6), w.tolerance(1e-20));
+                    let (tiny, near) = (self.small(w, little), self.small(w, few));
+                    let (told, best) = (self.energy(w), w.get(self.best));
+                    let allowed = w.mul(part, told);
+                    let quiet = Cond::any([w.eq(told, zero), w.le(best, allowed)]);
+                    let stalled = Cond::any([tiny, Cond::all([near, quiet])]);
+                    w.when(stalled, |w| self.finish(w, DONE));
                 });
             },
             |w| w.set(self.stalls, zero),
