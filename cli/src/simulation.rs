@@ -93,6 +93,18 @@ impl Code {
             Code::Interpreted => &Interpret,
         }
     }
+
+    /// The same for so many scenes that mostly differ in their numbers alone: what they have in common is compiled once. Threads may
+    /// share it.
+    pub fn shared(self, scenes: u64) -> Box<dyn Backend + Send + Sync> {
+        match self {
+            #[cfg(feature = "native")]
+            Code::Native => Box::new(bond_compiler::backend::native::Shared::new(scenes)),
+            #[cfg(not(feature = "native"))]
+            Code::Native => Box::new(Interpret),
+            Code::Interpreted => Box::new(Interpret),
+        }
+    }
 }
 
 /// Why a run stopped, or could not do what was asked.

@@ -1,15 +1,17 @@
 //! Back ends give the same numbers, to the last bit. What leaves this program as C or objects is tested in `emitted`.
 
-use crate::common::{all_scenes, cases, file, stop, with};
+use crate::common::{all_scenes, cases, file, read, stop, title, with};
 use bond::{Code, Compiled, Options, Simulation, Steps};
-use bond_compiler::backend::native::Jit;
+use bond_compiler::backend::native::{Jit, Shared};
 use bond_compiler::backend::{lower, unit};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Binary, Builder, Newton, Program, Slot, Unary, Value};
 use bond_runtime::kernel::{Backend, Kernel};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Maker, Places, Stretch};
+use bond_runtime::simulate::{self, Abreast, Maker, Places, Start, Stretch};
 use proptest::prelude::*;
+use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Rows of a run.
@@ -79,59 +81,173 @@ impl Backend for Eager {
     }
 
     fn stretches(&self) -> Option<Maker> {
-        let make = |scene: &Scene, options: &simulate::Options| -> Option<Box<dyn Stretch>> {
-            Some(Box::new(Counted((Jit.stretches()?.make)(scene, options)?)))
+        let make = |scene: &Scene, options: &simulate::Options, start: &Start| -> Option<Box<dyn Stretch>> {
+            Some(Box::new(Counted((Jit.stretches()?.make)(scene, options, start)?)))
         };
-        Some(Maker { make, worth: 0 })
+        Some(Maker { make: Arc::new(make), worth: 0 })
     }
 }
 
-/// A run that looks at rows, is saved on the way and goes on from there, and whose inputs change: what it shows, as bits.
-fn stretched(compiled: &Compiled, backend: &dyn Backend, options: &simulate::Options, end: f64) -> (Vec<u64>, String) {
-    let scene = compiled.scene();
-    let mut shown: Vec<u64> = Vec::new();
-    let mut sim = match simulate::Simulation::on(backend, scene, options, Vec::new()) {
-        Ok(sim) => sim,
-        Err(e) => return (shown, e.to_string()),
-    };
-    for k in 1..=ROWS {
-        if k == ROWS / 2 {
-            let saved = sim.save().unwrap_or_else(|e| panic!("{e}"));
-            sim = simulate::Simulation::resume(backend, scene, &saved, Vec::new()).unwrap_or_else(|e| panic!("{e}"));
+/// A run that looks at rows, is saved on the way and goes on from there, and whose inputs change.
+struct Shown<'a> {
+    sim: simulate::Simulation<'a>,
+    scene: &'a Scene,
+    backend: &'a dyn Backend,
+    end: f64,
+    /// What it shows, as bits, and how it ended, where it did.
+    bits: Vec<u64>,
+    ended: Option<String>,
+}
+
+impl<'a> Shown<'a> {
+    fn new(
+        compiled: &'a Compiled,
+        backend: &'a dyn Backend,
+        options: &simulate::Options,
+        end: f64,
+    ) -> Result<Self, simulate::Error> {
+        let scene = compiled.scene();
+        let sim = simulate::Simulation::on(backend, scene, options, Vec::new())?;
+        Ok(Self { sim, scene, backend, end, bits: Vec::new(), ended: None })
+    }
+
+    /// The instant of a row: they do not lie on the steps' grid, and are close together and far apart.
+    fn at(&self, row: u32) -> f64 {
+        let at = if row.is_multiple_of(2) { f64::from(row) } else { f64::from(row) + 0.93 };
+        at * self.end / f64::from(ROWS)
+    }
+
+    /// What happens before a row.
+    fn before(&mut self, row: u32) {
+        if row == ROWS / 2 {
+            let saved = self.sim.save().unwrap_or_else(|e| panic!("{e}"));
+            let resumed = simulate::Simulation::resume(self.backend, self.scene, &saved, Vec::new());
+            self.sim = resumed.unwrap_or_else(|e| panic!("{e}"));
         }
-        if k == ROWS / 3 {
-            (0..scene.inputs.len()).for_each(|i| sim.set_input(i, 0.9 * scene.inputs[i].value + 0.01));
-        }
-        // Rows that do not lie on the steps' grid, close together and far apart.
-        let at = if k % 2 == 0 { f64::from(k) } else { f64::from(k) + 0.93 };
-        if let Err(e) = sim.advance(at * end / f64::from(ROWS)) {
-            return (shown, format!("{e}\n{:?}", sim.summary()));
-        }
-        match sim.probes() {
-            Ok(p) => shown.extend(p.iter().map(|x| x.to_bits())),
-            Err(e) => return (shown, e.to_string()),
-        }
-        let summary = sim.summary();
-        for r in &summary.regions {
-            let numbers =
-                [r.h_final, r.h_max, r.supplied, r.dissipated, r.leaked, r.tank, r.debt_max, r.worst_step, r.total];
-            shown.extend(numbers.iter().map(|x| x.to_bits()));
-            shown.extend(r.sources.iter().chain(&r.resistors).map(|e| e.energy.to_bits()));
-            shown.extend([r.steps, r.newton_iterations, r.leaps]);
+        if row == ROWS / 3 {
+            let inputs = self.scene.inputs.iter().enumerate();
+            inputs.for_each(|(i, input)| self.sim.set_input(i, 0.9 * input.value + 0.01));
         }
     }
-    let end = sim.finish(end * 1.05).map_or_else(|e| e.to_string(), |()| String::new());
-    (shown, format!("{end}{:?}", sim.summary()))
+
+    fn row(&mut self, row: u32) {
+        if let Err(e) = self.sim.advance(self.at(row)) {
+            self.ended = Some(format!("{e}\n{:?}", self.sim.summary()));
+            return;
+        }
+        match self.sim.probes() {
+            Ok(p) => self.bits.extend(p.iter().map(|x| x.to_bits())),
+            Err(e) => self.ended = Some(e.to_string()),
+        }
+        for r in &self.sim.summary().regions {
+            let numbers =
+                [r.h_final, r.h_max, r.supplied, r.dissipated, r.leaked, r.tank, r.debt_max, r.worst_step, r.total];
+            self.bits.extend(numbers.iter().map(|x| x.to_bits()));
+            self.bits.extend(r.sources.iter().chain(&r.resistors).map(|e| e.energy.to_bits()));
+            self.bits.extend([r.steps, r.newton_iterations, r.leaps]);
+        }
+    }
+
+    fn end(mut self) -> (Vec<u64>, String) {
+        let ended = self.ended.unwrap_or_else(|| {
+            let end = self.sim.finish(self.end * 1.05).map_or_else(|e| e.to_string(), |()| String::new());
+            format!("{end}{:?}", self.sim.summary())
+        });
+        (self.bits, ended)
+    }
+}
+
+/// What a run shows, and how it ended.
+fn stretched(compiled: &Compiled, backend: &dyn Backend, options: &simulate::Options, end: f64) -> (Vec<u64>, String) {
+    let mut shown = match Shown::new(compiled, backend, options, end) {
+        Ok(shown) => shown,
+        Err(e) => return (Vec::new(), e.to_string()),
+    };
+    for row in 1..=ROWS {
+        if shown.ended.is_some() {
+            break;
+        }
+        shown.before(row);
+        shown.row(row);
+    }
+    shown.end()
+}
+
+/// The same of several, side by side where they can; None where they never could.
+fn abreast(
+    list: &[Compiled],
+    backend: &dyn Backend,
+    options: &[simulate::Options],
+    end: f64,
+) -> Option<Vec<(Vec<u64>, String)>> {
+    let runs = list.iter().zip(options).map(|(c, o)| Shown::new(c, backend, o, end));
+    let mut runs = runs.collect::<Result<Vec<_>, _>>().ok()?;
+    let made = Abreast::new(backend, &runs.iter().map(|r| &r.sim).collect::<Vec<_>>(), end);
+    let mut together = made?;
+    for row in 1..=ROWS {
+        runs.iter_mut().filter(|r| r.ended.is_none()).for_each(|r| r.before(row));
+        if runs.iter().all(|r| r.ended.is_none()) {
+            let at = runs[0].at(row);
+            together.leap(&mut runs.iter_mut().map(|r| &mut r.sim).collect::<Vec<_>>(), at);
+        }
+        runs.iter_mut().filter(|r| r.ended.is_none()).for_each(|r| r.row(row));
+    }
+    Some(runs.into_iter().map(Shown::end).collect())
+}
+
+/// The scene with its parameters a little different.
+fn varied(path: &Path, scene: &str, factor: f64) -> Option<Compiled> {
+    let text = read(path);
+    let head = text.split_once(&format!("model {scene}("))?.1.split_once(") {")?.0;
+    let mut options = Options::new().model(scene);
+    for (name, value) in head.split(',').filter_map(|p| p.split_once('=')) {
+        let value = value.trim();
+        let digits = value.find(|c: char| !(c.is_ascii_digit() || ".e+-".contains(c))).unwrap_or(value.len());
+        // Whole numbers may count something.
+        let Ok(x) = value[..digits].parse::<f64>() else { continue };
+        if digits < value.len() {
+            options = options.set(name.trim(), &format!("{}{}", x * factor, &value[digits..]));
+        }
+    }
+    options.compile_str(&title(path), &text).ok()
+}
+
+#[test]
+fn scenes_side_by_side_give_the_bits_that_each_has_alone() {
+    let (mut groups, mut differing) = (0, 0);
+    for (name, path, scene) in all_scenes() {
+        let list: Vec<Compiled> = [1.0, 1.07, 0.93].iter().filter_map(|f| varied(&path, &scene, *f)).collect();
+        let Some(first) = list.first() else { continue };
+        let shortest = first.scene().clusters.iter().filter_map(|c| c.period).fold(f64::INFINITY, f64::min);
+        let end = if shortest.is_finite() { 600.0 * shortest } else { stop(first).min(1.0) };
+        let options = |c: &Compiled| Steps::fixed(end / 777.0).resolve(&c.stages().model.settings, end, None);
+        let options: Result<Vec<_>, _> = list.iter().map(options).collect();
+        let Ok(options) = options else { continue };
+        let shared = Shared::new(u64::MAX);
+        let Some(together) = abreast(&list, &shared, &options, end) else { continue };
+        groups += 1;
+        for (k, (c, o)) in list.iter().zip(&options).enumerate() {
+            let alone = stretched(c, &Interpret, o, end);
+            let differs = together[k].0.iter().zip(&alone.0).position(|(a, b)| a != b);
+            assert_eq!(differs, None, "{name} {scene}, scene {k} of {}: number {differs:?} differs", list.len());
+            assert_eq!(together[k].1, alone.1, "{name} {scene}, scene {k} of {}", list.len());
+        }
+        differing += u32::from(together.windows(2).all(|w| w[0].0 != w[1].0));
+    }
+    assert!(groups > 80 && differing > 50, "{groups} groups ran side by side, {differing} of scenes that differ");
 }
 
 /// Asserts that a run by stretches is that by the interpreter; whether there are such.
 fn same_by_stretches(title: &str, compiled: &Compiled, h: f64, end: f64) -> bool {
     let settings = &compiled.stages().model.settings;
     let options = Steps::fixed(h).resolve(settings, end, settings.every).unwrap_or_else(|e| panic!("{e}"));
-    let whole = unit::stretch(compiled.scene(), &options).is_some();
+    let start = simulate::Simulation::on(&Interpret, compiled.scene(), &options, Vec::new()).map(|sim| sim.start());
+    let whole = start.is_ok_and(|start| unit::stretch(compiled.scene(), &options, &start, false).is_some());
     let interpreted = stretched(compiled, &Interpret, &options, end);
-    let native = stretched(compiled, &Eager, &options, end);
-    assert_eq!(native, interpreted, "{title} at {h} s, as a whole: {whole}");
+    for backend in [&Eager as &dyn Backend, &Shared::new(u64::MAX)] {
+        let native = stretched(compiled, backend, &options, end);
+        assert_eq!(native, interpreted, "{title} at {h} s, as a whole: {whole}");
+    }
     whole
 }
 
@@ -164,6 +280,34 @@ fn whole_stretches_give_the_interpreters_bits() {
     assert!(stretches > 100 && gone > 20_000 && failed > 2, "{stretches} runs, {gone} intervals, {failed} failures");
 }
 
+#[test]
+fn scenes_of_one_make_share_their_code() {
+    let models = [
+        ("examples/duffing.bond", "Duffing", ["k=2 N/m", "k=3.5 N/m", "b=0.7 N*s/m"], "gonzalez"),
+        ("examples/duffing.bond", "Duffing", ["k=2 N/m", "k3=0.3 N/m^3", "m=0.7 kg"], "collocation4"),
+        ("examples/virtual_wall.bond", "VirtualWall", ["wall.k=800 N/m", "m=1.5 kg", "wall.b=3 N*s/m"], "gonzalez"),
+        ("examples/quarter_car.bond", "QuarterCar", ["body_mass=410 kg", "k_body=9 kN/m", "wheel_mass=21 kg"], "exact"),
+        ("examples/diode_clipper.bond", "DiodeClipper", ["i_s=1 nA", "v_t=40 mV", "amplitude=3 V"], "collocation4"),
+        ("classics/double_pendulum.bond", "DoublePendulum", ["l1=0.7 m", "m2=0.3 kg", "l2=1.3 m"], "gonzalez"),
+    ];
+    for (name, model, sets, method) in models {
+        let (path, shared) = (crate::common::models().join(name), Shared::new(u64::MAX));
+        for set in sets {
+            let (key, value) = set.split_once('=').unwrap_or_default();
+            let compiled = file(&path, Options::new().model(model).method(method).set(key, value));
+            let end = stop(&compiled).min(1.0);
+            for steps in [Steps::fixed(end / 500.0), Steps::tolerance(1e-5)] {
+                let options =
+                    steps.resolve(&compiled.stages().model.settings, end, None).unwrap_or_else(|e| panic!("{e}"));
+                let alone = stretched(&compiled, &Interpret, &options, end);
+                assert_eq!(stretched(&compiled, &shared, &options, end), alone, "{name} {set} {steps:?}");
+            }
+        }
+        let (programs, scenes) = shared.makes();
+        eprintln!("{name}: {programs} programs and {scenes} scenes were compiled");
+    }
+}
+
 const SPECIAL: [f64; 14] = [
     0.0,
     -0.0,
@@ -181,10 +325,11 @@ const SPECIAL: [f64; 14] = [
     f64::EPSILON,
 ];
 
-/// What both back ends make of a program; any NaN is the same.
-fn outputs(program: &Program, state: &[f64], input: &[f64]) -> [Vec<u64>; 2] {
+/// What the back ends make of a program; any NaN is the same.
+fn outputs(program: &Program, state: &[f64], input: &[f64]) -> [Vec<u64>; 3] {
     assert_eq!(program.verify(), Ok(()), "{program}");
-    let backends: [&dyn Backend; 2] = [&Interpret, &Jit];
+    let shared = Shared::default();
+    let backends: [&dyn Backend; 3] = [&Interpret, &Jit, &shared];
     backends.map(|backend| {
         let kernel = backend.kernel(program);
         let mut work = kernel.workspace();
@@ -218,8 +363,8 @@ fn each_op_means_the_same_at_special_values() {
     let program = b.finish();
     for x in SPECIAL {
         for y in SPECIAL {
-            let [one, other] = outputs(&program, &[], &[x, y]);
-            assert_eq!(one, other, "at {x:e}, {y:e}");
+            let [one, other, shared] = outputs(&program, &[], &[x, y]);
+            assert!(one == other && one == shared, "at {x:e}, {y:e}: {one:?}, {other:?}, {shared:?}");
         }
     }
 }
@@ -327,8 +472,9 @@ proptest! {
         own in any::<bool>(),
     ) {
         let program = random(n, &picks, &numbers, weight, own);
-        let [one, other] = outputs(&program, &state, &[0.7]);
-        prop_assert_eq!(one, other);
+        let [one, other, shared] = outputs(&program, &state, &[0.7]);
+        prop_assert_eq!(&one, &other);
+        prop_assert_eq!(one, shared);
     }
 }
 

@@ -84,7 +84,7 @@ impl Job {
         let width = self.probes.len();
         let (rows, steps, stop) = self.course(compiled).map_err(|stop| words(&stop))?;
         let (code, begun) = (self.choice.code(), Instant::now());
-        let sim = Simulation::on(code.backend(), compiled.scene(), &steps, self.given.iter().cloned());
+        let sim = Simulation::on(self.choice.backend(code), compiled.scene(), &steps, self.given.iter().cloned());
         let mut sim = sim.map_err(|e| e.to_string())?;
         let made = begun.elapsed();
         let mut list = Vec::new();

@@ -57,6 +57,7 @@ pub struct Setup<'a> {
 pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
     let plan = Plan::new(args, setup.set)?;
     let text = Text::new(&input::name(setup.file), input::read(setup.file)?);
+    let choice = Choice::new(setup.interpret, plan.total());
     let mut job = Job {
         text,
         options: setup.options.clone(),
@@ -68,7 +69,7 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
         // Nobody sees the rows where no table is asked for.
         over_time: setup.output.is_some() && (setup.every.is_some() || !setup.at.is_empty()),
         given: Vec::new(),
-        choice: Choice::new(setup.interpret),
+        choice,
         probes: Vec::new(),
     };
     let sample = sample(&job)?;

@@ -8,4 +8,4 @@ pub mod native;
 
 pub mod unit;
 
-pub use lower::lower;
+pub use lower::{is_large, lower, lower_apart};

@@ -3,6 +3,8 @@
 use super::known::{Key, Known};
 use super::prune::prune;
 use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Unary, Value};
+use crate::eval;
+use rustc_hash::FxHashMap;
 
 /// A block that is being written, and the loads and values known in it.
 #[derive(Default)]
@@ -20,12 +22,20 @@ pub struct Builder {
     names: Vec<(Slot, String)>,
     scopes: Vec<Scope>,
     values: u32,
+    numbers: FxHashMap<Value, f64>,
 }
 
 impl Builder {
     /// An empty program.
     pub fn new(name: impl Into<String>) -> Self {
-        Self { name: name.into(), sizes: [0; 6], names: Vec::new(), scopes: vec![Scope::default()], values: 0 }
+        Self {
+            name: name.into(),
+            sizes: [0; 6],
+            names: Vec::new(),
+            scopes: vec![Scope::default()],
+            values: 0,
+            numbers: FxHashMap::default(),
+        }
     }
 
     /// Takes the next slot of an array.
@@ -57,8 +67,17 @@ impl Builder {
         self.sizes[array as usize] as usize
     }
 
-    /// The value of an op, made once in its block.
+    /// The value of an op, made once in its block; a function of numbers is a number.
     pub fn op(&mut self, op: Op) -> Value {
+        let known = |v: Value| self.numbers.get(&v).copied();
+        let op = match op {
+            Op::Unary(f, a) => known(a).map_or(op, |x| Op::Const(eval::unary(f, x))),
+            Op::Binary(f, a, b) => match (known(a), known(b)) {
+                (Some(x), Some(y)) => Op::Const(eval::binary(f, x, y)),
+                _ => op,
+            },
+            Op::Const(_) | Op::Load(_) | Op::Select(..) => op,
+        };
         let key = match op {
             Op::Load(slot) => return self.load(slot),
             Op::Const(x) => Key::Const(x.to_bits()),
@@ -72,6 +91,12 @@ impl Builder {
             }
         }
         let v = self.define(op);
+        // The measure of rounding is another one where numbers are shorter.
+        if let Op::Const(x) = op
+            && x != f64::EPSILON
+        {
+            self.numbers.insert(v, x);
+        }
         if let Some(scope) = self.scopes.last_mut() {
             scope.known.insert(key, v);
         }

@@ -9,6 +9,7 @@ mod display;
 mod known;
 mod op;
 mod prune;
+mod skeleton;
 mod verify;
 
 pub use builder::Builder;
@@ -197,7 +198,7 @@ fn nested<'de, D: Deserializer<'de>>(reader: D) -> Result<Vec<Inst>, D::Error> {
 }
 
 /// A program: what one step of one cluster of regions, or one observation, computes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Program {
     /// What it is, for people: `step of VirtualWall`.
     pub name: String,

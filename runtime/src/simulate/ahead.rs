@@ -4,9 +4,10 @@ use super::cluster::{Book, Run};
 use super::hold::Held;
 use super::places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 use super::worst::Worst;
-use super::{Options, Simulation};
+use super::{Options, Simulation, Start};
 use crate::ledger::Sum;
 use crate::scene::{Entries, Scene};
+use std::sync::Arc;
 
 /// What goes through whole stretches of a scene.
 pub trait Stretch: Send + Sync {
@@ -19,21 +20,24 @@ pub trait Stretch: Send + Sync {
     fn run(&mut self, block: &mut [f64], intervals: u64, notes: &mut [f64]) -> (u64, usize);
 }
 
+/// Makes what goes through stretches of a scene that is run like this and stands here; None where it has no such form.
+pub type Make = dyn Fn(&Scene, &Options, &Start) -> Option<Box<dyn Stretch>> + Send + Sync;
+
 /// Makes what goes through stretches of a scene.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone)]
 pub struct Maker {
-    /// Makes it; None where the scene has no such form.
-    pub make: fn(&Scene, &Options) -> Option<Box<dyn Stretch>>,
+    /// Makes it.
+    pub make: Arc<Make>,
     /// So many intervals that could be gone through at once make up for the time that making it takes.
     pub worth: u64,
 }
 
 /// Fewer intervals than this are not worth copying the state.
-const LEAST: u64 = 4;
+pub(super) const LEAST: u64 = 4;
 /// After so many stretches that failed, no more are tried: what fails is gone through twice.
-const FAILED: u32 = 50;
+pub(super) const FAILED: u32 = 50;
 /// Notes that a stretch may leave.
-const NOTES: u64 = 8192;
+pub(super) const NOTES: u64 = 8192;
 
 /// Where a run stands with it.
 #[derive(Default)]
@@ -57,16 +61,13 @@ impl Ahead {
 }
 
 impl Simulation<'_> {
-    /// Goes as far towards an instant as can be gone at once; nowhere where something lies between.
-    pub(super) fn leap(&mut self, until: f64) {
-        if self.ahead.maker.is_none() && self.ahead.stretch.is_none() {
-            return;
-        }
+    /// How many whole intervals there are to an instant.
+    pub(super) fn reach(&self, until: f64) -> u64 {
         let limit = until * (1.0 + 1e-12);
         let length = match (self.order.first(), self.runs.first()) {
             (Some(i), _) => self.scene.clusters[*i].period.unwrap_or(0.0),
             (None, Some(run)) => run.h,
-            (None, None) => return,
+            (None, None) => return 0,
         };
         let gone = self.gone();
         let ends = |n: u64| (gone + n) as f64 * length <= limit;
@@ -75,20 +76,29 @@ impl Simulation<'_> {
         while wanted > 0 && !ends(wanted) {
             wanted -= 1;
         }
+        wanted
+    }
+
+    /// Goes as far towards an instant as can be gone at once; nowhere where something lies between.
+    pub(super) fn leap(&mut self, until: f64) {
+        if self.ahead.maker.is_none() && self.ahead.stretch.is_none() {
+            return;
+        }
+        let wanted = self.reach(until);
         if wanted < LEAST {
             return;
         }
-        if let Some(maker) = self.ahead.maker {
+        if let Some(maker) = &self.ahead.maker {
             self.ahead.missed += wanted;
             if self.ahead.missed < maker.worth {
                 return;
             }
+            let made = (maker.make)(self.scene, &self.options, &self.start());
             self.ahead.maker = None;
-            self.ahead.stretch = (maker.make)(self.scene, &self.options).filter(|s| self.alike(s.places()));
+            self.ahead.stretch = made.filter(|s| self.alike(s.places()));
             let Some(stretch) = &self.ahead.stretch else { return };
             let places = stretch.places();
-            let each: u64 = places.clusters.iter().map(|c| 2 * u64::from(c.steps) * c.books.len() as u64).sum();
-            let each = each.max(1);
+            let each = places.notes().max(1);
             self.ahead.longest = (NOTES / each).max(1);
             self.ahead.notes = vec![0.0; 4 * (self.ahead.longest * each) as usize];
             self.ahead.block.clone_from(&places.image);
@@ -111,7 +121,7 @@ impl Simulation<'_> {
     }
 
     /// Whether a routine takes what is held for what this run takes it.
-    fn alike(&self, places: &Places) -> bool {
+    pub(super) fn alike(&self, places: &Places) -> bool {
         let same = |a: &[f64], b: &[f64]| a.iter().map(|x| x.to_bits()).eq(b.iter().map(|x| x.to_bits()));
         places.clusters.iter().enumerate().all(|(i, p)| {
             same(&p.beta, &self.beta[i]) && same(&p.gamma, &self.gamma[i]) && same(&p.decay, &self.decay[i])
@@ -119,7 +129,7 @@ impl Simulation<'_> {
     }
 
     /// Whether the run stands where a routine can go on.
-    fn ready(&self, places: &Places) -> bool {
+    pub(super) fn ready(&self, places: &Places) -> bool {
         let sampled = !self.order.is_empty();
         let (gone, now) = (self.gone(), if sampled { self.last_sample } else { self.gone() as f64 * places.interval });
         let clusters = self.scene.clusters.iter().zip(&self.runs).zip(&places.clusters).enumerate();
@@ -158,7 +168,7 @@ impl Simulation<'_> {
     }
 
     /// Puts the run's state into the block; false where a step cannot be prepared.
-    fn load(&mut self, places: &Places, block: &mut [f64]) -> bool {
+    pub(super) fn load(&mut self, places: &Places, block: &mut [f64]) -> bool {
         let gone = self.gone();
         block[places.time] = gone as f64 * places.interval;
         block[places.time + 1] = gone as f64;
@@ -188,7 +198,7 @@ impl Simulation<'_> {
     }
 
     /// Counts intervals that are over.
-    fn passed(&mut self, places: &Places, n: u64) {
+    pub(super) fn passed(&mut self, places: &Places, n: u64) {
         let sampled = !self.order.is_empty();
         let now = (self.gone() + n) as f64 * places.interval;
         for (i, p) in places.clusters.iter().enumerate() {
@@ -210,7 +220,7 @@ impl Simulation<'_> {
     }
 
     /// Gets the run's state out of the block.
-    fn fetch(&mut self, places: &Places, block: &[f64]) {
+    pub(super) fn fetch(&mut self, places: &Places, block: &[f64]) {
         for (i, p) in places.clusters.iter().enumerate() {
             let (c, run) = (&self.scene.clusters[i], &mut self.runs[i]);
             run.fetch(p, block);
@@ -228,7 +238,7 @@ impl Simulation<'_> {
     }
 
     /// Adds the errors that a stretch noted.
-    fn take_notes(&mut self, places: &Places, notes: &[f64]) {
+    pub(super) fn take_notes(&mut self, places: &Places, notes: &[f64]) {
         for note in notes.chunks_exact(4) {
             let at = note[0] as usize;
             for (run, p) in self.runs.iter_mut().zip(&places.clusters) {

@@ -1,5 +1,6 @@
 //! Runs a scene: the multi-rate schedule, sample and hold, adaptive steps, and what is recorded.
 
+mod abreast;
 mod adaptive;
 mod ahead;
 mod attempt;
@@ -15,7 +16,8 @@ mod start;
 mod summary;
 mod worst;
 
-pub use ahead::{Maker, Stretch};
+pub use abreast::{Abreast, Lanes};
+pub use ahead::{Make, Maker, Stretch};
 pub use given::{Course, Unfit};
 pub use hold::Report;
 pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};

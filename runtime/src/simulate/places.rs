@@ -15,6 +15,13 @@ pub struct Places {
     pub clusters: Vec<ClusterPlaces>,
 }
 
+impl Places {
+    /// How many notes an interval can leave.
+    pub fn notes(&self) -> u64 {
+        self.clusters.iter().map(|c| 2 * u64::from(c.steps) * c.books.len() as u64).sum()
+    }
+}
+
 /// Places of a cluster.
 #[derive(Clone, Debug, Default)]
 pub struct ClusterPlaces {

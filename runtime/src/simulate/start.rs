@@ -50,7 +50,7 @@ pub struct StartHeld {
 }
 
 impl Simulation<'_> {
-    /// What it starts from; to be asked before it runs.
+    /// What it starts from, or goes on from.
     pub fn start(&self) -> Start {
         let cluster = |i: usize| StartCluster {
             state: self.runs[i].state.clone(),

@@ -11,6 +11,7 @@ pub(super) mod writer;
 
 use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Inst, Op, Program, Slot};
+use rustc_hash::FxHashMap;
 use writer::{ELIMINATED, UNROLLED, Writer};
 
 /// Products with so many entries at most are written out.
@@ -37,16 +38,29 @@ const OWN: Places = [
 /// # Panics
 /// Where the program does not pass [`Program::verify`].
 pub fn lower(program: &Program) -> Option<Routine> {
-    let writer = write(Writer::new(), program, OWN)?;
+    let writer = write(Writer::new(), program, OWN, None)?;
     Some(writer.routine(program.name.clone()))
 }
 
-/// Writes a program where the writer stands. None as of [`lower`].
-pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places) -> Option<Writer> {
-    if nested(&program.body, false) {
+/// A routine that takes [`Program::numbers`] from [`Memory::Data`], and so does for all programs of the same skeleton. None as of
+/// [`lower`], or where the program is large: then its families take the numbers in which their members differ from there.
+///
+/// # Panics
+/// As [`lower`].
+pub fn lower_apart(program: &Program) -> Option<Routine> {
+    let mut writer = Writer::new();
+    writer.data = program.numbers().into_iter().map(|n| n.1).collect();
+    let writer = write(writer, program, OWN, Some(0))?;
+    Some(writer.routine(program.name.clone()))
+}
+
+/// Writes a program where the writer stands, with its numbers as they are, or as those from this place of [`Memory::Data`] on. None as
+/// of [`lower_apart`] or [`lower`].
+pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places, numbers: Option<u32>) -> Option<Writer> {
+    if nested(&program.body, false) || (numbers.is_some() && is_large(program)) {
         return None;
     }
-    if large(program) {
+    if is_large(program) {
         let (back, done) = roll::write(writer, program, places);
         if done {
             return Some(back);
@@ -62,7 +76,11 @@ pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places) -
         Local::Memory(base)
     };
     let values = vec![None; program.values as usize];
-    let mut lower = Lower { w: writer, values, local, places, next: Vec::new() };
+    let apart = numbers.map_or_else(FxHashMap::default, |first| {
+        let list = program.numbers().into_iter().zip(first..);
+        list.map(|((v, x), at)| (v, (at, x))).collect()
+    });
+    let mut lower = Lower { w: writer, values, local, places, apart, next: Vec::new() };
     lower.block(&program.body);
     lower.check(program.size(Array::Next));
     Some(lower.w)
@@ -81,12 +99,14 @@ struct Lower {
     values: Vec<Option<Value>>,
     local: Local,
     places: Places,
+    /// Numbers that are kept apart: where, and what this program has there.
+    apart: FxHashMap<ir::Value, (u32, f64)>,
     /// Values written to `Next`, where they are known by name.
     next: Vec<Value>,
 }
 
 /// Whether a program has so many values that loops are looked for.
-fn large(program: &Program) -> bool {
+pub fn is_large(program: &Program) -> bool {
     program.values as usize > STRAIGHT
 }
 
@@ -122,6 +142,13 @@ impl Lower {
             match inst {
                 Inst::Let(v, op) => {
                     let value = match *op {
+                        Op::Const(_) if let Some(&(at, x)) = self.apart.get(v) => {
+                            let kept = self.w.load(Place::new(Memory::Data, at));
+                            if x > 0.0 {
+                                self.w.positive.insert(kept);
+                            }
+                            kept
+                        }
                         Op::Const(x) if x.to_bits() == f64::EPSILON.to_bits() => self.w.tolerance(x),
                         Op::Const(x) => self.w.number(x),
                         Op::Load(slot) => self.read(slot, 0, None),

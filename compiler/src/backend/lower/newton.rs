@@ -163,9 +163,7 @@ impl Iteration {
         let (n, affine) = (newton.residual.len(), newton.affine);
         let Numbers { unknowns, weight, scale } = numbers;
         let plain = match &weight {
-            Values::List(list) if list.iter().all(|x| w.known(*x).is_some_and(|x| x > 0.0 && x.is_finite())) => {
-                Some(list.clone())
-            }
+            Values::List(list) if list.iter().all(|x| w.is_positive(*x)) => Some(list.clone()),
             Values::List(_) | Values::Memory(_) => None,
         };
         let trial = if n > ELIMINATED { w.room(n) } else { 0 };

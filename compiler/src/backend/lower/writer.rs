@@ -4,7 +4,7 @@ use super::tidy::tidy;
 use crate::backend::code::{Cond, Index, Memory, Number, Op, Place, Routine, Stmt, System, Value, Var};
 use bond_runtime::eval;
 use bond_runtime::ir::{Binary, Unary};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Loops over so many things at most are written out.
 pub(in crate::backend) const UNROLLED: usize = 24;
@@ -23,6 +23,8 @@ pub(in crate::backend) struct Writer {
     pub(in crate::backend) systems: Vec<System>,
     pub(in crate::backend) data: Vec<f64>,
     pub(in crate::backend) tables: Vec<u32>,
+    /// Numbers of [`Memory::Data`] that are positive and finite, whatever they are.
+    pub(in crate::backend) positive: FxHashSet<Value>,
 }
 
 /// Which of some things: a certain one, or that which a counter tells.
@@ -110,6 +112,11 @@ impl Writer {
 
     pub(in crate::backend) fn tolerance(&mut self, x: f64) -> Value {
         self.constant(Number::Tolerance(x))
+    }
+
+    /// Whether a value is known to be positive and finite.
+    pub(in crate::backend) fn is_positive(&self, v: Value) -> bool {
+        self.positive.contains(&v) || self.known(v).is_some_and(|x| x > 0.0 && x.is_finite())
     }
 
     /// What is known of a value.

@@ -5,24 +5,27 @@
 )]
 
 use super::functions::{self, ONE, SOLVE, TWO};
-use super::translate::{NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
+use super::lanes::{self, LANES};
+use super::translate::{Made, NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
 use crate::backend::code::Routine;
-use crate::backend::{lower, unit};
+use crate::backend::lower;
+use crate::backend::unit::{self, Own};
 use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::{Array, Program};
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Places};
+use bond_runtime::simulate::{self, Lanes, Options, Places, Start, Stretch};
 use bond_runtime::solve::linear;
 use cranelift_codegen::settings::{self, Configurable};
 use cranelift_jit::{JITBuilder, JITModule};
-use cranelift_module::{Linkage, default_libcall_names};
+use cranelift_module::{FuncId, Linkage, default_libcall_names};
+use std::sync::Arc;
 
 /// Statements in a function at most: above, compiling takes longer than it saves.
 const LARGEST: usize = 30_000;
 
 /// A scene is compiled as a whole after so many intervals: some milliseconds, at some 50 ns that each then takes less.
-const WORTH: u64 = 40_000;
+pub(super) const WORTH: u64 = 40_000;
 
 /// Compiles programs to machine code. A program that is too large, or has a form that machine code is not written for, is
 /// interpreted; so is all on a machine that Cranelift does not know.
@@ -38,10 +41,12 @@ impl Backend for Jit {
     }
 
     fn stretches(&self) -> Option<simulate::Maker> {
-        let make = |scene: &Scene, options: &simulate::Options| -> Option<Box<dyn simulate::Stretch>> {
-            Some(Box::new(Whole::new(scene, options)?))
+        let make = |scene: &Scene, options: &Options, start: &Start| -> Option<Box<dyn Stretch>> {
+            let unit::Stretch { mut run, places, table } = unit::stretch(scene, options, start, false)?;
+            let own = Own { places, table, data: std::mem::take(&mut run.data) };
+            Some(Box::new(Whole::new(Arc::new(Code::new(run)?), own)))
         };
-        Some(simulate::Maker { make, worth: WORTH })
+        Some(simulate::Maker { make: Arc::new(make), worth: WORTH })
     }
 }
 
@@ -59,22 +64,34 @@ type Function = extern "C" fn(
     *const u32,
 ) -> i32;
 
-/// A routine as machine code.
-struct Code {
+/// A routine as machine code, without its data.
+pub(super) struct Code {
     function: Function,
     scratch: usize,
     systems: Vec<linear::System>,
-    data: Vec<f64>,
     tables: Vec<u32>,
     /// Owns the code; taken out when it is freed.
     module: Option<JITModule>,
 }
 
 impl Code {
-    fn new(routine: Routine) -> Option<Self> {
+    pub(super) fn new(routine: Routine) -> Option<Self> {
         if routine.size() > LARGEST {
             return None;
         }
+        let define = |m: &mut JITModule| define(m, "step", &routine, Linkage::Export, |name| name, cfg!(unix));
+        Self::made(&routine, define)
+    }
+
+    /// Of a routine, for [`LANES`] scenes at once; None where it has no such form.
+    fn abreast(routine: &Routine) -> Option<Self> {
+        if routine.size() > LARGEST || !lanes::fits(&routine.body) {
+            return None;
+        }
+        Self::made(routine, |m| lanes::define(m, routine))
+    }
+
+    fn made(routine: &Routine, define: impl FnOnce(&mut JITModule) -> Made<FuncId>) -> Option<Self> {
         let mut flags = settings::builder();
         for (name, value) in [("opt_level", "speed"), ("enable_verifier", "false"), ("is_pic", "false")] {
             flags.set(name, value).ok()?;
@@ -90,15 +107,14 @@ impl Code {
         builder.symbol(functions::TURN, functions::turn as *const u8);
         builder.symbol(SOLVE, solve as *const u8);
         let mut module = JITModule::new(builder);
-        let id = define(&mut module, "step", &routine, Linkage::Export, |name| name, cfg!(unix)).ok()?;
+        let id = define(&mut module).ok()?;
         module.finalize_definitions().ok()?;
         let code = module.get_finalized_function(id);
-        // SAFETY: `define` gives the function this signature, in the platform's C convention, which `extern "C"` is too.
+        // SAFETY: both ways to define it give the function this signature, in the platform's C convention, which `extern "C"` is too.
         let function = unsafe { std::mem::transmute::<*const u8, Function>(code) };
         let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone())).collect();
         let scratch = routine.scratch as usize;
-        let Routine { data, tables, .. } = routine;
-        Some(Self { function, scratch, systems, data, tables, module: Some(module) })
+        Some(Self { function, scratch, systems, tables: routine.tables.clone(), module: Some(module) })
     }
 }
 
@@ -117,14 +133,23 @@ impl Drop for Code {
 }
 
 /// A program as machine code.
-struct Compiled {
+pub(super) struct Compiled {
     program: Program,
-    code: Code,
+    code: Arc<Code>,
+    data: Vec<f64>,
 }
 
 impl Compiled {
+    /// With code of its own.
     fn new(program: &Program) -> Option<Self> {
-        Some(Self { code: Code::new(lower(program)?)?, program: program.clone() })
+        let mut routine = lower(program)?;
+        let data = std::mem::take(&mut routine.data);
+        Some(Self::of(program, Arc::new(Code::new(routine)?), data))
+    }
+
+    /// With code and data that were made for it.
+    pub(super) fn of(program: &Program, code: Arc<Code>, data: Vec<f64>) -> Self {
+        Self { program: program.clone(), code, data }
     }
 }
 
@@ -155,7 +180,7 @@ impl Kernel for Compiled {
             work.next.as_mut_ptr(),
             work.output.as_mut_ptr(),
             work.registers.as_mut_ptr(),
-            self.code.data.as_ptr(),
+            self.data.as_ptr(),
             report.as_mut_ptr(),
             &raw mut work.systems,
             self.code.tables.as_ptr(),
@@ -184,20 +209,18 @@ impl Kernel for Compiled {
 }
 
 /// A scene as machine code that goes through many intervals.
-struct Whole {
-    code: Code,
-    places: Places,
-    table: Vec<f64>,
+pub(super) struct Whole {
+    code: Arc<Code>,
+    own: Own,
     scratch: Vec<f64>,
     systems: Vec<linear::System>,
 }
 
 impl Whole {
-    fn new(scene: &Scene, options: &simulate::Options) -> Option<Self> {
-        let unit::Stretch { run, places, table } = unit::stretch(scene, options)?;
-        let code = Code::new(run)?;
+    /// With code and numbers that were made for it.
+    pub(super) fn new(code: Arc<Code>, own: Own) -> Self {
         let (scratch, systems) = (vec![0.0; code.scratch], code.systems.clone());
-        Some(Self { code, places, table, scratch, systems })
+        Self { code, own, scratch, systems }
     }
 
     /// Goes on; how many intervals it went, whether it went all, and the notes.
@@ -208,11 +231,11 @@ impl Whole {
         let failed = (self.code.function)(
             block.as_mut_ptr(),
             most.as_ptr(),
-            self.table.as_ptr(),
+            self.own.table.as_ptr(),
             notes.as_mut_ptr(),
             gone.as_mut_ptr(),
             self.scratch.as_mut_ptr(),
-            self.code.data.as_ptr(),
+            self.own.data.as_ptr(),
             report.as_mut_ptr(),
             &raw mut self.systems,
             self.code.tables.as_ptr(),
@@ -221,15 +244,15 @@ impl Whole {
     }
 }
 
-impl simulate::Stretch for Whole {
+impl Stretch for Whole {
     fn places(&self) -> &Places {
-        &self.places
+        &self.own.places
     }
 
     fn run(&mut self, block: &mut [f64], intervals: u64, notes: &mut [f64]) -> (u64, usize) {
-        let each: usize = self.places.clusters.iter().map(|c| 2 * c.steps as usize * c.books.len()).sum();
+        let each: usize = self.own.places.clusters.iter().map(|c| 2 * c.steps as usize * c.books.len()).sum();
         let intervals = intervals.min((notes.len() / (4 * each.max(1))) as u64);
-        assert!(block.len() >= self.places.image.len(), "the block is as long as its image");
+        assert!(block.len() >= self.own.places.image.len(), "the block is as long as its image");
         let (gone, good, noted) = self.go(block, intervals, notes);
         if good {
             return (gone, noted);
@@ -237,6 +260,97 @@ impl simulate::Stretch for Whole {
         // The block is what it was: once more, without the interval that failed.
         let (gone, _, noted) = self.go(block, gone, notes);
         (gone, noted)
+    }
+}
+
+/// The code of a make's stretches for several scenes at once.
+pub(super) struct Wide(Code);
+
+impl Wide {
+    /// Of the routine of one; None where it has no such form.
+    pub(super) fn new(routine: &Routine) -> Option<Self> {
+        Code::abreast(routine).map(Wide)
+    }
+}
+
+/// Scenes of one make side by side.
+pub(super) struct Abreast {
+    code: Arc<Wide>,
+    own: Vec<Own>,
+    /// What the scenes have, number by number beside one another; lanes without a scene have what the last one has.
+    block: Vec<f64>,
+    table: Vec<f64>,
+    data: Vec<f64>,
+    scratch: Vec<f64>,
+    notes: Vec<f64>,
+}
+
+impl Abreast {
+    /// With code that was made for them; they are [`LANES`] at most.
+    pub(super) fn new(code: Arc<Wide>, own: Vec<Own>) -> Self {
+        let (mut table, mut data) = (Vec::new(), Vec::new());
+        beside(&mut table, &own, |own| &own.table);
+        beside(&mut data, &own, |own| &own.data);
+        let scratch = vec![0.0; code.0.scratch * LANES];
+        Self { code, own, block: Vec::new(), table, data, scratch, notes: Vec::new() }
+    }
+
+    /// As [`Whole::go`], with the places in the notes where each lane's begin and end, as bits.
+    fn go(&mut self, intervals: u64, report: &mut [f64; LANES]) -> (u64, bool) {
+        let (most, mut gone, code) = ([intervals as f64; LANES], [0.0; LANES], &self.code.0);
+        // As in `Whole::go`, every memory having room for all lanes.
+        let failed = (code.function)(
+            self.block.as_mut_ptr(),
+            most.as_ptr(),
+            self.table.as_ptr(),
+            self.notes.as_mut_ptr(),
+            gone.as_mut_ptr(),
+            self.scratch.as_mut_ptr(),
+            self.data.as_ptr(),
+            report.as_mut_ptr(),
+            std::ptr::null_mut(), // it solves no large systems
+            code.tables.as_ptr(),
+        );
+        (gone[0] as u64, failed == 0)
+    }
+}
+
+impl Lanes for Abreast {
+    fn places(&self, lane: usize) -> &Places {
+        &self.own[lane].places
+    }
+
+    fn run(&mut self, blocks: &mut [Vec<f64>], intervals: u64, notes: &mut [Vec<f64>]) -> u64 {
+        let (size, each) = (self.own[0].places.image.len(), 4 * self.own[0].places.notes() as usize);
+        assert!(blocks.len() == self.own.len() && blocks.iter().all(|b| b.len() >= size), "each scene has its block");
+        beside(&mut self.block, blocks, |b| &b[..size]);
+        let room = intervals as usize * each;
+        self.notes.resize(LANES * room, 0.0);
+        let begin: [f64; LANES] = std::array::from_fn(|lane| f64::from_bits(8 * (lane * room) as u64));
+        let mut end = begin;
+        let (mut gone, good) = self.go(intervals, &mut end);
+        if !good {
+            // The blocks are what they were: once more, without the interval that failed.
+            end = begin;
+            gone = self.go(gone, &mut end).0;
+        }
+        for (lane, (block, notes)) in blocks.iter_mut().zip(notes).enumerate() {
+            let numbers = self.block.iter().skip(lane).step_by(LANES);
+            block.iter_mut().zip(numbers).for_each(|(to, x)| *to = *x);
+            notes.extend_from_slice(&self.notes[begin[lane].to_bits() as usize / 8..end[lane].to_bits() as usize / 8]);
+        }
+        gone
+    }
+}
+
+/// Puts what the lanes have beside one another.
+fn beside<T>(to: &mut Vec<f64>, lanes: &[T], of: impl Fn(&T) -> &[f64]) {
+    let size = lanes.first().map_or(0, |l| of(l).len());
+    to.resize(size * LANES, 0.0);
+    for lane in 0..LANES {
+        if let Some(from) = lanes.get(lane).or(lanes.last()) {
+            to.iter_mut().skip(lane).step_by(LANES).zip(of(from)).for_each(|(to, x)| *to = *x);
+        }
     }
 }
 

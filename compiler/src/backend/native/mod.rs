@@ -2,8 +2,11 @@
 
 mod functions;
 pub mod jit;
+mod lanes;
 mod object;
+mod shared;
 mod translate;
 
 pub use jit::Jit;
 pub use object::object;
+pub use shared::Shared;

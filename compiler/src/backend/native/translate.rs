@@ -103,7 +103,7 @@ struct Translate<'a, 'f, M> {
 }
 
 /// The values of which both sine and cosine are asked for.
-fn turns(body: &[Stmt]) -> FxHashSet<Value> {
+pub(super) fn turns(body: &[Stmt]) -> FxHashSet<Value> {
     fn gather(body: &[Stmt], sines: &mut FxHashSet<Value>, cosines: &mut FxHashSet<Value>) {
         for s in body {
             match s {

@@ -5,6 +5,7 @@
 //! not have: adaptive steps, steps that are halved where Newton's method fails (they end the interval), tables of inputs, ledgers of
 //! single elements, outsides that are silent. Steps that neither meet the samples nor are concerned by them are laid between them.
 
+mod apart;
 mod block;
 mod ledger;
 mod lift;
@@ -16,6 +17,7 @@ mod stretch;
 use super::code::{Memory, Place, Routine, Stmt, Value, size};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
+use apart::{Answer, Apart};
 use block::{Block, Cluster};
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
@@ -88,8 +90,9 @@ pub struct Region {
     pub at: usize,
 }
 
+pub use apart::make;
 pub use ledger::NAMES;
-pub use stretch::{Stretch, stretch};
+pub use stretch::{Own, Stretch, stretch};
 
 /// The unit of a scene, at fixed steps.
 ///
@@ -102,7 +105,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let simulation = Simulation::on(&Interpret, scene, options, Vec::new()).map_err(|e| e.to_string())?;
     let start = simulation.start();
     let plan = Plan::new(scene, options, &start)?;
-    let mut unit = Writing::new(scene, &start, &plan, false)?;
+    let mut unit = Writing::new(scene, &start, &plan, false, None)?;
     let (time, given) = (unit.time, unit.given);
     let (observe, looked) = unit.observe()?;
     let mut kept = unit.public();
@@ -229,6 +232,8 @@ struct Writing<'a> {
     means: usize,
     /// Whether all is kept that `bond_runtime::simulate` keeps, for a run within this program.
     full: bool,
+    /// Numbers that do not stand in the code.
+    apart: Option<Apart<'a>>,
     clusters: Vec<Cluster>,
     block: Block,
     table: Vec<f64>,
@@ -236,14 +241,20 @@ struct Writing<'a> {
 
 impl<'a> Writing<'a> {
     /// With everything in its place.
-    fn new(scene: &'a Scene, start: &'a Start, plan: &'a Plan, full: bool) -> Result<Self, String> {
+    fn new(
+        scene: &'a Scene,
+        start: &'a Start,
+        plan: &'a Plan,
+        full: bool,
+        apart: Option<Apart<'a>>,
+    ) -> Result<Self, String> {
         let mut block = Block::default();
         let time = block.take(2); // and how many intervals are over
         let values: Vec<f64> = scene.inputs.iter().map(|i| i.value).collect();
         let given = block.put(&values);
         let means = block.take(scene.open.len());
         let (clusters, table) = (Vec::new(), Vec::new());
-        let mut unit = Self { scene, start, plan, time, given, means, full, clusters, block, table };
+        let mut unit = Self { scene, start, plan, time, given, means, full, apart, clusters, block, table };
         unit.lay_out()?;
         Ok(unit)
     }
@@ -316,6 +327,9 @@ impl Writing<'_> {
     /// What an interval's end and the next one's begin do.
     fn commit(&mut self) -> Result<Writer, String> {
         let mut w = Writer::new();
+        if let Some(apart) = &self.apart {
+            w.data.clone_from(&apart.data);
+        }
         let zero = w.number(0.0);
         for (o, open) in self.scene.open.iter().enumerate() {
             let (cluster, port) = open.port;
@@ -420,8 +434,18 @@ impl Writing<'_> {
         let s = |at: usize| (Memory::State, at as u32);
         let table = self.clusters.iter().find(|c| c.state == state && c.next == next).map_or(0, |c| c.table);
         let places = [s(state), s(next), s(input), (Memory::Table, table as u32), (Memory::Scratch, 0), s(output)];
-        write(w, program, places)
+        let numbers =
+            self.apart.as_ref().map(|apart| apart.program(program).ok_or("a program of none of its clusters"));
+        write(w, program, places, numbers.transpose()?)
             .ok_or_else(|| format!("`{of}` has iterations inside iterations, which have no compiled form"))
+    }
+
+    /// A number of how a cluster's answer depends on what it holds.
+    fn answer(&self, w: &mut Writer, i: usize, which: Answer, k: usize) -> Value {
+        match &self.apart {
+            Some(apart) => w.load(Place::new(Memory::Data, apart.answer(i, which) + k as u32)),
+            None => w.number(which.of(&self.start.clusters[i])[k]),
+        }
     }
 
     fn open(&self, o: usize) -> Open {

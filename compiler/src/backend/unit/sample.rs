@@ -1,5 +1,6 @@
 //! Samples of a scene: what crossed is booked, what is held next is found.
 
+use super::apart::Answer;
 use super::ledger::{clamped, positive};
 use super::{Writing, programs};
 use crate::backend::code::{Cond, Reason, Stmt, Value};
@@ -152,7 +153,7 @@ impl Writing<'_> {
         for (k, held) in place.held.iter().enumerate() {
             let mut response = None;
             for (j, other) in place.held.iter().enumerate() {
-                let (b, v) = (w.number(start.beta[k * n + j]), w.kept(other.v));
+                let (b, v) = (self.answer(&mut w, i, Answer::Beta, k * n + j), w.kept(other.v));
                 let x = w.mul(b, v);
                 response = Some(response.map_or(x, |sum| w.add(sum, x)));
             }
@@ -251,7 +252,7 @@ impl Writing<'_> {
             let foreseen = positive(&mut w, foreseen);
             let room = w.add(stored, foreseen);
             let room = positive(&mut w, room);
-            found = within_budget(&mut w, &found, &alpha, &start.beta, room);
+            found = self.within_budget(&mut w, i, (&found, &alpha), room);
         }
         for ((h, held), v) in start.held.iter().zip(&place.held).zip(found) {
             w.keep(held.v, v);
@@ -271,17 +272,17 @@ impl Writing<'_> {
 
     /// What the next interval's alpha is foretold to be.
     fn foretold(&self, w: &mut Writer, i: usize, k: usize, changes: &[Value]) -> Value {
-        let (start, held) = (&self.start.clusters[i], &self.clusters[i].held[k]);
-        let n = changes.len();
+        let (held, n) = (&self.clusters[i].held[k], changes.len());
         let mut effect = None;
         for (j, c) in changes.iter().enumerate() {
-            let g = w.number(start.gamma[k * n + j]);
+            let g = self.answer(w, i, Answer::Gamma, k * n + j);
             let x = w.mul(g, *c);
             effect = Some(effect.map_or(x, |sum| w.add(sum, x)));
         }
         let (zero, one) = (w.number(0.0), w.number(1.0));
         let effect = effect.unwrap_or(zero);
-        let (decay, a, b) = (w.number(start.decay[k]), w.kept(held.alpha), w.kept(held.alpha + 1));
+        let decay = self.answer(w, i, Answer::Decay, k);
+        let (a, b) = (w.kept(held.alpha), w.kept(held.alpha + 1));
         let intervals = w.kept(held.intervals);
         let first = w.mul(decay, a);
         let first = w.sub(first, effect);
@@ -327,10 +328,10 @@ impl Writing<'_> {
         let next = w.add(k, one);
         w.set(round, next);
         for k in 0..n {
-            let own = w.number(start.beta[k * n + k]);
+            let own = self.answer(&mut w, i, Answer::Beta, k * n + k);
             let mut pull = None;
             for j in (0..n).filter(|j| *j != k) {
-                let (b, v) = (w.number(start.beta[k * n + j]), w.get(values[j]));
+                let (b, v) = (self.answer(&mut w, i, Answer::Beta, k * n + j), w.get(values[j]));
                 let x = w.mul(b, v);
                 pull = Some(pull.map_or(x, |sum| w.add(sum, x)));
             }
@@ -425,51 +426,51 @@ impl Writing<'_> {
         }
         Ok(w)
     }
-}
 
-/// Scales held variables down until the energy that the interval is foretold to give back is at most `room`; see
-/// `bond_runtime::simulate`.
-fn within_budget(w: &mut Writer, v: &[Value], alpha: &[Value], beta: &[f64], room: Value) -> Vec<Value> {
-    let n = v.len();
-    let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
-    let mut a = None;
-    for (v, alpha) in v.iter().zip(alpha) {
-        let x = w.mul(*v, *alpha);
-        a = Some(a.map_or(x, |sum| w.add(sum, x)));
-    }
-    let a = a.unwrap_or(zero);
-    let mut b = zero;
-    for i in 0..n {
-        for j in 0..n {
-            let k = w.number(beta[i * n + j]);
-            let x = w.mul(v[i], k);
-            let x = w.mul(x, v[j]);
-            b = w.add(b, x);
+    /// Scales held variables down until the energy that the interval is foretold to give back is at most `room`; see
+    /// `bond_runtime::simulate`.
+    fn within_budget(&self, w: &mut Writer, i: usize, (v, alpha): (&[Value], &[Value]), room: Value) -> Vec<Value> {
+        let n = v.len();
+        let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
+        let mut a = None;
+        for (v, alpha) in v.iter().zip(alpha) {
+            let x = w.mul(*v, *alpha);
+            a = Some(a.map_or(x, |sum| w.add(sum, x)));
         }
+        let a = a.unwrap_or(zero);
+        let mut b = zero;
+        for p in 0..n {
+            for q in 0..n {
+                let k = self.answer(w, i, Answer::Beta, p * n + q);
+                let x = w.mul(v[p], k);
+                let x = w.mul(x, v[q]);
+                b = w.add(b, x);
+            }
+        }
+        let given = w.sub(a, b);
+        let least = w.unary(Unary::Neg, room);
+        let within = w.le(least, given);
+        let part = w.var();
+        w.set(part, one);
+        w.when(within.not(), |w| {
+            let aa = w.mul(a, a);
+            let four_b = w.mul(four, b);
+            let more = w.mul(four_b, room);
+            let sum = w.add(aa, more);
+            let root = w.unary(Unary::Sqrt, sum);
+            let up = w.add(a, root);
+            let down = w.mul(two, b);
+            let s = w.div(up, down);
+            let back = w.unary(Unary::Neg, a);
+            let t = w.div(room, back);
+            let curved = w.lt(zero, b);
+            let s = w.select(curved, s, t);
+            let finite = w.finite(s);
+            let s = w.select(finite, s, zero);
+            let s = clamped(w, s, 0.0, 1.0);
+            w.set(part, s);
+        });
+        let s = w.get(part);
+        v.iter().map(|x| w.mul(*x, s)).collect()
     }
-    let given = w.sub(a, b);
-    let least = w.unary(Unary::Neg, room);
-    let within = w.le(least, given);
-    let part = w.var();
-    w.set(part, one);
-    w.when(within.not(), |w| {
-        let aa = w.mul(a, a);
-        let four_b = w.mul(four, b);
-        let more = w.mul(four_b, room);
-        let sum = w.add(aa, more);
-        let root = w.unary(Unary::Sqrt, sum);
-        let up = w.add(a, root);
-        let down = w.mul(two, b);
-        let s = w.div(up, down);
-        let back = w.unary(Unary::Neg, a);
-        let t = w.div(room, back);
-        let curved = w.lt(zero, b);
-        let s = w.select(curved, s, t);
-        let finite = w.finite(s);
-        let s = w.select(finite, s, zero);
-        let s = clamped(w, s, 0.0, 1.0);
-        w.set(part, s);
-    });
-    let s = w.get(part);
-    v.iter().map(|x| w.mul(*x, s)).collect()
 }

@@ -1,11 +1,12 @@
 //! A scene as one routine for a run within this program: it goes many intervals on, and keeps all that
 //! `bond_runtime::simulate` keeps, to the same bits.
 
+use super::apart::Apart;
 use super::{Plan, Routines, Writing, ledger};
 use crate::backend::code::Routine;
-use bond_runtime::interpreter::Interpret;
+use bond_runtime::exponential;
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{BookPlaces, ClusterPlaces, HeldPlaces, Options, Places, Simulation};
+use bond_runtime::simulate::{BookPlaces, ClusterPlaces, HeldPlaces, Options, Places, Start};
 use std::collections::BTreeSet;
 
 /// Routines with more statements than this take longer to compile than most runs would gain.
@@ -22,9 +23,9 @@ pub struct Stretch {
     pub table: Vec<f64>,
 }
 
-/// The routine of a scene; None where a run of it looks at it in each interval, steps its parts at different times, or is too
-/// large to gain.
-pub fn stretch(scene: &Scene, options: &Options) -> Option<Stretch> {
+/// The routine of a scene that starts, or goes on, from here; None where a run of it looks at it in each interval, steps its parts at
+/// different times, or is too large to gain. With `apart`, it is that of all scenes of its [`super::make`], which differ in [`Own`].
+pub fn stretch(scene: &Scene, options: &Options, start: &Start, apart: bool) -> Option<Stretch> {
     let sampled = scene.clusters.iter().any(|c| c.period.is_some());
     let produced = scene.clusters.iter().flat_map(|c| &c.entries).any(|e| !e.produced.is_empty());
     let adaptive =
@@ -35,19 +36,45 @@ pub fn stretch(scene: &Scene, options: &Options) -> Option<Stretch> {
     if !scene.open.is_empty() || produced || adaptive || watched {
         return None;
     }
-    let simulation = Simulation::on(&Interpret, scene, options, Vec::new()).ok()?;
-    let start = simulation.start();
-    let plan = Plan::new(scene, options, &start).ok()?;
-    let apart = scene.clusters.iter().zip(&start.clusters).any(|(c, s)| c.period.is_none() && !s.connected);
-    if plan.ratio.iter().any(|r| *r != 1) || (sampled && apart) {
+    let plan = Plan::new(scene, options, start).ok()?;
+    let alone = scene.clusters.iter().zip(&start.clusters).any(|(c, s)| c.period.is_none() && !s.connected);
+    if plan.ratio.iter().any(|r| *r != 1) || (sampled && alone) {
         return None;
     }
-    let mut unit = Writing::new(scene, &start, &plan, true).ok()?;
+    let apart = apart.then(|| Apart::new(scene, start));
+    let mut unit = Writing::new(scene, start, &plan, true, apart).ok()?;
     let places = unit.places();
     let kept: BTreeSet<u32> = (0..unit.block.image.len() as u32).collect();
     let Routines { run, .. } = unit.routines(&kept).ok()?;
     let run = run.filter(|r| r.size() <= LARGEST)?;
     Some(Stretch { run, places, table: unit.table })
+}
+
+/// In what a scene differs from others of its make.
+#[derive(Clone, Debug, Default)]
+pub struct Own {
+    /// Where everything is, which is the same, and what is no place there.
+    pub places: Places,
+    /// See [`Stretch::table`].
+    pub table: Vec<f64>,
+    /// The routine's data.
+    pub data: Vec<f64>,
+}
+
+impl Own {
+    /// That of a scene, from the places of another of its make; None where an exact step cannot be prepared.
+    pub fn new(scene: &Scene, start: &Start, places: &Places) -> Option<Self> {
+        let (mut own, mut table) = (places.clone(), Vec::new());
+        for ((c, s), p) in scene.clusters.iter().zip(&start.clusters).zip(&mut own.clusters) {
+            if let Some(linear) = &c.step.linear {
+                table.extend(exponential::table(linear, p.h).ok()?);
+            }
+            p.beta.clone_from(&s.beta);
+            p.gamma.clone_from(&s.gamma);
+            p.decay.clone_from(&s.decay);
+        }
+        Some(Self { places: own, table, data: Apart::new(scene, start).data })
+    }
 }
 
 impl Writing<'_> {

@@ -1,0 +1,137 @@
+//! Machine code for many scenes of one make: it is made once, and takes the numbers in which they differ from its data.
+
+use super::jit::{Abreast, Code, Compiled, Jit, WORTH, Whole, Wide};
+use super::lanes::LANES;
+use crate::backend::code::Routine;
+use crate::backend::unit::{self, Own};
+use crate::backend::{is_large, lower_apart};
+use bond_runtime::interpreter::Interpreter;
+use bond_runtime::ir::Program;
+use bond_runtime::kernel::{Backend, Kernel};
+use bond_runtime::scene::Scene;
+use bond_runtime::simulate::{Lanes, Maker, Options, Places, Start, Stretch};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+
+/// So many makes are known at most; what comes later is interpreted.
+const MOST: usize = 64;
+
+/// Compiles each make of program once, and of scene; the numbers of a run are those of code made for it alone, to the last bit. Large
+/// programs, which have no such form, are compiled each for itself.
+///
+/// To be used by many threads at once: who asks for what another is just compiling waits for it.
+#[derive(Default)]
+pub struct Shared {
+    kernels: Mutex<Vec<(Program, Option<Arc<Code>>)>>,
+    stretches: Arc<Makes>,
+    /// Intervals of one scene that are worth it.
+    worth: u64,
+}
+
+/// Code for the scenes of a make.
+struct Known {
+    /// What it is made of, without its data.
+    run: Routine,
+    code: Arc<Code>,
+    /// The same for several at once, once that is wanted.
+    wide: OnceLock<Option<Arc<Wide>>>,
+    places: Places,
+}
+
+/// What is known of makes of scenes.
+type Makes = Mutex<Vec<(Vec<u8>, Option<Arc<Known>>)>>;
+
+/// The code for a scene, and its own numbers.
+fn find(list: &Makes, scene: &Scene, options: &Options, start: &Start) -> Option<(Arc<Known>, Own)> {
+    let make = || {
+        let unit::Stretch { mut run, places, .. } = unit::stretch(scene, options, start, true)?;
+        run.data.clear();
+        Some(Known { code: Arc::new(Code::new(run.clone())?), run, wide: OnceLock::new(), places })
+    };
+    let known = known(list, unit::make(scene, options)?, make)?;
+    let own = Own::new(scene, start, &known.places)?;
+    Some((known, own))
+}
+
+/// Several at once are worth so many times as many intervals of each: vectors take longer to compile.
+const WIDER: u64 = 4;
+
+impl Shared {
+    /// Nothing yet, for so many scenes.
+    pub fn new(scenes: u64) -> Self {
+        Self { worth: WORTH / scenes.max(1), ..Self::default() }
+    }
+
+    /// How many makes of program it knows, and of scenes.
+    pub fn makes(&self) -> (usize, usize) {
+        (lock(&self.kernels).len(), lock(&self.stretches).len())
+    }
+}
+
+fn lock<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
+    list.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What is known under a key, made where it is not.
+fn known<K: PartialEq, V>(
+    list: &Mutex<Vec<(K, Option<Arc<V>>)>>,
+    key: K,
+    make: impl FnOnce() -> Option<V>,
+) -> Option<Arc<V>> {
+    let mut list = lock(list);
+    if let Some((_, found)) = list.iter().find(|(k, _)| *k == key) {
+        return found.clone();
+    }
+    if list.len() >= MOST {
+        return None;
+    }
+    let made = make().map(Arc::new);
+    list.push((key, made.clone()));
+    made
+}
+
+impl Backend for Shared {
+    fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
+        if is_large(program) {
+            return Jit.kernel(program);
+        }
+        let make = || {
+            let mut routine = lower_apart(program)?;
+            routine.data.clear();
+            Code::new(routine)
+        };
+        match known(&self.kernels, program.skeleton(), make) {
+            Some(code) => {
+                let data = program.numbers().into_iter().map(|n| n.1).collect();
+                Box::new(Compiled::of(program, code, data))
+            }
+            None => Box::new(Interpreter::new(program)),
+        }
+    }
+
+    fn stretches(&self) -> Option<Maker> {
+        let list = self.stretches.clone();
+        let make = move |scene: &Scene, options: &Options, start: &Start| -> Option<Box<dyn Stretch>> {
+            let (known, own) = find(&list, scene, options, start)?;
+            Some(Box::new(Whole::new(known.code.clone(), own)))
+        };
+        Some(Maker { make: Arc::new(make), worth: self.worth })
+    }
+
+    fn width(&self) -> usize {
+        LANES
+    }
+
+    fn lanes(&self, scenes: &[(&Scene, &Options, Start)], intervals: u64) -> Option<Box<dyn Lanes>> {
+        if intervals < WIDER * self.worth || !(2..=LANES).contains(&scenes.len()) {
+            return None;
+        }
+        let found = scenes.iter().map(|(scene, options, start)| find(&self.stretches, scene, options, start));
+        let (makes, own): (Vec<Arc<Known>>, Vec<Own>) = found.collect::<Option<Vec<_>>>()?.into_iter().unzip();
+        let known = makes.first()?;
+        if !makes.iter().all(|k| Arc::ptr_eq(k, known)) {
+            return None;
+        }
+        let wide = known.wide.get_or_init(|| Wide::new(&known.run).map(Arc::new)).clone()?;
+        Some(Box::new(Abreast::new(wide, own)))
+    }
+}

@@ -1,0 +1,109 @@
+//! The numbers in which scenes of the same make differ, kept apart from the code, so that one routine does for all of them.
+
+use super::programs;
+use bond_runtime::exponential::Linear;
+use bond_runtime::ir::Program;
+use bond_runtime::scene::{Cluster, Probes, Respond, Scene};
+use bond_runtime::simulate::{Options, Start, StartCluster};
+
+/// Which numbers of how a cluster's answer depends on what it holds; see [`StartCluster`].
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Answer {
+    Beta,
+    Gamma,
+    Decay,
+}
+
+impl Answer {
+    const ALL: [Answer; 3] = [Answer::Beta, Answer::Gamma, Answer::Decay];
+
+    /// All of them, of a cluster.
+    pub(super) fn of(self, start: &StartCluster) -> &[f64] {
+        match self {
+            Answer::Beta => &start.beta,
+            Answer::Gamma => &start.gamma,
+            Answer::Decay => &start.decay,
+        }
+    }
+}
+
+/// The numbers of a scene that are in `Memory::Data`, and where.
+pub(super) struct Apart<'a> {
+    /// All of them, in order.
+    pub(super) data: Vec<f64>,
+    programs: Vec<(&'a Program, u32)>,
+    /// By cluster.
+    answers: Vec<[u32; 3]>,
+}
+
+impl<'a> Apart<'a> {
+    /// Those of a scene.
+    pub(super) fn new(scene: &'a Scene, start: &Start) -> Self {
+        let mut it = Self { data: Vec::new(), programs: Vec::new(), answers: Vec::new() };
+        for (c, s) in scene.clusters.iter().zip(&start.clusters) {
+            for program in of(c) {
+                it.programs.push((program, it.data.len() as u32));
+                it.data.extend(program.numbers().into_iter().map(|n| n.1));
+            }
+            it.answers.push(Answer::ALL.map(|which| {
+                let at = it.data.len() as u32;
+                it.data.extend(which.of(s));
+                at
+            }));
+        }
+        it
+    }
+
+    /// Where the numbers of one of the scene's programs begin.
+    pub(super) fn program(&self, program: &Program) -> Option<u32> {
+        self.programs.iter().find(|p| std::ptr::eq(p.0, program)).map(|p| p.1)
+    }
+
+    /// Where those of a cluster's answer begin.
+    pub(super) fn answer(&self, cluster: usize, which: Answer) -> u32 {
+        self.answers[cluster][which as usize]
+    }
+}
+
+/// The programs of a cluster that a routine is made of.
+fn of(c: &Cluster) -> impl Iterator<Item = &Program> {
+    let respond = c.respond.iter().map(programs).flat_map(|(p, q)| [Some(p), q]).flatten();
+    [&c.step.program, &c.instant].into_iter().chain(respond)
+}
+
+/// What scenes of the same make have in common, as bytes: where it is the same, so are their routines but for [`Apart`]. None where it
+/// cannot be told.
+pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
+    let mut common = scene.clone();
+    common.probes = Probes::default();
+    common.inputs.iter_mut().for_each(|i| i.value = 0.0);
+    for c in &mut common.clusters {
+        c.initial.fill(0.0);
+        c.guards.iter_mut().for_each(|g| g.program = Program::default());
+        c.stored = Program::default();
+        c.instant = c.instant.skeleton();
+        c.entries.iter_mut().for_each(|e| e.floor = 0.0);
+        match &mut c.respond {
+            Some(Respond::Last(p)) => *p = p.skeleton(),
+            Some(Respond::Matched(p, q)) => [p, q].into_iter().for_each(|p| *p = p.skeleton()),
+            None => {}
+        }
+        c.step.why = "".into();
+        c.step.glance = None;
+        c.step.program = c.step.program.skeleton();
+        c.step.linear.iter_mut().for_each(shape);
+    }
+    let mut bytes = common.to_bytes().ok()?;
+    for x in [options.step, options.tolerance, Some(options.default_step), options.longest] {
+        bytes.push(u8::from(x.is_some()));
+        bytes.extend(x.unwrap_or(0.0).to_le_bytes());
+    }
+    Some(bytes)
+}
+
+/// Leaves the sizes of a linear system.
+fn shape(linear: &mut Linear) {
+    linear.a.fill(0.0);
+    let lists = [&mut linear.means, &mut linear.forms, &mut linear.squares, &mut linear.starts, &mut linear.drifts];
+    lists.into_iter().flatten().for_each(|l| l.fill(0.0));
+}
