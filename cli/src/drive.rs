@@ -85,19 +85,61 @@ pub fn drive(
 /// # Errors
 /// The numerics, or what the watch gives.
 pub fn watched(sim: &mut Simulation<'_>, rows: Rows, stop: f64, watch: &mut dyn Watch) -> Result<(), Halt> {
-    let from = sim.time();
-    let mut ended = false;
-    for t in rows.filter(|t| *t >= from * (1.0 - 1e-12)) {
-        if t >= stop * (1.0 - 1e-12) {
-            end(sim, stop, watch)?;
-            ended = true;
+    let mut walk = Walk::new(sim.time(), rows, stop);
+    while walk.on(sim, watch)? {}
+    Ok(())
+}
+
+/// A run on its way through the instants of its rows.
+pub struct Walk {
+    rows: Rows,
+    stop: f64,
+    /// The next row's instant.
+    next: Option<f64>,
+    /// Whether the end was one of them.
+    ended: bool,
+}
+
+impl Walk {
+    /// From an instant on.
+    pub fn new(from: f64, mut rows: Rows, stop: f64) -> Self {
+        let next = rows.find(|t| *t >= from * (1.0 - 1e-12));
+        Self { rows, stop, next, ended: false }
+    }
+
+    /// The instant to which it goes next.
+    pub fn next(&self) -> f64 {
+        self.next.map_or(self.stop, |t| if self.is_end(t) { self.stop } else { t })
+    }
+
+    fn is_end(&self, t: f64) -> bool {
+        t >= self.stop * (1.0 - 1e-12)
+    }
+
+    /// Goes to the next row, or from the last one to the end; whether there is more.
+    ///
+    /// # Errors
+    /// The numerics, or what the watch gives.
+    pub fn on(&mut self, sim: &mut Simulation<'_>, watch: &mut dyn Watch) -> Result<bool, Halt> {
+        let Some(t) = self.next else {
+            if self.ended {
+                finish(sim, self.stop)?
+            } else {
+                end(sim, self.stop, watch)?
+            }
+            return Ok(false);
+        };
+        if self.is_end(t) {
+            end(sim, self.stop, watch)?;
+            self.ended = true;
         } else {
             sim.advance(t).map_err(Halt::Numerics)?;
             watch.mark(sim, false)?;
         }
         watch.row(sim, t)?;
+        self.next = self.rows.next();
+        Ok(true)
     }
-    if ended { finish(sim, stop) } else { end(sim, stop, watch) }
 }
 
 fn end(sim: &mut Simulation<'_>, stop: f64, watch: &mut dyn Watch) -> Result<(), Halt> {

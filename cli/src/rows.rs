@@ -42,6 +42,11 @@ pub struct Rows {
 }
 
 impl Rows {
+    /// The end alone.
+    pub fn end(stop: f64) -> Self {
+        Self { grid: Grid::None, stop, count: 0, at: Vec::new(), k: 0, i: 0 }
+    }
+
     /// The instants of a run to `stop`: those of the grid, and those given.
     ///
     /// # Errors

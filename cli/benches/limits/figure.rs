@@ -32,7 +32,7 @@ pub struct Figure {
     pub size: usize,
     /// How many units a step has.
     pub per: usize,
-    /// How many scenes step in turn.
+    /// How many scenes there are.
     pub scenes: usize,
     /// Whether an input pulls for 5 samples of every 30.
     pub pulls: bool,

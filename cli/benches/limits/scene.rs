@@ -1,14 +1,11 @@
 //! Scenes that run in this process: driven as `bond run` does, or their step alone.
 
 use super::figure::Figure;
-use bond::{Code, Compiled, Options, Simulation, Steps};
+use bond::{Abreast, Code, Compiled, Options, Simulation, Steps};
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
-use bond_runtime::ir::Program;
-use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
+use bond_runtime::kernel::{Backend, Kernel, Workspace};
 use bond_runtime::simulate;
-use std::cell::RefCell;
-use std::sync::Arc;
 
 /// Compiles a figure's scene.
 ///
@@ -42,43 +39,12 @@ pub fn options(figure: &Figure, compiled: &Compiled) -> Result<simulate::Options
     Steps::fixed(figure.step).resolve(settings, 1.0, None).map_err(|e| e.to_string())
 }
 
-/// A back end that makes each program ready once, for scenes that are many times the same.
-struct Shared {
-    inner: &'static dyn Backend,
-    known: RefCell<Vec<(Program, Arc<dyn Kernel>)>>,
-}
-
-struct Handle(Arc<dyn Kernel>);
-
-impl Kernel for Handle {
-    fn program(&self) -> &Program {
-        self.0.program()
-    }
-
-    fn run(&self, state: &[f64], input: &[f64], table: &[f64], work: &mut Workspace) -> Result<(), Failure> {
-        self.0.run(state, input, table, work)
-    }
-
-    fn workspace(&self) -> Workspace {
-        self.0.workspace()
-    }
-}
-
-impl Backend for Shared {
-    fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
-        let mut known = self.known.borrow_mut();
-        if let Some((_, kernel)) = known.iter().find(|(p, _)| p == program) {
-            return Box::new(Handle(kernel.clone()));
-        }
-        let kernel: Arc<dyn Kernel> = Arc::from(self.inner.kernel(program));
-        known.push((program.clone(), kernel.clone()));
-        Box::new(Handle(kernel))
-    }
-}
-
 /// Scenes stepped by the runtime's own driver, ledger included.
 pub struct Driven<'a> {
     sims: Vec<Simulation<'a>>,
+    /// So many of them go on side by side, where the back end has that, group by group.
+    width: usize,
+    groups: Vec<Option<Abreast>>,
     step: f64,
     pulls: bool,
     done: u64,
@@ -91,12 +57,15 @@ impl<'a> Driven<'a> {
     /// In words.
     pub fn new(figure: &Figure, compiled: &'a Compiled, code: Code) -> Result<Self, String> {
         let options = options(figure, compiled)?;
-        let shared = Shared { inner: code.backend(), known: RefCell::default() };
-        let backend: &dyn Backend = if figure.scenes > 1 { &shared } else { shared.inner };
+        let shared = code.shared(figure.scenes as u64);
+        let backend: &dyn Backend = if figure.scenes > 1 { &*shared } else { code.backend() };
         let sims = (0..figure.scenes)
             .map(|_| Simulation::on(backend, compiled.scene(), &options, []).map_err(|e| e.to_string()))
-            .collect::<Result<_, _>>()?;
-        Ok(Self { sims, step: figure.step, pulls: figure.pulls, done: 0 })
+            .collect::<Result<Vec<_>, _>>()?;
+        let width = backend.width();
+        // They go on for as long as is measured.
+        let groups = sims.chunks(width).map(|group| Abreast::new(backend, group, 1e6 * figure.step)).collect();
+        Ok(Self { sims, width, groups, step: figure.step, pulls: figure.pulls, done: 0 })
     }
 
     /// Goes so many steps on.
@@ -106,8 +75,7 @@ impl<'a> Driven<'a> {
     pub fn go(&mut self, steps: u64) -> Result<(), String> {
         let end = self.done + steps;
         while self.done < end {
-            // One scene goes all the way; of many, each takes one step in turn.
-            let mut next = if self.sims.len() > 1 { self.done + 1 } else { end };
+            let mut next = end;
             if self.pulls {
                 let at = self.done % 30;
                 let push = match at {
@@ -122,8 +90,13 @@ impl<'a> Driven<'a> {
                 }
                 next = next.min(self.done + if at < 25 { 25 - at } else { 30 - at });
             }
-            for sim in &mut self.sims {
-                sim.advance(next as f64 * self.step).map_err(|e| e.to_string())?;
+            for (group, together) in self.sims.chunks_mut(self.width).zip(&mut self.groups) {
+                if let Some(together) = together {
+                    together.leap(group, next as f64 * self.step);
+                }
+                for sim in group {
+                    sim.advance(next as f64 * self.step).map_err(|e| e.to_string())?;
+                }
             }
             self.done = next;
         }

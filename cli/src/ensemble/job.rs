@@ -3,10 +3,10 @@
 use super::choice::Choice;
 use super::outcome::Outcome;
 use super::plan::Plan;
-use crate::drive::{self, Halt, drive};
+use crate::drive::{self, Halt, Walk, Watch};
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use bond::{Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
+use bond::{Abreast, Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
 use std::time::Instant;
 
 /// More numbers than this are not kept of one instance.
@@ -62,56 +62,145 @@ impl Job {
         Ok((rows, steps, stop))
     }
 
-    /// Runs an instance.
-    pub fn run(&self, instance: u64) -> Outcome {
-        let width = self.probes.len();
-        let names = || self.plan.paths().zip(self.plan.values(instance));
-        if let Some((path, (x, _))) = names().find(|(_, (x, _))| !x.is_finite()) {
-            return Outcome::failed(width, format!("{path} = {x} is no finite number"));
-        }
-        let compiled = match self.compile(instance) {
-            Ok(compiled) => compiled,
-            Err(errors) => return Outcome::failed(width, first(&errors)),
-        };
-        if compiled.probes() != self.probes {
-            let why = format!("its probes are {}, and not those of the others", compiled.probes().join(", "));
-            return Outcome::failed(width, why);
-        }
-        self.simulate(&compiled).unwrap_or_else(|why| Outcome::failed(width, why))
+    /// How many instances may be run at once.
+    pub fn width(&self) -> usize {
+        self.choice.backend(self.choice.code()).width()
     }
 
-    fn simulate(&self, compiled: &Compiled) -> Result<Outcome, String> {
-        let width = self.probes.len();
-        let (rows, steps, stop) = self.course(compiled).map_err(|stop| words(&stop))?;
+    /// Runs instances, side by side where they allow it; what each of them came to, in their order.
+    pub fn run(&self, instances: &[u64]) -> Vec<Outcome> {
+        let compiled: Vec<Result<Compiled, String>> = instances.iter().map(|i| self.prepare(*i)).collect();
         let (code, begun) = (self.choice.code(), Instant::now());
-        let sim = Simulation::on(self.choice.backend(code), compiled.scene(), &steps, self.given.iter().cloned());
-        let mut sim = sim.map_err(|e| e.to_string())?;
-        let made = begun.elapsed();
-        let mut list = Vec::new();
-        let halted = drive(&mut sim, rows, stop, &mut |sim, t| {
-            if self.over_time {
-                if list.len() > NUMBERS {
-                    let why = format!("more than {NUMBERS} numbers would be kept of one instance; ask for fewer rows");
-                    return Err(Halt::Stop(Stop::Usage(why)));
+        let runs: Vec<Result<(Run, Simulation<'_>), String>> =
+            compiled.iter().map(|c| c.as_ref().map_err(Clone::clone).and_then(|c| Run::new(self, c, code))).collect();
+        let (mut good, mut sims) = (Vec::new(), Vec::new());
+        let outcomes: Vec<Option<Outcome>> = runs
+            .into_iter()
+            .map(|run| match run {
+                Ok((run, sim)) => {
+                    good.push(run);
+                    sims.push(sim);
+                    None
                 }
-                let values = sim.probes().map_err(Halt::Numerics)?;
-                list.push(t);
-                list.extend(values.iter().take(width));
-            }
-            Ok(())
-        });
-        if code == Code::Native && halted.is_ok() {
+                Err(why) => Some(Outcome::failed(self.probes.len(), why)),
+            })
+            .collect();
+        let together = self.together(&good, &sims, code);
+        let made = begun.elapsed();
+        self.drive(&mut good, &mut sims, together);
+        if code == Code::Native && !good.is_empty() && good.iter().all(|run| run.halted.is_none()) {
             self.choice.learn(made, begun.elapsed().saturating_sub(made));
         }
+        let mut done = good.into_iter().zip(sims).map(|(run, sim)| self.outcome(run, sim));
+        outcomes.into_iter().filter_map(|o| o.or_else(|| done.next())).collect()
+    }
+
+    /// Compiles an instance, whose probes must be those of all.
+    fn prepare(&self, instance: u64) -> Result<Compiled, String> {
+        let names = || self.plan.paths().zip(self.plan.values(instance));
+        if let Some((path, (x, _))) = names().find(|(_, (x, _))| !x.is_finite()) {
+            return Err(format!("{path} = {x} is no finite number"));
+        }
+        let compiled = self.compile(instance).map_err(|errors| first(&errors))?;
+        if compiled.probes() != self.probes {
+            return Err(format!("its probes are {}, and not those of the others", compiled.probes().join(", ")));
+        }
+        Ok(compiled)
+    }
+
+    /// What takes instances along together; None where they are looked at at different instants, or differ in more than numbers.
+    fn together(&self, runs: &[Run], sims: &[Simulation<'_>], code: Code) -> Option<Abreast> {
+        let first = runs.first()?;
+        let same = runs.iter().all(|r| r.walk.next() == first.walk.next() && r.stop == first.stop);
+        if !same || runs.len() < 2 {
+            return None;
+        }
+        Abreast::new(self.choice.backend(code), sims, first.stop)
+    }
+
+    /// Runs instances to their ends.
+    fn drive(&self, runs: &mut [Run], sims: &mut [Simulation<'_>], mut together: Option<Abreast>) {
+        let mut more = true;
+        while more {
+            let next = runs.first().map_or(0.0, |r| r.walk.next());
+            // One that has halted, or goes elsewhere, goes on by itself, and so do the others.
+            if runs.iter().any(|r| r.halted.is_some() || r.walk.next() != next) {
+                together = None;
+            }
+            if let Some(together) = &mut together {
+                together.leap(sims, next);
+            }
+            more = false;
+            for (run, sim) in runs.iter_mut().zip(sims.iter_mut()).filter(|(run, _)| !run.over) {
+                let Run { walk, list, .. } = run;
+                match walk.on(sim, &mut Recorder { job: self, list }) {
+                    Ok(goes) => run.over = !goes,
+                    Err(halt) => (run.over, run.halted) = (true, Some(halt)),
+                }
+                more |= !run.over;
+            }
+        }
+    }
+
+    /// What an instance came to.
+    fn outcome(&self, run: Run, mut sim: Simulation<'_>) -> Outcome {
+        let width = self.probes.len();
         let end = sim.probes().map(|v| v[..width.min(v.len())].to_vec());
         let summary = sim.summary();
-        let (last, failure) = match (halted, end) {
-            (Ok(()), Ok(values)) => (values, None),
-            (Ok(()), Err(e)) | (Err(Halt::Numerics(e)), _) => (vec![f64::NAN; width], Some(e.to_string())),
-            (Err(Halt::Stop(stop)), _) => (vec![f64::NAN; width], Some(words(&stop))),
+        let (last, failure) = match (run.halted, end) {
+            (None, Ok(values)) => (values, None),
+            (None, Err(e)) | (Some(Halt::Numerics(e)), _) => (vec![f64::NAN; width], Some(e.to_string())),
+            (Some(Halt::Stop(stop)), _) => (vec![f64::NAN; width], Some(words(&stop))),
         };
         let passive = summary.passive && failure.is_none();
-        Ok(Outcome { last, rows: list, passive, worst: summary.worst_step, failure })
+        Outcome { last, rows: run.list, passive, worst: summary.worst_step, failure }
+    }
+}
+
+/// An instance on its way.
+struct Run {
+    walk: Walk,
+    stop: f64,
+    /// The rows: time and probes.
+    list: Vec<f64>,
+    over: bool,
+    halted: Option<Halt>,
+}
+
+impl Run {
+    fn new<'a>(job: &Job, compiled: &'a Compiled, code: Code) -> Result<(Self, Simulation<'a>), String> {
+        let (rows, steps, stop) = job.course(compiled).map_err(|stop| words(&stop))?;
+        let sim = Simulation::on(job.choice.backend(code), compiled.scene(), &steps, job.given.iter().cloned());
+        let sim = sim.map_err(|e| e.to_string())?;
+        // Where nobody looks, fixed steps need not stop for it.
+        let rows = if job.over_time || steps.step.is_none() { rows } else { Rows::end(stop) };
+        let walk = Walk::new(sim.time(), rows, stop);
+        Ok((Self { walk, stop, list: Vec::new(), over: false, halted: None }, sim))
+    }
+}
+
+/// Notes the rows of an instance.
+struct Recorder<'a> {
+    job: &'a Job,
+    list: &'a mut Vec<f64>,
+}
+
+impl Watch for Recorder<'_> {
+    fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
+        if self.job.over_time {
+            if self.list.len() > NUMBERS {
+                let why = format!("more than {NUMBERS} numbers would be kept of one instance; ask for fewer rows");
+                return Err(Halt::Stop(Stop::Usage(why)));
+            }
+            let values = sim.probes().map_err(Halt::Numerics)?;
+            self.list.push(t);
+            self.list.extend(values.iter().take(self.job.probes.len()));
+        }
+        Ok(())
+    }
+
+    fn mark(&mut self, _: &Simulation<'_>, _: bool) -> Result<(), Halt> {
+        Ok(())
     }
 }
 
