@@ -150,7 +150,8 @@ fn uses(s: &Stmt, mut f: &mut dyn FnMut(Value)) {
             f(*b);
         }
         Stmt::Fail(Reason::Singular(a)) => f(*a),
-        Stmt::Fail(Reason::NotFinite | Reason::Clock) | Stmt::Break | Stmt::Continue | Stmt::Solve { .. } => {}
+        Stmt::Solve { same, .. } => same.iter().for_each(|v| f(*v)),
+        Stmt::Fail(Reason::NotFinite | Reason::Clock) | Stmt::Break | Stmt::Continue => {}
     }
 }
 
@@ -231,5 +232,34 @@ impl Used {
             | Stmt::Fail(_) => true,
         });
         changed || body.len() < before
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::code::{Cond, Memory, Number, Place, System};
+
+    /// A value that takes long, used in a branch and by a solution besides, is still there for the solution.
+    #[test]
+    fn what_a_solution_looks_at_stays_before_it() {
+        let (x, root) = (Value(0), Value(1));
+        let root_of_x = Stmt::Let(root, Op::Unary(Unary::Sqrt, x));
+        let solve = Stmt::Solve { system: 0, matrix: 0, vector: 1, row: Var(0), same: Some(root) };
+        let branch = Stmt::If(Cond::True(x), vec![Stmt::Store(Place::new(Memory::Next, 0), root)], Vec::new());
+        let body = vec![root_of_x, solve, branch];
+        let mut routine = Routine {
+            name: String::new(),
+            body: body.clone(),
+            numbers: vec![Some(Number::Plain(2.0)), None],
+            vars: 1,
+            indices: 0,
+            scratch: 2,
+            systems: vec![System { n: 1, pattern: vec![(0, 0)] }],
+            data: Vec::new(),
+            tables: Vec::new(),
+        };
+        tidy(&mut routine);
+        assert_eq!(routine.body, body);
     }
 }
