@@ -79,6 +79,25 @@ pub enum Op {
     Select(Cond, Value, Value),
 }
 
+impl Op {
+    /// The values it looks at.
+    pub fn each_value(&self, f: &mut impl FnMut(Value)) {
+        match self {
+            Op::Load(_) | Op::Get(_) => {}
+            Op::Unary(_, a) => f(*a),
+            Op::Binary(_, a, b) => {
+                f(*a);
+                f(*b);
+            }
+            Op::Select(c, a, b) => {
+                c.each_value(f);
+                f(*a);
+                f(*b);
+            }
+        }
+    }
+}
+
 /// A condition. Comparisons with a NaN do not hold.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cond {
@@ -213,6 +232,46 @@ pub enum Stmt {
     Fail(Reason),
 }
 
+impl Stmt {
+    /// The values it looks at itself, without those that statements inside it look at.
+    pub fn each_value(&self, f: &mut impl FnMut(Value)) {
+        match self {
+            Stmt::Let(_, op) => op.each_value(f),
+            Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => f(*v),
+            Stmt::Note(list) => list.iter().for_each(|v| f(*v)),
+            Stmt::If(c, ..) => c.each_value(f),
+            Stmt::Solve { same, .. } => same.iter().for_each(|v| f(*v)),
+            Stmt::Fail(Reason::NoConvergence(_, a, b)) => {
+                f(*a);
+                f(*b);
+            }
+            Stmt::Fail(Reason::Singular(a)) => f(*a),
+            Stmt::Fail(Reason::NotFinite | Reason::Clock)
+            | Stmt::Loop(_)
+            | Stmt::For(..)
+            | Stmt::Break
+            | Stmt::Continue => {}
+        }
+    }
+
+    /// The blocks inside it; empty ones where there are none.
+    pub fn inner(&self) -> [&[Stmt]; 2] {
+        match self {
+            Stmt::If(_, yes, no) => [yes, no],
+            Stmt::Loop(body) | Stmt::For(_, _, _, body) => [body, &[]],
+            Stmt::Let(..)
+            | Stmt::Set(..)
+            | Stmt::Store(..)
+            | Stmt::Break
+            | Stmt::Continue
+            | Stmt::Solve { .. }
+            | Stmt::Count(_)
+            | Stmt::Note(_)
+            | Stmt::Fail(_) => [&[], &[]],
+        }
+    }
+}
+
 /// Why a routine ends without a result; see `bond_runtime::Failure`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reason {
@@ -285,19 +344,5 @@ impl Routine {
 
 /// How many statements there are, those inside others included.
 pub fn size(body: &[Stmt]) -> usize {
-    body.iter()
-        .map(|s| match s {
-            Stmt::If(_, a, b) => 1 + size(a) + size(b),
-            Stmt::Loop(a) | Stmt::For(_, _, _, a) => 1 + size(a),
-            Stmt::Let(..)
-            | Stmt::Set(..)
-            | Stmt::Store(..)
-            | Stmt::Break
-            | Stmt::Continue
-            | Stmt::Solve { .. }
-            | Stmt::Count(_)
-            | Stmt::Note(_)
-            | Stmt::Fail(_) => 1,
-        })
-        .sum()
+    body.iter().map(|s| 1 + s.inner().into_iter().map(size).sum::<usize>()).sum()
 }

@@ -1,6 +1,6 @@
 //! Takes out what nothing uses, and what one branch alone uses into it.
 
-use crate::backend::code::{Op, Reason, Routine, Stmt, Value, Var};
+use crate::backend::code::{Op, Routine, Stmt, Value, Var};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -123,87 +123,31 @@ fn takes_long(s: &Stmt) -> bool {
 }
 
 /// The values that a statement uses, those inside it included.
-fn uses(s: &Stmt, mut f: &mut dyn FnMut(Value)) {
-    match s {
-        Stmt::Let(_, op) => match op {
-            Op::Load(_) | Op::Get(_) => {}
-            Op::Unary(_, a) => f(*a),
-            Op::Binary(_, a, b) => {
-                f(*a);
-                f(*b);
-            }
-            Op::Select(c, a, b) => {
-                c.each_value(&mut f);
-                f(*a);
-                f(*b);
-            }
-        },
-        Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => f(*v),
-        Stmt::Note(list) => list.iter().for_each(|v| f(*v)),
-        Stmt::If(c, yes, no) => {
-            c.each_value(&mut f);
-            yes.iter().chain(no).for_each(|s| uses(s, f));
-        }
-        Stmt::Loop(body) | Stmt::For(_, _, _, body) => body.iter().for_each(|s| uses(s, f)),
-        Stmt::Fail(Reason::NoConvergence(_, a, b)) => {
-            f(*a);
-            f(*b);
-        }
-        Stmt::Fail(Reason::Singular(a)) => f(*a),
-        Stmt::Solve { same, .. } => same.iter().for_each(|v| f(*v)),
-        Stmt::Fail(Reason::NotFinite | Reason::Clock) | Stmt::Break | Stmt::Continue => {}
-    }
+fn uses(s: &Stmt, f: &mut impl FnMut(Value)) {
+    s.each_value(f);
+    s.inner().into_iter().flatten().for_each(|s| uses(s, f));
 }
 
+/// What is used: by value, and by variable.
 struct Used {
     values: Vec<bool>,
     vars: Vec<bool>,
 }
 
 impl Used {
-    fn value(&mut self, v: Value) {
-        self.values[v.0 as usize] = true;
-    }
-
-    fn var(&mut self, v: Var) {
-        self.vars[v.0 as usize] = true;
-    }
-
     /// Marks what a block uses, from its end: what only unused values use is unused.
     fn block(&mut self, body: &[Stmt]) {
         for s in body.iter().rev() {
-            match s {
-                Stmt::Let(v, op) if self.values[v.0 as usize] => match op {
-                    Op::Load(_) => {}
-                    Op::Get(var) => self.var(*var),
-                    Op::Unary(_, a) => self.value(*a),
-                    Op::Binary(_, a, b) => {
-                        self.value(*a);
-                        self.value(*b);
-                    }
-                    Op::Select(c, a, b) => {
-                        c.each_value(&mut |v| self.value(v));
-                        self.value(*a);
-                        self.value(*b);
-                    }
-                },
-                Stmt::Let(..) | Stmt::Break | Stmt::Continue => {}
-                Stmt::Solve { same, .. } => same.iter().for_each(|v| self.value(*v)),
-                Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => self.value(*v),
-                Stmt::Note(list) => list.iter().for_each(|v| self.value(*v)),
-                Stmt::If(c, yes, no) => {
-                    c.each_value(&mut |v| self.value(v));
-                    self.block(no);
-                    self.block(yes);
+            if let Stmt::Let(v, op) = s {
+                if !self.values[v.0 as usize] {
+                    continue;
                 }
-                Stmt::Loop(body) | Stmt::For(_, _, _, body) => self.block(body),
-                Stmt::Fail(Reason::NoConvergence(_, a, b)) => {
-                    self.value(*a);
-                    self.value(*b);
+                if let Op::Get(var) = op {
+                    self.vars[var.0 as usize] = true;
                 }
-                Stmt::Fail(Reason::Singular(a)) => self.value(*a),
-                Stmt::Fail(Reason::NotFinite | Reason::Clock) => {}
             }
+            s.each_value(&mut |v| self.values[v.0 as usize] = true);
+            s.inner().into_iter().rev().for_each(|block| self.block(block));
         }
     }
 
