@@ -9,6 +9,7 @@ mod given;
 mod guard;
 mod hold;
 mod places;
+mod sampled;
 mod save;
 mod schedule;
 mod start;
