@@ -121,7 +121,7 @@ impl Layout {
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum Unfit {
     /// The step is not a number above 0.
-    #[error("a step of {0} is not a finite number above 0")]
+    #[error("a step of {0:e} s is not a finite number above 0")]
     Step(f64),
     /// A matrix or row has the wrong length.
     #[error("a matrix or row of the linear system has the wrong length")]
@@ -130,7 +130,7 @@ pub enum Unfit {
     #[error("the linear system has a coefficient that is not finite")]
     Coefficient,
     /// The system grows, in the step, beyond what numbers hold.
-    #[error("the linear system grows beyond all numbers in a step of {0}")]
+    #[error("the linear system grows beyond all numbers in a step of {0:e} s")]
     Overflow(f64),
 }
 

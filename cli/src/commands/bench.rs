@@ -91,6 +91,7 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
             return Err(Stop::Usage("-o and --plot name the same file".into()));
         }
     }
+    args.output.as_deref().map_or(Ok(()), output::no_model)?;
     if args.file == Path::new("-") && args.input.as_deref() == Some(Path::new("-")) {
         return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
     }

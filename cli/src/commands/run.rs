@@ -356,6 +356,7 @@ fn places(args: &How) -> Result<(), Stop> {
     for path in [&args.output, &args.ledger].into_iter().flatten() {
         table::possible(path)?;
     }
+    args.checkpoint.as_deref().map_or(Ok(()), output::no_model)?;
     let named = [("-o", &args.output), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];
     let named: Vec<_> = named.into_iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).collect();
     for (i, (a, path)) in named.iter().enumerate() {

@@ -33,10 +33,12 @@ impl Shared {
         let folder = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
         let path = if name.contains('/') { PathBuf::from(name) } else { folder.join(name) };
         let failed = |e: io::Error| {
-            let mend = if e.kind() == io::ErrorKind::AlreadyExists {
-                "; another environment uses it, or one was killed: remove it or take another name"
-            } else {
-                ""
+            let mend = match e.kind() {
+                io::ErrorKind::AlreadyExists => {
+                    "; another environment uses it, or one was killed: remove it or take another name"
+                }
+                io::ErrorKind::NotFound => "; make its folder first, or give a name without `/`",
+                _ => "",
             };
             Stop::Usage(format!("cannot make {}: {e}{mend}", path.display()))
         };
