@@ -53,7 +53,8 @@ fn machine_code_gives_the_interpreters_bits_on_every_model() {
     assert!(compiled_ones > 100, "{compiled_ones} step programs have a plain form");
 }
 
-/// Machine code that goes through whole stretches from the first on, and counts: intervals gone, and stretches that failed.
+/// Machine code that goes through whole stretches from the first on, and counts: intervals gone, and stretches that
+/// failed.
 struct Eager;
 
 static GONE: AtomicU64 = AtomicU64::new(0);
@@ -87,7 +88,8 @@ impl Backend for Eager {
     }
 }
 
-/// A run that looks at rows, is saved on the way and goes on from there, and whose inputs change: what it shows, as bits.
+/// A run that looks at rows, is saved on the way and goes on from there, and whose inputs change: what it shows, as
+/// bits.
 fn stretched(compiled: &Compiled, backend: &dyn Backend, options: &simulate::Options, end: f64) -> (Vec<u64>, String) {
     let scene = compiled.scene();
     let mut shown: Vec<u64> = Vec::new();
@@ -225,7 +227,8 @@ fn each_op_means_the_same_at_special_values() {
     }
 }
 
-/// A program of random ops over two states and an input, with an iteration on `n` unknowns; the first states get the unknowns.
+/// A program of random ops over two states and an input, with an iteration on `n` unknowns; the first states get the
+/// unknowns.
 fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, own: bool) -> Program {
     let mut b = Builder::new("random");
     let states: Vec<Slot> = (0..n.max(2)).map(|_| b.slot(Array::State)).collect();

@@ -1,4 +1,5 @@
-//! Scenes as C and as object files do what `Simulation` does: driven from outside, saved and restored, in single numbers.
+//! Scenes as C and as object files do what `Simulation` does: driven from outside, saved and restored, in single
+//! numbers.
 //!
 //! Compiled with the C compiler of this machine; where there is none, that is said, and nothing is tested.
 
@@ -18,8 +19,8 @@ const ROWS: u32 = 100;
 /// As strictly as can be.
 const STRICT: [&str; 7] = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-O1"];
 
-/// Drives a scene with a pattern, prints a row an interval (probes, open ports, energy), and holds the state to its promises: a
-/// saved one goes on as the first did, and a failed interval leaves it as it was.
+/// Drives a scene with a pattern, prints a row an interval (probes, open ports, energy), and holds the state to its
+/// promises: a saved one goes on as the first did, and a failed interval leaves it as it was.
 const MAIN: &str = r#"
 #include "m.h"
 #include <stdio.h>

@@ -1,7 +1,7 @@
 //! Standard input and output: packets, or lines of numbers.
 //!
-//! A line in has how far each port moved under the efforts of one line out, the first under the first, the second under the
-//! second. A pipe loses nothing, so that the energy of a line that comes late is known all the same.
+//! A line in has how far each port moved under the efforts of one line out, the first under the first, the second under
+//! the second. A pipe loses nothing, so that the energy of a line that comes late is known all the same.
 
 use super::link::{Arrival, QUEUE};
 use crate::stop::Stop;
@@ -76,7 +76,8 @@ impl Pipe {
     /// # Errors
     /// A line that is none, or one for efforts long past.
     pub fn receive(&mut self) -> Result<Option<Arrival>, Stop> {
-        // A line that is ahead waits for its efforts, also one that is none: those before it count, however fast they are read.
+        // A line that is ahead waits for its efforts, also one that is none: those before it count, however fast they
+        // are read.
         if !self.binary && self.items.peek().is_ok() && self.sums.sequence >= self.next {
             return Ok(None);
         }

@@ -1,9 +1,9 @@
-//! What back ends translate: a step program made plain. Newton's method, elimination and products have become statements, loops
-//! and branches over numbers, so that a back end is a printer of some fifteen forms.
+//! What back ends translate: a step program made plain. Newton's method, elimination and products have become
+//! statements, loops and branches over numbers, so that a back end is a printer of some fifteen forms.
 //!
-//! Made by [`super::lower`]; each back end says it in its own language and adds nothing. Values are defined once and before their
-//! uses, within the block they are used in or around it; variables are set as often as wanted. There are no calls but functions
-//! of numbers and [`Stmt::Solve`].
+//! Made by [`super::lower`]; each back end says it in its own language and adds nothing. Values are defined once and
+//! before their uses, within the block they are used in or around it; variables are set as often as wanted. There are
+//! no calls but functions of numbers and [`Stmt::Solve`].
 
 use bond_runtime::ir::{Binary, Unary};
 
@@ -207,11 +207,13 @@ pub enum Stmt {
     Break,
     /// Begins the innermost [`Stmt::Loop`] anew.
     Continue,
-    /// Counts from the first number up to, and without, the second; `Break` and `Continue` do not stand in it for a loop around it.
+    /// Counts from the first number up to, and without, the second; `Break` and `Continue` do not stand in it for a
+    /// loop around it.
     For(Index, u32, u32, Vec<Stmt>),
-    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and the right
-    /// side, which becomes the solution, are in [`Memory::Scratch`] from these places on. The variable becomes -1, or the row
-    /// that has no pivot. Where there is a value and it is not 0, the matrix is what it was when this was solved last.
+    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and
+    /// the right side, which becomes the solution, are in [`Memory::Scratch`] from these places on. The variable
+    /// becomes -1, or the row that has no pivot. Where there is a value and it is not 0, the matrix is what it was when
+    /// this was solved last.
     Solve {
         /// Which system.
         system: u32,

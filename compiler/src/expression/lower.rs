@@ -54,7 +54,8 @@ impl Lowering {
         }
     }
 
-    /// Begins what is done over and over: of a product what was there before is multiplied first, so that nobody waits for it.
+    /// Begins what is done over and over: of a product what was there before is multiplied first, so that nobody waits
+    /// for it.
     pub fn begin(&mut self, builder: &Builder) {
         self.fixed = builder.count();
     }

@@ -24,8 +24,8 @@ impl Scratch {
 }
 
 impl Simulation<'_> {
-    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; and gamma, how that over the next
-    /// one does.
+    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; and gamma, how that
+    /// over the next one does.
     pub(super) fn find_beta(&mut self, i: usize) {
         let n = self.held[i].len();
         let period = self.scene.clusters[i].period.unwrap_or(0.0);
@@ -71,7 +71,8 @@ impl Simulation<'_> {
         self.decay[i] = decay;
     }
 
-    /// Whether what a held port answers to is itself sampled, and may have latched an earlier value than the one held now.
+    /// Whether what a held port answers to is itself sampled, and may have latched an earlier value than the one held
+    /// now.
     fn latches(&self, h: &Held) -> bool {
         h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some())
     }
@@ -90,7 +91,8 @@ impl Simulation<'_> {
                 h.silent = self.open[o].silent;
                 told = self.open[o].energy;
             }
-            // Each side counts for itself: the holder what it held times what it was told, the other what it told times what it met.
+            // Each side counts for itself: the holder what it held times what it was told, the other what it told times
+            // what it met.
             let (here, there) = match told {
                 Some(w) => (w, w),
                 None if latches => (h.w, h.w),
@@ -123,7 +125,8 @@ impl Simulation<'_> {
         Ok(())
     }
 
-    /// Books what crossed in the place of what the step's own effort would have let in, and what that leaves in the tank.
+    /// Books what crossed in the place of what the step's own effort would have let in, and what that leaves in the
+    /// tank.
     fn settle(&mut self, i: usize, crossed: f64) {
         let c = &self.scene.clusters[i];
         let run = &mut self.runs[i];
@@ -230,9 +233,9 @@ impl Simulation<'_> {
         Ok(())
     }
 
-    /// What to hold where a switched law leaves no solution: on the jump of the law, where the answer q is such that the law
-    /// calls for less than v = (alpha - q)/beta on one side of it and for more on the other. One port: by bisection, v being
-    /// monotone in q. Several: one after the other, a few times over.
+    /// What to hold where a switched law leaves no solution: on the jump of the law, where the answer q is such that
+    /// the law calls for less than v = (alpha - q)/beta on one side of it and for more on the other. One port: by
+    /// bisection, v being monotone in q. Several: one after the other, a few times over.
     fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64], q: &mut Vec<f64>) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let rate = 1.0 / c.period.unwrap_or(0.0);

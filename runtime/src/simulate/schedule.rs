@@ -26,7 +26,8 @@ pub struct Simulation<'a> {
     pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
     pub(super) held: Vec<Vec<Held>>,
-    /// By cluster, the matrix beta of those ports, its like for the interval after, and what of a motion is left after one.
+    /// By cluster, the matrix beta of those ports, its like for the interval after, and what of a motion is left after
+    /// one.
     pub(super) beta: Vec<Vec<f64>>,
     pub(super) gamma: Vec<Vec<f64>>,
     pub(super) decay: Vec<Vec<f64>>,
@@ -64,8 +65,8 @@ impl<'a> Simulation<'a> {
         Self::with(scene, options, Vec::new())
     }
 
-    /// A scene at its start, with the first samples taken. Signals given from outside take the courses listed with their index;
-    /// the others are what they are by default. Programs are interpreted.
+    /// A scene at its start, with the first samples taken. Signals given from outside take the courses listed with
+    /// their index; the others are what they are by default. Programs are interpreted.
     ///
     /// # Errors
     /// A program that fails at the start.
@@ -306,8 +307,8 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Samples the signals that clusters read of each other, and those given from outside: continuous clusters at each sample,
-    /// sampled ones when they are due.
+    /// Samples the signals that clusters read of each other, and those given from outside: continuous clusters at each
+    /// sample, sampled ones when they are due.
     fn refresh_foreign(&mut self, at: f64, due: &[usize]) -> Result<(), Error> {
         for k in 0..self.read.len() {
             let i = self.read[k];
@@ -387,8 +388,8 @@ impl<'a> Simulation<'a> {
         held.map_or(0.0, |h| self.scene.open[open].sign() * h.v)
     }
 
-    /// What a sampled cluster could give back of what it was given, J: what it stores, and what it dissipated and keeps in its
-    /// tank. Below 0 where it is in debt.
+    /// What a sampled cluster could give back of what it was given, J: what it stores, and what it dissipated and keeps
+    /// in its tank. Below 0 where it is in debt.
     ///
     /// # Panics
     /// If there is no such cluster.
@@ -420,8 +421,8 @@ impl<'a> Simulation<'a> {
         self.open[open] = Report { q: self.scene.open[open].sign() * report.q, ..report };
     }
 
-    /// Sets what the outside gives at an open port of a continuous region from now on: the effort or flow that causality asks of
-    /// it, along the half arrow. A port that a sampled region holds takes [`Self::report`] instead.
+    /// Sets what the outside gives at an open port of a continuous region from now on: the effort or flow that
+    /// causality asks of it, along the half arrow. A port that a sampled region holds takes [`Self::report`] instead.
     ///
     /// # Panics
     /// If there is no such open port.

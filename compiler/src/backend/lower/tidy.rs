@@ -26,8 +26,8 @@ enum Where {
     Here,
 }
 
-/// Moves what is computed for one branch alone into that branch, so that it costs nothing where the other one is taken. A choice
-/// between values of which one takes long to compute becomes a branch.
+/// Moves what is computed for one branch alone into that branch, so that it costs nothing where the other one is taken.
+/// A choice between values of which one takes long to compute becomes a branch.
 fn sink(body: &mut Vec<Stmt>, vars: &mut u32) {
     let mut places: FxHashMap<Value, Where> = FxHashMap::default();
     let mut moves: Vec<Option<(usize, bool)>> = vec![None; body.len()];

@@ -22,8 +22,8 @@ pub struct Stretch {
     pub table: Vec<f64>,
 }
 
-/// The routine of a scene; None where a run of it looks at it in each interval, steps its parts at different times, or is too
-/// large to gain.
+/// The routine of a scene; None where a run of it looks at it in each interval, steps its parts at different times, or
+/// is too large to gain.
 pub fn stretch(scene: &Scene, options: &Options) -> Option<Stretch> {
     let sampled = scene.clusters.iter().any(|c| c.period.is_some());
     let produced = scene.clusters.iter().flat_map(|c| &c.entries).any(|e| !e.produced.is_empty());

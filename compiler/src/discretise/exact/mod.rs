@@ -1,7 +1,8 @@
 //! The exact step of a linear cluster: the matrix exponential, inputs held, energies integrated exactly.
 //!
-//! With w = (x, xi), where xi are what drives the sources (constants, powers of t, sines, exponentials; anything else as its
-//! cubic through four Gauss nodes of the step), dw/dt = A w; x+ = E w, means and energies are linear and quadratic forms in w.
+//! With w = (x, xi), where xi are what drives the sources (constants, powers of t, sines, exponentials; anything else
+//! as its cubic through four Gauss nodes of the step), dw/dt = A w; x+ = E w, means and energies are linear and
+//! quadratic forms in w.
 
 mod drive;
 mod rows;
@@ -69,12 +70,13 @@ fn program(
         let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
         b.store(at(rows.system.n + i), v);
     }
-    // Means: what answers ports and constant sources, then linear integrals. The energy of a constant source is its value times
-    // the integral of what answers it, which stays exact where two of them all but cancel.
+    // Means: what answers ports and constant sources, then linear integrals. The energy of a constant source is its
+    // value times the integral of what answers it, which stays exact where two of them all but cancel.
     let steady: Vec<ColumnId> = c.ports.iter().copied().chain(rows.steady(c, form)).collect();
     linear.means = steady.iter().filter_map(|p| rows.inputs.get(p).cloned()).collect();
-    // The energy of a source that may come to rest is h (z i + (mean z - z) i) with z at the start and the mean of what answers,
-    // and a form in how far both went: at rest that is a product of two numbers, and no form's rounding adds up.
+    // The energy of a source that may come to rest is h (z i + (mean z - z) i) with z at the start and the mean of what
+    // answers, and a form in how far both went: at rest that is a product of two numbers, and no form's rounding adds
+    // up.
     let moving: Vec<ColumnId> = rows.settling(c, form).into_iter().filter(|s| !steady.contains(s)).collect();
     let first_moving = linear.means.len();
     if with_ledger && !moving.is_empty() {
