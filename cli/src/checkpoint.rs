@@ -1,6 +1,6 @@
 //! States that are saved while a scene runs, and runs that go on from them.
 
-use crate::input::name;
+use crate::input::{name, unreadable};
 use crate::output;
 use crate::stop::Stop;
 use bond::{Code, Course, RunError, Simulation};
@@ -51,7 +51,7 @@ impl<'a> Checkpoints<'a> {
 /// # Errors
 /// A file that cannot be read.
 pub fn saved(path: &Path) -> Result<Option<(u64, simulate::Options)>, Stop> {
-    let bytes = std::fs::read(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
+    let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
     Ok(simulate::saved(&bytes).ok())
 }
 
@@ -66,7 +66,7 @@ pub fn resume<'a>(
     given: Vec<(String, Course)>,
     stop: f64,
 ) -> Result<Simulation<'a>, Stop> {
-    let bytes = std::fs::read(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
+    let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
     let sim = Simulation::resume(code.backend(), scene, &bytes, given).map_err(|e| match e {
         RunError::Resume(why) => Stop::Usage(format!("cannot resume {}: {why}", name(path))),
         other => other.into(),

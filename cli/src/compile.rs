@@ -34,7 +34,8 @@ impl Options {
         self
     }
 
-    /// Lets a tolerance choose the stepper where none is named; as the model's `simulate` says where this is not called.
+    /// Lets a tolerance choose the stepper where none is named; as the model's `simulate` says where this is not
+    /// called.
     pub fn accuracy(mut self, accuracy: Accuracy) -> Self {
         self.accuracy = accuracy;
         self
@@ -131,8 +132,8 @@ pub struct Text {
 }
 
 impl Text {
-    /// Reads it. The name is shown in messages; files that the text uses are looked for beside it. What is wrong with them is
-    /// said when it is compiled.
+    /// Reads it. The name is shown in messages; files that the text uses are looked for beside it. What is wrong with
+    /// them is said when it is compiled.
     pub fn new(name: &str, text: impl Into<String>) -> Self {
         let mut sources = Sources::new();
         let main = sources.add(name, text);
@@ -198,7 +199,8 @@ impl Compiled {
         &self.inner.scene.probes.names
     }
 
-    /// A part of it as text: `all`, `graph`, `causality`, `phs`, `regions`, `program`. For another word, the text says so.
+    /// A part of it as text: `all`, `graph`, `causality`, `phs`, `regions`, `program`. For another word, the text says
+    /// so.
     pub fn show(&self, what: &str) -> String {
         let Some(what) = What::ALL.into_iter().find(|w| w.name() == what) else {
             let known: Vec<&str> = What::ALL.iter().map(|w| w.name()).collect();
@@ -236,8 +238,8 @@ impl Compiled {
         bond_compiler::linearize::linearize(&mut self.inner.clone(), time, states)
     }
 
-    /// How fast each state changes, in SI units a second, at a time and at values of the states by name; a state that is not given
-    /// is at its start. What sampled regions hold, and open ports, are 0.
+    /// How fast each state changes, in SI units a second, at a time and at values of the states by name; a state that
+    /// is not given is at its start. What sampled regions hold, and open ports, are 0.
     ///
     /// # Errors
     /// In words, where loops of resistors cannot be solved at that state.

@@ -49,8 +49,8 @@ pub trait Watch {
     /// What ends the run.
     fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt>;
 
-    /// Before each row, and at the end before the step that is left is taken: a run that goes on from there is as if it had never
-    /// stopped.
+    /// Before each row, and at the end before the step that is left is taken: a run that goes on from there is as if it
+    /// had never stopped.
     ///
     /// # Errors
     /// What ends the run.

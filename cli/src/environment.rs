@@ -1,7 +1,8 @@
-//! An executable virtual environment: this program with a scene at its end. When it starts it looks at the end of its own file,
-//! and if there is a scene it is that scene's environment, and nothing else.
+//! An executable virtual environment: this program with a scene at its end. When it starts it looks at the end of its
+//! own file, and if there is a scene it is that scene's environment, and nothing else.
 //!
-//! The file is the program, then the scene in its envelope, then the envelope's length (8 bytes, little-endian) and [`MARK`].
+//! The file is the program, then the scene in its envelope, then the envelope's length (8 bytes, little-endian) and
+//! [`MARK`].
 
 use crate::commands::{run, serve};
 use crate::stop::Stop;

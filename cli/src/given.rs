@@ -28,8 +28,8 @@ fn wrong<T>(line: usize, message: impl Into<String>) -> Result<T, TableError> {
 }
 
 impl Given {
-    /// Reads a table whose columns are `t` and some of the inputs `known`. The header is the first line that is not empty; empty
-    /// lines, and lines that begin with `#`, are skipped.
+    /// Reads a table whose columns are `t` and some of the inputs `known`. The header is the first line that is not
+    /// empty; empty lines, and lines that begin with `#`, are skipped.
     ///
     /// # Errors
     /// The line that is wrong, and what is wrong with it.

@@ -54,6 +54,15 @@ pub fn name(path: &Path) -> String {
     if path == Path::new("-") { "<stdin>".into() } else { path.to_string_lossy().into_owned() }
 }
 
+/// What it means that a file cannot be read.
+pub fn unreadable(path: &Path, e: &std::io::Error) -> Stop {
+    let why = match e.kind() {
+        std::io::ErrorKind::NotFound => "there is no such file".to_string(),
+        _ => e.to_string(),
+    };
+    Stop::Usage(format!("cannot read {}: {why}", name(path)))
+}
+
 /// Reads a text.
 ///
 /// # Errors

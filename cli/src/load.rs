@@ -82,7 +82,8 @@ fn plain(e: &std::io::Error) -> String {
     letters.next().map_or_else(String::new, |first| first.to_lowercase().chain(letters).collect())
 }
 
-/// Loads used files from disk. A path is relative to the file that says `use`; a file that is reached in two ways is one file.
+/// Loads used files from disk. A path is relative to the file that says `use`; a file that is reached in two ways is
+/// one file.
 #[derive(Debug)]
 pub struct FileLoader {
     /// Where each file that was named so far is, by its shown name.
@@ -92,8 +93,8 @@ pub struct FileLoader {
 }
 
 impl FileLoader {
-    /// A loader for a main file that is shown as `name`, which is its path too. Where there is no such file (as for standard
-    /// input), `use` is relative to the folder that the name stands in.
+    /// A loader for a main file that is shown as `name`, which is its path too. Where there is no such file (as for
+    /// standard input), `use` is relative to the folder that the name stands in.
     pub fn new(name: &str) -> Self {
         let place = std::fs::canonicalize(name).unwrap_or_else(|_| PathBuf::from(name));
         let mut loader = Self { places: HashMap::new(), names: HashMap::new() };

@@ -56,6 +56,20 @@ pub fn whole(path: &Path) -> Result<bool, Stop> {
     }
 }
 
+/// Refuses the place of a model: a result there would take the place of a text that somebody wrote.
+///
+/// # Errors
+/// Status 2.
+pub fn no_model(path: &Path) -> Result<(), Stop> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("bond")) {
+        return Err(Stop::Usage(format!(
+            "cannot write {}: that is the name of a model; name another file",
+            path.display()
+        )));
+    }
+    Ok(())
+}
+
 fn directory(path: &Path) -> Stop {
     Stop::Usage(format!("cannot write {}: it is a directory", path.display()))
 }
@@ -218,5 +232,12 @@ impl Drop for Whole {
 
 /// What it means that a file cannot be written.
 pub fn unwritable(path: &Path, e: &io::Error) -> Stop {
-    Stop::Usage(format!("cannot write {}: {e}", path.display()))
+    let why = match e.kind() {
+        io::ErrorKind::NotFound => "its folder is not there; make it first".to_string(),
+        io::ErrorKind::PermissionDenied => {
+            "permission denied; name another file, or mend the rights of its folder".to_string()
+        }
+        _ => e.to_string(),
+    };
+    Stop::Usage(format!("cannot write {}: {why}", path.display()))
 }

@@ -133,7 +133,8 @@ fn schema(columns: &[Column]) -> Written<Arc<Type>> {
     Ok(Arc::new(Type::group_type_builder("bond").with_fields(fields).build()?))
 }
 
-/// Numbers that change in every row are split into their bytes, which compress well, where a dictionary would only make them larger.
+/// Numbers that change in every row are split into their bytes, which compress well, where a dictionary would only make
+/// them larger.
 fn properties(columns: &[Column]) -> WriterProperties {
     let mut builder = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)

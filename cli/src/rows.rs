@@ -17,8 +17,8 @@ pub enum Grid {
 }
 
 impl Grid {
-    /// The grid of a run: what the command line says of the distance of rows, and what the model says of it; none where instants are
-    /// named and the command line says nothing else.
+    /// The grid of a run: what the command line says of the distance of rows, and what the model says of it; none where
+    /// instants are named and the command line says nothing else.
     pub fn asked(every: Option<f64>, settings: Option<f64>, at: &[f64]) -> Self {
         match every.or(settings) {
             Some(dt) if at.is_empty() || every.is_some() => Self::Every(dt),

@@ -160,8 +160,8 @@ impl<'a> Simulation<'a> {
         Self::with(scene, options, [])
     }
 
-    /// A scene at its start, with signals given from outside: the path of an `input`, and what it is over time. Others are what
-    /// they are by default.
+    /// A scene at its start, with signals given from outside: the path of an `input`, and what it is over time. Others
+    /// are what they are by default.
     ///
     /// # Errors
     /// A name that there is not, or a program that fails at the start.
@@ -188,8 +188,8 @@ impl<'a> Simulation<'a> {
         Ok(Self { inner: simulate::Simulation::on(backend, scene, options, courses)?, scene })
     }
 
-    /// A run that goes on from what [`Self::save`] gave, with the step and the tolerance that it had. Signals given from outside
-    /// are what they were, but for those named here.
+    /// A run that goes on from what [`Self::save`] gave, with the step and the tolerance that it had. Signals given
+    /// from outside are what they were, but for those named here.
     ///
     /// # Errors
     /// A name that there is not, or bytes that are not the state of this very scene.
@@ -204,8 +204,8 @@ impl<'a> Simulation<'a> {
         Ok(Self { inner: simulate::Simulation::resume(backend, scene, bytes, courses)?, scene })
     }
 
-    /// The whole state, as bytes. A run that goes on from them gives the same bits as this one, where the instants to which the
-    /// two are advanced are the same.
+    /// The whole state, as bytes. A run that goes on from them gives the same bits as this one, where the instants to
+    /// which the two are advanced are the same.
     ///
     /// # Errors
     /// What cannot be written, in words.
@@ -223,7 +223,8 @@ impl<'a> Simulation<'a> {
         self.inner.time()
     }
 
-    /// Runs to an instant: all samples up to it, that instant's included, are taken. An instant that is past changes nothing.
+    /// Runs to an instant: all samples up to it, that instant's included, are taken. An instant that is past changes
+    /// nothing.
     ///
     /// # Errors
     /// A step that fails. What was computed until then stays.
@@ -234,8 +235,8 @@ impl<'a> Simulation<'a> {
         Ok(self.inner.advance(until)?)
     }
 
-    /// Ends the run at an instant: continuous regions with fixed steps take the shorter step that is left, so that the ledger is
-    /// of that very instant.
+    /// Ends the run at an instant: continuous regions with fixed steps take the shorter step that is left, so that the
+    /// ledger is of that very instant.
     ///
     /// # Errors
     /// A step that fails. What was computed until then stays.
@@ -273,8 +274,8 @@ impl<'a> Simulation<'a> {
         })
     }
 
-    /// The energy and signal states of all regions by name. In a run with fixed steps they are those at the end of the last whole
-    /// step.
+    /// The energy and signal states of all regions by name. In a run with fixed steps they are those at the end of the
+    /// last whole step.
     pub fn states(&self) -> impl Iterator<Item = (&'a str, f64)> {
         let clusters = self.scene.clusters.iter().enumerate();
         clusters.flat_map(|(i, c)| {
@@ -300,8 +301,8 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// Sets what the outside gives at an open port of a continuous region from now on: the effort or the flow that causality
-    /// asks of it, along the half arrow, SI.
+    /// Sets what the outside gives at an open port of a continuous region from now on: the effort or the flow that
+    /// causality asks of it, along the half arrow, SI.
     ///
     /// # Errors
     /// A name that there is not.
@@ -314,7 +315,8 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// Sets a signal given from outside, an `input` by its path, from now on, in SI. A sampled region meets it at its next sample.
+    /// Sets a signal given from outside, an `input` by its path, from now on, in SI. A sampled region meets it at its
+    /// next sample.
     ///
     /// # Errors
     /// A name that there is not.

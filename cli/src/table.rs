@@ -1,6 +1,7 @@
 //! Tables that are written row by row: as text, or in columns.
 
 use crate::csv;
+use crate::output;
 #[cfg(feature = "parquet")]
 use crate::parquet;
 use crate::stop::Stop;
@@ -93,11 +94,12 @@ impl Table {
     }
 }
 
-/// Refuses a place whose name asks for a format that there is not.
+/// Refuses a place whose name asks for a format that there is not, or is a model's.
 ///
 /// # Errors
 /// Status 2, with the formats that there are.
 pub fn possible(path: &Path) -> Result<(), Stop> {
+    output::no_model(path)?;
     let known = if cfg!(feature = "parquet") { "`.csv` and `.parquet`" } else { "`.csv`" };
     match extension(path).as_deref() {
         Some("parquet") if cfg!(feature = "parquet") => Ok(()),

@@ -1,7 +1,7 @@
 //! From a syntax tree to step programs: elaboration, graph, causality, port-Hamiltonian structure, discretisation.
 //!
-//! [`compile`] is the whole way. The stages are the modules, in the order of its lines; each gives a type of its own that can be
-//! shown and checked.
+//! [`compile`] is the whole way. The stages are the modules, in the order of its lines; each gives a type of its own
+//! that can be shown and checked.
 
 pub mod backend;
 pub mod causality;
@@ -103,8 +103,8 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
     Ok(Compiled { model, graph, causality, form, scene })
 }
 
-/// The form. Where several storages are tied together by ratios that are divided by, and may pass 0, the junctions that drive them
-/// get speeds of their own first.
+/// The form. Where several storages are tied together by ratios that are divided by, and may pass 0, the junctions that
+/// drive them get speeds of their own first.
 fn form(
     mut model: Model,
     graph: BondGraph,

@@ -40,8 +40,8 @@ impl Linearized {
 /// Derivatives by what is varied, sorted.
 type Row = std::collections::BTreeMap<usize, f64>;
 
-/// Linearizes what is continuous at a time and at values of the states (energy and signal states by name, then integrals). What
-/// is given from outside is at its default.
+/// Linearizes what is continuous at a time and at values of the states (energy and signal states by name, then
+/// integrals). What is given from outside is at its default.
 ///
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.

@@ -1,5 +1,5 @@
-//! The flat model: every instance made, every name resolved, every value an expression. Elaboration makes it; the graph,
-//! causality and structure read it and never change it.
+//! The flat model: every instance made, every name resolved, every value an expression. Elaboration makes it; the
+//! graph, causality and structure read it and never change it.
 //!
 //! Invariants: a bond's ends are elements (ports of instances are gone); every element has the bonds its kind asks for;
 //! all parameters have values. Absent: causality, regions, matrices.
@@ -126,8 +126,8 @@ pub struct Storage {
     pub massless: bool,
 }
 
-/// A multiport field: ports of one energy or of one dissipative law. Each port is an element of its own, `arm.p1`; the energy of
-/// a storage field, which its ports share, is the `energy` of each of them.
+/// A multiport field: ports of one energy or of one dissipative law. Each port is an element of its own, `arm.p1`; the
+/// energy of a storage field, which its ports share, is the `energy` of each of them.
 #[derive(Clone, Debug)]
 pub struct Field {
     /// As it is written: `C`, `I`, `IC`, `R`, `RS`.

@@ -1,4 +1,5 @@
-//! The continuous regions at a state, by value: what storages, sources and resistors give there, and how fast the states change.
+//! The continuous regions at a state, by value: what storages, sources and resistors give there, and how fast the
+//! states change.
 
 use crate::Compiled;
 use crate::expression::{Expr, Pool, Symbol};
@@ -34,8 +35,8 @@ pub(crate) struct Point {
 }
 
 impl Point {
-    /// The scene at a time and at values of its states (energy and signal states by name, then `integral[0]` and so on); a state that is not
-    /// given is at its start.
+    /// The scene at a time and at values of its states (energy and signal states by name, then `integral[0]` and so
+    /// on); a state that is not given is at its start.
     pub(crate) fn new(
         compiled: &mut Compiled,
         time: f64,
@@ -206,7 +207,8 @@ impl Point {
     }
 }
 
-/// Newton's step. An unknown on a flat piece of its law, as dry friction at rest, moves on by 1 until the law has a slope.
+/// Newton's step. An unknown on a flat piece of its law, as dry friction at rest, moves on by 1 until the law has a
+/// slope.
 fn steps(slopes: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
     let (mut slopes, mut residual) = (slopes.clone(), residual.clone());
     for k in 0..residual.len() {
@@ -218,8 +220,8 @@ fn steps(slopes: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>>
     slopes.lu().solve(&residual)
 }
 
-/// How fast each state of the continuous regions changes, in SI units a second: dx/dt of the energy and signal states by name, then
-/// of the integrals `integral[0]` and so on. A state that is not given is at its start.
+/// How fast each state of the continuous regions changes, in SI units a second: dx/dt of the energy and signal states
+/// by name, then of the integrals `integral[0]` and so on. A state that is not given is at its start.
 ///
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.
@@ -233,8 +235,8 @@ pub fn rates(
     Ok(point.states.iter().map(|(name, _, rate)| (name.clone(), point.value(pool, *rate))).collect())
 }
 
-/// The energy H of each continuous region, J: its name and the sum over its storages, at a time and at values of the states as for
-/// [`rates`].
+/// The energy H of each continuous region, J: its name and the sum over its storages, at a time and at values of the
+/// states as for [`rates`].
 ///
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.

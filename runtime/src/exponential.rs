@@ -26,15 +26,16 @@ pub struct Linear {
     pub means: Vec<Vec<f64>>,
     /// Symmetric matrices `M`, row by row, each `(n + m)²` long: the integral over the step of `w^T M w` is wanted.
     pub forms: Vec<Vec<f64>>,
-    /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = L^T L`: a sum of squares keeps its digits where a form
-    /// in entries would cancel.
+    /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = L^T L`: a sum of squares keeps its digits
+    /// where a form in entries would cancel.
     pub squares: Vec<Vec<f64>>,
     /// Rows `c`, each `n + m` long: `c w` at the start of the step is wanted.
     pub starts: Vec<Vec<f64>>,
-    /// Symmetric matrices `M`: the integral of `(w(s) - w(0))^T M (w(s) - w(0))` is wanted, as a form in `dw/dt` at the start.
+    /// Symmetric matrices `M`: the integral of `(w(s) - w(0))^T M (w(s) - w(0))` is wanted, as a form in `dw/dt` at the
+    /// start.
     pub drifts: Vec<Vec<f64>>,
-    /// Whether the change of the states is wanted where they change little: the rows of `exp(A h)` then lack their 1 on the
-    /// diagonal where [`Layout::keep`] says 1.
+    /// Whether the change of the states is wanted where they change little: the rows of `exp(A h)` then lack their 1 on
+    /// the diagonal where [`Layout::keep`] says 1.
     pub changes: bool,
 }
 
@@ -70,8 +71,8 @@ impl Layout {
     ///
     /// An entry is the sum of both. The first is short, 26 bits, and the second has the digits from there on, some 24
     /// decimal ones in all: of `Σ E_ij v_j + Σ low_ij v_j` neither sum then drowns in the other's rounding. (With a
-    /// first part of full length it would; each entry's rounding then acts on every step alike, and energy drifts by some
-    /// 5e-17 a step.)
+    /// first part of full length it would; each entry's rounding then acts on every step alike, and energy drifts by
+    /// some 5e-17 a step.)
     pub fn exponential(&self) -> usize {
         0
     }
@@ -121,7 +122,7 @@ impl Layout {
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum Unfit {
     /// The step is not a number above 0.
-    #[error("a step of {0} is not a finite number above 0")]
+    #[error("a step of {0:e} s is not a finite number above 0")]
     Step(f64),
     /// A matrix or row has the wrong length.
     #[error("a matrix or row of the linear system has the wrong length")]
@@ -130,7 +131,7 @@ pub enum Unfit {
     #[error("the linear system has a coefficient that is not finite")]
     Coefficient,
     /// The system grows, in the step, beyond what numbers hold.
-    #[error("the linear system grows beyond all numbers in a step of {0}")]
+    #[error("the linear system grows beyond all numbers in a step of {0:e} s")]
     Overflow(f64),
 }
 
@@ -215,8 +216,8 @@ const TERMS: u32 = 18;
 /// Terms of the series of a form: `(2 SERIES)^18 / 19!` is below 1e-33.
 const FORM_TERMS: u32 = 18;
 
-/// Up to so many states, forms are computed with twice the digits: what a slow motion turns over may be 1e-16 of what a fast one
-/// would. Beyond, that would take seconds.
+/// Up to so many states, forms are computed with twice the digits: what a slow motion turns over may be 1e-16 of what a
+/// fast one would. Beyond, that would take seconds.
 const FINE: usize = 64;
 
 /// A system over the step, in even units.
@@ -289,11 +290,11 @@ impl Flow {
     }
 }
 
-/// `L` with `Q = L^T L`, by Cholesky's method with the largest entry of the diagonal first; of a variable, what is left below
-/// rounding beside its own entry is left out.
+/// `L` with `Q = L^T L`, by Cholesky's method with the largest entry of the diagonal first; of a variable, what is left
+/// below rounding beside its own entry is left out.
 ///
-/// Small entries are partly what the series of the form left out, and need not go with each other: they come last, and are kept
-/// to what `Q >= 0` allows.
+/// Small entries are partly what the series of the form left out, and need not go with each other: they come last, and
+/// are kept to what `Q >= 0` allows.
 fn factor(mut q: Matrix, fine: bool) -> Vec<f64> {
     let n = q.n;
     // Powers of two, so that nothing is rounded.

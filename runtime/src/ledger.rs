@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A sum that keeps what rounding would lose: what each addition is off by is found without branches (Knuth's two-sum), and summed.
+/// A sum that keeps what rounding would lose: what each addition is off by is found without branches (Knuth's two-sum),
+/// and summed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sum {
     sum: f64,

@@ -30,8 +30,8 @@ pub struct Scene {
     pub inputs: Vec<Input>,
     /// What is shown.
     pub probes: Probes,
-    /// Names of elements that may give energy, so that no passivity is claimed for them: active resistors, storages whose energy
-    /// has no lower bound.
+    /// Names of elements that may give energy, so that no passivity is claimed for them: active resistors, storages
+    /// whose energy has no lower bound.
     pub excluded: Vec<String>,
 }
 
@@ -74,16 +74,17 @@ pub struct Stepper {
     pub passive: bool,
     /// One step.
     pub program: Program,
-    /// The first of the outputs of `program` that estimate the error of the step, absolute and in the unit of each: of the energy
-    /// and signal states, then of the integrals. The estimate is of the order of a method one order below. Without one, adaptive
-    /// steps are doubled.
+    /// The first of the outputs of `program` that estimate the error of the step, absolute and in the unit of each: of
+    /// the energy and signal states, then of the integrals. The estimate is of the order of a method one order below.
+    /// Without one, adaptive steps are doubled.
     pub estimate: Option<usize>,
     /// For `exact`: what the table is made of.
     pub linear: Option<Linear>,
     /// For `exact`: the same without the energies, for a look between two steps. It has none itself.
     #[serde(deserialize_with = "image::inner")]
     pub glance: Option<Box<Stepper>>,
-    /// What takes a step that this one cannot take, or whose balance it does not keep, however short. It has none itself.
+    /// What takes a step that this one cannot take, or whose balance it does not keep, however short. It has none
+    /// itself.
     #[serde(deserialize_with = "image::inner")]
     pub fallback: Option<Box<Stepper>>,
 }
@@ -111,8 +112,9 @@ impl Stepper {
 pub enum Respond {
     /// The program's outputs are the efforts (or flows) that the ports call for, given the means of the last interval.
     Last(Program),
-    /// The first program solves for them; its last inputs are alpha and beta, its last output is 1 where it found a solution. A
-    /// law that switches may have none; the second program then gives what the ports call for at given means.
+    /// The first program solves for them; its last inputs are alpha and beta, its last output is 1 where it found a
+    /// solution. A law that switches may have none; the second program then gives what the ports call for at given
+    /// means.
     Matched(Program, Program),
 }
 
@@ -127,8 +129,8 @@ pub struct Entries {
     pub before: Option<usize>,
     /// Sum of the magnitudes of the storages' energies: the same output where none can be negative.
     pub size: usize,
-    /// Where each step's balance is looked at before it counts: the change of H, had without the difference of two of its values,
-    /// and the sum of the magnitudes of its parts.
+    /// Where each step's balance is looked at before it counts: the change of H, had without the difference of two of
+    /// its values, and the sum of the magnitudes of its parts.
     pub change: Option<(usize, usize)>,
     /// Energy in by each source: name, output.
     pub supplied: Vec<(String, usize)>,
@@ -167,8 +169,9 @@ pub const GIVEN: usize = 3;
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Guards {
     /// What the conditions of laws compare, less what they compare it with: 0 where a law switches. Inputs as for
-    /// [`Cluster::instant`]. Where they depend on what the step solves its loops for, they are taken at what it found, and then
-    /// come the loops' residuals, these residuals' derivatives by the loops' unknowns, row by row, and the guards'.
+    /// [`Cluster::instant`]. Where they depend on what the step solves its loops for, they are taken at what it found,
+    /// and then come the loops' residuals, these residuals' derivatives by the loops' unknowns, row by row, and the
+    /// guards'.
     pub program: Program,
     /// How many guards.
     pub count: usize,
@@ -207,7 +210,8 @@ pub struct Cluster {
     pub instant: Program,
     /// Where its laws switch.
     pub guards: Option<Guards>,
-    /// What is stored: H of each region, then d2H/dx2 of each state. Inputs as for `instant`; it depends on the state alone.
+    /// What is stored: H of each region, then d2H/dx2 of each state. Inputs as for `instant`; it depends on the state
+    /// alone.
     pub stored: Program,
     /// H of each region of the cluster: region, output of `stored`.
     pub energies: Vec<(usize, usize)>,
@@ -219,14 +223,15 @@ pub struct Cluster {
     pub holds: Vec<usize>,
     /// Signals of other clusters that it reads: cluster, output of its `instant`; in order of the input slots.
     pub foreign: Vec<(usize, usize)>,
-    /// First input slot of the foreign signals; after them come [`GIVEN`] slots for each of `inputs`, then for each state a trace
-    /// of the largest value it had.
+    /// First input slot of the foreign signals; after them come [`GIVEN`] slots for each of `inputs`, then for each
+    /// state a trace of the largest value it had.
     pub foreign_at: usize,
     /// Signals given from outside that it reads, as indices into the scene's.
     pub inputs: Vec<usize>,
     /// The ledger's parts.
     pub entries: Vec<Entries>,
-    /// Indices into the state and what they are called where the clusters' steps cannot reach: linear continuous clusters only.
+    /// Indices into the state and what they are called where the clusters' steps cannot reach: linear continuous
+    /// clusters only.
     pub is_linear: bool,
 }
 
@@ -242,9 +247,9 @@ impl Cluster {
     }
 }
 
-/// A double bar between two clusters. The holder's variable v is held over its period; the other side answers with q, the
-/// integral of the conjugate. `sign` is 1 where the answer is a flow, -1 where it is an effort: the other side's input is
-/// `sign * v`, and q = `sign` times the integral of what it gives out. The energy v q enters the holder.
+/// A double bar between two clusters. The holder's variable v is held over its period; the other side answers with q,
+/// the integral of the conjugate. `sign` is 1 where the answer is a flow, -1 where it is an effort: the other side's
+/// input is `sign * v`, and q = `sign` times the integral of what it gives out. The energy v q enters the holder.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Bar {
     /// Name of the bond.
@@ -279,8 +284,9 @@ pub struct Open {
 }
 
 impl Open {
-    /// What a sampled region holds there and is told, as the outside counts it, is this times what the region counts: an effort is
-    /// an effort, and a flow runs into the scene, so that their product is the power that the outside puts in.
+    /// What a sampled region holds there and is told, as the outside counts it, is this times what the region counts:
+    /// an effort is an effort, and a flow runs into the scene, so that their product is the power that the outside puts
+    /// in.
     pub fn sign(&self) -> f64 {
         if self.takes_flow { 1.0 } else { -1.0 }
     }
@@ -293,7 +299,8 @@ pub struct Probes {
     pub names: Vec<String>,
     /// Units as text, where determined.
     pub units: Vec<Option<String>>,
-    /// Inputs: t, then the gathered signals, then what is given from outside. Outputs: the probes, then the values of the expectations.
+    /// Inputs: t, then the gathered signals, then what is given from outside. Outputs: the probes, then the values of
+    /// the expectations.
     pub program: Option<Program>,
     /// Which signals: cluster, output of its `instant`.
     pub gather: Vec<(usize, usize)>,
@@ -328,7 +335,8 @@ pub enum ExpectationKind {
         /// By how much it may be off.
         tolerance: f64,
     },
-    /// A condition at every row. Extremes over the run are outputs (with whether the largest is meant), and inputs of `program`.
+    /// A condition at every row. Extremes over the run are outputs (with whether the largest is meant), and inputs of
+    /// `program`.
     Holds {
         /// Outputs whose extremes over the run are taken, and whether the largest.
         extremes: Vec<(usize, bool)>,

@@ -42,8 +42,8 @@ fn errors_fall_with_the_tolerance() {
     }
 }
 
-/// A ball on a floor that is a spring where it is met: flight, half a swing about its rest, flight. With the height `h` that it falls
-/// from, where it is after a time.
+/// A ball on a floor that is a spring where it is met: flight, half a swing about its rest, flight. With the height `h`
+/// that it falls from, where it is after a time.
 const BALL: &str = "model Ball {
   Se:weight = -9.81 N
   I:mass = 1 kg
@@ -135,7 +135,8 @@ fn hertz_is_met() {
     assert!(summary.passive && region.events == 14 && region.steps < 2500, "{region:?}");
 }
 
-/// Thrown up just against a ceiling that it touches for 28 ms: within one step of free flight, which is exact however long.
+/// Thrown up just against a ceiling that it touches for 28 ms: within one step of free flight, which is exact however
+/// long.
 #[test]
 fn a_touch_within_a_step_is_met() {
     for above in [1e-3f64, 1e-5] {
@@ -250,7 +251,8 @@ fn switches_in_time_are_met() {
     assert!(region.events == 2 && region.steps < 200, "{region:?}");
 }
 
-/// An integral that only a probe reads is watched too: of a speed that grows evenly each step is exact, of its square none is.
+/// An integral that only a probe reads is watched too: of a speed that grows evenly each step is exact, of its square
+/// none is.
 #[test]
 fn integrals_are_watched() {
     let compiled = with(

@@ -1,4 +1,5 @@
-//! Stepping, sampling and looking allocate nothing once the first of each is over: tables and buffers are there by then.
+//! Stepping, sampling and looking allocate nothing once the first of each is over: tables and buffers are there by
+//! then.
 
 use crate::common::{file, models};
 use bond::{Code, Options, Simulation, Steps};

@@ -2,6 +2,7 @@
 
 use crate::common::{all_scenes, cases, file, read, stop, title, with};
 use bond::{Code, Compiled, Options, Simulation, Steps};
+use bond_compiler::backend::code::Stmt;
 use bond_compiler::backend::native::{Jit, Shared};
 use bond_compiler::backend::{lower, unit};
 use bond_runtime::interpreter::Interpret;
@@ -54,7 +55,8 @@ fn machine_code_gives_the_interpreters_bits_on_every_model() {
     assert!(compiled_ones > 100, "{compiled_ones} step programs have a plain form");
 }
 
-/// Machine code that goes through whole stretches from the first on, and counts: intervals gone, and stretches that failed.
+/// Machine code that goes through whole stretches from the first on, and counts: intervals gone, and stretches that
+/// failed.
 struct Eager;
 
 static GONE: AtomicU64 = AtomicU64::new(0);
@@ -369,7 +371,8 @@ fn each_op_means_the_same_at_special_values() {
     }
 }
 
-/// A program of random ops over two states and an input, with an iteration on `n` unknowns; the first states get the unknowns.
+/// A program of random ops over two states and an input, with an iteration on `n` unknowns; the first states get the
+/// unknowns.
 fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, own: bool) -> Program {
     let mut b = Builder::new("random");
     let states: Vec<Slot> = (0..n.max(2)).map(|_| b.slot(Array::State)).collect();
@@ -487,8 +490,8 @@ fn refusals_say_why() {
     assert!(why.contains("is no multiple of the shortest one"), "{why}");
 }
 
-/// A line of cells with curved storages and resistors, a binary tree, or a square grid.
-fn large(kind: &str, n: usize) -> Compiled {
+/// A line of cells with curved storages and resistors, a binary tree, or a square grid; the latter two are linear.
+pub fn large(kind: &str, n: usize, method: &str) -> Compiled {
     let text = match kind {
         "line" => format!(
             "model Line(n = {n}) {{
@@ -540,14 +543,14 @@ fn large(kind: &str, n: usize) -> Compiled {
              }}"
         ),
     };
-    Options::new().method("gonzalez").compile_str(kind, text).unwrap_or_else(|e| panic!("{e}"))
+    Options::new().method(method).compile_str(kind, text).unwrap_or_else(|e| panic!("{e}"))
 }
 
 #[test]
 fn families_become_loops() {
     for (kind, n, times) in [("line", 300, 4), ("tree", 300, 4), ("mesh", 16, 2)] {
         let size = |n: usize| {
-            let compiled = large(kind, n);
+            let compiled = large(kind, n, "gonzalez");
             let program = &compiled.scene().clusters[0].step.program;
             lower(program).map_or(usize::MAX, |r| r.size())
         };
@@ -557,9 +560,30 @@ fn families_become_loops() {
             one < 3000 && (other as f64) < 1.3 * one as f64,
             "{kind}: {one} statements, {other} for {times} times the size"
         );
-        let compiled = large(kind, n);
+        let compiled = large(kind, n, "gonzalez");
         let interpreted = run(&compiled, Code::Interpreted, Steps::fixed(1e-3), 0.1);
         assert_eq!(interpreted.0.len(), ROWS as usize, "{kind}: {}", interpreted.1);
         assert_eq!(run(&compiled, Code::Native, Steps::fixed(1e-3), 0.1), interpreted, "{kind}");
+    }
+}
+
+/// Whether a system is told that its matrix is what it was.
+pub fn keeps(body: &[Stmt]) -> bool {
+    let one = |s: &Stmt| matches!(s, Stmt::Solve { same: Some(_), .. }) || s.inner().into_iter().any(keeps);
+    body.iter().any(one)
+}
+
+/// The matrix of a large linear region is made and factored only where the length of the step changes.
+#[test]
+fn matrices_are_kept_as_long_as_the_step() {
+    for (method, n) in [("gonzalez", 300), ("collocation6", 300)] {
+        let compiled = large("tree", n, method);
+        let routine = lower(&compiled.scene().clusters[0].step.program);
+        assert!(routine.is_some_and(|r| keeps(&r.body)), "{method} keeps the matrix");
+        for steps in [Steps::fixed(1e-3), Steps::tolerance(1e-3), Steps::tolerance(1e-6)] {
+            let interpreted = run(&compiled, Code::Interpreted, steps, 0.1);
+            assert_eq!(interpreted.0.len(), ROWS as usize, "{method}: {}", interpreted.1);
+            assert_eq!(run(&compiled, Code::Native, steps, 0.1), interpreted, "{method}");
+        }
     }
 }

@@ -74,7 +74,8 @@ fn order_eight_on_fields() {
     }
 }
 
-/// Whatever the step: a quadrature that cannot see the energy any more makes the step shorter, or another stepper takes it.
+/// Whatever the step: a quadrature that cannot see the energy any more makes the step shorter, or another stepper takes
+/// it.
 #[test]
 fn the_balance_holds_at_any_step() {
     for text in [PENDULUM, RLC, DRAG] {

@@ -1,4 +1,5 @@
-//! Laws that switch on what only a step tells: dry friction, diodes. Against closed forms, with the steps of every tolerance.
+//! Laws that switch on what only a step tells: dry friction, diodes. Against closed forms, with the steps of every
+//! tolerance.
 
 use crate::common::{finish, probe, start, with};
 use bond::{Options, Steps};

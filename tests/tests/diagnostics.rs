@@ -1,5 +1,6 @@
 //! What is said of wrong models. Each file of `models/invalid/` ends with what it must bring, one line an error:
-//! `//~ LINE error[CODE] "words" "words"`, all of the words in its message, labels or help, in the order of the file's errors.
+//! `//~ LINE error[CODE] "words" "words"`, all of the words in its message, labels or help, in the order of the file's
+//! errors.
 
 use crate::common::{errors, texts, title};
 use bond::Options;

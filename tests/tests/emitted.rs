@@ -1,7 +1,9 @@
-//! Scenes as C and as object files do what `Simulation` does: driven from outside, saved and restored, in single numbers.
+//! Scenes as C and as object files do what `Simulation` does: driven from outside, saved and restored, in single
+//! numbers.
 //!
 //! Compiled with the C compiler of this machine; where there is none, that is said, and nothing is tested.
 
+use crate::backend::{keeps, large};
 use crate::common::{all_scenes, file, models, stop, with};
 use bond::{Compiled, Options, Steps};
 use bond_compiler::backend::{c, native, unit};
@@ -17,8 +19,8 @@ const ROWS: u32 = 100;
 /// As strictly as can be.
 const STRICT: [&str; 7] = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-O1"];
 
-/// Drives a scene with a pattern, prints a row an interval (probes, open ports, energy), and holds the state to its promises: a
-/// saved one goes on as the first did, and a failed interval leaves it as it was.
+/// Drives a scene with a pattern, prints a row an interval (probes, open ports, energy), and holds the state to its
+/// promises: a saved one goes on as the first did, and a failed interval leaves it as it was.
 const MAIN: &str = r#"
 #include "m.h"
 #include <stdio.h>
@@ -377,6 +379,20 @@ model A {
     for (name, text, h) in cases {
         let compiled = with(Options::new().model("A"), &format!("{WALL}{text}"));
         same(name, &compiled, h).unwrap_or_else(|e| panic!("{name}: {e}"));
+    }
+}
+
+/// The matrix of a large linear region is kept between intervals, and made anew where a state is restored.
+#[test]
+fn large_linear_regions_give_the_same_numbers() {
+    if !is_there() {
+        return;
+    }
+    for method in ["gonzalez", "collocation6"] {
+        let compiled = large("tree", 300, method);
+        let (u, _) = emit(&compiled, 1e-3).unwrap_or_else(|e| panic!("{method}: {e}"));
+        assert!(keeps(&u.commit.body), "{method} keeps the matrix");
+        same(method, &compiled, 1e-3).unwrap_or_else(|e| panic!("{method}: {e}"));
     }
 }
 

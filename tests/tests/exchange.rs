@@ -1,5 +1,5 @@
-//! Scenes that meet an outside over a line that loses, delays, doubles and turns round what it is given: what they give out never
-//! exceeds what was put in.
+//! Scenes that meet an outside over a line that loses, delays, doubles and turns round what it is given: what they give
+//! out never exceeds what was put in.
 
 use crate::common::{cases, models, text, with};
 use bond::exchange::{Device, Effort, Exchange, Measurement, PORTS};

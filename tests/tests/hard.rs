@@ -1,4 +1,5 @@
-//! The hard cases of `models/hard/`: what of their page can be asserted in a short time. What is not known to hold is said, and must fail as long as it does.
+//! The hard cases of `models/hard/`: what of their page can be asserted in a short time. What is not known to hold is
+//! said, and must fail as long as it does.
 
 use crate::common::{file, models, run, scenes, stop, texts, title};
 use bond::{Compiled, Options, Simulation, Steps, Summary};
@@ -178,7 +179,8 @@ fn energy_does_not_drift() {
         for (method, compiled) in passive(&name, &options) {
             let title = format!("{name}, {method}");
             let (s, most) = take(&compiled, &title, h, steps);
-            // Far beyond the fastest time a step's equations have rounding of their own; `exact` has not, and is the default there.
+            // Far beyond the fastest time a step's equations have rounding of their own; `exact` has not, and is the
+            // default there.
             let bar = if title.starts_with("undamped, collocation") { 1e-8 } else { 1e-10 };
             assert!(most <= bar || method == "radau", "{title}: the energy is off by {most:e}");
             assert!(s.worst_step <= 1e-12, "{title}: a step's balance is off by {:e}", s.worst_step);

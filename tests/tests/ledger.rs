@@ -1,4 +1,5 @@
-//! The invariants of the ledger, on every model: each step's balance closes, and both sides of a double bar count the same.
+//! The invariants of the ledger, on every model: each step's balance closes, and both sides of a double bar count the
+//! same.
 
 use crate::common::{all_scenes, file, finish, run, start, stop, with};
 use bond::{Options, Steps, Summary};
@@ -228,7 +229,8 @@ fn friction_that_sticks_from_rest() {
     assert_balanced("friction", &sim.summary());
 }
 
-/// Steps of hundreds and thousands of turns have many solutions, and Newton's method wanders: what it ends with is one all the same.
+/// Steps of hundreds and thousands of turns have many solutions, and Newton's method wanders: what it ends with is one
+/// all the same.
 #[test]
 fn giant_steps_of_pendulums_balance() {
     let one = "model One {

@@ -1,4 +1,5 @@
-//! The bundled library: each of its parts says what it is, can be used as it is, and has a scene that expects something of it.
+//! The bundled library: each of its parts says what it is, can be used as it is, and has a scene that expects something
+//! of it.
 
 use crate::common::{files, models, read, texts};
 use bond::Options;

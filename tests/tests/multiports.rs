@@ -218,7 +218,8 @@ fn a_linear_storage_beside_a_curved_one_is_merged() {
     assert!(sim.summary().passive && sim.summary().worst_step < 1e-13);
 }
 
-/// A capacitor loop with a source: the divided voltage at once, then the closed form; the source's charge is in the ledger.
+/// A capacitor loop with a source: the divided voltage at once, then the closed form; the source's charge is in the
+/// ledger.
 #[test]
 fn storages_follow_sources() {
     let compiled = text(
@@ -307,7 +308,8 @@ fn friction_sticks_and_slips() {
     assert!((b - c).abs() < 0.75 * (a - b).abs() + 1e-9, "{a} {b} {c}");
 }
 
-/// A rectifier of ideal diodes with on and off slopes, and one of Shockley diodes: the peak less the drops, energy closed.
+/// A rectifier of ideal diodes with on and off slopes, and one of Shockley diodes: the peak less the drops, energy
+/// closed.
 #[test]
 fn rectifiers_find_their_own_start() {
     let bridge = |law: fn(&str) -> String| {

@@ -24,7 +24,8 @@ fn the_program_of_a_ladder_grows_with_its_length() {
     assert!(large < 5 * small, "{small} lines for 50 cells, {large} for 200");
 }
 
-/// What compiling makes: expressions, and of each program its values, its instructions and the entries of its Jacobians.
+/// What compiling makes: expressions, and of each program its values, its instructions and the entries of its
+/// Jacobians.
 fn made(compiled: &Compiled) -> Vec<i64> {
     fn entries(body: &[Inst]) -> usize {
         let of = |inst: &Inst| match inst {
@@ -42,8 +43,8 @@ fn made(compiled: &Compiled) -> Vec<i64> {
     list.into_iter().map(|n| n as i64).collect()
 }
 
-/// Every cell of a graph costs the same, however many there are: what is made is linear in the number of cells of a ladder and of a
-/// tree, and of degree 2 in the side of a mesh.
+/// Every cell of a graph costs the same, however many there are: what is made is linear in the number of cells of a
+/// ladder and of a tree, and of degree 2 in the side of a mesh.
 #[test]
 fn what_is_made_is_linear_in_the_cells() {
     let cell = "I:l[k] = 10 mH\nC:c[k] { H = q^2/(2*C) + 1 V/C^3 * q^4 }\nR:r[k] = 20 mOhm\n\

@@ -263,8 +263,9 @@ proptest! {
             let nothing = size(r) <= 1e-14 * largest;
             // So may be those of a single step of a region without states, between two bars that hold the same.
             let cancels = r.states == 0 && r.total <= 1e-13;
-            // A lagged hold on a law that stiffens may throw a scene of a few joules out of all bounds, where its equations hardly tell
-            // their unknowns. Below that a few reach 1e-10 to 1e-9, see the known limits in docs/mathematics.md.
+            // A lagged hold on a law that stiffens may throw a scene of a few joules out of all bounds, where its
+            // equations hardly tell their unknowns. Below that a few reach 1e-10 to 1e-9, see the known limits in
+            // docs/mathematics.md.
             let beyond = size(r) > 1e12;
             prop_assert!(nothing || cancels || beyond || r.worst_step <= 1e-9, "the balance of {} is off by {:e}\n{text}", r.name, r.worst_step);
         }

@@ -176,8 +176,8 @@ fn gonzalez_has_no_error_on_free_fall() {
     }
 }
 
-/// v' = -b v^2/m is solved by v0/(1 + b v0 t/m). The tolerance is for a step; at order 2 its error goes with h^3, and that of
-/// the run with h^2.
+/// v' = -b v^2/m is solved by v0/(1 + b v0 t/m). The tolerance is for a step; at order 2 its error goes with h^3, and
+/// that of the run with h^2.
 #[test]
 fn adaptive_steps_meet_their_tolerance() {
     let path = crate::common::models().join("elements/R_law.bond");

@@ -301,7 +301,8 @@ fn measured_energies_are_exact() {
     }
 }
 
-/// A spring that comes to rest on a knot of its curve: the steps become as short as rounding, and cross it all the time.
+/// A spring that comes to rest on a knot of its curve: the steps become as short as rounding, and cross it all the
+/// time.
 #[test]
 fn rest_on_a_knot() {
     let (xs, es) = (array(SPRING.iter().map(|k| k.0), "m"), array(SPRING.iter().map(|k| k.1), "N"));

@@ -14,7 +14,8 @@ pub struct Case {
     pub hard: &'static str,
     /// s; where the end of the run says nothing, since it is chaos, an earlier one. The whole run otherwise.
     pub until: Option<f64>,
-    /// The end in closed form, or by other means as the file tells, where no integrator is a reference: states by name, SI.
+    /// The end in closed form, or by other means as the file tells, where no integrator is a reference: states by name,
+    /// SI.
     pub end: &'static [(&'static str, f64)],
 }
 

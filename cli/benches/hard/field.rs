@@ -5,7 +5,8 @@ use bond_runtime::interpreter::Interpret;
 use bond_runtime::kernel::{Kernel, Workspace};
 use bond_runtime::simulate::Simulation;
 
-/// The step that the rates are read off from: so long that the state is lost beside it, and a power of two, so that nothing is rounded.
+/// The step that the rates are read off from: so long that the state is lost beside it, and a power of two, so that
+/// nothing is rounded.
 const LONG: f64 = (1u128 << 100) as f64;
 
 /// A scene's right side: that of the explicit Euler step, taken apart again.
@@ -75,8 +76,8 @@ impl Field {
         self.calls = 0;
     }
 
-    /// Rates at a state into `f`; gives the power that is supplied less what is lost, W. None where the loops of resistors have no solution
-    /// that is found, or something is no number.
+    /// Rates at a state into `f`; gives the power that is supplied less what is lost, W. None where the loops of
+    /// resistors have no solution that is found, or something is no number.
     pub fn rates(&mut self, t: f64, x: &[f64], f: &mut [f64]) -> Option<f64> {
         self.calls += 1;
         self.state[..x.len()].copy_from_slice(x);

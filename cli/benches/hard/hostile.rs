@@ -1,4 +1,5 @@
-//! What the command answers where a scene cannot be right: sampled walls at any period, parameters of no physics, and the cases where we fail.
+//! What the command answers where a scene cannot be right: sampled walls at any period, parameters of no physics, and
+//! the cases where we fail.
 
 use super::case::path;
 use super::ours::{bond, compile};

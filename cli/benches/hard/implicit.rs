@@ -1,5 +1,6 @@
-//! Radau IIA with three stages, of order 5, after Hairer and Wanner's RADAU5: a simplified Newton iteration, a Jacobian by differences, their estimate of the error. The
-//! linear systems are solved as they stand, real and whole, which costs more than theirs where there are many states.
+//! Radau IIA with three stages, of order 5, after Hairer and Wanner's RADAU5: a simplified Newton iteration, a Jacobian
+//! by differences, their estimate of the error. The linear systems are solved as they stand, real and whole, which
+//! costs more than theirs where there are many states.
 
 use super::field::Field;
 use super::rival::{Method, Tried};

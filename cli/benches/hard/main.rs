@@ -1,7 +1,9 @@
-//! The hard cases of `models/hard/`: what they come to here, and what ordinary integrators come to on the same equations.
+//! The hard cases of `models/hard/`: what they come to here, and what ordinary integrators come to on the same
+//! equations.
 //!
-//! `cargo bench -p bond --bench hard` prints the tables; with `-- --page` it writes those of `docs/hard-cases.md` anew, of which the runs without loss, 1e7 steps
-//! each, only with `--long`; printed, and without it, they take 1e5. `--only NAME` does one table alone, `--case FILE` prints the comparison of one file.
+//! `cargo bench -p bond --bench hard` prints the tables; with `-- --page` it writes those of `docs/hard-cases.md` anew,
+//! of which the runs without loss, 1e7 steps each, only with `--long`; printed, and without it, they take 1e5.
+//! `--only NAME` does one table alone, `--case FILE` prints the comparison of one file.
 
 mod case;
 mod compared;

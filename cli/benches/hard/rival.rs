@@ -16,8 +16,8 @@ pub enum Rival {
 
 /// One step from `x` at `t`.
 pub trait Method {
-    /// Tries a step of length `h`: the error relative to the tolerance (at most 1 to be taken), and the factor by which the next may be longer. None where it
-    /// fails, so that it must be shorter.
+    /// Tries a step of length `h`: the error relative to the tolerance (at most 1 to be taken), and the factor by which
+    /// the next may be longer. None where it fails, so that it must be shorter.
     fn step(&mut self, field: &mut Field, t: f64, x: &[f64], h: f64, scale: &[f64], next: &mut [f64]) -> Option<Tried>;
 }
 

@@ -18,7 +18,8 @@ const ROWS: f64 = 0.01;
 /// Steps are halved so often at most.
 const HALVINGS: i32 = 24;
 
-/// Processor time that a run may take, s: for a period of the fastest sampled region, or for a simulated second, so much.
+/// Processor time that a run may take, s: for a period of the fastest sampled region, or for a simulated second, so
+/// much.
 pub fn allowed(budget: f64, stop: f64, scene: &Scene) -> f64 {
     USED * budget * stop / unit(scene)
 }
@@ -49,7 +50,8 @@ pub fn choose(
         progress.at(0.5 + 0.5 * i as f64 / candidates.len() as f64);
         for k in 0..HALVINGS {
             let setting = Setting::Step(first.min(ask.stop) / f64::from(k).exp2());
-            // What fails or gives no number at a long step may do at a shorter one; what takes too long only takes longer.
+            // What fails or gives no number at a long step may do at a shorter one; what takes too long only takes
+            // longer.
             let mut tried = match attempt(runner, setting, reference, 4.0 * allowed + 0.01) {
                 Ok(tried) => tried,
                 Err(crate::bench::Lost::Failed(_)) => continue,

@@ -74,8 +74,8 @@ pub fn choose(
     Ok((best, format!("{of}, for an error below {error:e}{below}")))
 }
 
-/// Whether one is to be taken rather than another: one that has about the error asked for goes before one that is far better, else
-/// the cheaper.
+/// Whether one is to be taken rather than another: one that has about the error asked for goes before one that is far
+/// better, else the cheaper.
 fn better(a: &Tried, b: &Tried, error: f64) -> bool {
     let near = |t: &Tried| t.error >= WINDOW[0] * error;
     if near(a) == near(b) { a.seconds < b.seconds } else { near(a) }

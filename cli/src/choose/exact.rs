@@ -6,8 +6,8 @@ use crate::bench::{Difference, Quantities, Runner, Setting};
 /// Steps are halved so often at most.
 const HALVINGS: i32 = 10;
 
-/// Takes it with the step that a run has anyway; with shorter ones where sources that move by themselves ask for that, with longer
-/// ones where that takes too long. None where it does not get there.
+/// Takes it with the step that a run has anyway; with shorter ones where sources that move by themselves ask for that,
+/// with longer ones where that takes too long. None where it does not get there.
 pub fn choose(ask: &Ask, runner: &Runner, quantities: &Quantities) -> Option<(Tried, String)> {
     let usual = ask.stop / 1000.0;
     let usual = ask.longest.unwrap_or_else(|| ask.every.map_or(usual, |e| e.min(usual)));

@@ -1,5 +1,5 @@
-//! A stepper and its step chosen for the user: by the error that a run may have, or by the time that it may take. What is chosen was
-//! tried before: by the very run that follows.
+//! A stepper and its step chosen for the user: by the error that a run may have, or by the time that it may take. What
+//! is chosen was tried before: by the very run that follows.
 
 mod budget;
 mod error;

@@ -52,7 +52,8 @@ pub struct Args {
     /// Inputs keep the value of a row until the next one
     #[arg(long, requires = "input")]
     input_hold: bool,
-    /// Readings of the clock for each point, of which the middle one counts; a reading of a short run is of many in a row
+    /// Readings of the clock for each point, of which the middle one counts; a reading of a short run is of many in a
+    /// row
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
     /// Processor time for each method at most; points that would need more are skipped, and named
@@ -91,6 +92,7 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
             return Err(Stop::Usage("-o and --plot name the same file".into()));
         }
     }
+    args.output.as_deref().map_or(Ok(()), output::no_model)?;
     if args.file == Path::new("-") && args.input.as_deref() == Some(Path::new("-")) {
         return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
     }

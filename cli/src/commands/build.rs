@@ -23,8 +23,8 @@ pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The file to write, in C and objects with its header beside it; otherwise the model's name with the ending of what is
-    /// built, in this folder
+    /// The file to write, in C and objects with its header beside it; otherwise the model's name with the ending of
+    /// what is built, in this folder
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// What to build

@@ -35,6 +35,7 @@ pub struct Args {
 /// # Errors
 /// A model that is wrong, a run that fails, a state around which it cannot be done.
 pub fn linearize(args: &Args) -> Result<(), Stop> {
+    args.output.as_deref().map_or(Ok(()), output::no_model)?;
     let compiled = input::compile(&args.file, &input::options(&args.which, &args.set))?;
     let time = args.at.unwrap_or(0.0);
     let mut states: HashMap<String, f64> = HashMap::new();

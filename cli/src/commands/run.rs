@@ -49,7 +49,8 @@ pub struct Args {
     /// Choose stepper and step for a relative error of at most E, in any probe or state; --method names the stepper
     #[arg(long, value_name = "E", value_parser = tolerance, allow_negative_numbers = true, conflicts_with_all = ["step", "tolerance", "budget", "resume"])]
     error: Option<f64>,
-    /// Choose the most exact stepper and step that take at most this processor time, for a period of the fastest sampled region, or for a simulated second where nothing is sampled
+    /// Choose the most exact stepper and step that take at most this processor time, for a period of the fastest
+    /// sampled region, or for a simulated second where nothing is sampled
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true, conflicts_with_all = ["step", "tolerance", "resume"])]
     budget: Option<f64>,
     #[command(flatten)]
@@ -67,7 +68,8 @@ pub struct How {
     /// Fixed step of continuous regions; with --tolerance, the longest of those that are fitted to it
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
-    /// Error allowed in a step of continuous regions, relative to the states' size; 1e-6 where neither this nor a step is told
+    /// Error allowed in a step of continuous regions, relative to the states' size; 1e-6 where neither this nor a step
+    /// is told
     #[arg(long, value_name = "X", value_parser = tolerance, allow_negative_numbers = true)]
     tolerance: Option<f64>,
     /// Longest of the steps that are fitted to a tolerance
@@ -103,7 +105,8 @@ pub struct How {
     /// Save it on the way too: at the first row of output after each DT of simulated time
     #[arg(long, value_name = "DT", value_parser = input::span, allow_negative_numbers = true, requires = "checkpoint")]
     checkpoint_every: Option<f64>,
-    /// Go on from a saved state of the same model with the same parameters, with the step or tolerance that it had; rows begin after it
+    /// Go on from a saved state of the same model with the same parameters, with the step or tolerance that it had;
+    /// rows begin after it
     #[arg(long, value_name = "FILE", conflicts_with_all = ["step", "tolerance", "longest"])]
     resume: Option<PathBuf>,
 }
@@ -356,6 +359,7 @@ fn places(args: &How) -> Result<(), Stop> {
     for path in [&args.output, &args.ledger].into_iter().flatten() {
         table::possible(path)?;
     }
+    args.checkpoint.as_deref().map_or(Ok(()), output::no_model)?;
     let named = [("-o", &args.output), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];
     let named: Vec<_> = named.into_iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).collect();
     for (i, (a, path)) in named.iter().enumerate() {
@@ -466,7 +470,8 @@ impl Files {
     }
 }
 
-/// The header of the ledger's table without the time: `REGION.H`, `REGION/ELEMENT.supplied`, `BOND.holder`. A region may have an element's name.
+/// The header of the ledger's table without the time: `REGION.H`, `REGION/ELEMENT.supplied`, `BOND.holder`. A region
+/// may have an element's name.
 fn ledger_names(s: &Summary) -> Vec<String> {
     let mut list = Vec::new();
     for r in &s.regions {

@@ -75,7 +75,7 @@ pub fn test(args: &Args) -> Result<(), Stop> {
 
 /// Models at a path, sorted within each folder. Links to folders are not followed.
 fn find(path: &Path, files: &mut Vec<PathBuf>, named: bool) -> Result<(), Stop> {
-    let unreadable = |e: std::io::Error| Stop::Usage(format!("cannot read {}: {e}", path.display()));
+    let unreadable = |e: std::io::Error| input::unreadable(path, &e);
     if path == Path::new("-") || !fs::metadata(path).map_err(unreadable)?.is_dir() {
         files.push(path.to_path_buf());
         return Ok(());

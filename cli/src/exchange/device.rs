@@ -56,8 +56,8 @@ impl Device {
         if self.is_over(now) || port >= self.held.ports { 0.0 } else { self.held.v[port] }
     }
 
-    /// The part of a port's effort, from 0 to 1, that may be held over a movement `dq` of all ports: less than 1 where it would
-    /// draw more than is left for its group.
+    /// The part of a port's effort, from 0 to 1, that may be held over a movement `dq` of all ports: less than 1 where
+    /// it would draw more than is left for its group.
     pub fn part(&self, port: usize, dq: &[f64], now: f64) -> f64 {
         let e = &self.held;
         let others = || (0..e.ports.min(dq.len())).filter(|i| e.group[*i] == e.group[port]);

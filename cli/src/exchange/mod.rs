@@ -1,7 +1,10 @@
-//! A scene with open ports that meets a real outside, behind a line that loses, delays, doubles and turns round what it is given.
+//! A scene with open ports that meets a real outside, behind a line that loses, delays, doubles and turns round what it
+//! is given.
 //!
-//! The outside tells sums since the start: how far it moved (`q`) and what energy it put in (`w`). The environment books the
-//! differences, whenever they come, and says with each effort how far `w` may fall: to where nothing that was put in is left. So what is given out never exceeds what was put in, whatever comes through; `docs/serve.md` has the argument.
+//! The outside tells sums since the start: how far it moved (`q`) and what energy it put in (`w`). The environment
+//! books the differences, whenever they come, and says with each effort how far `w` may fall: to where nothing that was
+//! put in is left. So what is given out never exceeds what was put in, whatever comes through; `docs/serve.md` has the
+//! argument.
 
 mod device;
 mod packet;
@@ -107,8 +110,8 @@ pub struct Exchange<'a> {
 }
 
 impl<'a> Exchange<'a> {
-    /// A scene at its start. A session's number must be higher than that of all before it, and is not 0; an effort stays for
-    /// `hold` intervals where nothing newer comes.
+    /// A scene at its start. A session's number must be higher than that of all before it, and is not 0; an effort
+    /// stays for `hold` intervals where nothing newer comes.
     ///
     /// # Errors
     /// See [`Unfit`].
@@ -195,7 +198,8 @@ impl<'a> Exchange<'a> {
         heard
     }
 
-    /// Ends the interval with what was heard, and begins the next one: what is then held is in [`Self::effort`]. Allocates nothing.
+    /// Ends the interval with what was heard, and begins the next one: what is then held is in [`Self::effort`].
+    /// Allocates nothing.
     ///
     /// # Errors
     /// A step that fails.
@@ -269,8 +273,8 @@ impl<'a> Exchange<'a> {
         e.status = status;
     }
 
-    /// What could be given back, J, in all and by each cluster: what it keeps, and together not more than the whole scene does. Below
-    /// 0 where more was drawn.
+    /// What could be given back, J, in all and by each cluster: what it keeps, and together not more than the whole
+    /// scene does. Below 0 where more was drawn.
     fn stored(&mut self) -> f64 {
         for (group, (room, c)) in self.rooms.iter_mut().zip(&self.clusters).enumerate() {
             *room = self.sim.kept(*c);

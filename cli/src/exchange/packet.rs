@@ -1,4 +1,5 @@
-//! What goes over the line: measurements in, efforts out. All numbers are little-endian; `docs/serve.md` has the layout.
+//! What goes over the line: measurements in, efforts out. All numbers are little-endian; `docs/serve.md` has the
+//! layout.
 
 /// Most ports that a line serves.
 pub const PORTS: usize = 64;

@@ -1,7 +1,7 @@
 //! The ledger of an exchange, interval by interval: written by a thread of its own.
 
 use crate::stop::Stop;
-use crate::table::{Cell, Column, Kind, Table};
+use crate::table::{Cell, Column, Kind, Table, possible};
 use bond::exchange::{Exchange, LATE, MISSING, PORTS, SILENT};
 use bond_runtime::scene::Scene;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -40,6 +40,7 @@ impl Log {
         let ports = scene.open.iter().flat_map(|o| [format!("{}.held", o.name), format!("{}.moved", o.name)]);
         let names: Vec<String> = head.chain(ports).collect();
         let columns: Vec<Column> = names.iter().map(|name| Column::new(name, Kind::Number)).collect();
+        possible(path)?;
         let table = Table::new(path, &columns)?;
         let (rows, taken) = RingBuffer::new(QUEUE);
         let ports = scene.open.len();

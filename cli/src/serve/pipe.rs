@@ -1,7 +1,7 @@
 //! Standard input and output: packets, or lines of numbers.
 //!
-//! A line in has how far each port moved under the efforts of one line out, the first under the first, the second under the
-//! second. A pipe loses nothing, so that the energy of a line that comes late is known all the same.
+//! A line in has how far each port moved under the efforts of one line out, the first under the first, the second under
+//! the second. A pipe loses nothing, so that the energy of a line that comes late is known all the same.
 
 use super::link::{Arrival, QUEUE};
 use crate::stop::Stop;
@@ -76,8 +76,9 @@ impl Pipe {
     /// # Errors
     /// A line that is none, or one for efforts long past.
     pub fn receive(&mut self) -> Result<Option<Arrival>, Stop> {
-        // A line that is ahead waits for its efforts.
-        if !self.binary && matches!(self.items.peek(), Ok(Ok(_))) && self.sums.sequence >= self.next {
+        // A line that is ahead waits for its efforts, also one that is none: those before it count, however fast they
+        // are read.
+        if !self.binary && self.items.peek().is_ok() && self.sums.sequence >= self.next {
             return Ok(None);
         }
         match self.items.pop() {
@@ -163,12 +164,14 @@ fn lines(mut items: Producer<Item>, ports: usize) {
     }
 }
 
-/// The numbers of a line.
+/// The numbers of a line, with commas or blanks between them.
 fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
     let mut list = [0.0; PORTS];
     let mut count = 0;
-    let blank = !line.contains(',');
-    for cell in line.split(|c: char| if blank { c.is_whitespace() } else { c == ',' }).map(str::trim) {
+    let commas = line.contains(',');
+    let cells = line.split(|c: char| if commas { c == ',' } else { c.is_whitespace() });
+    // Several blanks are as one.
+    for cell in cells.map(str::trim).filter(|c| commas || !c.is_empty()) {
         let x = cell.parse::<f64>().ok().filter(|x| x.is_finite());
         let x = x.ok_or_else(|| format!("`{}` is no number", cell.escape_default()))?;
         if let Some(place) = list.get_mut(count) {
@@ -179,6 +182,6 @@ fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
     if count == ports {
         Ok(list)
     } else {
-        Err(format!("there are {count} numbers for {ports} open ports: one a port, with commas between them"))
+        Err(format!("there are {count} numbers for {ports} open ports: one a port, with commas or blanks between them"))
     }
 }

@@ -1,6 +1,6 @@
-//! A file in memory that both ends read and write: the environment writes its effort at the start, the device its measurement
-//! from [`PLACE`] on. The device may map it; the environment reads and writes it in single calls. A packet that is half old and half
-//! new fails its checksum, and is looked at again.
+//! A file in memory that both ends read and write: the environment writes its effort at the start, the device its
+//! measurement from [`PLACE`] on. The device may map it; the environment reads and writes it in single calls. A packet
+//! that is half old and half new fails its checksum, and is looked at again.
 
 use super::link::Arrival;
 use crate::stop::Stop;
@@ -24,7 +24,8 @@ pub struct Shared {
 }
 
 impl Shared {
-    /// Makes the file. A name without `/` is one in `/dev/shm`, or where that is not, in the folder for temporary files.
+    /// Makes the file. A name without `/` is one in `/dev/shm`, or where that is not, in the folder for temporary
+    /// files.
     ///
     /// # Errors
     /// It is there already, or cannot be made.
@@ -33,10 +34,12 @@ impl Shared {
         let folder = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
         let path = if name.contains('/') { PathBuf::from(name) } else { folder.join(name) };
         let failed = |e: io::Error| {
-            let mend = if e.kind() == io::ErrorKind::AlreadyExists {
-                "; another environment uses it, or one was killed: remove it or take another name"
-            } else {
-                ""
+            let mend = match e.kind() {
+                io::ErrorKind::AlreadyExists => {
+                    "; another environment uses it, or one was killed: remove it or take another name"
+                }
+                io::ErrorKind::NotFound => "; make its folder first, or give a name without `/`",
+                _ => "",
             };
             Stop::Usage(format!("cannot make {}: {e}{mend}", path.display()))
         };

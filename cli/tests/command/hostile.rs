@@ -182,7 +182,8 @@ fn odd_paths() {
     here.bond(&["check", "loop.bond"]).is(2, &[], &["cannot read"]);
 }
 
-/// Parameters that no physics has end in numbers, or in an error that says which: never in NaN, and never in a row of 300 zeros.
+/// Parameters that no physics has end in numbers, or in an error that says which: never in NaN, and never in a row of
+/// 300 zeros.
 #[test]
 fn parameters_of_no_physics() {
     let here = Folder::new();

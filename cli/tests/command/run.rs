@@ -92,9 +92,31 @@ fn files_are_written_whole() {
         assert_eq!(row[at("w/damper.dissipated")], row[at("w.dissipated")]);
     }
     // Nothing is left of a run that could not begin.
-    here.bond(&["run", "a.bond", "-o", "none/a.csv"]).is(2, &[], &["cannot write"]);
+    here.bond(&["run", "a.bond", "-o", "none/a.csv"]).is(2, &[], &["cannot write none/a.csv: its folder is not there"]);
     here.bond(&["run", "a.bond", "-o", "b.csv", "--ledger", "none/l.csv"]).is(2, &[], &["cannot write"]);
     assert_eq!(here.list(), ["a.bond", "a.csv", "l.csv"]);
+}
+
+/// A slip of the pen does not cost the text of a model.
+#[test]
+fn no_result_takes_the_place_of_a_model() {
+    let here = Folder::new().with("a.bond", super::OSCILLATOR);
+    let slips: [&[&str]; 9] = [
+        &["run", "a.bond", "-o", "a.bond"],
+        &["run", "a.bond", "--ledger", "./a.bond"],
+        &["run", "a.bond", "--checkpoint", "b.BOND"],
+        &["run", "a.bond", "--sweep", "m=1,2", "-o", "a.bond"],
+        &["bench", "a.bond", "-o", "a.bond"],
+        &["show", "a.bond", "-o", "a.bond"],
+        &["linearize", "a.bond", "-o", "a.bond"],
+        &["build", "a.bond", "-o", "a.bond"],
+        &["build", "a.bond", "--emit", "c", "-o", "a.bond"],
+    ];
+    for slip in slips {
+        let why = if slip[0] == "build" { "a.bond" } else { "that is the name of a model; name another file" };
+        here.bond(slip).is(2, &[], &[why]);
+    }
+    assert_eq!((here.list(), here.read("a.bond")), (vec!["a.bond".to_string()], super::OSCILLATOR.to_string()));
 }
 
 #[test]

@@ -23,6 +23,25 @@ model Spring(k = 400 N/m) {
 }
 ";
 
+/// Two springs with dampers, behind a port each.
+const TWO: &str = "\
+model Two {
+  port left
+  port right
+  sampled at 500 Hz {
+    C:spring { stiffness = 400 N/m; q0 = 0.02 m }
+    C:other { stiffness = 300 N/m }
+    R:damper = 3 N*s/m
+    R:drag = 2 N*s/m
+    1:v -> spring, damper
+    1:w -> other, drag
+  }
+  left ||> v
+  right ||> w
+  simulate { stop = 1 s }
+}
+";
+
 fn spawn(here: &Folder, args: &[&str]) -> Child {
     Command::new(env!("CARGO_BIN_EXE_bond"))
         .args(args)
@@ -163,6 +182,35 @@ fn lines_in_lockstep_are_the_scene() {
     let json = done.err.lines().skip(1).collect::<String>();
     let json: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}: {}", done.err));
     assert_eq!((&json["intervals"], &json["missing"], &json["passive"]), (&300.into(), &0.into(), &true.into()));
+}
+
+/// Numbers may stand in columns: any blanks between them are as a comma.
+#[test]
+fn blanks_are_as_commas() {
+    let here = Folder::new().with("a.bond", TWO);
+    let out = |lines: &str| here.fed(&["serve", "a.bond", "--stdio", "--lockstep"], lines).is(0, &[], &[]).out;
+    let commas = out("1e-4,-1e-4\n0,2e-4\n");
+    assert_eq!(commas.lines().count(), 3, "{commas}");
+    assert_ne!(commas, out("1e-4,-1e-4\n0,3e-4\n"));
+    for blanks in ["1e-4 -1e-4\n0 2e-4\n", " 1e-4   -1e-4\n 0       2e-4 \n", "1e-4\t-1e-4\r\n0\t2e-4\r\n"] {
+        assert_eq!(out(blanks), commas, "{blanks:?}");
+    }
+}
+
+/// What came before a line that is none is in the report.
+#[test]
+fn a_broken_line_ends_with_the_report() {
+    let here = Folder::new().with("a.bond", SPRING);
+    let args = ["serve", "a.bond", "--stdio", "--lockstep", "--report", "json", "--ledger", "l.csv"];
+    let done = here.fed(&args, "1e-4\n1e-4\nx\n1e-4\n").is(2, &[], &["standard input: line 3: `x` is no number"]);
+    assert_eq!(done.out.lines().count(), 3, "{}", done.out);
+    let json: String = done.err.lines().skip(1).take_while(|l| !l.starts_with("error")).collect();
+    let json: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}: {}", done.err));
+    assert_eq!((&json["intervals"], &json["passive"], &json["failure"]), (&2.into(), &true.into(), &Value::Null));
+    // The spring is bent by 0.02 m, and pushed on by 0.1 mm twice.
+    let energy = json["energy"]["put_in"].as_f64().unwrap();
+    assert!((energy - 2.0 * 1e-4 * 8.0).abs() < 2e-4, "{energy} J");
+    assert_eq!(here.read("l.csv").lines().count(), 4);
 }
 
 #[test]

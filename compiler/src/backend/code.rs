@@ -1,9 +1,9 @@
-//! What back ends translate: a step program made plain. Newton's method, elimination and products have become statements, loops
-//! and branches over numbers, so that a back end is a printer of some fifteen forms.
+//! What back ends translate: a step program made plain. Newton's method, elimination and products have become
+//! statements, loops and branches over numbers, so that a back end is a printer of some fifteen forms.
 //!
-//! Made by [`super::lower`]; each back end says it in its own language and adds nothing. Values are defined once and before their
-//! uses, within the block they are used in or around it; variables are set as often as wanted. There are no calls but functions
-//! of numbers and [`Stmt::Solve`].
+//! Made by [`super::lower`]; each back end says it in its own language and adds nothing. Values are defined once and
+//! before their uses, within the block they are used in or around it; variables are set as often as wanted. There are
+//! no calls but functions of numbers and [`Stmt::Solve`].
 
 use bond_runtime::ir::{Binary, Unary};
 
@@ -77,6 +77,25 @@ pub enum Op {
     Binary(Binary, Value, Value),
     /// The first value where the condition holds, else the second.
     Select(Cond, Value, Value),
+}
+
+impl Op {
+    /// The values it looks at.
+    pub fn each_value(&self, f: &mut impl FnMut(Value)) {
+        match self {
+            Op::Load(_) | Op::Get(_) => {}
+            Op::Unary(_, a) => f(*a),
+            Op::Binary(_, a, b) => {
+                f(*a);
+                f(*b);
+            }
+            Op::Select(c, a, b) => {
+                c.each_value(f);
+                f(*a);
+                f(*b);
+            }
+        }
+    }
 }
 
 /// A condition. Comparisons with a NaN do not hold.
@@ -188,11 +207,13 @@ pub enum Stmt {
     Break,
     /// Begins the innermost [`Stmt::Loop`] anew.
     Continue,
-    /// Counts from the first number up to, and without, the second; `Break` and `Continue` do not stand in it for a loop around it.
+    /// Counts from the first number up to, and without, the second; `Break` and `Continue` do not stand in it for a
+    /// loop around it.
     For(Index, u32, u32, Vec<Stmt>),
-    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and the right
-    /// side, which becomes the solution, are in [`Memory::Scratch`] from these places on. The variable becomes -1, or the row
-    /// that has no pivot. Where there is a value and it is not 0, the matrix is what it was when this was solved last.
+    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and
+    /// the right side, which becomes the solution, are in [`Memory::Scratch`] from these places on. The variable
+    /// becomes -1, or the row that has no pivot. Where there is a value and it is not 0, the matrix is what it was when
+    /// this was solved last.
     Solve {
         /// Which system.
         system: u32,
@@ -211,6 +232,46 @@ pub enum Stmt {
     Note([Value; 4]),
     /// Ends the routine without a result.
     Fail(Reason),
+}
+
+impl Stmt {
+    /// The values it looks at itself, without those that statements inside it look at.
+    pub fn each_value(&self, f: &mut impl FnMut(Value)) {
+        match self {
+            Stmt::Let(_, op) => op.each_value(f),
+            Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => f(*v),
+            Stmt::Note(list) => list.iter().for_each(|v| f(*v)),
+            Stmt::If(c, ..) => c.each_value(f),
+            Stmt::Solve { same, .. } => same.iter().for_each(|v| f(*v)),
+            Stmt::Fail(Reason::NoConvergence(_, a, b)) => {
+                f(*a);
+                f(*b);
+            }
+            Stmt::Fail(Reason::Singular(a)) => f(*a),
+            Stmt::Fail(Reason::NotFinite | Reason::Clock)
+            | Stmt::Loop(_)
+            | Stmt::For(..)
+            | Stmt::Break
+            | Stmt::Continue => {}
+        }
+    }
+
+    /// The blocks inside it; empty ones where there are none.
+    pub fn inner(&self) -> [&[Stmt]; 2] {
+        match self {
+            Stmt::If(_, yes, no) => [yes, no],
+            Stmt::Loop(body) | Stmt::For(_, _, _, body) => [body, &[]],
+            Stmt::Let(..)
+            | Stmt::Set(..)
+            | Stmt::Store(..)
+            | Stmt::Break
+            | Stmt::Continue
+            | Stmt::Solve { .. }
+            | Stmt::Count(_)
+            | Stmt::Note(_)
+            | Stmt::Fail(_) => [&[], &[]],
+        }
+    }
 }
 
 /// Why a routine ends without a result; see `bond_runtime::Failure`.
@@ -285,19 +346,5 @@ impl Routine {
 
 /// How many statements there are, those inside others included.
 pub fn size(body: &[Stmt]) -> usize {
-    body.iter()
-        .map(|s| match s {
-            Stmt::If(_, a, b) => 1 + size(a) + size(b),
-            Stmt::Loop(a) | Stmt::For(_, _, _, a) => 1 + size(a),
-            Stmt::Let(..)
-            | Stmt::Set(..)
-            | Stmt::Store(..)
-            | Stmt::Break
-            | Stmt::Continue
-            | Stmt::Solve { .. }
-            | Stmt::Count(_)
-            | Stmt::Note(_)
-            | Stmt::Fail(_) => 1,
-        })
-        .sum()
+    body.iter().map(|s| 1 + s.inner().into_iter().map(size).sum::<usize>()).sum()
 }

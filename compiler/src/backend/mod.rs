@@ -1,4 +1,5 @@
-//! Back ends: what step programs become besides the interpreter's code. [`lower`] makes a program plain, once for all of them.
+//! Back ends: what step programs become besides the interpreter's code. [`lower`] makes a program plain, once for all
+//! of them.
 
 pub mod c;
 pub mod code;

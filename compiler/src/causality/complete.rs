@@ -1,9 +1,10 @@
 //! Whether a partial assignment of strokes can be completed.
 //!
-//! A 0-junction receives its effort from just one bond, a 1-junction its flow; a TF receives effort at just one of its two ports, a
-//! GY effort at its first or flow at its second. A bond brings effort to one end and flow to the other: to a 0- and a 1-junction it
-//! brings what they need or it does not, to both alike; of two 0-junctions it serves just one. So completions are the matchings of
-//! a graph that cover every junction, TF and GY, and a vertex in the middle of each bond between two that need the same variable.
+//! A 0-junction receives its effort from just one bond, a 1-junction its flow; a TF receives effort at just one of its
+//! two ports, a GY effort at its first or flow at its second. A bond brings effort to one end and flow to the other: to
+//! a 0- and a 1-junction it brings what they need or it does not, to both alike; of two 0-junctions it serves just one.
+//! So completions are the matchings of a graph that cover every junction, TF and GY, and a vertex in the middle of each
+//! bond between two that need the same variable.
 
 use super::propagate::{Assignment, common};
 use crate::model::{BondId, ElementId, Kind, Variable};
@@ -26,7 +27,8 @@ fn need(a: &Assignment, bond: BondId, end: ElementId) -> Option<Variable> {
 /// Whether the bonds that are still free can be given strokes.
 pub(super) fn possible(a: &Assignment) -> bool {
     let mut graph: Graph<(), (), Undirected> = Graph::default();
-    // Two copies, joined where a vertex need not be covered: all of both can be covered just where the rest of one can be.
+    // Two copies, joined where a vertex need not be covered: all of both can be covered just where the rest of one can
+    // be.
     let mut pair = || (graph.add_node(()), graph.add_node(()));
     let nodes: Vec<Option<(NodeIndex, NodeIndex)>> = (a.model.ids())
         .map(|(id, e)| {

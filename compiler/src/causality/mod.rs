@@ -1,8 +1,8 @@
 //! Sequential assignment of causality (SCAP: Karnopp, Margolis, Rosenberg, System Dynamics).
 //!
-//! Order: sources and detectors, asserted strokes, one-way laws, sample-and-hold bonds and open ports, storages in integral
-//! causality, laws that are explicit one way, resistors, and what is left. Each choice is propagated at once through junctions,
-//! TF and GY. Everything runs in declaration order, and the cost is linear in the number of bonds.
+//! Order: sources and detectors, asserted strokes, one-way laws, sample-and-hold bonds and open ports, storages in
+//! integral causality, laws that are explicit one way, resistors, and what is left. Each choice is propagated at once
+//! through junctions, TF and GY. Everything runs in declaration order, and the cost is linear in the number of bonds.
 
 mod complete;
 mod conflict;
@@ -204,8 +204,8 @@ fn strokes<'a>(
             choose(&mut a, model, &storages, bond, model.bond(bond).other(id));
         }
     }
-    // Of storages that are tied together, those with quadratic energies can best be the dependent ones; those of which a ratio
-    // reads the state have to keep it.
+    // Of storages that are tied together, those with quadratic energies can best be the dependent ones; those of which
+    // a ratio reads the state have to keep it.
     for first in [true, false] {
         for &(id, bond) in &storages {
             if let Some(gives) = integral(model.element(id).kind)
@@ -244,7 +244,8 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     let quadratic: Vec<bool> = model.elements.iter().map(|e| quadratic(&mut pool, &e.law)).collect();
     model.pool = pool;
     let model = &*model;
-    // A choice shows only later that it cannot be completed where junctions stand in rings: then each is looked at more closely.
+    // A choice shows only later that it cannot be completed where junctions stand in rings: then each is looked at more
+    // closely.
     let a = strokes(model, graph, &one_way, &quadratic, false)
         .or_else(|errors| strokes(model, graph, &one_way, &quadratic, true).map_err(|_| errors))?;
     let one_ports = |kinds: &[Kind]| one_ports(model, graph, kinds);
@@ -266,9 +267,9 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
     Ok(Causality { strokes, causes: a.causes, dependent, implicit })
 }
 
-/// The 1-junctions that drive others through ratios which change with states, where storages are tied together by those and nothing
-/// on the junction gives it a flow of its own: the turning of a pendulum whose mass has two Cartesian speeds. Read the other way, such
-/// a ratio would be divided by, and it may pass 0.
+/// The 1-junctions that drive others through ratios which change with states, where storages are tied together by those
+/// and nothing on the junction gives it a flow of its own: the turning of a pendulum whose mass has two Cartesian
+/// speeds. Read the other way, such a ratio would be divided by, and it may pass 0.
 pub fn speeds(model: &Model, graph: &BondGraph, causality: &Causality) -> Vec<ElementId> {
     if !causality.dependent.iter().any(|d| model.element(*d).kind == Kind::I) {
         return Vec::new();

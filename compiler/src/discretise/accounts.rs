@@ -19,8 +19,8 @@ pub(super) struct Accounts {
 }
 
 impl Cluster {
-    /// Names of the ledger's entries, with the outputs reserved in a builder: means first, then for each region H, sources and
-    /// ports, resistors.
+    /// Names of the ledger's entries, with the outputs reserved in a builder: means first, then for each region H,
+    /// sources and ports, resistors.
     pub(super) fn reserve(&self, model: &Model, b: &mut Builder, form: &Form) -> Vec<Entries> {
         use bond_runtime::ir::Array;
         for c in &self.ports {

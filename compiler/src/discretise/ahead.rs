@@ -1,8 +1,8 @@
 //! Where the iteration of a `gonzalez` step starts: the changes of the last steps carried on.
 //!
-//! The state keeps each state's last three changes d, d', d'', and one over the length of the last step. Where all steps are of one
-//! length, the next change is foretold as 3 d - 3 d' + d'', the parabola through them; else as q d, with q the length of the step over that
-//! of the last one, and what is kept is stretched likewise.
+//! The state keeps each state's last three changes d, d', d'', and one over the length of the last step. Where all
+//! steps are of one length, the next change is foretold as 3 d - 3 d' + d'', the parabola through them; else as q d,
+//! with q the length of the step over that of the last one, and what is kept is stretched likewise.
 //! Where that is far from the last change, beside the two before, steps are too long for it, and none is made.
 //! It is a guess and no more: the iteration that fails from there, or does not converge at once, starts from no change.
 

@@ -10,7 +10,8 @@ use bond_runtime::ir::{Binary, Unary};
 const LOOSE: f64 = 1e-3;
 /// One at most this asks for order 8, between the two for 6. Measured on smooth problems: Duffing, pendulum, Kepler.
 const TIGHT: f64 = 1e-5;
-/// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be cheap.
+/// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
+/// cheap.
 const UNKNOWNS: usize = 16;
 
 /// What was asked of a run's accuracy besides the method.

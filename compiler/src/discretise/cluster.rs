@@ -240,8 +240,8 @@ impl Cluster {
         self.foreign = foreign;
     }
 
-    /// Expressions of all outputs in terms of states, ports, time, foreign signals and loops. `start` says what the states and
-    /// the storages' outputs are; it may move time.
+    /// Expressions of all outputs in terms of states, ports, time, foreign signals and loops. `start` says what the
+    /// states and the storages' outputs are; it may move time.
     pub(super) fn flat(&self, pool: &mut Pool, mut map: FxHashMap<Symbol, Expr>) -> FxHashMap<Symbol, Expr> {
         let loops: FxHashSet<Symbol> = self.loops.iter().copied().collect();
         for n in &self.nodes {
@@ -324,8 +324,8 @@ impl Cluster {
         pool.sum(&terms)
     }
 
-    /// Slots of the state: energy states, integrals, what loops start from, what rounding took from the energy states, and what
-    /// the stepper keeps of its last step.
+    /// Slots of the state: energy states, integrals, what loops start from, what rounding took from the energy states,
+    /// and what the stepper keeps of its last step.
     pub(super) fn slots(&self) -> usize {
         self.memory_at() + self.memory
     }

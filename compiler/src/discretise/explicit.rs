@@ -1,5 +1,5 @@
-//! Explicit methods, to compare with: Euler's, the classical one of Runge and Kutta, that of Dormand and Prince, and the semi-implicit
-//! Euler method. Their steps do not keep the balance.
+//! Explicit methods, to compare with: Euler's, the classical one of Runge and Kutta, that of Dormand and Prince, and
+//! the semi-implicit Euler method. Their steps do not keep the balance.
 
 use super::cluster::{Cluster, missing, verified};
 use super::{instant, write};
@@ -10,8 +10,8 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
 
-/// A stage: the part of the step that is behind it, the weights of the rates of the stages before it in its state, and the weight of
-/// its own in the step.
+/// A stage: the part of the step that is behind it, the weights of the rates of the stages before it in its state, and
+/// the weight of its own in the step.
 struct Row {
     at: f64,
     from: &'static [f64],
@@ -46,8 +46,8 @@ pub(super) const RK4: Tableau = Tableau {
     error: &[],
 };
 
-/// J. R. Dormand, P. J. Prince, J. Comput. Appl. Math. 6 (1980): RK5(4)7M. The last stage is at the end of the step, and only the
-/// estimate asks for it.
+/// J. R. Dormand, P. J. Prince, J. Comput. Appl. Math. 6 (1980): RK5(4)7M. The last stage is at the end of the step,
+/// and only the estimate asks for it.
 pub(super) const RK45: Tableau = Tableau {
     name: "rk45",
     order: 5,

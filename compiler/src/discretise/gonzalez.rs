@@ -1,8 +1,8 @@
 //! The discrete-gradient step (Gonzalez, J. Nonlinear Sci. 6, 1996): order 2, the balance exact.
 //!
-//! (x+ - x)/h = D z at the midpoint of states and time, with the co-energy variable of each storage replaced by its discrete
-//! gradient, which for one state is the difference quotient of H, written without cancellation. Resistors and loops are
-//! solved with it. The unknowns are the changes of the states, so that x+ = x + change is rounded once.
+//! (x+ - x)/h = D z at the midpoint of states and time, with the co-energy variable of each storage replaced by its
+//! discrete gradient, which for one state is the difference quotient of H, written without cancellation. Resistors and
+//! loops are solved with it. The unknowns are the changes of the states, so that x+ = x + change is rounded once.
 
 use super::ahead::Ahead;
 use super::cluster::{Cluster, Group, Part, missing, verified};
@@ -50,10 +50,11 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
 
 /// The discrete gradient of a group's energy.
 ///
-/// Of one state it is the difference quotient; of a quadratic energy the gradient at the midpoint. Else the coordinate increments
-/// of Itoh and Abe (J. Comput. Phys. 76, 1988), which move one state after the other, in the order of the states and in the
-/// opposite one: each satisfies g . d = H(x + d) - H(x), and so does their mean, which is symmetric and so of order 2. Unlike
-/// Gonzalez' correction along d it asks for no common unit of the states, and each quotient is written without cancellation.
+/// Of one state it is the difference quotient; of a quadratic energy the gradient at the midpoint. Else the coordinate
+/// increments of Itoh and Abe (J. Comput. Phys. 76, 1988), which move one state after the other, in the order of the
+/// states and in the opposite one: each satisfies g . d = H(x + d) - H(x), and so does their mean, which is symmetric
+/// and so of order 2. Unlike Gonzalez' correction along d it asks for no common unit of the states, and each quotient
+/// is written without cancellation.
 pub(super) fn gradient(
     c: &Cluster,
     pool: &mut Pool,
@@ -97,8 +98,8 @@ pub(super) fn gradient(
         .collect()
 }
 
-/// A storage that follows sources takes the change of its state over the step; the sources give the mean of their ends, so that the
-/// change of its energy, a square, is the work done on it.
+/// A storage that follows sources takes the change of its state over the step; the sources give the mean of their ends,
+/// so that the change of its energy, a square, is the work done on it.
 fn follow(c: &Cluster, pool: &mut Pool, form: &Form, map: &mut FxHashMap<Symbol, Expr>) {
     let (Some(t), Some(h)) = (c.time, c.h) else { return };
     let (te, he, half) = (pool.var(t), pool.var(h), pool.ratio(1, 2));
@@ -169,8 +170,8 @@ pub(super) fn measures(
     Ok((weight, scale))
 }
 
-/// Writes the step. Where it is the cluster's own, rather than what another stepper falls back to, `own` says so: its memory is then
-/// that of [`super::ahead`].
+/// Writes the step. Where it is the cluster's own, rather than what another stepper falls back to, `own` says so: its
+/// memory is then that of [`super::ahead`].
 pub(super) fn write(
     c: &Cluster,
     model: &mut Model,

@@ -34,8 +34,9 @@ pub(super) fn outputs(
     let flat = c.flat(&mut model.pool, map);
     let mut residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
-    // Where the states alone impose what a curve receives, and it stands upright there, its parameter cannot be told from an
-    // instant: the force that holds a body at rest follows from the whole step. It stays near what the step found.
+    // Where the states alone impose what a curve receives, and it stands upright there, its parameter cannot be told
+    // from an instant: the force that holds a body at rest follows from the whole step. It stays near what the step
+    // found.
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
     for (((r, z), n), guess) in residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses) {
         let is_bare = matches!(n.how, Output::Curve { bare: true, .. });

@@ -1,5 +1,5 @@
-//! The signal states of a sampled block: at each sample their next values are computed from what is known then, and taken at the
-//! sample after it.
+//! The signal states of a sampled block: at each sample their next values are computed from what is known then, and
+//! taken at the sample after it.
 
 use super::cluster::{Cluster, missing, verified};
 use super::write;

@@ -6,9 +6,9 @@ use crate::model::Model;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 
-/// H of a group as it is to be computed. Of one state it is H(0) and the change from there, written without cancellation: as in
-/// `1 - cos q` near 0, else what H is near its least would be rounding of its largest term. Where H is a polynomial, has a choice
-/// in it or no value at 0, as it stands.
+/// H of a group as it is to be computed. Of one state it is H(0) and the change from there, written without
+/// cancellation: as in `1 - cos q` near 0, else what H is near its least would be rounding of its largest term. Where H
+/// is a polynomial, has a choice in it or no value at 0, as it stands.
 pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> Expr {
     let Some(s) = symbol.filter(|s| pool.symbols(energy).contains(s) && is_smooth(pool, energy)) else {
         return energy;
@@ -49,8 +49,8 @@ fn is_smooth(pool: &Pool, e: Expr) -> bool {
     pool.any_node(e, &is_curved) && !pool.any_node(e, &chooses)
 }
 
-/// The least energy of a group near where it starts; where there is none, as of heat, which is least at no temperature, its energy
-/// at the start.
+/// The least energy of a group near where it starts; where there is none, as of heat, which is least at no temperature,
+/// its energy at the start.
 pub(super) fn least(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
     bottom(model, g, c).0
 }

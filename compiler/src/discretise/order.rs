@@ -52,9 +52,9 @@ impl Cluster {
         self.nodes = order.iter().map(|i| self.nodes[*i].clone()).collect();
     }
 
-    /// Parts a loop into the nodes that an iteration finds and those that follow from them, in order. Small loops are torn at the
-    /// laws that are roots anyhow, and at as few others as leave no loop; of large ones all are unknowns, which keeps the system
-    /// sparse.
+    /// Parts a loop into the nodes that an iteration finds and those that follow from them, in order. Small loops are
+    /// torn at the laws that are roots anyhow, and at as few others as leave no loop; of large ones all are unknowns,
+    /// which keeps the system sparse.
     pub(super) fn tear(&self, graph: &Graph<(), ()>, members: &[usize], own: &[bool]) -> (Vec<usize>, Vec<usize>) {
         if members.len() > TORN {
             return (members.to_vec(), Vec::new());

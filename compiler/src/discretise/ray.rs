@@ -1,7 +1,7 @@
 //! The paper's own step (Stramigioli, Secchi, van der Schaft, Fantuzzi 2002), section 3: with e_C = dH/dx at x_k,
-//! dH = -T f_R^T R f_R - T e_I^T f_I, and the next state is where the line x_k + s f_C meets the level set H(x_k) + dH, the s
-//! nearest T. Where it does not meet it, the state leaps to its mirror image on the line through the minimum of H, at the same
-//! energy, and the energy that is missing is booked.
+//! dH = -T f_R^T R f_R - T e_I^T f_I, and the next state is where the line x_k + s f_C meets the level set H(x_k) + dH,
+//! the s nearest T. Where it does not meet it, the state leaps to its mirror image on the line through the minimum of
+//! H, at the same energy, and the energy that is missing is booked.
 
 use super::cluster::{Cluster, missing, verified};
 use super::write::{self, System};
@@ -90,7 +90,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let met = b.load(flag);
-    // Without a change of energy the state may go the whole way if that is as high; else it stays, being on the level set already.
+    // Without a change of energy the state may go the whole way if that is as high; else it stays, being on the level
+    // set already.
     let full: FxHashMap<Symbol, Expr> = std::iter::once((r, model.pool.int(0))).collect();
     let off = model.pool.substitute(residual, &full);
     let off = lowering.lower(&model.pool, &mut b, off).map_err(|s| missing(model, s))?;

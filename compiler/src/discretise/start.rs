@@ -1,8 +1,8 @@
 //! Where loops start: their solution at the first instant, found here so that no user has to guess it.
 //!
-//! Newton's method on the homotopy F(z) - (1 - s) F(z_0) = 0 from s = 0, where z_0 solves it, to s = 1: for monotone laws that path
-//! never turns back (Ortega and Rheinboldt, Iterative Solution of Nonlinear Equations, chapter 7). From other starts too, since a
-//! loop may have several solutions, and then the model does not say which one it is in.
+//! Newton's method on the homotopy F(z) - (1 - s) F(z_0) = 0 from s = 0, where z_0 solves it, to s = 1: for monotone
+//! laws that path never turns back (Ortega and Rheinboldt, Iterative Solution of Nonlinear Equations, chapter 7). From
+//! other starts too, since a loop may have several solutions, and then the model does not say which one it is in.
 
 use super::cluster::Cluster;
 use crate::expression::{Expr, Symbol};
@@ -191,7 +191,8 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
             }
         }
     }
-    // Between two solutions that stand alone the slopes turn over (the degree of the map); between two roundings of one they do not.
+    // Between two solutions that stand alone the slopes turn over (the degree of the map); between two roundings of one
+    // they do not.
     let apart = |a: &DVector<f64>, b: &DVector<f64>| {
         let first = system.jacobian(a).determinant().signum();
         (a - b).amax() > SAME * a.amax().max(b.amax())

@@ -1,5 +1,5 @@
-//! Unknowns of an iteration that follow from the others by a linear equation are taken out of it (tearing: Kron; Elmqvist and Otter,
-//! Proc. ESM 1994). Newton's method makes the same updates without them, and solves for fewer.
+//! Unknowns of an iteration that follow from the others by a linear equation are taken out of it (tearing: Kron;
+//! Elmqvist and Otter, Proc. ESM 1994). Newton's method makes the same updates without them, and solves for fewer.
 
 use super::write::System;
 use crate::expression::{Expr, Pool, Sign, Symbol};
@@ -8,7 +8,8 @@ use rustc_hash::FxHashMap;
 /// More unknowns than this are left: their elimination finds its order from the pattern.
 const MOST: usize = 8;
 
-/// Takes unknowns out of a system: gives them, with what they are in terms of those that stay. `h`, if given, is above 0.
+/// Takes unknowns out of a system: gives them, with what they are in terms of those that stay. `h`, if given, is
+/// above 0.
 pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> Vec<(Symbol, Expr)> {
     let unknowns = system.unknowns.clone();
     let n = unknowns.len();

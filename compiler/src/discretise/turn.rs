@@ -1,9 +1,10 @@
 //! Sines and cosines within an iteration, by the addition formulas.
 //!
-//! The discrete gradient of an energy with angles asks for sines and cosines of many sums of few angles: of what they are at the start,
-//! which an iteration does not change, and of multiples of half their changes. So sine and cosine of each part are had once, and those
-//! of the sums are products of them. These are off by rounding of 1, where the sum itself is by rounding of the angle, which may have
-//! grown to many turns; the sine of a sum of small angles keeps its digits, as that sum does.
+//! The discrete gradient of an energy with angles asks for sines and cosines of many sums of few angles: of what they
+//! are at the start, which an iteration does not change, and of multiples of half their changes. So sine and cosine of
+//! each part are had once, and those of the sums are products of them. These are off by rounding of 1, where the sum
+//! itself is by rounding of the angle, which may have grown to many turns; the sine of a sum of small angles keeps its
+//! digits, as that sum does.
 
 use super::cluster::missing;
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
@@ -24,7 +25,8 @@ pub(super) struct Turns {
     parts: Vec<Expr>,
     /// How many do not.
     fixed: usize,
-    /// Sines and cosines as they are asked for: the function, its expression, and how often each part is in its argument.
+    /// Sines and cosines as they are asked for: the function, its expression, and how often each part is in its
+    /// argument.
     asked: Vec<(Unary, Expr, Vec<i64>)>,
 }
 
@@ -147,7 +149,8 @@ fn added(b: &mut Builder, p: Pair, q: Pair) -> Pair {
     (b.add(sc, cs), b.sub(cc, ss))
 }
 
-/// Writes sine and cosine of the angles whose sums and differences some expressions ask for: with them the others are products.
+/// Writes sine and cosine of the angles whose sums and differences some expressions ask for: with them the others are
+/// products.
 pub(super) fn angles(
     model: &mut Model,
     b: &mut Builder,

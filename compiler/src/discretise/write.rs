@@ -73,9 +73,9 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
     Inputs { t, h, states, integrals, guesses, carries, traces, given, env }
 }
 
-/// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at rest under a
-/// flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A carry from when the
-/// state was much larger than it is now is dropped: it would be no rounding any more.
+/// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at
+/// rest under a flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A
+/// carry from when the state was much larger than it is now is dropped: it would be no rounding any more.
 pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value) {
     let sum = b.add(x, change);
     let (plain, size) = (b.unary(Unary::Abs, sum), b.unary(Unary::Abs, carry));
@@ -92,8 +92,9 @@ pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) ->
     (b.select(fits, next, sum), b.select(fits, rest, without))
 }
 
-/// What time and what is given make sources give, as symbols of their own: computed once, so that equations and ledger have it with
-/// the same rounding, whatever is left of it where it nearly cancels. `map` says when, and then has the symbols; their values.
+/// What time and what is given make sources give, as symbols of their own: computed once, so that equations and ledger
+/// have it with the same rounding, whatever is left of it where it nearly cancels. `map` says when, and then has the
+/// symbols; their values.
 pub(super) fn sources(
     c: &Cluster,
     pool: &mut Pool,
@@ -292,8 +293,8 @@ fn iterate(
     Ok(())
 }
 
-/// What products within an iteration divide by, where one division does for several: with one over it, where that does not change in
-/// the iteration. Where there are choices, a division for two is better had where it is asked for.
+/// What products within an iteration divide by, where one division does for several: with one over it, where that does
+/// not change in the iteration. Where there are choices, a division for two is better had where it is asked for.
 fn shared(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Vec<(Below, Option<Expr>)> {
     let (mut seen, mut stack) = (FxHashSet::default(), all.to_vec());
     let mut list: Vec<Below> = Vec::new();
@@ -352,8 +353,8 @@ pub(super) fn curvatures(c: &Cluster, model: &mut Model) -> Vec<Expr> {
     list
 }
 
-/// Energy per square of each loop's unknown, in terms of states and loops: h over the slope of its resistor's law; for a law that
-/// is run backwards, h times it.
+/// Energy per square of each loop's unknown, in terms of states and loops: h over the slope of its resistor's law; for
+/// a law that is run backwards, h times it.
 fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Expr> {
     if c.loops.is_empty() {
         return Vec::new();
@@ -377,7 +378,8 @@ fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Exp
     list
 }
 
-/// Whether a column is a resistor whose law is not linear: what that gives at one end of a step says nothing of the step.
+/// Whether a column is a resistor whose law is not linear: what that gives at one end of a step says nothing of the
+/// step.
 fn is_steep(model: &Model, form: &Form, column: ColumnId) -> bool {
     matches!(&model.element(form.column(column).element).law, Law::Resistor(r) if r.linear.is_none() && r.row.is_none())
 }
@@ -449,8 +451,8 @@ pub(super) fn called(
         .collect()
 }
 
-/// What changes of the states (over `h`) and loops are measured against: themselves at the start, and the terms that they are
-/// the sum of, so that what cancels is not asked for digits that it does not have.
+/// What changes of the states (over `h`) and loops are measured against: themselves at the start, and the terms that
+/// they are the sum of, so that what cancels is not asked for digits that it does not have.
 pub(super) fn scales(
     c: &Cluster,
     model: &mut Model,
@@ -539,8 +541,8 @@ pub(super) fn weights_of_loops(
     weights.into_iter().map(|w| lowering.lower(&model.pool, b, w).map_err(|s| missing(model, s))).collect()
 }
 
-/// Stores the ledger's terms of a step, and the port means. The outputs over the step are given by some instants of it, or means,
-/// each with its weight.
+/// Stores the ledger's terms of a step, and the port means. The outputs over the step are given by some instants of it,
+/// or means, each with its weight.
 #[expect(clippy::too_many_arguments, reason = "the pieces of one step")]
 pub(super) fn ledger(
     c: &Cluster,
@@ -627,8 +629,9 @@ pub(super) fn flow(model: &mut Model, form: &Form, column: ColumnId) -> Expr {
     }
 }
 
-/// Stores H of each region at given values of the states. Where an energy has angles in it, which may grow to many turns, what
-/// rounding took from the states (`rests`) counts to first order: else each step's balance would be off by the rounding of the angle.
+/// Stores H of each region at given values of the states. Where an energy has angles in it, which may grow to many
+/// turns, what rounding took from the states (`rests`) counts to first order: else each step's balance would be off by
+/// the rounding of the angle.
 pub(super) fn energies(
     c: &Cluster,
     model: &mut Model,
@@ -676,7 +679,8 @@ pub(super) fn energies(
         }
         let mut size = b.number(0.0);
         for g in c.groups_in(*r) {
-            // What several states share may cancel within itself, as the double pendulum's kinetic energy and its height do.
+            // What several states share may cancel within itself, as the double pendulum's kinetic energy and its
+            // height do.
             let parts = if g.states.len() > 1 {
                 summands(model, &end, g.energy)
             } else {

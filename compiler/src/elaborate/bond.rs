@@ -158,8 +158,8 @@ impl<'a> Elaborator<'a> {
         list
     }
 
-    /// Follows all segments of a path: the instance its last name stands in, that name with its indices, what it is, and where
-    /// it was declared.
+    /// Follows all segments of a path: the instance its last name stands in, that name with its indices, what it is,
+    /// and where it was declared.
     pub(super) fn walk(&mut self, path: &'a Path, scope: ScopeId) -> Option<(usize, String, Entity, Span)> {
         let mut at = self.scopes[scope].instance;
         for (i, segment) in path.segments.iter().enumerate() {

@@ -99,8 +99,8 @@ pub(super) struct Mixed {
 }
 
 impl Mixed {
-    /// Whether an equation that contradicts the others does so because its element is of another domain of physics; then it is
-    /// kept for [`Mixed::tell`].
+    /// Whether an equation that contradicts the others does so because its element is of another domain of physics;
+    /// then it is kept for [`Mixed::tell`].
     pub(super) fn takes(&mut self, all: &[Equation], i: usize, system: &System) -> bool {
         self.group(all, i, system).is_some()
     }

@@ -1,6 +1,6 @@
 //! Unit inference. Each domain of the graph (bonds joined by junctions) has two unknown units, effort and flow; every
-//! expression's unit is a product of powers of them and of a known dimension. Equating two units is a linear equation in
-//! the exponents, so that all of them are one linear system, solved by elimination as the equations come.
+//! expression's unit is a product of powers of them and of a known dimension. Equating two units is a linear equation
+//! in the exponents, so that all of them are one linear system, solved by elimination as the equations come.
 
 use super::domain::{self, Names};
 use super::function::{self, Calls};
@@ -116,7 +116,8 @@ pub struct Equation {
     pub needed: (Unit, Option<Span>),
     /// What it is about: "resistance of `damper`".
     pub about: String,
-    /// Equations of lower rank are believed first. Up to 2: what an element asks of its own value; 3: within an expression.
+    /// Equations of lower rank are believed first. Up to 2: what an element asks of its own value; 3: within an
+    /// expression.
     pub rank: u8,
     /// The element whose law asks for it.
     pub owner: Option<ElementId>,

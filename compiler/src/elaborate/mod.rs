@@ -1,8 +1,8 @@
 //! From syntax trees to the flat [`Model`]: instances, loops, names, units, values.
 //!
-//! Two walks. The first (`expand`) makes instances and notes names and bonds; only constants are evaluated in it. Then ports
-//! are joined (`join`) and, with every bond known, the second turns values into expressions (`express`, [`crate::element`]),
-//! and units are solved (`infer`).
+//! Two walks. The first (`expand`) makes instances and notes names and bonds; only constants are evaluated in it. Then
+//! ports are joined (`join`) and, with every bond known, the second turns values into expressions (`express`,
+//! [`crate::element`]), and units are solved (`infer`).
 
 mod array;
 mod bond;

@@ -160,8 +160,8 @@ impl<'a> Elaborator<'a> {
         Some(value.and_then(|value| self.entry(value, segment, scope)))
     }
 
-    /// Whether an indexed name is that of a declaration of the model, and not the entry of the array that a scope has by that
-    /// name. The arguments of a function hide the declarations.
+    /// Whether an indexed name is that of a declaration of the model, and not the entry of the array that a scope has
+    /// by that name. The arguments of a function hide the declarations.
     pub(super) fn is_declared(&mut self, segment: &'a ast::Segment, scope: ScopeId, of: ScopeId) -> Option<bool> {
         let key = self.key(&segment.name.text, &segment.index, scope)?;
         let of_call = self.scopes[of].loop_variable.is_none() && self.scopes[of].parent.is_some();

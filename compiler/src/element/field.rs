@@ -1,5 +1,5 @@
-//! Multiport fields. Storages: one H of all states, each port's co-energy variable its derivative, so that the field is reciprocal
-//! by construction. Resistors: a matrix, whose symmetric part must not give power, or a law a port.
+//! Multiport fields. Storages: one H of all states, each port's co-energy variable its derivative, so that the field is
+//! reciprocal by construction. Resistors: a matrix, whose symmetric part must not give power, or a law a port.
 
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Inference, Typed, Unit};

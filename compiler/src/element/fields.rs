@@ -10,7 +10,8 @@ pub(super) struct Fields<'a> {
 }
 
 impl<'a> Fields<'a> {
-    /// Reads a declaration that may have the fields `known`, at most one of them out of `laws`, and must have one of `laws`.
+    /// Reads a declaration that may have the fields `known`, at most one of them out of `laws`, and must have one of
+    /// `laws`.
     pub(super) fn read(
         e: &mut Elaborator<'a>,
         ast: &'a Element,

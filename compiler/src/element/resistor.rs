@@ -82,8 +82,8 @@ impl<'a> Elaborator<'a> {
         Some(Resistor { argument, output, gives, curve: None, row: None, linear, dissipative })
     }
 
-    /// A law that is a curve, `{ e = ...; f = ... }` in a bare number `s`: an ideal diode, a switch, friction that sticks. Both
-    /// must rise with `s` where they move. `None` where the law is none.
+    /// A law that is a curve, `{ e = ...; f = ... }` in a bare number `s`: an ideal diode, a switch, friction that
+    /// sticks. Both must rise with `s` where they move. `None` where the law is none.
     fn law_along(
         &mut self,
         id: ElementId,

@@ -145,8 +145,8 @@ impl<'a> Elaborator<'a> {
         None
     }
 
-    /// H with dH/dx the law and H(0) = 0: in closed form where there is one, else by Gauss-Legendre quadrature of 20 nodes, the
-    /// law then being the exact derivative of that H.
+    /// H with dH/dx the law and H(0) = 0: in closed form where there is one, else by Gauss-Legendre quadrature of 20
+    /// nodes, the law then being the exact derivative of that H.
     fn energy_of_law(&mut self, law: Expr, state: Symbol) -> Expr {
         if let Some(h) = self.pool.antiderivative(law, state) {
             return h;
@@ -194,7 +194,8 @@ impl<'a> Elaborator<'a> {
             let all = xs.iter().flat_map(|x| directions.iter().flat_map(move |d| [at(*x, d), at(-*x, d)]));
             all.filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min)
         };
-        // Where it falls without end, its fall from one power of 2 to the next does not shrink: -log(x) has falls that are alike.
+        // Where it falls without end, its fall from one power of 2 to the next does not shrink: -log(x) has falls that
+        // are alike.
         let falls = |along: &[f64], sign: f64| {
             let values: Vec<f64> =
                 (0..1000).map(|k| at(sign * f64::from(k).exp2(), along)).take_while(|h| h.is_finite()).collect();
@@ -253,7 +254,8 @@ impl<'a> Elaborator<'a> {
     }
 }
 
-/// Nodes (the positive half) and weights of the Gauss-Legendre rule of 20 points on [-1, 1] (Abramowitz and Stegun, table 25.4).
+/// Nodes (the positive half) and weights of the Gauss-Legendre rule of 20 points on [-1, 1] (Abramowitz and Stegun,
+/// table 25.4).
 const GAUSS_20: [(f64, f64); 10] = [
     (0.076_526_521_133_497_33, 0.152_753_387_130_725_85),
     (0.227_785_851_141_645_08, 0.149_172_986_472_603_75),

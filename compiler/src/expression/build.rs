@@ -257,8 +257,8 @@ impl Pool {
         self.make_sum(divide(constant), terms)
     }
 
-    /// What a sum that is a factor gives to the coefficient: the sign of its first term, and the first term's size where
-    /// all summands share it or all are powers of two, so that nothing is rounded.
+    /// What a sum that is a factor gives to the coefficient: the sign of its first term, and the first term's size
+    /// where all summands share it or all are powers of two, so that nothing is rounded.
     fn content(&self, constant: Number, terms: &[(Expr, Number)]) -> Number {
         let first = terms[0].1;
         let size = first.abs();

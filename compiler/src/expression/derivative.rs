@@ -24,8 +24,8 @@ impl Pool {
         self.remembered(e, s).unwrap_or(zero)
     }
 
-    /// The derivatives with respect to several variables, as [`Pool::derivative`] gives them one by one: of a long sum, each looks
-    /// only at the terms that it is in.
+    /// The derivatives with respect to several variables, as [`Pool::derivative`] gives them one by one: of a long sum,
+    /// each looks only at the terms that it is in.
     pub fn derivatives(&mut self, e: Expr, all: &[Symbol]) -> Vec<Expr> {
         let Node::Sum(_, terms) = self.node(e).clone() else {
             return all.iter().map(|&s| self.derivative(e, s)).collect();

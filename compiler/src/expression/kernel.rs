@@ -1,7 +1,7 @@
 //! Quotients that are stable at 0: `sin(z)/z` and its like, as expressions.
 //!
-//! Each is a series for small arguments and the quotient beyond. The threshold is 1/10: below it the series has its full
-//! accuracy, above it the quotient and its derivative have lost at most two digits.
+//! Each is a series for small arguments and the quotient beyond. The threshold is 1/10: below it the series has its
+//! full accuracy, above it the quotient and its derivative have lost at most two digits.
 
 use super::{Expr, Number, Pool};
 use bond_runtime::ir::{Binary, Unary};

@@ -4,8 +4,8 @@ use super::{Expr, Node, Number};
 use rustc_hash::FxHasher;
 use std::hash::{Hash, Hasher};
 
-/// Open addressing over the pool's list of nodes: a place holds 32 bits of a node's hash and its index from 1; 0 is free. It grows
-/// without another look at the nodes.
+/// Open addressing over the pool's list of nodes: a place holds 32 bits of a node's hash and its index from 1; 0 is
+/// free. It grows without another look at the nodes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Known {
     places: Vec<u64>,

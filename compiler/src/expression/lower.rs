@@ -54,7 +54,8 @@ impl Lowering {
         }
     }
 
-    /// Begins what is done over and over: of a product what was there before is multiplied first, so that nobody waits for it.
+    /// Begins what is done over and over: of a product what was there before is multiplied first, so that nobody waits
+    /// for it.
     pub fn begin(&mut self, builder: &Builder) {
         self.fixed = builder.count();
     }
@@ -167,7 +168,9 @@ impl Lowering {
                 builder.binary(Binary::Pow, a, b)
             }
             Node::Unary(f, a) => {
-                if let Some(value) = self.turned(pool, builder, *f, *a) {
+                if matches!(f, Unary::Sin | Unary::Cos)
+                    && let Some(value) = self.turned(pool, builder, *f == Unary::Sin, *a)
+                {
                     return Ok(value);
                 }
                 let a = self.child(builder, *a, folded);
@@ -184,8 +187,8 @@ impl Lowering {
         })
     }
 
-    /// The sine or cosine of a sum or difference of two angles whose own are there.
-    fn turned(&self, pool: &Pool, builder: &mut Builder, f: Unary, e: Expr) -> Option<Value> {
+    /// The sine, or else the cosine, of a sum or difference of two angles whose own are there.
+    fn turned(&self, pool: &Pool, builder: &mut Builder, sine: bool, e: Expr) -> Option<Value> {
         let Node::Sum(c, terms) = pool.node(e) else { return None };
         let (true, true, [(p, m), (q, n)]) = (self.turns, c.is_zero(), &terms[..]) else { return None };
         if !m.abs().is_one() || !n.abs().is_one() {
@@ -194,27 +197,13 @@ impl Lowering {
         let known = |f: Unary, e: Expr| self.known(pool.existing(f, e)?);
         let [sp, cp, sq, cq] =
             [known(Unary::Sin, *p)?, known(Unary::Cos, *p)?, known(Unary::Sin, *q)?, known(Unary::Cos, *q)?];
-        let (first, second) = match f {
-            Unary::Sin => (builder.mul(sp, cq), builder.mul(cp, sq)),
-            Unary::Cos => (builder.mul(cp, cq), builder.mul(sp, sq)),
-            Unary::Neg
-            | Unary::Abs
-            | Unary::Sign
-            | Unary::Sqrt
-            | Unary::Exp
-            | Unary::Log
-            | Unary::Tan
-            | Unary::Asin
-            | Unary::Acos
-            | Unary::Atan
-            | Unary::Sinh
-            | Unary::Cosh
-            | Unary::Tanh
-            | Unary::Not => return None,
-        };
         // sin(p + q) = sin p cos q + cos p sin q, cos(p + q) = cos p cos q - sin p sin q
+        let (first, second) = match sine {
+            true => (builder.mul(sp, cq), builder.mul(cp, sq)),
+            false => (builder.mul(cp, cq), builder.mul(sp, sq)),
+        };
         let (minus_p, minus_q) = (m.is_negative(), n.is_negative());
-        Some(match (f == Unary::Sin, minus_p, minus_q) {
+        Some(match (sine, minus_p, minus_q) {
             (true, false, false) => builder.add(first, second),
             (true, false, true) => builder.sub(first, second),
             (true, true, false) => builder.sub(second, first),

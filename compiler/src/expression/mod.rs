@@ -3,8 +3,8 @@
 //! A [`Pool`] owns all nodes; an [`Expr`] is an index into it. Equal expressions are made once, and a node's children
 //! are always older than the node, so that every walk goes over ascending ids and needs no recursion.
 //!
-//! The canonical form: sums and products are n-ary, sorted and merged; a term of a sum has a number as its coefficient, a
-//! factor of a product a rational exponent. Differences, quotients, negation and roots are sums and products too.
+//! The canonical form: sums and products are n-ary, sorted and merged; a term of a sum has a number as its coefficient,
+//! a factor of a product a rational exponent. Differences, quotients, negation and roots are sums and products too.
 //! A number times a sum is distributed, other products are not. Functions of numbers are folded.
 
 mod antiderivative;

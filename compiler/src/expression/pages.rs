@@ -4,8 +4,8 @@
 const PAGE: usize = 256;
 const NONE: u32 = u32::MAX;
 
-/// A map between indices: pages that are there once something is in them, so that a few keys of many cost little, and near ones lie
-/// near each other.
+/// A map between indices: pages that are there once something is in them, so that a few keys of many cost little, and
+/// near ones lie near each other.
 #[derive(Clone, Default)]
 pub(super) struct Pages {
     /// Where each page starts in `cells`.

@@ -1,4 +1,5 @@
-//! Laws that are polynomials between thresholds, such as tables: their sign on each piece, from its Bernstein coefficients.
+//! Laws that are polynomials between thresholds, such as tables: their sign on each piece, from its Bernstein
+//! coefficients.
 
 use super::{Expr, Node, Pool, Symbol};
 
@@ -7,8 +8,8 @@ const DEGREE: usize = 8;
 const PIECES: usize = 100_000;
 
 impl Pool {
-    /// Whether a law that is a polynomial on each of finitely many pieces has the sign of `s` there, or is 0, as far as its
-    /// coefficients are not rounding. Parameters count as their values.
+    /// Whether a law that is a polynomial on each of finitely many pieces has the sign of `s` there, or is 0, as far as
+    /// its coefficients are not rounding. Parameters count as their values.
     pub(super) fn proves_by_pieces(&mut self, law: Expr, s: Symbol) -> bool {
         let mut pieces = Vec::new();
         if !matches!(self.node(law), Node::Select(..) | Node::Sum(..))

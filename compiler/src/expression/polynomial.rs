@@ -39,8 +39,8 @@ impl Pool {
         Some((slope, constant))
     }
 
-    /// `e` as a polynomial of degree 2 at most, with coefficients that are free of all the symbols; `None` where it is not
-    /// seen to be one.
+    /// `e` as a polynomial of degree 2 at most, with coefficients that are free of all the symbols; `None` where it is
+    /// not seen to be one.
     pub fn quadratic(&mut self, e: Expr, symbols: &[Symbol]) -> Option<Quadratic> {
         self.quadratic_at(e, &places(symbols), 2, 0)
     }
@@ -167,8 +167,8 @@ impl Pool {
         (square, linear, constant)
     }
 
-    /// Products of sums and whole powers of sums multiplied out, at the top of the expression. `None` where that has too
-    /// many terms or nothing is to be multiplied.
+    /// Products of sums and whole powers of sums multiplied out, at the top of the expression. `None` where that has
+    /// too many terms or nothing is to be multiplied.
     pub(super) fn expand(&mut self, e: Expr) -> Option<Expr> {
         let Node::Product(c, factors) = self.node(e).clone() else { return None };
         let is_open = |pool: &Pool, &(f, n): &(Expr, Number)| {

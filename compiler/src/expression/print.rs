@@ -82,8 +82,8 @@ pub(super) fn coefficient(n: Number) -> (Number, Number) {
 }
 
 impl Pool {
-    /// The expression in the language's own notation; reads back to the same value, unless a part of it is too long to be
-    /// written.
+    /// The expression in the language's own notation; reads back to the same value, unless a part of it is too long to
+    /// be written.
     pub fn print(&self, e: Expr) -> String {
         let mut texts: FxHashMap<Expr, Text> = FxHashMap::default();
         let nodes = self.ascending(&[e], &|_| true);

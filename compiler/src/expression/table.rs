@@ -4,8 +4,8 @@ use super::{Expr, Number, Pool};
 use bond_runtime::ir::Binary;
 
 impl Pool {
-    /// The curve through `(x_i, y_i)`, the `x_i` rising: once continuously differentiable, monotone wherever the points are,
-    /// straight on with the end's slope beyond the ends. A balanced tree of choices over cubics.
+    /// The curve through `(x_i, y_i)`, the `x_i` rising: once continuously differentiable, monotone wherever the points
+    /// are, straight on with the end's slope beyond the ends. A balanced tree of choices over cubics.
     /// `None` for fewer than two points, or where a coefficient is no number to compute with.
     pub fn table(&mut self, x: Expr, knots: &[(f64, f64)]) -> Option<Expr> {
         let slopes = slopes(knots);
@@ -63,8 +63,8 @@ impl Pool {
     }
 }
 
-/// The slopes at the points: those of parabolas through three neighbours, 0 where the points turn, and shortened where the
-/// cubic would leave the range of its two points.
+/// The slopes at the points: those of parabolas through three neighbours, 0 where the points turn, and shortened where
+/// the cubic would leave the range of its two points.
 fn slopes(knots: &[(f64, f64)]) -> Vec<f64> {
     let steps: Vec<f64> = knots.windows(2).map(|k| k[1].0 - k[0].0).collect();
     let rises: Vec<f64> = knots.windows(2).zip(&steps).map(|(k, h)| (k[1].1 - k[0].1) / h).collect();

@@ -141,7 +141,8 @@ fn resistors(
     (unknowns, loops)
 }
 
-/// The solution of `z = laws(z)` where the laws are affine in `z`; `None` where they are not, or the system is singular.
+/// The solution of `z = laws(z)` where the laws are affine in `z`; `None` where they are not, or the system is
+/// singular.
 fn solve(pool: &mut Pool, laws: &[Expr], outs: &[Symbol]) -> Option<Vec<Expr>> {
     let n = outs.len();
     let (zero, one) = (pool.zero(), pool.one());

@@ -58,8 +58,8 @@ fn vanishes(pool: &Pool, e: Expr, scale: Expr) -> bool {
     })
 }
 
-/// Whether `[[R, P], [P^T, S]] >= 0`, and why: by its eigenvalues where they are numbers, else since a network without power
-/// of its own, closed with resistors that only take power, only takes power.
+/// Whether `[[R, P], [P^T, S]] >= 0`, and why: by its eigenvalues where they are numbers, else since a network without
+/// power of its own, closed with resistors that only take power, only takes power.
 pub(super) fn semidefinite(
     model: &Model,
     form: &Form,

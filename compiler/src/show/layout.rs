@@ -1,5 +1,5 @@
-//! Places for the elements of a graph: stress majorisation over all-pairs distances (Gansner, Koren, North 2004), begun from
-//! classical scaling, turned so that most bonds lie level or upright, and pushed apart where labels meet.
+//! Places for the elements of a graph: stress majorisation over all-pairs distances (Gansner, Koren, North 2004), begun
+//! from classical scaling, turned so that most bonds lie level or upright, and pushed apart where labels meet.
 
 use super::settle::{self, settle};
 
@@ -188,7 +188,8 @@ fn majorise(distance: &[Vec<f64>], x: &[Point], (pulls, weight): (&[Pull], f64))
     sums.iter().zip(x).map(|((s, w), x)| if *w > 0.0 { [s[0] / w, s[1] / w] } else { *x }).collect()
 }
 
-/// Turns the drawing so that most bonds lie level or upright and it is wider than high; the first bonds run to the right.
+/// Turns the drawing so that most bonds lie level or upright and it is wider than high; the first bonds run to the
+/// right.
 fn turn(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
     let (mut c, mut s) = (0.0, 0.0);
     for &(a, b, _) in bonds {

@@ -1,7 +1,7 @@
 //! The printed forms of a compiled model: text, JSON, Graphviz, SVG, LaTeX.
 //!
-//! Everything here reads the stages before it and changes nothing but the pool, in which it makes the expressions that it
-//! prints. The same model gives the same bytes on every run.
+//! Everything here reads the stages before it and changes nothing but the pool, in which it makes the expressions that
+//! it prints. The same model gives the same bytes on every run.
 
 mod arrow;
 mod causality;
@@ -114,8 +114,8 @@ pub struct Shown<'a> {
 
 /// Shows a part of a compiled model in a format.
 ///
-/// `dot` and `svg` draw `graph` (without strokes), `causality` and `regions`, and take `all` for `causality`; `latex` sets
-/// `phs`, and takes `all` for it.
+/// `dot` and `svg` draw `graph` (without strokes), `causality` and `regions`, and take `all` for `causality`; `latex`
+/// sets `phs`, and takes `all` for it.
 ///
 /// # Errors
 /// A combination that makes no sense, or a picture that would be too large, in words.

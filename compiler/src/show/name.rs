@@ -156,7 +156,8 @@ pub(super) fn columns(model: &Model, form: &Form) -> Vec<String> {
     form.columns.iter().map(name).collect()
 }
 
-/// An input of a region and its conjugate output, as signals of their bond, so that their product is the power supplied.
+/// An input of a region and its conjugate output, as signals of their bond, so that their product is the power
+/// supplied.
 pub(super) struct Port {
     /// `hand.e`
     pub(super) input: String,
@@ -184,7 +185,8 @@ pub(super) fn expressions(pool: &Pool, all: &[Expr]) -> String {
     all.iter().map(|e| expression(pool, *e)).collect::<Vec<_>>().join(", ")
 }
 
-/// The law of a resistor in its own variables: `damper.e = b*damper.f`, and what is right of the sign. Of a curve, both.
+/// The law of a resistor in its own variables: `damper.e = b*damper.f`, and what is right of the sign. Of a curve,
+/// both.
 pub(super) fn resistor(model: &mut Model, id: ElementId) -> Option<(String, Vec<Expr>)> {
     let e = model.element(id);
     let Law::Resistor(r) = e.law.clone() else { return None };

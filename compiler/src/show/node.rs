@@ -1,4 +1,5 @@
-//! The nodes of a picture: a field is one, whatever its ports; an inertia of 0 that the compiler put on a junction is none.
+//! The nodes of a picture: a field is one, whatever its ports; an inertia of 0 that the compiler put on a junction is
+//! none.
 
 use super::name;
 use crate::model::{Bond, Element, ElementId, Model};

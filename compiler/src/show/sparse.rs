@@ -113,8 +113,8 @@ fn substitute(pool: &mut Pool, row: &Row, known: &FxHashMap<ColumnId, Row>) -> R
     row
 }
 
-/// The outputs of the linear resistors by those of all other columns. D being skew, what one takes from another goes both
-/// ways, so that resistors are alone or in loops.
+/// The outputs of the linear resistors by those of all other columns. D being skew, what one takes from another goes
+/// both ways, so that resistors are alone or in loops.
 fn resistors(pool: &mut Pool, form: &Form, linear: &[(ColumnId, Expr)]) -> Option<FxHashMap<ColumnId, Row>> {
     let place: FxHashMap<ColumnId, usize> = linear.iter().enumerate().map(|(i, (c, _))| (*c, i)).collect();
     let mut sets = petgraph::unionfind::UnionFind::<usize>::new(linear.len());

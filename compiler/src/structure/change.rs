@@ -6,7 +6,8 @@ use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{Model, Signal};
 use rustc_hash::FxHashMap;
 
-/// A change of coordinates: for each new state (named by its column), the old columns whose rates it is the combination of.
+/// A change of coordinates: for each new state (named by its column), the old columns whose rates it is the combination
+/// of.
 pub(super) type Change = Vec<(ColumnId, Vec<(ColumnId, Expr)>)>;
 
 /// The Dirac structure in new coordinates, D' = T D T^T.

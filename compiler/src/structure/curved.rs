@@ -1,8 +1,9 @@
-//! Tied storages of which the independent ones have any energy; the dependent ones are quadratic, the ratios A constant.
+//! Tied storages of which the independent ones have any energy; the dependent ones are quadratic, the ratios A
+//! constant.
 //!
 //! With z(x) the co-energy variables of the independent ones, a dependent one has the state x_d = L A z(x), so that
-//! (1 + A^T L A dz/dx) dx/dt = F. The states stay; H(x) = H_i(x) + z^T A^T L A z / 2 is the energy of all, and since dz/dx is
-//! symmetric dH/dx = N^T z with N = 1 + A^T L A dz/dx: a change of coordinates by N^-1.
+//! (1 + A^T L A dz/dx) dx/dt = F. The states stay; H(x) = H_i(x) + z^T A^T L A z / 2 is the energy of all, and since
+//! dz/dx is symmetric dH/dx = N^T z with N = 1 + A^T L A dz/dx: a change of coordinates by N^-1.
 
 use super::change::{self, Change};
 use super::dependent::{Eliminated, Merged, family, stiffness, storage};

@@ -1,10 +1,10 @@
-//! Storages in derivative causality, merged into those they depend on: which are tied together, whether that can be taken, and
-//! what it does to the Dirac structure.
+//! Storages in derivative causality, merged into those they depend on: which are tied together, whether that can be
+//! taken, and what it does to the Dirac structure.
 //!
-//! A dependent storage gives d(x_d)/dt, which falls back on the storages that it depends on. Taken out (`merge`), that is a change
-//! of coordinates: with rates F = D z of what is left, the new states move by T F and the old outputs are z = T^T z', z' = dH/dy,
-//! so that D' = T D T^T is skew again. (`quadratic`: energies quadratic, ratios that may change with other states; `curved`: the
-//! energies of the independent ones are any, ratios constant.)
+//! A dependent storage gives d(x_d)/dt, which falls back on the storages that it depends on. Taken out (`merge`), that
+//! is a change of coordinates: with rates F = D z of what is left, the new states move by T F and the old outputs are z
+//! = T^T z', z' = dH/dy, so that D' = T D T^T is skew again. (`quadratic`: energies quadratic, ratios that may change
+//! with other states; `curved`: the energies of the independent ones are any, ratios constant.)
 
 use super::tied::{self, Tied};
 use super::{ColumnId, Form, Role, curved, quadratic};

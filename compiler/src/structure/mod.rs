@@ -1,7 +1,7 @@
 //! The port-Hamiltonian form of a model: from bonds with strokes to the Dirac structure and the energy of each region.
 //!
-//! Every element that is no junction, TF or GY is a *column*: it gives one variable to the network, its output z, and receives
-//! the other, its input. Power is counted into the element, so that the inputs are D(x) z with D skew.
+//! Every element that is no junction, TF or GY is a *column*: it gives one variable to the network, its output z, and
+//! receives the other, its input. Power is counted into the element, so that the inputs are D(x) z with D skew.
 
 mod change;
 mod curved;
@@ -204,7 +204,8 @@ pub struct Region {
     pub groups: Vec<Group>,
     /// Resistors and how their outputs are had.
     pub resistors: Vec<(ColumnId, Output)>,
-    /// Laws that grow so fast that in a loop their argument is the better unknown, as curves with the argument as parameter.
+    /// Laws that grow so fast that in a loop their argument is the better unknown, as curves with the argument as
+    /// parameter.
     pub steep: FxHashMap<ColumnId, Output>,
     /// Of linear resistors and ports of linear fields: the output as a combination of inputs.
     pub gains: FxHashMap<ColumnId, Row>,
@@ -225,8 +226,8 @@ pub struct Form {
     pub columns: Vec<Column>,
     /// Regions, as in the graph.
     pub regions: Vec<Region>,
-    /// For each double bar, the column on the holder's far side (in the region that sees the held variable), and the one in
-    /// the holder's region.
+    /// For each double bar, the column on the holder's far side (in the region that sees the held variable), and the
+    /// one in the holder's region.
     pub bars: Vec<Bar>,
     /// The column of each element that has one of its own.
     pub column_of_element: Vec<Option<ColumnId>>,
@@ -305,8 +306,8 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
     Ok(form)
 }
 
-/// Which variable of an element takes the sign of a half arrow that points away from it: not the one that the user states, which
-/// is the value of a source, the argument of a law, `f0` of an inertia, `e0` of a compliance.
+/// Which variable of an element takes the sign of a half arrow that points away from it: not the one that the user
+/// states, which is the value of a source, the argument of a law, `f0` of an inertia, `e0` of a compliance.
 fn sign_on(kind: Kind, law: &Law) -> Variable {
     match (kind, law) {
         (_, Law::Resistor(r)) => r.gives,

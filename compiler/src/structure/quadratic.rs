@@ -1,13 +1,14 @@
 //! Tied storages with quadratic energies, by ratios that may change with the states of others.
 //!
-//! All of them see z = P w + B u, with w a co-energy variable for each independent one, u the sources' values, and x = L z, L
-//! being the inverse of the second derivatives of H. Then pi = P^T x = M w + N u moves by
+//! All of them see z = P w + B u, with w a co-energy variable for each independent one, u the sources' values, and x =
+//! L z, L being the inverse of the second derivatives of H. Then pi = P^T x = M w + N u moves by
 //!
 //! d(pi)/dt = P^T F + sum over k of G_k dq_k/dt,  G_k = sum over c of x_c dP_c/dq_k,
 //!
-//! with F the rates without the dependent storages; and H = z^T L z / 2 is the energy of all. The G_k are gyroscopic: in the new
-//! coordinates they stand in D' = T D T^T with both signs. Where an independent storage is seen through a ratio that passes 0, as
-//! the horizontal speed of a pendulum, P takes that ratio as the storage's own factor, so that M stays regular.
+//! with F the rates without the dependent storages; and H = z^T L z / 2 is the energy of all. The G_k are gyroscopic:
+//! in the new coordinates they stand in D' = T D T^T with both signs. Where an independent storage is seen through a
+//! ratio that passes 0, as the horizontal speed of a pendulum, P takes that ratio as the storage's own factor, so that
+//! M stays regular.
 
 use super::change::{self, Change};
 use super::dependent::{Eliminated, Following, Merged, family, stiffness, storage};

@@ -1,5 +1,5 @@
-//! Outputs of resistors: the law as it is written where causality goes its way, inverted where it is linear, else the root of a
-//! residual. A port of a field reads the variables of the others.
+//! Outputs of resistors: the law as it is written where causality goes its way, inverted where it is linear, else the
+//! root of a residual. A port of a field reads the variables of the others.
 
 use super::resolve::Resolver;
 use super::{ColumnId, Form, Output, Row, inverse};

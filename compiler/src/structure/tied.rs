@@ -21,8 +21,8 @@ pub(super) struct Tied {
     pub(super) others: Vec<ColumnId>,
 }
 
-/// Which storages are tied together, and by what. Sets whose ratios read the state of one storage are one, since that storage's
-/// energy then belongs to both.
+/// Which storages are tied together, and by what. Sets whose ratios read the state of one storage are one, since that
+/// storage's energy then belongs to both.
 ///
 /// # Errors
 /// Ratios of what they cannot depend on, named.

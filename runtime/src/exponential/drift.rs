@@ -7,8 +7,8 @@ use super::twice::{Matrix, Twice};
 const TERMS: usize = 10;
 
 impl Flow {
-    /// The integral of `V^T M V` with `V(s) = ∫ exp(A r) dr` from 0 to s, for `M` in the given units, in even ones: with `g = A w`
-    /// at the start, `V g` is how far `w` went.
+    /// The integral of `V^T M V` with `V(s) = ∫ exp(A r) dr` from 0 to s, for `M` in the given units, in even ones:
+    /// with `g = A w` at the start, `V g` is how far `w` went.
     ///
     /// Where the states rest `g` is 0, and the form too, whatever the rounding of its entries.
     pub(super) fn drift(&self, m: &[f64], d: &[f64]) -> Matrix {

@@ -205,7 +205,8 @@ fn unfit_systems_are_told() {
     assert_eq!(table(&system(0, 0, &[]), 1.0), Ok(vec![]));
 }
 
-/// A long line that ends in a resistor: far entries of the form are mostly rounding, and its root must not make much of them.
+/// A long line that ends in a resistor: far entries of the form are mostly rounding, and its root must not make much of
+/// them.
 #[test]
 fn squares_agree_with_forms_on_long_lines() {
     for cells in [6, 12, 20, 30] {

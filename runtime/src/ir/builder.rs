@@ -229,7 +229,8 @@ impl Builder {
         Program { name: self.name, sizes: self.sizes, names: self.names, body, values }
     }
 
-    /// Forgets loads of slots that are about to change. What was computed from the old loads keeps its name: values never change.
+    /// Forgets loads of slots that are about to change. What was computed from the old loads keeps its name: values
+    /// never change.
     fn forget(&mut self, array: Array, first: u32, count: u32) {
         if array != Array::Local {
             return; // nothing else is both written and read

@@ -1,8 +1,8 @@
 //! Step programs: what a stepper writes and a back end translates, and nothing else passes between the two.
 //!
-//! A [`Program`] is straight code over `f64`: blocks of instructions in static single assignment, of which most compute a
-//! value by an [`Op`], and a few have structure ([`Inst::Newton`], [`Inst::MatVec`], [`Inst::Quad`]). There is no control
-//! flow besides. Truth values are 1 and 0. Values print as `v12`, slots as `x[3]`.
+//! A [`Program`] is straight code over `f64`: blocks of instructions in static single assignment, of which most compute
+//! a value by an [`Op`], and a few have structure ([`Inst::Newton`], [`Inst::MatVec`], [`Inst::Quad`]). There is no
+//! control flow besides. Truth values are 1 and 0. Values print as `v12`, slots as `x[3]`.
 
 mod builder;
 mod display;
@@ -113,8 +113,8 @@ pub enum Inst {
     Newton(Box<Newton>),
     /// `to[0..rows] = T from[0..cols]` with the row-major matrix that starts at `table` in the table.
     ///
-    /// With `low`, a second matrix of the same shape follows the first: its product, smaller, is summed apart and added at
-    /// the end, so that the matrix counts with more digits. (The entries of the first should then be short, see
+    /// With `low`, a second matrix of the same shape follows the first: its product, smaller, is summed apart and added
+    /// at the end, so that the matrix counts with more digits. (The entries of the first should then be short, see
     /// [`crate::exponential::Layout::exponential`].) Sums run from left to right, starting from their first term.
     MatVec {
         /// First slot written.
@@ -160,15 +160,15 @@ pub struct Newton {
     pub residual: Vec<Value>,
     /// Row, column, value; sorted by row, then column; each place at most once. The pattern is fixed.
     pub jacobian: Vec<(u32, u32, Value)>,
-    /// The update itself, one value an unknown, where the body solves with a matrix of its own that is near the Jacobian (a
-    /// simplified Newton method); then there is no `jacobian`. Empty else.
+    /// The update itself, one value an unknown, where the body solves with a matrix of its own that is near the
+    /// Jacobian (a simplified Newton method); then there is no `jacobian`. Empty else.
     pub update: Vec<Value>,
     /// One an unknown: energy per square of the unknown; 0 where nothing is known.
     pub weight: Vec<Value>,
     /// One an unknown: size against which a relative change is measured besides the unknown itself.
     pub scale: Vec<Value>,
-    /// Where the unknowns start is foretold, and this, one value an unknown, is where else: what was foretold then never decides whether
-    /// there is a solution. Empty else.
+    /// Where the unknowns start is foretold, and this, one value an unknown, is where else: what was foretold then
+    /// never decides whether there is a solution. Empty else.
     pub cold: Vec<Value>,
     /// Iterations at most.
     pub limit: u32,

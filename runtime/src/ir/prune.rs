@@ -2,8 +2,8 @@
 
 use super::{Inst, Op, Value};
 
-/// Takes out of a program's body the values that nothing written depends on, and numbers the others anew, in their order: how many
-/// there are.
+/// Takes out of a program's body the values that nothing written depends on, and numbers the others anew, in their
+/// order: how many there are.
 pub(super) fn prune(body: &mut Vec<Inst>, values: u32) -> u32 {
     let mut needed = Needed(vec![false; values as usize]);
     needed.keep(body);

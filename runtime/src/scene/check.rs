@@ -1,4 +1,5 @@
-//! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on that.
+//! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on
+//! that.
 
 use super::{Cluster, Entries, ExpectationKind, GIVEN, Guards, Respond, Scene, Stepper};
 use crate::exponential::{Layout, Linear};

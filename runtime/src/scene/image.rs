@@ -14,7 +14,8 @@ impl Scene {
         envelope::seal(Kind::Scene, self)
     }
 
-    /// A scene from the bytes that [`Self::to_bytes`] gave, checked: its programs, and that whatever is referred to is there.
+    /// A scene from the bytes that [`Self::to_bytes`] gave, checked: its programs, and that whatever is referred to is
+    /// there.
     ///
     /// # Errors
     /// Bytes that are damaged, or a scene that is not sound.

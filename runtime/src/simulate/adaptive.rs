@@ -1,8 +1,8 @@
 //! Steps that are fitted to a tolerance: the controller, and what is kept of its attempts.
 //!
-//! A step that goes beyond the instant to which a cluster is advanced is *planned*: computed and found good, but not kept until the
-//! cluster is advanced past its end. So rows of output lie inside of steps, and an input that is set at a row ends the step there.
-//! A plan is a cache: the state of a run without it gives the same plan again.
+//! A step that goes beyond the instant to which a cluster is advanced is *planned*: computed and found good, but not
+//! kept until the cluster is advanced past its end. So rows of output lie inside of steps, and an input that is set at
+//! a row ends the step there. A plan is a cache: the state of a run without it gives the same plan again.
 
 use super::attempt::Taken;
 use super::cluster::{Run, advance_ports, book};
@@ -27,8 +27,8 @@ const CUT: f64 = 0.25;
 const FALLS: f64 = 1.0 / 16.0;
 /// After so many that fail another stepper tries, where there is one.
 const OWN: u32 = 6;
-/// The exponents of the controller in the error of a step and of the one before it (Hairer and Wanner, IV.8), times the order of
-/// the error.
+/// The exponents of the controller in the error of a step and of the one before it (Hairer and Wanner, IV.8), times the
+/// order of the error.
 const PI: (f64, f64) = (0.7, 0.4);
 /// Instants closer to one another than this part of themselves are one.
 const SAME: f64 = 1e-12;
@@ -38,8 +38,8 @@ const SAME: f64 = 1e-12;
 pub(super) struct Control {
     /// Length of the next step, s.
     pub(super) ahead: f64,
-    /// Length of the steps before the last switch of a law: where two laws alternate, as flight and contact do, those of the one that
-    /// comes.
+    /// Length of the steps before the last switch of a law: where two laws alternate, as flight and contact do, those
+    /// of the one that comes.
     other: f64,
     /// The error of the last step over the tolerance; 1 at a fresh start.
     pub(super) error: f64,
@@ -235,7 +235,8 @@ impl Run {
         }
     }
 
-    /// Tries steps from `t` until one is good: where it ends, and whether the whole counts. The controller is then after it.
+    /// Tries steps from `t` until one is good: where it ends, and whether the whole counts. The controller is then
+    /// after it.
     fn fitted(&mut self, c: &Cluster, names: &[String], t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
         let Some(fit) = &self.fit else { return Ok((t, true)) };
         let (tolerance, longest, mut control) = (fit.tolerance, fit.longest, fit.control);
@@ -275,7 +276,8 @@ impl Run {
                 Err(why) => {
                     last_failure = Some(why);
                     failures += 1;
-                    // What a quadrature misses falls fast with the step. What does not is a kink, or the rounding of H near 0.
+                    // What a quadrature misses falls fast with the step. What does not is a kink, or the rounding of H
+                    // near 0.
                     let now = self.fit.as_ref().filter(|_| why == Failure::Balance).map(|f| f.off);
                     let stuck = off.zip(now).is_some_and(|(off, now)| now > FALLS * off);
                     off = now;
@@ -289,7 +291,8 @@ impl Run {
                 }
             };
             let ratio = attempt.error / tolerance;
-            // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small enough.
+            // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small
+            // enough.
             let vain = attempt.h < 1e-3 * usual
                 && refused.is_some_and(|(longer, worse)| attempt.h < 0.5 * longer && attempt.error > 0.25 * worse);
             if ratio > 1.0 && !vain {

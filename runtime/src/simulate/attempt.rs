@@ -77,8 +77,8 @@ impl Run {
         self.books.iter().zip(&c.entries).map(of).fold(0.0, f64::max)
     }
 
-    /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the states'
-    /// sizes: the embedded estimate, or what the difference of the two tells.
+    /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
+    /// states' sizes: the embedded estimate, or what the difference of the two tells.
     fn estimate(&self, c: &Cluster, whole: bool) -> Result<f64, Failure> {
         let Some(fit) = &self.fit else { return Ok(0.0) };
         let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);

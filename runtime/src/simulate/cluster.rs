@@ -22,8 +22,8 @@ const OWN: u32 = 4;
 const OFF: f64 = 2e-14;
 /// The same of a step that the other stepper took.
 const CLOSES: f64 = 2e-13;
-/// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held or turned
-/// over in a step: what is off by 1e-12 of that is the rounding of that energy.
+/// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held
+/// or turned over in a step: what is off by 1e-12 of that is the rounding of that energy.
 const TRACE: f64 = 1e-4;
 /// Below this part of the largest value of a state, a change is as good as none.
 const TRACES: f64 = 1e-6;
@@ -380,7 +380,8 @@ impl Run {
         Ok(())
     }
 
-    /// Runs on its own grid as far as `until`, not beyond. `limit` is where it must stop and be met exactly, if there is such.
+    /// Runs on its own grid as far as `until`, not beyond. `limit` is where it must stop and be met exactly, if there
+    /// is such.
     pub(super) fn run_grid(
         &mut self,
         c: &Cluster,
@@ -434,8 +435,9 @@ impl Run {
         }
     }
 
-    /// The way from `t` to just past where a source of a linear cluster first switches, if it does so within `h`: the exact step
-    /// takes a source as smooth, so that it is cut there. Seen is what lasts longer than a sixteenth of the step.
+    /// The way from `t` to just past where a source of a linear cluster first switches, if it does so within `h`: the
+    /// exact step takes a source as smooth, so that it is cut there. Seen is what lasts longer than a sixteenth of the
+    /// step.
     fn switch(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
         if !c.is_linear || self.guards.is_none() {
             return None;
@@ -488,8 +490,8 @@ impl Run {
         self.guards.iter().flat_map(|g| g.values()).zip(&self.before).any(|(a, b)| a * b < 0.0)
     }
 
-    /// One step, kept; a step of a continuous cluster that fails is taken as two of half the length, and those likewise: a law
-    /// that switches may leave a step without a solution, and then the halves have one.
+    /// One step, kept; a step of a continuous cluster that fails is taken as two of half the length, and those
+    /// likewise: a law that switches may leave a step without a solution, and then the halves have one.
     fn split(
         &mut self,
         c: &Cluster,
@@ -519,8 +521,8 @@ impl Run {
         Ok(())
     }
 
-    /// A step into the workspace. Where there is another stepper, that one takes a step that was halved often enough, and a step
-    /// whose balance is off counts as failed.
+    /// A step into the workspace. Where there is another stepper, that one takes a step that was halved often enough,
+    /// and a step whose balance is off counts as failed.
     fn try_step(&mut self, c: &Cluster, depth: u32) -> Result<(), Failure> {
         let Some(spare) = &mut self.spare else { return self.step.run(&self.state, &self.input) };
         if depth < OWN {
@@ -659,8 +661,9 @@ impl Run {
         result.map_err(|why| self.failure(c, names, t, why))
     }
 
-    /// How this cluster answers to what is held at `ports` for one `period` and then let go: for the interval of the hold and
-    /// the two after it, a matrix of the change, with each held input, of the integral of what each port gives out.
+    /// How this cluster answers to what is held at `ports` for one `period` and then let go: for the interval of the
+    /// hold and the two after it, a matrix of the change, with each held input, of the integral of what each port gives
+    /// out.
     pub(super) fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> [Vec<f64>; 3] {
         let n = ports.len();
         let nothing = || [vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]];

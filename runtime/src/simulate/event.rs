@@ -1,5 +1,5 @@
-//! Where in a step a law switches: the guard that changes sign, located by single steps from the start of the step to an instant just
-//! past the change.
+//! Where in a step a law switches: the guard that changes sign, located by single steps from the start of the step to
+//! an instant just past the change.
 
 use super::attempt::{Part, Taken};
 use super::cluster::{Ready, Run};
@@ -19,7 +19,8 @@ const SLOW: f64 = 0.25;
 /// A point of a guard along the step.
 type Point = (f64, f64);
 
-/// Between which points a guard changes sign. Before the switch the guard is smooth along the step, beyond it need not be.
+/// Between which points a guard changes sign. Before the switch the guard is smooth along the step, beyond it need not
+/// be.
 #[derive(Clone, Copy)]
 struct Bracket {
     guard: usize,
@@ -73,9 +74,9 @@ impl Run {
         look(c, guards, &mut self.step, (&self.state, &self.input), None, &mut self.before);
     }
 
-    /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that ends just past
-    /// it, which then is the whole step. A switch at the very start is let be. Without one, the first half was taken too, where
-    /// there are guards.
+    /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that
+    /// ends just past it, which then is the whole step. A switch at the very start is let be. Without one, the first
+    /// half was taken too, where there are guards.
     pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Option<f64>, Failure> {
         let Some(mut bracket) = self.bracket(c, t, h)? else { return Ok(None) };
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
@@ -131,8 +132,8 @@ impl Run {
         Ok(Some(found))
     }
 
-    /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or at its
-    /// middle. The whole step is then the one to the end of that part.
+    /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or
+    /// at its middle. The whole step is then the one to the end of that part.
     fn bracket(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Option<Bracket>, Failure> {
         if self.guards.is_none() {
             return Ok(None);
@@ -224,7 +225,8 @@ fn earliest(from: &[f64], to: &[f64]) -> Option<usize> {
     changes.map(|(i, (a, b))| (i, a / (a - b))).min_by(|x, y| x.1.total_cmp(&y.1)).map(|found| found.0)
 }
 
-/// Where between 0 and 1 the parabola through three values of one sign, at 0, 1/2 and 1, turns after having changed sign.
+/// Where between 0 and 1 the parabola through three values of one sign, at 0, 1/2 and 1, turns after having changed
+/// sign.
 fn turn(start: f64, middle: f64, end: f64) -> Option<f64> {
     let (slope, bend) = (4.0 * middle - 3.0 * start - end, 2.0 * (start - 2.0 * middle + end));
     let at = -0.5 * slope / bend;

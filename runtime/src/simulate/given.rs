@@ -46,7 +46,8 @@ impl Course {
         Self { pieces: vec![Piece { at: 0.0, value, slope: 0.0 }] }
     }
 
-    /// Values (SI) at instants (s) that rise; linear between two of them, or where `hold` is set, that of the earlier one.
+    /// Values (SI) at instants (s) that rise; linear between two of them, or where `hold` is set, that of the earlier
+    /// one.
     ///
     /// # Errors
     /// See [`Unfit`]; rows are counted from 0.

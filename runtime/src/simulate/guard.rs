@@ -1,10 +1,11 @@
 //! What laws switch on, at an instant.
 //!
-//! Some laws switch on what only a step tells: the speed that a curve of dry friction receives, or the current of a diode. The step has
-//! solved its equations on one branch of the law, in the mean over its length. Where that branch leads at the step's end is what one
-//! step of Newton's method from there says, by the slopes of that branch: 0 where the law must switch, even though beyond there need
-//! be no solution on either branch, as of a current that has no way back through a diode. What the end does not tell, as the force that
-//! holds a body at rest, a very short step from there does.
+//! Some laws switch on what only a step tells: the speed that a curve of dry friction receives, or the current of a
+//! diode. The step has solved its equations on one branch of the law, in the mean over its length. Where that branch
+//! leads at the step's end is what one step of Newton's method from there says, by the slopes of that branch: 0 where
+//! the law must switch, even though beyond there need be no solution on either branch, as of a current that has no way
+//! back through a diode. What the end does not tell, as the force that holds a body at rest, a very short step from
+//! there does.
 
 use super::cluster::Look;
 use crate::kernel::{Backend, Failure};
@@ -70,8 +71,8 @@ impl Watch {
         Ok(self.pivots.contains(&None))
     }
 
-    /// Has what the state does not tell from a short step, which found these unknowns where the step before found those; not where that
-    /// one went beyond the switch, seen from the guards at its `start`.
+    /// Has what the state does not tell from a short step, which found these unknowns where the step before found
+    /// those; not where that one went beyond the switch, seen from the guards at its `start`.
     pub(super) fn told(&mut self, found: &[f64], before: &[f64], start: Option<&[f64]>) {
         let (n, m) = (self.count, self.loops);
         let slopes = &self.look.work.output[n + m + m * m..];
@@ -88,8 +89,8 @@ impl Watch {
     }
 }
 
-/// Gauss and Jordan's elimination with complete pivoting of scaled rows, each with its right side at its end; rows and columns that are
-/// left without a pivot have no part in the solution, which stands in the place of the right sides.
+/// Gauss and Jordan's elimination with complete pivoting of scaled rows, each with its right side at its end; rows and
+/// columns that are left without a pivot have no part in the solution, which stands in the place of the right sides.
 fn eliminate(m: usize, rows: &mut [f64], pivots: &mut [Option<usize>], largest: &mut [f64]) {
     pivots.fill(None);
     largest.fill(0.0);

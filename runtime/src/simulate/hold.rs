@@ -28,7 +28,8 @@ pub(super) struct Held {
     pub(super) v: f64,
     /// The answer since the last sample.
     pub(super) q: f64,
-    /// Energy that crossed since the last sample, where the other side is sampled too and may have latched earlier values.
+    /// Energy that crossed since the last sample, where the other side is sampled too and may have latched earlier
+    /// values.
     pub(super) w: f64,
     /// Energy that crossed in the interval that ended last.
     pub(super) crossed: f64,
@@ -48,11 +49,11 @@ pub(super) struct Held {
 }
 
 impl Held {
-    /// What the next interval's alpha is foretold to be, from the samples alone: the last one, moved by the outside force that its
-    /// change showed, and by the held variable's own effect after its interval.
+    /// What the next interval's alpha is foretold to be, from the samples alone: the last one, moved by the outside
+    /// force that its change showed, and by the held variable's own effect after its interval.
     ///
-    /// `gamma` is that effect on the next interval (twice beta for a thing that just moves), `decay` how much of a motion is left
-    /// after an interval (1 for such a thing). Before there are two intervals no outside force is known.
+    /// `gamma` is that effect on the next interval (twice beta for a thing that just moves), `decay` how much of a
+    /// motion is left after an interval (1 for such a thing). Before there are two intervals no outside force is known.
     pub(super) fn foretold(&self, gamma: &[f64], changes: &[f64], decay: f64) -> f64 {
         let effect: f64 = gamma.iter().zip(changes).map(|(g, c)| g * c).sum();
         match self.intervals {

@@ -10,6 +10,7 @@ mod given;
 mod guard;
 mod hold;
 mod places;
+mod sampled;
 mod save;
 mod schedule;
 mod start;
@@ -35,7 +36,8 @@ pub struct Options {
     pub step: Option<f64>,
     /// Relative error allowed in a step of continuous regions; makes them adaptive.
     pub tolerance: Option<f64>,
-    /// Step of continuous regions where neither is given and the method has no error, s; adaptive ones begin with a small part of it.
+    /// Step of continuous regions where neither is given and the method has no error, s; adaptive ones begin with a
+    /// small part of it.
     pub default_step: f64,
     /// Longest of the adaptive steps, s; as long as they may be where there is none.
     pub longest: Option<f64>,

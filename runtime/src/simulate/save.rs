@@ -1,7 +1,7 @@
 //! The whole state of a run as bytes, and a run that goes on from them, bit for bit.
 //!
-//! What is kept is all that a later step reads: states, what is held and foretold, the ledger, the grids of steps and the lengths
-//! that tables were made for. Workspaces are not, for nothing in them is read by the next run.
+//! What is kept is all that a later step reads: states, what is held and foretold, the ledger, the grids of steps and
+//! the lengths that tables were made for. Workspaces are not, for nothing in them is read by the next run.
 
 use super::adaptive::Control;
 use super::cluster::{Book, Ready, Run};
@@ -145,8 +145,8 @@ impl Simulation<'_> {
 }
 
 impl<'a> Simulation<'a> {
-    /// A run that goes on from what [`Self::save`] gave, with the step and the tolerance that it had. Signals given from outside
-    /// are what they were, but for the courses listed with their index.
+    /// A run that goes on from what [`Self::save`] gave, with the step and the tolerance that it had. Signals given
+    /// from outside are what they were, but for the courses listed with their index.
     ///
     /// # Errors
     /// Bytes that are damaged, or the state of another scene.
@@ -269,7 +269,8 @@ fn same<A, B>(what: &'static str, saved: &[A], own: &[B]) -> Result<(), Refused>
     if saved.len() == own.len() { Ok(()) } else { Err(Refused::Shape(what)) }
 }
 
-/// Makes the tables for the lengths that there were, in their order: a step that differs from one by rounding takes its table.
+/// Makes the tables for the lengths that there were, in their order: a step that differs from one by rounding takes its
+/// table.
 fn tables(ready: &mut Ready, lengths: &[f64]) -> Result<(), Refused> {
     ready.forget();
     for h in lengths {

@@ -1,6 +1,13 @@
 //! What a run did, in numbers.
 
+use super::cluster::Book;
+use super::schedule::Simulation;
 use std::borrow::Cow;
+
+/// Energies below this part of the scene's largest are rounding.
+const FLOOR: f64 = 1e-14;
+/// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
+const GAIN: f64 = 1e-9;
 
 /// A source's, resistor's or double bar's share.
 #[derive(Clone, Debug, PartialEq)]
@@ -126,4 +133,120 @@ pub struct Summary {
     pub regions: Vec<RegionSummary>,
     /// The double bars.
     pub bars: Vec<BarSummary>,
+}
+
+impl Simulation<'_> {
+    /// The ledger.
+    pub fn summary(&self) -> Summary {
+        let mut regions = Vec::new();
+        let mut gained = Vec::new();
+        let books: Vec<_> =
+            self.scene.clusters.iter().zip(&self.runs).map(|(c, run)| run.books_at(c, self.time)).collect();
+        let largest = books.iter().flat_map(|b| b.iter()).map(Book::largest).fold(0.0, f64::max);
+        for (r, region) in self.scene.regions.iter().enumerate() {
+            let c = &self.scene.clusters[region.cluster];
+            let run = &self.runs[region.cluster];
+            let Some(k) = c.entries.iter().position(|e| e.region == r) else { continue };
+            let (b, e) = (&books[region.cluster][k], &c.entries[k]);
+            let (control, newton_iterations) = run.kept();
+            let list = |names: &[(String, usize)], sums: &[crate::ledger::Sum]| {
+                names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
+            };
+            let floor = b.floor().max(FLOOR * largest);
+            gained.push((b.gained.above(floor), b.giver, b.crossed_max));
+            regions.push(RegionSummary {
+                name: region.name.clone(),
+                kind: if region.period.is_some() { "sampled" } else { "continuous" },
+                period: region.period,
+                states: region.states,
+                stepper: c.step.name.clone(),
+                why: c.step.why.clone(),
+                order: c.step.order,
+                hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
+                steps: run.steps,
+                rejected: control.map_or(0, |k| k.rejected),
+                events: control.map_or(0, |k| k.events),
+                newton_iterations,
+                h_initial: b.h_initial,
+                h_final: b.h,
+                h_max: b.h_max,
+                supplied: b.supplied.value(),
+                dissipated: b.dissipated.value(),
+                leaked: b.leaked.value(),
+                debt_max: b.debt_max,
+                tank: b.tank,
+                leaps: b.leaps,
+                worst_step: b.worst.above(floor),
+                total: if b.largest() > 0.0 { b.residual.abs() / b.largest() } else { 0.0 },
+                passive_stepper: c.step.passive,
+                pseudo: region.pseudo,
+                modified: e.modified.map(|_| Modified {
+                    difference: b.modified.0,
+                    max_difference: b.modified.1,
+                    relative: if b.largest() > 0.0 { b.modified.1 / b.largest() } else { 0.0 },
+                }),
+                sources: list(&e.supplied, &b.sources),
+                resistors: list(&e.dissipated, &b.resistors),
+                produced: e
+                    .produced
+                    .iter()
+                    .zip(&b.produced)
+                    .map(|(n, s)| ElementEntropy { name: n.0.clone(), entropy: s.value() })
+                    .collect(),
+                sunk: if b.entropy > 0.0 { b.sunk / b.entropy } else { 0.0 },
+            });
+        }
+        let bars = self
+            .scene
+            .bars
+            .iter()
+            .enumerate()
+            .filter_map(|(i, bar)| {
+                let h = self.held.iter().flatten().find(|h| h.bar == Some(i))?;
+                Some(BarSummary {
+                    name: bar.name.clone(),
+                    holder: h.holder_energy.value(),
+                    other: h.other_energy.value(),
+                    difference: h.difference,
+                })
+            })
+            .collect();
+        let mut reasons: Vec<String> = self.scene.excluded.clone();
+        for (region, (gained, (giver, least), crossed)) in regions.iter().zip(gained) {
+            if !region.passive_stepper {
+                reasons.push(format!(
+                    "`{}` was stepped by {}, which does not keep the balance",
+                    region.name, region.stepper
+                ));
+            }
+            if region.passive_stepper && (region.worst_step > 1e-12 || region.worst_step.is_nan()) {
+                reasons
+                    .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
+            }
+            let scale = region.h_max.max(region.supplied.abs()).max(crossed);
+            if region.debt_max > (1e-11 * scale).max(10.0 * FLOOR * largest) {
+                reasons.push(format!(
+                    "`{}` gave out up to {:.3e} J more than it had been given",
+                    region.name, region.debt_max
+                ));
+            }
+            if region.sunk > 1e-12 {
+                reasons.push(format!("entropy fell in `{}`", region.name));
+            }
+            if gained > GAIN {
+                let name = region.resistors.get(giver).map_or("", |r| &r.name);
+                reasons.push(format!("`{name}` in `{}` gave energy, up to {:.1e} J in a step", region.name, -least));
+            }
+        }
+        let passive_ones = || regions.iter().filter(|r| r.passive_stepper);
+        Summary {
+            time: self.time,
+            passive: reasons.is_empty(),
+            reasons,
+            worst_step: passive_ones().map(|r| r.worst_step).fold(0.0, f64::max),
+            total: passive_ones().map(|r| r.total).fold(0.0, f64::max),
+            regions,
+            bars,
+        }
+    }
 }

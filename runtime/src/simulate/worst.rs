@@ -1,11 +1,13 @@
-//! The worst relative error of a run, where each error has a scale of its own, and the least scale that counts is known at the end.
+//! The worst relative error of a run, where each error has a scale of its own, and the least scale that counts is known
+//! at the end.
 
 use serde::{Deserialize, Serialize};
 
 /// Scales that are told apart: binary orders of magnitude above the floor so far.
 const BINS: usize = 32;
 
-/// The largest of `error / max(scale, floor)`; the floor never falls, and is known for good when the largest is asked for.
+/// The largest of `error / max(scale, floor)`; the floor never falls, and is known for good when the largest is asked
+/// for.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Worst {
     /// The binary exponent of the floor so far.
@@ -14,8 +16,8 @@ pub(super) struct Worst {
     below: f64,
     /// By the exponent of the scale above `low`: the largest error, and the largest relative one.
     bins: [(f64, f64); BINS],
-    /// Error and relative error of two that were added: the largest by either. What is at most one of them by both adds nothing,
-    /// whatever the floor will be.
+    /// Error and relative error of two that were added: the largest by either. What is at most one of them by both adds
+    /// nothing, whatever the floor will be.
     pub(super) tops: [(f64, f64); 2],
 }
 

@@ -1,7 +1,7 @@
 //! Small and middling dense systems: Gauss' elimination with scaled partial pivoting.
 //!
-//! Back ends repeat [`solve`] operation by operation, so that all of them give the same bits: what is computed, and in which
-//! order, is said there.
+//! Back ends repeat [`solve`] operation by operation, so that all of them give the same bits: what is computed, and in
+//! which order, is said there.
 
 /// A pivot below this part of its column's largest entry before elimination is taken for 0.
 pub const TINY: f64 = 1e-16;
@@ -14,10 +14,11 @@ pub const RANGE: (f64, f64) = (1e-200, 1e200);
 
 /// Solves `a x = b` in place: `a`, row-major, is destroyed; `b` becomes `x`.
 ///
-/// With `s_i = 1 / max_j |a_ij|` and `c_k = max_i |a_ik| s_i` of the matrix as it is given, for each column `k` in turn: the pivot
-/// is the first of the rows from `k` on whose `|a_ik| s_i` is largest, and there is none where that is at most [`TINY`] `c_k`; it is
-/// exchanged with row `k`; with `r_k = 1 / a_kk`, each later row loses `(a_ik r_k)` times row `k`. Then, from the last,
-/// `x_k = (b_k - a_k,k+1 x_k+1 - ...) r_k`, subtracted from left to right. One unknown is divided; for two see [`DIGITS`].
+/// With `s_i = 1 / max_j |a_ij|` and `c_k = max_i |a_ik| s_i` of the matrix as it is given, for each column `k` in
+/// turn: the pivot is the first of the rows from `k` on whose `|a_ik| s_i` is largest, and there is none where that is
+/// at most [`TINY`] `c_k`; it is exchanged with row `k`; with `r_k = 1 / a_kk`, each later row loses `(a_ik r_k)` times
+/// row `k`. Then, from the last, `x_k = (b_k - a_k,k+1 x_k+1 - ...) r_k`, subtracted from left to right. One unknown is
+/// divided; for two see [`DIGITS`].
 ///
 /// # Errors
 /// The row for which no pivot is found, counted in the order given. `x` may still be infinite or NaN where the matrix

@@ -76,8 +76,9 @@ impl Plan {
         }
     }
 
-    /// Solves `J x = b`, `b` in and `x` out, with the values of `J` in the order of the pattern given to [`Plan::new`]. `same` where
-    /// these are known to be those of the last solution with this scratch, whose factors are then good again.
+    /// Solves `J x = b`, `b` in and `x` out, with the values of `J` in the order of the pattern given to [`Plan::new`].
+    /// `same` where these are known to be those of the last solution with this scratch, whose factors are then good
+    /// again.
     ///
     /// # Errors
     /// A row for which no pivot is found; `vector` then means nothing. `x` may be infinite or NaN without an error.

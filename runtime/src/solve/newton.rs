@@ -3,30 +3,35 @@
 //! # The method
 //! With unknowns `u`, residual `r(u)`, Jacobian `J(u)`, weights `w` and scales `s`, all norms squared:
 //!
-//! - `|v|² = Σ w_i v_i²`. A weight that is not finite or not above 0 (as of a spring that is not in contact yet) is the mean of the
-//!   other `w_j s_j²` over `s_i²`, so that no equation goes unseen; where there is no weight at all, all are 1.
+//! - `|v|² = Σ w_i v_i²`. A weight that is not finite or not above 0 (as of a spring that is not in contact yet) is the
+//!   mean of the other `w_j s_j²` over `s_i²`, so that no equation goes unseen; where there is no weight at all, all
+//!   are 1.
 //! - Up to `limit` times: compute `r`, `J`.
-//!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far and above
-//!      the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the last update was halved fewer than
-//!      [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start over.
+//!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far and
+//!      above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the
+//!      last update was halved fewer than [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start
+//!      over.
 //!   2. Where all of `r` is 0: done.
-//!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the first update,
-//!      add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time take 2e-3 of it off; else fail.
+//!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the
+//!      first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time
+//!      take 2e-3 of it off; else fail.
 //!   4. `u = u - d`, then test.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
-//! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`,
-//!   small(t) with `t = min(1e-11, 4e-16 |e|² / |d|²)`: convergence being quadratic, the next update would be near
-//!   `d |d|² / |e|²`, below rounding; or small(1e-12), where `|d|` is at least half of `|e|`: rounding keeps it from
-//!   falling; or small(1e-10), where that was so [`STALLS`] times in a row: the equations hardly tell that unknown; or
-//!   small(1e-6) then, where besides the smallest `|r|²` so far is at most `1e-20 Σ w_i (u_i² + s_i²)`, which is rounding.
+//! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
+//!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-11, 4e-16 |e|² / |d|²)`:
+//!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below rounding; or small(1e-12), where
+//!   `|d|` is at least half of `|e|`: rounding keeps it from falling; or small(1e-10), where that was so [`STALLS`]
+//!   times in a row: the equations hardly tell that unknown; or small(1e-6) then, where besides the smallest `|r|²` so
+//!   far is at most `1e-20 Σ w_i (u_i² + s_i²)`, which is rounding.
 //!
-//! Few unknowns begin with two updates by one matrix, [`quick`], which mostly is all. Where the start was foretold and the iteration
-//! fails from there, it begins anew from the other start that is given.
+//! Few unknowns begin with two updates by one matrix, [`quick`], which mostly is all. Where the start was foretold and
+//! the iteration fails from there, it begins anew from the other start that is given.
 //!
-//! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what it gave, and
-//! fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what is still off is near
-//! θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 2e-17 (1/θ - 1))`, or small(1e-14) where θ is at least a half.
+//! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what
+//! it gave, and fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what
+//! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 2e-17 (1/θ - 1))`, or
+//! small(1e-14) where θ is at least a half.
 //!
 //! What the body wrote to slots other than the unknowns belongs to the iterate before the last update.
 
@@ -39,12 +44,13 @@ use crate::kernel::Failure;
 pub const NUDGES: [f64; 6] = [1e-3, -1e-3, 2.0, -2.0, 30.0, -30.0];
 /// How often an update that ends where the Jacobian is singular is made twice as long, to get beyond.
 pub const STRETCHES: u32 = 6;
-/// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly tell.
+/// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly
+/// tell.
 pub const STALLS: u32 = 6;
 /// How often one update is halved at most.
 pub const HALVINGS: u32 = 30;
-/// After so many iterations updates are no longer halved for what the residual becomes: beyond the corner of a law it may have to be
-/// larger first, as where a body that slid one way is to slide the other.
+/// After so many iterations updates are no longer halved for what the residual becomes: beyond the corner of a law it
+/// may have to be larger first, as where a body that slid one way is to slide the other.
 pub const DAMPED: u32 = 100;
 
 /// What is known of an iteration before it runs.
@@ -150,8 +156,8 @@ pub struct Scratch {
 
 /// The equations, as a back end computes them.
 pub trait System {
-    /// Computes residual and Jacobian, in the order of the plan's pattern, at the unknowns; where the update is given, that in place
-    /// of the Jacobian.
+    /// Computes residual and Jacobian, in the order of the plan's pattern, at the unknowns; where the update is given,
+    /// that in place of the Jacobian.
     ///
     /// # Errors
     /// Where an iteration inside this one fails.
@@ -342,8 +348,8 @@ fn iterate<S: System>(
     Err(Failure::NoConvergence { iterations: plan.limit, unknown: plan.unknowns + worst, change })
 }
 
-/// The part of the unknowns that the last update may be, of an iteration that converges linearly: `square` is its square, `last`
-/// that of the one before.
+/// The part of the unknowns that the last update may be, of an iteration that converges linearly: `square` is its
+/// square, `last` that of the one before.
 fn geometric(square: f64, last: f64) -> f64 {
     if 0.25 * last <= square {
         return 1e-14;
@@ -551,7 +557,8 @@ mod tests {
         assert!(matches!(result, Err(Failure::NoConvergence { .. })));
     }
 
-    /// A ball that touches a plate: its first equation holds at the start, and what the other one asks for has no weight yet.
+    /// A ball that touches a plate: its first equation holds at the start, and what the other one asks for has no
+    /// weight yet.
     #[test]
     fn an_unknown_without_a_weight_is_seen() {
         let (m, v, k, h) = (0.01, 2.0, 1e7, 8e-5);

@@ -4,17 +4,21 @@
 //! At the start, with residual `r` and Jacobian `J`:
 //!
 //! 1. `J` is eliminated without pivots (of two unknowns: by Cramer's rule), and `d = J^-1 r`, `u = u - d`.
-//! 2. With `z_i = |u_i| + s_i`, where these are at most 1e100 (else it begins anew as in 5): done where each `|d_i| <= 4e-16 z_i`.
-//! 3. The residual there with the same elimination gives `e`. Where a `|d_i|` is above 1e-2 `z_i`: done where no entry of `J` there is off by
-//!    more than a tenth, and `|e_i| <= 4e-16 z_i`. Else done where each `|e_i| <= 4e-16 |u_i|`, which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
-//!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or `|e_i| <= 4e-16 z_i`. Each
-//!    unknown counts by itself, since those that converge at once say nothing of the others.
-//! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
-//! 5. Else it begins anew from the start that was told apart from a foretold one; where there is none, it goes on from `u`, as after an
-//!    iteration that made the update `d`. Where `|d|` is not finite it begins anew in any case.
+//! 2. With `z_i = |u_i| + s_i`, where these are at most 1e100 (else it begins anew as in 5): done where each
+//!    `|d_i| <= 4e-16 z_i`.
+//! 3. The residual there with the same elimination gives `e`. Where a `|d_i|` is above 1e-2 `z_i`: done where no entry
+//!    of `J` there is off by more than a tenth, and `|e_i| <= 4e-16 z_i`. Else done where each `|e_i| <= 4e-16 |u_i|`,
+//!    which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
+//!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or
+//!    `|e_i| <= 4e-16 z_i`. Each unknown counts by itself, since those that converge at once say nothing of the others.
+//! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the
+//!    iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
+//! 5. Else it begins anew from the start that was told apart from a foretold one; where there is none, it goes on from
+//!    `u`, as after an iteration that made the update `d`. Where `|d|` is not finite it begins anew in any case.
 //!
 //! An elimination without pivots that lost digits shows as an `e` that is not small, and so nothing is taken on trust.
-//! What was foretold never decides whether a solution is found: where the iteration fails from 4, it begins anew as in 5.
+//! What was foretold never decides whether a solution is found: where the iteration fails from 4, it begins anew as
+//! in 5.
 //!
 //! Counted is one iteration.
 
@@ -34,8 +38,9 @@ pub const NEXT: f64 = 8.0;
 pub const LAST: f64 = 1e-11;
 /// The largest size that is taken: squares of larger ones overflow.
 pub const RANGE: f64 = 1e100;
-/// The largest first update after which the second one may be the last. What is far from where it began says nothing by the matrix from
-/// there: of a pendulum over many of its periods a residual may be small by chance, or beside a matrix that was large.
+/// The largest first update after which the second one may be the last. What is far from where it began says nothing by
+/// the matrix from there: of a pendulum over many of its periods a residual may be small by chance, or beside a matrix
+/// that was large.
 pub const NEAR: f64 = 1e-2;
 /// How far an entry of the matrix may be from what it was, where the iteration ends far from its start.
 pub const ALIKE: f64 = 0.1;
@@ -100,8 +105,8 @@ impl Pattern {
         self.filled[i * self.n + j]
     }
 
-    /// Eliminates a matrix in place: below the diagonal what rows are taken times, on it one over the pivots. Of two unknowns it
-    /// stays, and its first number beyond becomes one over the determinant.
+    /// Eliminates a matrix in place: below the diagonal what rows are taken times, on it one over the pivots. Of two
+    /// unknowns it stays, and its first number beyond becomes one over the determinant.
     fn eliminate(&self, a: &mut [f64]) {
         let n = self.n;
         if n == 2 {

@@ -252,7 +252,8 @@ pub struct Numeric {
 }
 
 impl Numeric {
-    /// Factors the matrix with these values, in the order of the pattern; `same` where they are known to be those of the last call.
+    /// Factors the matrix with these values, in the order of the pattern; `same` where they are known to be those of
+    /// the last call.
     ///
     /// # Errors
     /// A row whose pivot is 0, not finite, or too small beside the entries below it.
@@ -271,8 +272,8 @@ impl Numeric {
         Ok(())
     }
 
-    /// Solves where [`Numeric::factor`] fails: pivots that are too small are raised, and the error this makes is refined
-    /// away (Li and Demmel, Making sparse Gaussian elimination scalable by static pivoting, 1998).
+    /// Solves where [`Numeric::factor`] fails: pivots that are too small are raised, and the error this makes is
+    /// refined away (Li and Demmel, Making sparse Gaussian elimination scalable by static pivoting, 1998).
     ///
     /// # Errors
     /// A row that does not come out right, as where the matrix is singular.

@@ -48,7 +48,8 @@ pub(super) fn systems() -> Vec<System> {
                 ("turn.p", -500.0, 500.0),
             ],
             until: 7.0,
-            // A corner of the body moves with v + a w in front and v - b w behind; the struts turn the body by their levers.
+            // A corner of the body moves with v + a w in front and v - b w behind; the struts turn the body by their
+            // levers.
             by_hand: |x| {
                 let (v, w) = (x["body.p"] / x["body_mass"], x["turn.p"] / x["J"]);
                 let (front, rear) = (x["front_wheel.p"] / x["wheel_mass"], x["rear_wheel.p"] / x["wheel_mass"]);
@@ -82,8 +83,8 @@ pub(super) fn systems() -> Vec<System> {
             name: "vehicle_handling",
             states: &[("forward.p", 6000.0, 30000.0), ("lateral.p", -1000.0, 1000.0), ("yaw.p", -1000.0, 1000.0)],
             until: 1.0,
-            // In axes that turn with the car: m (u' - v r) = X, m (v' + u r) = Y, J r' = N. A tyre's side force, across its wheel,
-            // is stiffness times slip angle.
+            // In axes that turn with the car: m (u' - v r) = X, m (v' + u r) = Y, J r' = N. A tyre's side force,
+            // across its wheel, is stiffness times slip angle.
             by_hand: |x| {
                 let (u, v, r) = (x["forward.p"] / x["m"], x["lateral.p"] / x["m"], x["yaw.p"] / x["J"]);
                 let (sin, cos) = x["delta"].sin_cos();

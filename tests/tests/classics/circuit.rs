@@ -54,7 +54,8 @@ fn linear() -> Vec<System> {
             name: "transformer",
             states: &[("primary_stray.p", -0.1, 0.1), ("core.p", -1.0, 1.0), ("secondary_stray.p", -1e-2, 1e-2)],
             until: 0.04,
-            // The core's voltage drives what the primary brings, less the secondary's share and the core's current, through r_core.
+            // The core's voltage drives what the primary brings, less the secondary's share and the core's current,
+            // through r_core.
             by_hand: |x| {
                 let i1 = x["primary_stray.p"] / x["l1"];
                 let i2 = x["secondary_stray.p"] / x["l2"];
@@ -75,8 +76,8 @@ fn linear() -> Vec<System> {
             name: "boost_converter",
             states: &[("coil.p", -1e-3, 1e-3), ("cap.q", -0.02, 0.02)],
             until: 1.0,
-            // For the part 1 - duty of a period the coil is connected with the output: l i' = u - r i - (1 - duty) u_out,
-            // c u_out' = (1 - duty) i - u_out/load
+            // For the part 1 - duty of a period the coil is connected with the output:
+            // l i' = u - r i - (1 - duty) u_out, c u_out' = (1 - duty) i - u_out/load
             by_hand: |x| {
                 let (i, u, on) = (x["coil.p"] / x["l"], x["cap.q"] / x["c"], 1.0 - x["duty"]);
                 hand(
@@ -142,7 +143,8 @@ fn curved() -> Vec<System> {
             name: "chua",
             states: &[("first.q", -5e-8, 5e-8), ("second.q", -2e-7, 2e-7), ("coil.p", -1e-4, 1e-4)],
             until: 1.0,
-            // c1 u1' = (u2 - u1)/r - g(u1), c2 u2' = (u1 - u2)/r - i, l i' = u2; g has the slope ga within the kinks, gb beyond
+            // c1 u1' = (u2 - u1)/r - g(u1), c2 u2' = (u1 - u2)/r - i, l i' = u2; g has the slope ga within the kinks,
+            // gb beyond
             by_hand: |x| {
                 let (u1, u2) = (x["first.q"] / x["c1"], x["second.q"] / x["c2"]);
                 let kink = x["kink"];
@@ -165,7 +167,8 @@ fn curved() -> Vec<System> {
             name: "diode_rectifier",
             states: &[("cap.q", 0.013, 0.016)],
             until: 0.02,
-            // The mesh's current i: i = i_s (exp((u - u_out - r i)/v_t) - 1), found by halving; c u_out' = i - u_out/load
+            // The mesh's current i: i = i_s (exp((u - u_out - r i)/v_t) - 1), found by halving;
+            // c u_out' = i - u_out/load
             by_hand: |x| {
                 let mains = x["u"] * (2.0 * std::f64::consts::PI * x["freq"] * x.t).sin();
                 let out = x["cap.q"] / x["c"];

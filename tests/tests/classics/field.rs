@@ -1,4 +1,5 @@
-//! Fields: Lagrange where the kinetic energy depends on the angle, and forces as gradients of energies that several states share.
+//! Fields: Lagrange where the kinetic energy depends on the angle, and forces as gradients of energies that several
+//! states share.
 
 use super::{System, hand};
 
@@ -43,7 +44,8 @@ fn swinging() -> Vec<System> {
             name: "crane_trolley",
             states: &[("crane.p", -300.0, 300.0), ("crane.s", -900.0, 900.0), ("crane.a", -3.0, 3.0)],
             until: 2.0,
-            // L = (M + m) v^2/2 + m l^2 w^2/2 + m l v w cos(a) + m g l cos(a): p' = F - b v, s' = -m l v w sin(a) - m g l sin(a)
+            // L = (M + m) v^2/2 + m l^2 w^2/2 + m l v w cos(a) + m g l cos(a): p' = F - b v,
+            // s' = -m l v w sin(a) - m g l sin(a)
             by_hand: |x| {
                 let (big, m, l, a) = (x["trolley"], x["load"], x["len"], x["crane.a"]);
                 let (sin, cos) = a.sin_cos();
@@ -133,7 +135,8 @@ fn electric() -> Vec<System> {
                 ("suspension.q", -1e-6, 1e-6),
             ],
             until: 1.0,
-            // A charge on two plates pulls them together with q^2/(2 epsilon area), whatever the gap; c = epsilon area/(gap - x)
+            // A charge on two plates pulls them together with q^2/(2 epsilon area), whatever the gap;
+            // c = epsilon area/(gap - x)
             by_hand: |x| {
                 let (q, slope) = (x["plates.q"], x["epsilon"] * x["area"]);
                 let volt = q * (x["gap"] - x["plates.x"]) / slope;

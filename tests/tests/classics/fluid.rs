@@ -111,7 +111,8 @@ fn hydraulics() -> Vec<System> {
             name: "windkessel",
             states: &[("blood.p", -300.0, 300.0), ("vessels.q", 0.0, 3e-4)],
             until: 5.0,
-            // z and l lie side by side: what the coil does not take goes through z, and its pressure drop drives the coil.
+            // z and l lie side by side: what the coil does not take goes through z, and its pressure drop drives the
+            // coil.
             by_hand: |x| {
                 let heart = x["peak"] * (x["w"] * x.t).sin().max(0.0);
                 let (flow, pressure) = (x["blood.p"] / x["l"], x["vessels.q"] / x["c"]);
@@ -131,7 +132,8 @@ fn pipes() -> Vec<System> {
             name: "helmholtz",
             states: &[("neck.p", -0.1, 0.1), ("bottle.q", -1e-6, 1e-6)],
             until: 1.0,
-            // The slug of air in the neck: rho len area v' = area p - area^2 r v; the bottle: p = -rho c^2 (volume drawn out)/volume
+            // The slug of air in the neck: rho len area v' = area p - area^2 r v; the bottle:
+            // p = -rho c^2 (volume drawn out)/volume
             by_hand: |x| {
                 let (inertance, stiff) = (x["rho"] * x["len"] / x["area"], x["rho"] * x["c"].powi(2) / x["volume"]);
                 let (flow, pressure) = (x["neck.p"] / inertance, stiff * x["bottle.q"]);
@@ -145,7 +147,8 @@ fn pipes() -> Vec<System> {
             name: "vocal_tract",
             states: &[("outside.p", -1.0, 1.0), ("slug.p", -1.0, 1.0), ("spring.q", -1e-8, 1e-8)],
             until: 1.0,
-            // Each piece: its air is pressed by what comes and does not go on, its slug is pushed by the pressures at its ends.
+            // Each piece: its air is pressed by what comes and does not go on, its slug is pushed by the pressures at
+            // its ends.
             by_hand: |x| {
                 let (n, m) = (x["n"] as usize, 2 * x["n"] as usize);
                 let front = |i: usize| i > n;

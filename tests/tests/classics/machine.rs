@@ -1,4 +1,5 @@
-//! Electric machines and transducers: Kirchhoff on the one side, Newton on the other, the same power on both sides of what joins them.
+//! Electric machines and transducers: Kirchhoff on the one side, Newton on the other, the same power on both sides of
+//! what joins them.
 
 use super::{System, hand};
 
@@ -15,8 +16,8 @@ fn motors() -> Vec<System> {
             name: "dc_drive",
             states: &[("coil.p", -0.2, 0.2), ("rotor.p", -1.0, 1.0)],
             until: 1.0,
-            // The drum turns with gear w, the weight rises with radius gear w: one inertia J = J_rotor + gear^2 (J_drum + m radius^2),
-            // whose momentum J w is the state.
+            // The drum turns with gear w, the weight rises with radius gear w:
+            // one inertia J = J_rotor + gear^2 (J_drum + m radius^2), whose momentum J w is the state.
             by_hand: |x| {
                 let lever = x["gear"] * x["radius"];
                 let inertia = x["J_rotor"] + x["gear"].powi(2) * x["J_drum"] + x["m"] * lever * lever;
@@ -77,8 +78,8 @@ fn motors() -> Vec<System> {
                 ("shaft.p", -3.0, 3.0),
             ],
             until: 0.1,
-            // With complex fluxes s and r: s' = u e^(jwt) - rs i_s, r' = -rr i_r + j n w r; J w' = n Im(r conj(i_r)) - b w.
-            // The currents: s = ls i_s + m i_r, r = m i_s + lr i_r.
+            // With complex fluxes s and r: s' = u e^(jwt) - rs i_s, r' = -rr i_r + j n w r;
+            // J w' = n Im(r conj(i_r)) - b w. The currents: s = ls i_s + m i_r, r = m i_s + lr i_r.
             by_hand: |x| {
                 let det = x["ls"] * x["lr"] - x["m"] * x["m"];
                 let stator = |s: f64, r: f64| (x["lr"] * s - x["m"] * r) / det;
@@ -159,7 +160,8 @@ fn transducers() -> Vec<System> {
             name: "piezo_stack",
             states: &[("plates.q", -2e-4, 2e-4), ("tip.p", -0.05, 0.05), ("ceramic.q", -3e-5, 3e-5)],
             until: 1.0,
-            // The lead's current charges the plates and follows the stroke with alpha v; the voltage pushes with alpha u.
+            // The lead's current charges the plates and follows the stroke with alpha v; the voltage pushes with alpha
+            // u.
             by_hand: |x| {
                 let (volt, v) = (x["plates.q"] / x["c"], x["tip.p"] / x["m"]);
                 let current = (x["u"] - volt) / x["r"];

@@ -1,7 +1,8 @@
 //! The classic systems of `models/classics`, against equations derived by hand.
 //!
-//! Each is derived from mechanics or circuit theory (Newton, Kirchhoff, Lagrange, balances), not from its bond graph, and compared with the
-//! compiled form at random states and times, with the parameters of its file and with others: rates of all states, and the energy.
+//! Each is derived from mechanics or circuit theory (Newton, Kirchhoff, Lagrange, balances), not from its bond graph,
+//! and compared with the compiled form at random states and times, with the parameters of its file and with others:
+//! rates of all states, and the energy.
 
 mod car;
 mod circuit;
@@ -139,7 +140,8 @@ fn oscillator(x: &At, sign: f64, off: f64) -> Hand {
     hand([("mass.p", force), ("spring.q", v)], energy)
 }
 
-/// What the comparison is worth: a derivation with one sign wrong, and one with an energy that is off by a millionth, are found.
+/// What the comparison is worth: a derivation with one sign wrong, and one with an energy that is off by a millionth,
+/// are found.
 #[test]
 fn a_wrong_derivation_is_found() {
     let holds = |by_hand: fn(&At) -> Hand| {

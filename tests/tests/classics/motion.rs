@@ -115,7 +115,8 @@ fn linkages() -> Vec<System> {
             name: "pendulum_cartesian",
             states: &[("angle.q", -7.0, 7.0), ("mass_x.p'", -3.0, 3.0)],
             until: 1.0,
-            // On the circle: m len a'' = -m g sin(a). The state that the two masses share is the momentum along it, m len a'.
+            // On the circle: m len a'' = -m g sin(a). The state that the two masses share is the momentum along it,
+            // m len a'.
             by_hand: |x| {
                 let speed = x["mass_x.p'"] / x["m"];
                 let fall = -x["m"] * x["g"] * x["angle.q"].sin();
@@ -126,8 +127,9 @@ fn linkages() -> Vec<System> {
             name: "slider_crank",
             states: &[("flywheel.p", -2.0, 2.0), ("angle.q", -4.0, 4.0), ("spring.q", -0.1, 0.1)],
             until: 1.0,
-            // Piston at x(a) = r cos(a) + sqrt(rod^2 - r^2 sin(a)^2). L = (J + m x'(a)^2) w^2/2 - k s^2/2 with the momentum
-            // p = (J + m x'^2) w as the state: p' = m x' x'' w^2 - k s x'.
+            // Piston at x(a) = r cos(a) + sqrt(rod^2 - r^2 sin(a)^2).
+            // L = (J + m x'(a)^2) w^2/2 - k s^2/2 with the momentum p = (J + m x'^2) w as the state:
+            // p' = m x' x'' w^2 - k s x'.
             by_hand: |s| {
                 let (r, rod) = (s["r"], s["rod"]);
                 let (sin, cos) = s["angle.q"].sin_cos();

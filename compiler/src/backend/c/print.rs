@@ -21,8 +21,8 @@ pub(super) fn letter(memory: Memory) -> char {
     }
 }
 
-/// The body of a function whose memories are pointers named as [`letter`] says; returns 0, or why it failed. Its systems are
-/// numbered from `first` on.
+/// The body of a function whose memories are pointers named as [`letter`] says; returns 0, or why it failed. Its
+/// systems are numbered from `first` on.
 pub(super) fn body(routine: &Routine, first: usize, needs: &mut Needs) -> String {
     let mut out = String::new();
     let mut used = Used::default();
@@ -104,7 +104,8 @@ struct Printer<'a> {
 pub(super) fn number(n: Number) -> String {
     match n {
         Number::Tolerance(x) => {
-            // What is small beside rounding of 53 bits is as small beside that of 24 where the exponents are in their ratio.
+            // What is small beside rounding of 53 bits is as small beside that of 24 where the exponents are in their
+            // ratio.
             let single = x.powf(f64::from(f32::EPSILON).ln() / f64::EPSILON.ln());
             format!("BOND_SMALL({x:?}, {:?})", single as f32)
         }

@@ -1,6 +1,7 @@
 //! From a step program to a routine: Newton's method, elimination and products become plain statements.
 //!
-//! Where a program has few numbers, all loops are written out, and its scratch becomes variables; else it stays in memory.
+//! Where a program has few numbers, all loops are written out, and its scratch becomes variables; else it stays in
+//! memory.
 
 mod eliminate;
 mod newton;
@@ -19,8 +20,8 @@ const ENTRIES: usize = 64;
 /// Programs of more values than this are looked through for loops.
 const STRAIGHT: usize = 3000;
 
-/// Where the arrays of a program are: for each of [`Array::ALL`] a memory and the place of its first number. That of `Local` counts
-/// only where the program's scratch is not made of variables.
+/// Where the arrays of a program are: for each of [`Array::ALL`] a memory and the place of its first number. That of
+/// `Local` counts only where the program's scratch is not made of variables.
 pub(super) type Places = [(Memory, u32); 6];
 
 /// Each array in the memory of its own name.
@@ -327,7 +328,8 @@ impl Lower {
 }
 
 impl Writer {
-    /// Fails where one of some numbers is not finite. Where there are many, four at a time: additions wait for one another.
+    /// Fails where one of some numbers is not finite. Where there are many, four at a time: additions wait for one
+    /// another.
     fn check(&mut self, memory: Memory, base: u32, n: usize) {
         let zero = self.number(0.0);
         let spoil = |w: &mut Self, sum: Value, place: Place| {

@@ -113,6 +113,17 @@ fn part(w: &mut Writer, v: &[Value], z: &[Value]) -> Value {
     })
 }
 
+/// For each of some magnitudes, whether it is at most this part of a size.
+fn at_most(w: &mut Writer, list: &[Value], part: Value, sizes: &[Value]) -> Vec<Cond> {
+    let pairs = list.iter().zip(sizes);
+    pairs
+        .map(|(x, size)| {
+            let most = w.mul(part, *size);
+            w.le(*x, most)
+        })
+        .collect()
+}
+
 /// Whether a second update of an unknown is its last, after the first and beside its size.
 fn is_last(w: &mut Writer, first: Value, second: Value, z: Value) -> Cond {
     let (rounding, last, next) = (w.tolerance(ROUNDING), w.tolerance(LAST), w.number(NEXT));
@@ -162,52 +173,27 @@ impl Lower {
             w.when(within.not(), |w| w.push(Stmt::Break));
             let first: Vec<Value> = update.iter().map(|d| w.abs(*d)).collect();
             let rounding = w.tolerance(ROUNDING);
-            let small: Vec<Cond> = first
-                .iter()
-                .zip(&z)
-                .map(|(d, z)| {
-                    let allowed = w.mul(rounding, *z);
-                    w.le(*d, allowed)
-                })
-                .collect();
+            let small = at_most(w, &first, rounding, &z);
             w.when(Cond::all(small), |w| it.finish(w, DONE));
             let (left, there) = this.equations(newton);
             let w = &mut this.w;
             let more = matrix.solve(w, &left);
             let second: Vec<Value> = more.iter().map(|d| w.abs(*d)).collect();
             let nearest = w.number(NEAR);
-            let near: Vec<Cond> = first
-                .iter()
-                .zip(&z)
-                .map(|(d, z)| {
-                    let most = w.mul(nearest, *z);
-                    w.le(*d, most)
-                })
-                .collect();
-            let near = Cond::all(near);
-            let seen: Vec<Cond> = second
-                .iter()
-                .zip(&next)
-                .map(|(e, u)| {
-                    let u = w.abs(*u);
-                    let allowed = w.mul(rounding, u);
-                    w.le(*e, allowed)
-                })
-                .collect();
+            let near = Cond::all(at_most(w, &first, nearest, &z));
+            let sizes: Vec<Value> = next.iter().map(|u| w.abs(*u)).collect();
+            let seen = at_most(w, &second, rounding, &sizes);
             w.when(Cond::all(seen.into_iter().chain([near.clone()])), |w| it.finish(w, DONE));
             let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
             w.when(near.clone().not(), |w| {
                 let alike = w.number(ALIKE);
-                let mut settled: Vec<Cond> = Vec::new();
-                for ((_, _, a), (_, _, b)) in there.iter().zip(&entries) {
+                let changes = there.iter().zip(&entries).map(|((_, _, a), (_, _, b))| {
                     let (off, size) = (w.sub(*a, *b), w.abs(*b));
-                    let (off, most) = (w.abs(off), w.mul(alike, size));
-                    settled.push(w.le(off, most));
-                }
-                for (e, z) in second.iter().zip(&z) {
-                    let allowed = w.mul(rounding, *z);
-                    settled.push(w.le(*e, allowed));
-                }
+                    (w.abs(off), size)
+                });
+                let (off, sizes): (Vec<Value>, Vec<Value>) = changes.unzip();
+                let mut settled = at_most(w, &off, alike, &sizes);
+                settled.extend(at_most(w, &second, rounding, &z));
                 w.when(Cond::all(settled), |w| {
                     it.put_all(w, &after);
                     it.finish(w, DONE);

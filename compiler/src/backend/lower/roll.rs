@@ -1,11 +1,12 @@
-//! Large programs: families of equal computations become loops, so that a ladder's code is as long for 1e5 cells as for ten.
+//! Large programs: families of equal computations become loops, so that a ladder's code is as long for 1e5 cells as for
+//! ten.
 //!
-//! What a stretch of straight code gives (what it stores, and the values that are used after it) is cut into cones: a result with all
-//! that it is made of, down to what is loaded, to numbers, and to other results. Cones of one shape are a family, and a family is a
-//! loop over its members. Where the places that they read and write run evenly these are counted, else they are looked up in a
-//! table. What two cones share is computed in both, unless that is dear. A long sum is a family of terms, and a loop that adds them in
-//! their order. A matrix that depends on next to nothing, as that of a linear region does on the step alone, is made again, and
-//! factored, only where that has changed.
+//! What a stretch of straight code gives (what it stores, and the values that are used after it) is cut into cones: a
+//! result with all that it is made of, down to what is loaded, to numbers, and to other results. Cones of one shape are
+//! a family, and a family is a loop over its members. Where the places that they read and write run evenly these are
+//! counted, else they are looked up in a table. What two cones share is computed in both, unless that is dear. A long
+//! sum is a family of terms, and a loop that adds them in their order. A matrix that depends on next to nothing, as
+//! that of a linear region does on the step alone, is made again, and factored, only where that has changed.
 
 mod cone;
 mod family;
@@ -21,7 +22,8 @@ use fixed::Fixed;
 
 /// A cone has so many operations at most; what goes beyond is a result of its own.
 const CONE: u32 = 48;
-/// What two results share is a result of its own where it has more operations than this: a number costs some two to keep and have.
+/// What two results share is a result of its own where it has more operations than this: a number costs some two to
+/// keep and have.
 const SHARED: u32 = 5;
 /// Sums of so many terms are loops.
 const SUM: u32 = 16;
@@ -98,7 +100,8 @@ struct Roll<'p> {
     ops: Vec<Op>,
     home: Vec<u32>,
     uses: Vec<u32>,
-    /// By value: its place in the scratch, where it is a result; how many results lie below it; whether a sum has swallowed it.
+    /// By value: its place in the scratch, where it is a result; how many results lie below it; whether a sum has
+    /// swallowed it.
     kept: Vec<Option<u32>>,
     level: Vec<u32>,
     skipped: Vec<bool>,
@@ -221,7 +224,8 @@ impl<'p> Roll<'p> {
         if self.kept[v.0 as usize].is_some() { level + 1 } else { level }
     }
 
-    /// Fails where a segment both loads and stores a place of the program's scratch: results are not in the order of the program.
+    /// Fails where a segment both loads and stores a place of the program's scratch: results are not in the order of
+    /// the program.
     fn ordered(&self) -> Option<()> {
         let (_, first) = self.places[Array::Local as usize];
         let loads = self.ops.iter().zip(&self.home).filter_map(|(op, home)| match op {

@@ -1,6 +1,6 @@
 //! Takes out what nothing uses, and what one branch alone uses into it.
 
-use crate::backend::code::{Op, Reason, Routine, Stmt, Value, Var};
+use crate::backend::code::{Op, Routine, Stmt, Value, Var};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -26,8 +26,8 @@ enum Where {
     Here,
 }
 
-/// Moves what is computed for one branch alone into that branch, so that it costs nothing where the other one is taken. A choice
-/// between values of which one takes long to compute becomes a branch.
+/// Moves what is computed for one branch alone into that branch, so that it costs nothing where the other one is taken.
+/// A choice between values of which one takes long to compute becomes a branch.
 fn sink(body: &mut Vec<Stmt>, vars: &mut u32) {
     let mut places: FxHashMap<Value, Where> = FxHashMap::default();
     let mut moves: Vec<Option<(usize, bool)>> = vec![None; body.len()];
@@ -123,86 +123,31 @@ fn takes_long(s: &Stmt) -> bool {
 }
 
 /// The values that a statement uses, those inside it included.
-fn uses(s: &Stmt, mut f: &mut dyn FnMut(Value)) {
-    match s {
-        Stmt::Let(_, op) => match op {
-            Op::Load(_) | Op::Get(_) => {}
-            Op::Unary(_, a) => f(*a),
-            Op::Binary(_, a, b) => {
-                f(*a);
-                f(*b);
-            }
-            Op::Select(c, a, b) => {
-                c.each_value(&mut f);
-                f(*a);
-                f(*b);
-            }
-        },
-        Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => f(*v),
-        Stmt::Note(list) => list.iter().for_each(|v| f(*v)),
-        Stmt::If(c, yes, no) => {
-            c.each_value(&mut f);
-            yes.iter().chain(no).for_each(|s| uses(s, f));
-        }
-        Stmt::Loop(body) | Stmt::For(_, _, _, body) => body.iter().for_each(|s| uses(s, f)),
-        Stmt::Fail(Reason::NoConvergence(_, a, b)) => {
-            f(*a);
-            f(*b);
-        }
-        Stmt::Fail(Reason::Singular(a)) => f(*a),
-        Stmt::Fail(Reason::NotFinite | Reason::Clock) | Stmt::Break | Stmt::Continue | Stmt::Solve { .. } => {}
-    }
+fn uses(s: &Stmt, f: &mut impl FnMut(Value)) {
+    s.each_value(f);
+    s.inner().into_iter().flatten().for_each(|s| uses(s, f));
 }
 
+/// What is used: by value, and by variable.
 struct Used {
     values: Vec<bool>,
     vars: Vec<bool>,
 }
 
 impl Used {
-    fn value(&mut self, v: Value) {
-        self.values[v.0 as usize] = true;
-    }
-
-    fn var(&mut self, v: Var) {
-        self.vars[v.0 as usize] = true;
-    }
-
     /// Marks what a block uses, from its end: what only unused values use is unused.
     fn block(&mut self, body: &[Stmt]) {
         for s in body.iter().rev() {
-            match s {
-                Stmt::Let(v, op) if self.values[v.0 as usize] => match op {
-                    Op::Load(_) => {}
-                    Op::Get(var) => self.var(*var),
-                    Op::Unary(_, a) => self.value(*a),
-                    Op::Binary(_, a, b) => {
-                        self.value(*a);
-                        self.value(*b);
-                    }
-                    Op::Select(c, a, b) => {
-                        c.each_value(&mut |v| self.value(v));
-                        self.value(*a);
-                        self.value(*b);
-                    }
-                },
-                Stmt::Let(..) | Stmt::Break | Stmt::Continue => {}
-                Stmt::Solve { same, .. } => same.iter().for_each(|v| self.value(*v)),
-                Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => self.value(*v),
-                Stmt::Note(list) => list.iter().for_each(|v| self.value(*v)),
-                Stmt::If(c, yes, no) => {
-                    c.each_value(&mut |v| self.value(v));
-                    self.block(no);
-                    self.block(yes);
+            if let Stmt::Let(v, op) = s {
+                if !self.values[v.0 as usize] {
+                    continue;
                 }
-                Stmt::Loop(body) | Stmt::For(_, _, _, body) => self.block(body),
-                Stmt::Fail(Reason::NoConvergence(_, a, b)) => {
-                    self.value(*a);
-                    self.value(*b);
+                if let Op::Get(var) = op {
+                    self.vars[var.0 as usize] = true;
                 }
-                Stmt::Fail(Reason::Singular(a)) => self.value(*a),
-                Stmt::Fail(Reason::NotFinite | Reason::Clock) => {}
             }
+            s.each_value(&mut |v| self.values[v.0 as usize] = true);
+            s.inner().into_iter().rev().for_each(|block| self.block(block));
         }
     }
 
@@ -231,5 +176,34 @@ impl Used {
             | Stmt::Fail(_) => true,
         });
         changed || body.len() < before
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::code::{Cond, Memory, Number, Place, System};
+
+    /// A value that takes long, used in a branch and by a solution besides, is still there for the solution.
+    #[test]
+    fn what_a_solution_looks_at_stays_before_it() {
+        let (x, root) = (Value(0), Value(1));
+        let root_of_x = Stmt::Let(root, Op::Unary(Unary::Sqrt, x));
+        let solve = Stmt::Solve { system: 0, matrix: 0, vector: 1, row: Var(0), same: Some(root) };
+        let branch = Stmt::If(Cond::True(x), vec![Stmt::Store(Place::new(Memory::Next, 0), root)], Vec::new());
+        let body = vec![root_of_x, solve, branch];
+        let mut routine = Routine {
+            name: String::new(),
+            body: body.clone(),
+            numbers: vec![Some(Number::Plain(2.0)), None],
+            vars: 1,
+            indices: 0,
+            scratch: 2,
+            systems: vec![System { n: 1, pattern: vec![(0, 0)] }],
+            data: Vec::new(),
+            tables: Vec::new(),
+        };
+        tidy(&mut routine);
+        assert_eq!(routine.body, body);
     }
 }

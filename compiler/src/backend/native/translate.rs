@@ -106,28 +106,13 @@ struct Translate<'a, 'f, M> {
 pub(super) fn turns(body: &[Stmt]) -> FxHashSet<Value> {
     fn gather(body: &[Stmt], sines: &mut FxHashSet<Value>, cosines: &mut FxHashSet<Value>) {
         for s in body {
-            match s {
-                Stmt::Let(_, Op::Unary(Unary::Sin, a)) => {
-                    sines.insert(*a);
-                }
-                Stmt::Let(_, Op::Unary(Unary::Cos, a)) => {
-                    cosines.insert(*a);
-                }
-                Stmt::If(_, yes, no) => {
-                    gather(yes, sines, cosines);
-                    gather(no, sines, cosines);
-                }
-                Stmt::Loop(body) | Stmt::For(_, _, _, body) => gather(body, sines, cosines),
-                Stmt::Let(..)
-                | Stmt::Set(..)
-                | Stmt::Store(..)
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::Solve { .. }
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => {}
+            if let Stmt::Let(_, Op::Unary(Unary::Sin, a)) = s {
+                sines.insert(*a);
             }
+            if let Stmt::Let(_, Op::Unary(Unary::Cos, a)) = s {
+                cosines.insert(*a);
+            }
+            s.inner().into_iter().for_each(|block| gather(block, sines, cosines));
         }
     }
     let (mut sines, mut cosines) = (FxHashSet::default(), FxHashSet::default());

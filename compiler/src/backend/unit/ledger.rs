@@ -1,10 +1,12 @@
-//! A region's ledger in the block, and what a step does to it: as `bond_runtime::simulate` keeps it, without single elements.
+//! A region's ledger in the block, and what a step does to it: as `bond_runtime::simulate` keeps it, without single
+//! elements.
 
 use super::Writing;
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 
-/// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took from the first.
+/// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
+/// from the first.
 pub const NAMES: [&str; 16] = [
     "h",
     "h_initial",

@@ -1,5 +1,5 @@
-//! Takes numbers of the block into variables: an interval reads the block at its start and writes it at its end, where it did not
-//! fail. What fails has written nothing.
+//! Takes numbers of the block into variables: an interval reads the block at its start and writes it at its end, where
+//! it did not fail. What fails has written nothing.
 
 use crate::backend::code::{Memory, Op, Place, Stmt, Var};
 use crate::backend::lower::writer::Writer;

@@ -1,9 +1,10 @@
-//! A whole scene as one block of numbers and three routines: begin an interval, end it, look. What runs without this program is
-//! made of it: C text and object files.
+//! A whole scene as one block of numbers and three routines: begin an interval, end it, look. What runs without this
+//! program is made of it: C text and object files.
 //!
-//! It does what `bond_runtime::simulate` does at fixed steps, operation by operation, so that its numbers are the same. What it does
-//! not have: adaptive steps, steps that are halved where Newton's method fails (they end the interval), tables of inputs, ledgers of
-//! single elements, outsides that are silent. Steps that neither meet the samples nor are concerned by them are laid between them.
+//! It does what `bond_runtime::simulate` does at fixed steps, operation by operation, so that its numbers are the same.
+//! What it does not have: adaptive steps, steps that are halved where Newton's method fails (they end the interval),
+//! tables of inputs, ledgers of single elements, outsides that are silent. Steps that neither meet the samples nor are
+//! concerned by them are laid between them.
 
 mod apart;
 mod block;
@@ -38,18 +39,19 @@ pub struct Unit {
     pub image: Vec<f64>,
     /// Numbers that never change.
     pub table: Vec<f64>,
-    /// Ends the interval that runs, and begins the next one. [`Memory::State`] is the block; [`Memory::Input`] is, for each open
-    /// port, how far the outside moved, or for one of a continuous region, what it gives.
+    /// Ends the interval that runs, and begins the next one. [`Memory::State`] is the block; [`Memory::Input`] is, for
+    /// each open port, how far the outside moved, or for one of a continuous region, what it gives.
     pub commit: Routine,
     /// Whether an interval that fails has changed nothing of the block.
     pub whole: bool,
-    /// Goes so many intervals on as [`Memory::Input`] tells, and leaves in [`Memory::Output`] how many it has gone where it fails;
-    /// then it has changed nothing of the block. None where there are open ports, or a scene is too large to be gone through
-    /// without looking into the block.
+    /// Goes so many intervals on as [`Memory::Input`] tells, and leaves in [`Memory::Output`] how many it has gone
+    /// where it fails; then it has changed nothing of the block. None where there are open ports, or a scene is too
+    /// large to be gone through without looking into the block.
     pub run: Option<Routine>,
     /// Looks: [`Memory::Output`] gets the probes.
     pub observe: Routine,
-    /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds it.
+    /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds
+    /// it.
     pub open: Vec<Open>,
     /// Signals given from outside, one after the other in the block.
     pub inputs: Vec<Given>,
@@ -196,8 +198,9 @@ impl Plan {
         Ok(Self { interval, ratio, steps })
     }
 
-    /// The steps of a continuous cluster beside sampled ones. One that no sample concerns has steps of its own length, where they
-    /// meet the samples; else they would have to be cut for whoever looks, and are laid between two samples as the others are.
+    /// The steps of a continuous cluster beside sampled ones. One that no sample concerns has steps of its own length,
+    /// where they meet the samples; else they would have to be cut for whoever looks, and are laid between two samples
+    /// as the others are.
     fn between(
         interval: f64,
         c: &bond_runtime::scene::Cluster,
@@ -409,8 +412,8 @@ impl Writing<'_> {
         self.program(w, &c.instant, place.state, 0, place.input, place.seen, &c.name)
     }
 
-    /// Tells a cluster what is given from outside now. What it is told is constant: of value, slope and instant, the value alone
-    /// ever changes.
+    /// Tells a cluster what is given from outside now. What it is told is constant: of value, slope and instant, the
+    /// value alone ever changes.
     fn latch(&self, w: &mut Writer, i: usize) {
         let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
         for (k, input) in c.inputs.iter().enumerate() {

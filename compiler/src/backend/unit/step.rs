@@ -80,7 +80,8 @@ impl Writing<'_> {
     }
 }
 
-/// Does something for each of `n` numbers of the block, without a counter where they are not many: then they can be variables.
+/// Does something for each of `n` numbers of the block, without a counter where they are not many: then they can be
+/// variables.
 fn some(w: &mut Writer, n: usize, mut f: impl FnMut(&mut Writer, At)) {
     if n <= WRITTEN {
         return (0..n).for_each(|i| f(w, At::One(i)));

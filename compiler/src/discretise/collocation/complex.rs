@@ -82,8 +82,8 @@ pub(super) struct Factors {
 }
 
 impl Factors {
-    /// Eliminates without exchanging rows: for a convex H and short steps the pivots have digits, and where one has none the iteration
-    /// does not converge.
+    /// Eliminates without exchanging rows: for a convex H and short steps the pivots have digits, and where one has
+    /// none the iteration does not converge.
     pub(super) fn new(algebra: &mut Algebra, n: usize, p: &Entries, q: &Entries, value: Pair) -> Self {
         let mut a = vec![Cx::default(); n * n];
         for &(i, j, v) in p {

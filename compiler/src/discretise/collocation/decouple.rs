@@ -1,6 +1,7 @@
-//! The simplified Newton method of collocation. With J, the matrix of the rates' derivatives at the middle of the step, the equations
-//! of all stages are I ⊗ P + A ⊗ Q, and A's eigenvectors take them apart: a system of the size of one stage for each eigenvalue λ,
-//! P + λ Q, of two conjugate ones only one. They are eliminated once a step, and all iterations share the factors.
+//! The simplified Newton method of collocation. With J, the matrix of the rates' derivatives at the middle of the step,
+//! the equations of all stages are I ⊗ P + A ⊗ Q, and A's eigenvectors take them apart: a system of the size of one
+//! stage for each eigenvalue λ, P + λ Q, of two conjugate ones only one. They are eliminated once a step, and all
+//! iterations share the factors.
 
 use super::complex::{Algebra, Cx, Entries, Factors};
 use super::modes::{Mode, modes};
@@ -77,8 +78,8 @@ impl Apart {
         Some(Self { tableau, modes, n, slopes, fixed })
     }
 
-    /// Whether the equations are linear, and solved as such: a small system is cheap to look at again, which takes the rounding
-    /// of the solution off.
+    /// Whether the equations are linear, and solved as such: a small system is cheap to look at again, which takes the
+    /// rounding of the solution off.
     pub(in crate::discretise) fn is_linear(&self) -> bool {
         self.fixed && self.n > STRAIGHT
     }

@@ -1,18 +1,21 @@
 //! Collocation: a polynomial over the step whose slope at each node is the rate there.
 //!
-//! `collocation4` to `collocation12` have the nodes of Gauss and keep the energy (Hairer, J. Numer. Anal. Ind. Appl. Math. 5, 2010;
-//! Cohen and Hairer, BIT 51, 2011; Celledoni and Hoiseth, 2017): the co-energy variable of a storage at node i is
+//! `collocation4` to `collocation12` have the nodes of Gauss and keep the energy (Hairer, J. Numer. Anal. Ind. Appl.
+//! Math. 5, 2010; Cohen and Hairer, BIT 51, 2011; Celledoni and Hoiseth, 2017): the co-energy variable of a storage at
+//! node i is
 //!
 //!   e_i = (1/b_i) ∫ l_i(τ) dH/dx(u(τ)) dτ
 //!
-//! with u the polynomial and l_i that of Lagrange. The rates are what D makes of that and of the resistors at the node, so that
-//! H(x+) - H(x) = ∫ dH/dx . u' = h Σ b_i e_i . f_i, and D being skew that is what was supplied less what was dissipated. Of a
-//! quadratic H e_i is the gradient at the node, and the method that of Gauss. The integral is had by Gauss's quadrature: exactly of
-//! a polynomial; else up to what `QUADRATURE` nodes more than stages leave, and a step whose balance shows that is not taken.
+//! with u the polynomial and l_i that of Lagrange. The rates are what D makes of that and of the resistors at the node,
+//! so that H(x+) - H(x) = ∫ dH/dx . u' = h Σ b_i e_i . f_i, and D being skew that is what was supplied less what was
+//! dissipated. Of a quadratic H e_i is the gradient at the node, and the method that of Gauss. The integral is had by
+//! Gauss's quadrature: exactly of a polynomial; else up to what `QUADRATURE` nodes more than stages leave, and a step
+//! whose balance shows that is not taken.
 //!
-//! `radau` is Radau IIA of three stages (order 5), e_i the gradient at the node. It damps what is stiff (L-stable) at the cost of energy:
-//! of a quadratic H it loses ½ w^T Q w with w = Σ d_i D_i in a step, where d d^T = diag(b) A + A^T diag(b) - b b^T (Burrage and
-//! Butcher, SIAM J. Numer. Anal. 16, 1979: algebraic stability). That is never negative, and booked under its own name.
+//! `radau` is Radau IIA of three stages (order 5), e_i the gradient at the node. It damps what is stiff (L-stable) at
+//! the cost of energy: of a quadratic H it loses ½ w^T Q w with w = Σ d_i D_i in a step, where d d^T = diag(b) A + A^T
+//! diag(b) - b b^T (Burrage and Butcher, SIAM J. Numer. Anal. 16, 1979: algebraic stability). That is never negative,
+//! and booked under its own name.
 
 mod complex;
 mod decouple;
@@ -232,8 +235,8 @@ pub(super) fn degree(pool: &Pool, e: Expr, symbols: &[Symbol]) -> Option<u32> {
     }
 }
 
-/// Where in the state a method keeps the polynomial of its last step: for each unknown of a stage its Taylor coefficients at the
-/// end, then the length of that step; 0 where there was none.
+/// Where in the state a method keeps the polynomial of its last step: for each unknown of a stage its Taylor
+/// coefficients at the end, then the length of that step; 0 where there was none.
 pub(super) fn memory(c: &Cluster, nodes: Nodes) -> usize {
     let stages = match nodes {
         Nodes::Gauss(s) => s,
@@ -389,8 +392,9 @@ pub(super) fn write(
     Ok((Stepper { fallback, ..Stepper::new(name, order, passive, program) }, entries))
 }
 
-/// Stores the change of each region's energy, by its discrete gradient and so without cancellation, and the sum of the magnitudes of
-/// its parts: against that what the quadrature misses is seen from the first step on, when H is no more than rounding.
+/// Stores the change of each region's energy, by its discrete gradient and so without cancellation, and the sum of the
+/// magnitudes of its parts: against that what the quadrature misses is seen from the first step on, when H is no more
+/// than rounding.
 fn changes(
     c: &Cluster,
     model: &mut Model,

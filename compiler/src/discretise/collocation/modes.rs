@@ -1,5 +1,5 @@
-//! Eigenvalues and eigenvectors of a method's matrix A: with them the equations of all stages come apart (Butcher, BIT 16, 1976;
-//! Hairer and Wanner, Solving Ordinary Differential Equations II, IV.8).
+//! Eigenvalues and eigenvectors of a method's matrix A: with them the equations of all stages come apart (Butcher, BIT
+//! 16, 1976; Hairer and Wanner, Solving Ordinary Differential Equations II, IV.8).
 
 use nalgebra::{Complex, DMatrix, DVector};
 

@@ -1,7 +1,8 @@
-//! Nodes, weights and integrals of Lagrange polynomials on [0, 1] (Hairer, Norsett and Wanner, Solving Ordinary Differential
-//! Equations I, II.7).
+//! Nodes, weights and integrals of Lagrange polynomials on [0, 1] (Hairer, Norsett and Wanner, Solving Ordinary
+//! Differential Equations I, II.7).
 
-/// A collocation method: a polynomial of degree `s` that starts at the state and whose slope at each node is the rate there.
+/// A collocation method: a polynomial of degree `s` that starts at the state and whose slope at each node is the rate
+/// there.
 pub(super) struct Tableau {
     /// c, ascending.
     pub(super) nodes: Vec<f64>,
@@ -41,7 +42,8 @@ impl Tableau {
         (0..self.stages()).map(|j| lagrange(&self.nodes, j, c)).collect()
     }
 
-    /// The Taylor coefficients, at the end of the step, of the polynomial through values at the nodes: a row a coefficient.
+    /// The Taylor coefficients, at the end of the step, of the polynomial through values at the nodes: a row a
+    /// coefficient.
     pub(super) fn expansion(&self) -> Vec<Vec<f64>> {
         let s = self.stages();
         let mut rows = vec![vec![0.0; s]; s];

@@ -119,7 +119,8 @@ impl Foretold {
     }
 }
 
-/// The rates of the states at the start, by which the first step is foretold; 0 where they are not finite. Nothing comes in at ports yet.
+/// The rates of the states at the start, by which the first step is foretold; 0 where they are not finite. Nothing
+/// comes in at ports yet.
 pub(super) fn rates(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, Vec<Diagnostic>> {
     let loops = start::guesses(c, model, form)?;
     let map = c.at_instant(&mut model.pool, form);

@@ -1,20 +1,21 @@
 //! One linear solve a step: the non-iterative stepper, with a quadratised energy.
 //!
-//! The quadratic energies H_q are taken by the midpoint rule. Any other energy V is kept as a number W of its own, which starts as
-//! V(x) and then goes its own way (scalar auxiliary variables: Shen, Xu and Yang, J. Comput. Phys. 353, 2018; for mechanics: Bilbao,
-//! Ducceschi and Zama, J. Comput. Phys. 472, 2023). With x* the middle of the step as it is foretold, a shift c, r = sqrt(2 (V(x) + c))
-//! and g = dV/dx(x*) / sqrt(2 (V(x*) + c)),
+//! The quadratic energies H_q are taken by the midpoint rule. Any other energy V is kept as a number W of its own,
+//! which starts as V(x) and then goes its own way (scalar auxiliary variables: Shen, Xu and Yang, J. Comput. Phys. 353,
+//! 2018; for mechanics: Bilbao, Ducceschi and Zama, J. Comput. Phys. 472, 2023). With x* the middle of the step as it
+//! is foretold, a shift c, r = sqrt(2 (V(x) + c)) and g = dV/dx(x*) / sqrt(2 (V(x*) + c)),
 //!
 //!   e = g rbar,  rbar = r + g . d / 2,      W+ = W + ((r + g . d)^2 - r^2) / 2 = W + e . d,      d = x+ - x
 //!
-//! is linear in d, and e the co-energy variables of an energy that is exactly W. Everything that is not linear stands at x*:
-//! ratios, and of each law its chord, z = (law(f*) / f*) f, which is passive where the law is. So what is stored, H_q + W, less what
-//! it was, is what was supplied less what was dissipated, of each by its own formula, whatever x* was.
+//! is linear in d, and e the co-energy variables of an energy that is exactly W. Everything that is not linear stands
+//! at x*: ratios, and of each law its chord, z = (law(f*) / f*) f, which is passive where the law is. So what is
+//! stored, H_q + W, less what it was, is what was supplied less what was dissipated, of each by its own formula,
+//! whatever x* was.
 //!
-//! With r taken from W, as is usual, a force would be off for good once W is, also at rest. So r is taken from V(x), as long as W is
-//! not far below that: r = sqrt(2 (min(V(x), W + s/2) + c)), s = c + min V, where s is the largest energy that the region ever held.
-//! Since rbar g . d >= -r^2 / 2, W never falls below -c - s/2. How far W is from V is taken back out of the motion, by adding to g
-//! what makes g . d* less by that; it changes a force by a tenth at most.
+//! With r taken from W, as is usual, a force would be off for good once W is, also at rest. So r is taken from V(x), as
+//! long as W is not far below that: r = sqrt(2 (min(V(x), W + s/2) + c)), s = c + min V, where s is the largest energy
+//! that the region ever held. Since rbar g . d >= -r^2 / 2, W never falls below -c - s/2. How far W is from V is taken
+//! back out of the motion, by adding to g what makes g . d* less by that; it changes a force by a tenth at most.
 
 mod foretold;
 mod vault;
@@ -182,7 +183,8 @@ impl Writing<'_> {
         let some = b.binary(Binary::Lt, zero, root);
         let inverse = b.div(one, root);
         let inverse = b.select(some, inverse, zero);
-        // What is added to the forces takes the distance of W from V back from the motion as it is foretold, and stays small beside them.
+        // What is added to the forces takes the distance of W from V back from the motion as it is foretold, and stays
+        // small beside them.
         let off = b.sub(w, here);
         let gentle = b.number(GENTLE);
         let bound = b.mul(gentle, off);
@@ -553,7 +555,8 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
     Ok((stepper, entries))
 }
 
-/// Stores what each region holds at the end of the step, as it is kept and as H has it; gives what it holds above where it is least.
+/// Stores what each region holds at the end of the step, as it is kept and as H has it; gives what it holds above where
+/// it is least.
 #[expect(clippy::too_many_arguments, reason = "the pieces of one step")]
 fn energies(
     c: &Cluster,

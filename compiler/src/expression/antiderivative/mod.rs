@@ -10,8 +10,8 @@ use rustc_hash::FxHashMap;
 const DEPTH: usize = 100;
 
 impl Pool {
-    /// `F` with `dF/ds = e` and `F = 0` at `s = 0`, continuous where `e` jumps. `None` where no rule applies, or `F` has no
-    /// value at 0.
+    /// `F` with `dF/ds = e` and `F = 0` at `s = 0`, continuous where `e` jumps. `None` where no rule applies, or `F`
+    /// has no value at 0.
     pub fn antiderivative(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
         let primitive = self.primitive(e, s, 0)?;
         let zero = self.zero();

@@ -1,4 +1,5 @@
-//! Divided differences across the threshold of a choice: by the pieces beside it, where the quotient would lose its digits.
+//! Divided differences across the threshold of a choice: by the pieces beside it, where the quotient would lose its
+//! digits.
 
 use super::{Along, Step};
 use crate::expression::{Expr, Node, Pool, Symbol};
@@ -13,9 +14,10 @@ enum Side {
 }
 
 impl Pool {
-    /// What the difference of a choice is where the ends lie on its two sides and no other threshold between them: the mean of
-    /// the differences from the threshold `T` to each end, weighted by the distances. With it the longest step for which that is so.
-    /// `None` where the choice jumps or has no threshold that is known, and where it is 0 there: then the quotient is good.
+    /// What the difference of a choice is where the ends lie on its two sides and no other threshold between them: the
+    /// mean of the differences from the threshold `T` to each end, weighted by the distances. With it the longest step
+    /// for which that is so. `None` where the choice jumps or has no threshold that is known, and where it is 0 there:
+    /// then the quotient is good.
     pub(super) fn across(&mut self, (c, a, b): (Expr, Expr, Expr), step: &Step) -> Option<(Expr, f64)> {
         let s = step.symbol;
         let threshold = self.threshold(c, s)?;
@@ -76,8 +78,8 @@ impl Pool {
         (below != above).then_some(below)
     }
 
-    /// The expression as it is just beside a place: each choice by its branch there. The distance to the nearest other threshold on
-    /// that side shortens `longest`.
+    /// The expression as it is just beside a place: each choice by its branch there. The distance to the nearest other
+    /// threshold on that side shortens `longest`.
     fn beside(&mut self, e: Expr, s: Symbol, (at, side): (f64, Side), longest: &mut f64) -> Option<Expr> {
         let mut known: FxHashMap<Expr, Expr> = FxHashMap::default();
         for node in self.dependents(e, &|x| x == s) {

@@ -41,9 +41,10 @@ impl Ways {
 impl Pool {
     /// `(e[s := from + delta] - e[s := from]) / delta`, without cancellation, and the derivative where `delta` is 0.
     ///
-    /// Sums, products, powers and the smooth functions by their own addition formulas; a choice by the difference of the
-    /// branch where both ends take the same one, across a single threshold by the pieces on its sides, else by the quotient; steps such as `sign` by the quotient. An angle
-    /// `atan2(y, x)` is taken the short way round, without a jump.
+    /// Sums, products, powers and the smooth functions by their own addition formulas; a choice by the difference of
+    /// the branch where both ends take the same one, across a single threshold by the pieces on its sides, else by the
+    /// quotient; steps such as `sign` by the quotient. An angle `atan2(y, x)` is taken the short way round, without a
+    /// jump.
     pub fn difference(&mut self, e: Expr, s: Symbol, from: Expr, delta: Expr) -> Expr {
         let half = self.scale(delta, Number::HALF);
         let to = self.add(from, delta);

@@ -29,8 +29,8 @@ impl Pool {
         Along { from, to, slope }
     }
 
-    /// By the mean `m` and half the change `h`: `((m + h)^n - (m - h)^n) / 2h = Σ binomial(n, k) m^(n-k) h^(k-1)` over odd
-    /// `k`, where all terms have one sign.
+    /// By the mean `m` and half the change `h`: `((m + h)^n - (m - h)^n) / 2h = Σ binomial(n, k) m^(n-k) h^(k-1)` over
+    /// odd `k`, where all terms have one sign.
     pub(super) fn along_whole_power(&mut self, y: Along, n: i64, step: &Step) -> Expr {
         if n > 8 {
             let root = self.along_power(y, Number::from(n / 2), step);

@@ -1,0 +1,292 @@
+//! A linear cluster in numbers: everything in it as a row over w.
+
+use super::super::cluster::Cluster;
+use super::drive::{Drive, Split, System};
+use crate::expression::{Expr, Pool, Symbol};
+use crate::model::Model;
+use crate::structure::{ColumnId, Form, Output};
+use bond_runtime::exponential::Linear;
+use nalgebra::DMatrix;
+use rustc_hash::FxHashMap;
+
+/// Largest number of states and drives.
+const LARGEST: usize = 128;
+
+/// Rows over w of everything in a linear cluster.
+pub(super) struct Rows {
+    pub(super) linear: Linear,
+    pub(super) system: System,
+    /// Rows of outputs' and inputs' columns.
+    pub(super) outputs: FxHashMap<Symbol, Vec<f64>>,
+    pub(super) inputs: FxHashMap<ColumnId, Vec<f64>>,
+    /// Each integral: row of its linear part, or the full form.
+    pub(super) integrals: Vec<Result<Vec<f64>, Vec<f64>>>,
+}
+
+impl Rows {
+    /// Sources that follow states, or inputs, and rest when those do.
+    pub(super) fn settling(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
+        let settles = |i: usize| match i.checked_sub(self.system.n) {
+            None => true,
+            Some(d) => matches!(self.system.drives.get(d), Some(Drive::Ramp(..))),
+        };
+        let rests = |row: &Vec<f64>| row.iter().enumerate().any(|(i, x)| *x != 0.0 && settles(i));
+        let sources = c.nodes.iter().filter_map(|n| n.source());
+        sources.filter(|s| self.outputs.get(&form.column(*s).out).is_some_and(rests)).collect()
+    }
+
+    /// Sources that are constant over a step.
+    pub(super) fn steady(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
+        let constant = |i: usize| {
+            matches!(self.system.drives.get(i.wrapping_sub(self.system.n)), Some(Drive::One | Drive::Held(_)))
+        };
+        let is_steady = |row: &Vec<f64>| row.iter().enumerate().all(|(i, x)| *x == 0.0 || constant(i));
+        let sources = c
+            .nodes
+            .iter()
+            .filter_map(|n| n.source())
+            .filter(|s| self.outputs.get(&form.column(*s).out).is_some_and(is_steady));
+        sources.collect()
+    }
+}
+
+/// The numeric rows; `None` where the cluster is not linear or too large.
+pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
+    let time = c.time?;
+    let n = c.states.len();
+    if n > LARGEST {
+        return None;
+    }
+    let state_symbols: Vec<Symbol> = c.states.iter().map(|s| s.symbol).collect();
+    let given = c.inputs.iter().map(|(_, u, du)| (*u, *du)).collect();
+    let mut system = System { n, time, given, held: c.foreign.clone(), drives: Vec::new(), moves: Vec::new() };
+    // Each output as a sparse row: states by index, drives by n + index.
+    let mut sparse: FxHashMap<Symbol, Vec<(usize, f64)>> = FxHashMap::default();
+    for g in &c.groups {
+        for (s, z) in g.states.iter().zip(&g.coenergy) {
+            let (linear, rest) = model.pool.affine(*z, &state_symbols)?;
+            let mut row =
+                linear.into_iter().map(|(i, k)| Some((i, model.pool.constant(k)?))).collect::<Option<Vec<_>>>()?;
+            let rest = model.pool.constant(rest)?;
+            if rest != 0.0 {
+                row.push((n + system.drive(Drive::One), rest));
+            }
+            // An energy with a kink may have an affine slope in each piece; `affine` refuses those.
+            sparse.insert(form.column(c.states[*s].column?).out, row);
+        }
+    }
+    for p in &c.ports {
+        let v = model.pool.var(form.column(*p).out);
+        let d = system.drive(Drive::Held(v));
+        sparse.insert(form.column(*p).out, vec![(n + d, 1.0)]);
+    }
+    sparse.extend(state_symbols.iter().enumerate().map(|(i, s)| (*s, vec![(i, 1.0)])));
+    let mut signals: Vec<Symbol> = sparse.keys().copied().chain(c.nodes.iter().map(|n| n.out)).collect();
+    signals.sort_unstable();
+    // What depends on other signals is solved for: resistors, and sources that do so.
+    let mut solved: Vec<(Symbol, Split)> = Vec::new();
+    for node in &c.nodes {
+        let Output::Explicit(e) = node.how else { return None };
+        if node.source().is_none() {
+            let column = node.resistor()?;
+            for (_, g) in form.regions[form.column(column).region.at()].gains.get(&column)? {
+                model.pool.constant(*g)?;
+            }
+        }
+        let split = system.split(&mut model.pool, e, &signals)?;
+        if node.source().is_none() && !split.drives.is_empty() {
+            return None;
+        }
+        if node.source().is_some() && split.signals.is_empty() {
+            sparse.insert(node.out, split.drives.into_iter().map(|(d, k)| (n + d, k)).collect());
+        } else {
+            solved.push((node.out, split));
+        }
+    }
+    let mut rates: Vec<Split> = Vec::new();
+    for s in c.states.iter().filter(|s| s.column.is_none()) {
+        rates.push(system.split(&mut model.pool, s.rate, &signals)?);
+    }
+    // The integrals may need drives of their own, so that the sizes are known only after them.
+    let mut sums: Vec<Result<Split, Squares>> = Vec::new();
+    for i in &c.integrals {
+        let linear = system.split(&mut model.pool, i.rate, &signals);
+        sums.push(match linear {
+            Some(split) => Ok(split),
+            None => Err(squares(&mut system, &mut model.pool, i.rate, &signals)?),
+        });
+    }
+    let size = n + system.drives.len();
+    if size > LARGEST {
+        return None;
+    }
+    let dense = |row: &[(usize, f64)]| {
+        let mut v = vec![0.0; size];
+        for &(i, k) in row {
+            v[i] += k;
+        }
+        v
+    };
+    let mut outputs: FxHashMap<Symbol, Vec<f64>> = sparse.iter().map(|(s, row)| (*s, dense(row))).collect();
+    // All that is solved for, loops and all, as one linear system.
+    let r = solved.len();
+    let place: FxHashMap<Symbol, usize> = solved.iter().enumerate().map(|(i, t)| (t.0, i)).collect();
+    let mut matrix = DMatrix::<f64>::identity(r, r);
+    let mut right = DMatrix::<f64>::zeros(r, size);
+    for (i, (_, split)) in solved.iter().enumerate() {
+        for (s, k) in &split.signals {
+            if let Some(&j) = place.get(s) {
+                matrix[(i, j)] -= k;
+            } else {
+                let row = outputs.get(s)?;
+                for (t, x) in row.iter().enumerate() {
+                    right[(i, t)] += k * x;
+                }
+            }
+        }
+        for (d, k) in &split.drives {
+            right[(i, n + d)] += k;
+        }
+    }
+    if r > 0 {
+        let acyclic = c.loops.is_empty();
+        let found = if acyclic {
+            forward(&matrix, &right, &c.nodes.iter().filter_map(|n| place.get(&n.out).copied()).collect::<Vec<_>>())
+        } else {
+            matrix.lu().solve(&right)?
+        };
+        if found.iter().any(|x| !x.is_finite()) {
+            return None;
+        }
+        for (i, (s, _)) in solved.iter().enumerate() {
+            outputs.insert(*s, found.row(i).iter().copied().collect());
+        }
+    }
+    let mut input_rows = FxHashMap::default();
+    let columns = c
+        .states
+        .iter()
+        .filter_map(|s| s.column)
+        .chain(c.nodes.iter().filter_map(|n| n.source().or(n.resistor())))
+        .chain(c.ports.iter().copied());
+    for column in columns.collect::<Vec<_>>() {
+        let mut v = vec![0.0; size];
+        for (j, k) in &form.column(column).row {
+            let k = model.pool.constant(*k)?;
+            for (t, x) in outputs.get(&form.column(*j).out)?.iter().enumerate() {
+                v[t] += k * x;
+            }
+        }
+        input_rows.insert(column, v);
+    }
+    let row_of = |split: &Split| -> Option<Vec<f64>> {
+        let mut row = vec![0.0; size];
+        for (s, k) in &split.signals {
+            for (t, x) in outputs.get(s)?.iter().enumerate() {
+                row[t] += k * x;
+            }
+        }
+        for (d, k) in &split.drives {
+            row[n + d] += k;
+        }
+        Some(row)
+    };
+    let mut a = vec![0.0; size * size];
+    let mut rates = rates.iter();
+    for (i, s) in c.states.iter().enumerate() {
+        let row = match s.column {
+            Some(column) => input_rows.get(&column)?.clone(),
+            None => row_of(rates.next()?)?,
+        };
+        a[i * size..(i + 1) * size].copy_from_slice(&row);
+    }
+    for (i, moves) in system.moves.iter().enumerate() {
+        for &(j, k) in moves {
+            a[(n + i) * size + n + j] += k;
+        }
+    }
+    let mut integrals = Vec::new();
+    for sum in &sums {
+        let parts = match sum {
+            Ok(split) => {
+                integrals.push(Ok(row_of(split)?));
+                continue;
+            }
+            Err(parts) => parts,
+        };
+        let mut m = vec![0.0; size * size];
+        for (s, t, k) in &parts.square {
+            add_product(&mut m, &row_of(s)?, &row_of(t)?, *k);
+        }
+        add_product(&mut m, &row_of(&parts.linear)?, &row_of(&parts.one)?, 1.0);
+        integrals.push(Err(m));
+    }
+    if a.iter().any(|x| !x.is_finite()) {
+        return None;
+    }
+    let linear = Linear { n, m: size - n, a, changes: true, ..Linear::default() };
+    Some(Rows { linear, system, outputs, inputs: input_rows, integrals })
+}
+
+/// A quadratic rate: products of pairs, the linear part, and 1.
+struct Squares {
+    square: Vec<(Split, Split, f64)>,
+    linear: Split,
+    one: Split,
+}
+
+/// A rate of second degree in the cluster's signals, time, and what comes from outside; `None` where it is not.
+fn squares(system: &mut System, pool: &mut Pool, rate: Expr, signals: &[Symbol]) -> Option<Squares> {
+    let outer = system.given.iter().map(|g| g.0).chain(system.held.iter().copied()).chain([system.time]);
+    let all: Vec<Symbol> = signals.iter().copied().chain(outer).collect();
+    let (square, linear, constant) = pool.quadratic(rate, &all)?;
+    let lone = |system: &mut System, pool: &mut Pool, i: usize, k: f64| -> Option<Split> {
+        let s = all[i];
+        Some(if i < signals.len() {
+            Split { signals: vec![(s, k)], drives: vec![] }
+        } else {
+            Split { signals: vec![], drives: vec![(system.outer(pool, s)?, k)] }
+        })
+    };
+    let mut found = Squares { square: vec![], linear: Split::default(), one: Split::default() };
+    for (i, j, k) in square {
+        let pair = (lone(system, pool, i, 1.0)?, lone(system, pool, j, 1.0)?, pool.constant(k)?);
+        found.square.push(pair);
+    }
+    for (i, k) in linear {
+        let k = pool.constant(k)?;
+        let part = lone(system, pool, i, k)?;
+        found.linear.signals.extend(part.signals);
+        found.linear.drives.extend(part.drives);
+    }
+    let one = system.drive(Drive::One);
+    found.linear.drives.push((one, pool.constant(constant)?));
+    found.one.drives.push((one, 1.0));
+    Some(found)
+}
+
+/// Solves a system whose unknowns, taken in order, depend on earlier ones only.
+fn forward(matrix: &DMatrix<f64>, right: &DMatrix<f64>, order: &[usize]) -> DMatrix<f64> {
+    let mut x = right.clone();
+    for (k, &i) in order.iter().enumerate() {
+        for &j in &order[..k] {
+            let f = -matrix[(i, j)];
+            if f != 0.0 {
+                let row = x.row(j).clone_owned();
+                let mut target = x.row_mut(i);
+                target += row * f;
+            }
+        }
+    }
+    x
+}
+
+/// `m += k (a b^T + b a^T) / 2`
+pub(super) fn add_product(m: &mut [f64], a: &[f64], b: &[f64], k: f64) {
+    let n = a.len();
+    for i in 0..n {
+        for j in 0..n {
+            m[i * n + j] += 0.5 * k * (a[i] * b[j] + a[j] * b[i]);
+        }
+    }
+}
