@@ -70,6 +70,7 @@ pub fn time(t: f64) -> String {
     // Rounded first: 999.9 ms is 1 s.
     let rounded: f64 = format!("{t:.2e}").parse().unwrap_or(t);
     let (factor, unit) = match rounded.abs() {
+        x if x < 1e-11 => (1e12, "ps"),
         x if x < 1e-6 => (1e9, "ns"),
         x if x < 1e-3 => (1e6, "us"),
         x if x < 1.0 => (1e3, "ms"),
@@ -88,8 +89,8 @@ mod tests {
 
     #[test]
     fn three_digits() {
-        let list = [0.0, 1.0, 0.0123456, 3.4e-6, 999.96e-3, 250e-6, 12345.0, 5e-10];
+        let list = [0.0, 1.0, 0.0123456, 3.4e-6, 999.96e-3, 250e-6, 12345.0, 5e-10, 1e-12];
         let text: Vec<String> = list.into_iter().map(time).collect();
-        assert_eq!(text, ["0 s", "1 s", "12.3 ms", "3.4 us", "1 s", "250 us", "12300 s", "0.5 ns"]);
+        assert_eq!(text, ["0 s", "1 s", "12.3 ms", "3.4 us", "1 s", "250 us", "12300 s", "0.5 ns", "1 ps"]);
     }
 }

@@ -191,7 +191,7 @@ fn interface(unit: &Unit, p: &str) -> String {
     let _ = writeln!(
         out,
         "unsigned long {p}_size(void) {{\n    return (unsigned long)sizeof({p}_state);\n}}\n\nvoid {p}_save(const {p}_state *b, {p}_real *saved) {{\n    memcpy(saved, b->x, sizeof b->x);\n}}\n\n\
-         void {p}_restore({p}_state *b, const {p}_real *saved) {{\n    memcpy(b->x, saved, sizeof b->x);\n}}"
+         void {p}_restore({p}_state *b, const {p}_real *saved) {{\n    memset(b, 0, sizeof *b);\n    memcpy(b->x, saved, sizeof b->x);\n}}"
     );
     out
 }
