@@ -18,7 +18,7 @@ pub fn place(p: &Point, reference: f64) -> Option<(f64, f64)> {
 }
 
 /// What is further off is nothing that one would choose, however cheap.
-const FAR: f64 = 1.0;
+pub const FAR: f64 = 1.0;
 
 /// Marks the points of the front: for none of them is there another that is as exact and cheaper, or as cheap and more exact.
 pub fn mark(points: &mut [Point], reference: f64) {
@@ -34,23 +34,23 @@ pub fn mark(points: &mut [Point], reference: f64) {
     }
 }
 
-/// What to choose, decade by decade, as far as the points reach.
-pub fn advice(points: &[Point], reference: f64) -> Vec<Advice<'_>> {
+/// Decades of the error, from 0.1 down, as far as the points reach.
+pub fn decades(points: &[Point], reference: f64) -> Vec<f64> {
     let reached = points.iter().filter_map(|p| place(p, reference)).map(|p| p.0).fold(f64::INFINITY, f64::min);
+    (1..=15).map(|k| format!("1e-{k}").parse().unwrap_or(0.0)).take_while(|error| *error >= reached).collect()
+}
+
+/// What to choose, decade by decade.
+pub fn advice(points: &[Point], reference: f64) -> Vec<Advice<'_>> {
     let cheapest = |error: f64, passive: bool| {
         let fits = points.iter().filter(|p| p.passive || !passive);
         let fits = fits.filter_map(|p| place(p, reference).filter(|(e, _)| *e <= error).map(|(_, s)| (p, s)));
         fits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|f| f.0)
     };
-    let mut list = Vec::new();
-    for k in 1..=15 {
-        let error: f64 = format!("1e-{k}").parse().unwrap_or(0.0);
-        if error < reached {
-            break;
-        }
-        let passive = cheapest(error, true);
-        let other = cheapest(error, false).filter(|p| !p.passive);
-        list.push(Advice { error, passive, other });
-    }
-    list
+    let choose = |error: f64| Advice {
+        error,
+        passive: cheapest(error, true),
+        other: cheapest(error, false).filter(|p| !p.passive),
+    };
+    decades(points, reference).into_iter().map(choose).collect()
 }

@@ -9,6 +9,7 @@ mod norm;
 mod picture;
 mod point;
 mod reference;
+mod refine;
 mod setting;
 mod sweep;
 mod table;
@@ -118,9 +119,12 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
     let coarsest = (setup.stop / (LONG * rough(runners.iter(), setup.stop))).floor().max(1.0);
     let sweep = Sweep { reference: &reference, repeat: setup.repeat, limit: setup.limit, stop: setup.stop };
     let mut points = Vec::new();
+    // What the sweeps leave of each method's time.
+    let mut rest = Vec::new();
     for (i, runner) in runners.iter().enumerate() {
-        progress(0.3 + 0.7 * i as f64 / runners.len() as f64);
-        let mut left = setup.limit;
+        progress(0.3 + 0.6 * i as f64 / runners.len() as f64);
+        let kept = if asked { 0.0 } else { refine::PART * setup.limit };
+        let mut left = setup.limit - kept;
         let mut plans = Vec::new();
         if asked {
             plans.push(Plan::Given(setup.steps.iter().copied().map(Setting::Step).collect()));
@@ -143,6 +147,11 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
             points.extend(sweep.run(runner, plan, &mut own, &mut notes));
             left -= before - own;
         }
+        rest.push(left.max(0.0) + kept);
+    }
+    if !asked {
+        let progress = |part| progress(0.9 + 0.1 * part);
+        refine::refine(&sweep, &runners, &mut points, &mut rest, &mut notes, &progress);
     }
     front::mark(&mut points, reference.error);
     Ok(Bench {

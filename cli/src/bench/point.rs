@@ -51,6 +51,11 @@ pub struct Measured {
     pub seconds: f64,
 }
 
+/// Processor time of measuring a point whose run takes so many seconds, s: a run with rows, a first one, and the readings.
+pub fn takes(seconds: f64, repeat: usize) -> f64 {
+    2.0 * seconds + repeat as f64 * seconds.max(f64::min(READING, TIMES as f64 * seconds))
+}
+
 /// Measures a point. Gives also the processor time that this took in all, s.
 ///
 /// # Errors

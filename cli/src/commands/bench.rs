@@ -17,7 +17,9 @@ use std::path::{Path, PathBuf};
     after_help = "Examples:\n  bond bench pendulum.bond\n  bond bench pendulum.bond --methods gonzalez,rk4 --plot pendulum.png\n  \
                   bond bench pendulum.bond --stop 10s --steps 1ms,2ms,5ms --as json -o pendulum.json\n\nEvery stepper that can take \
                   the model runs with fixed steps, each half of the last, and with tolerances from 1e-2 to 1e-12, until its error is \
-                  that of rounding or its time is over. Errors are measured against a run of its own with far smaller ones, which \
+                  that of rounding or its time is over. Then points are added between two of these where that could be the \
+                  cheapest way to an error of 0.1, 0.01 and so on. Errors are measured against a run of its own with far smaller \
+                  ones, which \
                   is compared with that of a second method. The error of a point is the largest at the end of the run of all \
                   probes and states, each relative to its largest size. Time is processor time of stepping to the end; \
                   what is done once before, such as making machine code, is left out. Sampled regions keep their period and their \

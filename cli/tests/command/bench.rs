@@ -109,6 +109,31 @@ fn the_front_is_a_front() {
 }
 
 #[test]
+fn points_between_just_meet_a_decade() {
+    let here = Folder::new().with("pendulum.bond", PENDULUM);
+    let done = here.bond(&["bench", "pendulum.bond", "--methods", "gonzalez", "--limit", "1s", "--as", "json"]);
+    let list = points(&done.is(0, &[], &[]));
+    let counted: Vec<(f64, f64)> =
+        list.iter().filter_map(|p| Some((2.0 / p["step"].as_f64()?, p["error"].as_f64()?))).collect();
+    // From coarse to fine, those between among the others.
+    assert!(counted.windows(2).all(|w| w[0].0 < w[1].0), "{counted:?}");
+    let tolerances: Vec<f64> = list.iter().filter_map(|p| p["tolerance"].as_f64()).collect();
+    assert!(tolerances.windows(2).all(|w| w[0] > w[1]), "{tolerances:?}");
+    // The sweep has 2^k times the first number of steps. Of second order, what is between two of them meets its decade closely.
+    let swept = |n: f64| ((n / counted[0].0).log2() - (n / counted[0].0).log2().round()).abs() < 1e-6;
+    let between: Vec<f64> = counted.iter().filter(|c| !swept(c.0)).map(|c| c.1).collect();
+    assert!(!between.is_empty(), "{counted:?}");
+    let close = |error: &f64| {
+        let decade = 10f64.powf(error.log10().ceil());
+        (0.6..=1.0).contains(&(error / decade))
+    };
+    assert!(between.iter().filter(|e| close(e)).count() * 2 > between.len(), "{between:?}");
+    // Settings that are told are measured as they are told.
+    let told = ["bench", "pendulum.bond", "--methods", "gonzalez", "--steps", "20ms,10ms", "--as", "json"];
+    assert_eq!(points(&here.bond(&told).is(0, &[], &[])).len(), 2);
+}
+
+#[test]
 fn a_table_for_people_says_what_to_choose() {
     let here = Folder::new().with("a.bond", OSCILLATOR);
     let done = here.bond(&["bench", "a.bond", "--methods", "exact,gonzalez", "--repeat", "1"]);

@@ -30,6 +30,14 @@ const OWN: u32 = 6;
 /// The exponents of the controller in the error of a step and of the one before it (Hairer and Wanner, IV.8), times the
 /// order of the error.
 const PI: (f64, f64) = (0.7, 0.4);
+/// A phase between two switches begins with no more than this part of the last one of its kind: several steps tell where it ends.
+const PHASE: f64 = 1.0 / 3.0;
+/// A step to a switch that is foretold is longer by this part, so that it rather goes past it.
+const PAST: f64 = 1.0 / 32.0;
+/// One that would be shorter than this part of what it might be is not cut for it.
+const WORTH: f64 = 0.1;
+/// What did not come is foretold again where it is nearer than to this many of the step that was cut for it, from its start.
+const NEARER: f64 = 1.5;
 /// Instants closer to one another than this part of themselves are one.
 const SAME: f64 = 1e-12;
 
@@ -41,6 +49,10 @@ pub(super) struct Control {
     /// Length of the steps before the last switch of a law: where two laws alternate, as flight and contact do, those
     /// of the one that comes.
     other: f64,
+    /// When the last switch was, s.
+    began: f64,
+    /// When the next one is foretold, s; infinite where none is.
+    aim: f64,
     /// The error of the last step over the tolerance; 1 at a fresh start.
     pub(super) error: f64,
     /// Steps in a row that were far smaller than the usual one.
@@ -102,7 +114,16 @@ impl Fit {
         Self {
             tolerance,
             longest: options.longest.unwrap_or(f64::INFINITY),
-            control: Control { ahead, other: ahead, error: 1.0, crawl: 0, rejected: 0, events: 0 },
+            control: Control {
+                ahead,
+                other: ahead,
+                began: 0.0,
+                aim: f64::INFINITY,
+                error: 1.0,
+                crawl: 0,
+                rejected: 0,
+                events: 0,
+            },
             limit: 0.0,
             driven: false,
             moved: integrals.iter().map(|x| x.abs()).collect(),
@@ -258,6 +279,10 @@ impl Run {
                 fit.spare = failures >= OWN;
             }
             let mut h = control.ahead.min(longest);
+            let aim = (control.aim - t) * (1.0 + PAST);
+            if aim < h && aim > WORTH * h {
+                h = aim;
+            }
             // Two steps of like length rather than one and a splinter.
             let mut last = None;
             if let Some(end) = end {
@@ -268,10 +293,11 @@ impl Run {
                     h = 0.5 * (end - t);
                 }
             }
+            let aims = h == aim;
             if h <= 1e-13 * t.abs().max(1e-300) || h <= usual * 1e-12 {
                 break (h, None);
             }
-            let attempt = match self.attempt(c, t, h) {
+            let attempt = match self.attempt(c, t, h, control.aim - t) {
                 Ok(attempt) => attempt,
                 Err(why) => {
                     last_failure = Some(why);
@@ -308,8 +334,11 @@ impl Run {
             }
             if attempt.event {
                 // Beyond the switch another law holds.
-                let here = control.ahead.min((GROW * attempt.h).max(FIRST * usual));
+                let end = t + attempt.h;
+                let most = (GROW * attempt.h).min(PHASE * (end - control.began));
+                let here = control.ahead.min(most.max(FIRST * usual));
                 (control.ahead, control.other) = (control.other, here);
+                (control.began, control.aim) = (end, f64::INFINITY);
                 control.events += 1;
                 control.error = 1.0;
             } else {
@@ -322,6 +351,9 @@ impl Run {
                 let cut = h < SAFE * control.ahead;
                 control.ahead = if cut { next.max(control.ahead) } else { next };
                 control.error = if cut { control.error } else { ratio.clamp(1e-4, 1.0) };
+                // What was foretold and did not come may be rounding, unless it comes nearer.
+                let aim = self.foretold(t, h);
+                control.aim = if aims && aim > t + NEARER * h { f64::INFINITY } else { aim };
             }
             break (h, Some((done.unwrap_or(t + attempt.h), attempt.whole)));
         };

@@ -45,10 +45,11 @@ pub(super) struct Attempt {
 }
 
 impl Run {
-    /// A step of length `h` from `t`, cut to where a law switches, and its error.
-    pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Attempt, Failure> {
+    /// A step of length `h` from `t`, cut to where a law switches, and its error. That is first looked for at `aim` from `t`, where that
+    /// lies within the step.
+    pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
         self.stride(t, h, Part::Whole)?;
-        let event = self.event(c, t, h)?;
+        let event = self.event(c, t, h, aim)?;
         let (h, is_event) = (event.unwrap_or(h), event.is_some());
         if c.step.estimate.is_none() {
             if is_event || self.guards.is_none() {

@@ -74,17 +74,17 @@ impl Run {
         look(c, guards, &mut self.step, (&self.state, &self.input), None, &mut self.before);
     }
 
-    /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that
-    /// ends just past it, which then is the whole step. A switch at the very start is let be. Without one, the first
-    /// half was taken too, where there are guards.
-    pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Option<f64>, Failure> {
+    /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that ends just past
+    /// it, which then is the whole step. A switch at the very start is let be. Without one, the first half was taken too, where
+    /// there are guards. It is first looked for at `aim` from `t`.
+    pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Option<f64>, Failure> {
         let Some(mut bracket) = self.bracket(c, t, h)? else { return Ok(None) };
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
         let mut past = floor;
         let mut slow = false;
         for round in 0..ROUNDS {
-            let within = bracket.within();
             let (low, high) = (bracket.low.0, bracket.high.0);
+            let within = if round == 0 && aim > low && aim < high { aim } else { bracket.within() };
             if high - within <= 4.0 * past || high - low <= floor {
                 break;
             }
@@ -132,8 +132,17 @@ impl Run {
         Ok(Some(found))
     }
 
-    /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or
-    /// at its middle. The whole step is then the one to the end of that part.
+    /// When the next switch is foretold after the step of length `h` from `t` that was just found to have none: the first root of
+    /// the parabolas through the guards at its start, middle and end; infinite where there is none.
+    pub(super) fn foretold(&self, t: f64, h: f64) -> f64 {
+        let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return f64::INFINITY };
+        let values = self.before.iter().zip(&fit.below).zip(&fit.beyond);
+        let roots = values.filter_map(|((start, middle), end)| next(*start, *middle, *end));
+        t + h + h * roots.fold(f64::INFINITY, f64::min)
+    }
+
+    /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or at its
+    /// middle. The whole step is then the one to the end of that part.
     fn bracket(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Option<Bracket>, Failure> {
         if self.guards.is_none() {
             return Ok(None);
@@ -234,8 +243,33 @@ fn turn(start: f64, middle: f64, end: f64) -> Option<f64> {
     (alike && at > 0.0 && at < 1.0 && (start + 0.5 * slope * at) * start < 0.0).then_some(at)
 }
 
+/// How far beyond 1 the parabola through three values of one sign at 0, 1/2 and 1 is 0.
+fn next(start: f64, middle: f64, end: f64) -> Option<f64> {
+    if !(start * end > 0.0 && middle * end > 0.0) {
+        return None;
+    }
+    let (slope, bend) = (3.0 * end - 4.0 * middle + start, 2.0 * (start - 2.0 * middle + end));
+    let k = -0.5 * (slope + (slope * slope - 4.0 * bend * end).sqrt().copysign(slope));
+    [end / k, k / bend].into_iter().filter(|u| *u > 0.0).min_by(f64::total_cmp)
+}
+
 fn copy(from: &Taken, to: &mut Taken) {
     to.h = from.h;
     to.next.copy_from_slice(&from.next);
     to.output.copy_from_slice(&from.output);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::next;
+
+    #[test]
+    fn a_root_beyond_is_foretold() {
+        assert_eq!(next(2.5, 2.0, 1.5), Some(1.5));
+        // What goes away and comes back, as in flight.
+        let flight = |u: f64| (u + 0.1) * (u - 3.0);
+        assert!((next(flight(0.0), flight(0.5), flight(1.0)).unwrap() - 2.0).abs() < 1e-14);
+        // What only goes away, turns before 0, or has crossed it.
+        assert_eq!([next(1.0, 2.0, 3.0), next(4.0, 1.0, 0.9), next(1.0, 0.5, -0.1)], [None; 3]);
+    }
 }

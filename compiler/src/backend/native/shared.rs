@@ -21,8 +21,8 @@ const MOST: usize = 64;
 /// To be used by many threads at once: who asks for what another is just compiling waits for it.
 #[derive(Default)]
 pub struct Shared {
-    kernels: Mutex<Vec<(Program, Option<Arc<Code>>)>>,
-    stretches: Arc<Makes>,
+    kernels: Makes<Program, Code>,
+    stretches: Arc<Makes<Vec<u8>, Known>>,
     /// Intervals of one scene that are worth it.
     worth: u64,
 }
@@ -37,11 +37,11 @@ struct Known {
     places: Places,
 }
 
-/// What is known of makes of scenes.
-type Makes = Mutex<Vec<(Vec<u8>, Option<Arc<Known>>)>>;
+/// What is known of makes: each with what tells it, and None where it has no code.
+type Makes<K, V> = Mutex<Vec<(K, Option<Arc<V>>)>>;
 
 /// The code for a scene, and its own numbers.
-fn find(list: &Makes, scene: &Scene, options: &Options, start: &Start) -> Option<(Arc<Known>, Own)> {
+fn find(list: &Makes<Vec<u8>, Known>, scene: &Scene, options: &Options, start: &Start) -> Option<(Arc<Known>, Own)> {
     let make = || {
         let unit::Stretch { mut run, places, .. } = unit::stretch(scene, options, start, true)?;
         run.data.clear();
@@ -73,7 +73,7 @@ fn lock<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// What is known under a key, made where it is not.
 fn known<K: PartialEq, V>(
-    list: &Mutex<Vec<(K, Option<Arc<V>>)>>,
+    list: &Makes<K, V>,
     key: K,
     make: impl FnOnce() -> Option<V>,
 ) -> Option<Arc<V>> {
