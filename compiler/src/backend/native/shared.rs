@@ -72,11 +72,7 @@ fn lock<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// What is known under a key, made where it is not.
-fn known<K: PartialEq, V>(
-    list: &Makes<K, V>,
-    key: K,
-    make: impl FnOnce() -> Option<V>,
-) -> Option<Arc<V>> {
+fn known<K: PartialEq, V>(list: &Makes<K, V>, key: K, make: impl FnOnce() -> Option<V>) -> Option<Arc<V>> {
     let mut list = lock(list);
     if let Some((_, found)) = list.iter().find(|(k, _)| *k == key) {
         return found.clone();
