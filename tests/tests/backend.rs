@@ -342,7 +342,7 @@ fn refusals_say_why() {
 }
 
 /// A line of cells with curved storages and resistors, a binary tree, or a square grid.
-fn large(kind: &str, n: usize) -> Compiled {
+fn large(kind: &str, n: usize, method: &str) -> Compiled {
     let text = match kind {
         "line" => format!(
             "model Line(n = {n}) {{
@@ -394,14 +394,21 @@ fn large(kind: &str, n: usize) -> Compiled {
              }}"
         ),
     };
-    Options::new().method("gonzalez").compile_str(kind, text).unwrap_or_else(|e| panic!("{e}"))
+    Options::new().method(method).compile_str(kind, text).unwrap_or_else(|e| panic!("{e}"))
 }
 
 #[test]
 fn families_become_loops() {
-    for (kind, n, times) in [("line", 300, 4), ("tree", 300, 4), ("mesh", 16, 2)] {
+    let cases = [
+        ("line", 300, 4, "gonzalez"),
+        ("tree", 300, 4, "gonzalez"),
+        ("mesh", 16, 2, "gonzalez"),
+        ("tree", 100, 4, "collocation6"),
+        ("mesh", 16, 2, "collocation4"),
+    ];
+    for (kind, n, times, method) in cases {
         let size = |n: usize| {
-            let compiled = large(kind, n);
+            let compiled = large(kind, n, method);
             let program = &compiled.scene().clusters[0].step.program;
             lower(program).map_or(usize::MAX, |r| r.size())
         };
@@ -411,7 +418,7 @@ fn families_become_loops() {
             one < 3000 && (other as f64) < 1.3 * one as f64,
             "{kind}: {one} statements, {other} for {times} times the size"
         );
-        let compiled = large(kind, n);
+        let compiled = large(kind, n, method);
         let interpreted = run(&compiled, Code::Interpreted, Steps::fixed(1e-3), 0.1);
         assert_eq!(interpreted.0.len(), ROWS as usize, "{kind}: {}", interpreted.1);
         assert_eq!(run(&compiled, Code::Native, Steps::fixed(1e-3), 0.1), interpreted, "{kind}");

@@ -95,7 +95,7 @@ impl Code {
         let code = module.get_finalized_function(id);
         // SAFETY: `define` gives the function this signature, in the platform's C convention, which `extern "C"` is too.
         let function = unsafe { std::mem::transmute::<*const u8, Function>(code) };
-        let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone())).collect();
+        let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone(), s.complex)).collect();
         let scratch = routine.scratch as usize;
         let Routine { data, tables, .. } = routine;
         Some(Self { function, scratch, systems, data, tables, module: Some(module) })
