@@ -9,7 +9,7 @@ mod translate;
 use crate::eval;
 use crate::ir::Program;
 use crate::kernel::{Backend, Failure, Kernel, Workspace};
-use crate::solve::newton;
+use crate::solve::{linear, newton};
 use code::Code;
 use std::ops::Range;
 
@@ -21,6 +21,7 @@ pub struct Interpreter {
     main: Range<usize>,
     loops: Vec<Loop>,
     plans: Vec<newton::Plan>,
+    linear: Vec<Linear>,
     /// The first registers, which hold the constants.
     constants: Vec<f64>,
     registers: usize,
@@ -35,6 +36,16 @@ struct Loop {
     weight: Vec<u32>,
     scale: Vec<u32>,
     cold: Vec<u32>,
+}
+
+/// Linear equations: where the unknowns are, and which registers the numbers come in.
+#[derive(Clone, Debug)]
+struct Linear {
+    unknowns: usize,
+    right: Vec<u32>,
+    matrix: Vec<u32>,
+    flag: Option<usize>,
+    system: linear::System,
 }
 
 impl Interpreter {
@@ -69,7 +80,10 @@ impl Kernel for Interpreter {
     }
 
     fn workspace(&self) -> Workspace {
-        let mut work = Workspace::new(&self.program, &self.plans, self.registers);
+        // Behind the registers there is room for a matrix.
+        let room = self.linear.iter().map(|l| l.matrix.len()).max().unwrap_or(0);
+        let mut work = Workspace::new(&self.program, &self.plans, self.registers + room);
+        work.systems = self.linear.iter().map(|l| l.system.clone()).collect();
         work.registers[..self.constants.len()].copy_from_slice(&self.constants);
         work
     }
@@ -93,6 +107,7 @@ impl Machine<'_> {
             let done = self.straight(code);
             match code.get(done) {
                 Some(Code::Newton(k)) => self.newton(*k as usize)?,
+                Some(Code::Solve(k)) => self.solve(*k as usize)?,
                 Some(_) | None => return Ok(()),
             }
             code = &code[done + 1..];
@@ -128,10 +143,31 @@ impl Machine<'_> {
                 Code::Binary { f, to, a, b } => r[to as usize] = eval::binary(f, r[a as usize], r[b as usize]),
                 Code::MatVec(ref m) => m.run(&mut code::Memory { state, input, table, next, output, local }),
                 Code::Quad(ref q) => q.run(&mut code::Memory { state, input, table, next, output, local }),
-                Code::Newton(_) => return done,
+                Code::Newton(_) | Code::Solve(_) => return done,
             }
         }
         code.len()
+    }
+
+    /// Solves linear equations.
+    fn solve(&mut self, k: usize) -> Result<(), Failure> {
+        let linear = &self.interpreter.linear[k];
+        let Workspace { local, registers, systems, newton_iterations, .. } = &mut *self.work;
+        let (registers, matrix) = registers.split_at_mut(self.interpreter.registers);
+        let unknowns = &mut local[linear.unknowns..linear.unknowns + linear.right.len()];
+        gather(unknowns, &linear.right, registers);
+        gather(matrix, &linear.matrix, registers);
+        let result = systems[k].solve(matrix, unknowns, false).map_err(|row| Failure::Singular { row });
+        match linear.flag {
+            Some(slot) => {
+                local[slot] = if result.is_ok() { 1.0 } else { 0.0 };
+                Ok(())
+            }
+            None => {
+                *newton_iterations += 1;
+                result
+            }
+        }
     }
 
     /// Runs an iteration.

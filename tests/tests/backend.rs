@@ -548,9 +548,16 @@ pub fn large(kind: &str, n: usize, method: &str) -> Compiled {
 
 #[test]
 fn families_become_loops() {
-    for (kind, n, times) in [("line", 300, 4), ("tree", 300, 4), ("mesh", 16, 2)] {
+    let cases = [
+        ("line", 300, 4, "gonzalez"),
+        ("tree", 300, 4, "gonzalez"),
+        ("mesh", 16, 2, "gonzalez"),
+        ("tree", 100, 4, "collocation6"),
+        ("mesh", 16, 2, "collocation4"),
+    ];
+    for (kind, n, times, method) in cases {
         let size = |n: usize| {
-            let compiled = large(kind, n, "gonzalez");
+            let compiled = large(kind, n, method);
             let program = &compiled.scene().clusters[0].step.program;
             lower(program).map_or(usize::MAX, |r| r.size())
         };
@@ -560,7 +567,7 @@ fn families_become_loops() {
             one < 3000 && (other as f64) < 1.3 * one as f64,
             "{kind}: {one} statements, {other} for {times} times the size"
         );
-        let compiled = large(kind, n, "gonzalez");
+        let compiled = large(kind, n, method);
         let interpreted = run(&compiled, Code::Interpreted, Steps::fixed(1e-3), 0.1);
         assert_eq!(interpreted.0.len(), ROWS as usize, "{kind}: {}", interpreted.1);
         assert_eq!(run(&compiled, Code::Native, Steps::fixed(1e-3), 0.1), interpreted, "{kind}");

@@ -384,7 +384,7 @@ model A {
 
 /// The matrix of a large linear region is kept between intervals, and made anew where a state is restored.
 #[test]
-fn large_linear_regions_give_the_same_numbers() {
+fn large_linear_regions_keep_their_matrices() {
     if !is_there() {
         return;
     }
@@ -393,6 +393,50 @@ fn large_linear_regions_give_the_same_numbers() {
         let (u, _) = emit(&compiled, 1e-3).unwrap_or_else(|e| panic!("{method}: {e}"));
         assert!(keeps(&u.commit.body), "{method} keeps the matrix");
         same(method, &compiled, 1e-3).unwrap_or_else(|e| panic!("{method}: {e}"));
+    }
+}
+
+/// Lines of cells that meet in a node, driven there: their matrices are lines from as many ends.
+fn arms(arms: usize, cells: usize) -> String {
+    format!(
+        "model A(m = {arms}, n = {cells}) {{
+  Se:u = 1 V * sin(t * 40 rad/s)
+  R:r = 2 Ohm
+  C:hub = 1 mF
+  0:centre -> hub
+  1:feed -> r
+  u -> feed
+  feed -> centre
+  for i in 1..m {{
+    R:load[i] = 1 Ohm * i
+    for k in 1..n {{
+      I:l[i,k] = 10 mH * (1 + 0.1*sin(k))
+      C:c[i,k] = 10 mF
+      1:s[i,k] -> l[i,k]
+      s[i,k] -> 0:p[i,k] -> c[i,k]
+    }}
+    centre -> s[i,1]
+    for k in 2..n {{ p[i,k-1] -> s[i,k] }}
+    p[i,n] -> load[i]
+  }}
+  probe last = c[1,n].q
+  probe q = hub.q
+  simulate {{ stop = 1 s }}
+}}"
+    )
+}
+
+#[test]
+fn large_linear_regions_give_the_same_numbers() {
+    if !is_there() {
+        return;
+    }
+    for (m, n, method) in
+        [(1, 60, "gonzalez"), (1, 60, "collocation6"), (3, 40, "gonzalez"), (3, 40, "collocation4"), (4, 30, "radau")]
+    {
+        let name = format!("{m} arms of {n} cells by {method}");
+        let compiled = with(Options::new().method(method), &arms(m, n));
+        same(&name, &compiled, 2e-3).unwrap_or_else(|e| panic!("{name}: {e}"));
     }
 }
 

@@ -30,6 +30,7 @@ fn made(compiled: &Compiled) -> Vec<i64> {
     fn entries(body: &[Inst]) -> usize {
         let of = |inst: &Inst| match inst {
             Inst::Newton(newton) => newton.jacobian.len() + newton.body.len() + entries(&newton.body),
+            Inst::Solve(solve) => solve.matrix.len(),
             Inst::Let(..) | Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => 0,
         };
         body.iter().map(of).sum()

@@ -169,11 +169,12 @@ mod tests {
     fn what_failed_is_too_coarse() {
         let fine = steps(40.0, 1e-5, 4.0);
         let failed = Point { result: Err("no".into()), ..steps(10.0, 0.0, 0.0) };
-        let middle = Some((Setting::Step(1.0 / 20.0), 4.0 * 0.5f64.sqrt()));
+        let middle = (Setting::Step(1.0 / 20.0), 4.0 * 0.5f64.sqrt());
         for coarse in [failed, steps(10.0, 1e9, 1.0)] {
             let found = between(&coarse, &fine, 1e-4, 1e-15, 1.0);
-            assert_eq!(found.map(|f| f.0), middle.map(|m| m.0));
-            assert!((found.unwrap().1 - middle.unwrap().1).abs() < 1e-12);
+            let Some((setting, seconds)) = found else { panic!("a point between") };
+            assert_eq!(setting, middle.0);
+            assert!((seconds - middle.1).abs() < 1e-12);
         }
     }
 }

@@ -175,6 +175,20 @@ impl Cond {
         }
     }
 
+    /// The values it looks at, to be named anew.
+    pub fn each_value_mut(&mut self, f: &mut impl FnMut(&mut Value)) {
+        match self {
+            Cond::Known(_) => {}
+            Cond::True(a) | Cond::Finite(a) => f(a),
+            Cond::Lt(a, b) | Cond::Le(a, b) | Cond::Eq(a, b) => {
+                f(a);
+                f(b);
+            }
+            Cond::Not(c) => c.each_value_mut(f),
+            Cond::All(list) | Cond::Any(list) => list.iter_mut().for_each(|c| c.each_value_mut(f)),
+        }
+    }
+
     /// The values it looks at.
     pub fn each_value(&self, f: &mut impl FnMut(Value)) {
         match self {
@@ -210,10 +224,9 @@ pub enum Stmt {
     /// Counts from the first number up to, and without, the second; `Break` and `Continue` do not stand in it for a
     /// loop around it.
     For(Index, u32, u32, Vec<Stmt>),
-    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and
-    /// the right side, which becomes the solution, are in [`Memory::Scratch`] from these places on. The variable
-    /// becomes -1, or the row that has no pivot. Where there is a value and it is not 0, the matrix is what it was when
-    /// this was solved last.
+    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and the right
+    /// side, which becomes the solution (of complex numbers first the real part, then the imaginary one), are in [`Memory::Scratch`] from these places on. The variable becomes -1, or the row
+    /// that has no pivot. Where there is a value and it is not 0, the matrix is what it was when this was solved last.
     Solve {
         /// Which system.
         system: u32,
@@ -294,6 +307,8 @@ pub struct System {
     pub n: usize,
     /// Row and column of each entry.
     pub pattern: Vec<(u32, u32)>,
+    /// Whether its numbers are complex.
+    pub complex: bool,
 }
 
 /// A number that is known.

@@ -217,9 +217,6 @@ fn iterate(
         b.name(Slot::new(Array::Local, slots.index as usize + i), model.pool.name(*s));
     }
     let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
-    for (i, v) in system.start.iter().enumerate() {
-        b.store(slot(i), *v);
-    }
     let place: FxHashMap<Symbol, u32> = system.unknowns.iter().enumerate().map(|(i, s)| (*s, i as u32)).collect();
     let mut jacobian: Vec<(u32, u32, Expr)> = Vec::new();
     for (i, r) in system.residuals.iter().enumerate() {
@@ -237,6 +234,12 @@ fn iterate(
     let is_unknown = |s: Symbol| place.contains_key(&s);
     // Few unknowns are cheap to look at again, which takes the rounding of the solution off.
     let affine = (n > LARGE || system.once) && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
+    if affine && !system.once {
+        return at_once(model, b, lowering, &system, slots, &jacobian);
+    }
+    for (i, v) in system.start.iter().enumerate() {
+        b.store(slot(i), *v);
+    }
     // What does not change in the iteration is computed before it.
     let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().collect();
     for e in fixed_parts(&model.pool, system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)), &unknown) {
@@ -293,8 +296,47 @@ fn iterate(
     Ok(())
 }
 
-/// What products within an iteration divide by, where one division does for several: with one over it, where that does
-/// not change in the iteration. Where there are choices, a division for two is better had where it is asked for.
+/// Solves a large linear system: J u = -r, with the residual r where all unknowns are 0.
+fn at_once(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    system: &System,
+    slots: Slot,
+    jacobian: &[(u32, u32, Expr)],
+) -> Result<(), Vec<Diagnostic>> {
+    let right = opposite(model, b, lowering, (&system.unknowns, &system.residuals))?;
+    let mut matrix = Vec::with_capacity(jacobian.len());
+    for &(i, j, d) in jacobian {
+        matrix.push((i, j, lowering.lower(&model.pool, b, d).map_err(|s| missing(model, s))?));
+    }
+    b.solve(ir::Solve { unknowns: slots.index, right, matrix, imaginary: Vec::new(), flag: system.flag });
+    for (i, s) in system.unknowns.iter().enumerate() {
+        let v = b.load(Slot { array: Array::Local, index: slots.index + i as u32 });
+        lowering.bind(*s, v);
+    }
+    Ok(())
+}
+
+/// What residuals are where all unknowns are 0, with the opposite sign.
+pub(super) fn opposite(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    (unknowns, residuals): (&[Symbol], &[Expr]),
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let zero = model.pool.zero();
+    let none: FxHashMap<Symbol, Expr> = unknowns.iter().map(|u| (*u, zero)).collect();
+    let mut list = Vec::with_capacity(unknowns.len());
+    for r in model.pool.substitute_all(residuals, &none) {
+        let r = model.pool.neg(r);
+        list.push(lowering.lower(&model.pool, b, r).map_err(|s| missing(model, s))?);
+    }
+    Ok(list)
+}
+
+/// What products within an iteration divide by, where one division does for several: with one over it, where that does not change in
+/// the iteration. Where there are choices, a division for two is better had where it is asked for.
 fn shared(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Vec<(Below, Option<Expr>)> {
     let (mut seen, mut stack) = (FxHashSet::default(), all.to_vec());
     let mut list: Vec<Below> = Vec::new();

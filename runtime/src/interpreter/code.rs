@@ -98,6 +98,8 @@ pub(super) enum Code {
     MatVec(Box<MatVec>),
     Quad(Box<Quad>),
     Newton(u32),
+    /// Linear equations, by their number.
+    Solve(u32),
 }
 
 /// The arrays of a run.

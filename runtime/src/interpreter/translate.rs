@@ -1,8 +1,9 @@
 //! From a program to code: registers are given by a scan in order, each free again after its value's last use.
 
 use super::code::{Code, MatVec, Quad};
-use super::{Interpreter, Loop};
+use super::{Interpreter, Linear, Loop};
 use crate::ir::{Array, Binary, Inst, Op, Program, Unary, Value};
+use crate::solve::linear::System;
 use crate::solve::newton::Plan;
 use std::collections::HashMap;
 
@@ -18,6 +19,7 @@ pub(super) fn translate(program: &Program) -> Interpreter {
         position: 0,
         ends: lives.ends,
         loops: Vec::new(),
+        linear: Vec::new(),
         code: Vec::new(),
     };
     let start = writer.block(&program.body);
@@ -28,6 +30,7 @@ pub(super) fn translate(program: &Program) -> Interpreter {
         main,
         loops: writer.loops,
         plans: Plan::all(program),
+        linear: writer.linear,
         constants: lives.constants,
         registers: writer.registers as usize,
     }
@@ -107,6 +110,7 @@ impl Lives {
                         self.used(v);
                     }
                 }
+                Inst::Solve(solve) => solve.right.iter().copied().chain(solve.values()).for_each(|v| self.used(v)),
                 Inst::MatVec { .. } | Inst::Quad { .. } => {}
             }
             self.position += 1;
@@ -141,6 +145,7 @@ struct Writer {
     position: u32,
     ends: Vec<Vec<Value>>,
     loops: Vec<Loop>,
+    linear: Vec<Linear>,
     code: Vec<Code>,
 }
 
@@ -176,6 +181,17 @@ impl Writer {
                     self.release(None);
                     self.loops[k] = Loop { body: start..self.code.len(), residual, jacobian, weight, scale, cold };
                     code.push(Code::Newton(k as u32));
+                }
+                Inst::Solve(solve) => {
+                    code.push(Code::Solve(self.linear.len() as u32));
+                    self.linear.push(Linear {
+                        unknowns: solve.unknowns as usize,
+                        right: solve.right.iter().map(|v| self.of(*v)).collect(),
+                        matrix: solve.values().map(|v| self.of(v)).collect(),
+                        flag: solve.flag.map(|slot| slot.index as usize),
+                        system: System::new(solve.size(), solve.pattern(), solve.is_complex()),
+                    });
+                    self.release(None);
                 }
                 Inst::MatVec { to, table, from, rows, cols, low } => {
                     let (table, rows, cols) = (*table as usize, *rows as usize, *cols as usize);

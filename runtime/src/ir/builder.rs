@@ -2,7 +2,7 @@
 
 use super::known::{Key, Known};
 use super::prune::prune;
-use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Unary, Value};
+use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Solve, Unary, Value};
 use crate::eval;
 use rustc_hash::FxHashMap;
 
@@ -190,6 +190,15 @@ impl Builder {
         if let Some(scope) = self.scopes.last_mut() {
             scope.body.push(inst);
         }
+    }
+
+    /// Solves linear equations.
+    pub fn solve(&mut self, solve: Solve) {
+        if let Some(flag) = solve.flag {
+            self.forget(flag.array, flag.index, 1);
+        }
+        let (first, numbers) = (Slot { array: Array::Local, index: solve.unknowns }, solve.right.len());
+        self.push(Inst::Solve(Box::new(solve)), first, numbers);
     }
 
     /// Opens the body of an iteration on `n` unknowns that start at `unknowns`. Loads of `Local` are made anew inside:

@@ -1,6 +1,6 @@
 //! The text form of a program: one line an instruction, the body of an iteration indented.
 
-use super::{Array, Inst, Newton, Op, Program, Slot, Value};
+use super::{Array, Inst, Newton, Op, Program, Slot, Solve, Value};
 use std::fmt::{Display, Formatter, Result};
 
 impl Display for Value {
@@ -66,11 +66,33 @@ fn block(f: &mut Formatter<'_>, body: &[Inst], depth: usize) -> Result {
             Inst::Let(v, op) => writeln!(f, "{indent}{v} = {op}")?,
             Inst::Store(slot, v) => writeln!(f, "{indent}{slot} = {v}")?,
             Inst::Newton(newton) => iteration(f, newton, depth)?,
+            Inst::Solve(solve) => system(f, solve, &indent)?,
             Inst::MatVec { to, table, from, rows, cols, low } => {
                 let low = if *low { " twice" } else { "" };
                 writeln!(f, "{indent}{to} = matrix c[{table}] {rows}x{cols}{low} times {from}")?;
             }
             Inst::Quad { to, table, from, n } => writeln!(f, "{indent}{to} = form c[{table}] {n} of {from}")?,
+        }
+    }
+    Ok(())
+}
+
+fn system(f: &mut Formatter<'_>, solve: &Solve, indent: &str) -> Result {
+    let first = Slot { array: Array::Local, index: solve.unknowns };
+    let what = if solve.is_complex() { " complex" } else { "" };
+    write!(f, "{indent}solve {first} {}{what}", solve.size())?;
+    if let Some(flag) = solve.flag {
+        write!(f, " flag {flag}")?;
+    }
+    writeln!(f)?;
+    for (i, b) in solve.right.iter().enumerate() {
+        writeln!(f, "{indent}  b[{i}] = {b}")?;
+    }
+    for (i, (row, column, v)) in solve.matrix.iter().enumerate() {
+        write!(f, "{indent}  A[{row}, {column}] = {v}")?;
+        match solve.imaginary.get(i) {
+            Some(im) => writeln!(f, ", {im}")?,
+            None => writeln!(f)?,
         }
     }
     Ok(())

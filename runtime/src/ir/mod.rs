@@ -111,6 +111,8 @@ pub enum Inst {
     Store(Slot, Value),
     /// Solves a square system. In a box, so that the other instructions, which are many, stay small.
     Newton(Box<Newton>),
+    /// Solves linear equations. In a box likewise.
+    Solve(Box<Solve>),
     /// `to[0..rows] = T from[0..cols]` with the row-major matrix that starts at `table` in the table.
     ///
     /// With `low`, a second matrix of the same shape follows the first: its product, smaller, is summed apart and added
@@ -142,6 +144,46 @@ pub enum Inst {
         /// Size.
         n: u32,
     },
+}
+
+/// The solution `u` of `A u = b`, put into consecutive slots of `Local`. It counts as an iteration where it has no flag.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Solve {
+    /// First slot of the unknowns, in `Local`.
+    pub unknowns: u32,
+    /// `b`, one value a row.
+    pub right: Vec<Value>,
+    /// `A`: row, column, value; sorted by row, then column; each place at most once. The pattern is fixed.
+    pub matrix: Vec<(u32, u32, Value)>,
+    /// Where the numbers are complex, the imaginary part of each entry of `matrix`, which has the real ones; of `right` and of the
+    /// unknowns first the real part stands there then, and after it the imaginary one. Empty else.
+    pub imaginary: Vec<Value>,
+    /// Where the step fails when there is no pivot in a row; with a slot, the slot (of `Local`) gets 1 or 0 and the program goes
+    /// on, with numbers that mean nothing.
+    pub flag: Option<Slot>,
+}
+
+impl Solve {
+    /// Whether the numbers are complex.
+    pub fn is_complex(&self) -> bool {
+        !self.imaginary.is_empty()
+    }
+
+    /// How many equations there are.
+    pub fn size(&self) -> usize {
+        if self.is_complex() { self.right.len() / 2 } else { self.right.len() }
+    }
+
+    /// The numbers of the matrix, in the order of [`crate::solve::linear`].
+    pub fn values(&self) -> impl Iterator<Item = Value> {
+        let both = |(i, e): (usize, &(u32, u32, Value))| [Some(e.2), self.imaginary.get(i).copied()];
+        self.matrix.iter().enumerate().flat_map(both).flatten()
+    }
+
+    /// Rows and columns of the matrix's entries.
+    pub fn pattern(&self) -> Vec<(u32, u32)> {
+        self.matrix.iter().map(|e| (e.0, e.1)).collect()
+    }
 }
 
 /// Newton's method on `n` unknowns that lie in consecutive slots of `Local`, started from what they hold.

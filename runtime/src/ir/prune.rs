@@ -34,6 +34,7 @@ impl Needed {
                     self.mark(n.jacobian.iter().map(|e| e.2));
                     self.keep(&mut n.body);
                 }
+                Inst::Solve(s) => self.mark(s.right.iter().copied().chain(s.values())),
                 Inst::MatVec { .. } | Inst::Quad { .. } => {}
             }
             kept.push(inst);
@@ -68,6 +69,10 @@ impl Numbers {
                     self.block(&mut n.body);
                     n.residual.iter_mut().chain(&mut n.update).for_each(|v| self.rename(v));
                     n.jacobian.iter_mut().for_each(|e| self.rename(&mut e.2));
+                }
+                Inst::Solve(s) => {
+                    s.right.iter_mut().chain(&mut s.imaginary).for_each(|v| self.rename(v));
+                    s.matrix.iter_mut().for_each(|e| self.rename(&mut e.2));
                 }
                 Inst::MatVec { .. } | Inst::Quad { .. } => {}
             }

@@ -37,7 +37,7 @@ impl Program {
                 match inst {
                     Inst::Let(_, Op::Binary(Binary::Pow, _, b)) => list[b.0 as usize] = true,
                     Inst::Newton(n) => mark(&n.body, list),
-                    Inst::Let(..) | Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => {}
+                    Inst::Let(..) | Inst::Store(..) | Inst::Solve(_) | Inst::MatVec { .. } | Inst::Quad { .. } => {}
                 }
             }
         }
@@ -56,7 +56,7 @@ fn each(body: &[Inst], f: &mut impl FnMut(Value, f64)) {
         match inst {
             Inst::Let(v, Op::Const(x)) => f(*v, *x),
             Inst::Newton(n) => each(&n.body, f),
-            Inst::Let(..) | Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => {}
+            Inst::Let(..) | Inst::Store(..) | Inst::Solve(_) | Inst::MatVec { .. } | Inst::Quad { .. } => {}
         }
     }
 }
@@ -66,7 +66,7 @@ fn replace(body: &mut [Inst], f: &mut impl FnMut(Value, f64) -> f64) {
         match inst {
             Inst::Let(v, Op::Const(x)) => *x = f(*v, *x),
             Inst::Newton(n) => replace(&mut n.body, f),
-            Inst::Let(..) | Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => {}
+            Inst::Let(..) | Inst::Store(..) | Inst::Solve(_) | Inst::MatVec { .. } | Inst::Quad { .. } => {}
         }
     }
 }

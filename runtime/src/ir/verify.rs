@@ -1,6 +1,6 @@
 //! Checks that a program means something.
 
-use super::{Array, Inst, Newton, Op, Program, Slot, Value};
+use super::{Array, Inst, Newton, Op, Program, Slot, Solve, Value};
 use thiserror::Error;
 
 /// What is wrong with a program. Such a program is a mistake of whoever made it, never of a user.
@@ -101,6 +101,7 @@ impl Check<'_> {
                     self.write(*slot, 1)?;
                 }
                 Inst::Newton(newton) => self.newton(newton)?,
+                Inst::Solve(solve) => self.solve(solve)?,
                 Inst::MatVec { to, table, from, rows, cols, low } => {
                     let entries = u64::from(*rows) * u64::from(*cols) * if *low { 2 } else { 1 };
                     self.table(*table, entries)?;
@@ -126,26 +127,13 @@ impl Check<'_> {
             return Err(Invalid::Lengths(first));
         }
         let size = n as u32;
-        self.write(first, size)?;
-        if let Some(flag) = newton.flag {
-            let unknown = flag.index >= first.index && flag.index - first.index < size;
-            if flag.array != Array::Local || unknown {
-                return Err(Invalid::Flag(flag));
-            }
-            self.write(flag, 1)?;
-        }
+        self.unknowns(first, size, newton.flag)?;
         self.all(newton.weight.iter().chain(&newton.scale).chain(&newton.cold).copied())?;
         let own = newton.update.is_empty() || (newton.jacobian.is_empty() && !newton.affine);
         if !own || ![0, n].contains(&newton.update.len()) {
             return Err(Invalid::Lengths(first));
         }
-        let mut before = None;
-        for &(row, column, _) in &newton.jacobian {
-            if row >= size || column >= size || before >= Some((row, column)) {
-                return Err(Invalid::Jacobian(first, row, column));
-            }
-            before = Some((row, column));
-        }
+        matrix(first, size, &newton.jacobian)?;
         self.depth += 1;
         self.block(&newton.body)?;
         self.depth -= 1;
@@ -156,12 +144,36 @@ impl Check<'_> {
         Ok(())
     }
 
+    fn solve(&mut self, solve: &Solve) -> Result<(), Invalid> {
+        let first = Slot { array: Array::Local, index: solve.unknowns };
+        let (numbers, entries) = (solve.right.len(), solve.matrix.len());
+        let complex = solve.is_complex();
+        if complex && (solve.imaginary.len() != entries || numbers % 2 != 0) {
+            return Err(Invalid::Lengths(first));
+        }
+        self.unknowns(first, numbers as u32, solve.flag)?;
+        matrix(first, solve.size() as u32, &solve.matrix)?;
+        self.all(solve.right.iter().copied())?;
+        self.all(solve.values())
+    }
+
+    /// Unknowns, and the flag of who solves for them.
+    fn unknowns(&mut self, first: Slot, size: u32, flag: Option<Slot>) -> Result<(), Invalid> {
+        self.write(first, size)?;
+        let Some(flag) = flag else { return Ok(()) };
+        let unknown = flag.index >= first.index && flag.index - first.index < size;
+        if flag.array != Array::Local || unknown {
+            return Err(Invalid::Flag(flag));
+        }
+        self.write(flag, 1)
+    }
+
     /// Ends the lives of what a body defines.
     fn bury(&mut self, body: &[Inst]) {
         for inst in body {
             match inst {
                 Inst::Let(v, _) => self.defined[v.0 as usize] = Life::Gone,
-                Inst::Store(..) | Inst::Newton(_) | Inst::MatVec { .. } | Inst::Quad { .. } => {}
+                Inst::Store(..) | Inst::Newton(_) | Inst::Solve(_) | Inst::MatVec { .. } | Inst::Quad { .. } => {}
             }
         }
     }
@@ -229,6 +241,18 @@ impl Check<'_> {
     }
 }
 
+/// Entries are within the matrix of the system at `first`, in order.
+fn matrix(first: Slot, size: u32, entries: &[(u32, u32, Value)]) -> Result<(), Invalid> {
+    let mut before = None;
+    for &(row, column, _) in entries {
+        if row >= size || column >= size || before >= Some((row, column)) {
+            return Err(Invalid::Jacobian(first, row, column));
+        }
+        before = Some((row, column));
+    }
+    Ok(())
+}
+
 /// Fails where two stretches share a slot.
 fn apart(to: Slot, written: u32, from: Slot, read: u32) -> Result<(), Invalid> {
     let shared = to.array == from.array && to.index < from.index + read && from.index < to.index + written;
@@ -277,7 +301,7 @@ mod tests {
             .iter_mut()
             .find_map(|inst| match inst {
                 Inst::Newton(n) => Some(n),
-                Inst::Let(..) | Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => None,
+                Inst::Let(..) | Inst::Store(..) | Inst::Solve(_) | Inst::MatVec { .. } | Inst::Quad { .. } => None,
             })
             .unwrap()
     }

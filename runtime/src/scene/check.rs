@@ -117,7 +117,7 @@ fn values(body: &[Inst]) -> usize {
         .map(|inst| match inst {
             Inst::Let(..) => 1,
             Inst::Newton(newton) => values(&newton.body),
-            Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => 0,
+            Inst::Store(..) | Inst::Solve(_) | Inst::MatVec { .. } | Inst::Quad { .. } => 0,
         })
         .sum()
 }

@@ -1,6 +1,7 @@
 //! Linear systems of a known pattern: chooses between dense and sparse elimination.
 
 use super::dense;
+use super::scalar::Complex;
 use super::sparse::{Numeric, Symbolic};
 
 /// Up to this size elimination is dense.
@@ -23,6 +24,8 @@ pub struct Plan {
 enum Method {
     Dense,
     Sparse(Symbolic),
+    /// Of complex numbers.
+    Complex(Symbolic),
     /// Singular whatever the numbers: this row has no pivot.
     Never(usize),
 }
@@ -32,7 +35,8 @@ enum Method {
 pub struct Scratch {
     matrix: Vec<f64>,
     dense: dense::Scratch,
-    numeric: Numeric,
+    numeric: Numeric<f64>,
+    complex: Numeric<Complex>,
 }
 
 impl Plan {
@@ -53,10 +57,19 @@ impl Plan {
         Self { n, method }
     }
 
+    /// The same for complex numbers: of each value and of each entry of a vector first the real part, then the imaginary one. Always
+    /// sparse, and without a second try where a pivot is bad but that which raises it.
+    ///
+    /// # Panics
+    /// Where the pattern is not within `n` rows and columns.
+    pub fn complex(n: usize, pattern: &[(u32, u32)]) -> Self {
+        Self { n, method: Symbolic::analyse(n, pattern).map_or_else(Method::Never, Method::Complex) }
+    }
+
     /// The sparse elimination, where that is what is done; else it is dense.
     pub fn sparse(&self) -> Option<&Symbolic> {
         match &self.method {
-            Method::Sparse(symbolic) => Some(symbolic),
+            Method::Sparse(symbolic) | Method::Complex(symbolic) => Some(symbolic),
             Method::Dense | Method::Never(_) => None,
         }
     }
@@ -70,8 +83,10 @@ impl Plan {
             Method::Sparse(symbolic) => Scratch {
                 matrix: vec![0.0; again * again],
                 dense: dense::Scratch::new(again),
-                numeric: symbolic.numeric(),
+                numeric: Numeric::new(symbolic),
+                ..Scratch::default()
             },
+            Method::Complex(symbolic) => Scratch { complex: Numeric::new(symbolic), ..Scratch::default() },
             Method::Never(_) => Scratch::default(),
         }
     }
@@ -103,6 +118,13 @@ impl Plan {
                 Err(_) if self.n <= AGAIN => self.dense(pattern, values, vector, scratch),
                 Err(_) => scratch.numeric.solve_raised(symbolic, values, vector),
             },
+            Method::Complex(symbolic) => match scratch.complex.factor(symbolic, values, same) {
+                Ok(()) => {
+                    scratch.complex.solve(symbolic, values, vector);
+                    Ok(())
+                }
+                Err(_) => scratch.complex.solve_raised(symbolic, values, vector),
+            },
             Method::Never(row) => Err(*row),
         }
     }
@@ -128,28 +150,30 @@ impl Plan {
 pub struct System {
     plan: Plan,
     pattern: Vec<(u32, u32)>,
+    /// Numbers in each value: two of a complex one.
+    parts: usize,
     scratch: Scratch,
 }
 
 impl System {
-    /// The system of `n` unknowns and a pattern of (row, column), each place at most once.
+    /// The system of `n` unknowns and a pattern of (row, column), each place at most once; of complex numbers or real ones.
     ///
     /// # Panics
     /// Where the pattern is not within `n` rows and columns.
-    pub fn new(n: usize, pattern: Vec<(u32, u32)>) -> Self {
-        let plan = Plan::new(n, &pattern);
+    pub fn new(n: usize, pattern: Vec<(u32, u32)>, complex: bool) -> Self {
+        let plan = if complex { Plan::complex(n, &pattern) } else { Plan::new(n, &pattern) };
         let scratch = plan.scratch();
-        Self { plan, pattern, scratch }
+        Self { plan, pattern, parts: if complex { 2 } else { 1 }, scratch }
     }
 
-    /// How many unknowns.
+    /// How many numbers its vectors have.
     pub fn size(&self) -> usize {
-        self.plan.n
+        self.parts * self.plan.n
     }
 
-    /// How many entries the matrix has.
+    /// How many numbers its matrix has.
     pub fn entries(&self) -> usize {
-        self.pattern.len()
+        self.parts * self.pattern.len()
     }
 
     /// See [`Plan::solve`].

@@ -5,6 +5,7 @@ pub mod linear;
 pub mod newton;
 mod order;
 pub mod quick;
+pub mod scalar;
 pub mod sparse;
 
 #[cfg(test)]

@@ -111,7 +111,11 @@ impl Plan {
                         plans.push(Plan::new(newton));
                         walk(&newton.body, plans);
                     }
-                    ir::Inst::Let(..) | ir::Inst::Store(..) | ir::Inst::MatVec { .. } | ir::Inst::Quad { .. } => {}
+                    ir::Inst::Let(..)
+                    | ir::Inst::Store(..)
+                    | ir::Inst::Solve(_)
+                    | ir::Inst::MatVec { .. }
+                    | ir::Inst::Quad { .. } => {}
                 }
             }
         }

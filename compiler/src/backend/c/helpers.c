@@ -75,11 +75,12 @@ static bond_real bond_dense(unsigned long n, const unsigned short *at, unsigned 
     }
     return -1;
 }
-/* -- bond_sparse */
-/* A pattern: pivots by row and column, entries by step of their row, and both factors, row by row. */
+/* -- bond_pattern */
+/* A pattern: pivots by row and column, entries by step of their row, and both factors, row by row, in stretches: from, to, and how
+   far from the diagonal the one entry of each row is, or 0. */
 struct bond_pattern {
-    unsigned long n, lower, upper;
-    const unsigned *row, *column, *starts, *entries, *lower_starts, *lower_columns, *upper_starts, *upper_columns;
+    unsigned long n, lower, upper, lower_runs, upper_runs;
+    const unsigned *row, *column, *starts, *entries, *lower_starts, *lower_columns, *lower_run, *upper_starts, *upper_columns, *upper_run;
 };
 /* A power of two near 1 / x. */
 static bond_real bond_scale(bond_real x) {
@@ -91,27 +92,60 @@ static bond_real bond_scale(bond_real x) {
     if (e < -BOND_EXPONENT) e = -BOND_EXPONENT;
     return BOND_M(ldexp)(BOND_R(1.0), e);
 }
-static void bond_substitute(const struct bond_pattern *p, const bond_real *lower, const bond_real *upper,
-                            const bond_real *inverse, bond_real *work) {
-    unsigned long i, k;
-    for (i = 0; i < p->n; ++i) {
-        bond_real sum = work[i];
-        for (k = p->lower_starts[i]; k < p->lower_starts[i + 1]; ++k) sum -= lower[k] * work[p->lower_columns[k]];
-        work[i] = sum;
+/* -- bond_sparse */
+/* A right side becomes the solution. */
+static void bond_substitute(const struct bond_pattern *p, const bond_real *restrict lower, const bond_real *restrict upper,
+                            const bond_real *restrict inverse, bond_real *restrict work, bond_real *restrict b) {
+    const unsigned *const row = p->row, *const column = p->column;
+    unsigned long i, k, r;
+    for (r = 0; r < p->lower_runs; ++r) {
+        const unsigned long from = p->lower_run[3 * r], to = p->lower_run[3 * r + 1], far = p->lower_run[3 * r + 2];
+        const bond_real *const l = lower + p->lower_starts[from];
+        if (far == 2) {
+            bond_real x = work[from - 2], y = work[from - 1];
+            for (i = from; i + 1 < to; i += 2) {
+                work[i] = x = b[row[i]] - l[i - from] * x;
+                work[i + 1] = y = b[row[i + 1]] - l[i + 1 - from] * y;
+            }
+            if (i < to) work[i] = b[row[i]] - l[i - from] * x;
+        } else if (far > 0) {
+            for (i = from; i < to; ++i) work[i] = b[row[i]] - l[i - from] * work[i - far];
+        } else {
+            for (i = from; i < to; ++i) {
+                bond_real sum = b[row[i]];
+                for (k = p->lower_starts[i]; k < p->lower_starts[i + 1]; ++k) sum -= lower[k] * work[p->lower_columns[k]];
+                work[i] = sum;
+            }
+        }
     }
-    for (i = p->n; i-- > 0;) {
-        bond_real sum = work[i] * inverse[i];
-        for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) sum -= upper[k] * work[p->upper_columns[k]];
-        work[i] = sum;
+    for (r = p->upper_runs; r-- > 0;) {
+        const unsigned long from = p->upper_run[3 * r], to = p->upper_run[3 * r + 1], far = p->upper_run[3 * r + 2];
+        const bond_real *const u = upper + p->upper_starts[from];
+        if (far == 2) {
+            bond_real x = work[to], y = work[to + 1];
+            for (i = to; i > from + 1; i -= 2) {
+                b[column[i - 1]] = work[i - 1] = y = work[i - 1] * inverse[i - 1] - u[i - 1 - from] * y;
+                b[column[i - 2]] = work[i - 2] = x = work[i - 2] * inverse[i - 2] - u[i - 2 - from] * x;
+            }
+            if (i > from) b[column[from]] = work[from] = work[from] * inverse[from] - u[0] * y;
+        } else if (far > 0) {
+            for (i = to; i-- > from;) b[column[i]] = work[i] = work[i] * inverse[i] - u[i - from] * work[i + far];
+        } else {
+            for (i = to; i-- > from;) {
+                bond_real sum = work[i] * inverse[i];
+                for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) sum -= upper[k] * work[p->upper_columns[k]];
+                b[column[i]] = work[i] = sum;
+            }
+        }
     }
 }
-/* The factors with fixed pivots, in w. -1, or the row without a pivot. */
+/* The factors with fixed pivots, in w; they have the scales, powers of two, in them. -1, or the row without a pivot. */
 static bond_real bond_factor(const struct bond_pattern *p, const bond_real *values, bond_real *w) {
     const unsigned long n = p->n;
     bond_real *lower = w, *upper = lower + p->lower, *inverse = upper + p->upper, *rows = inverse + n;
-    bond_real *columns = rows + n, *work = columns + n, growth = 0;
+    bond_real *columns = rows + n, *work = columns + n, *grown = work + 2 * n, growth = 0;
     unsigned long i, k, m;
-    work[2 * n] = -1;
+    *grown = -1;
     for (i = 0; i < n; ++i) work[i] = 0;
     for (i = 0; i < n; ++i) {
         bond_real largest = 0;
@@ -159,32 +193,209 @@ static bond_real bond_factor(const struct bond_pattern *p, const bond_real *valu
             work[p->upper_columns[k]] = 0;
         }
     }
-    for (i = 0; i < n; ++i)
-        for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) upper[k] *= inverse[i];
-    work[2 * n] = growth;
+    for (i = 0; i < n; ++i) {
+        for (k = p->lower_starts[i]; k < p->lower_starts[i + 1]; ++k)
+            if (lower[k] != 0) lower[k] *= rows[p->lower_columns[k]] / rows[i];
+        for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k)
+            if (upper[k] != 0) upper[k] = upper[k] * inverse[i] * (columns[i] / columns[p->upper_columns[k]]);
+        inverse[i] = inverse[i] * rows[i] * columns[i];
+    }
+    *grown = growth;
     return -1;
 }
 /* Elimination, and one step of refinement where it was not plainly stable; the factors are those in w where the values are the
    same as before. -1, or the row without a pivot. */
 static bond_real bond_sparse(const struct bond_pattern *p, const bond_real *values, bond_real *b, bond_real *w, int same) {
     const unsigned long n = p->n;
-    bond_real *lower = w, *upper = lower + p->lower, *inverse = upper + p->upper, *rows = inverse + n;
-    bond_real *columns = rows + n, *work = columns + n, *right = work + n;
-    const bond_real failed = same && right[n] >= 0 ? -1 : bond_factor(p, values, w);
+    bond_real *lower = w, *upper = lower + p->lower, *inverse = upper + p->upper;
+    bond_real *work = inverse + 3 * n, *rest = work + n, *grown = rest + n;
+    const bond_real failed = same && *grown >= 0 ? -1 : bond_factor(p, values, w);
+    const int again = *grown > BOND_R(1e3);
     unsigned long i, k;
     if (!(failed < 0)) return failed;
-    for (i = 0; i < n; ++i) right[i] = work[i] = b[p->row[i]] * rows[i];
-    bond_substitute(p, lower, upper, inverse, work);
-    for (i = 0; i < n; ++i) b[p->column[i]] = work[i] * columns[i];
-    if (right[n] > BOND_R(1e3)) {
+    if (again)
+        for (i = 0; i < n; ++i) rest[i] = b[i];
+    bond_substitute(p, lower, upper, inverse, work, b);
+    if (again) {
         for (i = 0; i < n; ++i) {
-            bond_real rest = right[i];
+            bond_real sum = rest[p->row[i]];
             for (k = p->starts[i]; k < p->starts[i + 1]; ++k)
-                rest -= values[p->entries[2 * k]] * rows[i] * b[p->column[p->entries[2 * k + 1]]];
-            work[i] = rest;
+                sum -= values[p->entries[2 * k]] * b[p->column[p->entries[2 * k + 1]]];
+            rest[p->row[i]] = sum;
         }
-        bond_substitute(p, lower, upper, inverse, work);
-        for (i = 0; i < n; ++i) b[p->column[i]] += work[i] * columns[i];
+        bond_substitute(p, lower, upper, inverse, work, rest);
+        for (i = 0; i < n; ++i) b[i] += rest[i];
+    }
+    return -1;
+}
+/* -- bond_complex */
+/* The same with complex numbers, whose parts stand side by side. */
+#define BOND_LESS(re, im, a, x) \
+    ((re) -= (a)[0] * (x)[0] - (a)[1] * (x)[1], (im) -= (a)[0] * (x)[1] + (a)[1] * (x)[0])
+static bond_real bond_complex_size(const bond_real *a) {
+    return BOND_M(fabs)(a[0]) + BOND_M(fabs)(a[1]);
+}
+static void bond_complex_times(bond_real *a, const bond_real *x) {
+    const bond_real re = a[0] * x[0] - a[1] * x[1];
+    a[1] = a[0] * x[1] + a[1] * x[0];
+    a[0] = re;
+}
+static void bond_complex_substitute(const struct bond_pattern *p, const bond_real *restrict lower, const bond_real *restrict upper,
+                                    const bond_real *restrict inverse, bond_real *restrict work, bond_real *restrict b) {
+    unsigned long i, k, r;
+    for (r = 0; r < p->lower_runs; ++r) {
+        const unsigned long from = p->lower_run[3 * r], to = p->lower_run[3 * r + 1], far = p->lower_run[3 * r + 2];
+        const bond_real *l = lower + 2 * p->lower_starts[from];
+        if (far == 2) {
+            bond_real xr = work[2 * from - 4], xi = work[2 * from - 3], yr = work[2 * from - 2], yi = work[2 * from - 1];
+            for (i = from; i + 1 < to; i += 2, l += 4) {
+                const bond_real *const c = b + 2 * p->row[i], *const d = b + 2 * p->row[i + 1];
+                const bond_real f = l[0] * xr - l[1] * xi, g = l[0] * xi + l[1] * xr;
+                const bond_real h = l[2] * yr - l[3] * yi, m = l[2] * yi + l[3] * yr;
+                work[2 * i] = xr = c[0] - f, work[2 * i + 1] = xi = c[1] - g;
+                work[2 * i + 2] = yr = d[0] - h, work[2 * i + 3] = yi = d[1] - m;
+            }
+            if (i < to) {
+                work[2 * i] = b[2 * p->row[i]] - (l[0] * xr - l[1] * xi);
+                work[2 * i + 1] = b[2 * p->row[i] + 1] - (l[0] * xi + l[1] * xr);
+            }
+        } else {
+            for (i = from; i < to; ++i) {
+                bond_real re = b[2 * p->row[i]], im = b[2 * p->row[i] + 1];
+                for (k = p->lower_starts[i]; k < p->lower_starts[i + 1]; ++k, l += 2)
+                    BOND_LESS(re, im, l, work + 2 * p->lower_columns[k]);
+                work[2 * i] = re, work[2 * i + 1] = im;
+            }
+        }
+    }
+    for (r = p->upper_runs; r-- > 0;) {
+        const unsigned long from = p->upper_run[3 * r], to = p->upper_run[3 * r + 1], far = p->upper_run[3 * r + 2];
+        if (far == 2) {
+            const bond_real *u = upper + 2 * p->upper_starts[to];
+            bond_real xr = work[2 * to], xi = work[2 * to + 1], yr = work[2 * to + 2], yi = work[2 * to + 3];
+            for (i = to; i > from + 1; i -= 2) {
+                bond_real *const a = work + 2 * i - 4, *const c = b + 2 * p->column[i - 2], *const d = b + 2 * p->column[i - 1];
+                const bond_real *const e = inverse + 2 * i - 4;
+                const bond_real f = a[0] * e[0] - a[1] * e[1], g = a[0] * e[1] + a[1] * e[0];
+                const bond_real h = a[2] * e[2] - a[3] * e[3], m = a[2] * e[3] + a[3] * e[2];
+                const bond_real q = u[-4] * xr - u[-3] * xi, s = u[-4] * xi + u[-3] * xr;
+                const bond_real t = u[-2] * yr - u[-1] * yi, v = u[-2] * yi + u[-1] * yr;
+                u -= 4;
+                a[0] = c[0] = xr = f - q, a[1] = c[1] = xi = g - s;
+                a[2] = d[0] = yr = h - t, a[3] = d[1] = yi = m - v;
+            }
+            if (i > from) {
+                bond_real *const a = work + 2 * from, *const c = b + 2 * p->column[from];
+                bond_complex_times(a, inverse + 2 * from);
+                a[0] -= u[-2] * yr - u[-1] * yi, a[1] -= u[-2] * yi + u[-1] * yr;
+                c[0] = a[0], c[1] = a[1];
+            }
+        } else {
+            for (i = to; i-- > from;) {
+                bond_real sum[2];
+                sum[0] = work[2 * i], sum[1] = work[2 * i + 1];
+                bond_complex_times(sum, inverse + 2 * i);
+                for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k)
+                    BOND_LESS(sum[0], sum[1], upper + 2 * k, work + 2 * p->upper_columns[k]);
+                work[2 * i] = b[2 * p->column[i]] = sum[0], work[2 * i + 1] = b[2 * p->column[i] + 1] = sum[1];
+            }
+        }
+    }
+}
+static bond_real bond_complex_factor(const struct bond_pattern *p, const bond_real *values, bond_real *w) {
+    const unsigned long n = p->n;
+    bond_real *lower = w, *upper = lower + 2 * p->lower, *inverse = upper + 2 * p->upper, *rows = inverse + 2 * n;
+    bond_real *columns = rows + n, *work = columns + n, *grown = work + 4 * n, growth = 0;
+    unsigned long i, k, m;
+    *grown = -1;
+    for (i = 0; i < n; ++i) columns[i] = 0;
+    for (i = 0; i < n; ++i) {
+        bond_real largest = 0;
+        for (k = p->starts[i]; k < p->starts[i + 1]; ++k) {
+            const bond_real x = bond_complex_size(values + 2 * p->entries[2 * k]);
+            if (x > largest) largest = x;
+        }
+        rows[i] = bond_scale(largest);
+        for (k = p->starts[i]; k < p->starts[i + 1]; ++k) {
+            const bond_real *v = values + 2 * p->entries[2 * k];
+            const bond_real x = BOND_M(fabs)(v[0] * rows[i]) + BOND_M(fabs)(v[1] * rows[i]);
+            if (x > columns[p->entries[2 * k + 1]]) columns[p->entries[2 * k + 1]] = x;
+        }
+    }
+    for (i = 0; i < n; ++i) {
+        columns[i] = bond_scale(columns[i]);
+        work[2 * i] = work[2 * i + 1] = 0;
+    }
+    for (i = 0; i < n; ++i) {
+        bond_real own, size, one, *pivot = work + 2 * i;
+        for (k = p->starts[i]; k < p->starts[i + 1]; ++k) {
+            const unsigned c = p->entries[2 * k + 1];
+            work[2 * c] = values[2 * p->entries[2 * k]] * rows[i] * columns[c];
+            work[2 * c + 1] = values[2 * p->entries[2 * k] + 1] * rows[i] * columns[c];
+        }
+        own = bond_complex_size(pivot);
+        for (k = p->lower_starts[i]; k < p->lower_starts[i + 1]; ++k) {
+            const unsigned c = p->lower_columns[k];
+            bond_real *l = lower + 2 * k;
+            l[0] = work[2 * c], l[1] = work[2 * c + 1];
+            bond_complex_times(l, inverse + 2 * c);
+            work[2 * c] = work[2 * c + 1] = 0;
+            if (l[0] == 0 && l[1] == 0) continue;
+            if (bond_complex_size(l) > growth) {
+                growth = bond_complex_size(l);
+                if (growth > BOND_R(1.0) / BOND_SMALL(1e-13, 1e-6)) return (bond_real)p->row[c];
+            }
+            for (m = p->upper_starts[c]; m < p->upper_starts[c + 1]; ++m)
+                BOND_LESS(work[2 * p->upper_columns[m]], work[2 * p->upper_columns[m] + 1], l, upper + 2 * m);
+        }
+        size = bond_complex_size(pivot);
+        one = 1 / (pivot[0] * pivot[0] + pivot[1] * pivot[1]);
+        inverse[2 * i] = pivot[0] * one, inverse[2 * i + 1] = -(pivot[1] * one);
+        if (!(bond_complex_size(inverse + 2 * i) < BOND_INFINITY) || !(size < BOND_INFINITY) || size < BOND_SMALL(1e-15, 1e-6) * own)
+            return (bond_real)p->row[i];
+        pivot[0] = pivot[1] = 0;
+        for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) {
+            bond_real *const at = work + 2 * p->upper_columns[k];
+            upper[2 * k] = at[0], upper[2 * k + 1] = at[1];
+            at[0] = at[1] = 0;
+        }
+    }
+    for (i = 0; i < n; ++i) {
+        for (k = p->lower_starts[i]; k < p->lower_starts[i + 1]; ++k) {
+            const bond_real scale = rows[p->lower_columns[k]] / rows[i];
+            if (lower[2 * k] != 0 || lower[2 * k + 1] != 0) lower[2 * k] *= scale, lower[2 * k + 1] *= scale;
+        }
+        for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) {
+            const bond_real scale = columns[i] / columns[p->upper_columns[k]];
+            if (upper[2 * k] == 0 && upper[2 * k + 1] == 0) continue;
+            bond_complex_times(upper + 2 * k, inverse + 2 * i);
+            upper[2 * k] *= scale, upper[2 * k + 1] *= scale;
+        }
+        inverse[2 * i] = inverse[2 * i] * rows[i] * columns[i];
+        inverse[2 * i + 1] = inverse[2 * i + 1] * rows[i] * columns[i];
+    }
+    *grown = growth;
+    return -1;
+}
+static bond_real bond_complex(const struct bond_pattern *p, const bond_real *values, bond_real *b, bond_real *w, int same) {
+    const unsigned long n = p->n;
+    bond_real *lower = w, *upper = lower + 2 * p->lower, *inverse = upper + 2 * p->upper;
+    bond_real *work = inverse + 4 * n, *rest = work + 2 * n, *grown = rest + 2 * n;
+    const bond_real failed = same && *grown >= 0 ? -1 : bond_complex_factor(p, values, w);
+    const int again = *grown > BOND_R(1e3);
+    unsigned long i, k;
+    if (!(failed < 0)) return failed;
+    if (again)
+        for (i = 0; i < 2 * n; ++i) rest[i] = b[i];
+    bond_complex_substitute(p, lower, upper, inverse, work, b);
+    if (again) {
+        for (i = 0; i < n; ++i) {
+            bond_real *sum = rest + 2 * p->row[i];
+            for (k = p->starts[i]; k < p->starts[i + 1]; ++k)
+                BOND_LESS(sum[0], sum[1], values + 2 * p->entries[2 * k], b + 2 * p->column[p->entries[2 * k + 1]]);
+        }
+        bond_complex_substitute(p, lower, upper, inverse, work, rest);
+        for (i = 0; i < 2 * n; ++i) b[i] += rest[i];
     }
     return -1;
 }

@@ -1,16 +1,25 @@
 //! Large systems: tables, and calls of the two eliminations.
 
 use super::print::Needs;
-use crate::backend::code::Routine;
+use crate::backend::code::{Routine, System};
 use bond_runtime::solve::linear::Plan;
+use bond_runtime::solve::sparse::Pattern;
 use std::fmt::Write;
 
 /// How many numbers the elimination of each system of a routine needs. Each has its own: it keeps its factors.
 fn rooms(routine: &Routine) -> impl Iterator<Item = usize> {
-    routine.systems.iter().map(|s| match Plan::new(s.n, &s.pattern).sparse() {
-        Some(t) => t.tables().lower.1.len() + t.tables().upper.1.len() + 5 * s.n + 1,
+    routine.systems.iter().map(|s| match plan(s).sparse() {
+        Some(t) => {
+            let (t, parts) = (t.tables(), if s.complex { 2 } else { 1 });
+            parts * (t.lower.columns.len() + t.upper.columns.len() + 3 * s.n) + 2 * s.n + 1
+        }
         None => s.n * s.n + 4 * s.n,
     })
+}
+
+/// How a system is solved.
+fn plan(s: &System) -> Plan {
+    if s.complex { Plan::complex(s.n, &s.pattern) } else { Plan::new(s.n, &s.pattern) }
 }
 
 /// How many numbers the eliminations of a routine need.
@@ -24,38 +33,44 @@ pub(super) fn functions(routine: &Routine, first: usize, needs: &mut Needs) -> S
     let mut at = routine.scratch as usize;
     for ((k, s), room) in routine.systems.iter().enumerate().zip(rooms(routine)) {
         let k = first + k;
-        let plan = Plan::new(s.n, &s.pattern);
+        let plan = plan(s);
         let call = match plan.sparse() {
             Some(symbolic) => {
-                needs.insert("bond_sparse");
+                let how = if s.complex { "bond_complex" } else { "bond_sparse" };
+                needs.extend(["bond_pattern", how]);
                 let t = symbolic.tables();
                 let entries: Vec<u32> = t.entries.iter().flat_map(|e| [e.0, e.1]).collect();
+                let runs = |p: &Pattern| p.runs.iter().flat_map(|r| [r.from, r.to, r.distance]).collect::<Vec<u32>>();
                 let wide = |list: &[usize]| list.iter().map(|x| *x as u32).collect::<Vec<u32>>();
                 let lists = [
                     ("row", t.row.to_vec()),
                     ("column", t.column.to_vec()),
                     ("starts", t.starts.to_vec()),
                     ("entries", entries),
-                    ("lower_starts", wide(t.lower.0)),
-                    ("lower_columns", t.lower.1.to_vec()),
-                    ("upper_starts", wide(t.upper.0)),
-                    ("upper_columns", t.upper.1.to_vec()),
+                    ("lower_starts", wide(&t.lower.starts)),
+                    ("lower_columns", t.lower.columns.clone()),
+                    ("lower_run", runs(t.lower)),
+                    ("upper_starts", wide(&t.upper.starts)),
+                    ("upper_columns", t.upper.columns.clone()),
+                    ("upper_run", runs(t.upper)),
                 ];
                 for (name, list) in &lists {
                     numbers(&mut out, &format!("static const unsigned solve_{k}_{name}[]"), list);
                 }
                 let _ = write!(
                     out,
-                    "static const struct bond_pattern solve_{k} = {{ {}, {}, {}",
+                    "static const struct bond_pattern solve_{k} = {{ {}, {}, {}, {}, {}",
                     s.n,
-                    t.lower.1.len(),
-                    t.upper.1.len()
+                    t.lower.columns.len(),
+                    t.upper.columns.len(),
+                    t.lower.runs.len(),
+                    t.upper.runs.len()
                 );
                 for (name, _) in &lists {
                     let _ = write!(out, ", solve_{k}_{name}");
                 }
                 out.push_str(" };\n");
-                format!("bond_sparse(&solve_{k}, a, b, w, same)")
+                format!("{how}(&solve_{k}, a, b, w, same)")
             }
             None => {
                 needs.insert("bond_dense");

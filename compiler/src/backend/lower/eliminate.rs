@@ -6,8 +6,8 @@ use bond_runtime::solve::dense::TINY;
 
 impl Writer {
     /// The number of a system that is solved elsewhere.
-    pub(super) fn system(&mut self, n: usize, pattern: Vec<(u32, u32)>) -> u32 {
-        self.systems.push(System { n, pattern });
+    pub(super) fn system(&mut self, n: usize, pattern: Vec<(u32, u32)>, complex: bool) -> u32 {
+        self.systems.push(System { n, pattern, complex });
         self.systems.len() as u32 - 1
     }
 

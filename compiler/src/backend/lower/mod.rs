@@ -4,6 +4,7 @@
 //! memory.
 
 mod eliminate;
+mod fuse;
 mod newton;
 mod quick;
 mod roll;
@@ -115,6 +116,7 @@ pub fn is_large(program: &Program) -> bool {
 fn nested(body: &[Inst], inside: bool) -> bool {
     body.iter().any(|inst| match inst {
         Inst::Newton(n) => (inside && n.flag.is_none()) || nested(&n.body, true),
+        Inst::Solve(s) => inside && s.flag.is_none(),
         Inst::Let(..) | Inst::Store(..) | Inst::MatVec { .. } | Inst::Quad { .. } => false,
     })
 }
@@ -123,6 +125,7 @@ fn nested(body: &[Inst], inside: bool) -> bool {
 fn is_small(body: &[Inst]) -> bool {
     body.iter().all(|inst| match inst {
         Inst::Newton(n) => n.residual.len() <= UNROLLED && is_small(&n.body),
+        Inst::Solve(s) => s.right.len() <= UNROLLED,
         Inst::MatVec { rows, cols, .. } => (*rows as usize) * (*cols as usize) <= ENTRIES,
         Inst::Quad { n, .. } => (*n as usize) * (*n as usize) <= ENTRIES,
         Inst::Let(..) | Inst::Store(..) => true,
@@ -174,6 +177,7 @@ impl Lower {
                     self.write(*slot, None, v);
                 }
                 Inst::Newton(n) => self.newton(n),
+                Inst::Solve(s) => self.linear(s),
                 Inst::MatVec { to, table, from, rows, cols, low } => {
                     self.product(*to, *table, *from, (*rows as usize, *cols as usize), *low);
                 }

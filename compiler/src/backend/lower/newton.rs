@@ -3,7 +3,7 @@
 use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
-use bond_runtime::ir;
+use bond_runtime::ir::{self, Array, Slot};
 use bond_runtime::solve::newton::{DAMPED, HALVINGS, NUDGES, STALLS, STRETCHES};
 use bond_runtime::solve::quick::{LAST, Pattern};
 
@@ -105,6 +105,36 @@ impl Lower {
         }
     }
 
+    /// Linear equations.
+    pub(super) fn linear(&mut self, solve: &ir::Solve) {
+        let right = self.all(&solve.right);
+        let matrix: Vec<ir::Value> = solve.values().collect();
+        let matrix = self.all(&matrix);
+        let (w, numbers) = (&mut self.w, right.len());
+        let row = w.var();
+        let solution = if numbers > ELIMINATED || solve.is_complex() {
+            let (entries, vector) = (w.room(matrix.len()), w.room(numbers));
+            let all = matrix.iter().enumerate().map(|(i, v)| (entries, i, v));
+            for (base, i, v) in all.chain(right.iter().enumerate().map(|(i, v)| (vector, i, v))) {
+                w.push(Stmt::Store(scratch(base, At::One(i)), *v));
+            }
+            solved_for(w, solve, (entries, vector), row, None);
+            Vector::Memory(vector)
+        } else {
+            let entries: Vec<(u32, u32, Value)> =
+                solve.matrix.iter().zip(matrix).map(|(&(i, j, _), v)| (i, j, v)).collect();
+            w.eliminate(numbers, &entries, &right, row)
+        };
+        for i in 0..numbers {
+            let x = self.w.at(&solution, At::One(i));
+            self.write(Slot { array: Array::Local, index: solve.unknowns + i as u32 }, None, x);
+        }
+        let good = ended(&mut self.w, solve, row);
+        if let (Some(flag), Some(good)) = (solve.flag, good) {
+            self.write(flag, None, good);
+        }
+    }
+
     /// One iteration.
     fn body(&mut self, newton: &ir::Newton, it: &Iteration) -> Vec<Stmt> {
         let n = newton.residual.len();
@@ -134,7 +164,7 @@ impl Lower {
                 for (i, (_, _, v)) in entries.iter().enumerate() {
                     w.push(Stmt::Store(scratch(matrix, At::One(i)), *v));
                 }
-                it.large(w, newton, &residual, (matrix, None));
+                it.large(w, newton, &residual, matrix);
             } else {
                 if !newton.affine {
                     it.judge(w, &residual);
@@ -149,6 +179,30 @@ impl Lower {
             }
         })
     }
+}
+
+/// Solves linear equations with these places of the matrix and of the right side.
+pub(super) fn solved_for(
+    w: &mut Writer,
+    solve: &ir::Solve,
+    (matrix, vector): (u32, u32),
+    row: Var,
+    same: Option<Value>,
+) {
+    let system = w.system(solve.size(), solve.pattern(), solve.is_complex());
+    w.push(Stmt::Solve { system, matrix, vector, row, same });
+}
+
+/// Fails where linear equations were not solved, or says whether they were, where they have a flag.
+pub(super) fn ended(w: &mut Writer, solve: &ir::Solve, row: Var) -> Option<Value> {
+    let (row, zero, one) = (w.get(row), w.number(0.0), w.number(1.0));
+    let solved = w.lt(row, zero);
+    if solve.flag.is_some() {
+        return Some(w.select(solved, one, zero));
+    }
+    w.push(Stmt::Count(one));
+    w.when(solved.not(), |w| w.push(Stmt::Fail(Reason::Singular(row))));
+    None
 }
 
 /// What comes before the loop.
@@ -253,13 +307,7 @@ impl Iteration {
     }
 
     /// An iteration on unknowns that are not written out, after its residual and the entries of its matrix.
-    pub(super) fn large(
-        &self,
-        w: &mut Writer,
-        newton: &ir::Newton,
-        residual: &Values,
-        (matrix, same): (u32, Option<Value>),
-    ) {
+    pub(super) fn large(&self, w: &mut Writer, newton: &ir::Newton, residual: &Values, matrix: u32) {
         if !newton.affine {
             self.judge(w, residual);
         }
@@ -268,8 +316,8 @@ impl Iteration {
             w.push(Stmt::Store(scratch(self.trial, at), r));
         });
         let pattern = newton.jacobian.iter().map(|e| (e.0, e.1)).collect();
-        let system = w.system(self.n, pattern);
-        w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row, same });
+        let system = w.system(self.n, pattern, false);
+        w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row, same: None });
         let solution = Vector::Memory(self.trial);
         if !newton.affine {
             return self.advance(w, &solution);

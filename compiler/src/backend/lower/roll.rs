@@ -18,6 +18,7 @@ use super::{ELIMINATED, Places};
 use crate::backend::code::{Memory, Place, Stmt};
 use bond_runtime::ir::{self, Array, Binary, Inst, Op, Program, Unary};
 use cone::Cone;
+use family::Watch;
 use fixed::Fixed;
 
 /// A cone has so many operations at most; what goes beyond is a result of its own.
@@ -35,6 +36,8 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Wr
     let before = w.scratch;
     places[Array::Local as usize] = (Memory::Scratch, w.room(program.size(Array::Local)));
     let n = program.values as usize;
+    let (memory, base) = places[Array::Next as usize];
+    let watch = Watch::new(&mut w, memory, base, program.size(Array::Next));
     let mut roll = Roll {
         places,
         ops: vec![Op::Const(0.0); n],
@@ -45,6 +48,10 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Wr
         skipped: vec![false; n],
         segments: vec![Segment::default()],
         loops: Vec::new(),
+        linear: Vec::new(),
+        stored: rustc_hash::FxHashSet::default(),
+        solved: vec![false; n],
+        watch,
         w,
     };
     if roll.gather(&program.body, false).and_then(|()| roll.fixed()).and_then(|()| roll.plan()).is_none() {
@@ -52,8 +59,7 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Wr
         return (roll.w, false);
     }
     roll.write();
-    let (memory, base) = places[Array::Next as usize];
-    roll.w.check(memory, base, program.size(Array::Next));
+    roll.watch.check(&mut roll.w);
     (roll.w, true)
 }
 
@@ -70,8 +76,15 @@ struct Root {
 struct Segment {
     roots: Vec<Root>,
     sums: Vec<Sum>,
-    /// The iteration that follows.
-    then: Option<usize>,
+    /// What follows.
+    then: Option<Then>,
+}
+
+/// What follows on a stretch of straight code, by its number.
+#[derive(Clone, Copy)]
+enum Then {
+    Loop(usize),
+    Linear(usize),
 }
 
 /// A long sum: its last value, and where its terms lie, in their order.
@@ -89,7 +102,14 @@ struct Loop<'p> {
     scale: u32,
     residual: u32,
     matrix: u32,
-    /// The matrix, where it hardly ever changes: else the body makes it.
+}
+
+/// Linear equations: which segment comes before them, and where their matrix is. They are solved in place.
+struct Linear<'p> {
+    solve: &'p ir::Solve,
+    before: usize,
+    matrix: u32,
+    /// The matrix, where it hardly ever changes: else the segment before makes it.
     fixed: Option<Fixed>,
 }
 
@@ -107,6 +127,13 @@ struct Roll<'p> {
     skipped: Vec<bool>,
     segments: Vec<Segment>,
     loops: Vec<Loop<'p>>,
+    linear: Vec<Linear<'p>>,
+    /// Slots of the program's scratch that it stores into.
+    stored: rustc_hash::FxHashSet<u32>,
+    /// By value: whether it is loaded from where linear equations have left it, and nothing else writes.
+    solved: Vec<bool>,
+    /// The new state.
+    watch: Watch,
     w: Writer,
 }
 
@@ -122,11 +149,14 @@ impl<'p> Roll<'p> {
                 }
                 Inst::Store(slot, v) => {
                     let (memory, base) = self.places[slot.array as usize];
+                    if slot.array == Array::Local {
+                        self.stored.insert(slot.index);
+                    }
                     self.root(here, Place::new(memory, base + slot.index), *v);
                 }
                 Inst::Newton(newton) if !inside && newton.update.is_empty() && newton.residual.len() > ELIMINATED => {
                     let n = newton.residual.len();
-                    self.segments[here].then = Some(self.loops.len());
+                    self.segments[here].then = Some(Then::Loop(self.loops.len()));
                     let (weight, scale) = if newton.affine { (0, 0) } else { (self.w.room(n), self.w.room(n)) };
                     if !newton.affine {
                         for (i, (x, s)) in newton.weight.iter().zip(&newton.scale).enumerate() {
@@ -137,14 +167,26 @@ impl<'p> Roll<'p> {
                     let (residual, matrix) = (self.w.room(n), self.w.room(newton.jacobian.len()));
                     self.segments.push(Segment::default());
                     let body = self.segments.len() - 1;
-                    self.loops.push(Loop { newton, body, weight, scale, residual, matrix, fixed: None });
+                    self.loops.push(Loop { newton, body, weight, scale, residual, matrix });
                     self.gather(&newton.body, true)?;
                     for (i, r) in newton.residual.iter().enumerate() {
                         self.root(body, scratch(residual, At::One(i)), *r);
                     }
                     self.segments.push(Segment::default());
                 }
-                Inst::Newton(_) | Inst::MatVec { .. } | Inst::Quad { .. } => return None,
+                Inst::Solve(solve) if !inside && solve.right.len() > ELIMINATED => {
+                    let first = self.places[Array::Local as usize].1 + solve.unknowns;
+                    for (i, b) in solve.right.iter().enumerate() {
+                        // What is known sooner is put there sooner: no one else looks at the place until then.
+                        let segment = if self.is_free(*b) { here } else { self.home[b.0 as usize] as usize };
+                        self.root(segment, scratch(first, At::One(i)), *b);
+                    }
+                    let matrix = self.w.room(solve.values().count());
+                    self.segments[here].then = Some(Then::Linear(self.linear.len()));
+                    self.linear.push(Linear { solve, before: here, matrix, fixed: None });
+                    self.segments.push(Segment::default());
+                }
+                Inst::Newton(_) | Inst::Solve(_) | Inst::MatVec { .. } | Inst::Quad { .. } => return None,
             }
         }
         Some(())
@@ -158,7 +200,7 @@ impl<'p> Roll<'p> {
     fn is_free(&self, v: ir::Value) -> bool {
         match self.ops[v.0 as usize] {
             Op::Const(_) => true,
-            Op::Load(slot) => slot.array != Array::Local,
+            Op::Load(slot) => slot.array != Array::Local || self.solved[v.0 as usize],
             Op::Unary(..) | Op::Binary(..) | Op::Select(..) => false,
         }
     }
@@ -181,6 +223,7 @@ impl<'p> Roll<'p> {
             }
         }
         self.ordered()?;
+        self.steady()?;
         let ends = self.sums(&outside);
         let mut size = vec![0u32; n];
         for v in 0..n {
@@ -224,8 +267,32 @@ impl<'p> Roll<'p> {
         if self.kept[v.0 as usize].is_some() { level + 1 } else { level }
     }
 
-    /// Fails where a segment both loads and stores a place of the program's scratch: results are not in the order of
-    /// the program.
+    /// Finds loads of what linear equations have left where nothing else writes. Fails where such a place is written besides.
+    fn steady(&mut self) -> Option<()> {
+        let mut left: rustc_hash::FxHashMap<u32, usize> = rustc_hash::FxHashMap::default();
+        for l in &self.linear {
+            for k in 0..l.solve.right.len() as u32 {
+                let slot = l.solve.unknowns + k;
+                if self.stored.contains(&slot) || left.insert(slot, l.before).is_some() {
+                    return None;
+                }
+            }
+        }
+        for (v, op) in self.ops.iter().enumerate() {
+            if let Op::Load(slot) = op
+                && slot.array == Array::Local
+                && let Some(before) = left.get(&slot.index)
+            {
+                if self.home[v] as usize <= *before {
+                    return None;
+                }
+                self.solved[v] = true;
+            }
+        }
+        Some(())
+    }
+
+    /// Fails where a segment both loads and stores a place of the program's scratch: results are not in the order of the program.
     fn ordered(&self) -> Option<()> {
         let (_, first) = self.places[Array::Local as usize];
         let loads = self.ops.iter().zip(&self.home).filter_map(|(op, home)| match op {
@@ -290,17 +357,20 @@ impl<'p> Roll<'p> {
         let mut s = 0;
         while s < self.segments.len() {
             self.segment(s);
-            if let Some(k) = self.segments[s].then {
-                self.iteration(k);
-                s = self.loops[k].body;
+            match self.segments[s].then {
+                Some(Then::Loop(k)) => {
+                    self.iteration(k);
+                    s = self.loops[k].body;
+                }
+                Some(Then::Linear(k)) => self.equations(k),
+                None => {}
             }
             s += 1;
         }
     }
 
     fn iteration(&mut self, k: usize) {
-        let Loop { newton, body, weight, scale, residual, matrix, ref fixed } = self.loops[k];
-        let fixed = fixed.clone();
+        let Loop { newton, body, weight, scale, residual, matrix } = self.loops[k];
         let first = self.places[Array::Local as usize].1;
         let numbers = Numbers {
             unknowns: Vector::Memory(first + newton.unknowns),
@@ -311,8 +381,7 @@ impl<'p> Roll<'p> {
         self.w.open();
         it.count_up(&mut self.w, newton.limit);
         self.segment(body);
-        let same = fixed.as_ref().map(|f| self.remake(f));
-        it.large(&mut self.w, newton, &Values::Memory(residual), (matrix, same));
+        it.large(&mut self.w, newton, &Values::Memory(residual), matrix);
         let block = self.w.close();
         self.w.push(Stmt::Loop(block));
         let flag = newton.flag.map(|f| Place::new(Memory::Scratch, first + f.index));
@@ -321,6 +390,20 @@ impl<'p> Roll<'p> {
                 w.push(Stmt::Store(flag, x));
             }
         });
+    }
+
+    /// Solves linear equations.
+    fn equations(&mut self, k: usize) {
+        let Linear { solve, matrix, ref fixed, .. } = self.linear[k];
+        let fixed = fixed.clone();
+        let same = fixed.as_ref().map(|f| self.remake(f));
+        let first = self.places[Array::Local as usize].1;
+        let row = self.w.var();
+        super::newton::solved_for(&mut self.w, solve, (matrix, first + solve.unknowns), row, same);
+        let good = super::newton::ended(&mut self.w, solve, row);
+        if let (Some(flag), Some(good)) = (solve.flag, good) {
+            self.w.push(Stmt::Store(Place::new(Memory::Scratch, first + flag.index), good));
+        }
     }
 
     /// Writes a segment, level by level.
@@ -345,7 +428,7 @@ impl<'p> Roll<'p> {
                 self.add_up(sum);
             }
             let cones: Vec<Cone> = roots.iter().map(|r| Cone::new(self, r)).collect();
-            family::write(&mut self.w, cones);
+            family::write(&mut self.w, &mut self.watch, cones);
         }
         self.segments[s].then = segment.then;
     }
@@ -354,16 +437,15 @@ impl<'p> Roll<'p> {
     fn add_up(&mut self, sum: &Sum) {
         let Some(to) = self.kept[sum.end.0 as usize] else { return };
         let w = &mut self.w;
-        let total = w.var();
-        let first = w.load(scratch(sum.terms, At::One(0)));
-        w.set(total, first);
+        // -0 is what adds nothing, not even to -0.
+        let total = w.starting(-0.0);
         let index = w.index();
         let body = w.block(|w| {
             let (before, term) = (w.get(total), w.load(scratch(sum.terms, At::Each(index))));
             let after = w.add(before, term);
             w.set(total, after);
         });
-        w.push(Stmt::For(index, 1, sum.count, body));
+        w.push(Stmt::For(index, 0, sum.count, body));
         let total = w.get(total);
         w.push(Stmt::Store(scratch(to, At::One(0)), total));
     }

@@ -1,5 +1,6 @@
 //! Writes a routine, statement by statement. What is known is computed at once.
 
+use super::fuse::fuse;
 use super::tidy::tidy;
 use crate::backend::code::{Cond, Index, Memory, Number, Op, Place, Routine, Stmt, System, Value, Var};
 use bond_runtime::eval;
@@ -64,6 +65,7 @@ impl Writer {
             data: self.data,
             tables: self.tables,
         };
+        fuse(&mut routine);
         tidy(&mut routine);
         routine
     }

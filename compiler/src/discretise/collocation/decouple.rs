@@ -4,20 +4,22 @@
 //! iterations share the factors.
 
 use super::complex::{Algebra, Cx, Entries, Factors};
-use super::modes::{Mode, modes};
+use super::modes::{Mode, Pair, modes};
 use super::tableau::Tableau;
 use super::{BENT, COUPLED, Nodes, is_quadratic};
 use crate::discretise::cluster::{Cluster, missing};
-use crate::discretise::write::{Inputs, System, fixed_parts};
+use crate::discretise::write::{Inputs, System, fixed_parts, opposite};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Inst, Newton, Slot, Unary, Value};
+use bond_runtime::ir::{Array, Builder, Newton, Slot, Solve, Unary, Value};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Systems of so many unknowns are eliminated in straight code; larger ones by a pattern.
 const STRAIGHT: usize = 8;
+/// Up to so many unknowns of a stage a complex system is a real one of twice as many, in which rows are exchanged where a pivot is bad.
+const REAL: usize = 32;
 /// Iterations at most: one that needs more is better off with a shorter step.
 const LIMIT: u32 = 20;
 
@@ -84,7 +86,10 @@ impl Apart {
         self.fixed && self.n > STRAIGHT
     }
 
-    /// Solves linear equations.
+    /// Solves linear equations; what each state changes by over the step.
+    ///
+    /// That is Σ b_j D_j, and with D_j = Σ r_j y over the modes a sum of a few numbers for each state: what stages give is had besides,
+    /// for who asks for it.
     pub(super) fn at_once(
         &self,
         c: &Cluster,
@@ -93,20 +98,30 @@ impl Apart {
         lowering: &mut Lowering,
         (unknowns, residuals): (&[Symbol], &[Expr]),
         inputs: &Inputs,
-    ) -> Result<(), Vec<Diagnostic>> {
+    ) -> Result<Vec<Value>, Vec<Diagnostic>> {
         let matrices = self.matrices(c, model, b, inputs, None)?;
-        let zero = model.pool.zero();
-        let none: FxHashMap<Symbol, Expr> = unknowns.iter().map(|u| (*u, zero)).collect();
-        let mut right = Vec::with_capacity(unknowns.len());
-        for r in model.pool.substitute_all(residuals, &none) {
-            let v = lowering.lower(&model.pool, b, r).map_err(|s| missing(model, s))?;
-            right.push(b.unary(Unary::Neg, v));
-        }
-        let found = apart(b, (&self.modes, &matrices, None), &right, false);
-        for (s, v) in unknowns.iter().zip(found) {
+        let right = opposite(model, b, lowering, (unknowns, residuals))?;
+        let along = along(b, (&self.modes, &matrices, None), &right, false);
+        for (s, v) in unknowns.iter().zip(stages(b, &self.modes, &along, unknowns.len())) {
             lowering.bind(*s, v);
         }
-        Ok(())
+        let weights = &self.tableau.weights;
+        let total = |mode: &Mode| {
+            let parts = weights.iter().zip(&mode.right).map(|(w, (re, im))| (w * re, w * im));
+            parts.fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1))
+        };
+        let totals: Vec<Pair> = self.modes.iter().map(total).collect();
+        let zero = b.number(0.0);
+        let change = |k: usize| {
+            let mut algebra = Algebra { b };
+            let mut sum = None;
+            for ((mode, found), by) in self.modes.iter().zip(&along).zip(&totals) {
+                let term = share(&mut algebra, mode, *by, found[k]);
+                sum = algebra.add(sum, term);
+            }
+            sum.unwrap_or(zero)
+        };
+        Ok((0..c.states.len()).map(change).collect())
     }
 
     /// Solves the equations of a step by iteration.
@@ -145,7 +160,8 @@ impl Apart {
         for r in &system.residuals {
             residual.push(inside.lower(&model.pool, b, *r).map_err(|s| missing(model, s))?);
         }
-        let update = apart(b, (&self.modes, &matrices, factors.as_deref()), &residual, true);
+        let along = along(b, (&self.modes, &matrices, factors.as_deref()), &residual, true);
+        let update = stages(b, &self.modes, &along, size);
         b.close(Newton {
             unknowns: slots.index,
             body: Vec::new(),
@@ -222,29 +238,41 @@ impl Apart {
 /// What takes the equations apart: modes, matrices, and where there are few unknowns, the factors.
 type Parts<'a> = (&'a [Mode], &'a Matrices, Option<&'a [Factors]>);
 
-/// The solution of the linear equations of all stages with a right side.
-fn apart(b: &mut Builder, (modes, m, factors): Parts, right: &[Value], inside: bool) -> Vec<Value> {
+/// The solution of the linear equations of all stages with a right side, as its parts along the modes.
+fn along(b: &mut Builder, (modes, m, factors): Parts, right: &[Value], inside: bool) -> Vec<Vec<Cx>> {
     let n = m.n;
-    let mut sums: Vec<Option<Value>> = vec![None; right.len()];
-    for (k, mode) in modes.iter().enumerate() {
-        let mut algebra = Algebra { b };
-        let right: Vec<Cx> = (0..n).map(|i| part(&mut algebra, mode, right, n, i)).collect();
-        let found = match factors {
-            Some(list) => list[k].solve(&mut algebra, &right),
-            None => by_pattern(b, m, mode, &right, inside),
-        };
-        let mut algebra = Algebra { b };
-        let twice = if mode.is_real() { 1.0 } else { 2.0 };
-        for (j, (re, im)) in mode.right.iter().enumerate() {
+    let mut algebra = Algebra { b };
+    let parts: Vec<Vec<Cx>> =
+        modes.iter().map(|mode| (0..n).map(|i| part(&mut algebra, mode, right, n, i)).collect()).collect();
+    let solve = |(k, (mode, right)): (usize, (&Mode, Vec<Cx>))| match factors {
+        Some(list) => list[k].solve(&mut Algebra { b }, &right),
+        None => by_pattern(b, m, mode, &right, inside),
+    };
+    modes.iter().zip(parts).enumerate().map(solve).collect()
+}
+
+/// What the unknowns of all stages, so many, are whose parts along the modes these are.
+fn stages(b: &mut Builder, modes: &[Mode], along: &[Vec<Cx>], count: usize) -> Vec<Value> {
+    let n = along.first().map_or(0, Vec::len);
+    let mut algebra = Algebra { b };
+    let mut sums: Vec<Option<Value>> = vec![None; count];
+    for (mode, found) in modes.iter().zip(along) {
+        for (j, by) in mode.right.iter().enumerate() {
             for (i, y) in found.iter().enumerate() {
-                let (x, z) = (algebra.times(twice * re, y.re), algebra.times(twice * im, y.im));
-                let term = algebra.sub(x, z);
+                let term = share(&mut algebra, mode, *by, *y);
                 sums[j * n + i] = algebra.add(sums[j * n + i], term);
             }
         }
     }
     let zero = b.number(0.0);
     sums.into_iter().map(|u| u.unwrap_or(zero)).collect()
+}
+
+/// What a part along a mode adds where it counts by a number, with that of the conjugate mode.
+fn share(algebra: &mut Algebra, mode: &Mode, by: Pair, y: Cx) -> Option<Value> {
+    let twice = if mode.is_real() { 1.0 } else { 2.0 };
+    let (x, z) = (algebra.times(twice * by.0, y.re), algebra.times(twice * by.1, y.im));
+    algebra.sub(x, z)
 }
 
 /// Whether every energy is quadratic.
@@ -254,19 +282,55 @@ fn quadratic(c: &Cluster, pool: &mut Pool) -> bool {
 
 /// The part of the residuals of all stages along a mode, for the i-th unknown of a stage.
 fn part(algebra: &mut Algebra, mode: &Mode, residual: &[Value], n: usize, i: usize) -> Cx {
-    let mut sum = Cx::default();
+    // In linear equations most are the same in each stage.
+    let mut distinct: Vec<(Value, Pair)> = Vec::with_capacity(mode.left.len());
     for (j, (re, im)) in mode.left.iter().enumerate() {
-        let r = Some(residual[j * n + i]);
+        let r = residual[j * n + i];
+        match distinct.iter_mut().find(|d| d.0 == r) {
+            Some((_, sum)) => *sum = (sum.0 + re, sum.1 + im),
+            None => distinct.push((r, (*re, *im))),
+        }
+    }
+    let mut sum = Cx::default();
+    for (r, (re, im)) in &distinct {
+        let r = Some(*r);
         let (x, y) = (algebra.times(*re, r), algebra.times(*im, r));
         sum = Cx { re: algebra.add(sum.re, x), im: algebra.add(sum.im, y) };
     }
     sum
 }
 
-/// Solves (P + λ Q) y = right by an elimination of a fixed pattern: real and imaginary parts as one system.
+/// Solves (P + λ Q) y = right by an elimination of a fixed pattern.
 /// `inside` an iteration a system without a solution ends that; else it fails the step.
 fn by_pattern(b: &mut Builder, m: &Matrices, mode: &Mode, right: &[Cx], inside: bool) -> Vec<Cx> {
     let n = m.n;
+    let parts = if mode.is_real() { 1 } else { 2 };
+    let zero = b.number(0.0);
+    let right: Vec<Value> =
+        right.iter().flat_map(|x| [x.re, x.im].into_iter().take(parts)).map(|x| x.unwrap_or(zero)).collect();
+    let size = parts * n;
+    let (slots, flag) = (b.slots(Array::Local, size), b.slot(Array::Local));
+    let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
+    let (matrix, imaginary) = if parts == 2 && n > REAL { complex(b, m, mode) } else { (real(b, m, mode), Vec::new()) };
+    b.solve(Solve { unknowns: slots.index, right, matrix, imaginary, flag: inside.then_some(flag) });
+    let solved = inside.then(|| b.load(flag));
+    let none = b.number(f64::NAN);
+    let sound = |b: &mut Builder, x: Value| solved.map_or(x, |s| b.select(s, x, none));
+    (0..n)
+        .map(|i| {
+            let re = b.load(slot(parts * i));
+            let re = sound(b, re);
+            let im = (parts == 2).then(|| b.load(slot(2 * i + 1)));
+            Cx { re: Some(re), im }
+        })
+        .collect()
+}
+
+/// Entries of a system: row, column, value.
+type Sparse = Vec<(u32, u32, Value)>;
+
+/// P + λ Q with real and imaginary parts as unknowns of their own.
+fn real(b: &mut Builder, m: &Matrices, mode: &Mode) -> Sparse {
     let parts = if mode.is_real() { 1 } else { 2 };
     let mut entries: FxHashMap<(u32, u32), Value> = FxHashMap::default();
     let mut put = |b: &mut Builder, i: usize, j: usize, v: Value| {
@@ -294,44 +358,26 @@ fn by_pattern(b: &mut Builder, m: &Matrices, mode: &Mode, right: &[Cx], inside: 
             put(b, 2 * i + 1, 2 * j, im);
         }
     }
-    let mut jacobian: Vec<(u32, u32, Value)> = entries.into_iter().map(|((i, j), v)| (i, j, v)).collect();
-    jacobian.sort_unstable_by_key(|e| (e.0, e.1));
-    let size = parts * n;
-    let (slots, flag) = (b.slots(Array::Local, size), b.slot(Array::Local));
-    let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
-    let (zero, one) = (b.number(0.0), b.number(1.0));
-    let mut residual = Vec::new();
-    for x in right {
-        for x in [x.re, x.im].into_iter().take(parts) {
-            residual.push(x.map_or(zero, |x| b.unary(Unary::Neg, x)));
-        }
+    let mut list: Sparse = entries.into_iter().map(|((i, j), v)| (i, j, v)).collect();
+    list.sort_unstable_by_key(|e| (e.0, e.1));
+    list
+}
+
+/// P + λ Q, and the imaginary parts of its entries.
+fn complex(b: &mut Builder, m: &Matrices, mode: &Mode) -> (Sparse, Vec<Value>) {
+    let zero = b.number(0.0);
+    let mut entries: FxHashMap<(u32, u32), (Value, Value)> = FxHashMap::default();
+    for &(i, j, v) in &m.p {
+        entries.insert((i as u32, j as u32), (v, zero));
     }
-    for i in 0..size {
-        b.store(slot(i), zero);
+    for &(i, j, v) in &m.q {
+        let (re, im) = (b.number(mode.value.0), b.number(mode.value.1));
+        let (re, im) = (b.mul(re, v), b.mul(im, v));
+        let at = entries.entry((i as u32, j as u32)).or_insert((zero, zero));
+        at.0 = if at.0 == zero { re } else { b.add(at.0, re) };
+        at.1 = im;
     }
-    let newton = Newton {
-        unknowns: slots.index,
-        body: Vec::new(),
-        residual,
-        jacobian,
-        update: Vec::new(),
-        weight: vec![one; size],
-        scale: vec![one; size],
-        cold: Vec::new(),
-        limit: 1,
-        affine: true,
-        flag: inside.then_some(flag),
-    };
-    b.push(Inst::Newton(Box::new(newton)), slots, size + 1);
-    let solved = inside.then(|| b.load(flag));
-    let none = b.number(f64::NAN);
-    let sound = |b: &mut Builder, x: Value| solved.map_or(x, |s| b.select(s, x, none));
-    (0..n)
-        .map(|i| {
-            let re = b.load(slot(parts * i));
-            let re = sound(b, re);
-            let im = (parts == 2).then(|| b.load(slot(2 * i + 1)));
-            Cx { re: Some(re), im }
-        })
-        .collect()
+    let mut list: Vec<_> = entries.into_iter().collect();
+    list.sort_unstable_by_key(|e| e.0);
+    list.into_iter().map(|((i, j), (re, im))| ((i, j, re), im)).unzip()
 }

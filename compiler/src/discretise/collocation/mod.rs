@@ -320,8 +320,9 @@ pub(super) fn write(
     let s = tableau.stages();
     let (unknowns, residuals) = plan.system(c, &mut model.pool);
     let linear = apart.filter(|a| a.is_linear());
+    let mut whole = Vec::new();
     if let Some(apart) = linear {
-        apart.at_once(c, model, &mut b, &mut lowering, (&unknowns, &residuals), &inputs)?;
+        whole = apart.at_once(c, model, &mut b, &mut lowering, (&unknowns, &residuals), &inputs)?;
     } else {
         let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
         let start = guesses(&mut b, c, tableau, &inputs);
@@ -337,9 +338,14 @@ pub(super) fn write(
         |model: &mut Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
     let (mut next, mut rests, mut steps) = (Vec::new(), Vec::new(), Vec::new());
     for (k, x) in inputs.states.iter().enumerate() {
-        let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();
-        let d = weighted(&mut model.pool, &tableau.weights, &changes);
-        let d = value(model, &mut b, d)?;
+        let d = match whole.get(k) {
+            Some(d) => *d,
+            None => {
+                let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();
+                let d = weighted(&mut model.pool, &tableau.weights, &changes);
+                value(model, &mut b, d)?
+            }
+        };
         steps.push(d);
         let carry = b.load(inputs.carries[k]);
         let (v, rest) = write::advance(&mut b, *x, d, carry);

@@ -11,7 +11,7 @@ fn check(n: usize, entries: &[(u32, u32, f64)], bound: f64) -> Symbolic {
     let mut b: Vec<f64> = (0..n).map(|_| random.next()).collect();
     let right = b.clone();
     let symbolic = Symbolic::analyse(n, &pattern).unwrap();
-    let mut numeric = symbolic.numeric();
+    let mut numeric = Numeric::<f64>::new(&symbolic);
     numeric.factor(&symbolic, &values, false).unwrap();
     numeric.solve(&symbolic, &values, &mut b);
     let mut rest = right.clone();
@@ -45,6 +45,115 @@ fn skew_plus_definite() {
         }
         check(n, &entries, 1e-12);
     }
+}
+
+/// So many lines of nodes from a full block of nodes outwards: neighbours, both ways.
+fn arms(count: usize, length: usize) -> (usize, Vec<(u32, u32)>) {
+    let (hub, n) = (6, 6 + count * length);
+    let inside = (0..hub).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let arms = (0..count).flat_map(|a| {
+        (0..length).map(move |k| (hub + a * length + k, if k == 0 { a } else { hub + a * length + k - 1 }))
+    });
+    (n, inside.chain(arms).map(|(i, j)| (i as u32, j as u32)).collect())
+}
+
+/// Lines are gone through without tables, and solved as the dense elimination does it, in real numbers and in complex ones; twice
+/// the same to the bit.
+#[test]
+fn lines_are_solved_in_runs() {
+    for count in 1..=5 {
+        let (n, edges) = arms(count, 33);
+        let mut random = Random::new(count as u64);
+        let mut pattern: Vec<(u32, u32)> = (0..n as u32).map(|i| (i, i)).collect();
+        pattern.extend(edges.iter().flat_map(|&(i, j)| [(i, j), (j, i)]));
+        let symbolic = Symbolic::analyse(n, &pattern).unwrap();
+        let lower = &symbolic.tables().lower.runs;
+        let (far, rows) = lower.iter().map(|r| (r.distance, r.to - r.from)).max_by_key(|r| r.1).unwrap();
+        assert_eq!(far as usize, count, "{lower:?}");
+        assert!(rows as usize >= 30 * count, "{lower:?}");
+        for parts in [1, 2] {
+            let values: Vec<f64> = pattern
+                .iter()
+                .flat_map(|&(i, j)| {
+                    let re = if i == j { 3.0 + random.next() } else { random.next() };
+                    [re, random.next()].into_iter().take(parts).collect::<Vec<_>>()
+                })
+                .collect();
+            let right: Vec<f64> = (0..parts * n).map(|_| random.next()).collect();
+            let (mut x, mut again) = (right.clone(), right.clone());
+            let mut system = crate::solve::linear::System::new(n, pattern.clone(), parts == 2);
+            assert_eq!(system.solve(&values, &mut x, false), Ok(()));
+            assert_eq!(system.solve(&values, &mut again, true), Ok(()));
+            assert!(x.iter().zip(&again).all(|(x, y)| x.to_bits() == y.to_bits()));
+            // Of complex numbers the real and imaginary parts as unknowns of their own.
+            let mut dense = vec![0.0; parts * n * parts * n];
+            for (k, &(i, j)) in pattern.iter().enumerate() {
+                let mut put = |a: usize, b: usize, v: f64| {
+                    dense[(parts * i as usize + a) * parts * n + parts * j as usize + b] = v;
+                };
+                put(0, 0, values[parts * k]);
+                if parts == 2 {
+                    put(1, 1, values[2 * k]);
+                    put(0, 1, -values[2 * k + 1]);
+                    put(1, 0, values[2 * k + 1]);
+                }
+            }
+            let mut y = right;
+            let mut scratch = crate::solve::dense::Scratch::new(parts * n);
+            assert_eq!(crate::solve::dense::solve(parts * n, &mut dense, &mut y, &mut scratch), Ok(()));
+            let size = y.iter().fold(0.0f64, |m, y| m.max(y.abs()));
+            assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() < 1e-12 * size), "{count} arms, {parts} parts");
+        }
+    }
+}
+
+/// Complex systems in wild units, of a pattern without order: as the same real ones, and where pivots are 0.
+#[test]
+fn complex_systems() {
+    let mut random = Random::new(8);
+    for n in [5usize, 60, 300] {
+        for holes in [false, true] {
+            let unit: Vec<f64> = (0..n).map(|_| (10.0 * random.next()).exp2()).collect();
+            let mut entries = std::collections::BTreeMap::new();
+            for i in 0..n {
+                let size = if holes && i % 20 == 3 { 0.0 } else { 2.0 };
+                entries.insert((i, i), (size * (1.5 + random.next()), size * random.next()));
+            }
+            for _ in 0..2 * n {
+                let (i, j) = (random.below(n), random.below(n));
+                if i != j && !entries.contains_key(&(i, j)) {
+                    let v = (random.next(), random.next());
+                    entries.insert((i, j), v);
+                    entries.insert((j, i), (-v.0, v.1));
+                }
+            }
+            let pattern: Vec<(u32, u32)> = entries.keys().map(|&(i, j)| (i as u32, j as u32)).collect();
+            let values: Vec<f64> =
+                entries.iter().flat_map(|(&(i, j), v)| [v.0 * unit[i] * unit[j], v.1 * unit[i] * unit[j]]).collect();
+            let right: Vec<f64> = (0..2 * n).map(|k| random.next() * unit[k / 2]).collect();
+            let mut x = right.clone();
+            let mut system = crate::solve::linear::System::new(n, pattern.clone(), true);
+            assert_eq!(system.solve(&values, &mut x, false), Ok(()));
+            let (mut rest, mut size) = (right.clone(), right.iter().map(|b| b.abs()).collect::<Vec<f64>>());
+            for (k, &(i, j)) in pattern.iter().enumerate() {
+                let (i, j) = (i as usize, j as usize);
+                let (a, b, c, d) = (values[2 * k], values[2 * k + 1], x[2 * j], x[2 * j + 1]);
+                rest[2 * i] -= a * c - b * d;
+                rest[2 * i + 1] -= a * d + b * c;
+                size[2 * i] += (a * c).abs() + (b * d).abs();
+                size[2 * i + 1] += (a * d).abs() + (b * c).abs();
+            }
+            for k in 0..2 * n {
+                let size = size[k].max(size[k ^ 1]);
+                assert!(rest[k].abs() <= 1e-11 * size, "{n} {holes}: {k} {:e} of {size:e}", rest[k]);
+            }
+        }
+    }
+    // A row that is twice another.
+    let pattern: Vec<(u32, u32)> = vec![(0, 0), (0, 1), (1, 0), (1, 1)];
+    let mut system = crate::solve::linear::System::new(2, pattern, true);
+    let mut x = [1.0, 2.0, 3.0, 4.0];
+    assert!(system.solve(&[1.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 2.0], &mut x, false).is_err());
 }
 
 #[test]
@@ -101,7 +210,7 @@ fn singular_matrices_are_told() {
     assert!(Symbolic::analyse(3, &[(0, 0), (1, 0), (2, 2), (2, 1)]).is_err());
     let pattern = [(0, 0), (0, 1), (1, 0), (1, 1)];
     let symbolic = Symbolic::analyse(2, &pattern).unwrap();
-    let mut numeric = symbolic.numeric();
+    let mut numeric = Numeric::<f64>::new(&symbolic);
     assert!(numeric.factor(&symbolic, &[1.0, 2.0, 0.5, 1.0], false).is_err());
     assert!(numeric.factor(&symbolic, &[0.0, 2.0, 0.5, 0.0], false).is_err());
     assert!(numeric.factor(&symbolic, &[1.0, f64::NAN, 0.5, 1.0], false).is_err());
@@ -124,7 +233,7 @@ fn raised_pivots() {
     let pattern: Vec<_> = entries.iter().map(|&(r, c, _)| (r, c)).collect();
     let values: Vec<_> = entries.iter().map(|&(.., v)| v).collect();
     let symbolic = Symbolic::analyse(n as usize, &pattern).unwrap();
-    let mut numeric = symbolic.numeric();
+    let mut numeric = Numeric::<f64>::new(&symbolic);
     assert!(numeric.factor(&symbolic, &values, false).is_err());
     let right: Vec<f64> = (0..n).map(|_| random.next()).collect();
     let mut x = right.clone();
@@ -139,5 +248,5 @@ fn raised_pivots() {
     let twice = [(0, 0), (0, 1), (1, 0), (1, 1)];
     let symbolic = Symbolic::analyse(2, &twice).unwrap();
     let mut x = [1.0, 2.0];
-    assert!(symbolic.numeric().solve_raised(&symbolic, &[1.0, 1.0, 1.0, 1.0], &mut x).is_err());
+    assert!(Numeric::<f64>::new(&symbolic).solve_raised(&symbolic, &[1.0, 1.0, 1.0, 1.0], &mut x).is_err());
 }

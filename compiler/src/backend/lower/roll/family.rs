@@ -1,7 +1,7 @@
 //! Cones of one shape as loops.
 
 use super::cone::{Cone, Leaf, Part};
-use crate::backend::code::{Index, Memory, Place, Stmt, Value};
+use crate::backend::code::{Index, Memory, Place, Reason, Stmt, Value, Var};
 use crate::backend::lower::writer::Writer;
 use rustc_hash::FxHashMap;
 
@@ -12,8 +12,40 @@ const STRETCH: usize = 16;
 /// and so few.
 const STRETCHES: usize = 8;
 
+/// A family whose members go by so few lists of numbers at most is one for each list: numbers need no loads then.
+const LISTS: usize = 8;
+
+/// Watches numbers that have to be finite: 0 times each is added up.
+pub(super) struct Watch {
+    memory: Memory,
+    /// From this place on, up to and without that one.
+    from: u32,
+    to: u32,
+    /// The first is of what is written out; each loop has its own.
+    sums: Vec<Var>,
+}
+
+impl Watch {
+    pub(super) fn new(w: &mut Writer, memory: Memory, base: u32, size: usize) -> Self {
+        Self { memory, from: base, to: base + size as u32, sums: vec![w.starting(0.0)] }
+    }
+
+    fn holds(&self, place: &Place) -> bool {
+        place.memory == self.memory && (self.from..self.to).contains(&place.base)
+    }
+
+    /// Fails where a number was not finite.
+    pub(super) fn check(self, w: &mut Writer) {
+        let zero = w.number(0.0);
+        let parts: Vec<Value> = self.sums.into_iter().map(|s| w.get(s)).collect();
+        let sum = parts.into_iter().fold(zero, |sum, x| w.add(sum, x));
+        let sound = w.eq(sum, zero);
+        w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
+    }
+}
+
 /// Writes cones that do not need one another, family by family, in order of their first members.
-pub(super) fn write(w: &mut Writer, cones: Vec<Cone>) {
+pub(super) fn write(w: &mut Writer, watch: &mut Watch, cones: Vec<Cone>) {
     let mut number: FxHashMap<(Vec<Part>, u8), usize> = FxHashMap::default();
     let mut families: Vec<Vec<Cone>> = Vec::new();
     for mut cone in cones {
@@ -30,17 +62,43 @@ pub(super) fn write(w: &mut Writer, cones: Vec<Cone>) {
     for mut family in families {
         let parts = std::mem::take(&mut family[0].shape.0);
         family.sort_by_key(|c| c.to.base);
-        let stretches = stretches(&family);
-        if stretches.len() <= 1 + (family.len() / STRETCH).min(STRETCHES) {
-            let mut from = 0;
-            for n in stretches {
-                members(w, &parts, &family[from..from + n]);
-                from += n;
+        for family in by_numbers(family) {
+            let stretches = stretches(&family);
+            if stretches.len() <= 1 + (family.len() / STRETCH).min(STRETCHES) {
+                let mut from = 0;
+                for n in stretches {
+                    members(w, watch, &parts, &family[from..from + n]);
+                    from += n;
+                }
+            } else {
+                members(w, watch, &parts, &family);
             }
-        } else {
-            members(w, &parts, &family);
         }
     }
+}
+
+/// A family by the numbers of its members, where these are few lists; else as it is.
+fn by_numbers(family: Vec<Cone>) -> Vec<Vec<Cone>> {
+    let numbers = |c: &Cone| -> Vec<u64> {
+        let of = |l: &Leaf| match l {
+            Leaf::Number(x) => Some(x.to_bits()),
+            Leaf::Place(..) => None,
+        };
+        c.leaves.iter().filter_map(of).collect()
+    };
+    let mut known: FxHashMap<Vec<u64>, usize> = FxHashMap::default();
+    let mut which = Vec::with_capacity(family.len());
+    for cone in &family {
+        let next = known.len();
+        let k = *known.entry(numbers(cone)).or_insert(next);
+        if k == LISTS {
+            return vec![family];
+        }
+        which.push(k);
+    }
+    let mut lists: Vec<Vec<Cone>> = (0..known.len()).map(|_| Vec::new()).collect();
+    family.into_iter().zip(which).for_each(|(cone, k)| lists[k].push(cone));
+    lists
 }
 
 /// Lengths of the stretches over which all places run evenly.
@@ -74,10 +132,11 @@ fn stretches(family: &[Cone]) -> Vec<usize> {
 }
 
 /// Writes members of a family.
-fn members(w: &mut Writer, parts: &[Part], family: &[Cone]) {
+fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], family: &[Cone]) {
     if family.len() < FEW {
         for cone in family {
-            member(w, parts, &cone.to, |w, k| match cone.leaves[k] {
+            let sum = watch.holds(&cone.to).then(|| watch.sums[0]);
+            member(w, parts, (&cone.to, sum), |w, k| match cone.leaves[k] {
                 Leaf::Number(x) => w.number(x),
                 Leaf::Place(m, at) => w.load(Place::new(m, at)),
             });
@@ -110,8 +169,10 @@ fn members(w: &mut Writer, parts: &[Part], family: &[Cone]) {
             }
         })
         .collect();
+    let sum = watch.holds(&family[0].to).then(|| w.starting(0.0));
+    watch.sums.extend(sum);
     w.open();
-    member(w, parts, &to, |w, k| match &leaves[k] {
+    member(w, parts, (&to, sum), |w, k| match &leaves[k] {
         Ok(x) => w.number(*x),
         Err(place) => w.load(place.clone()),
     });
@@ -134,8 +195,13 @@ fn along(w: &mut Writer, index: Index, memory: Memory, places: Vec<u32>) -> Plac
     }
 }
 
-/// Writes one member.
-fn member(w: &mut Writer, parts: &[Part], to: &Place, mut leaf: impl FnMut(&mut Writer, usize) -> Value) {
+/// Writes one member, and adds what is to be 0 to the sum, if there is one.
+fn member(
+    w: &mut Writer,
+    parts: &[Part],
+    (to, sum): (&Place, Option<Var>),
+    mut leaf: impl FnMut(&mut Writer, usize) -> Value,
+) {
     let mut values: Vec<Value> = Vec::with_capacity(parts.len());
     let mut leaves = 0;
     for part in parts {
@@ -156,5 +222,11 @@ fn member(w: &mut Writer, parts: &[Part], to: &Place, mut leaf: impl FnMut(&mut 
     }
     if let Some(v) = values.last() {
         w.push(Stmt::Store(to.clone(), *v));
+        if let Some(sum) = sum {
+            let zero = w.number(0.0);
+            let (before, term) = (w.get(sum), w.mul(zero, *v));
+            let after = w.add(before, term);
+            w.set(sum, after);
+        }
     }
 }

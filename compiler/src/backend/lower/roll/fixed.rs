@@ -1,6 +1,6 @@
 //! Matrices that hardly ever change.
 
-use super::{Roll, Segment};
+use super::{Linear, Loop, Roll, Segment};
 use crate::backend::code::{Cond, Memory, Place, Stmt, Value};
 use crate::backend::lower::writer::{At, scratch};
 use bond_runtime::ir::{self, Array, Op};
@@ -25,21 +25,27 @@ impl Roll<'_> {
         let mut uses = vec![0u32; self.ops.len()];
         self.ops.iter().flat_map(Op::operands).for_each(|v| uses[v.0 as usize] += 1);
         self.segments.iter().flat_map(|s| &s.roots).for_each(|r| uses[r.value.0 as usize] += 1);
-        for l in &self.loops {
-            l.newton.jacobian.iter().for_each(|(_, _, v)| uses[v.0 as usize] += 1);
-        }
         for k in 0..self.loops.len() {
-            let (newton, matrix) = (self.loops[k].newton, self.loops[k].matrix);
-            let values: Vec<_> = newton.jacobian.iter().map(|e| e.2).collect();
-            let keys = if newton.affine { self.keys(&values) } else { None };
-            let segment = match keys {
-                None => self.loops[k].body,
+            let Loop { newton, matrix, body, .. } = self.loops[k];
+            for (i, (.., v)) in newton.jacobian.iter().enumerate() {
+                uses[v.0 as usize] += 1;
+                self.root(body, scratch(matrix, At::One(i)), *v);
+            }
+        }
+        for l in &self.linear {
+            l.solve.values().for_each(|v| uses[v.0 as usize] += 1);
+        }
+        for k in 0..self.linear.len() {
+            let Linear { solve, matrix, before, .. } = self.linear[k];
+            let values: Vec<_> = solve.values().collect();
+            let segment = match self.keys(&values) {
+                None => before,
                 Some(keys) => {
                     self.segments.push(Segment::default());
                     let segment = self.segments.len() - 1;
                     self.take(&values, &uses, segment);
                     let made = self.w.room(1 + keys.len());
-                    self.loops[k].fixed = Some(Fixed { segment, keys, made });
+                    self.linear[k].fixed = Some(Fixed { segment, keys, made });
                     segment
                 }
             };
