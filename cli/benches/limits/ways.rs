@@ -63,6 +63,8 @@ pub struct Way<'a> {
     work: Work<'a>,
     /// How many steps a reading has.
     steps: u64,
+    /// How many it has at least: many scenes go on one group after the other, and not for a step alone.
+    least: u64,
     /// The least median so far, ns a step.
     pub best: f64,
 }
@@ -95,11 +97,11 @@ impl Way<'_> {
     /// In words.
     pub fn read(&mut self) -> Result<(), String> {
         while self.steps == 0 || self.best.is_nan() {
-            let steps = (4 * self.steps).max(1);
+            let steps = (4 * self.steps).max(self.least);
             let ns = self.time(steps, 1)?;
             self.steps = steps;
             if ns > 1e6 || steps > 1 << 40 {
-                self.steps = ((steps as f64 * 6e6 / ns) as u64).max(1);
+                self.steps = ((steps as f64 * 6e6 / ns) as u64).max(self.least);
                 self.best = f64::INFINITY;
             }
         }
@@ -135,7 +137,10 @@ impl<'a> Ways<'a> {
         for what in What::ALL {
             say(what.name());
             match ways.ready(folder, figure, compiled, what, &truth) {
-                Ok(Some(work)) => ways.list.push(Way { what, work, steps: 0, best: f64::NAN }),
+                Ok(Some(work)) => {
+                    let least = if figure.scenes > 1 { 128 } else { 1 };
+                    ways.list.push(Way { what, work, steps: 0, least, best: f64::NAN });
+                }
                 Ok(None) => {}
                 Err(e) => ways.missing.push(format!("{}: {e}", what.name())),
             }

@@ -89,7 +89,7 @@ impl Job {
         let made = begun.elapsed();
         self.drive(&mut good, &mut sims, together);
         if code == Code::Native && !good.is_empty() && good.iter().all(|run| run.halted.is_none()) {
-            self.choice.learn(made, begun.elapsed().saturating_sub(made));
+            self.choice.learn(good.len(), made, begun.elapsed().saturating_sub(made));
         }
         let mut done = good.into_iter().zip(sims).map(|(run, sim)| self.outcome(run, sim));
         outcomes.into_iter().filter_map(|o| o.or_else(|| done.next())).collect()
