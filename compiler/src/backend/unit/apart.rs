@@ -71,7 +71,7 @@ fn of(c: &Cluster) -> impl Iterator<Item = &Program> {
     [&c.step.program, &c.instant].into_iter().chain(respond)
 }
 
-/// What scenes of the same make have in common, as bytes: where it is the same, so are their routines but for [`Apart`]. None where it
+/// What scenes of the same make have in common, as bytes: where it is the same, so are their routines but for their numbers. None where it
 /// cannot be told.
 pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
     let mut common = scene.clone();
