@@ -3,7 +3,7 @@
 use super::programs;
 use bond_runtime::exponential::Linear;
 use bond_runtime::ir::Program;
-use bond_runtime::scene::{Cluster, Probes, Respond, Scene};
+use bond_runtime::scene::{Cluster, Probes, Respond, Scene, Stepper};
 use bond_runtime::simulate::{Options, Start, StartCluster};
 
 /// Which numbers of how a cluster's answer depends on what it holds; see [`StartCluster`].
@@ -89,6 +89,8 @@ pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
             None => {}
         }
         c.step.why = "".into();
+        // Where there is another stepper to fall back on, there is no routine.
+        c.step.fallback.iter_mut().for_each(|f| **f = Stepper::new("", 0, true, Program::default()));
         c.step.glance = None;
         c.step.program = c.step.program.skeleton();
         c.step.linear.iter_mut().for_each(shape);
