@@ -96,6 +96,23 @@ impl Op {
             }
         }
     }
+
+    /// The same, to be replaced.
+    pub fn each_value_mut(&mut self, f: &mut impl FnMut(&mut Value)) {
+        match self {
+            Op::Load(_) | Op::Get(_) => {}
+            Op::Unary(_, a) => f(a),
+            Op::Binary(_, a, b) => {
+                f(a);
+                f(b);
+            }
+            Op::Select(c, a, b) => {
+                c.each_value_mut(f);
+                f(a);
+                f(b);
+            }
+        }
+    }
 }
 
 /// A condition. Comparisons with a NaN do not hold.
@@ -224,9 +241,10 @@ pub enum Stmt {
     /// Counts from the first number up to, and without, the second; `Break` and `Continue` do not stand in it for a
     /// loop around it.
     For(Index, u32, u32, Vec<Stmt>),
-    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and the right
-    /// side, which becomes the solution (of complex numbers first the real part, then the imaginary one), are in [`Memory::Scratch`] from these places on. The variable becomes -1, or the row
-    /// that has no pivot. Where there is a value and it is not 0, the matrix is what it was when this was solved last.
+    /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and
+    /// the right side, which becomes the solution (of complex numbers first the real part, then the imaginary one), are
+    /// in [`Memory::Scratch`] from these places on. The variable becomes -1, or the row that has no pivot. Where there
+    /// is a value and it is not 0, the matrix is what it was when this was solved last.
     Solve {
         /// Which system.
         system: u32,

@@ -63,7 +63,7 @@ impl Out {
     }
 
     /// Whether what has these effects may be moved to just after the statement with this number: those that set variables which it
-    /// goes on from, and move with it, the last one first.
+    /// goes on from, and move with it, the last one first. None of what they pass may look at these variables.
     fn way(&self, own: &mut Effects, to: usize) -> Option<Vec<usize>> {
         let mut carried: Vec<usize> = Vec::new();
         for k in (to + 1..self.list.len()).rev() {
@@ -71,13 +71,16 @@ impl Out {
                 continue;
             }
             let Stmt::Set(var, v) = &self.list[k] else { return None };
+            // What is set again later on, or is looked at on the way, stays where it is.
             if !own.gets.contains(var) || carried.iter().any(|c| sets(&self.list[*c], *var)) {
                 return None;
             }
+            own.sets.insert(*var);
             own.uses.insert(*v);
             carried.push(k);
         }
-        Some(carried)
+        let target = self.effects[to].as_ref();
+        target.is_some_and(|target| !own.shares_vars(target)).then_some(carried)
     }
 }
 
@@ -129,6 +132,9 @@ impl Effects {
     fn of(body: &[Stmt], (index, from, to): (Option<Index>, u32, u32), tables: &[u32]) -> Option<Self> {
         let mut e = Self::default();
         for s in body {
+            s.each_value(&mut |v| {
+                e.uses.insert(v);
+            });
             match s {
                 Stmt::Let(v, op) => {
                     e.defines.insert(*v);
@@ -137,24 +143,13 @@ impl Effects {
                         Op::Get(var) => {
                             e.gets.insert(*var);
                         }
-                        Op::Unary(_, a) => {
-                            e.uses.insert(*a);
-                        }
-                        Op::Binary(_, a, b) => e.uses.extend([*a, *b]),
-                        Op::Select(c, a, b) => {
-                            c.each_value(&mut |v| {
-                                e.uses.insert(v);
-                            });
-                            e.uses.extend([*a, *b]);
-                        }
+                        Op::Unary(..) | Op::Binary(..) | Op::Select(..) => {}
                     }
                 }
-                Stmt::Set(var, v) => {
+                Stmt::Set(var, _) => {
                     e.sets.insert(*var);
-                    e.uses.insert(*v);
                 }
-                Stmt::Store(p, v) => {
-                    e.uses.insert(*v);
+                Stmt::Store(p, _) => {
                     e.memory.push(access(p, true, (index, from, to), tables)?);
                 }
                 Stmt::If(..)
@@ -358,21 +353,13 @@ fn count_by(s: &mut Stmt, old: Index, new: Index) {
 
 /// Gives the values that a straight statement uses other names.
 fn rename(s: &mut Stmt, names: &FxHashMap<Value, Value>) {
-    let to = |v: &mut Value| {
+    let mut to = |v: &mut Value| {
         if let Some(name) = names.get(v) {
             *v = *name;
         }
     };
     match s {
-        Stmt::Let(_, op) => match op {
-            Op::Load(_) | Op::Get(_) => {}
-            Op::Unary(_, a) => to(a),
-            Op::Binary(_, a, b) => [a, b].into_iter().for_each(to),
-            Op::Select(c, a, b) => {
-                c.each_value_mut(&mut |v| to(v));
-                [a, b].into_iter().for_each(to);
-            }
-        },
+        Stmt::Let(_, op) => op.each_value_mut(&mut to),
         Stmt::Set(_, v) | Stmt::Store(_, v) => to(v),
         Stmt::If(..)
         | Stmt::Loop(_)
@@ -461,24 +448,21 @@ impl Read<'_> {
                     let (entries, numbers) = (parts * s.pattern.len() as u32, parts * s.n as u32);
                     (*matrix..matrix + entries).chain(*vector..vector + numbers).for_each(|at| self.mark(at));
                 }
-                Stmt::If(_, yes, no) => {
-                    self.block(yes);
-                    self.block(no);
-                }
-                Stmt::Loop(body) => self.block(body),
-                Stmt::For(i, from, to, body) => {
+                Stmt::For(i, from, to, _) => {
                     self.ranges.insert(*i, (*from, *to));
-                    self.block(body);
                 }
                 Stmt::Let(..)
                 | Stmt::Set(..)
                 | Stmt::Store(..)
+                | Stmt::If(..)
+                | Stmt::Loop(_)
                 | Stmt::Break
                 | Stmt::Continue
                 | Stmt::Count(_)
                 | Stmt::Note(_)
                 | Stmt::Fail(_) => {}
             }
+            s.inner().into_iter().for_each(|body| self.block(body));
         }
     }
 
@@ -579,6 +563,46 @@ mod tests {
             let stores = format!("{:?}", routine.body).matches("Store(Place { memory: Scratch").count();
             assert_eq!(stores, usize::from(offset != 20), "from {offset}");
         }
+    }
+
+    #[test]
+    fn what_is_looked_at_on_the_way_keeps_its_place() {
+        // Two loops that add the same variable, which is set anew between them: the first must not see that.
+        for looks in [true, false] {
+            let mut w = Writer::new();
+            w.room(64);
+            let (x, two) = (w.starting(1.0), w.number(2.0));
+            let shifted = |w: &mut Writer, to: u32, looks: bool| {
+                let index = w.index();
+                let body = w.block(|w| {
+                    let from = w.load(Place { along: vec![(index, 1)], ..Place::new(Memory::State, 0) });
+                    let by = if looks { w.get(x) } else { two };
+                    let sum = w.add(from, by);
+                    w.push(Stmt::Store(Place { along: vec![(index, 1)], ..Place::new(Memory::Next, to) }, sum));
+                });
+                w.push(Stmt::For(index, 0, 10, body));
+            };
+            shifted(&mut w, 0, looks);
+            w.set(x, two);
+            shifted(&mut w, 10, true);
+            assert_eq!(loops(&w.routine(String::new()).body), if looks { 2 } else { 1 }, "{looks}");
+        }
+        // The same where what looks stands between them.
+        let mut w = Writer::new();
+        w.room(64);
+        let (x, two) = (w.starting(1.0), w.number(2.0));
+        copy(&mut w, Place::new(Memory::State, 0), 0);
+        let before = w.get(x);
+        w.push(Stmt::Store(Place::new(Memory::Output, 0), before));
+        w.set(x, two);
+        let index = w.index();
+        let body = w.block(|w| {
+            let (from, by) = (w.load(scratch(0, At::Each(index))), w.get(x));
+            let sum = w.add(from, by);
+            w.push(Stmt::Store(Place { along: vec![(index, 1)], ..Place::new(Memory::Next, 0) }, sum));
+        });
+        w.push(Stmt::For(index, 0, 10, body));
+        assert_eq!(loops(&w.routine(String::new()).body), 2);
     }
 
     #[test]

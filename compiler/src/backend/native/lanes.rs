@@ -5,7 +5,7 @@
 //! many intervals are over, stays a branch.
 
 use super::functions;
-use super::translate::{Made, SINGULAR, turns};
+use super::translate::{Made, SINGULAR, signature, turns};
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Routine, Stmt, Value};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
@@ -27,17 +27,21 @@ type Lanes = [ir::Value; PAIRS];
 /// Whether a routine has a form in lanes: one that solves large systems, or goes by tables, has none.
 pub(super) fn fits(body: &[Stmt]) -> bool {
     let even = |p: &Place| p.through.is_none();
-    body.iter().all(|s| match s {
-        Stmt::Let(_, Op::Load(p)) | Stmt::Store(p, _) => even(p),
-        Stmt::If(_, yes, no) => fits(yes) && fits(no),
-        Stmt::Loop(body) | Stmt::For(_, _, _, body) => fits(body),
-        Stmt::Solve { .. } | Stmt::Count(_) => false,
-        Stmt::Let(_, Op::Get(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..))
-        | Stmt::Set(..)
-        | Stmt::Break
-        | Stmt::Continue
-        | Stmt::Note(_)
-        | Stmt::Fail(_) => true,
+    body.iter().all(|s| {
+        let own = match s {
+            Stmt::Let(_, Op::Load(p)) | Stmt::Store(p, _) => even(p),
+            Stmt::Solve { .. } | Stmt::Count(_) => false,
+            Stmt::Let(_, Op::Get(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..))
+            | Stmt::Set(..)
+            | Stmt::If(..)
+            | Stmt::Loop(_)
+            | Stmt::For(..)
+            | Stmt::Break
+            | Stmt::Continue
+            | Stmt::Note(_)
+            | Stmt::Fail(_) => true,
+        };
+        own && s.inner().into_iter().all(fits)
     })
 }
 
@@ -45,10 +49,7 @@ pub(super) fn fits(body: &[Stmt]) -> bool {
 /// lanes beside one another, but for that of the notes, of which the report tells for each lane how many bytes from its begin the next one
 /// goes. Returns 0, or another number where one lane fails, whichever.
 pub(super) fn define<M: Module>(module: &mut M, routine: &Routine) -> Made<FuncId> {
-    let pointer = module.target_config().pointer_type();
-    let mut signature = module.make_signature();
-    signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 3];
-    signature.returns = vec![AbiParam::new(types::I32)];
+    let signature = signature(module);
     let id = module.declare_function("lanes", Linkage::Export, &signature)?;
     let mut context = module.make_context();
     context.func.signature = signature;

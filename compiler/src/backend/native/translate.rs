@@ -26,6 +26,15 @@ const NOTES: i32 = 32;
 /// Size of the report, bytes: iterations, three numbers of a failure, the size of the notes.
 pub(super) const REPORT: u32 = 40;
 
+/// The signature of the function of a routine; see [`define`].
+pub(super) fn signature<M: Module>(module: &M) -> ir::Signature {
+    let pointer = module.target_config().pointer_type();
+    let mut signature = module.make_signature();
+    signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 3];
+    signature.returns = vec![AbiParam::new(types::I32)];
+    signature
+}
+
 /// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report (iterations, then
 /// what a failure tells), the context for [`functions::SOLVE`], and the tables; returns 0 or why it failed.
 ///
@@ -39,9 +48,7 @@ pub(super) fn define<M: Module>(
     pairs: bool,
 ) -> Made<FuncId> {
     let pointer = module.target_config().pointer_type();
-    let mut signature = module.make_signature();
-    signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 3];
-    signature.returns = vec![AbiParam::new(types::I32)];
+    let signature = signature(module);
     let id = module.declare_function(name, linkage, &signature)?;
     let mut context = module.make_context();
     context.func.signature = signature;
