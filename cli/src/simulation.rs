@@ -94,8 +94,8 @@ impl Code {
         }
     }
 
-    /// The same for so many scenes that mostly differ in their numbers alone: what they have in common is compiled once. Threads may
-    /// share it.
+    /// The same for so many scenes that mostly differ in their numbers alone: what they have in common is compiled
+    /// once. Threads may share it.
     pub fn shared(self, scenes: u64) -> Box<dyn Backend + Send + Sync> {
         match self {
             #[cfg(feature = "native")]
@@ -332,20 +332,20 @@ impl<'a> Simulation<'a> {
     }
 }
 
-/// Simulations of scenes that differ in their numbers alone, which go on side by side: in vector lanes, where the back end has such. What
-/// they come to is what each would come to alone, to the last bit.
+/// Simulations of scenes that differ in their numbers alone, which go on side by side: in vector lanes, where the back
+/// end has such. What they come to is what each would come to alone, to the last bit.
 pub struct Abreast(simulate::Abreast);
 
 impl Abreast {
-    /// For these, made on this back end, which are to go on to that instant, s; None where they differ in more, or would not be sooner
-    /// there.
+    /// For these, made on this back end, which are to go on to that instant, s; None where they differ in more, or
+    /// would not be sooner there.
     pub fn new(backend: &dyn Backend, sims: &[Simulation<'_>], until: f64) -> Option<Self> {
         let runs: Vec<_> = sims.iter().map(|s| &s.inner).collect();
         simulate::Abreast::new(backend, &runs, until).map(Self)
     }
 
-    /// Goes with all of them as far towards an instant, s, as can be gone at once; [`Simulation::advance`] goes the rest. They are those that
-    /// it was made for, in their order.
+    /// Goes with all of them as far towards an instant, s, as can be gone at once; [`Simulation::advance`] goes the
+    /// rest. They are those that it was made for, in their order.
     pub fn leap(&mut self, sims: &mut [Simulation<'_>], until: f64) {
         let mut runs: Vec<_> = sims.iter_mut().map(|s| &mut s.inner).collect();
         self.0.leap(&mut runs, until);

@@ -47,8 +47,8 @@ pub trait Backend {
         1
     }
 
-    /// Makes what takes these scenes, run like this from here, through stretches at once; None where they are of different makes, or
-    /// so many intervals of each are not worth it.
+    /// Makes what takes these scenes, run like this from here, through stretches at once; None where they are of
+    /// different makes, or so many intervals of each are not worth it.
     fn lanes(
         &self,
         scenes: &[(&Scene, &simulate::Options, simulate::Start)],

@@ -20,7 +20,8 @@ pub fn place(p: &Point, reference: f64) -> Option<(f64, f64)> {
 /// What is further off is nothing that one would choose, however cheap.
 pub const FAR: f64 = 1.0;
 
-/// Marks the points of the front: for none of them is there another that is as exact and cheaper, or as cheap and more exact.
+/// Marks the points of the front: for none of them is there another that is as exact and cheaper, or as cheap and more
+/// exact.
 pub fn mark(points: &mut [Point], reference: f64) {
     let places: Vec<Option<(f64, f64)>> = points.iter().map(|p| place(p, reference)).collect();
     for (i, p) in points.iter_mut().enumerate() {

@@ -1,4 +1,5 @@
-//! Speed against error: every stepper that a model can take, over a range of steps and tolerances, against a reference of its own.
+//! Speed against error: every stepper that a model can take, over a range of steps and tolerances, against a reference
+//! of its own.
 
 pub mod clock;
 mod extrapolate;

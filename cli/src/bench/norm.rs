@@ -4,8 +4,8 @@ use super::trial::Run;
 use bond::Compiled;
 use std::collections::BTreeMap;
 
-/// A probe is measured against at least this part of the largest value that anything of its unit takes: one that is 0 but for
-/// rounding has no size of its own.
+/// A probe is measured against at least this part of the largest value that anything of its unit takes: one that is 0
+/// but for rounding has no size of its own.
 const SLIGHT: f64 = 1e-3;
 
 /// What is compared: names, and units where they are known.
@@ -35,8 +35,8 @@ impl Quantities {
         Self { names, units, probes }
     }
 
-    /// What errors are measured against: of a state the largest magnitude that a state or probe of its unit takes in a run, of a
-    /// probe its own, but not less than a small part of that.
+    /// What errors are measured against: of a state the largest magnitude that a state or probe of its unit takes in a
+    /// run, of a probe its own, but not less than a small part of that.
     pub fn scales(&self, run: &Run) -> Vec<f64> {
         let mut groups: BTreeMap<&str, f64> = BTreeMap::new();
         for (unit, x) in self.units.iter().zip(&run.largest) {

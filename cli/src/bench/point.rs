@@ -51,7 +51,8 @@ pub struct Measured {
     pub seconds: f64,
 }
 
-/// Processor time of measuring a point whose run takes so many seconds, s: a run with rows, a first one, and the readings.
+/// Processor time of measuring a point whose run takes so many seconds, s: a run with rows, a first one, and the
+/// readings.
 pub fn takes(seconds: f64, repeat: usize) -> f64 {
     2.0 * seconds + repeat as f64 * seconds.max(f64::min(READING, TIMES as f64 * seconds))
 }
@@ -89,8 +90,8 @@ pub fn measure(
     })
 }
 
-/// Runs without rows, `repeat` readings of the clock, fewer where they take longer than `limit` in all: the first run, and the processor
-/// time of one, s.
+/// Runs without rows, `repeat` readings of the clock, fewer where they take longer than `limit` in all: the first run,
+/// and the processor time of one, s.
 ///
 /// # Errors
 /// A run that fails.

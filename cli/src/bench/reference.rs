@@ -1,5 +1,5 @@
-//! What runs are measured against: the run that agrees best with itself when its steps are made shorter, looked at by a second
-//! method.
+//! What runs are measured against: the run that agrees best with itself when its steps are made shorter, looked at by a
+//! second method.
 
 use super::extrapolate::Tableau;
 use super::norm::{Difference, Quantities};
@@ -66,7 +66,8 @@ impl Search<'_> {
     /// In words, where no method comes to the end with two settings.
     pub fn find(&self, stop: f64) -> Result<Reference, String> {
         let mut order: Vec<&Runner> = self.runners.iter().collect();
-        // A method without error goes first, then the higher the order the better; what keeps the balance before what does not.
+        // A method without error goes first, then the higher the order the better; what keeps the balance before what
+        // does not.
         let rank = |r: &Runner| if r.way.order == 0 { u32::MAX } else { r.way.order };
         order.sort_by_key(|r| (std::cmp::Reverse(rank(r)), !r.way.passive));
         let mut total = METHODS * self.limit;
@@ -82,7 +83,8 @@ impl Search<'_> {
                 Err(e) => why = format!("{}: {e}", runner.way.name),
             }
         }
-        // Low orders get far by extrapolation alone; where it is fine already, the two highest orders may make it finer.
+        // Low orders get far by extrapolation alone; where it is fine already, the two highest orders may make it
+        // finer.
         let above = |found: &[Found], least: f64| found.iter().all(|f| f.change > self.target.max(least));
         for (i, runner) in order.iter().filter(|r| r.way.order > 0).enumerate() {
             if !above(&found, if i < 2 { FINE } else { COARSE }) {
@@ -126,8 +128,8 @@ impl Search<'_> {
         best.change <= good && second <= (SECOND * best.change.max(ROUNDING)).max(good)
     }
 
-    /// The run of a method that changes least from one setting to the next finer one: of tolerances, or of fixed steps where those
-    /// have no effect.
+    /// The run of a method that changes least from one setting to the next finer one: of tolerances, or of fixed steps
+    /// where those have no effect.
     fn refine(&self, runner: &Runner, stop: f64, left: &mut f64) -> Result<Found, String> {
         let from = (-self.target.log10()).clamp(5.0, 10.0) as i32 - 1;
         let tolerances = (from..=14).map(|k| Setting::Tolerance(format!("1e-{k}").parse().unwrap_or(1e-12)));

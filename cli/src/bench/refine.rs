@@ -10,7 +10,8 @@ use super::trial::{Lost, Runner};
 pub const PART: f64 = 0.1;
 /// A point is aimed at so much of a decade, so that it meets it also where the errors do not lie on a line.
 const AIM: f64 = 0.8;
-/// It is measured where it is foretold to take so much of the time of the cheapest point that meets the decade, or less.
+/// It is measured where it is foretold to take so much of the time of the cheapest point that meets the decade, or
+/// less.
 const WORTH: f64 = 0.9;
 /// Points for a decade at most, of what keeps the balance and of all.
 const TRIES: usize = 6;
@@ -25,9 +26,9 @@ struct Guess {
     seconds: f64,
 }
 
-/// Adds points, decade by decade, between those of the sweeps: always what is foretold to be the cheapest of all that meets the decade,
-/// as long as it is foretold to be cheaper by a tenth than what is measured. `left` is what is left of the time of each runner's method,
-/// s. Notes say what was skipped.
+/// Adds points, decade by decade, between those of the sweeps: always what is foretold to be the cheapest of all that
+/// meets the decade, as long as it is foretold to be cheaper by a tenth than what is measured. `left` is what is left
+/// of the time of each runner's method, s. Notes say what was skipped.
 pub fn refine(
     sweep: &Sweep,
     runners: &[Runner],
@@ -90,8 +91,8 @@ fn best(points: &[Point], decade: f64, sweep: &Sweep, passive: bool, open: &dyn 
     (first.seconds <= WORTH * cheapest).then_some(first)
 }
 
-/// What should just meet a decade, between a point that meets it and its coarser neighbour that does not: setting and time, s. Errors
-/// and times are taken for powers of the step or tolerance.
+/// What should just meet a decade, between a point that meets it and its coarser neighbour that does not: setting and
+/// time, s. Errors and times are taken for powers of the step or tolerance.
 fn between(coarse: &Point, fine: &Point, decade: f64, reference: f64, stop: f64) -> Option<(Setting, f64)> {
     let (error, seconds) = place(fine, reference).filter(|(e, _)| *e <= decade)?;
     if coarse.method != fine.method {

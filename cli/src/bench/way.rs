@@ -6,8 +6,8 @@ use bond::{Compiled, Errors, Options, Text};
 use bond_compiler::discretise::Method;
 use bond_runtime::scene::Scene;
 
-/// A scene whose continuous regions are stepped by one method. Sampled regions are as the model says: their period and their
-/// stepper are part of it.
+/// A scene whose continuous regions are stepped by one method. Sampled regions are as the model says: their period and
+/// their stepper are part of it.
 pub struct Way {
     /// `gonzalez`
     pub name: &'static str,

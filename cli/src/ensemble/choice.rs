@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// Machine code is some 6 times as fast as the interpreter at least. So where making it takes longer than this many times the run
-/// itself, the interpreter would have been done before.
+/// Machine code is some 6 times as fast as the interpreter at least. So where making it takes longer than this many
+/// times the run itself, the interpreter would have been done before.
 const WORTH: u32 = 5;
 
 /// How the instances are run, and what is known of that so far; threads may ask and tell at once.
@@ -49,8 +49,9 @@ impl Choice {
         }
     }
 
-    /// So many instances have come to their end as machine code: how long that took to make, and then to run. What is made for one mostly
-    /// serves the others too; where making has taken longer than interpreting all of them would, the rest is interpreted.
+    /// So many instances have come to their end as machine code: how long that took to make, and then to run. What is
+    /// made for one mostly serves the others too; where making has taken longer than interpreting all of them would,
+    /// the rest is interpreted.
     pub fn learn(&self, instances: usize, made: Duration, ran: Duration) {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         taken.instances += instances as u64;

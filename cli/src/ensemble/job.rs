@@ -108,7 +108,8 @@ impl Job {
         Ok(compiled)
     }
 
-    /// What takes instances along together; None where they are looked at at different instants, or differ in more than numbers.
+    /// What takes instances along together; None where they are looked at at different instants, or differ in more than
+    /// numbers.
     fn together(&self, runs: &[Run], sims: &[Simulation<'_>], code: Code) -> Option<Abreast> {
         let first = runs.first()?;
         let same = runs.iter().all(|r| r.walk.next() == first.walk.next() && r.stop == first.stop);

@@ -1,8 +1,8 @@
 //! Ensembles: many instances of a model, each with values of its own for some parameters, in one table.
 //!
-//! `sweep` and `draw` read what is asked for and say what each value is; `plan` gives the values of an instance by its number
-//! alone, so that neither threads nor order matter. `job` runs an instance, `pool` spreads them over threads, `side` keeps those
-//! that are done in a file, `sheet` puts them in the order of the table, `run` joins all that.
+//! `sweep` and `draw` read what is asked for and say what each value is; `plan` gives the values of an instance by its
+//! number alone, so that neither threads nor order matter. `job` runs an instance, `pool` spreads them over threads,
+//! `side` keeps those that are done in a file, `sheet` puts them in the order of the table, `run` joins all that.
 
 mod choice;
 mod collect;
@@ -36,15 +36,15 @@ const THREADS: u64 = 256;
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Ensembles")]
 pub struct Args {
-    /// Run once for each of N values of a parameter, evenly spaced from FROM to TO (both included), or by equal factors with
-    /// `:log`; or for each of a list, `m=1,2,5`. Several give the grid, the last one varying fastest
+    /// Run once for each of N values of a parameter, evenly spaced from FROM to TO (both included), or by equal factors
+    /// with `:log`; or for each of a list, `m=1,2,5`. Several give the grid, the last one varying fastest
     #[arg(long, value_name = "PATH=FROM..TO:N", value_parser = sweep::parse, allow_hyphen_values = true)]
     sweep: Vec<Sweep>,
     /// Run N times with parameters drawn at random, at each point of the grid where there is one
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=INSTANCES), requires = "draw")]
     monte_carlo: Option<u64>,
-    /// How a parameter is drawn: `uniform(A, B)`, `normal(MEAN, SD)`, `lognormal(MEDIAN, SIGMA)` with the standard deviation of
-    /// the logarithm, `triangular(A, MODE, B)`; repeatable
+    /// How a parameter is drawn: `uniform(A, B)`, `normal(MEAN, SD)`, `lognormal(MEDIAN, SIGMA)` with the standard
+    /// deviation of the logarithm, `triangular(A, MODE, B)`; repeatable
     #[arg(long, value_name = "PATH=DISTRIBUTION", value_parser = draw::parse, requires = "monte_carlo", allow_hyphen_values = true)]
     draw: Vec<Draw>,
     /// Other numbers for --draw; 0 otherwise

@@ -21,7 +21,8 @@ impl Outcome {
         Self { last: vec![f64::NAN; width], rows: Vec::new(), passive: false, worst: f64::NAN, failure: Some(why) }
     }
 
-    /// Adds its bytes: passive, worst, last, rows with their count before them, failure with its length plus one before it, or 0.
+    /// Adds its bytes: passive, worst, last, rows with their count before them, failure with its length plus one before
+    /// it, or 0.
     pub fn encode(&self, out: &mut Vec<u8>) {
         out.push(u8::from(self.passive));
         out.extend(self.worst.to_bits().to_le_bytes());

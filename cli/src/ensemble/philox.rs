@@ -1,12 +1,13 @@
 //! Random words by their place: the same for an instance and a parameter, whoever asks, and when.
 //!
-//! Philox4x32-10 of J. K. Salmon, M. A. Moraes, R. O. Dror and D. E. Shaw, "Parallel random numbers: as easy as 1, 2, 3", 2011.
+//! Philox4x32-10 of J. K. Salmon, M. A. Moraes, R. O. Dror and D. E. Shaw, "Parallel random numbers: as easy as 1, 2,
+//! 3", 2011.
 
 const MULTIPLIERS: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
 const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
 
-/// Two random words for a draw of an instance: of the block at the counter (low and high word of the instance, low and high word of
-/// the draw) under the seed as key, words 0 and 1, and 2 and 3, the first of each the lower one.
+/// Two random words for a draw of an instance: of the block at the counter (low and high word of the instance, low and
+/// high word of the draw) under the seed as key, words 0 and 1, and 2 and 3, the first of each the lower one.
 pub fn words(seed: u64, instance: u64, draw: u64) -> [u64; 2] {
     let [a, b] = halves(instance);
     let [c, d] = halves(draw);

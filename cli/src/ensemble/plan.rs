@@ -9,8 +9,8 @@ use bond::Quantity;
 
 /// The grid of the sweeps, times the draws at each of its points.
 ///
-/// Instance `i` is draw `i mod N` at point `i div N` of the grid; its random words are those of `i`, so that more draws of a plan
-/// without sweeps go on where fewer ended.
+/// Instance `i` is draw `i mod N` at point `i div N` of the grid; its random words are those of `i`, so that more draws
+/// of a plan without sweeps go on where fewer ended.
 #[derive(Clone, Debug)]
 pub struct Plan {
     sweeps: Vec<Sweep>,

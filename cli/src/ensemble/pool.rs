@@ -73,8 +73,8 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next chunks, as soon as there is room for what they come to: as many as can be run at once, but none that another thread
-    /// would have nothing left for.
+    /// The next chunks, as soon as there is room for what they come to: as many as can be run at once, but none that
+    /// another thread would have nothing left for.
     fn take(&self) -> Vec<u64> {
         let full = |s: &mut State| s.waiting > WAITING;
         let mut state = self.room.wait_while(self.state(), full).unwrap_or_else(PoisonError::into_inner);

@@ -136,7 +136,8 @@ fn kept(
     Ok((statistics, left))
 }
 
-/// An instance that compiles, to learn from it what all have in common: the first, the last, or one with the model's own values.
+/// An instance that compiles, to learn from it what all have in common: the first, the last, or one with the model's
+/// own values.
 ///
 /// # Errors
 /// A parameter that there is not, a unit that is wrong, or a model that is wrong in all of them.

@@ -78,8 +78,8 @@ impl Sheet {
     }
 }
 
-/// Instance, parameters and probes; between them the time, or after them how it went. Where a parameter or a probe has the name of
-/// one of the others, it gets a `_` more.
+/// Instance, parameters and probes; between them the time, or after them how it went. Where a parameter or a probe has
+/// the name of one of the others, it gets a `_` more.
 fn columns(job: &Job) -> Vec<Column> {
     let fixed: &[&str] = if job.over_time { &OVER_TIME } else { &AT_THE_END };
     let free = |name: &str| {

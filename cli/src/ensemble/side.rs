@@ -6,8 +6,8 @@
 //! for each chunk as it is done: its number (8), length (8), hash of both and of what follows (8), its bytes
 //! ```
 //!
-//! All numbers have the lowest byte first. Chunks are only ever added at the end. What a kill has left of the last one has not the
-//! length or the hash that it should have, and is cut off.
+//! All numbers have the lowest byte first. Chunks are only ever added at the end. What a kill has left of the last one
+//! has not the length or the hash that it should have, and is cut off.
 
 use super::collect::Collect;
 use super::fingerprint::Fingerprint;
@@ -42,7 +42,8 @@ impl Side {
     /// Opens the side file of a table, and takes over what is in it, or begins one.
     ///
     /// # Errors
-    /// Status 2: one that cannot be written, that another process writes, that is none, or that belongs to another ensemble.
+    /// Status 2: one that cannot be written, that another process writes, that is none, or that belongs to another
+    /// ensemble.
     pub fn open(table: &Path, print: &Fingerprint, chunks: Chunks, restart: bool) -> Result<Self, Stop> {
         let path = beside(table);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);

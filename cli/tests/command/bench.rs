@@ -119,7 +119,8 @@ fn points_between_just_meet_a_decade() {
     assert!(counted.windows(2).all(|w| w[0].0 < w[1].0), "{counted:?}");
     let tolerances: Vec<f64> = list.iter().filter_map(|p| p["tolerance"].as_f64()).collect();
     assert!(tolerances.windows(2).all(|w| w[0] > w[1]), "{tolerances:?}");
-    // The sweep has 2^k times the first number of steps. Of second order, what is between two of them meets its decade closely.
+    // The sweep has 2^k times the first number of steps. Of second order, what is between two of them meets its decade
+    // closely.
     let swept = |n: f64| ((n / counted[0].0).log2() - (n / counted[0].0).log2().round()).abs() < 1e-6;
     let between: Vec<f64> = counted.iter().filter(|c| !swept(c.0)).map(|c| c.1).collect();
     assert!(!between.is_empty(), "{counted:?}");

@@ -335,8 +335,8 @@ pub(super) fn opposite(
     Ok(list)
 }
 
-/// What products within an iteration divide by, where one division does for several: with one over it, where that does not change in
-/// the iteration. Where there are choices, a division for two is better had where it is asked for.
+/// What products within an iteration divide by, where one division does for several: with one over it, where that does
+/// not change in the iteration. Where there are choices, a division for two is better had where it is asked for.
 fn shared(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Vec<(Below, Option<Expr>)> {
     let (mut seen, mut stack) = (FxHashSet::default(), all.to_vec());
     let mut list: Vec<Below> = Vec::new();

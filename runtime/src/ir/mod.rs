@@ -146,7 +146,8 @@ pub enum Inst {
     },
 }
 
-/// The solution `u` of `A u = b`, put into consecutive slots of `Local`. It counts as an iteration where it has no flag.
+/// The solution `u` of `A u = b`, put into consecutive slots of `Local`. It counts as an iteration where it has no
+/// flag.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Solve {
     /// First slot of the unknowns, in `Local`.
@@ -155,11 +156,11 @@ pub struct Solve {
     pub right: Vec<Value>,
     /// `A`: row, column, value; sorted by row, then column; each place at most once. The pattern is fixed.
     pub matrix: Vec<(u32, u32, Value)>,
-    /// Where the numbers are complex, the imaginary part of each entry of `matrix`, which has the real ones; of `right` and of the
-    /// unknowns first the real part stands there then, and after it the imaginary one. Empty else.
+    /// Where the numbers are complex, the imaginary part of each entry of `matrix`, which has the real ones; of `right`
+    /// and of the unknowns first the real part stands there then, and after it the imaginary one. Empty else.
     pub imaginary: Vec<Value>,
-    /// Where the step fails when there is no pivot in a row; with a slot, the slot (of `Local`) gets 1 or 0 and the program goes
-    /// on, with numbers that mean nothing.
+    /// Where the step fails when there is no pivot in a row; with a slot, the slot (of `Local`) gets 1 or 0 and the
+    /// program goes on, with numbers that mean nothing.
     pub flag: Option<Slot>,
 }
 

@@ -1,5 +1,5 @@
-//! What programs of one make have in common, and the numbers in which they differ: a model with other parameters mostly gives the
-//! same instructions.
+//! What programs of one make have in common, and the numbers in which they differ: a model with other parameters mostly
+//! gives the same instructions.
 
 use super::{Binary, Inst, Op, Program, Value};
 
@@ -7,8 +7,9 @@ use super::{Binary, Inst, Op, Program, Value};
 const SOME: f64 = 2.0;
 
 impl Program {
-    /// The numbers in which a program of the same make may differ, in order of appearance: its constants, but for 0, 1 and -1, for what
-    /// is not finite, for the measure of rounding, and for exponents, all of which decide what is computed.
+    /// The numbers in which a program of the same make may differ, in order of appearance: its constants, but for 0, 1
+    /// and -1, for what is not finite, for the measure of rounding, and for exponents, all of which decide what is
+    /// computed.
     pub fn numbers(&self) -> Vec<(Value, f64)> {
         let fixed = self.exponents();
         let mut list = Vec::new();
@@ -20,8 +21,8 @@ impl Program {
         list
     }
 
-    /// The program with other numbers of the same sign in place of [`Self::numbers`]. Where two have the same skeleton, code that takes
-    /// these from elsewhere does for both.
+    /// The program with other numbers of the same sign in place of [`Self::numbers`]. Where two have the same skeleton,
+    /// code that takes these from elsewhere does for both.
     pub fn skeleton(&self) -> Program {
         let (fixed, mut other) = (self.exponents(), self.clone());
         replace(&mut other.body, &mut |v, x| {

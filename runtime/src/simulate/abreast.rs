@@ -1,4 +1,5 @@
-//! Several runs of scenes of one make through whole stretches at once, side by side: the same bits as one after the other.
+//! Several runs of scenes of one make through whole stretches at once, side by side: the same bits as one after the
+//! other.
 
 use super::ahead::{FAILED, LEAST, NOTES};
 use super::{Places, Simulation};
@@ -9,8 +10,9 @@ pub trait Lanes: Send {
     /// Where the numbers of one of them are.
     fn places(&self, lane: usize) -> &Places;
 
-    /// Goes so many intervals on in each, from what is in its block to what is in it then. Gives how many all of them went: fewer
-    /// where one fails, which then is as if it had not begun. What each noted is added to its notes, as [`super::Stretch::run`] says.
+    /// Goes so many intervals on in each, from what is in its block to what is in it then. Gives how many all of them
+    /// went: fewer where one fails, which then is as if it had not begun. What each noted is added to its notes, as
+    /// [`super::Stretch::run`] says.
     fn run(&mut self, blocks: &mut [Vec<f64>], intervals: u64, notes: &mut [Vec<f64>]) -> u64;
 }
 
@@ -26,7 +28,8 @@ pub struct Abreast {
 }
 
 impl Abreast {
-    /// For these runs, which are to go on to that instant, s; None where they are of different makes, or would not be sooner there.
+    /// For these runs, which are to go on to that instant, s; None where they are of different makes, or would not be
+    /// sooner there.
     pub fn new(backend: &dyn Backend, runs: &[&Simulation<'_>], until: f64) -> Option<Self> {
         let intervals = runs.iter().map(|run| run.reach(until)).min()?;
         let scenes: Vec<_> = runs.iter().map(|run| (run.scene, &run.options, run.start())).collect();
@@ -41,8 +44,8 @@ impl Abreast {
         Some(Self { lanes, blocks, notes, longest, failed: 0 })
     }
 
-    /// Goes with all of them as far towards an instant, s, as can be gone at once: nowhere where something lies between, or where they
-    /// do not stand side by side. They are those that it was made for, in their order.
+    /// Goes with all of them as far towards an instant, s, as can be gone at once: nowhere where something lies
+    /// between, or where they do not stand side by side. They are those that it was made for, in their order.
     pub fn leap(&mut self, runs: &mut [&mut Simulation<'_>], until: f64) {
         let Self { lanes, blocks, notes, longest, failed } = self;
         let mut left = runs.first().map_or(0, |run| run.reach(until));

@@ -30,13 +30,15 @@ const OWN: u32 = 6;
 /// The exponents of the controller in the error of a step and of the one before it (Hairer and Wanner, IV.8), times the
 /// order of the error.
 const PI: (f64, f64) = (0.7, 0.4);
-/// A phase between two switches begins with no more than this part of the last one of its kind: several steps tell where it ends.
+/// A phase between two switches begins with no more than this part of the last one of its kind: several steps tell
+/// where it ends.
 const PHASE: f64 = 1.0 / 3.0;
 /// A step to a switch that is foretold is longer by this part, so that it rather goes past it.
 const PAST: f64 = 1.0 / 32.0;
 /// One that would be shorter than this part of what it might be is not cut for it.
 const WORTH: f64 = 0.1;
-/// What did not come is foretold again where it is nearer than to this many of the step that was cut for it, from its start.
+/// What did not come is foretold again where it is nearer than to this many of the step that was cut for it, from its
+/// start.
 const NEARER: f64 = 1.5;
 /// Instants closer to one another than this part of themselves are one.
 const SAME: f64 = 1e-12;

@@ -14,9 +14,10 @@ pub trait Stretch: Send + Sync {
     /// Where it has its numbers.
     fn places(&self) -> &Places;
 
-    /// Goes so many intervals on, from what is in the block to what is in it then. Gives how many it went: fewer where one
-    /// fails, which then is as if it had not begun; and how many of the notes it left: for each error that may be the worst, four
-    /// numbers, the place of those on top that it was compared with, the error, its scale and the floor.
+    /// Goes so many intervals on, from what is in the block to what is in it then. Gives how many it went: fewer where
+    /// one fails, which then is as if it had not begun; and how many of the notes it left: for each error that may be
+    /// the worst, four numbers, the place of those on top that it was compared with, the error, its scale and the
+    /// floor.
     fn run(&mut self, block: &mut [f64], intervals: u64, notes: &mut [f64]) -> (u64, usize);
 }
 

@@ -45,8 +45,8 @@ pub(super) struct Attempt {
 }
 
 impl Run {
-    /// A step of length `h` from `t`, cut to where a law switches, and its error. That is first looked for at `aim` from `t`, where that
-    /// lies within the step.
+    /// A step of length `h` from `t`, cut to where a law switches, and its error. That is first looked for at `aim`
+    /// from `t`, where that lies within the step.
     pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
         self.stride(t, h, Part::Whole)?;
         let event = self.event(c, t, h, aim)?;

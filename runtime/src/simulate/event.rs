@@ -74,9 +74,9 @@ impl Run {
         look(c, guards, &mut self.step, (&self.state, &self.input), None, &mut self.before);
     }
 
-    /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that ends just past
-    /// it, which then is the whole step. A switch at the very start is let be. Without one, the first half was taken too, where
-    /// there are guards. It is first looked for at `aim` from `t`.
+    /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that
+    /// ends just past it, which then is the whole step. A switch at the very start is let be. Without one, the first
+    /// half was taken too, where there are guards. It is first looked for at `aim` from `t`.
     pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Option<f64>, Failure> {
         let Some(mut bracket) = self.bracket(c, t, h)? else { return Ok(None) };
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
@@ -132,8 +132,8 @@ impl Run {
         Ok(Some(found))
     }
 
-    /// When the next switch is foretold after the step of length `h` from `t` that was just found to have none: the first root of
-    /// the parabolas through the guards at its start, middle and end; infinite where there is none.
+    /// When the next switch is foretold after the step of length `h` from `t` that was just found to have none: the
+    /// first root of the parabolas through the guards at its start, middle and end; infinite where there is none.
     pub(super) fn foretold(&self, t: f64, h: f64) -> f64 {
         let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return f64::INFINITY };
         let values = self.before.iter().zip(&fit.below).zip(&fit.beyond);
@@ -141,8 +141,8 @@ impl Run {
         t + h + h * roots.fold(f64::INFINITY, f64::min)
     }
 
-    /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or at its
-    /// middle. The whole step is then the one to the end of that part.
+    /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or
+    /// at its middle. The whole step is then the one to the end of that part.
     fn bracket(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Option<Bracket>, Failure> {
         if self.guards.is_none() {
             return Ok(None);

@@ -57,8 +57,8 @@ impl Plan {
         Self { n, method }
     }
 
-    /// The same for complex numbers: of each value and of each entry of a vector first the real part, then the imaginary one. Always
-    /// sparse, and without a second try where a pivot is bad but that which raises it.
+    /// The same for complex numbers: of each value and of each entry of a vector first the real part, then the
+    /// imaginary one. Always sparse, and without a second try where a pivot is bad but that which raises it.
     ///
     /// # Panics
     /// Where the pattern is not within `n` rows and columns.
@@ -156,7 +156,8 @@ pub struct System {
 }
 
 impl System {
-    /// The system of `n` unknowns and a pattern of (row, column), each place at most once; of complex numbers or real ones.
+    /// The system of `n` unknowns and a pattern of (row, column), each place at most once; of complex numbers or real
+    /// ones.
     ///
     /// # Panics
     /// Where the pattern is not within `n` rows and columns.

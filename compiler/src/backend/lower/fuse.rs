@@ -1,5 +1,5 @@
-//! Loops over the same range become one, where none of them needs what a later turn of another gives: what one leaves for the next
-//! is then not written and read again, and sums are added up while something else is computed.
+//! Loops over the same range become one, where none of them needs what a later turn of another gives: what one leaves
+//! for the next is then not written and read again, and sums are added up while something else is computed.
 //!
 //! The order of operations on each number stays as it was, and so do all bits.
 
@@ -62,8 +62,9 @@ impl Out {
         self.list.remove(at)
     }
 
-    /// Whether what has these effects may be moved to just after the statement with this number: those that set variables which it
-    /// goes on from, and move with it, the last one first. None of what they pass may look at these variables.
+    /// Whether what has these effects may be moved to just after the statement with this number: those that set
+    /// variables which it goes on from, and move with it, the last one first. None of what they pass may look at these
+    /// variables.
     fn way(&self, own: &mut Effects, to: usize) -> Option<Vec<usize>> {
         let mut carried: Vec<usize> = Vec::new();
         for k in (to + 1..self.list.len()).rev() {

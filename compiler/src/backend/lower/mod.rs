@@ -44,8 +44,9 @@ pub fn lower(program: &Program) -> Option<Routine> {
     Some(writer.routine(program.name.clone()))
 }
 
-/// A routine that takes [`Program::numbers`] from [`Memory::Data`], and so does for all programs of the same skeleton. None as of
-/// [`lower`], or where the program is large: then its families take the numbers in which their members differ from there.
+/// A routine that takes [`Program::numbers`] from [`Memory::Data`], and so does for all programs of the same skeleton.
+/// None as of [`lower`], or where the program is large: then its families take the numbers in which their members
+/// differ from there.
 ///
 /// # Panics
 /// As [`lower`].
@@ -56,8 +57,8 @@ pub fn lower_apart(program: &Program) -> Option<Routine> {
     Some(writer.routine(program.name.clone()))
 }
 
-/// Writes a program where the writer stands, with its numbers as they are, or as those from this place of [`Memory::Data`] on. None as
-/// of [`lower_apart`] or [`lower`].
+/// Writes a program where the writer stands, with its numbers as they are, or as those from this place of
+/// [`Memory::Data`] on. None as of [`lower_apart`] or [`lower`].
 pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places, numbers: Option<u32>) -> Option<Writer> {
     if nested(&program.body, false) || (numbers.is_some() && is_large(program)) {
         return None;

@@ -267,7 +267,8 @@ impl<'p> Roll<'p> {
         if self.kept[v.0 as usize].is_some() { level + 1 } else { level }
     }
 
-    /// Finds loads of what linear equations have left where nothing else writes. Fails where such a place is written besides.
+    /// Finds loads of what linear equations have left where nothing else writes. Fails where such a place is written
+    /// besides.
     fn steady(&mut self) -> Option<()> {
         let mut left: rustc_hash::FxHashMap<u32, usize> = rustc_hash::FxHashMap::default();
         for l in &self.linear {
@@ -292,7 +293,8 @@ impl<'p> Roll<'p> {
         Some(())
     }
 
-    /// Fails where a segment both loads and stores a place of the program's scratch: results are not in the order of the program.
+    /// Fails where a segment both loads and stores a place of the program's scratch: results are not in the order of
+    /// the program.
     fn ordered(&self) -> Option<()> {
         let (_, first) = self.places[Array::Local as usize];
         let loads = self.ops.iter().zip(&self.home).filter_map(|(op, home)| match op {

@@ -27,8 +27,8 @@ const LARGEST: usize = 30_000;
 /// A scene is compiled as a whole after so many intervals: some milliseconds, at some 50 ns that each then takes less.
 pub(super) const WORTH: u64 = 40_000;
 
-/// Compiles programs to machine code. A program that is too large, or has a form that machine code is not written for, is
-/// interpreted; so is all on a machine that Cranelift does not know.
+/// Compiles programs to machine code. A program that is too large, or has a form that machine code is not written for,
+/// is interpreted; so is all on a machine that Cranelift does not know.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Jit;
 
@@ -110,7 +110,8 @@ impl Code {
         let id = define(&mut module).ok()?;
         module.finalize_definitions().ok()?;
         let code = module.get_finalized_function(id);
-        // SAFETY: both ways to define it give the function this signature, in the platform's C convention, which `extern "C"` is too.
+        // SAFETY: both ways to define it give the function this signature, in the platform's C convention, which
+        // `extern "C"` is too.
         let function = unsafe { std::mem::transmute::<*const u8, Function>(code) };
         let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone(), s.complex)).collect();
         let scratch = routine.scratch as usize;
@@ -171,8 +172,9 @@ impl Kernel for Compiled {
             "slices are as long as the program's arrays"
         );
         let mut report = [0.0; REPORT as usize / 8];
-        // The function reads and writes the arrays within the sizes that were just asserted, which the program's verifier and
-        // `lower` keep to; `report` has the places that it writes; the systems are those it was compiled with.
+        // The function reads and writes the arrays within the sizes that were just asserted, which the program's
+        // verifier and `lower` keep to; `report` has the places that it writes; the systems are those it was compiled
+        // with.
         let code = (self.code.function)(
             state.as_ptr().cast_mut(), // read only, as `lower` writes it
             input.as_ptr(),
@@ -226,8 +228,9 @@ impl Whole {
     /// Goes on; how many intervals it went, whether it went all, and the notes.
     fn go(&mut self, block: &mut [f64], intervals: u64, notes: &mut [f64]) -> (u64, bool, usize) {
         let (most, mut gone, mut report) = ([intervals as f64], [0.0], [0.0; REPORT as usize / 8]);
-        // The routine reads and writes the block, its table and scratch within their sizes, which `unit` lays out, its one input and
-        // its one output; `report` has the places that it writes; who calls makes room for as many notes as intervals can leave.
+        // The routine reads and writes the block, its table and scratch within their sizes, which `unit` lays out, its
+        // one input and its one output; `report` has the places that it writes; who calls makes room for as many notes
+        // as intervals can leave.
         let failed = (self.code.function)(
             block.as_mut_ptr(),
             most.as_ptr(),
@@ -354,7 +357,8 @@ fn beside<T>(to: &mut Vec<f64>, lanes: &[T], of: impl Fn(&T) -> &[f64]) {
     }
 }
 
-/// Solves a large system for compiled code: -1, or the row without a pivot. `same` is not 0 where the matrix is that of the last time.
+/// Solves a large system for compiled code: -1, or the row without a pivot. `same` is not 0 where the matrix is that of
+/// the last time.
 extern "C" fn solve(
     systems: *mut Vec<linear::System>,
     which: usize,
@@ -362,7 +366,8 @@ extern "C" fn solve(
     vector: *mut f64,
     same: f64,
 ) -> f64 {
-    // SAFETY: compiled code hands on the pointer that `run` gave it, and numbers of systems of the routine it was made from.
+    // SAFETY: compiled code hands on the pointer that `run` gave it, and numbers of systems of the routine it was made
+    // from.
     let Some(system) = (unsafe { &mut *systems }).get_mut(which) else { return 0.0 };
     let (entries, n) = (system.entries(), system.size());
     // SAFETY: `lower` reserves so many numbers of the scratch at these places, apart from one another.

@@ -1,8 +1,9 @@
-//! From a routine to a function that does it for several scenes at once, side by side in vector lanes: each to the bits that it has alone.
+//! From a routine to a function that does it for several scenes at once, side by side in vector lanes: each to the bits
+//! that it has alone.
 //!
-//! Each number becomes [`PAIRS`] vectors of two. A branch that scenes take differently is gone through on both ways, and what each way
-//! sets is set only in the lanes that take it; a loop goes on until the last lane has left it. What is the same in all lanes, such as how
-//! many intervals are over, stays a branch.
+//! Each number becomes [`PAIRS`] vectors of two. A branch that scenes take differently is gone through on both ways,
+//! and what each way sets is set only in the lanes that take it; a loop goes on until the last lane has left it. What
+//! is the same in all lanes, such as how many intervals are over, stays a branch.
 
 use super::functions;
 use super::translate::{Made, SINGULAR, signature, turns};
@@ -45,9 +46,9 @@ pub(super) fn fits(body: &[Stmt]) -> bool {
     })
 }
 
-/// Defines the function of a routine that [`fits`], with the parameters of [`super::translate::define`]. All memories have the numbers of the
-/// lanes beside one another, but for that of the notes, of which the report tells for each lane how many bytes from its begin the next one
-/// goes. Returns 0, or another number where one lane fails, whichever.
+/// Defines the function of a routine that [`fits`], with the parameters of [`super::translate::define`]. All memories
+/// have the numbers of the lanes beside one another, but for that of the notes, of which the report tells for each lane
+/// how many bytes from its begin the next one goes. Returns 0, or another number where one lane fails, whichever.
 pub(super) fn define<M: Module>(module: &mut M, routine: &Routine) -> Made<FuncId> {
     let signature = signature(module);
     let id = module.declare_function("lanes", Linkage::Export, &signature)?;
@@ -309,8 +310,8 @@ impl<M: Module> Translate<'_, '_, M> {
         self.b.ins().return_(&[code]);
     }
 
-    /// Writes a block that the lanes of a mask get to, of which there is one at least. Where none is left in the midst of it, it is left for
-    /// `out`, which may take a mask of what is left.
+    /// Writes a block that the lanes of a mask get to, of which there is one at least. Where none is left in the midst
+    /// of it, it is left for `out`, which may take a mask of what is left.
     fn block(&mut self, body: &[Stmt], mut mask: Mask, out: Option<ir::Block>) -> Rest {
         let (turned, mut rest) = (self.turned.len(), Rest::Same);
         for (k, s) in body.iter().enumerate() {

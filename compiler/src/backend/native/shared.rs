@@ -15,8 +15,8 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 /// So many makes are known at most; what comes later is interpreted.
 const MOST: usize = 64;
 
-/// Compiles each make of program once, and of scene; the numbers of a run are those of code made for it alone, to the last bit. Large
-/// programs, which have no such form, are compiled each for itself.
+/// Compiles each make of program once, and of scene; the numbers of a run are those of code made for it alone, to the
+/// last bit. Large programs, which have no such form, are compiled each for itself.
 ///
 /// To be used by many threads at once: who asks for what another is just compiling waits for it.
 #[derive(Default)]

@@ -35,10 +35,12 @@ pub(super) fn signature<M: Module>(module: &M) -> ir::Signature {
     signature
 }
 
-/// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report (iterations, then
-/// what a failure tells), the context for [`functions::SOLVE`], and the tables; returns 0 or why it failed.
+/// Defines the function of a routine: pointers to the memories in the order of [`Memory::ALL`], to the report
+/// (iterations, then what a failure tells), the context for [`functions::SOLVE`], and the tables; returns 0 or why it
+/// failed.
 ///
-/// `names` says under which names functions of numbers are found, `pairs` whether there is [`functions::TURN`] among them.
+/// `names` says under which names functions of numbers are found, `pairs` whether there is [`functions::TURN`] among
+/// them.
 pub(super) fn define<M: Module>(
     module: &mut M,
     name: &str,
@@ -104,7 +106,8 @@ struct Translate<'a, 'f, M> {
     functions: FxHashMap<&'static str, ir::FuncRef>,
     /// Heads and ends of the loops around.
     loops: Vec<(ir::Block, ir::Block)>,
-    /// Of what both sine and cosine are asked for, and what they are, where that was computed in this block or one around it.
+    /// Of what both sine and cosine are asked for, and what they are, where that was computed in this block or one
+    /// around it.
     turns: FxHashSet<Value>,
     turned: Vec<(Value, (ir::Value, ir::Value))>,
 }

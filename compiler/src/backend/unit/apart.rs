@@ -1,4 +1,5 @@
-//! The numbers in which scenes of the same make differ, kept apart from the code, so that one routine does for all of them.
+//! The numbers in which scenes of the same make differ, kept apart from the code, so that one routine does for all of
+//! them.
 
 use super::programs;
 use bond_runtime::exponential::Linear;
@@ -71,8 +72,8 @@ fn of(c: &Cluster) -> impl Iterator<Item = &Program> {
     [&c.step.program, &c.instant].into_iter().chain(respond)
 }
 
-/// What scenes of the same make have in common, as bytes: where it is the same, so are their routines but for their numbers. None where it
-/// cannot be told.
+/// What scenes of the same make have in common, as bytes: where it is the same, so are their routines but for their
+/// numbers. None where it cannot be told.
 pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
     let mut common = scene.clone();
     common.probes = Probes::default();

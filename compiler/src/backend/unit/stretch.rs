@@ -23,8 +23,9 @@ pub struct Stretch {
     pub table: Vec<f64>,
 }
 
-/// The routine of a scene that starts, or goes on, from here; None where a run of it looks at it in each interval, steps its parts at
-/// different times, or is too large to gain. With `apart`, it is that of all scenes of its [`super::make`], which differ in [`Own`].
+/// The routine of a scene that starts, or goes on, from here; None where a run of it looks at it in each interval,
+/// steps its parts at different times, or is too large to gain. With `apart`, it is that of all scenes of its
+/// [`super::make`], which differ in [`Own`].
 pub fn stretch(scene: &Scene, options: &Options, start: &Start, apart: bool) -> Option<Stretch> {
     let sampled = scene.clusters.iter().any(|c| c.period.is_some());
     let produced = scene.clusters.iter().flat_map(|c| &c.entries).any(|e| !e.produced.is_empty());

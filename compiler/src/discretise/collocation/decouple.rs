@@ -18,7 +18,8 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Systems of so many unknowns are eliminated in straight code; larger ones by a pattern.
 const STRAIGHT: usize = 8;
-/// Up to so many unknowns of a stage a complex system is a real one of twice as many, in which rows are exchanged where a pivot is bad.
+/// Up to so many unknowns of a stage a complex system is a real one of twice as many, in which rows are exchanged where
+/// a pivot is bad.
 const REAL: usize = 32;
 /// Iterations at most: one that needs more is better off with a shorter step.
 const LIMIT: u32 = 20;
@@ -88,8 +89,8 @@ impl Apart {
 
     /// Solves linear equations; what each state changes by over the step.
     ///
-    /// That is Σ b_j D_j, and with D_j = Σ r_j y over the modes a sum of a few numbers for each state: what stages give is had besides,
-    /// for who asks for it.
+    /// That is Σ b_j D_j, and with D_j = Σ r_j y over the modes a sum of a few numbers for each state: what stages give
+    /// is had besides, for who asks for it.
     pub(super) fn at_once(
         &self,
         c: &Cluster,

@@ -13,7 +13,8 @@ const RAISED: f64 = 1e-8;
 /// How many steps of refinement that is given.
 const STEPS: usize = 8;
 
-/// The factors of a matrix. Lists of values and vectors have as many numbers for each of theirs as [`Scalar::PARTS`] says.
+/// The factors of a matrix. Lists of values and vectors have as many numbers for each of theirs as [`Scalar::PARTS`]
+/// says.
 #[derive(Clone, Debug, Default)]
 pub struct Numeric<T> {
     lower: Vec<T>,
@@ -51,7 +52,8 @@ impl<T: Scalar> Numeric<T> {
         }
     }
 
-    /// Factors the matrix with these values, in the order of the pattern; `same` where they are known to be those of the last call.
+    /// Factors the matrix with these values, in the order of the pattern; `same` where they are known to be those of
+    /// the last call.
     ///
     /// # Errors
     /// A row whose pivot is 0, not finite, or too small beside the entries below it.
@@ -70,8 +72,8 @@ impl<T: Scalar> Numeric<T> {
         Ok(())
     }
 
-    /// Solves where [`Numeric::factor`] fails: pivots that are too small are raised, and the error this makes is refined
-    /// away (Li and Demmel, Making sparse Gaussian elimination scalable by static pivoting, 1998).
+    /// Solves where [`Numeric::factor`] fails: pivots that are too small are raised, and the error this makes is
+    /// refined away (Li and Demmel, Making sparse Gaussian elimination scalable by static pivoting, 1998).
     ///
     /// # Errors
     /// A row that does not come out right, as where the matrix is singular.
@@ -222,7 +224,8 @@ impl<T: Scalar> Numeric<T> {
         self.right.copy_from_slice(&b[..n]);
     }
 
-    /// `rest` becomes what `x` leaves of the right side; returns the step where most is left, beside its terms, and how much.
+    /// `rest` becomes what `x` leaves of the right side; returns the step where most is left, beside its terms, and how
+    /// much.
     fn leave(&mut self, symbolic: &Symbolic, values: &[f64], x: &[f64]) -> (usize, f64) {
         let mut worst = (0, 0.0);
         for i in 0..symbolic.n {

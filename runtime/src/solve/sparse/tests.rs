@@ -57,8 +57,8 @@ fn arms(count: usize, length: usize) -> (usize, Vec<(u32, u32)>) {
     (n, inside.chain(arms).map(|(i, j)| (i as u32, j as u32)).collect())
 }
 
-/// Lines are gone through without tables, and solved as the dense elimination does it, in real numbers and in complex ones; twice
-/// the same to the bit.
+/// Lines are gone through without tables, and solved as the dense elimination does it, in real numbers and in complex
+/// ones; twice the same to the bit.
 #[test]
 fn lines_are_solved_in_runs() {
     for count in 1..=5 {
