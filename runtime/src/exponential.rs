@@ -7,11 +7,11 @@
 
 mod balance;
 mod drift;
-mod twice;
 
+use crate::twice::{Matrix, Twice};
 use serde::{Deserialize, Serialize};
+use std::ops::{Add, Mul};
 use thiserror::Error;
-use twice::{Matrix, Twice};
 
 /// A linear system with what drives it: `dw/dt = A w` for `w = (x, xi)`, and what is wanted of a step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

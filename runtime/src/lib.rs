@@ -12,6 +12,7 @@ pub mod ledger;
 pub mod scene;
 pub mod simulate;
 pub mod solve;
+pub mod twice;
 
 pub use interpreter::Interpreter;
 pub use kernel::{Failure, Kernel, Workspace};

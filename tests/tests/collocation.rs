@@ -92,15 +92,16 @@ fn the_balance_holds_at_any_step() {
     }
 }
 
+/// What rounded coefficients take is the same in each step: by them it would go off by up to 4e-12.
 #[test]
-fn energy_stays_over_a_hundred_thousand_steps() {
+fn energy_does_not_drift() {
     for (method, _) in GAUSS {
         let compiled = with(Options::new().method(method), PENDULUM);
-        let mut sim = start(&compiled, Steps::fixed(0.1));
-        finish(&mut sim, 1e4);
+        let mut sim = start(&compiled, Steps::fixed(0.125));
+        finish(&mut sim, 5e4);
         let r = &sim.summary().regions[0];
         let off = (r.h_final - r.h_initial).abs() / r.h_initial;
-        assert!(r.steps >= 100_000 && off < 1e-12, "{method}: {off:e}");
+        assert!(r.steps >= 400_000 && off < 3e-13, "{method}: {off:e}");
     }
 }
 

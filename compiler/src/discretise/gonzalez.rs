@@ -197,7 +197,7 @@ pub(super) fn write(
         Some(ahead) => (ahead.start.iter().chain(&inputs.guesses).copied().collect(), rest),
         None => (rest, Vec::new()),
     };
-    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false };
+    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole: false };
     write::solve_from(model, &mut b, &mut lowering, system, cold)?;
     let (mut next, mut rests, mut changes) = (Vec::new(), Vec::new(), Vec::new());
     for (x, d) in inputs.states.iter().zip(&c.delta) {

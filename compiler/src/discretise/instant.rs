@@ -63,6 +63,7 @@ pub(super) fn outputs(
         scale,
         flag: None,
         once: false,
+        whole: false,
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)

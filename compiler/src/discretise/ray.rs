@@ -87,6 +87,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         scale: vec![unit],
         flag: Some(flag),
         once: false,
+        whole: false,
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let met = b.load(flag);
@@ -132,6 +133,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         scale: vec![unit],
         flag: Some(mirror_flag),
         once: false,
+        whole: false,
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let found = b.load(mirror_flag);

@@ -9,7 +9,8 @@ use rustc_hash::FxHashMap;
 const MOST: usize = 8;
 
 /// Takes unknowns out of a system: gives them, with what they are in terms of those that stay. `h`, if given, is
-/// above 0.
+/// above 0. Residuals are put in terms of those that stay too, unless that would round coefficients that have to be
+/// whole.
 pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> Vec<(Symbol, Expr)> {
     let unknowns = system.unknowns.clone();
     let n = unknowns.len();
@@ -29,22 +30,26 @@ pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> V
         if taken.iter().any(|(k, of, _)| others.contains(k) || of.contains(&i)) || taken.len() + 1 == n {
             continue;
         }
-        let mut sum = rest;
-        for (j, k) in linear.into_iter().filter(|t| t.0 != i) {
-            let u = pool.var(unknowns[j]);
-            let term = pool.mul(k, u);
-            sum = pool.add(sum, term);
-        }
-        let value = pool.div(sum, own);
+        let rest = if system.whole {
+            let none = FxHashMap::from_iter([(unknowns[i], pool.zero())]);
+            pool.substitute(system.residuals[i], &none)
+        } else {
+            linear.into_iter().filter(|t| t.0 != i).fold(rest, |sum, (j, k)| {
+                let u = pool.var(unknowns[j]);
+                let term = pool.mul(k, u);
+                pool.add(sum, term)
+            })
+        };
+        let value = pool.div(rest, own);
         taken.push((i, others, pool.neg(value)));
     }
-    if taken.is_empty() {
-        return Vec::new();
-    }
-    let map: FxHashMap<Symbol, Expr> = taken.iter().map(|(i, _, e)| (unknowns[*i], *e)).collect();
     let stays = |i: usize| taken.iter().all(|t| t.0 != i);
     let kept: Vec<usize> = (0..n).filter(|i| stays(*i)).collect();
     system.unknowns = kept.iter().map(|i| unknowns[*i]).collect();
+    let map: FxHashMap<Symbol, Expr> = match system.whole {
+        true => FxHashMap::default(),
+        false => taken.iter().map(|(i, _, e)| (unknowns[*i], *e)).collect(),
+    };
     system.residuals = kept.iter().map(|i| pool.substitute(system.residuals[*i], &map)).collect();
     system.start = kept.iter().map(|i| system.start[*i]).collect();
     system.weight = kept.iter().map(|i| system.weight[*i]).collect();

@@ -75,7 +75,8 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
 
 /// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at
 /// rest under a flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A
-/// carry from when the state was much larger than it is now is dropped: it would be no rounding any more.
+/// carry from when the state was much larger than it is now is dropped, since the change takes no account of it: it
+/// would be no rounding any more.
 pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value) {
     let sum = b.add(x, change);
     let (plain, size) = (b.unary(Unary::Abs, sum), b.unary(Unary::Abs, carry));
@@ -90,6 +91,19 @@ pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) ->
     let done = b.sub(next, x);
     let rest = b.sub(y, done);
     (b.select(fits, next, sum), b.select(fits, rest, without))
+}
+
+/// The same where the change is that of `x + carry`, and known but for `low`: nothing is dropped.
+pub(super) fn advance_whole(b: &mut Builder, x: Value, (change, low): (Value, Value), carry: Value) -> (Value, Value) {
+    let y = b.add(change, carry);
+    let next = b.add(x, y);
+    // What has no place: of the carry beside the change, and of both beside the state.
+    let kept = b.sub(y, change);
+    let left = b.sub(carry, kept);
+    let done = b.sub(next, x);
+    let rest = b.sub(y, done);
+    let rest = b.add(rest, left);
+    (next, b.add(rest, low))
 }
 
 /// What time and what is given make sources give, as symbols of their own: computed once, so that equations and ledger
@@ -165,6 +179,8 @@ pub(super) struct System {
     pub(super) flag: Option<Slot>,
     /// Whether it is linear, and solved once.
     pub(super) once: bool,
+    /// Whether its coefficients are to be taken as they stand: what their products would be rounded by counts.
+    pub(super) whole: bool,
 }
 
 /// Solves a system; afterwards `lowering` has the values of the unknowns.
@@ -188,24 +204,21 @@ pub(super) fn solve_from(
     let h = system.h;
     let all = system.unknowns.clone();
     let torn = tear(&mut model.pool, &mut system, h);
+    let inside = if system.whole { &torn[..] } else { &[] };
     if !cold.is_empty() {
         let by: FxHashMap<Symbol, Value> = all.into_iter().zip(cold).collect();
         cold = system.unknowns.iter().filter_map(|s| by.get(s).copied()).collect();
     }
-    iterate(model, b, lowering, system, cold)?;
-    for (s, e) in torn {
-        let v = lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
-        lowering.bind(s, v);
-    }
-    Ok(())
+    iterate(model, b, lowering, (system, inside), cold)?;
+    bind(model, b, lowering, &torn)
 }
 
-/// Newton's method on a system.
+/// Newton's method on a system, with what was taken out of it as variables that follow from its unknowns.
 fn iterate(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
-    system: System,
+    (system, torn): (System, &[(Symbol, Expr)]),
     cold: Vec<Value>,
 ) -> Result<(), Vec<Diagnostic>> {
     let n = system.unknowns.len();
@@ -218,20 +231,24 @@ fn iterate(
     }
     let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
     let place: FxHashMap<Symbol, u32> = system.unknowns.iter().enumerate().map(|(i, s)| (*s, i as u32)).collect();
+    let followers: Vec<Vec<(u32, Expr)>> = torn.iter().map(|(_, e)| slopes(&mut model.pool, *e, &place)).collect();
+    let torn_at: FxHashMap<Symbol, u32> = torn.iter().enumerate().map(|(k, t)| (t.0, k as u32)).collect();
     let mut jacobian: Vec<(u32, u32, Expr)> = Vec::new();
     for (i, r) in system.residuals.iter().enumerate() {
-        let mut by: Vec<(u32, Symbol)> =
-            model.pool.symbols(*r).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
-        by.sort_unstable();
-        let symbols: Vec<Symbol> = by.iter().map(|b| b.1).collect();
-        let slopes = model.pool.derivatives(*r, &symbols);
-        for ((j, _), d) in by.into_iter().zip(slopes) {
-            if !model.pool.is_zero(d) {
-                jacobian.push((i as u32, j, d));
+        let mut row = slopes(&mut model.pool, *r, &place);
+        for (k, by) in slopes(&mut model.pool, *r, &torn_at) {
+            for &(j, with) in &followers[k as usize] {
+                let d = model.pool.mul(by, with);
+                match row.iter_mut().find(|e| e.0 == j) {
+                    Some(e) => e.1 = model.pool.add(e.1, d),
+                    None => row.push((j, d)),
+                }
             }
         }
+        row.sort_unstable_by_key(|e| e.0);
+        jacobian.extend(row.into_iter().filter(|e| !model.pool.is_zero(e.1)).map(|(j, d)| (i as u32, j, d)));
     }
-    let is_unknown = |s: Symbol| place.contains_key(&s);
+    let is_unknown = |s: Symbol| place.contains_key(&s) || torn_at.contains_key(&s);
     // Few unknowns are cheap to look at again, which takes the rounding of the solution off.
     let affine = (n > LARGE || system.once) && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
     if affine && !system.once {
@@ -241,11 +258,11 @@ fn iterate(
         b.store(slot(i), *v);
     }
     // What does not change in the iteration is computed before it.
-    let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().collect();
-    for e in fixed_parts(&model.pool, system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)), &unknown) {
+    let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().chain(torn.iter().map(|t| t.0)).collect();
+    let all: Vec<Expr> = system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)).collect();
+    for e in fixed_parts(&model.pool, torn.iter().map(|t| t.1).chain(all.iter().copied()), &unknown) {
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
     }
-    let all: Vec<Expr> = system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)).collect();
     let turns = Turns::of(&mut model.pool, &all, &unknown);
     let before = turns.as_ref().map(|t| t.before(model, b, lowering)).transpose()?;
     let shared = shared(&mut model.pool, &all, &unknown);
@@ -265,6 +282,7 @@ fn iterate(
         let v = b.load(slot(i));
         inside.bind(*s, v);
     }
+    bind(model, b, &mut inside, torn)?;
     if let (Some(turns), Some(before)) = (&turns, &before) {
         turns.write(model, b, &mut inside, before)?;
     }
@@ -294,6 +312,15 @@ fn iterate(
         lowering.bind(*s, v);
     }
     Ok(())
+}
+
+/// The derivatives of an expression by the symbols that have a place, where they are not 0.
+fn slopes(pool: &mut Pool, e: Expr, place: &FxHashMap<Symbol, u32>) -> Vec<(u32, Expr)> {
+    let mut by: Vec<(u32, Symbol)> = pool.symbols(e).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
+    by.sort_unstable();
+    let symbols: Vec<Symbol> = by.iter().map(|b| b.1).collect();
+    let slopes = pool.derivatives(e, &symbols);
+    by.into_iter().zip(slopes).filter(|(_, d)| !pool.is_zero(*d)).map(|((j, _), d)| (j, d)).collect()
 }
 
 /// Solves a large linear system: J u = -r, with the residual r where all unknowns are 0.

@@ -4,7 +4,7 @@ use super::pages::Pages;
 use super::walk::Found;
 use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Builder, Unary, Value};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Writes expressions into a program; what was written once is not written again.
 ///
@@ -25,6 +25,8 @@ pub struct Lowering {
     turns: bool,
     /// Values before this one do not change in the iteration that is written.
     fixed: u32,
+    /// Symbols whose terms are added last.
+    last: FxHashSet<Symbol>,
 }
 
 /// What a product is divided by: factors and their exponents.
@@ -41,6 +43,7 @@ impl Lowering {
             inverses: FxHashMap::default(),
             turns: false,
             fixed: 0,
+            last: FxHashSet::default(),
         };
         env.into_iter().for_each(|(s, value)| lowering.bind(s, value));
         lowering
@@ -58,6 +61,11 @@ impl Lowering {
     /// for it.
     pub fn begin(&mut self, builder: &Builder) {
         self.fixed = builder.count();
+    }
+
+    /// Adds terms with these symbols last: what they are added to is small beside them, and keeps its digits so.
+    pub fn last(&mut self, symbols: impl IntoIterator<Item = Symbol>) {
+        self.last.extend(symbols);
     }
 
     /// Makes sines and cosines of sums of those of the terms, where these are there.
@@ -216,7 +224,7 @@ impl Lowering {
         })
     }
 
-    /// Positive terms first, then the others are taken off; all constants are one summand.
+    /// Positive terms first, then the others are taken off; all constants are one summand. Then what is to come last.
     fn sum(
         &mut self,
         pool: &Pool,
@@ -227,10 +235,12 @@ impl Lowering {
     ) -> Value {
         let mut constant = c.to_f64();
         let mut total: Option<Value> = None;
-        let mut minus = Vec::new();
+        let (mut minus, mut last) = (Vec::new(), Vec::new());
         for &(t, n) in terms {
             if let Some(x) = folded(t) {
                 constant += n.to_f64() * x;
+            } else if !self.last.is_empty() && pool.contains_any(t, &|s| self.last.contains(&s)) {
+                last.push((t, n));
             } else if n.is_negative() {
                 minus.push((t, n));
             } else {
@@ -245,11 +255,11 @@ impl Lowering {
             let value = builder.number(-constant);
             total = total.map(|sum| builder.sub(sum, value));
         }
-        for (t, n) in minus {
+        for (t, n) in minus.into_iter().chain(last) {
             total = Some(match total {
                 Some(sum) => {
                     let value = self.times(pool, builder, (t, n.abs()), folded);
-                    builder.sub(sum, value)
+                    if n.is_negative() { builder.sub(sum, value) } else { builder.add(sum, value) }
                 }
                 None => self.times(pool, builder, (t, n), folded),
             });

@@ -1,7 +1,7 @@
 //! Forms in how far the states went since the start of the step.
 
 use super::Flow;
-use super::twice::{Matrix, Twice};
+use crate::twice::{Matrix, Twice};
 
 /// Terms of the series at the small step: `SERIES^10 / 11!` is below 1e-19.
 const TERMS: usize = 10;

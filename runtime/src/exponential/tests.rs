@@ -1,7 +1,8 @@
 //! Closed forms, balances and bad input.
 
-use super::twice::Twice;
 use super::*;
+use crate::twice::Twice;
+use std::ops::{Add, Mul};
 
 fn system(n: usize, m: usize, a: &[f64]) -> Linear {
     Linear { n, m, a: a.to_vec(), ..Linear::default() }

@@ -14,6 +14,7 @@ use crate::model::Model;
 use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Newton, Slot, Solve, Unary, Value};
+use bond_runtime::twice::Twice;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Systems of so many unknowns are eliminated in straight code; larger ones by a pattern.
@@ -53,8 +54,7 @@ impl Apart {
         if n * tableau.stages() <= if bends { BENT } else { COUPLED } {
             return None;
         }
-        let a: Vec<Vec<f64>> = tableau.nodes.iter().map(|node| tableau.integrals(*node)).collect();
-        let modes = modes(&a)?;
+        let modes = modes(&tableau.matrix())?;
         let map = c.at_instant(&mut model.pool, form);
         let flat = c.flat(&mut model.pool, map);
         let mut rows: Vec<Expr> = c.states.iter().map(|s| model.pool.substitute(s.rate, &flat)).collect();
@@ -108,7 +108,7 @@ impl Apart {
         }
         let weights = &self.tableau.weights;
         let total = |mode: &Mode| {
-            let parts = weights.iter().zip(&mode.right).map(|(w, (re, im))| (w * re, w * im));
+            let parts = weights.iter().zip(&mode.right).map(|(w, (re, im))| (w.high * re, w.high * im));
             parts.fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1))
         };
         let totals: Vec<Pair> = self.modes.iter().map(total).collect();
@@ -204,11 +204,11 @@ impl Apart {
             lowering.bind(*u, b.add(*x, gone));
         }
         if let Some(guesses) = guesses {
-            let weights = self.tableau.integrals(0.5);
+            let weights = self.tableau.integrals(Twice::new(0.5));
             for (k, (s, x)) in c.states.iter().zip(&inputs.states).enumerate() {
                 let mut sum = *x;
                 for (j, w) in weights.iter().enumerate() {
-                    let w = b.number(*w);
+                    let w = b.number(w.high);
                     let term = b.mul(w, guesses[j * n + k]);
                     sum = b.add(sum, term);
                 }

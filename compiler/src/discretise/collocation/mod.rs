@@ -12,6 +12,11 @@
 //! Gauss's quadrature: exactly of a polynomial; else up to what `QUADRATURE` nodes more than stages leave, and a step
 //! whose balance shows that is not taken.
 //!
+//! All of that holds for the coefficients as they are, not as rounded ones: these give each step the same small error,
+//! which adds up to a drift (Hairer, McLachlan and Razakarivony, BIT 48, 2008). Where nothing takes energy out, the
+//! states at the points of a step have what rounding took from coefficients and states added, and the step ends with
+//! it.
+//!
 //! `radau` is Radau IIA of three stages (order 5), e_i the gradient at the node. It damps what is stiff (L-stable) at
 //! the cost of energy: of a quadratic H it loses ½ w^T Q w with w = Σ d_i D_i in a step, where d d^T = diag(b) A + A^T
 //! diag(b) - b b^T (Burrage and Butcher, SIAM J. Numer. Anal. 16, 1979: algebraic stability). That is never negative,
@@ -24,7 +29,7 @@ mod tableau;
 
 pub(super) use decouple::Apart;
 
-use super::cluster::{Cluster, Group, missing, verified};
+use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::gonzalez;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
@@ -33,6 +38,7 @@ use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
+use bond_runtime::twice::Twice;
 use rustc_hash::{FxHashMap, FxHashSet};
 use tableau::{Tableau, quadrature};
 
@@ -62,10 +68,20 @@ struct Stage {
     loops: Vec<Symbol>,
 }
 
+/// A point of the step.
+struct Point {
+    /// How what each state changes by in each stage counts there.
+    weights: Vec<Twice>,
+    /// For each state what rounding took from it and takes from the weights, where that counts.
+    rests: Vec<Symbol>,
+}
+
 /// Everything about a step as expressions.
 struct Plan {
     tableau: Tableau,
     stages: Vec<Stage>,
+    /// All points whose states are asked for.
+    points: Vec<Point>,
     /// Outputs at each node.
     flats: Vec<FxHashMap<Symbol, Expr>>,
     /// What sources give at the nodes.
@@ -81,8 +97,55 @@ impl Nodes {
     }
 }
 
+impl Point {
+    fn new(c: &Cluster, pool: &mut Pool, tableau: &Tableau, node: Twice, whole: bool) -> Self {
+        let rest = |pool: &mut Pool, s: Symbol| {
+            let name = format!("rest of {} at {}", pool.name(s), node.high);
+            pool.symbol(&name)
+        };
+        let rests = if whole { c.states.iter().map(|s| rest(pool, s.symbol)).collect() } else { Vec::new() };
+        Self { weights: tableau.integrals(node), rests }
+    }
+
+    /// The states there.
+    fn states(&self, c: &Cluster, pool: &mut Pool, stages: &[Stage]) -> FxHashMap<Symbol, Expr> {
+        let mut map = FxHashMap::default();
+        for (k, s) in c.states.iter().enumerate() {
+            let changes: Vec<Symbol> = stages.iter().map(|s| s.change[k]).collect();
+            let (x, d) = (pool.var(s.symbol), weighted(pool, &self.weights, &changes));
+            let at = pool.add(x, d);
+            let rest = self.rests.get(k).map(|r| pool.var(*r));
+            map.insert(s.symbol, rest.map_or(at, |r| pool.add(at, r)));
+        }
+        map
+    }
+
+    /// Has the rests known, from where the iteration starts: what changes in it is too small to count.
+    fn bind(&self, b: &mut Builder, c: &Cluster, lowering: &mut Lowering, inputs: &write::Inputs, start: &[Value]) {
+        let n = c.states.len() + c.loops.len();
+        for (k, rest) in self.rests.iter().enumerate() {
+            let changes: Vec<Value> = (0..self.weights.len()).map(|j| start[j * n + k]).collect();
+            let carry = b.load(inputs.carries[k]);
+            let low = lows(b, &self.weights, &changes);
+            lowering.bind(*rest, b.add(low, carry));
+        }
+    }
+}
+
+/// What rounding takes from the weights of changes.
+fn lows(b: &mut Builder, weights: &[Twice], changes: &[Value]) -> Value {
+    let mut sum = None;
+    for (w, d) in weights.iter().zip(changes) {
+        let w = b.number(w.low);
+        let term = b.mul(w, *d);
+        sum = Some(sum.map_or(term, |sum| b.add(sum, term)));
+    }
+    sum.unwrap_or_else(|| b.number(0.0))
+}
+
 impl Plan {
-    fn new(c: &Cluster, pool: &mut Pool, form: &Form, nodes: Nodes) -> Self {
+    /// `whole`: whether what rounding takes counts.
+    fn new(c: &Cluster, pool: &mut Pool, form: &Form, nodes: Nodes, whole: bool) -> Self {
         let tableau = nodes.tableau();
         let stages: Vec<Stage> = (1..=tableau.stages())
             .map(|i| Stage {
@@ -90,10 +153,16 @@ impl Plan {
                 loops: c.loops.iter().map(|z| at_stage(pool, *z, i)).collect(),
             })
             .collect();
-        let gradients = gradients(c, pool, &tableau, &stages, nodes);
+        let mut points: Vec<Point> = tableau.nodes().map(|node| Point::new(c, pool, &tableau, node, whole)).collect();
+        let at_nodes: Vec<FxHashMap<Symbol, Expr>> = points.iter().map(|p| p.states(c, pool, &stages)).collect();
+        let gradients = gradients(c, pool, (&tableau, &stages, &at_nodes), nodes, |pool, node| {
+            let point = Point::new(c, pool, &tableau, node, whole);
+            let map = point.states(c, pool, &stages);
+            points.push(point);
+            map
+        });
         let (mut flats, mut sources) = (Vec::new(), Vec::new());
-        for (i, node) in tableau.nodes.iter().enumerate() {
-            let mut map = within(c, pool, &stages, &tableau.integrals(*node));
+        for (i, (node, mut map)) in tableau.nodes().zip(at_nodes).enumerate() {
             for (g, list) in c.groups.iter().zip(&gradients) {
                 for (s, z) in g.states.iter().zip(&list[i]) {
                     if let Some(column) = c.states[*s].column {
@@ -102,11 +171,11 @@ impl Plan {
                 }
             }
             map.extend(c.loops.iter().zip(&stages[i].loops).map(|(z, at)| (*z, pool.var(*at))));
-            later(c, pool, *node, &mut map);
+            later(c, pool, node.high, &mut map);
             sources.extend(write::sources(c, pool, &mut map, |name| format!("{name} in stage {}", i + 1)));
             flats.push(c.flat(pool, map));
         }
-        Self { tableau, stages, flats, sources }
+        Self { tableau, stages, points, flats, sources }
     }
 
     /// Unknowns with their residuals, node by node: changes of the states, then loops.
@@ -136,20 +205,10 @@ fn at_stage(pool: &mut Pool, s: Symbol, i: usize) -> Symbol {
 }
 
 /// `Σ weight d`
-fn weighted(pool: &mut Pool, weights: &[f64], of: &[Symbol]) -> Expr {
-    let terms: Vec<(Expr, Number)> = weights.iter().zip(of).map(|(w, d)| (pool.var(*d), Number::float(*w))).collect();
+fn weighted(pool: &mut Pool, weights: &[Twice], of: &[Symbol]) -> Expr {
+    let terms: Vec<(Expr, Number)> =
+        weights.iter().zip(of).map(|(w, d)| (pool.var(*d), Number::float(w.high))).collect();
     pool.combine(&terms)
-}
-
-/// The states where the changes of the stages count with these weights.
-fn within(c: &Cluster, pool: &mut Pool, stages: &[Stage], weights: &[f64]) -> FxHashMap<Symbol, Expr> {
-    let mut map = FxHashMap::default();
-    for (k, s) in c.states.iter().enumerate() {
-        let changes: Vec<Symbol> = stages.iter().map(|s| s.change[k]).collect();
-        let (x, d) = (pool.var(s.symbol), weighted(pool, weights, &changes));
-        map.insert(s.symbol, pool.add(x, d));
-    }
-    map
 }
 
 /// Time and what is given from outside, at a part of the step.
@@ -172,12 +231,16 @@ pub(super) fn is_quadratic(c: &Cluster, pool: &mut Pool, g: &Group) -> bool {
     g.coenergy.iter().all(|z| pool.affine(*z, &symbols).is_some_and(|(l, _)| l.iter().all(|t| free(pool, t.1))))
 }
 
-/// The co-energy variables of each group at each node: by group, node, state.
-fn gradients(c: &Cluster, pool: &mut Pool, tableau: &Tableau, stages: &[Stage], nodes: Nodes) -> Vec<Vec<Vec<Expr>>> {
-    let s = tableau.stages();
+/// The co-energy variables of each group at each node: by group, node, state. `states` gives the states elsewhere.
+fn gradients(
+    c: &Cluster,
+    pool: &mut Pool,
+    (tableau, stages, at_nodes): (&Tableau, &[Stage], &[FxHashMap<Symbol, Expr>]),
+    nodes: Nodes,
+    mut states: impl FnMut(&mut Pool, Twice) -> FxHashMap<Symbol, Expr>,
+) -> Vec<Vec<Vec<Expr>>> {
+    let s = stages.len();
     let mut list = Vec::new();
-    let states = |pool: &mut Pool, node: f64| within(c, pool, stages, &tableau.integrals(node));
-    let at_nodes: Vec<FxHashMap<Symbol, Expr>> = tableau.nodes.iter().map(|node| states(pool, *node)).collect();
     let mut at_rules: FxHashMap<usize, Vec<FxHashMap<Symbol, Expr>>> = FxHashMap::default();
     for g in &c.groups {
         if nodes == Nodes::Radau || is_quadratic(c, pool, g) {
@@ -194,15 +257,14 @@ fn gradients(c: &Cluster, pool: &mut Pool, tableau: &Tableau, stages: &[Stage], 
         let maps = at_rules.entry(count).or_insert_with(|| rule.iter().map(|(node, _)| states(pool, *node)).collect());
         let along: Vec<Vec<Expr>> =
             maps.iter().map(|map| g.coenergy.iter().map(|z| pool.substitute(*z, map)).collect()).collect();
-        let values: Vec<Vec<f64>> = rule.iter().map(|(node, _)| tableau.values(*node)).collect();
+        let values: Vec<Vec<Twice>> = rule.iter().map(|(node, _)| tableau.values(*node)).collect();
         let at = (0..s).map(|i| {
             (0..g.states.len())
                 .map(|k| {
-                    let terms = rule
-                        .iter()
-                        .zip(&values)
-                        .zip(&along)
-                        .map(|(((_, w), l), z)| (z[k], Number::float(w * l[i] / tableau.weights[i])));
+                    let terms =
+                        rule.iter().zip(&values).zip(&along).map(|(((_, w), l), z)| {
+                            (z[k], Number::float((*w * l[i]).divided(tableau.weights[i]).high))
+                        });
                     let terms: Vec<(Expr, Number)> = terms.collect();
                     pool.combine(&terms)
                 })
@@ -257,8 +319,8 @@ fn guesses(b: &mut Builder, c: &Cluster, tableau: &Tableau, inputs: &write::Inpu
     let near = b.binary(Binary::Le, inputs.h, most);
     let ratio = b.div(inputs.h, past);
     let mut list = Vec::new();
-    for node in &tableau.nodes {
-        let node = b.number(*node);
+    for node in tableau.nodes() {
+        let node = b.number(node.high);
         let theta = b.mul(ratio, node);
         for k in 0..n {
             let last = b.load(slot(k * s));
@@ -314,21 +376,26 @@ pub(super) fn write(
     let mut entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let plan = Plan::new(c, &mut model.pool, form, nodes);
+    let linear = apart.filter(|a| a.is_linear());
+    // What rounding takes from the coefficients is seen where nothing else takes energy.
+    let lossless = nodes != Nodes::Radau && c.nodes.iter().all(|n| !matches!(n.part, Part::Resistor(_)));
+    let whole = lossless && linear.is_none();
+    let plan = Plan::new(c, &mut model.pool, form, nodes, whole);
     write::bind(model, &mut b, &mut lowering, &plan.sources)?;
     let tableau = &plan.tableau;
     let s = tableau.stages();
     let (unknowns, residuals) = plan.system(c, &mut model.pool);
-    let linear = apart.filter(|a| a.is_linear());
-    let mut whole = Vec::new();
+    let mut known = Vec::new();
     if let Some(apart) = linear {
-        whole = apart.at_once(c, model, &mut b, &mut lowering, (&unknowns, &residuals), &inputs)?;
+        known = apart.at_once(c, model, &mut b, &mut lowering, (&unknowns, &residuals), &inputs)?;
     } else {
         let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
         let start = guesses(&mut b, c, tableau, &inputs);
+        plan.points.iter().for_each(|p| p.bind(&mut b, c, &mut lowering, &inputs, &start));
+        lowering.last(c.states.iter().map(|s| s.symbol));
         let (weight, scale) = (weight.repeat(s), scale.repeat(s));
         let unknowns = unknowns.clone();
-        let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false };
+        let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole };
         match apart {
             Some(apart) => apart.iterate(c, model, &mut b, &mut lowering, (&system, &inputs))?,
             None => write::solve(model, &mut b, &mut lowering, system)?,
@@ -338,17 +405,25 @@ pub(super) fn write(
         |model: &mut Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
     let (mut next, mut rests, mut steps) = (Vec::new(), Vec::new(), Vec::new());
     for (k, x) in inputs.states.iter().enumerate() {
-        let d = match whole.get(k) {
-            Some(d) => *d,
+        let carry = b.load(inputs.carries[k]);
+        let (d, low) = match known.get(k) {
+            Some(d) => (*d, None),
             None => {
                 let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();
                 let d = weighted(&mut model.pool, &tableau.weights, &changes);
-                value(model, &mut b, d)?
+                let mut found = Vec::with_capacity(s);
+                for u in changes {
+                    let u = model.pool.var(u);
+                    found.push(value(model, &mut b, u)?);
+                }
+                (value(model, &mut b, d)?, whole.then(|| lows(&mut b, &tableau.weights, &found)))
             }
         };
         steps.push(d);
-        let carry = b.load(inputs.carries[k]);
-        let (v, rest) = write::advance(&mut b, *x, d, carry);
+        let (v, rest) = match low {
+            None => write::advance(&mut b, *x, d, carry),
+            Some(low) => write::advance_whole(&mut b, *x, (d, low), carry),
+        };
         next.push(v);
         rests.push(rest);
     }
@@ -365,7 +440,7 @@ pub(super) fn write(
     for (i, (integral, start)) in c.integrals.iter().zip(&inputs.integrals).enumerate() {
         let mut terms = Vec::new();
         for (flat, w) in plan.flats.iter().zip(&tableau.weights) {
-            terms.push((model.pool.substitute(integral.rate, flat), Number::float(*w)));
+            terms.push((model.pool.substitute(integral.rate, flat), Number::float(w.high)));
         }
         let mean = model.pool.combine(&terms);
         let mean = value(model, &mut b, mean)?;
@@ -385,7 +460,8 @@ pub(super) fn write(
     if nodes == Nodes::Radau {
         passive = losses(c, model, &mut b, &mut lowering, &plan, &mut entries)?;
     }
-    let stages: Vec<(f64, &FxHashMap<Symbol, Expr>)> = tableau.weights.iter().copied().zip(&plan.flats).collect();
+    let stages: Vec<(f64, &FxHashMap<Symbol, Expr>)> =
+        tableau.weights.iter().map(|w| w.high).zip(&plan.flats).collect();
     write::ledger(c, model, form, &mut b, &mut lowering, &stages, &entries, inputs.h)?;
     write::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
@@ -447,13 +523,15 @@ fn losses(
     entries: &mut [Entries],
 ) -> Result<bool, Vec<Diagnostic>> {
     let t = &plan.tableau;
-    let first: Vec<f64> = t.nodes.iter().map(|node| t.integrals(*node)[0]).collect();
-    let row = t.integrals(t.nodes[0]);
+    let a: Vec<Vec<Twice>> = t.nodes().map(|node| t.integrals(node)).collect();
     // m = diag(b) A + A^T diag(b) - b b^T is d d^T.
-    let m: Vec<f64> = (0..t.stages())
-        .map(|j| t.weights[0] * row[j] + t.weights[j] * first[j] - t.weights[0] * t.weights[j])
+    let m: Vec<Twice> = (0..t.stages())
+        .map(|j| {
+            let (b, b0) = (t.weights[j], t.weights[0]);
+            b0 * a[0][j] + b * a[j][0] - b0 * b
+        })
         .collect();
-    let d: Vec<f64> = m.iter().map(|x| x / m[0].sqrt()).collect();
+    let d: Vec<Twice> = m.iter().map(|x| x.divided(m[0].sqrt())).collect();
     let moved: Vec<Expr> = (0..c.states.len())
         .map(|k| {
             let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();

@@ -1,29 +1,32 @@
 //! Nodes, weights and integrals of Lagrange polynomials on [0, 1] (Hairer, Norsett and Wanner, Solving Ordinary
-//! Differential Equations I, II.7).
+//! Differential Equations I, II.7), with twice the digits: what a rounded coefficient takes from the energy it takes in
+//! each step (Hairer, McLachlan and Razakarivony, BIT 48, 2008).
+
+use bond_runtime::twice::Twice;
 
 /// A collocation method: a polynomial of degree `s` that starts at the state and whose slope at each node is the rate
 /// there.
 pub(super) struct Tableau {
     /// c, ascending.
-    pub(super) nodes: Vec<f64>,
+    nodes: Vec<Twice>,
     /// b_i, the integral of the i-th Lagrange polynomial over the step.
-    pub(super) weights: Vec<f64>,
+    pub(super) weights: Vec<Twice>,
 }
 
 impl Tableau {
     /// The nodes of Gauss: order 2 s.
     pub(super) fn gauss(s: usize) -> Self {
-        Self::at((1..=s).map(|i| 0.5 * (1.0 + gauss_node(s, i).0)).collect())
+        Self::at(quadrature(s).into_iter().map(|(node, _)| node).collect())
     }
 
     /// The three nodes of Radau that end with the step: order 5.
     pub(super) fn radau() -> Self {
-        let root = 6f64.sqrt();
-        Self::at(vec![(4.0 - root) / 10.0, (4.0 + root) / 10.0, 1.0])
+        let (four, root) = (Twice::new(4.0), Twice::new(6.0).sqrt());
+        Self::at(vec![(four - root).over(10.0), (four + root).over(10.0), Twice::new(1.0)])
     }
 
-    fn at(nodes: Vec<f64>) -> Self {
-        let weights = integrals(&nodes, 1.0);
+    fn at(nodes: Vec<Twice>) -> Self {
+        let weights = integrals(&nodes, Twice::new(1.0));
         Self { nodes, weights }
     }
 
@@ -32,13 +35,23 @@ impl Tableau {
         self.nodes.len()
     }
 
+    /// c, ascending.
+    pub(super) fn nodes(&self) -> impl Iterator<Item = Twice> + '_ {
+        self.nodes.iter().copied()
+    }
+
     /// The integrals of the Lagrange polynomials from 0 to `c`: the state there is x + h Σ of them times the rates.
-    pub(super) fn integrals(&self, c: f64) -> Vec<f64> {
+    pub(super) fn integrals(&self, c: Twice) -> Vec<Twice> {
         integrals(&self.nodes, c)
     }
 
+    /// A: the integrals up to each node, rounded.
+    pub(super) fn matrix(&self) -> Vec<Vec<f64>> {
+        self.nodes().map(|c| self.integrals(c).into_iter().map(|a| a.high).collect()).collect()
+    }
+
     /// The values of the Lagrange polynomials at `c`.
-    pub(super) fn values(&self, c: f64) -> Vec<f64> {
+    pub(super) fn values(&self, c: Twice) -> Vec<Twice> {
         (0..self.stages()).map(|j| lagrange(&self.nodes, j, c)).collect()
     }
 
@@ -46,12 +59,13 @@ impl Tableau {
     /// coefficient.
     pub(super) fn expansion(&self) -> Vec<Vec<f64>> {
         let s = self.stages();
+        let node = |k: usize| self.nodes[k].high;
         let mut rows = vec![vec![0.0; s]; s];
         for j in 0..s {
             // The product of (1 + theta - c_k)/(c_j - c_k), multiplied out in theta.
             let mut poly = vec![1.0];
             for k in (0..s).filter(|k| *k != j) {
-                let (shift, scale) = (1.0 - self.nodes[k], 1.0 / (self.nodes[j] - self.nodes[k]));
+                let (shift, scale) = (1.0 - node(k), 1.0 / (node(j) - node(k)));
                 let mut next = vec![0.0; poly.len() + 1];
                 for (m, x) in poly.iter().enumerate() {
                     next[m] += x * shift * scale;
@@ -68,40 +82,53 @@ impl Tableau {
 }
 
 /// Nodes and weights of Gauss's quadrature on [0, 1], exact for polynomials of degree 2 n - 1.
-pub(super) fn quadrature(n: usize) -> Vec<(f64, f64)> {
-    let one = |i| {
+pub(super) fn quadrature(n: usize) -> Vec<(Twice, Twice)> {
+    let one = Twice::new(1.0);
+    let point = |i| {
         let (x, slope) = gauss_node(n, i);
-        (0.5 * (1.0 + x), 1.0 / ((1.0 - x * x) * slope * slope))
+        let weight = one.divided((one - x * x) * slope * slope);
+        ((one + x).scale(0.5), weight)
     };
-    (1..=n).map(one).collect()
+    (1..=n).map(point).collect()
 }
 
 /// The i-th root of the Legendre polynomial of degree n, ascending, and the slope there.
-fn gauss_node(n: usize, i: usize) -> (f64, f64) {
-    let mut x = -(std::f64::consts::PI * (i as f64 - 0.25) / (n as f64 + 0.5)).cos();
-    let mut slope = 1.0;
-    for _ in 0..20 {
-        let (mut before, mut p) = (1.0, x);
-        for k in 2..=n {
-            let k = k as f64;
-            (before, p) = (p, ((2.0 * k - 1.0) * x * p - (k - 1.0) * before) / k);
-        }
-        slope = n as f64 * (x * p - before) / (x * x - 1.0);
-        x -= p / slope;
-    }
+fn gauss_node(n: usize, i: usize) -> (Twice, Twice) {
+    let one = Twice::new(1.0);
+    let whole = |k: usize| Twice::new(k as f64);
+    let mut x = Twice::new(-(std::f64::consts::PI * (i as f64 - 0.25) / (n as f64 + 0.5)).cos());
     // The middle one is 0, whatever rounding says.
-    (if 2 * i == n + 1 { 0.0 } else { x }, slope)
+    if 2 * i == n + 1 {
+        x = Twice::default();
+    }
+    let mut slope = one;
+    for _ in 0..8 {
+        let (mut before, mut p) = (one, x);
+        for k in 2..=n {
+            let next = (whole(2 * k - 1) * x * p - whole(k - 1) * before).over(k as f64);
+            (before, p) = (p, next);
+        }
+        slope = (whole(n) * (x * p - before)).divided(x * x - one);
+        if 2 * i != n + 1 {
+            x = x - p.divided(slope);
+        }
+    }
+    (x, slope)
 }
 
 /// The j-th Lagrange polynomial at `x`.
-fn lagrange(nodes: &[f64], j: usize, x: f64) -> f64 {
-    nodes.iter().enumerate().filter(|(k, _)| *k != j).map(|(_, c)| (x - c) / (nodes[j] - c)).product()
+fn lagrange(nodes: &[Twice], j: usize, x: Twice) -> Twice {
+    let others = nodes.iter().enumerate().filter(|(k, _)| *k != j).map(|(_, c)| *c);
+    others.fold(Twice::new(1.0), |product, c| (product * (x - c)).divided(nodes[j] - c))
 }
 
 /// The integrals of the Lagrange polynomials from 0 to `end`.
-fn integrals(nodes: &[f64], end: f64) -> Vec<f64> {
+fn integrals(nodes: &[Twice], end: Twice) -> Vec<Twice> {
     let rule = quadrature(nodes.len());
-    let one = |j| rule.iter().map(|(x, w)| w * end * lagrange(nodes, j, end * x)).sum();
+    let one = |j| {
+        let parts = rule.iter().map(|(x, w)| *w * end * lagrange(nodes, j, end * *x));
+        parts.fold(Twice::default(), |sum, part| sum + part)
+    };
     (0..nodes.len()).map(one).collect()
 }
 
@@ -113,12 +140,29 @@ mod tests {
     fn known_tableaus() {
         let two = Tableau::gauss(2);
         let root = 3f64.sqrt() / 6.0;
-        assert!((two.nodes[0] - (0.5 - root)).abs() < 2e-16 && (two.weights[1] - 0.5).abs() < 2e-16);
-        assert!((two.integrals(two.nodes[0])[1] - (0.25 - root)).abs() < 2e-16);
+        let near = |x: Twice, y: f64| (x.high - y).abs() < 2e-16;
+        assert!(near(two.nodes[0], 0.5 - root) && near(two.weights[1], 0.5));
+        assert!(near(two.integrals(two.nodes[0])[1], 0.25 - root));
         let radau = Tableau::radau();
-        assert!((radau.weights[2] - 1.0 / 9.0).abs() < 2e-16);
+        assert!((radau.weights[2] - Twice::new(1.0).over(9.0)).high.abs() < 1e-30);
         let a = radau.integrals(radau.nodes[0]);
-        assert!((a[0] - (88.0 - 7.0 * 6f64.sqrt()) / 360.0).abs() < 2e-16);
+        assert!(near(a[0], (88.0 - 7.0 * 6f64.sqrt()) / 360.0));
+    }
+
+    /// Symplectic, and so the energy of quadratic ones is kept, to the last of twice the digits.
+    #[test]
+    fn quadratic_energies_are_kept() {
+        for s in 1..=6 {
+            let t = Tableau::gauss(s);
+            let a: Vec<Vec<Twice>> = t.nodes().map(|c| t.integrals(c)).collect();
+            for i in 0..s {
+                for j in 0..s {
+                    let (b, both) = (&t.weights, t.weights[i] * t.weights[j]);
+                    let m = b[i] * a[i][j] + b[j] * a[j][i] - both;
+                    assert!(m.high.abs() < 1e-29, "{s}: {i} {j} {m:?}");
+                }
+            }
+        }
     }
 
     #[test]
@@ -126,8 +170,10 @@ mod tests {
         for n in 1..=20 {
             let rule = quadrature(n);
             for degree in 0..2 * n as i32 {
-                let sum: f64 = rule.iter().map(|(x, w)| w * x.powi(degree)).sum();
-                assert!((sum - 1.0 / f64::from(degree + 1)).abs() < 4e-15, "{n} {degree} {sum}");
+                let power = |x: Twice| (0..degree).fold(Twice::new(1.0), |p, _| p * x);
+                let sum = rule.iter().fold(Twice::default(), |sum, (x, w)| sum + *w * power(*x));
+                let off = sum - Twice::new(1.0).over(f64::from(degree + 1));
+                assert!(off.high.abs() < 1e-28, "{n} {degree} {off:?}");
             }
         }
     }
@@ -142,12 +188,12 @@ mod tests {
             .iter()
             .enumerate()
             .map(|(m, row)| {
-                let a: f64 = row.iter().zip(&five.nodes).map(|(w, c)| w * f(*c)).sum();
+                let a: f64 = row.iter().zip(&five.nodes).map(|(w, c)| w * f(c.high)).sum();
                 a * theta.powi(m as i32)
             })
             .sum();
         assert!((sum - f(1.0 + theta)).abs() < 1e-12);
-        let here: f64 = five.values(0.3).iter().zip(&five.nodes).map(|(l, c)| l * f(*c)).sum();
+        let here: f64 = five.values(Twice::new(0.3)).iter().zip(&five.nodes).map(|(l, c)| l.high * f(c.high)).sum();
         assert!((here - f(0.3)).abs() < 1e-14);
     }
 }

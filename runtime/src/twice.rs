@@ -2,10 +2,14 @@
 //!
 //! After Dekker, A floating-point technique for extending the available precision, 1971, and Knuth's two-sum.
 
+use std::ops::{Add, Mul, Sub};
+
 /// `high + low`, `low` below half a unit in the last place of `high`: some 32 decimal digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Twice {
+pub struct Twice {
+    /// The nearest number.
     pub high: f64,
+    /// What is left.
     pub low: f64,
 }
 
@@ -41,25 +45,13 @@ fn two_product(a: f64, b: f64) -> Twice {
 }
 
 impl Twice {
+    /// A number as it is.
     pub fn new(x: f64) -> Self {
         Self { high: x, low: 0.0 }
     }
 
-    #[inline]
-    pub fn add(self, other: Self) -> Self {
-        let s = two_sum(self.high, other.high);
-        let t = two_sum(self.low, other.low);
-        let s = quick_two_sum(s.high, s.low + t.high);
-        quick_two_sum(s.high, s.low + t.low)
-    }
-
-    #[inline]
-    pub fn mul(self, other: Self) -> Self {
-        let p = two_product(self.high, other.high);
-        quick_two_sum(p.high, p.low + (self.high * other.low + self.low * other.high))
-    }
-
     /// Divided by a small whole number.
+    #[must_use]
     pub fn over(self, k: f64) -> Self {
         let high = self.high / k;
         let product = two_product(high, k);
@@ -68,6 +60,7 @@ impl Twice {
     }
 
     /// Divided by a number that is not 0.
+    #[must_use]
     pub fn divided(self, other: Self) -> Self {
         let high = self.high / other.high;
         let rest = self.add(other.mul(Self::new(-high)));
@@ -75,6 +68,7 @@ impl Twice {
     }
 
     /// The root of a number above 0.
+    #[must_use]
     pub fn sqrt(self) -> Self {
         let high = self.high.sqrt();
         let rest = self.add(Self::new(high).mul(Self::new(-high)));
@@ -82,20 +76,56 @@ impl Twice {
     }
 
     /// The same sum with a `high` of 26 bits, so that `low` weighs in whatever is rounded to 53.
+    #[must_use]
     pub fn uneven(self) -> Self {
         let (high, rest) = split(self.high);
         if high.is_finite() { Self { high, low: rest + self.low } } else { self }
     }
 
-    /// Times a power of two.
+    /// Times a power of two, or its opposite.
+    #[must_use]
     pub fn scale(self, power: f64) -> Self {
         Self { high: self.high * power, low: self.low * power }
     }
 }
 
+/// The sum.
+impl Add for Twice {
+    type Output = Self;
+
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        let s = two_sum(self.high, other.high);
+        let t = two_sum(self.low, other.low);
+        let s = quick_two_sum(s.high, s.low + t.high);
+        quick_two_sum(s.high, s.low + t.low)
+    }
+}
+
+/// The difference.
+impl Sub for Twice {
+    type Output = Self;
+
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        self + other.scale(-1.0)
+    }
+}
+
+/// The product. Overflows from 2^996 on.
+impl Mul for Twice {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, other: Self) -> Self {
+        let p = two_product(self.high, other.high);
+        quick_two_sum(p.high, p.low + (self.high * other.low + self.low * other.high))
+    }
+}
+
 /// A square matrix, row by row.
 #[derive(Clone, Debug)]
-pub(super) struct Matrix {
+pub(crate) struct Matrix {
     pub n: usize,
     pub entries: Vec<Twice>,
 }
