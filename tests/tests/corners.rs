@@ -1,7 +1,7 @@
 //! Laws that switch on what only a step tells: dry friction, diodes. Against closed forms, with the steps of every
 //! tolerance.
 
-use crate::common::{finish, probe, start, with};
+use crate::common::{end, finish, probe, start, with};
 use bond::{Options, Steps};
 
 /// Steppers that keep the balance, and one that damps.
@@ -57,6 +57,30 @@ fn swings_die_out() {
             let what = format!("{method}, {tolerance:e}");
             assert!(v.abs() < 1e-12, "{what}: it still slides at {v:e} m/s");
             assert!((x - 0.01).abs() < 50.0 * tolerance, "{what}: it rests at {x} m");
+        }
+    }
+}
+
+/// A body that all but rests sticks in the first step, whatever rounding leaves open of what holds it; and what starts
+/// in motion is found to slide.
+#[test]
+fn what_hardly_moves_sticks() {
+    for momentum in [0.0f64, 1e-18, -1e-18, 1e-15, 1e-12, -1e-12, 1e-9, 1e-6, -1e-6, 1e-4] {
+        let text = format!(
+            "model Block {{
+  I:block {{ inertia = 1 kg; p0 = {momentum:e} kg*m/s }}
+  C:spring {{ stiffness = 100 N/m; q0 = 0.01 m }}
+  R:dry {{ e = 2 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }}
+  1:v -> block, spring, dry
+  probe speed = v.f
+}}"
+        );
+        for method in METHODS {
+            let compiled = with(Options::new().method(method), &text);
+            for h in [1e-14, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2] {
+                let v = end(&compiled, Steps::fixed(h), h, "speed");
+                assert!(v.abs() <= 2.0 * momentum.abs() + 1e-15, "{method}, {momentum:e}, {h:e}: {v:e} m/s");
+            }
         }
     }
 }

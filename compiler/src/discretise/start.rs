@@ -60,6 +60,11 @@ impl System<'_> {
             let Some(d) = self.jacobian(z).lu().solve(&r).filter(|d| d.iter().all(|x| x.is_finite())) else {
                 return false;
             };
+            if d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs()) {
+                // Rounding is all that is left.
+                *z -= d;
+                return true;
+            }
             let (size, mut part) = (r.norm(), 1.0);
             loop {
                 let next = &*z - &d * part;
@@ -74,9 +79,6 @@ impl System<'_> {
                     // Rounding may be all that is left.
                     return d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-9 * z.abs());
                 }
-            }
-            if part == 1.0 && d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs()) {
-                return true;
             }
         }
         false

@@ -11,7 +11,8 @@
 //!      above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the
 //!      last update was halved fewer than [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start
 //!      over.
-//!   2. Where all of `r` is 0: done.
+//!   2. Where all of `r` is 0, or after [`DAMPED`] iterations `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where
+//!      a body that all but rests sticks, rounding leaves open what holds it.
 //!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the
 //!      first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time
 //!      take 2e-3 of it off; else fail.
@@ -19,7 +20,7 @@
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
-//!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-11, 4e-16 |e|² / |d|²)`:
+//!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-9, 4e-16 |e|² / |d|²)`:
 //!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below rounding; or small(1e-12), where
 //!   `|d|` is at least half of `|e|`: rounding keeps it from falling; or small(1e-10), where that was so [`STALLS`]
 //!   times in a row: the equations hardly tell that unknown; or small(1e-6) then, where besides the smallest `|r|²` so
@@ -30,7 +31,7 @@
 //!
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what
 //! it gave, and fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what
-//! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 2e-17 (1/θ - 1))`, or
+//! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 1e-18 (1/θ - 1))`, or
 //! small(1e-14) where θ is at least a half.
 //!
 //! What the body wrote to slots other than the unknowns belongs to the iterate before the last update.
@@ -267,7 +268,7 @@ fn iterate<S: System>(
             }
         }
         best = best.min(size);
-        if residual.iter().all(|&r| r == 0.0) {
+        if residual.iter().all(|&r| r == 0.0) || (k >= DAMPED && size <= 1e-32 * measure.energy(system.unknowns())) {
             return Ok(());
         }
         let trial = &mut scratch.trial[..n];
@@ -358,7 +359,7 @@ fn geometric(square: f64, last: f64) -> f64 {
     if 0.25 * last <= square {
         return 1e-14;
     }
-    let t = 2e-17 * ((last / square).sqrt() - 1.0);
+    let t = 1e-18 * ((last / square).sqrt() - 1.0);
     if t < 1e-12 { t } else { 1e-12 }
 }
 

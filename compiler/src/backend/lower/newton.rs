@@ -510,6 +510,14 @@ impl Iteration {
             });
             w.when(all, |w| self.finish(w, DONE));
         });
+        let (so_far, long) = (w.get(self.count), w.number(f64::from(DAMPED)));
+        let many = w.lt(long, so_far);
+        w.when(many, |w| {
+            let (told, part) = (self.energy(w), w.tolerance(1e-32));
+            let allowed = w.mul(part, told);
+            let rounding = w.le(size, allowed);
+            w.when(rounding, |w| self.finish(w, DONE));
+        });
     }
 
     /// Takes the solution off the unknowns, and tests; or finds another start.
@@ -577,7 +585,7 @@ impl Iteration {
 
     /// The test of an iteration that converges linearly, after its update.
     fn geometric(&self, w: &mut Writer, square: Value, ratio: Value, slow: Cond) {
-        let (first, least) = (w.tolerance(4e-16), w.tolerance(2e-17));
+        let (first, least) = (w.tolerance(4e-16), w.tolerance(1e-18));
         let (most, stalled) = (w.tolerance(1e-12), w.tolerance(1e-14));
         let (zero, one) = (w.number(0.0), w.number(1.0));
         let root = w.unary(ir::Unary::Sqrt, ratio);
