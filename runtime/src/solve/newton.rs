@@ -20,7 +20,7 @@
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
-//!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-9, 4e-16 |e|² / |d|²)`:
+//!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-11, 4e-16 |e|² / |d|²)`:
 //!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below rounding; or small(1e-12), where
 //!   `|d|` is at least half of `|e|`: rounding keeps it from falling; or small(1e-10), where that was so [`STALLS`]
 //!   times in a row: the equations hardly tell that unknown; or small(1e-6) then, where besides the smallest `|r|²` so

@@ -9,7 +9,7 @@
 //! 3. The residual there with the same elimination gives `e`. Where a `|d_i|` is above 1e-2 `z_i`: done where no entry
 //!    of `J` there is off by more than a tenth, and `|e_i| <= 4e-16 z_i`. Else done where each `|e_i| <= 4e-16 |u_i|`,
 //!    which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
-//!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-9 z_i`; or
+//!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or
 //!    `|e_i| <= 4e-16 z_i`. Each unknown counts by itself, since those that converge at once say nothing of the others.
 //! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the
 //!    iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
@@ -35,7 +35,7 @@ pub const ROUNDING: f64 = 4e-16;
 /// So many times the square of the last update over the one before are at most that.
 pub const NEXT: f64 = 8.0;
 /// The largest last update.
-pub const LAST: f64 = 1e-9;
+pub const LAST: f64 = 1e-11;
 /// The largest size that is taken: squares of larger ones overflow.
 pub const RANGE: f64 = 1e100;
 /// The largest first update after which the second one may be the last. What is far from where it began says nothing by
