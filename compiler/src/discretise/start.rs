@@ -57,10 +57,13 @@ impl System<'_> {
             if r.iter().all(|x| *x == 0.0) {
                 return true;
             }
-            let Some(d) = self.jacobian(z).lu().solve(&r).filter(|d| d.iter().all(|x| x.is_finite())) else {
+            let slopes = self.jacobian(z);
+            // By an infinite slope nothing would be missing.
+            let told = slopes.iter().all(|x| x.is_finite());
+            let Some(d) = slopes.lu().solve(&r).filter(|d| d.iter().all(|x| x.is_finite())) else {
                 return false;
             };
-            if d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs()) {
+            if told && d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs()) {
                 // Rounding is all that is left.
                 *z -= d;
                 return true;

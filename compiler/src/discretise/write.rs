@@ -86,24 +86,26 @@ pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) ->
     // Both ways at once, so that the next step waits for the choice alone.
     let done = b.sub(sum, x);
     let without = b.sub(change, done);
-    let y = b.add(change, carry);
-    let next = b.add(x, y);
-    let done = b.sub(next, x);
-    let rest = b.sub(y, done);
+    let (_, next, rest) = added(b, x, change, carry);
     (b.select(fits, next, sum), b.select(fits, rest, without))
 }
 
 /// The same where the change is that of `x + carry`, and known but for `low`: nothing is dropped.
 pub(super) fn advance_whole(b: &mut Builder, x: Value, (change, low): (Value, Value), carry: Value) -> (Value, Value) {
-    let y = b.add(change, carry);
-    let next = b.add(x, y);
-    // What has no place: of the carry beside the change, and of both beside the state.
+    let (y, next, rest) = added(b, x, change, carry);
+    // What of the carry had no place beside the change.
     let kept = b.sub(y, change);
     let left = b.sub(carry, kept);
-    let done = b.sub(next, x);
-    let rest = b.sub(y, done);
     let rest = b.add(rest, left);
     (next, b.add(rest, low))
+}
+
+/// `change + carry`, `x` and that, and what rounding takes from the second sum.
+fn added(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value, Value) {
+    let y = b.add(change, carry);
+    let next = b.add(x, y);
+    let done = b.sub(next, x);
+    (y, next, b.sub(y, done))
 }
 
 /// What time and what is given make sources give, as symbols of their own: computed once, so that equations and ledger
