@@ -262,6 +262,34 @@ fn integrals_are_watched() {
     close(end(&compiled, Steps::tolerance(1e-8), 3.0, "s"), 9.0, 1e-3, "s");
 }
 
+/// Where there is no state, the energies tell how long a step may be, by any method.
+#[test]
+fn energies_without_states() {
+    let text = "model M { Se:u = 10 V * sin(t/1 s)  C:c = 1 F  R:r = 1 Ohm  u -> 0:n -> c, r }";
+    let lost = 50.0 * (10.0 - 0.5 * 20f64.sin());
+    for method in ["gonzalez", "collocation8", "rk45"] {
+        let mut sim = start(&with(Options::new().method(method), text), Steps::tolerance(1e-8));
+        finish(&mut sim, 10.0);
+        let region = sim.summary().regions.swap_remove(0);
+        close(region.dissipated, lost, 1e-3, method);
+        close(region.supplied, lost + 50.0 * 10f64.sin().powi(2), 1e-3, method);
+    }
+}
+
+/// A pulse of a hundredth of the run is not stepped over where there is no state to slow down for.
+#[test]
+fn a_pulse_without_states() {
+    let text = "model M {
+      Sf:u = 1 A
+      MR:r = 1 Ohm - 1.2 Ohm * exp(-((t - 5 s)/20 ms)^2)
+      u -> r
+    }";
+    let mut sim = start(&with(Options::new(), text), Steps::default());
+    finish(&mut sim, 10.0);
+    let summary = sim.summary();
+    assert!(!summary.passive, "{summary:?}");
+}
+
 /// A state that grows beyond all numbers ends the run by name, and what was computed stays.
 #[test]
 fn what_is_not_finite_ends_the_run() {

@@ -3,7 +3,7 @@
 use super::case::path;
 use super::ours::compile;
 use super::table::{short, table};
-use bond::{Compiled, Options, Simulation, Steps};
+use bond::{Code, Compiled, Options, Simulation, Steps};
 use bond_compiler::discretise::Method;
 use std::time::Instant;
 
@@ -30,7 +30,8 @@ pub struct Drift {
 /// In words: what failed, and when.
 pub fn drift(compiled: &Compiled, h: f64, steps: u64) -> Result<Drift, String> {
     let options = Steps::fixed(h).resolve(&compiled.stages().model.settings, 1.0, None).map_err(|e| e.to_string())?;
-    let mut sim = Simulation::new(compiled.scene(), &options).map_err(|e| e.to_string())?;
+    let mut sim =
+        Simulation::on(Code::Native.backend(), compiled.scene(), &options, Vec::new()).map_err(|e| e.to_string())?;
     let energy = |sim: &Simulation<'_>| sim.summary().regions.iter().map(|r| r.h_final).sum::<f64>();
     let h0 = energy(&sim);
     let mut looks = Vec::new();
@@ -182,7 +183,8 @@ fn stiff(
     let settings = &compiled.stages().model.settings;
     let run = || -> Result<(f64, f64, bool), String> {
         let options = Steps::fixed(h).resolve(settings, 1.0, None).map_err(|e| e.to_string())?;
-        let mut sim = Simulation::new(compiled.scene(), &options).map_err(|e| e.to_string())?;
+        let mut sim = Simulation::on(Code::Native.backend(), compiled.scene(), &options, Vec::new())
+            .map_err(|e| e.to_string())?;
         sim.finish(steps as f64 * h).map_err(|e| e.to_string())?;
         let s = sim.summary();
         let r = s.regions.first().ok_or("there is no region")?;

@@ -220,7 +220,7 @@ fn iterate(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
-    (system, torn): (System, &[(Symbol, Expr)]),
+    (mut system, torn): (System, &[(Symbol, Expr)]),
     cold: Vec<Value>,
 ) -> Result<(), Vec<Diagnostic>> {
     let n = system.unknowns.len();
@@ -251,6 +251,14 @@ fn iterate(
         jacobian.extend(row.into_iter().filter(|e| !model.pool.is_zero(e.1)).map(|(j, d)| (i as u32, j, d)));
     }
     let is_unknown = |s: Symbol| place.contains_key(&s) || torn_at.contains_key(&s);
+    let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().chain(torn.iter().map(|t| t.0)).collect();
+    if n <= LARGE {
+        system.residuals = model.pool.factored(&system.residuals, &unknown, system.whole);
+        let entries: Vec<Expr> = jacobian.iter().map(|e| e.2).collect();
+        for (e, new) in jacobian.iter_mut().zip(model.pool.factored(&entries, &unknown, false)) {
+            e.2 = new;
+        }
+    }
     // Few unknowns are cheap to look at again, which takes the rounding of the solution off.
     let affine = (n > LARGE || system.once) && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
     if affine && !system.once {
@@ -260,7 +268,6 @@ fn iterate(
         b.store(slot(i), *v);
     }
     // What does not change in the iteration is computed before it.
-    let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().chain(torn.iter().map(|t| t.0)).collect();
     let all: Vec<Expr> = system.residuals.iter().copied().chain(jacobian.iter().map(|t| t.2)).collect();
     for e in fixed_parts(&model.pool, torn.iter().map(|t| t.1).chain(all.iter().copied()), &unknown) {
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;

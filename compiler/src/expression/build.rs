@@ -257,15 +257,26 @@ impl Pool {
         self.make_sum(divide(constant), terms)
     }
 
-    /// What a sum that is a factor gives to the coefficient: the sign of its first term, and the first term's size
-    /// where all summands share it or all are powers of two, so that nothing is rounded.
+    /// What a sum that is a factor gives to the coefficient: the sign of its first term, and the size that most summands
+    /// have, the largest of several, where all share it or all are powers of two, so that nothing is rounded.
     fn content(&self, constant: Number, terms: &[(Expr, Number)]) -> Number {
-        let first = terms[0].1;
-        let size = first.abs();
-        let sign = if first.is_negative() { Number::MINUS_ONE } else { Number::ONE };
-        let fits = |test: &dyn Fn(Number) -> bool| {
-            (constant.is_zero() || test(constant)) && terms.iter().all(|&(_, n)| test(n))
-        };
-        if (size.is_finite() && fits(&|n| n.abs() == size)) || fits(&|n| n.is_binary()) { size * sign } else { sign }
+        let sign = if terms[0].1.is_negative() { Number::MINUS_ONE } else { Number::ONE };
+        let sizes = || terms.iter().map(|t| t.1.abs()).chain((!constant.is_zero()).then(|| constant.abs()));
+        let first = terms[0].1.abs();
+        if first.is_finite() && sizes().all(|n| n == first) {
+            return first * sign;
+        }
+        if !sizes().all(Number::is_binary) {
+            return sign;
+        }
+        let mut counts: Vec<(Number, usize)> = Vec::new();
+        for size in sizes() {
+            match counts.iter_mut().find(|c| c.0 == size) {
+                Some(count) => count.1 += 1,
+                None => counts.push((size, 1)),
+            }
+        }
+        let most = counts.into_iter().max_by(|a, b| a.1.cmp(&b.1).then(a.0.compare(b.0)));
+        most.map_or(sign, |m| m.0 * sign)
     }
 }

@@ -13,6 +13,7 @@ mod derivative;
 mod difference;
 mod dissipative;
 mod eval;
+mod factor;
 mod function;
 mod kernel;
 mod known;

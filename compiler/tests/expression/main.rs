@@ -3,6 +3,7 @@
 mod calculus;
 mod canonical;
 mod difference;
+mod factor;
 mod forms;
 mod lower;
 mod print;

@@ -113,9 +113,11 @@ impl Fit {
         let ahead = FIRST * options.default_step;
         let guards = c.guards.as_ref().map_or(0, |g| g.count);
         let integrals = &c.initial[c.states..c.states + c.integrals];
+        // What has no state does not slow down where something is about to happen: it is looked at evenly.
+        let most = if c.states + c.integrals == 0 { options.default_step } else { f64::INFINITY };
         Self {
             tolerance,
-            longest: options.longest.unwrap_or(f64::INFINITY),
+            longest: options.longest.unwrap_or(f64::INFINITY).min(most),
             control: Control {
                 ahead,
                 other: ahead,

@@ -51,7 +51,7 @@ impl Run {
         self.stride(t, h, Part::Whole)?;
         let event = self.event(c, t, h, aim)?;
         let (h, is_event) = (event.unwrap_or(h), event.is_some());
-        if c.step.estimate.is_none() {
+        if is_doubled(c) {
             if is_event || self.guards.is_none() {
                 self.stride(t, 0.5 * h, Part::First)?;
             }
@@ -79,7 +79,8 @@ impl Run {
     }
 
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
-    /// states' sizes: the embedded estimate, or what the difference of the two tells.
+    /// states' sizes: the embedded estimate, or what the difference of the two tells. That is asked of the ledger's
+    /// energies too: they are integrals, and where there is no state all that a step's length is seen by.
     fn estimate(&self, c: &Cluster, whole: bool) -> Result<f64, Failure> {
         let Some(fit) = &self.fit else { return Ok(0.0) };
         let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
@@ -107,6 +108,18 @@ impl Run {
             }
             if off > 0.0 {
                 worst = worst.max(if size > 0.0 { off / size } else { f64::INFINITY });
+            }
+        }
+        let books = self.books.iter().zip(&c.entries).filter(|_| is_doubled(c));
+        for (b, e) in books {
+            let moved = b.supplied.value().abs().max(b.dissipated.value().abs()).max(above(b, e));
+            for (_, slot) in e.supplied.iter().chain(&e.dissipated) {
+                let whole = fit.whole.output[*slot];
+                let halves = fit.first.output[*slot] + fit.second.output[*slot];
+                let off = (halves - whole).abs() * part;
+                if off > 0.0 {
+                    worst = worst.max(off / moved.max(halves.abs()));
+                }
             }
         }
         Ok(if worst.is_finite() { worst } else { f64::MAX })
@@ -140,4 +153,9 @@ impl Run {
         into.output.copy_from_slice(&work.output[..n]);
         Ok(())
     }
+}
+
+/// Whether a step is compared with its halves: where it does not estimate its own error, or has no state to do so.
+fn is_doubled(c: &Cluster) -> bool {
+    c.step.estimate.is_none() || c.states + c.integrals == 0
 }
