@@ -262,6 +262,25 @@ fn integrals_are_watched() {
     close(end(&compiled, Steps::tolerance(1e-8), 3.0, "s"), 9.0, 1e-3, "s");
 }
 
+/// At rest until a source jumps, at an instant that a step ends just past: i = u/r (1 - exp(-r t/l)).
+#[test]
+fn a_jump_is_met_at_rest() {
+    let text = "model M {
+      Se:u = if t < 1 ms then 0 V else 10 V
+      I:l = 4 mH
+      R:r = 2 Ohm
+      u -> 1:p -> r, l
+      probe i = p.f
+    }";
+    let wanted = 5.0 * (1.0 - (-2f64).exp());
+    for method in ["gonzalez", "collocation6", "radau", "rk4", "rk45"] {
+        for tolerance in [1e-5, 1e-8, 1e-10] {
+            let compiled = with(Options::new().method(method), text);
+            close(end(&compiled, Steps::tolerance(tolerance), 5e-3, "i"), wanted, 100.0 * tolerance, method);
+        }
+    }
+}
+
 /// Where there is no state, the energies tell how long a step may be, by any method.
 #[test]
 fn energies_without_states() {

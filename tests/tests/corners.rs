@@ -135,3 +135,54 @@ fn a_source_that_cancels_needs_no_short_steps() {
         assert!(region.worst_step < 1e-13, "{tolerance:e}: the balance is off by {:e}", region.worst_step);
     }
 }
+
+/// A law with an infinite slope at rest whose flow is given: v' = 1 - v^2 from rest, by every stepper.
+#[test]
+fn a_root_starts_at_its_infinite_slope() {
+    let text = "model Root {
+  Se:push = 1 N
+  I:mass = 1 kg
+  R:hole { f = 1 m/(s*N^(1/2)) * sign(e)*sqrt(abs(e)) }
+  push -> 1:v -> mass, hole
+  probe v = v.f
+  probe x = integral(v.f, 0 m)
+}";
+    for method in METHODS {
+        let [v, x] = ends(text, method, 1e-7, 2.0, ["v", "x"]);
+        assert!((v - 2f64.tanh()).abs() < 1e-5, "{method}: {v} m/s");
+        assert!((x - 2f64.cosh().ln()).abs() < 1e-5, "{method}: {x} m");
+        let fixed = end(&with(Options::new().method(method), text), Steps::fixed(0.01), 2.0, "v");
+        assert!((fixed - 2f64.tanh()).abs() < 1e-4, "{method}, fixed steps: {fixed} m/s");
+    }
+}
+
+/// Two tanks that level out in finite time: the head is 0 from then on, at every tolerance, and no time is lost with
+/// what rounding makes of it. The root of the head falls evenly: by 2 a/sqrt(r) k/A a second.
+#[test]
+fn what_has_levelled_out_stays() {
+    for law in ["f = 1 m^3/(s*Pa^(1/2)) * sign(e)*sqrt(abs(e))/100", "e = 1e4 Pa*s^2/m^6 * f*abs(f)"] {
+        let text = format!(
+            "model Tanks {{
+  C:high {{ stiffness = 100 Pa/m^3; e0 = 400 Pa }}
+  C:low {{ stiffness = 100 Pa/m^3; e0 = 100 Pa }}
+  R:hole {{ {law} }}
+  high -> 1:q -> hole, low
+  probe head = high.e - low.e
+  probe high = high.e
+}}"
+        );
+        let over = 300f64.sqrt();
+        for tolerance in [1e-4, 1e-6, 1e-9] {
+            let compiled = with(Options::new(), &text);
+            let mut sim = start(&compiled, Steps::tolerance(tolerance));
+            finish(&mut sim, 0.5 * over);
+            let head = probe(&mut sim, "head");
+            assert!((head / 75.0 - 1.0).abs() < 100.0 * tolerance, "{law}, {tolerance:e}: {head} Pa");
+            finish(&mut sim, 5.0 * over);
+            let (head, high) = (probe(&mut sim, "head"), probe(&mut sim, "high"));
+            assert!(head.abs() < 1e-6 && (high - 250.0).abs() < 1e-6, "{law}, {tolerance:e}: {head} Pa of {high}");
+            let steps = sim.summary().regions[0].steps;
+            assert!(steps < 200_000, "{law}, {tolerance:e}: {steps} steps");
+        }
+    }
+}

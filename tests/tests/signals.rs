@@ -499,6 +499,26 @@ fn a_sampled_source_takes_its_input_at_the_samples() {
     }
 }
 
+/// And so is time: a ramp that is written out is held as one that is given.
+#[test]
+fn a_sampled_source_takes_time_at_the_samples() {
+    for method in ["gonzalez", "ray"] {
+        let compiled = text(&format!(
+            "model M {{ I:m = 2 kg  0:n -> m
+              sampled every 0.1 s budget off method {method} {{ Se:f = 1 N/s * t + (if t < 0.25 s then 0 N else 1 N) }}
+              f ||> n  probe p = m.p }}"
+        ));
+        let mut sim = start(&compiled, Steps::new());
+        let mut p = 0.0;
+        for k in 0..30u32 {
+            let t = f64::from(k) * 0.1;
+            advance(&mut sim, t);
+            close(probe(&mut sim, "p"), p, 1e-12, &format!("{method}: p at sample {k}"));
+            p += 0.1 * (t + if t < 0.25 { 0.0 } else { 1.0 });
+        }
+    }
+}
+
 /// Inputs and states of a part have its path; those of a loop its numbers.
 #[test]
 fn paths_of_inputs_and_states() {

@@ -16,7 +16,8 @@ use bond_runtime::ir::{Array, Builder, Slot, Value};
 use bond_runtime::scene::{Entries, Stepper};
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// States at the midpoint, storages' outputs as discrete gradients, time at the midpoint.
+/// States at the midpoint, storages' outputs as discrete gradients, time at the midpoint (of what is sampled, at its
+/// sample).
 pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<Symbol, Expr> {
     let mut map = FxHashMap::default();
     let half = pool.ratio(1, 2);
@@ -35,7 +36,8 @@ pub(super) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
             }
         }
     }
-    if let (Some(t), Some(h)) = (c.time, c.h) {
+    // What is sampled has time, as all that it is given, from its sample.
+    if let (Some(t), Some(h), None) = (c.time, c.h, c.sampling) {
         let (te, he) = (pool.var(t), pool.var(h));
         let he = pool.mul(half, he);
         map.insert(t, pool.add(te, he));

@@ -40,6 +40,9 @@ const WORTH: f64 = 0.1;
 /// What did not come is foretold again where it is nearer than to this many of the step that was cut for it, from its
 /// start.
 const NEARER: f64 = 1.5;
+/// A step to a switch that is shorter than this part of the usual one is taken whatever its error seems to be. (What
+/// switches yet sooner is let be.)
+const BRIEF: f64 = 1e-8;
 /// Instants closer to one another than this part of themselves are one.
 const SAME: f64 = 1e-12;
 
@@ -59,6 +62,8 @@ pub(super) struct Control {
     pub(super) error: f64,
     /// Steps in a row that were far smaller than the usual one.
     pub(super) crawl: u32,
+    /// Switches in a row of guards that all but vanish.
+    pub(super) chatter: u32,
     /// Attempts that were not kept.
     pub(super) rejected: u64,
     /// Switches of laws that were located.
@@ -103,6 +108,8 @@ pub(super) struct Fit {
     pub(super) below: Vec<f64>,
     pub(super) beyond: Vec<f64>,
     pub(super) seen: Vec<f64>,
+    /// The largest that each guard was at the start of a step.
+    pub(super) tops: Vec<f64>,
     /// The instant inside of the planned step that was looked at last, and what a step to it gives.
     pub(super) shown: Option<f64>,
     pub(super) output: Vec<f64>,
@@ -125,6 +132,7 @@ impl Fit {
                 aim: f64::INFINITY,
                 error: 1.0,
                 crawl: 0,
+                chatter: 0,
                 rejected: 0,
                 events: 0,
             },
@@ -141,6 +149,7 @@ impl Fit {
             below: vec![0.0; guards],
             beyond: vec![0.0; guards],
             seen: vec![0.0; guards],
+            tops: vec![0.0; guards],
             shown: None,
             output: vec![0.0; c.step.program.size(Array::Output)],
         }
@@ -325,7 +334,9 @@ impl Run {
             // enough.
             let vain = attempt.h < 1e-3 * usual
                 && refused.is_some_and(|(longer, worse)| attempt.h < 0.5 * longer && attempt.error > 0.25 * worse);
-            if ratio > 1.0 && !vain {
+            // A method that looks at the end of its step sees what holds beyond the switch, however near that is.
+            let brief = attempt.event && attempt.h < BRIEF * usual;
+            if ratio > 1.0 && !vain && !brief {
                 control.ahead = attempt.h * (SAFE * ratio.powf(-1.0 / order)).clamp(SHRINK, SAFE);
                 control.rejected += 1;
                 refused = Some((attempt.h, attempt.error));
@@ -344,6 +355,7 @@ impl Run {
                 (control.ahead, control.other) = (control.other, here);
                 (control.began, control.aim) = (end, f64::INFINITY);
                 control.events += 1;
+                control.chatter = if attempt.faint { control.chatter.saturating_add(1) } else { 0 };
                 control.error = 1.0;
             } else {
                 // What the other stepper took says nothing against longer steps.

@@ -42,6 +42,8 @@ pub(super) struct Attempt {
     pub(super) whole: bool,
     /// It ends where a law switches.
     pub(super) event: bool,
+    /// What switches there all but vanishes.
+    pub(super) faint: bool,
 }
 
 impl Run {
@@ -50,7 +52,8 @@ impl Run {
     pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
         self.stride(t, h, Part::Whole)?;
         let event = self.event(c, t, h, aim)?;
-        let (h, is_event) = (event.unwrap_or(h), event.is_some());
+        let (h, is_event) = (event.map_or(h, |e| e.0), event.is_some());
+        let faint = event.is_some_and(|e| self.is_faint(e.1));
         if is_doubled(c) {
             if is_event || self.guards.is_none() {
                 self.stride(t, 0.5 * h, Part::First)?;
@@ -62,7 +65,7 @@ impl Run {
         let whole = is_event || c.step.estimate.is_some();
         let off = self.off(c, whole);
         let Some(fit) = self.fit.as_mut().filter(|_| off != 0.0) else {
-            return Ok(Attempt { h, error, whole, event: is_event });
+            return Ok(Attempt { h, error, whole, event: is_event, faint });
         };
         fit.off = off;
         Err(Failure::Balance)

@@ -16,6 +16,12 @@ const ROUNDS: u32 = 60;
 /// A round that leaves more than this part of the bracket and of the guard is followed by one of the other kind.
 const SLOW: f64 = 0.25;
 
+/// A guard that stays below this part of its largest all but vanishes: where it goes to and fro there, as the head
+/// between two tanks that are level, by rounding and by what an infinite slope makes of it, it is not followed.
+const FAINT: f64 = 1e-7;
+/// After so many switches of such guards.
+const CHATTER: u32 = 20;
+
 /// A point of a guard along the step.
 type Point = (f64, f64);
 
@@ -72,12 +78,23 @@ impl Run {
         self.input[0] = t;
         self.input[1] = PEEK * h;
         look(c, guards, &mut self.step, (&self.state, &self.input), None, &mut self.before);
+        if let Some(fit) = &mut self.fit {
+            fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
+            hush(fit.control.chatter, &fit.tops, &mut self.before);
+        }
+    }
+
+    /// Whether a guard that switched in the step all but vanishes.
+    pub(super) fn is_faint(&self, guard: usize) -> bool {
+        let Some(fit) = &self.fit else { return false };
+        let most = [&self.before, &fit.below, &fit.beyond].iter().fold(0.0f64, |a, list| a.max(list[guard].abs()));
+        most <= FAINT * fit.tops[guard]
     }
 
     /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that
-    /// ends just past it, which then is the whole step. A switch at the very start is let be. Without one, the first
+    /// ends just past it, which then is the whole step, and the guard. A switch at the very start is let be. Without one, the first
     /// half was taken too, where there are guards. It is first looked for at `aim` from `t`.
-    pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Option<f64>, Failure> {
+    pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Option<(f64, usize)>, Failure> {
         let Some(mut bracket) = self.bracket(c, t, h)? else { return Ok(None) };
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
         let mut past = floor;
@@ -129,7 +146,7 @@ impl Run {
             self.stride(t, 0.5 * h, Part::First)?;
             return Ok(None);
         }
-        Ok(Some(found))
+        Ok(Some((found, bracket.guard)))
     }
 
     /// When the next switch is foretold after the step of length `h` from `t` that was just found to have none: the
@@ -203,6 +220,7 @@ impl Run {
         self.input[1] = PEEK * taken.h;
         let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
         look(c, guards, step, (&taken.next, &self.input), Some(&self.before), &mut fit.seen);
+        hush(fit.control.chatter, &fit.tops, &mut fit.seen);
     }
 }
 
@@ -224,6 +242,13 @@ fn look(
             seen.copy_from_slice(guards.values());
         }
         Err(_) => seen.fill(0.0),
+    }
+}
+
+/// Has guards that go to and fro about 0 vanish.
+fn hush(chatter: u32, tops: &[f64], seen: &mut [f64]) {
+    if chatter > CHATTER {
+        seen.iter_mut().zip(tops).filter(|(x, top)| x.abs() <= FAINT * **top).for_each(|(x, _)| *x = 0.0);
     }
 }
 

@@ -67,10 +67,12 @@ struct Part {
     base: f64,
     count: u64,
     h: f64,
-    /// Of adaptive steps: the controller, the next instant that is met, and what moved through the integrals.
+    /// Of adaptive steps: the controller, the next instant that is met, what moved through the integrals, and the
+    /// largest that guards were.
     control: Option<Control>,
     limit: f64,
     through: Vec<f64>,
+    tops: Vec<f64>,
     largest: Vec<f64>,
     curvature: Vec<f64>,
     lengths: Vec<f64>,
@@ -129,6 +131,7 @@ impl Simulation<'_> {
             control,
             limit: run.fit.as_ref().map_or(0.0, |f| f.limit),
             through: run.fit.as_ref().map(|f| f.moved.clone()).unwrap_or_default(),
+            tops: run.fit.as_ref().map(|f| f.tops.clone()).unwrap_or_default(),
             largest: run.largest.clone(),
             curvature: run.curvature.clone(),
             lengths: run.step.lengths.clone(),
@@ -225,6 +228,7 @@ impl<'a> Simulation<'a> {
             return Err(Refused::Shape("the steps"));
         }
         same("the integrals", &part.through, run.fit.as_ref().map_or(&[], |f| &f.moved))?;
+        same("the switches", &part.tops, run.fit.as_ref().map_or(&[], |f| &f.tops))?;
         tables(&mut run.step, &part.lengths)?;
         match &mut run.glance {
             Some(glance) => tables(glance, &part.glance)?,
@@ -258,6 +262,7 @@ impl Part {
             fit.control = control;
             fit.limit = self.limit;
             fit.moved.copy_from_slice(&self.through);
+            fit.tops.copy_from_slice(&self.tops);
         }
         run.largest.copy_from_slice(&self.largest);
         run.curvature.copy_from_slice(&self.curvature);

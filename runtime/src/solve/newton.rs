@@ -16,7 +16,10 @@
 //!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the
 //!      first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time
 //!      take 2e-3 of it off; else fail.
-//!   4. `u = u - d`, then test.
+//!   4. Where `|d + e|²` is at most `|e|² / 16`, with the update `e` before, neither halved nor doubled: half of `d`.
+//!      It only takes back what `e` did, as about the infinite slope of a root, where such updates go to and fro for
+//!      ever.
+//!   5. `u = u - d`, then test.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
@@ -320,6 +323,14 @@ fn iterate<S: System>(
             }
             return Err(Failure::Singular { row: solved.err().unwrap_or(0) });
         }
+        let mut square = square;
+        let plain = halvings == 0 && stretches == 0;
+        if let Some(last) = before.filter(|_| plain)
+            && measure.sum(trial, &scratch.update[..n]) <= 0.0625 * last
+        {
+            trial.iter_mut().for_each(|d| *d *= 0.5);
+            square *= 0.25;
+        }
         std::mem::swap(&mut scratch.update, &mut scratch.trial);
         let (u, d) = (system.unknowns(), &scratch.update[..n]);
         for (u, d) in u.iter_mut().zip(d) {
@@ -406,6 +417,12 @@ impl<'a> Measure<'a> {
         } else {
             v.iter().map(|v| v * v).sum()
         }
+    }
+
+    /// `|d + e|²`
+    fn sum(&self, d: &[f64], e: &[f64]) -> f64 {
+        let terms = d.iter().zip(e).map(|(d, e)| d + e).enumerate();
+        terms.map(|(i, x)| if self.weighted { self.weight(i) * x * x } else { x * x }).sum()
     }
 
     /// `Σ w_i (u_i² + s_i²)`

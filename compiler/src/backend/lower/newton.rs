@@ -534,13 +534,24 @@ impl Iteration {
             w.when(may, |w| self.halve(w));
             self.finish(w, NO_CONVERGENCE);
         });
+        let (made, last, halvings) = (w.get(self.made), w.get(self.before), w.get(self.halvings));
+        let sum = self.square(w, |w, at| {
+            let (d, e) = (w.at(solution, at), w.at(&self.update, at));
+            w.add(d, e)
+        });
+        let (sixteenth, stretches) = (w.number(0.0625), w.get(self.stretches));
+        let bound = w.mul(sixteenth, last);
+        let turned = Cond::all([Cond::True(made), w.eq(halvings, zero), w.eq(stretches, zero), w.le(sum, bound)]);
+        let (half, quarter) = (w.number(0.5), w.number(0.25));
+        let (part, squared) = (w.select(turned.clone(), half, one), w.select(turned, quarter, one));
+        let square = w.mul(squared, square);
         w.each(self.n, |w, at| {
             let (d, u) = (w.at(solution, at), w.at(&self.unknowns, at));
+            let d = w.mul(part, d);
             w.put(&self.update, at, d);
             let u = w.sub(u, d);
             w.put(&self.unknowns, at, u);
         });
-        let (made, last, halvings) = (w.get(self.made), w.get(self.before), w.get(self.halvings));
         let (quick, slow) = (w.number(1e-6), w.number(0.25));
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
         let quick = Cond::all([Cond::True(made), w.eq(halvings, zero), w.le(square, quick)]);
