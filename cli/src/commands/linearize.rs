@@ -3,6 +3,7 @@
 use crate::drive::{self, Halt, drive};
 use crate::input::{self, Set, Which};
 use crate::output;
+use crate::progress::Progress;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use bond::{Simulation, Steps};
@@ -35,7 +36,10 @@ pub struct Args {
 /// # Errors
 /// A model that is wrong, a run that fails, a state around which it cannot be done.
 pub fn linearize(args: &Args) -> Result<(), Stop> {
-    args.output.as_deref().map_or(Ok(()), output::no_model)?;
+    if let Some(path) = &args.output {
+        output::place(path)?;
+        output::not_over(path, &[(&args.file, "the model")])?;
+    }
     let compiled = input::compile(&args.file, &input::options(&args.which, &args.set))?;
     let time = args.at.unwrap_or(0.0);
     let mut states: HashMap<String, f64> = HashMap::new();
@@ -44,7 +48,12 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
         let options = Steps::new().resolve(settings, time, None)?;
         drive::possible(compiled.scene(), &options, time)?;
         let mut sim = Simulation::new(compiled.scene(), &options)?;
-        drive(&mut sim, Rows::new(time, Grid::None, &[])?, time, &mut |_, _| Ok(())).map_err(|halt| match halt {
+        let progress = Progress::new();
+        let row = &mut |_: &mut Simulation<'_>, t: f64| {
+            progress.at(t / time);
+            Ok(())
+        };
+        drive(&mut sim, Rows::new(time, Grid::Parts(1000), &[])?, time, row).map_err(|halt| match halt {
             Halt::Numerics(e) => Stop::from(e),
             Halt::Stop(stop) => stop,
         })?;

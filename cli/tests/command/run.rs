@@ -113,10 +113,138 @@ fn no_result_takes_the_place_of_a_model() {
         &["build", "a.bond", "--emit", "c", "-o", "a.bond"],
     ];
     for slip in slips {
-        let why = if slip[0] == "build" { "a.bond" } else { "that is the name of a model; name another file" };
+        here.bond(slip).is(2, &[], &[if slip[0] == "build" { "a.bond" } else { "; name another file" }]);
+    }
+    here.bond(&["build", "a.bond", "-o", "mine.bond"]).is(2, &[], &["that is the name of a model"]);
+    assert_eq!((here.list(), here.read("a.bond")), (vec!["a.bond".to_string()], super::OSCILLATOR.to_string()));
+}
+
+/// Nor that of anything else that is read, however it is named and spelled.
+#[test]
+fn no_result_takes_the_place_of_what_is_read() {
+    let here = Folder::new().with("a.model", CHARGE).with("a.csv", "t,u\n0,1\n4,1\n").with("folder/x", "");
+    here.bond(&["run", "a.model", "--checkpoint", "z.csv"]).is(0, &[], &[]);
+    let state = std::fs::read(here.0.join("z.csv")).unwrap();
+    let model = "it is the model itself; name another file";
+    let table = "it is the table of --input itself; name another file";
+    let slips: [(&[&str], &str); 13] = [
+        (&["run", "a.model", "-o", "a.model"], model),
+        (&["run", "a.model", "--checkpoint", "folder/../a.model"], model),
+        (&["run", "a.model", "--ledger", "./a.model"], model),
+        (&["run", "a.model", "--sweep", "x=1,2", "-o", "a.model"], model),
+        (&["show", "a.model", "-o", "./a.model"], model),
+        (&["linearize", "a.model", "-o", "a.model"], model),
+        (&["bench", "a.model", "-o", "a.model"], model),
+        (&["serve", "a.model", "--stdio", "--ledger", "a.model"], model),
+        (&["run", "a.model", "--input", "a.csv", "-o", "./a.csv"], table),
+        (&["run", "a.model", "--input", "./a.csv", "--checkpoint", "a.csv"], table),
+        (&["run", "a.model", "--input", "a.csv", "--sweep", "x=1,2", "-o", "a.csv"], table),
+        (&["bench", "a.model", "--input", "a.csv", "-o", "a.csv"], table),
+        (
+            &["run", "a.model", "--stop", "3", "--resume", "z.csv", "-o", "./z.csv"],
+            "it is the state of --resume itself",
+        ),
+    ];
+    for (slip, why) in slips {
         here.bond(slip).is(2, &[], &[why]);
     }
-    assert_eq!((here.list(), here.read("a.bond")), (vec!["a.bond".to_string()], super::OSCILLATOR.to_string()));
+    assert_eq!(here.read("a.model"), CHARGE);
+    assert_eq!(here.read("a.csv"), "t,u\n0,1\n4,1\n");
+    assert_eq!(std::fs::read(here.0.join("z.csv")).unwrap(), state);
+    // A state may take the place of the one that was gone on from.
+    here.bond(&["run", "a.model", "--stop", "3", "--resume", "z.csv", "--checkpoint", "./z.csv"]).is(0, &[], &[]);
+    assert_ne!(std::fs::read(here.0.join("z.csv")).unwrap(), state);
+    assert_eq!(here.list(), ["a.csv", "a.model", "folder", "z.csv"]);
+}
+
+#[test]
+fn two_results_need_two_files() {
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("folder/x", "");
+    let slips: [(&[&str], &str); 4] = [
+        (&["run", "a.bond", "-o", "x.csv", "--ledger", "./x.csv"], "-o and --ledger name the same file"),
+        (&["run", "a.bond", "-o", "./x.csv", "--checkpoint", "x.csv"], "-o and --checkpoint name the same file"),
+        (&["run", "a.bond", "-o", "folder/../x.csv", "--ledger", "x.csv"], "-o and --ledger name the same file"),
+        (&["bench", "a.bond", "--plot", "x.png", "-o", "./x.png"], "-o and --plot name the same file"),
+    ];
+    for (slip, why) in slips {
+        here.bond(slip).is(2, &[], &[why]);
+    }
+    assert_eq!(here.list(), ["a.bond", "folder"]);
+    here.bond(&["run", "a.bond", "-o", "x.csv", "--ledger", "folder/x.csv"]).is(0, &[], &[]);
+}
+
+/// What cannot be written is told before the work, and does not take what can be with it.
+#[test]
+fn places_are_tried_before_the_work() {
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("file", "");
+    let slips: [&[&str]; 7] = [
+        &["run", "a.bond", "-o", "kept.csv", "--checkpoint", "no/x.state"],
+        &["run", "a.bond", "-o", "kept.csv", "--checkpoint", "file/x.state"],
+        &["run", "a.bond", "--error", "1e-9", "-o", "no/x.csv"],
+        &["bench", "a.bond", "--plot", "no/p.png"],
+        &["bench", "a.bond", "-o", "no/p.txt"],
+        &["linearize", "a.bond", "--at", "1", "-o", "no/x.json"],
+        &["show", "a.bond", "-o", "no/x.txt"],
+    ];
+    for slip in slips {
+        // Before the model is looked at.
+        let slip: Vec<&str> = slip.iter().map(|arg| if *arg == "a.bond" { "none.bond" } else { arg }).collect();
+        here.bond(&slip).is(2, &[], &["cannot write "]);
+    }
+    assert_eq!(here.list(), ["a.bond", "file"]);
+    here.bond(&["run", "a.bond", "-o", "rows.txt"]).is(2, &[], &["cannot be written as `.txt`, only as `.csv`"]);
+    here.bond(&["run", "a.bond", "-o", "rows"]).is(0, &[], &[]);
+}
+
+/// How a process is asked for its end, where it does not ignore that itself.
+#[cfg(target_os = "linux")]
+fn asked_to_end(here: &Folder, args: &[&str], there: &str) -> Option<(Option<i32>, String, String)> {
+    use std::process::{Command, Stdio};
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let ignored = status.lines().find_map(|l| l.strip_prefix("SigIgn:")).unwrap().trim().to_string();
+    if u64::from_str_radix(&ignored, 16).unwrap() & 1 == 1 {
+        println!("hanging up is ignored here: left out");
+        return None;
+    }
+    let mut command = Command::new(env!("CARGO_BIN_EXE_bond"));
+    let child = command.args(args).current_dir(&here.0).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let start = std::time::Instant::now();
+    while !here.list().iter().any(|name| name.contains(there)) {
+        assert!(start.elapsed().as_secs() < 60, "{:?}", here.list());
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    // As `timeout` does it: twice.
+    for _ in 0..2 {
+        Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
+    }
+    let done = child.wait_with_output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    Some((done.status.code(), text(&done.stdout), text(&done.stderr)))
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_run_that_is_asked_to_end_keeps_what_it_has() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    // Days, if nobody asked.
+    let long = ["run", "a.bond", "--stop", "1e6", "--step", "1ms", "--every", "100ms", "-o", "a.csv"];
+    let long = [&long[..], &["--checkpoint", "s", "--ledger", "l.csv"]].concat();
+    let Some((status, out, err)) = asked_to_end(&here, &long, "l.csv") else { return };
+    assert_eq!(status, Some(130), "{err}");
+    assert!(out.contains("of 1e6 s, then it was asked to end") && out.contains("at the end"), "{out}");
+    assert!(err.contains("asked to end") && err.contains("s has the state at "), "{err}");
+    assert_eq!(here.list(), ["a.bond", "a.csv", "l.csv", "s"]);
+    let (_, first) = table(&here.read("a.csv"));
+    let end = first.last().unwrap()[0];
+    assert_eq!(table(&here.read("l.csv")).1.len(), first.len());
+    // It goes on from there, as if it had never stopped.
+    let stop = format!("{}", end + 0.5);
+    here.bond(&["run", "a.bond", "--stop", &stop, "--every", "100ms", "--resume", "s", "-o", "b.csv"]).is(0, &[], &[]);
+    let whole = ["run", "a.bond", "--stop", &stop, "--step", "1ms", "--every", "100ms", "-o", "whole.csv"];
+    here.bond(&whole).is(0, &[], &[]);
+    let rest = here.read("b.csv");
+    let both = here.read("a.csv") + rest.split_once('\n').unwrap().1;
+    assert_eq!(both, here.read("whole.csv"));
 }
 
 #[test]
