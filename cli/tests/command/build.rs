@@ -94,6 +94,22 @@ fn what_is_damaged_does_not_run() {
     environment(&here, "here", &["run"]).is(1, &[], &["is damaged"]);
 }
 
+/// Without its end it is not taken for `bond`.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_is_cut_off_does_not_run() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["build", "a.bond", "-o", "here"]).is(0, &[], &[]);
+    let file = here.0.join("here");
+    let whole = std::fs::metadata(&file).unwrap().len();
+    let program = std::fs::metadata(env!("CARGO_BIN_EXE_bond")).unwrap().len();
+    for length in [whole - 1, whole - 20, (program + whole) / 2, program + 8] {
+        std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(length).unwrap();
+        let done = environment(&here, "here", &["check", "a.bond"]);
+        done.is(1, &[], &["the scene at the end of this program is damaged: its end is missing; build it anew"]);
+    }
+}
+
 #[test]
 fn wrong_places_are_told() {
     let here = Folder::new().with("a.bond", OSCILLATOR).with("folder/b.bond", OSCILLATOR).with("model", OSCILLATOR);
