@@ -13,7 +13,10 @@ use std::path::PathBuf;
 /// Linearize a model: A, B, C and D with the names of states, inputs and outputs, as JSON
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  bond linearize wall.bond\n  bond linearize pendulum.bond --at 2s -o pendulum.json"
+    after_help = "Examples:\n  bond linearize wall.bond\n  bond linearize pendulum.bond --at 2s -o pendulum.json\n\n`inputs` lists the \
+                  scene's inputs, then what is given from outside to the continuous regions: at open ports, and what\nsampled \
+                  regions hold at borders (`v.e`, constant over a period). `outputs` are the probes.\nThe state of --at is that of \
+                  a run to it with rows each thousandth."
 )]
 pub struct Args {
     /// A model; `-` is standard input

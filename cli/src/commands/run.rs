@@ -35,7 +35,9 @@ use std::time::Instant;
                   first, against a run that is far more exact; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
                   seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
                   stopped, if both are looked at at the same instants. The first of the steps that are fitted to a tolerance depends on --stop \
-                  where --longest does not say it.")]
+                  where --longest does not say it. A state that was saved with --error or --budget\ngoes on with the --method that the \
+                  summary names as chosen.\nCtrl-C (or TERM) ends a run at the next row: its tables, and its state with --checkpoint, are written; exit \
+                  status 130.")]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
@@ -91,7 +93,8 @@ pub struct How {
     /// Write time and probes to a table, `.csv` or `.parquet`; `-` is CSV to standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Write the energy ledger over time to a table, `.csv` or `.parquet`
+    /// Write the energy ledger over time to a table, `.csv` or `.parquet`; between fixed steps a row shows the books as
+    /// of the last step
     #[arg(long, value_name = "FILE")]
     ledger: Option<PathBuf>,
     /// How the summary is written; it goes to standard error when standard output has the rows

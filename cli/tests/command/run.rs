@@ -196,9 +196,23 @@ fn places_are_tried_before_the_work() {
     here.bond(&["run", "a.bond", "-o", "rows"]).is(0, &[], &[]);
 }
 
-/// How a process is asked for its end, where it does not ignore that itself.
+/// What was long in the making is there also where something else cannot be written in the end.
 #[cfg(target_os = "linux")]
-fn asked_to_end(here: &Folder, args: &[&str], there: &str) -> Option<(Option<i32>, String, String)> {
+#[test]
+fn what_can_be_written_is_kept() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let done = here.bond(&["run", "a.bond", "-o", "kept.csv", "--checkpoint", "/dev/full"]);
+    done.is(2, &["passive     yes"], &["cannot write /dev/full: "]);
+    assert_eq!(table(&here.read("kept.csv")).1.len(), 1001);
+    std::os::unix::fs::symlink("/dev/full", here.0.join("p.svg")).unwrap();
+    let bench = ["bench", "a.bond", "--methods", "gonzalez", "--steps", "10ms", "--repeat", "1", "--plot", "p.svg"];
+    here.bond(&bench).is(2, &["to choose"], &["cannot write p.svg: "]);
+}
+
+/// Asks a process for its end twice, as soon as a file is there and after pauses in ms: its status, and what it says.
+/// None where this process ignores such signals, and with it those that it starts.
+#[cfg(target_os = "linux")]
+fn asked_to_end(here: &Folder, args: &[&str], there: &str, pauses: [u64; 2]) -> Option<(Option<i32>, String, String)> {
     use std::process::{Command, Stdio};
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let ignored = status.lines().find_map(|l| l.strip_prefix("SigIgn:")).unwrap().trim().to_string();
@@ -213,8 +227,8 @@ fn asked_to_end(here: &Folder, args: &[&str], there: &str) -> Option<(Option<i32
         assert!(start.elapsed().as_secs() < 60, "{:?}", here.list());
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    // As `timeout` does it: twice.
-    for _ in 0..2 {
+    for pause in pauses {
+        std::thread::sleep(std::time::Duration::from_millis(pause));
         Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
     }
     let done = child.wait_with_output().unwrap();
@@ -229,7 +243,8 @@ fn a_run_that_is_asked_to_end_keeps_what_it_has() {
     // Days, if nobody asked.
     let long = ["run", "a.bond", "--stop", "1e6", "--step", "1ms", "--every", "100ms", "-o", "a.csv"];
     let long = [&long[..], &["--checkpoint", "s", "--ledger", "l.csv"]].concat();
-    let Some((status, out, err)) = asked_to_end(&here, &long, "l.csv") else { return };
+    // Twice at once is once: `timeout` does so.
+    let Some((status, out, err)) = asked_to_end(&here, &long, "l.csv", [0, 0]) else { return };
     assert_eq!(status, Some(130), "{err}");
     assert!(out.contains("of 1e6 s, then it was asked to end") && out.contains("at the end"), "{out}");
     assert!(err.contains("asked to end") && err.contains("s has the state at "), "{err}");
@@ -245,6 +260,18 @@ fn a_run_that_is_asked_to_end_keeps_what_it_has() {
     let rest = here.read("b.csv");
     let both = here.read("a.csv") + rest.split_once('\n').unwrap().1;
     assert_eq!(both, here.read("whole.csv"));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_run_that_is_asked_again_ends_at_once() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    // The next row is far.
+    let long = ["run", "a.bond", "--stop", "1e6", "--step", "1ms", "--at", "9e5", "-o", "a.csv"];
+    let Some((status, out, err)) = asked_to_end(&here, &long, "a.csv", [0, 700]) else { return };
+    assert_eq!((status, out.as_str()), (Some(130), ""), "{err}");
+    assert!(err.contains("once more, and it ends at once"), "{err}");
+    assert_eq!(here.list(), ["a.bond"]);
 }
 
 #[test]
@@ -378,4 +405,36 @@ fn wrong_tables_are_refused_with_their_line() {
     here.bond(&["run", "b.bond", "--input", "a.csv"]).is(2, &[], &["no input `u`", "the model has none"]);
     here.bond(&["run", "a.bond", "--input", "none.csv"]).is(2, &[], &["cannot read none.csv"]);
     here.bond(&["run", "a.bond", "--input-hold"]).is(2, &[], &["--input <FILE.csv>"]);
+}
+
+/// The print in the README is that of the command: the same words, and the same numbers but for rounding.
+#[test]
+fn the_readme_shows_what_is_printed() {
+    let home = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let readme = std::fs::read_to_string(home.join("README.md")).unwrap();
+    let shown =
+        readme.split_once("The first prints\n\n```text\n").and_then(|(_, rest)| rest.split_once("```")).unwrap().0;
+    let model = home.join("models/examples/virtual_wall.bond");
+    let done = Folder::new().bond(&["run", &model.display().to_string()]).is(0, &[], &[]);
+    // How long it took is not looked at.
+    let lines = |text: &str| -> Vec<String> {
+        text.lines().filter(|l| !l.starts_with("simulated")).map(String::from).collect()
+    };
+    let (shown, printed) = (lines(shown), lines(&done.out));
+    assert_eq!(shown.len(), printed.len(), "{}", done.out);
+    for (a, b) in shown.iter().zip(&printed) {
+        assert_eq!(
+            a.split_whitespace().count(),
+            b.split_whitespace().count(),
+            "the README has `{a}`, and this is `{b}`"
+        );
+        for (x, y) in a.split_whitespace().zip(b.split_whitespace()) {
+            let number = |text: &str| text.trim_end_matches(',').parse::<f64>().ok();
+            let same = match (number(x), number(y)) {
+                (Some(p), Some(q)) => (p - q).abs() <= 1e-5 * p.abs().max(q.abs()) || p.abs().max(q.abs()) < 1e-12,
+                (_, _) => x == y,
+            };
+            assert!(same, "the README has `{a}`, and this is `{b}`");
+        }
+    }
 }
