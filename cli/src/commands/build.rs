@@ -98,7 +98,8 @@ fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
     if out == Path::new("-") {
         return Err(Stop::Usage("an executable needs a file: name it with -o".into()));
     }
-    output::not_over(&out, &[(&args.file, "the model")])?;
+    let program = std::env::current_exe().unwrap_or_default();
+    output::not_over(&out, &[(&args.file, "the model"), (&program, "this program")])?;
     output::no_model(&out)?;
     let settings = &compiled.stages().model.settings;
     // What makes no sense is told now, not when it runs.

@@ -397,7 +397,10 @@ fn places(args: &How, model: Option<&Path>) -> Result<(), Stop> {
             return Err(Stop::Usage(format!("{option} needs a file: a state is no text")));
         }
     }
-    let read = [(model, "the model"), (args.input.as_deref(), "the table of --input")];
+    // One that carries a scene would be lost with it.
+    let program = std::env::current_exe().ok();
+    let read =
+        [(model, "the model"), (program.as_deref(), "this program"), (args.input.as_deref(), "the table of --input")];
     let mut read: Vec<_> = read.into_iter().filter_map(|(path, what)| Some((path?, what))).collect();
     // A state may take the place of the one that it goes on from.
     if let Some(path) = &args.checkpoint {

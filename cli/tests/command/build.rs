@@ -94,6 +94,20 @@ fn what_is_damaged_does_not_run() {
     environment(&here, "here", &["run"]).is(1, &[], &["is damaged"]);
 }
 
+#[test]
+fn it_is_not_written_over_by_what_it_computes() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["build", "a.bond", "-o", "here"]).is(0, &[], &[]);
+    let name = format!("./here{}", std::env::consts::EXE_SUFFIX);
+    for option in ["-o", "--ledger", "--checkpoint"] {
+        environment(&here, "here", &["run", option, &name]).is(2, &[], &["it is this program itself"]);
+    }
+    let copy = format!("copy{}", std::env::consts::EXE_SUFFIX);
+    std::fs::copy(env!("CARGO_BIN_EXE_bond"), here.0.join(&copy)).unwrap();
+    environment(&here, "copy", &["build", "a.bond", "-o", &copy]).is(2, &[], &["it is this program itself"]);
+    environment(&here, "here", &["run"]).is(0, &["Oscillator"], &[]);
+}
+
 /// Without its end it is not taken for `bond`.
 #[cfg(target_os = "linux")]
 #[test]
