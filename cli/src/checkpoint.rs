@@ -1,6 +1,6 @@
 //! States that are saved while a scene runs, and runs that go on from them.
 
-use crate::input::{name, unreadable};
+use crate::input::name;
 use crate::output;
 use crate::stop::Stop;
 use bond::{Code, Course, RunError, Simulation};
@@ -14,12 +14,14 @@ pub struct Checkpoints<'a> {
     every: Option<f64>,
     /// The next instant to save at, s.
     next: f64,
+    /// When the last state was saved, s.
+    saved: Option<f64>,
 }
 
 impl<'a> Checkpoints<'a> {
     /// At the end, and where told, at the first chance after each `every` from `from` on, s.
     pub fn new(path: &'a Path, every: Option<f64>, from: f64) -> Self {
-        let mut new = Self { path, every, next: f64::INFINITY };
+        let mut new = Self { path, every, next: f64::INFINITY, saved: None };
         new.wait(from);
         new
     }
@@ -32,18 +34,36 @@ impl<'a> Checkpoints<'a> {
         }
     }
 
-    /// Saves, if it is time to.
+    /// Saves, if it is time to; whether it was.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn mark(&mut self, sim: &Simulation<'_>, end: bool) -> Result<(), Stop> {
+    pub fn mark(&mut self, sim: &Simulation<'_>, end: bool) -> Result<bool, Stop> {
         let due = sim.time() >= self.next * (1.0 - 1e-12);
         if !due && !end {
-            return Ok(());
+            return Ok(false);
         }
         self.wait(sim.time());
-        output::put_bytes(self.path, &sim.save()?)
+        output::put_bytes(self.path, &sim.save()?)?;
+        self.saved = Some(sim.time());
+        Ok(true)
     }
+
+    /// What a run that did not come to its end can go on from.
+    pub fn left(&self) -> String {
+        match (self.saved, self.every) {
+            (Some(t), _) => {
+                format!("note: {} has the state at {t} s, to go on from with --resume", self.path.display())
+            }
+            (None, None) => "note: no state was saved; --checkpoint-every saves on the way".into(),
+            (None, Some(_)) => "note: no state was saved; it was not yet time to".into(),
+        }
+    }
+}
+
+/// The bytes of a state.
+fn state(path: &Path) -> Result<Vec<u8>, Stop> {
+    bond::read_bytes(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))
 }
 
 /// What a saved state says of its scene and of its run; None where it is no state, as resuming will say.
@@ -51,8 +71,7 @@ impl<'a> Checkpoints<'a> {
 /// # Errors
 /// A file that cannot be read.
 pub fn saved(path: &Path) -> Result<Option<(u64, simulate::Options)>, Stop> {
-    let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
-    Ok(simulate::saved(&bytes).ok())
+    Ok(simulate::saved(&state(path)?).ok())
 }
 
 /// A run that goes on from a file.
@@ -66,7 +85,7 @@ pub fn resume<'a>(
     given: Vec<(String, Course)>,
     stop: f64,
 ) -> Result<Simulation<'a>, Stop> {
-    let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
+    let bytes = state(path)?;
     let sim = Simulation::resume(code.backend(), scene, &bytes, given).map_err(|e| match e {
         RunError::Resume(why) => Stop::Usage(format!("cannot resume {}: {why}", name(path))),
         other => other.into(),

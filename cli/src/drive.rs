@@ -20,7 +20,10 @@ pub fn possible(scene: &Scene, options: &Options, stop: f64) -> Result<(), Stop>
         if steps <= STEPS {
             return Ok(());
         }
-        Err(Stop::Usage(format!("{what} would make {steps:.1e} steps in {stop} s, at most {STEPS:.0e} are done")))
+        Err(Stop::Usage(format!(
+            "{what} would make {steps:.1e} steps in {} s, at most {STEPS:.0e} are done",
+            short(stop)
+        )))
     };
     if let Some(h) = options.step {
         refuse(stop / h, format!("steps of {} s", short(h)))?;

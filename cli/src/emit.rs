@@ -28,8 +28,10 @@ impl Emission<'_> {
         let (source, header) = self.places("c")?;
         let unit = self.unit(compiled)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header) };
-        output::put(Some(&header), &c::header(&unit, &options))?;
-        output::put(Some(&source), &c::source(&unit, &options))?;
+        output::put_both(
+            (&header, c::header(&unit, &options).as_bytes()),
+            (&source, c::source(&unit, &options).as_bytes()),
+        )?;
         tell(&unit, &source, &header);
         Ok(())
     }
@@ -44,8 +46,7 @@ impl Emission<'_> {
         let unit = self.unit(compiled)?;
         let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(Stop::Model)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header) };
-        output::put(Some(&header), &c::header(&unit, &options))?;
-        output::put_bytes(&object, &code)?;
+        output::put_both((&header, c::header(&unit, &options).as_bytes()), (&object, &code))?;
         tell(&unit, &object, &header);
         Ok(())
     }
@@ -88,9 +89,8 @@ impl Emission<'_> {
         if path.to_str().is_none_or(|name| name.contains(['"', '\\']) || name.contains(char::is_control)) {
             return Err(Stop::Usage(format!("{}: no C compiler finds a header of that name", header.display())));
         }
-        let same = |a: &Path| matches!((a.canonicalize(), self.file.canonicalize()), (Ok(a), Ok(b)) if a == b);
-        if let Some(path) = [&path, &header].into_iter().find(|p| same(p)) {
-            return Err(Stop::Usage(format!("{} is the model itself; name another file with -o", path.display())));
+        for path in [&path, &header] {
+            output::not_over(path, &[(self.file, "the model")])?;
         }
         Ok((path, header))
     }

@@ -89,6 +89,24 @@ fn split(file: &mut File) -> io::Result<Option<(u64, u64)>> {
     Ok(Some(((all - TAIL).saturating_sub(length), length.min(all - TAIL))))
 }
 
+/// Whether a file without [`MARK`] at its end has the beginning of a scene all the same: behind the last byte of the
+/// program, which in ELF files is that of the table of sections.
+fn cut(file: &mut File) -> io::Result<bool> {
+    let mut head = [0; 64];
+    file.seek(SeekFrom::Start(0))?;
+    file.read_exact(&mut head)?;
+    // Of 64 bits, with the lowest byte first.
+    if !head.starts_with(b"\x7fELF\x02\x01") {
+        return Ok(false);
+    }
+    let number = |at: usize, n: usize| head[at..at + n].iter().rev().fold(0u64, |x, b| x << 8 | u64::from(*b));
+    let (table, size, count) = (number(0x28, 8), number(0x3a, 2), number(0x3c, 2));
+    let mut magic = [0; 8];
+    file.seek(SeekFrom::Start(table.saturating_add(size * count)))?;
+    file.read_exact(&mut magic)?;
+    Ok(magic == Kind::Built.magic())
+}
+
 /// The program without any scene at its end.
 ///
 /// # Errors
@@ -112,7 +130,11 @@ pub fn program() -> Result<Vec<u8>, Stop> {
 pub fn carried() -> Option<Result<Environment, Stop>> {
     // A program that cannot look at itself is taken for `bond`.
     let mut file = own().ok()?;
-    let (start, length) = split(&mut file).ok()??;
+    let Some((start, length)) = split(&mut file).ok()? else {
+        let cut = cut(&mut file).unwrap_or(false);
+        let why = "the scene at the end of this program is damaged: its end is missing; build it anew";
+        return cut.then(|| Err(Stop::Model(why.into())));
+    };
     let mut bytes = Vec::new();
     let read = file.seek(SeekFrom::Start(start)).and_then(|_| file.take(length).read_to_end(&mut bytes));
     let damaged =
@@ -238,7 +260,10 @@ fn tell(out: &mut String, e: &Environment) -> std::fmt::Result {
     fixed.extend(e.tolerance.map(|x| format!("tolerance {x}")));
     fixed.extend(e.every.map(|t| format!("a row every {t} s")));
     section(out, "Where the command line says nothing", fixed)?;
-    write!(out, "Exit status: 0 done; 1 this file is damaged; 2 the command line is wrong; 3 the numerics failed.")
+    write!(
+        out,
+        "Exit status: 0 done; 1 this file is damaged; 2 the command line is wrong; 3 the numerics failed; 130 a run was asked to end."
+    )
 }
 
 /// ` [m]` for ` m`.

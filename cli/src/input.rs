@@ -49,6 +49,18 @@ pub fn span(text: &str) -> Result<f64, String> {
     if t > 0.0 { Ok(t) } else { Err("it must be longer than 0 s".into()) }
 }
 
+/// A whole number within bounds.
+pub fn count(text: &str, bounds: std::ops::RangeInclusive<u64>) -> Result<u64, String> {
+    let (low, high) = (bounds.start(), bounds.end());
+    text.parse().ok().filter(|n| bounds.contains(n)).ok_or_else(|| {
+        if *high == u64::MAX {
+            format!("it must be a whole number, at least {low}")
+        } else {
+            format!("it must be a whole number in {low}..={high}")
+        }
+    })
+}
+
 /// The name under which a file is shown.
 pub fn name(path: &Path) -> String {
     if path == Path::new("-") { "<stdin>".into() } else { path.to_string_lossy().into_owned() }

@@ -36,6 +36,6 @@ pub use bond_runtime::simulate::{BarSummary, Course, ElementEnergy, Modified, Re
 pub use compile::{Compiled, Options, Text, compile_file, compile_str};
 pub use errors::Errors;
 pub use given::{Given, TableError};
-pub use load::{FileLoader, ReadError, read, read_table};
+pub use load::{FileLoader, ReadError, read, read_bytes, read_table};
 pub use quantity::{Quantity, quantity, seconds};
 pub use simulation::{Abreast, Code, RunError, Simulation, Steps};

@@ -9,8 +9,8 @@ use thiserror::Error;
 
 /// A little more than the grammar takes, so that it is the one to say that a text is too large.
 const BYTES: u64 = 17 << 20;
-/// The largest table that is read.
-const TABLE: u64 = 1 << 30;
+/// The largest table, or state, that is read.
+const MOST: u64 = 1 << 30;
 
 /// Why a text could not be had.
 #[derive(Debug, Error)]
@@ -44,11 +44,19 @@ pub fn read(path: &Path) -> Result<String, ReadError> {
 /// # Errors
 /// A file that is not there, is a directory, no UTF-8 text or larger than a gigabyte.
 pub fn read_table(path: &Path) -> Result<String, ReadError> {
-    let bytes = bytes(path, TABLE + 1)?;
-    if bytes.len() as u64 > TABLE {
+    text(read_bytes(path)?)
+}
+
+/// The bytes of a file, such as a saved state, or of standard input where the path is `-`.
+///
+/// # Errors
+/// A file that is not there, is a directory or larger than a gigabyte.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>, ReadError> {
+    let bytes = bytes(path, MOST + 1)?;
+    if bytes.len() as u64 > MOST {
         return Err(ReadError::Unreadable("it is larger than a gigabyte".into()));
     }
-    text(bytes)
+    Ok(bytes)
 }
 
 /// What a file holds, up to a number of bytes.

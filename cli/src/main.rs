@@ -21,6 +21,7 @@ mod progress;
 mod report;
 mod rows;
 mod serve;
+mod signal;
 mod stop;
 mod summary;
 mod table;
@@ -42,7 +43,7 @@ use stop::Stop;
     max_term_width = 100,
     after_help = "Examples:\n  bond new wall                 a starting folder\n  bond check wall/wall.bond     what is wrong with it\n  \
                   bond run wall/wall.bond       simulate it, and see its energy ledger\n\nExit status: 0 done; 1 the model is wrong or an \
-                  expectation failed; 2 the command line is wrong; 3 the numerics failed."
+                  expectation failed; 2 the command line is wrong; 3 the numerics failed; 130 a run was asked to end."
 )]
 struct Line {
     #[command(subcommand)]

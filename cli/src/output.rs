@@ -4,6 +4,17 @@ use crate::stop::Stop;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Stdout, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// Files that are being written beside those that they are to be.
+static BESIDE: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Removes what is being written: the program ends at once.
+pub fn abandon() {
+    for path in BESIDE.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        let _ = fs::remove_file(path);
+    }
+}
 
 /// Writes a text to standard output.
 ///
@@ -40,20 +51,99 @@ pub fn put_bytes(path: &Path, bytes: &[u8]) -> Result<(), Stop> {
     sink.commit()
 }
 
-/// Whether a path is that of a file, there or to be made, and not of standard output, a pipe or a device.
+/// Offers a text to standard output. That nobody reads it any more does not end what else is to be done.
 ///
 /// # Errors
-/// A path that no file can have.
+/// It cannot be written.
+pub fn offer(text: &str) -> Result<(), Stop> {
+    match print(text) {
+        Err(Stop::Pipe) => Ok(()),
+        other => other,
+    }
+}
+
+/// Writes two files, or none of them.
+///
+/// # Errors
+/// One that cannot be written.
+pub fn put_both(one: (&Path, &[u8]), two: (&Path, &[u8])) -> Result<(), Stop> {
+    let open = |(path, bytes): (&Path, &[u8])| {
+        let mut sink = Sink::open(path)?;
+        sink.write_all(bytes).map_err(|e| sink.failure(&e))?;
+        Ok::<Sink, Stop>(sink)
+    };
+    let (one, two) = (open(one)?, open(two)?);
+    one.commit()?;
+    two.commit()
+}
+
+/// Whether a path is that of a file, there or to be made, and not of standard output, a pipe or a device. What cannot
+/// be written is told before any work is done for it.
+///
+/// # Errors
+/// A path that no file can have, a folder in which none can be made.
 pub fn whole(path: &Path) -> Result<bool, Stop> {
     if path == Path::new("-") {
         return Ok(false);
     }
     match fs::metadata(path) {
         Ok(m) if m.is_dir() => Err(directory(path)),
-        Ok(m) => Ok(m.is_file()),
-        Err(_) if path.file_name().is_none() => Err(nameless(path)),
-        Err(_) => Ok(true),
+        Ok(m) if !m.is_file() => Ok(false),
+        Ok(_) | Err(_) => Whole::new(path).map(|_| true),
     }
+}
+
+/// A place of a result, before any work is done for it: one that can be written, and no model.
+///
+/// # Errors
+/// Status 2.
+pub fn place(path: &Path) -> Result<(), Stop> {
+    no_model(path)?;
+    whole(path).map(|_| ())
+}
+
+/// Refuses to write over what is read: each of these is a path, and what it is.
+///
+/// # Errors
+/// Status 2.
+pub fn not_over(path: &Path, read: &[(&Path, &str)]) -> Result<(), Stop> {
+    match read.iter().find(|(other, _)| same(path, other)) {
+        None => Ok(()),
+        Some((_, what)) => {
+            Err(Stop::Usage(format!("cannot write {}: it is {what} itself; name another file", path.display())))
+        }
+    }
+}
+
+/// Refuses two results in one file: each is an option, and the path that it names.
+///
+/// # Errors
+/// Status 2.
+pub fn different(list: &[(&str, &Path)]) -> Result<(), Stop> {
+    for (i, (a, path)) in list.iter().enumerate() {
+        if let Some((b, _)) = list[i + 1..].iter().find(|(_, other)| path == other || same(path, other)) {
+            return Err(Stop::Usage(format!("{a} and {b} name the same file")));
+        }
+    }
+    Ok(())
+}
+
+/// Whether two paths are of one file, however they are spelled. Standard streams and devices are no files.
+fn same(a: &Path, b: &Path) -> bool {
+    let file = |path: &Path| path != Path::new("-") && fs::metadata(path).map_or(true, |m| m.is_file());
+    file(a) && file(b) && spot(a) == spot(b)
+}
+
+/// Where a file is; one that is not there yet by its name in its folder.
+fn spot(path: &Path) -> PathBuf {
+    let folder = match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        Some(_) | None => Path::new("."),
+    };
+    path.canonicalize().unwrap_or_else(|_| match (folder.canonicalize(), path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        (_, _) => path.to_path_buf(),
+    })
 }
 
 /// Refuses the place of a model: a result there would take the place of a text that somebody wrote.
@@ -186,6 +276,7 @@ impl Whole {
                 path.with_file_name(format!(".{}.{}.{attempt}.tmp", name.to_string_lossy(), std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&beside) {
                 Ok(file) => {
+                    BESIDE.lock().unwrap_or_else(PoisonError::into_inner).push(beside.clone());
                     return Ok(Self { file: BufWriter::new(file), beside, path, executable: false, done: false });
                 }
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
@@ -227,6 +318,7 @@ impl Drop for Whole {
         if !self.done {
             let _ = fs::remove_file(&self.beside);
         }
+        BESIDE.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| *path != self.beside);
     }
 }
 

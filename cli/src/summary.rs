@@ -3,10 +3,41 @@
 use crate::bench::Setting;
 use crate::choose::Chosen;
 use crate::stop::Stop;
-use bond::{RegionSummary, Summary};
+use bond::{RegionSummary, RunError, Summary};
 use bond_runtime::scene::Scene;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt::Write;
+
+/// Why a run ended early.
+pub enum Early {
+    /// The numerics failed.
+    Failed(RunError),
+    /// Somebody asked for it, at this instant, s.
+    Asked(f64),
+}
+
+impl Early {
+    /// What became of it.
+    fn words(&self) -> &'static str {
+        match self {
+            Early::Failed(_) => "then the numerics failed",
+            Early::Asked(_) => "then it was asked to end",
+        }
+    }
+
+    fn failed(&self) -> bool {
+        matches!(self, Early::Failed(_))
+    }
+}
+
+impl std::fmt::Display for Early {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Early::Failed(e) => e.fmt(f),
+            Early::Asked(t) => write!(f, "it was asked to end at t = {t} s"),
+        }
+    }
+}
 
 /// What a run came to.
 pub struct Outcome<'a> {
@@ -25,7 +56,7 @@ pub struct Outcome<'a> {
     /// The probes at the end.
     pub values: &'a [f64],
     /// Why it ended early, if it did.
-    pub failure: Option<String>,
+    pub early: Option<&'a Early>,
 }
 
 /// For people.
@@ -39,10 +70,9 @@ pub fn text(o: &Outcome) -> String {
 fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
     let s = o.summary;
     writeln!(out, "{:11} {}", "scene", o.scene.name)?;
-    let reached = if o.failure.is_some() { s.time } else { o.stop };
+    let reached = if o.early.is_some() { s.time } else { o.stop };
     let pace = if o.wall > 0.0 { (reached - o.from) / o.wall } else { f64::INFINITY };
-    let early =
-        if o.failure.is_some() { format!(" of {} s, then the numerics failed", short(o.stop)) } else { String::new() };
+    let early = o.early.map(|e| format!(" of {} s, {}", short(o.stop), e.words())).unwrap_or_default();
     writeln!(
         out,
         "{:11} {}{} s in {} s of wall time ({} times real time){early}",
@@ -80,7 +110,7 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         writeln!(out, "  {:11} {} J into the holder", "crossed", short(b.holder))?;
         writeln!(out, "  {:11} {} J between the two sides' counts", "difference", short(b.difference))?;
     }
-    if !o.values.is_empty() && o.failure.is_none() {
+    if !o.values.is_empty() && !o.early.is_some_and(Early::failed) {
         writeln!(out, "\nat the end")?;
         let width = o.scene.probes.names.iter().map(|n| n.chars().count()).max().unwrap_or(0).clamp(11, 40);
         for (i, (name, x)) in o.scene.probes.names.iter().zip(o.values).enumerate() {
@@ -102,7 +132,8 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     writeln!(out, "\n{:11} {}: {kind}, {} state{plural}", "region", r.name, r.states)?;
     let order = if r.order == 0 { "without error".to_string() } else { format!("order {}", r.order) };
     let newton = if r.newton_iterations > 0 && r.steps > 0 {
-        format!(", {} Newton iterations each", short(r.newton_iterations as f64 / r.steps as f64))
+        let each = short(r.newton_iterations as f64 / r.steps as f64);
+        format!(", {each} Newton iteration{} each", if each == "1" { "" } else { "s" })
     } else {
         String::new()
     };
@@ -212,8 +243,8 @@ impl Serialize for Json<'_> {
         if let Some(c) = o.chosen {
             map.serialize_entry("chosen", &Choice(c))?;
         }
-        if let Some(why) = &o.failure {
-            map.serialize_entry("error", why)?;
+        if let Some(why) = o.early {
+            map.serialize_entry("error", &why.to_string())?;
         }
         map.end()
     }

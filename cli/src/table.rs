@@ -94,12 +94,12 @@ impl Table {
     }
 }
 
-/// Refuses a place whose name asks for a format that there is not, or is a model's.
+/// Refuses a place that cannot be written, is a model's, or whose name asks for a format that there is not.
 ///
 /// # Errors
 /// Status 2, with the formats that there are.
 pub fn possible(path: &Path) -> Result<(), Stop> {
-    output::no_model(path)?;
+    output::place(path)?;
     let known = if cfg!(feature = "parquet") { "`.csv` and `.parquet`" } else { "`.csv`" };
     match extension(path).as_deref() {
         Some("parquet") if cfg!(feature = "parquet") => Ok(()),
@@ -107,10 +107,12 @@ pub fn possible(path: &Path) -> Result<(), Stop> {
             "{}: this build of bond writes only {known}; build it with `--features parquet`",
             path.display()
         ))),
-        Some(end @ ("png" | "svg" | "json" | "xlsx")) => {
+        Some("csv") | None => Ok(()),
+        // A pipe or a device may have any name.
+        Some(_) if !output::whole(path)? => Ok(()),
+        Some(end) => {
             Err(Stop::Usage(format!("{}: a table cannot be written as `.{end}`, only as {known}", path.display())))
         }
-        Some(_) | None => Ok(()),
     }
 }
 

@@ -56,10 +56,10 @@ pub struct Args {
     input_hold: bool,
     /// Readings of the clock for each point, of which the middle one counts; a reading of a short run is of many in a
     /// row
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), allow_negative_numbers = true)]
     repeat: u32,
     /// Processor time for each method at most; points that would need more are skipped, and named
-    #[arg(long, value_name = "T", default_value = "10s", value_parser = input::span)]
+    #[arg(long, value_name = "T", default_value = "10s", value_parser = input::span, allow_negative_numbers = true)]
     limit: f64,
     /// How the points are written
     #[arg(long = "as", value_enum, default_value_t = Format::Text, value_name = "FORMAT")]
@@ -88,13 +88,7 @@ enum Format {
 /// # Errors
 /// A command line or a model that is wrong, a model of which there is no reference.
 pub fn bench(args: &Args) -> Result<(), Stop> {
-    if let Some(path) = &args.plot {
-        draw::format(path)?;
-        if args.output.as_ref() == Some(path) {
-            return Err(Stop::Usage("-o and --plot name the same file".into()));
-        }
-    }
-    args.output.as_deref().map_or(Ok(()), output::no_model)?;
+    places(args)?;
     if args.file == Path::new("-") && args.input.as_deref() == Some(Path::new("-")) {
         return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
     }
@@ -139,9 +133,8 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
     drop(progress);
     let done =
         done.map_err(|why| Stop::Numerics(format!("no stepper gives a run to measure the others against: {why}")))?;
-    if let Some(path) = &args.plot {
-        bench::picture(&done).put(path)?;
-    }
+    // A table that was long in the making is there also where the picture cannot be drawn.
+    let drawn = args.plot.as_ref().map_or(Ok(()), |path| bench::picture(&done).put(path));
     let text = match args.format {
         Format::Text => bench::text(&done),
         Format::Json => {
@@ -149,5 +142,22 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
             bench::json(&done)?
         }
     };
-    output::put(args.output.as_deref(), &text)
+    output::put(args.output.as_deref(), &text)?;
+    drawn
+}
+
+/// Refuses places of results that cannot be.
+fn places(args: &Args) -> Result<(), Stop> {
+    if let Some(path) = &args.plot {
+        draw::format(path)?;
+    }
+    let results = [("-o", args.output.as_deref()), ("--plot", args.plot.as_deref())];
+    let results: Vec<_> = results.into_iter().filter_map(|(option, path)| Some((option, path?))).collect();
+    let mut read = vec![(args.file.as_path(), "the model")];
+    read.extend(args.input.as_deref().map(|path| (path, "the table of --input")));
+    for (_, path) in &results {
+        output::place(path)?;
+        output::not_over(path, &read)?;
+    }
+    output::different(&results)
 }

@@ -98,10 +98,9 @@ fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
     if out == Path::new("-") {
         return Err(Stop::Usage("an executable needs a file: name it with -o".into()));
     }
-    let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if same(&out, &args.file) {
-        return Err(Stop::Usage(format!("{} is the model itself; name another file with -o", out.display())));
-    }
+    let program = std::env::current_exe().unwrap_or_default();
+    output::not_over(&out, &[(&args.file, "the model"), (&program, "this program")])?;
+    output::no_model(&out)?;
     let settings = &compiled.stages().model.settings;
     // What makes no sense is told now, not when it runs.
     Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;

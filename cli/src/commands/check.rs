@@ -93,7 +93,7 @@ fn unread(format: Format, path: &Path, stop: Stop) -> Result<u8, Stop> {
 
 fn line(message: &Message) -> Result<(), Stop> {
     let text = serde_json::to_string(message).map_err(|e| Stop::Usage(e.to_string()))?;
-    output::print(&(text + "\n"))
+    output::offer(&(text + "\n"))
 }
 
 /// A diagnostic for editors. Lines and columns count from 1, columns in characters; the end is exclusive.

@@ -55,7 +55,7 @@ fn one(path: &Path, check: bool) -> Result<bool, Stop> {
     let after = bond_grammar::format(&sources, id, &file);
     if check {
         if after != before {
-            output::print(&format!("{}\n", input::name(path)))?;
+            output::offer(&format!("{}\n", input::name(path)))?;
         }
         return Ok(after == before);
     }

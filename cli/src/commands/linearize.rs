@@ -3,6 +3,7 @@
 use crate::drive::{self, Halt, drive};
 use crate::input::{self, Set, Which};
 use crate::output;
+use crate::progress::Progress;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use bond::{Simulation, Steps};
@@ -12,7 +13,10 @@ use std::path::PathBuf;
 /// Linearize a model: A, B, C and D with the names of states, inputs and outputs, as JSON
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  bond linearize wall.bond\n  bond linearize pendulum.bond --at 2s -o pendulum.json"
+    after_help = "Examples:\n  bond linearize wall.bond\n  bond linearize pendulum.bond --at 2s -o pendulum.json\n\n`inputs` lists the \
+                  scene's inputs, then what is given from outside to the continuous regions: at open ports, and what\nsampled \
+                  regions hold at borders (`v.e`, constant over a period). `outputs` are the probes.\nThe state of --at is that of \
+                  a run to it with rows each thousandth."
 )]
 pub struct Args {
     /// A model; `-` is standard input
@@ -35,7 +39,10 @@ pub struct Args {
 /// # Errors
 /// A model that is wrong, a run that fails, a state around which it cannot be done.
 pub fn linearize(args: &Args) -> Result<(), Stop> {
-    args.output.as_deref().map_or(Ok(()), output::no_model)?;
+    if let Some(path) = &args.output {
+        output::place(path)?;
+        output::not_over(path, &[(&args.file, "the model")])?;
+    }
     let compiled = input::compile(&args.file, &input::options(&args.which, &args.set))?;
     let time = args.at.unwrap_or(0.0);
     let mut states: HashMap<String, f64> = HashMap::new();
@@ -44,7 +51,12 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
         let options = Steps::new().resolve(settings, time, None)?;
         drive::possible(compiled.scene(), &options, time)?;
         let mut sim = Simulation::new(compiled.scene(), &options)?;
-        drive(&mut sim, Rows::new(time, Grid::None, &[])?, time, &mut |_, _| Ok(())).map_err(|halt| match halt {
+        let progress = Progress::new();
+        let row = &mut |_: &mut Simulation<'_>, t: f64| {
+            progress.at(t / time);
+            Ok(())
+        };
+        drive(&mut sim, Rows::new(time, Grid::Parts(1000), &[])?, time, row).map_err(|halt| match halt {
             Halt::Numerics(e) => Stop::from(e),
             Halt::Stop(stop) => stop,
         })?;

@@ -8,15 +8,16 @@ use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use crate::summary::{self, Outcome};
+use crate::summary::{self, Early, Outcome};
 use crate::table::{self, Cell, Column, Kind, Table};
-use crate::{checkpoint, choose, ensemble, output, report};
-use bond::{Code, RunError, Simulation, Steps, Summary, Text};
+use crate::{checkpoint, choose, ensemble, output, report, signal};
+use bond::{Code, Simulation, Steps, Summary, Text};
 use bond_compiler::discretise::{Accuracy, Method};
 use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Simulate a model, and tell what became of the energy
@@ -34,7 +35,9 @@ use std::time::Instant;
                   first, against a run that is far more exact; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
                   seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
                   stopped, if both are looked at at the same instants. The first of the steps that are fitted to a tolerance depends on --stop \
-                  where --longest does not say it.")]
+                  where --longest does not say it. A state that was saved with --error or --budget\ngoes on with the --method that the \
+                  summary names as chosen.\nCtrl-C (or TERM) ends a run at the next row: its tables, and its state with --checkpoint, are written; exit \
+                  status 130.")]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
@@ -90,7 +93,8 @@ pub struct How {
     /// Write time and probes to a table, `.csv` or `.parquet`; `-` is CSV to standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Write the energy ledger over time to a table, `.csv` or `.parquet`
+    /// Write the energy ledger over time to a table, `.csv` or `.parquet`; between fixed steps a row shows the books as
+    /// of the last step
     #[arg(long, value_name = "FILE")]
     ledger: Option<PathBuf>,
     /// How the summary is written; it goes to standard error when standard output has the rows
@@ -131,7 +135,7 @@ pub fn tolerance(text: &str) -> Result<f64, String> {
 /// # Errors
 /// A command line or a model that is wrong, numerics that fail.
 pub fn run(args: &Args) -> Result<(), Stop> {
-    places(&args.how)?;
+    places(&args.how, Some(&args.file))?;
     if args.file == Path::new("-") && is_dash(args.how.input.as_deref()) {
         return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
     }
@@ -201,7 +205,7 @@ pub fn simulate(scene: &Scene, settings: &Settings, args: &How) -> Result<(), St
 
 /// Runs a scene, with steps that were chosen or that are told.
 fn go(scene: &Scene, settings: &Settings, args: &How, chosen: Option<&Chosen>) -> Result<(), Stop> {
-    places(args)?;
+    places(args, None)?;
     let (steps, stop, every) = asked(args, settings);
     let steps = chosen.map_or(steps, Chosen::steps);
     let grid = Grid::asked(args.every, settings.every, &args.at);
@@ -226,19 +230,38 @@ fn go(scene: &Scene, settings: &Settings, args: &How, chosen: Option<&Chosen>) -
     };
     let from = sim.time();
     let resumed = args.resume.is_some().then_some(from);
-    let mut files = Files::open(args, scene, &sim, resumed)?;
+    let asked = signal::watch();
+    let files = Files::open(args, scene, &sim, resumed)?;
     let checkpoints = args.checkpoint.as_deref().map(|path| Checkpoints::new(path, args.checkpoint_every, from));
-    let mut on_the_way = OnTheWay { files: &mut files, checkpoints, progress: Progress::new(), stop };
+    let progress = Progress::new();
+    let mut on_the_way = OnTheWay { files, checkpoints, unsaved: None, progress, stop, asked: &asked, ends: false };
     let halted = drive::watched(&mut sim, rows, stop, &mut on_the_way);
-    drop(on_the_way);
-    let failure = match halted {
+    let OnTheWay { files, checkpoints, unsaved, ends, progress, .. } = on_the_way;
+    drop(progress);
+    let early = match halted {
         Ok(()) => None,
-        Err(Halt::Numerics(e)) => Some(e),
+        Err(Halt::Numerics(e)) => Some(Early::Failed(e)),
+        Err(Halt::Stop(_)) if ends => Some(Early::Asked(sim.time())),
         Err(Halt::Stop(stop)) => return Err(stop),
     };
-    // What was computed is kept, also of a run that failed.
-    files.commit()?;
-    tell(args, (scene, chosen), &mut sim, (from, stop), started, failure)
+    // What was computed is kept, also of a run that failed, and whatever became of the other files.
+    let kept = unsaved.map_or(Ok(()), Err).and(files.commit());
+    if early.is_none() && matches!(kept, Err(Stop::Pipe)) {
+        return kept;
+    }
+    let told = tell(args, (scene, chosen), &mut sim, (from, stop), started, early);
+    if let (Err(Stop::Numerics(_) | Stop::Said(_)), Some(checkpoints)) = (&told, &checkpoints) {
+        report::say(&checkpoints.left());
+    }
+    match (told, kept) {
+        (Ok(()), kept) => kept,
+        // The status is that of the run.
+        (told, Err(Stop::Usage(why))) => {
+            report::error(&why);
+            told
+        }
+        (told, _) => told,
+    }
 }
 
 /// Runs an ensemble.
@@ -277,35 +300,47 @@ fn ensembles(args: &Args) -> Result<(), Stop> {
         ("--budget", args.budget.is_some(), "a stepper is chosen; then take that with --method and --step"),
     ];
     match args.ensemble.idle() {
-        Some(option) if !args.ensemble.asked() => {
-            Err(Stop::Usage(format!("{option} is for ensembles; add --sweep or --monte-carlo")))
-        }
-        _ if args.ensemble.asked() => match single.iter().find(|s| s.1) {
+        Some((option, what)) => Err(Stop::Usage(format!("{option} is for {what}"))),
+        None if args.ensemble.asked() => match single.iter().find(|s| s.1) {
             Some((option, _, then)) => Err(Stop::Usage(format!(
                 "{option} is for single runs; give the values of one instance with --set, and {then}"
             ))),
             None => Ok(()),
         },
-        Some(_) | None => Ok(()),
+        None => Ok(()),
     }
 }
 
 /// What is done while it runs.
 struct OnTheWay<'a> {
-    files: &'a mut Files,
+    files: Files,
     checkpoints: Option<Checkpoints<'a>>,
+    /// Why the last of them could not be saved, which does not end the run.
+    unsaved: Option<Stop>,
     progress: Progress,
     stop: f64,
+    /// Whether somebody asks for the end, and whether the run ends for it.
+    asked: &'a AtomicBool,
+    ends: bool,
 }
 
 impl Watch for OnTheWay<'_> {
     fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
         self.progress.at(t / self.stop);
-        self.files.row(sim, t)
+        self.files.row(sim, t)?;
+        if self.ends { Err(Halt::Stop(Stop::Said(signal::ASKED))) } else { Ok(()) }
     }
 
     fn mark(&mut self, sim: &Simulation<'_>, end: bool) -> Result<(), Halt> {
-        self.checkpoints.as_mut().map_or(Ok(()), |c| c.mark(sim, end)).map_err(Halt::Stop)
+        self.ends = !end && self.asked.load(Ordering::Relaxed);
+        if let Some(checkpoints) = &mut self.checkpoints {
+            match checkpoints.mark(sim, end || self.ends) {
+                Ok(true) => self.unsaved = None,
+                Ok(false) => {}
+                Err(why) => self.unsaved = Some(why),
+            }
+        }
+        Ok(())
     }
 }
 
@@ -316,14 +351,13 @@ fn tell(
     sim: &mut Simulation<'_>,
     (from, stop): (f64, f64),
     started: Instant,
-    failure: Option<RunError>,
+    early: Option<Early>,
 ) -> Result<(), Stop> {
     let shown = scene.probes.names.len();
     // A run that got to its end, and whose signals cannot be told there, failed too.
-    let (values, failure) = match (sim.probes().map(|v| v[..shown.min(v.len())].to_vec()), failure) {
-        (Ok(values), None) => (values, None),
-        (Err(e), None) => (vec![f64::NAN; shown], Some(e)),
-        (_, failure) => (vec![f64::NAN; shown], failure),
+    let (values, early) = match (sim.probes().map(|v| v[..shown.min(v.len())].to_vec()), early) {
+        (_, Some(Early::Failed(e))) | (Err(e), _) => (vec![f64::NAN; shown], Some(Early::Failed(e))),
+        (Ok(values), early) => (values, early),
     };
     let outcome = Outcome {
         scene,
@@ -333,20 +367,22 @@ fn tell(
         wall: started.elapsed().as_secs_f64(),
         summary: &sim.summary(),
         values: &values,
-        failure: failure.as_ref().map(ToString::to_string),
+        early: early.as_ref(),
     };
     let text = match args.summary {
         Format::Text => summary::text(&outcome),
         Format::Json => summary::json(&outcome)?,
     };
-    if is_dash(args.output.as_deref()) || is_dash(args.ledger.as_deref()) {
+    let printed = if is_dash(args.output.as_deref()) || is_dash(args.ledger.as_deref()) {
         report::say(text.trim_end());
+        Ok(())
     } else {
-        output::print(&text)?;
-    }
-    match failure {
-        None => Ok(()),
-        Some(e) => Err(e.into()),
+        output::print(&text)
+    };
+    match early {
+        None => printed,
+        Some(Early::Failed(e)) => Err(e.into()),
+        Some(Early::Asked(_)) => Err(Stop::Said(signal::ASKED)),
     }
 }
 
@@ -354,23 +390,31 @@ fn is_dash(path: Option<&Path>) -> bool {
     path == Some(Path::new("-"))
 }
 
-/// Refuses places of tables that cannot be.
-fn places(args: &How) -> Result<(), Stop> {
-    for path in [&args.output, &args.ledger].into_iter().flatten() {
-        table::possible(path)?;
-    }
-    args.checkpoint.as_deref().map_or(Ok(()), output::no_model)?;
-    let named = [("-o", &args.output), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];
-    let named: Vec<_> = named.into_iter().filter_map(|(option, path)| Some((option, path.as_ref()?))).collect();
-    for (i, (a, path)) in named.iter().enumerate() {
-        if let Some((b, _)) = named[i + 1..].iter().find(|(_, other)| other == path) {
-            return Err(Stop::Usage(format!("{a} and {b} name the same file")));
+/// Refuses places of results that cannot be; `model` is none where the scene is part of the program.
+fn places(args: &How, model: Option<&Path>) -> Result<(), Stop> {
+    for (option, path) in [("--checkpoint", &args.checkpoint), ("--resume", &args.resume)] {
+        if is_dash(path.as_deref()) {
+            return Err(Stop::Usage(format!("{option} needs a file: a state is no text")));
         }
     }
-    if is_dash(args.checkpoint.as_deref()) {
-        return Err(Stop::Usage("--checkpoint needs a file: a state is no text".into()));
+    // One that carries a scene would be lost with it.
+    let program = std::env::current_exe().ok();
+    let read =
+        [(model, "the model"), (program.as_deref(), "this program"), (args.input.as_deref(), "the table of --input")];
+    let mut read: Vec<_> = read.into_iter().filter_map(|(path, what)| Some((path?, what))).collect();
+    // A state may take the place of the one that it goes on from.
+    if let Some(path) = &args.checkpoint {
+        output::place(path)?;
+        output::not_over(path, &read)?;
     }
-    Ok(())
+    read.extend(args.resume.as_deref().map(|path| (path, "the state of --resume")));
+    for path in [&args.output, &args.ledger].into_iter().flatten() {
+        output::not_over(path, &read)?;
+        table::possible(path)?;
+    }
+    let named = [("-o", &args.output), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];
+    let named: Vec<_> = named.into_iter().filter_map(|(option, path)| Some((option, path.as_deref()?))).collect();
+    output::different(&named)
 }
 
 /// Steps, end and distance of rows: the command line goes before the model.
@@ -463,10 +507,8 @@ impl Files {
     }
 
     fn commit(self) -> Result<(), Stop> {
-        for table in [self.rows, self.ledger].into_iter().flatten() {
-            table.commit()?;
-        }
-        Ok(())
+        let both = [self.rows, self.ledger].map(|table| table.map_or(Ok(()), Table::commit));
+        both.into_iter().collect()
     }
 }
 

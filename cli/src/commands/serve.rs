@@ -56,20 +56,20 @@ pub struct How {
     #[arg(long)]
     lockstep: bool,
     /// The device's address; otherwise the first that speaks
-    #[arg(long, value_name = "ADDR:PORT")]
+    #[arg(long, value_name = "ADDR:PORT", value_parser = address)]
     peer: Option<SocketAddr>,
-    /// How long to go on; without end otherwise
-    #[arg(long, value_name = "T", value_parser = input::span)]
+    /// How long to go on from the first measurement, for which it waits; without end otherwise
+    #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Intervals for which an effort stays where nothing newer is heard, on either side; then 0 is held
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1_000_000), allow_negative_numbers = true)]
     hold: u32,
     /// Real-time priority (SCHED_FIFO), 1 to 99
-    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(1..=99))]
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u8).range(1..=99), allow_negative_numbers = true)]
     priority: Option<u8>,
     /// The core to run on, from 0
-    #[arg(long, value_name = "K")]
-    core: Option<usize>,
+    #[arg(long, value_name = "K", value_parser = |text: &str| input::count(text, 0..=u64::MAX), allow_negative_numbers = true)]
+    core: Option<u64>,
     /// Keep memory from being swapped out
     #[arg(long)]
     lock_memory: bool,
@@ -89,7 +89,7 @@ struct Line {
     #[arg(long)]
     stdio: bool,
     /// UDP, listening at this address; port 0 takes a free one
-    #[arg(long, value_name = "ADDR:PORT")]
+    #[arg(long, value_name = "ADDR:PORT", value_parser = address)]
     udp: Option<SocketAddr>,
     /// Shared memory: a file of this name in /dev/shm, which is made
     #[arg(long, value_name = "NAME")]
@@ -102,6 +102,12 @@ enum Format {
     Json,
 }
 
+/// An address.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let wanted = "write an IP address and a port, such as 127.0.0.1:7000 or [::1]:7000; names are not looked up";
+    text.parse().map_err(|_| wanted.to_string())
+}
+
 /// Serves a model.
 ///
 /// # Errors
@@ -109,6 +115,9 @@ enum Format {
 pub fn serve(args: &Args) -> Result<(), Stop> {
     if args.file == Path::new("-") && args.how.line.stdio {
         return Err(Stop::Usage("both the model and the measurements would be read from standard input".into()));
+    }
+    if let Some(path) = &args.how.ledger {
+        output::not_over(path, &[(&args.file, "the model")])?;
     }
     let mut options = input::options(&args.which, &args.set);
     if let Some(method) = &args.method {
@@ -148,7 +157,11 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
         .map_err(|e| Stop::Usage(format!("cannot watch for Ctrl-C: {e}")))?;
     let mut log = args.ledger.as_deref().map(|path| Log::new(path, scene)).transpose()?;
     // Threads that are started from here on take part in what is granted.
-    let without = clock::ask(clock::Wishes { priority: args.priority, core: args.core, lock: args.lock_memory });
+    let without = clock::ask(clock::Wishes {
+        priority: args.priority,
+        core: args.core.map(|k| k as usize),
+        lock: args.lock_memory,
+    });
     let ports = scene.open.len();
     let mut link = match &args.line {
         Line { udp: Some(address), .. } => Link::Udp(Udp::new(*address, args.peer, ports)?),
@@ -180,7 +193,7 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
     if args.line.stdio || args.ledger.as_deref() == Some(Path::new("-")) {
         report::say(text.trim_end());
     } else {
-        output::print(&text)?;
+        output::offer(&text)?;
     }
     if let Some(why) = end.broken {
         return Err(why);

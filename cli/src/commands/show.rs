@@ -46,7 +46,10 @@ fn format() -> impl TypedValueParser<Value = As> {
 /// # Errors
 /// A model that is wrong, or a format that cannot show what was asked for.
 pub fn show(args: &Args) -> Result<(), Stop> {
-    args.output.as_deref().map_or(Ok(()), output::no_model)?;
+    if let Some(path) = &args.output {
+        output::place(path)?;
+        output::not_over(path, &[(&args.file, "the model")])?;
+    }
     let compiled = input::compile(&args.file, &input::options(&args.which, &args.set))?;
     let mut text = compiled.show_as(args.what, args.format).map_err(Stop::Usage)?;
     if !text.ends_with('\n') {

@@ -5,6 +5,7 @@ use crate::drive::{self, Halt, drive};
 use crate::expectation::{Outcome, Watch};
 use crate::input::{self, Which};
 use crate::output;
+use crate::progress::Progress;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
@@ -48,7 +49,7 @@ impl Count {
         } else {
             self.failed += 1;
         }
-        output::print(&format!("{} {line}\n", if good { "pass" } else { "FAIL" }))
+        output::offer(&format!("{} {line}\n", if good { "pass" } else { "FAIL" }))
     }
 }
 
@@ -69,7 +70,7 @@ pub fn test(args: &Args) -> Result<(), Stop> {
     for file in &files {
         one(file, args, &mut count)?;
     }
-    output::print(&format!("{} passed, {} failed\n", count.passed, count.failed))?;
+    output::offer(&format!("{} passed, {} failed\n", count.passed, count.failed))?;
     if count.failed == 0 { Ok(()) } else { Err(Stop::Said(1)) }
 }
 
@@ -207,7 +208,9 @@ fn watched(compiled: &Compiled) -> Result<Vec<Outcome>, Stop> {
     drive::possible(scene, &options, stop)?;
     let mut sim = Simulation::new(scene, &options)?;
     let mut watch = Watch::new(scene, stop);
+    let progress = Progress::new();
     let halted = drive(&mut sim, rows, stop, &mut |sim, t| {
+        progress.at(t / stop);
         let values = sim.probes().map_err(Halt::Numerics)?;
         watch.row(t, values);
         Ok(())
@@ -227,6 +230,8 @@ fn snapshot(path: &Path, title: &str, compiled: &Compiled, update: bool, count: 
     let old = match bond::read(&place) {
         Ok(old) => Some(old),
         Err(_) if !place.exists() => None,
+        // Whatever it is, the new one takes its place.
+        Err(bond::ReadError::NotText { .. }) if update => None,
         Err(e) => return count.add(false, &format!("{title}: cannot read {}: {e}", place.display())),
     };
     match old {
@@ -237,7 +242,7 @@ fn snapshot(path: &Path, title: &str, compiled: &Compiled, update: bool, count: 
                 false,
                 &format!("{title}: snapshot ({} differs; `--update` accepts the new one)", place.display()),
             )?;
-            output::print(&diff::lines(&old, &new))
+            output::offer(&diff::lines(&old, &new))
         }
         Some(_) | None => {
             output::put(Some(&place), &new)?;

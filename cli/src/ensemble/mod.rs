@@ -24,6 +24,7 @@ mod written;
 
 pub use run::{Setup, run};
 
+use crate::input;
 use draw::Draw;
 use sweep::Sweep;
 
@@ -41,17 +42,17 @@ pub struct Args {
     #[arg(long, value_name = "PATH=FROM..TO:N", value_parser = sweep::parse, allow_hyphen_values = true)]
     sweep: Vec<Sweep>,
     /// Run N times with parameters drawn at random, at each point of the grid where there is one
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=INSTANCES), requires = "draw")]
+    #[arg(long, value_name = "N", value_parser = |text: &str| input::count(text, 1..=INSTANCES), requires = "draw", allow_negative_numbers = true)]
     monte_carlo: Option<u64>,
     /// How a parameter is drawn: `uniform(A, B)`, `normal(MEAN, SD)`, `lognormal(MEDIAN, SIGMA)` with the standard
     /// deviation of the logarithm, `triangular(A, MODE, B)`; repeatable
-    #[arg(long, value_name = "PATH=DISTRIBUTION", value_parser = draw::parse, requires = "monte_carlo", allow_hyphen_values = true)]
+    #[arg(long, value_name = "PATH=DISTRIBUTION", value_parser = draw::parse, allow_hyphen_values = true)]
     draw: Vec<Draw>,
     /// Other numbers for --draw; 0 otherwise
-    #[arg(long, value_name = "S", requires = "monte_carlo")]
+    #[arg(long, value_name = "S", value_parser = |text: &str| input::count(text, 0..=u64::MAX), allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Instances that run at the same time; one a core otherwise. The results do not depend on it
-    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u64).range(1..=THREADS))]
+    #[arg(long, value_name = "T", value_parser = |text: &str| input::count(text, 1..=THREADS), allow_negative_numbers = true)]
     threads: Option<u64>,
     /// Begin anew where a run that was cut off has left FILE.part; it is gone on with otherwise
     #[arg(long)]
@@ -64,14 +65,15 @@ impl Args {
         !self.sweep.is_empty() || self.monte_carlo.is_some()
     }
 
-    /// An option that means nothing to a single run.
-    pub fn idle(&self) -> Option<&'static str> {
-        if self.threads.is_some() {
-            Some("--threads")
-        } else if self.restart {
-            Some("--restart")
-        } else {
-            None
-        }
+    /// An option that means nothing without another, and which one that is.
+    pub fn idle(&self) -> Option<(&'static str, &'static str)> {
+        let (ensembles, drawn) = ("ensembles; add --sweep or --monte-carlo", "drawn parameters; add --monte-carlo N");
+        let options = [
+            ("--threads", ensembles, self.threads.is_some() && !self.asked()),
+            ("--restart", ensembles, self.restart && !self.asked()),
+            ("--draw", drawn, !self.draw.is_empty() && self.monte_carlo.is_none()),
+            ("--seed", drawn, self.seed.is_some() && self.monte_carlo.is_none()),
+        ];
+        options.into_iter().find(|o| o.2).map(|(option, what, _)| (option, what))
     }
 }

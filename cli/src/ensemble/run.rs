@@ -104,7 +104,7 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
     if setup.output == Some(Path::new("-")) {
         report::say(text.trim_end());
     } else {
-        output::print(&text)?;
+        output::offer(&text)?;
     }
     told.failure().map_or(Ok(()), |why| Err(Stop::Numerics(why)))
 }

@@ -10,6 +10,11 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use std::fmt::Write as _;
 use std::io::{self, BufRead, Read, Stdout, Write};
 
+/// Bytes that a number of a line may take, with the blanks around it.
+const WIDTH: usize = 64;
+/// Letters of a cell that are shown.
+const SHOWN: usize = 24;
+
 /// Efforts that are remembered until their line comes back.
 const SENT: usize = 4096;
 
@@ -41,7 +46,7 @@ impl Pipe {
             ports,
             items,
             out: io::stdout(),
-            text: String::with_capacity(64 * (PORTS + 1)),
+            text: String::with_capacity(WIDTH * (PORTS + 1)),
             buffer: [0; LONGEST],
             sums: Measurement { session, ports, ..Measurement::default() },
             sent: vec![[0.0; PORTS]; SENT],
@@ -143,18 +148,24 @@ fn packets(mut items: Producer<Item>, ports: usize) {
 
 fn lines(mut items: Producer<Item>, ports: usize) {
     let mut input = io::stdin().lock();
-    let mut line = String::new();
+    let mut line = Vec::new();
+    let most = WIDTH * (ports + 1);
     for number in 1u64.. {
         line.clear();
-        match input.read_line(&mut line) {
+        // A line that never ends is not waited for.
+        let wrong = match input.by_ref().take(most as u64).read_until(b'\n', &mut line) {
             Ok(0) => return,
-            Ok(_) => {}
-            Err(e) => {
-                hand(&mut items, Err(e.to_string()));
-                return;
+            Ok(n) if n == most && !line.ends_with(b"\n") => {
+                Some(format!("line {number}: it is longer than {most} bytes"))
             }
+            Ok(_) => None,
+            Err(e) => Some(e.to_string()),
+        };
+        if let Some(why) = wrong {
+            hand(&mut items, Err(why));
+            return;
         }
-        let item = match numbers(line.trim(), ports) {
+        let item = match numbers(String::from_utf8_lossy(&line).trim(), ports) {
             Ok(q) => Ok(Arrival::now(Measurement { ports, q, ..Measurement::default() })),
             Err(why) => Err(format!("line {number}: {why}")),
         };
@@ -173,7 +184,11 @@ fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
     // Several blanks are as one.
     for cell in cells.map(str::trim).filter(|c| commas || !c.is_empty()) {
         let x = cell.parse::<f64>().ok().filter(|x| x.is_finite());
-        let x = x.ok_or_else(|| format!("`{}` is no number", cell.escape_default()))?;
+        let x = x.ok_or_else(|| {
+            let start: String = cell.chars().take(SHOWN).collect();
+            let more = if start.len() < cell.len() { "..." } else { "" };
+            format!("`{}{more}` is no number", start.escape_default())
+        })?;
         if let Some(place) = list.get_mut(count) {
             *place = x;
         }
@@ -182,6 +197,8 @@ fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
     if count == ports {
         Ok(list)
     } else {
-        Err(format!("there are {count} numbers for {ports} open ports: one a port, with commas or blanks between them"))
+        let are = if count == 1 { "is 1 number".into() } else { format!("are {count} numbers") };
+        let open = if ports == 1 { "1 open port".into() } else { format!("{ports} open ports") };
+        Err(format!("there {are} for {open}: one a port, with commas or blanks between them"))
     }
 }

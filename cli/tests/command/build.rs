@@ -95,6 +95,36 @@ fn what_is_damaged_does_not_run() {
 }
 
 #[test]
+fn it_is_not_written_over_by_what_it_computes() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["build", "a.bond", "-o", "here"]).is(0, &[], &[]);
+    let name = format!("./here{}", std::env::consts::EXE_SUFFIX);
+    for option in ["-o", "--ledger", "--checkpoint"] {
+        environment(&here, "here", &["run", option, &name]).is(2, &[], &["it is this program itself"]);
+    }
+    let copy = format!("copy{}", std::env::consts::EXE_SUFFIX);
+    std::fs::copy(env!("CARGO_BIN_EXE_bond"), here.0.join(&copy)).unwrap();
+    environment(&here, "copy", &["build", "a.bond", "-o", &copy]).is(2, &[], &["it is this program itself"]);
+    environment(&here, "here", &["run"]).is(0, &["Oscillator"], &[]);
+}
+
+/// Without its end it is not taken for `bond`.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_is_cut_off_does_not_run() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["build", "a.bond", "-o", "here"]).is(0, &[], &[]);
+    let file = here.0.join("here");
+    let whole = std::fs::metadata(&file).unwrap().len();
+    let program = std::fs::metadata(env!("CARGO_BIN_EXE_bond")).unwrap().len();
+    for length in [whole - 1, whole - 20, (program + whole) / 2, program + 8] {
+        std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(length).unwrap();
+        let done = environment(&here, "here", &["check", "a.bond"]);
+        done.is(1, &[], &["the scene at the end of this program is damaged: its end is missing; build it anew"]);
+    }
+}
+
+#[test]
 fn wrong_places_are_told() {
     let here = Folder::new().with("a.bond", OSCILLATOR).with("folder/b.bond", OSCILLATOR).with("model", OSCILLATOR);
     here.bond(&["build", "folder/b.bond", "-o", "folder"]).is(

@@ -32,6 +32,19 @@ fn json_has_one_object_a_line() {
     assert_eq!(done.out.lines().count(), 1);
 }
 
+/// The status is that of the models, whoever reads what is said of them.
+#[test]
+fn a_closed_pipe_does_not_make_it_good() {
+    let here = Folder::new().with("a.bond", WRONG).with("b.bond", OSCILLATOR);
+    assert_eq!(here.unread(&["check", "a.bond", "--message-format", "json"]), (Some(1), String::new()));
+    assert_eq!(here.unread(&["check", "none.bond", "--message-format", "json"]).0, Some(2));
+    let (status, told) = here.unread(&["check", "a.bond", "b.bond", "--message-format", "json"]);
+    assert!(status == Some(1) && told.contains("ok: b.bond"), "{told}");
+    assert_eq!(here.unread(&["check", "b.bond"]).0, Some(0));
+    let here = here.with("c.bond", "model   C { }");
+    assert_eq!(here.unread(&["fmt", "--check", "c.bond", "b.bond"]), (Some(1), String::new()));
+}
+
 #[test]
 fn used_files_are_named_as_the_user_wrote_them() {
     let here = Folder::new()

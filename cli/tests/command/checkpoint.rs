@@ -69,9 +69,19 @@ fn states_are_saved_on_the_way() {
     // Saving changes nothing.
     assert_eq!(steady(&whole), steady(&run(&["--stop", "2", "--checkpoint", "s", "--checkpoint-every", "130ms"])));
     assert_eq!(here.list(), ["b.bond", "s"]);
-    // A run that fails keeps the last state that was saved.
+    // A run that fails keeps the last state that was saved, and says whether there is one.
     let here = here.with("fails.bond", super::BLOWS_UP);
-    here.bond(&["run", "fails.bond", "--checkpoint", "f", "--checkpoint-every", "0.7"]).is(3, &[], &["at t = 0.99"]);
+    here.bond(&["run", "fails.bond", "--checkpoint", "f", "--checkpoint-every", "0.7"]).is(
+        3,
+        &[],
+        &["at t = 0.99", "f has the state at 0.7"],
+    );
+    here.bond(&["run", "fails.bond", "--checkpoint", "g"]).is(
+        3,
+        &[],
+        &["no state was saved; --checkpoint-every saves on the way"],
+    );
+    assert!(!here.list().contains(&"g".to_string()));
     here.bond(&["run", "fails.bond", "--stop", "0.95", "--resume", "f"]).is(0, &["from 0.7 s to 0.95 s"], &[]);
 }
 
@@ -87,6 +97,8 @@ fn what_cannot_go_on_is_told() {
     fails(&["a.bond", "--resume", "s", "--stop", "2", "--set", "k=99"], "a parameter or a method has changed");
     fails(&["a.bond", "--resume", "text", "--stop", "2"], "cannot resume text: it is not the state of a run");
     fails(&["a.bond", "--resume", "nothing", "--stop", "2"], "cannot read nothing");
+    fails(&["a.bond", "--resume", ".", "--stop", "2"], "cannot read .: it is a directory");
+    fails(&["a.bond", "--resume", "-", "--stop", "2"], "--resume needs a file");
     fails(&["a.bond", "--resume", "s", "--stop", "2", "--step", "1ms"], "cannot be used with '--step");
     fails(&["a.bond", "--checkpoint", "-"], "needs a file");
     fails(&["a.bond", "--checkpoint", "x", "-o", "x"], "-o and --checkpoint name the same file");

@@ -90,6 +90,11 @@ fn files_go_where_they_are_told() {
             &["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-c", "my first.model.c", "-o", "a.o"],
         );
     }
+    // Both or none.
+    std::fs::create_dir(here.0.join("q.c")).unwrap();
+    here.bond(&["build", file, "--emit", "c", "-o", "q.c", "--step", "1ms"]).is(2, &[], &["q.c: it is a directory"]);
+    assert!(!here.list().contains(&"q.h".to_string()));
+    std::fs::remove_dir(here.0.join("q.c")).unwrap();
     let wrong: [(&[&str], &str); 7] = [
         (&["-o", "-"], "two files are written: give a name with -o"),
         (&["-o", "wall"], "name it `.c`, as in wall.c"),
@@ -102,7 +107,7 @@ fn files_go_where_they_are_told() {
     for (args, why) in wrong {
         here.bond(&[&["build", file, "--emit", "c"], args].concat()).is(2, &[], &[why]);
     }
-    here.bond(&["build", "a.h", "--emit", "c"]).is(2, &[], &["a.h is the model itself"]);
+    here.bond(&["build", "a.h", "--emit", "c"]).is(2, &[], &["a.h: it is the model itself"]);
     assert_eq!(here.read("a.h"), OSCILLATOR);
     here.fed(&["build", "-", "--emit", "c"], OSCILLATOR).is(2, &[], &["-o NAME.c"]);
     here.bond(&["build", file, "--step", "1ms"]).is(2, &[], &["--step and --prefix are for --emit c and object"]);

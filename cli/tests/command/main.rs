@@ -97,6 +97,21 @@ impl Folder {
         self.fed(args, "")
     }
 
+    /// The status of a command whose output nobody reads, and what it says.
+    fn unread(&self, args: &[&str]) -> (Option<i32>, String) {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_bond"))
+            .args(args)
+            .current_dir(&self.0)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    }
+
     fn fed(&self, args: &[&str], input: &str) -> Done {
         let mut child = Command::new(env!("CARGO_BIN_EXE_bond"))
             .args(args)

@@ -113,10 +113,165 @@ fn no_result_takes_the_place_of_a_model() {
         &["build", "a.bond", "--emit", "c", "-o", "a.bond"],
     ];
     for slip in slips {
-        let why = if slip[0] == "build" { "a.bond" } else { "that is the name of a model; name another file" };
+        here.bond(slip).is(2, &[], &[if slip[0] == "build" { "a.bond" } else { "; name another file" }]);
+    }
+    here.bond(&["build", "a.bond", "-o", "mine.bond"]).is(2, &[], &["that is the name of a model"]);
+    assert_eq!((here.list(), here.read("a.bond")), (vec!["a.bond".to_string()], super::OSCILLATOR.to_string()));
+}
+
+/// Nor that of anything else that is read, however it is named and spelled.
+#[test]
+fn no_result_takes_the_place_of_what_is_read() {
+    let here = Folder::new().with("a.model", CHARGE).with("a.csv", "t,u\n0,1\n4,1\n").with("folder/x", "");
+    here.bond(&["run", "a.model", "--checkpoint", "z.csv"]).is(0, &[], &[]);
+    let state = std::fs::read(here.0.join("z.csv")).unwrap();
+    let model = "it is the model itself; name another file";
+    let table = "it is the table of --input itself; name another file";
+    let slips: [(&[&str], &str); 13] = [
+        (&["run", "a.model", "-o", "a.model"], model),
+        (&["run", "a.model", "--checkpoint", "folder/../a.model"], model),
+        (&["run", "a.model", "--ledger", "./a.model"], model),
+        (&["run", "a.model", "--sweep", "x=1,2", "-o", "a.model"], model),
+        (&["show", "a.model", "-o", "./a.model"], model),
+        (&["linearize", "a.model", "-o", "a.model"], model),
+        (&["bench", "a.model", "-o", "a.model"], model),
+        (&["serve", "a.model", "--stdio", "--ledger", "a.model"], model),
+        (&["run", "a.model", "--input", "a.csv", "-o", "./a.csv"], table),
+        (&["run", "a.model", "--input", "./a.csv", "--checkpoint", "a.csv"], table),
+        (&["run", "a.model", "--input", "a.csv", "--sweep", "x=1,2", "-o", "a.csv"], table),
+        (&["bench", "a.model", "--input", "a.csv", "-o", "a.csv"], table),
+        (
+            &["run", "a.model", "--stop", "3", "--resume", "z.csv", "-o", "./z.csv"],
+            "it is the state of --resume itself",
+        ),
+    ];
+    for (slip, why) in slips {
         here.bond(slip).is(2, &[], &[why]);
     }
-    assert_eq!((here.list(), here.read("a.bond")), (vec!["a.bond".to_string()], super::OSCILLATOR.to_string()));
+    assert_eq!(here.read("a.model"), CHARGE);
+    assert_eq!(here.read("a.csv"), "t,u\n0,1\n4,1\n");
+    assert_eq!(std::fs::read(here.0.join("z.csv")).unwrap(), state);
+    // A state may take the place of the one that was gone on from.
+    here.bond(&["run", "a.model", "--stop", "3", "--resume", "z.csv", "--checkpoint", "./z.csv"]).is(0, &[], &[]);
+    assert_ne!(std::fs::read(here.0.join("z.csv")).unwrap(), state);
+    assert_eq!(here.list(), ["a.csv", "a.model", "folder", "z.csv"]);
+}
+
+#[test]
+fn two_results_need_two_files() {
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("folder/x", "");
+    let slips: [(&[&str], &str); 4] = [
+        (&["run", "a.bond", "-o", "x.csv", "--ledger", "./x.csv"], "-o and --ledger name the same file"),
+        (&["run", "a.bond", "-o", "./x.csv", "--checkpoint", "x.csv"], "-o and --checkpoint name the same file"),
+        (&["run", "a.bond", "-o", "folder/../x.csv", "--ledger", "x.csv"], "-o and --ledger name the same file"),
+        (&["bench", "a.bond", "--plot", "x.png", "-o", "./x.png"], "-o and --plot name the same file"),
+    ];
+    for (slip, why) in slips {
+        here.bond(slip).is(2, &[], &[why]);
+    }
+    assert_eq!(here.list(), ["a.bond", "folder"]);
+    here.bond(&["run", "a.bond", "-o", "x.csv", "--ledger", "folder/x.csv"]).is(0, &[], &[]);
+}
+
+/// What cannot be written is told before the work, and does not take what can be with it.
+#[test]
+fn places_are_tried_before_the_work() {
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("file", "");
+    let slips: [&[&str]; 7] = [
+        &["run", "a.bond", "-o", "kept.csv", "--checkpoint", "no/x.state"],
+        &["run", "a.bond", "-o", "kept.csv", "--checkpoint", "file/x.state"],
+        &["run", "a.bond", "--error", "1e-9", "-o", "no/x.csv"],
+        &["bench", "a.bond", "--plot", "no/p.png"],
+        &["bench", "a.bond", "-o", "no/p.txt"],
+        &["linearize", "a.bond", "--at", "1", "-o", "no/x.json"],
+        &["show", "a.bond", "-o", "no/x.txt"],
+    ];
+    for slip in slips {
+        // Before the model is looked at.
+        let slip: Vec<&str> = slip.iter().map(|arg| if *arg == "a.bond" { "none.bond" } else { arg }).collect();
+        here.bond(&slip).is(2, &[], &["cannot write "]);
+    }
+    assert_eq!(here.list(), ["a.bond", "file"]);
+    here.bond(&["run", "a.bond", "-o", "rows.txt"]).is(2, &[], &["cannot be written as `.txt`, only as `.csv`"]);
+    here.bond(&["run", "a.bond", "-o", "rows"]).is(0, &[], &[]);
+}
+
+/// What was long in the making is there also where something else cannot be written in the end.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_can_be_written_is_kept() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let done = here.bond(&["run", "a.bond", "-o", "kept.csv", "--checkpoint", "/dev/full"]);
+    done.is(2, &["passive     yes"], &["cannot write /dev/full: "]);
+    assert_eq!(table(&here.read("kept.csv")).1.len(), 1001);
+    std::os::unix::fs::symlink("/dev/full", here.0.join("p.svg")).unwrap();
+    let bench = ["bench", "a.bond", "--methods", "gonzalez", "--steps", "10ms", "--repeat", "1", "--plot", "p.svg"];
+    here.bond(&bench).is(2, &["to choose"], &["cannot write p.svg: "]);
+}
+
+/// Asks a process for its end twice, as soon as a file is there and after pauses in ms: its status, and what it says.
+/// None where this process ignores such signals, and with it those that it starts.
+#[cfg(target_os = "linux")]
+fn asked_to_end(here: &Folder, args: &[&str], there: &str, pauses: [u64; 2]) -> Option<(Option<i32>, String, String)> {
+    use std::process::{Command, Stdio};
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let ignored = status.lines().find_map(|l| l.strip_prefix("SigIgn:")).unwrap().trim().to_string();
+    if u64::from_str_radix(&ignored, 16).unwrap() & 1 == 1 {
+        println!("hanging up is ignored here: left out");
+        return None;
+    }
+    let mut command = Command::new(env!("CARGO_BIN_EXE_bond"));
+    let child = command.args(args).current_dir(&here.0).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let start = std::time::Instant::now();
+    while !here.list().iter().any(|name| name.contains(there)) {
+        assert!(start.elapsed().as_secs() < 60, "{:?}", here.list());
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    for pause in pauses {
+        std::thread::sleep(std::time::Duration::from_millis(pause));
+        Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
+    }
+    let done = child.wait_with_output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    Some((done.status.code(), text(&done.stdout), text(&done.stderr)))
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_run_that_is_asked_to_end_keeps_what_it_has() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    // Days, if nobody asked.
+    let long = ["run", "a.bond", "--stop", "1e6", "--step", "1ms", "--every", "100ms", "-o", "a.csv"];
+    let long = [&long[..], &["--checkpoint", "s", "--ledger", "l.csv"]].concat();
+    // Twice at once is once: `timeout` does so.
+    let Some((status, out, err)) = asked_to_end(&here, &long, "l.csv", [0, 0]) else { return };
+    assert_eq!(status, Some(130), "{err}");
+    assert!(out.contains("of 1e6 s, then it was asked to end") && out.contains("at the end"), "{out}");
+    assert!(err.contains("asked to end") && err.contains("s has the state at "), "{err}");
+    assert_eq!(here.list(), ["a.bond", "a.csv", "l.csv", "s"]);
+    let (_, first) = table(&here.read("a.csv"));
+    let end = first.last().unwrap()[0];
+    assert_eq!(table(&here.read("l.csv")).1.len(), first.len());
+    // It goes on from there, as if it had never stopped.
+    let stop = format!("{}", end + 0.5);
+    here.bond(&["run", "a.bond", "--stop", &stop, "--every", "100ms", "--resume", "s", "-o", "b.csv"]).is(0, &[], &[]);
+    let whole = ["run", "a.bond", "--stop", &stop, "--step", "1ms", "--every", "100ms", "-o", "whole.csv"];
+    here.bond(&whole).is(0, &[], &[]);
+    let rest = here.read("b.csv");
+    let both = here.read("a.csv") + rest.split_once('\n').unwrap().1;
+    assert_eq!(both, here.read("whole.csv"));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_run_that_is_asked_again_ends_at_once() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    // The next row is far.
+    let long = ["run", "a.bond", "--stop", "1e6", "--step", "1ms", "--at", "9e5", "-o", "a.csv"];
+    let Some((status, out, err)) = asked_to_end(&here, &long, "a.csv", [0, 700]) else { return };
+    assert_eq!((status, out.as_str()), (Some(130), ""), "{err}");
+    assert!(err.contains("once more, and it ends at once"), "{err}");
+    assert_eq!(here.list(), ["a.bond"]);
 }
 
 #[test]
@@ -250,4 +405,36 @@ fn wrong_tables_are_refused_with_their_line() {
     here.bond(&["run", "b.bond", "--input", "a.csv"]).is(2, &[], &["no input `u`", "the model has none"]);
     here.bond(&["run", "a.bond", "--input", "none.csv"]).is(2, &[], &["cannot read none.csv"]);
     here.bond(&["run", "a.bond", "--input-hold"]).is(2, &[], &["--input <FILE.csv>"]);
+}
+
+/// The print in the README is that of the command: the same words, and the same numbers but for rounding.
+#[test]
+fn the_readme_shows_what_is_printed() {
+    let home = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let readme = std::fs::read_to_string(home.join("README.md")).unwrap();
+    let shown =
+        readme.split_once("The first prints\n\n```text\n").and_then(|(_, rest)| rest.split_once("```")).unwrap().0;
+    let model = home.join("models/examples/virtual_wall.bond");
+    let done = Folder::new().bond(&["run", &model.display().to_string()]).is(0, &[], &[]);
+    // How long it took is not looked at.
+    let lines = |text: &str| -> Vec<String> {
+        text.lines().filter(|l| !l.starts_with("simulated")).map(String::from).collect()
+    };
+    let (shown, printed) = (lines(shown), lines(&done.out));
+    assert_eq!(shown.len(), printed.len(), "{}", done.out);
+    for (a, b) in shown.iter().zip(&printed) {
+        assert_eq!(
+            a.split_whitespace().count(),
+            b.split_whitespace().count(),
+            "the README has `{a}`, and this is `{b}`"
+        );
+        for (x, y) in a.split_whitespace().zip(b.split_whitespace()) {
+            let number = |text: &str| text.trim_end_matches(',').parse::<f64>().ok();
+            let same = match (number(x), number(y)) {
+                (Some(p), Some(q)) => (p - q).abs() <= 1e-5 * p.abs().max(q.abs()) || p.abs().max(q.abs()) < 1e-12,
+                (_, _) => x == y,
+            };
+            assert!(same, "the README has `{a}`, and this is `{b}`");
+        }
+    }
 }

@@ -307,14 +307,32 @@ fn what_cannot_be_served_is_told() {
     fails(&["continuous.bond", "--stdio"], "", 1, "put a sampled region behind it");
     fails(&["a.bond"], "", 2, "--stdio");
     fails(&["a.bond", "--stdio", "--udp", "127.0.0.1:0"], "", 2, "cannot be used with");
-    fails(&["a.bond", "--udp", "nonsense"], "", 2, "invalid socket address");
+    fails(&["a.bond", "--udp", "nonsense"], "", 2, "write an IP address and a port");
+    fails(
+        &["a.bond", "--udp", "localhost:7500"],
+        "",
+        2,
+        "such as 127.0.0.1:7000 or [::1]:7000; names are not looked up",
+    );
+    fails(&["a.bond", "--udp", "127.0.0.1:0", "--peer", "localhost:1"], "", 2, "write an IP address and a port");
+    for (option, why) in [("--hold", "-1 is not in 1..=1000000"), ("--duration", "longer than 0 s")] {
+        fails(&["a.bond", "--stdio", option, "-1"], "", 2, why);
+    }
     fails(&["a.bond", "--udp", "127.0.0.1:0", "--lockstep"], "", 2, "--lockstep is for --stdio only");
     fails(&["a.bond", "--stdio", "--peer", "127.0.0.1:1"], "", 2, "--peer is for --udp only");
     fails(&["a.bond", "--stdio", "--priority", "100"], "", 2, "100 is not in 1..=99");
     fails(&["a.bond", "--shm", "./taken"], "", 2, "another environment uses it");
     fails(&["a.bond", "--stdio", "--lockstep"], "0\nx\n", 2, "line 2: `x` is no number");
-    fails(&["a.bond", "--stdio", "--lockstep"], "0,0\n", 2, "there are 2 numbers for 1 open ports");
+    fails(&["a.bond", "--stdio", "--lockstep"], "0,0\n", 2, "there are 2 numbers for 1 open port:");
     fails(&["a.bond", "--stdio", "--lockstep"], "nan\n", 2, "no number");
+    // A line without end is not kept, and what is shown of a cell is short.
+    fails(&["a.bond", "--stdio", "--lockstep"], &"x".repeat(1 << 20), 2, "line 1: it is longer than 128 bytes");
+    fails(
+        &["a.bond", "--stdio", "--lockstep"],
+        &format!("0\n{}\n", "x".repeat(100)),
+        2,
+        "line 2: `xxxxxxxxxxxxxxxxxxxxxxxx...` is",
+    );
     // Packets may hold any byte, so that standard output is not looked at.
     let mut child = spawn(&here, &["serve", "a.bond", "--stdio", "--binary", "--lockstep"]);
     std::io::Write::write_all(&mut child.stdin.take().unwrap(), &[b'x'; 100]).unwrap();

@@ -70,3 +70,22 @@ fn snapshots_are_made_compared_and_accepted() {
     here.bond(&["test", "a.bond", "--update"]).is(0, &["4 passed"], &[]);
     here.bond(&["test", "a.bond"]).is(0, &["4 passed"], &[]);
 }
+
+#[test]
+fn a_closed_pipe_does_not_make_it_good() {
+    let strict = OSCILLATOR.replace("< 0.2 m", "< 0.02 m");
+    let here = Folder::new().with("a.bond", strict).with("b.bond", OSCILLATOR);
+    assert_eq!(here.unread(&["test", "a.bond", "b.bond"]), (Some(1), String::new()));
+    assert_eq!(here.unread(&["test", "b.bond"]), (Some(0), String::new()));
+    let here = here.with("fails.bond", BLOWS_UP);
+    let (status, told) = here.unread(&["run", "fails.bond"]);
+    assert!(status == Some(3) && told.contains("t = 0.99"), "{told}");
+}
+
+#[test]
+fn an_old_snapshot_may_be_anything() {
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("a.snap", b"caf\xe9\n");
+    here.bond(&["test", "a.bond"]).is(1, &["cannot read a.snap: line 1 is not UTF-8 text"], &[]);
+    here.bond(&["test", "a.bond", "--update"]).is(0, &["4 passed", "snapshot written to a.snap"], &[]);
+    here.bond(&["test", "a.bond"]).is(0, &["4 passed"], &[]);
+}
