@@ -82,8 +82,8 @@ impl Run {
     }
 
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
-    /// states' sizes: the embedded estimate, or what the difference of the two tells. That is asked of the ledger's
-    /// energies too: they are integrals, and where there is no state all that a step's length is seen by.
+    /// states' sizes: the embedded estimate, or what the difference of the two tells. Where there is no state, it
+    /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by.
     fn estimate(&self, c: &Cluster, whole: bool) -> Result<f64, Failure> {
         let Some(fit) = &self.fit else { return Ok(0.0) };
         let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
@@ -113,7 +113,7 @@ impl Run {
                 worst = worst.max(if size > 0.0 { off / size } else { f64::INFINITY });
             }
         }
-        let books = self.books.iter().zip(&c.entries).filter(|_| is_doubled(c));
+        let books = self.books.iter().zip(&c.entries).filter(|_| c.states + c.integrals == 0);
         for (b, e) in books {
             let moved = b.supplied.value().abs().max(b.dissipated.value().abs()).max(above(b, e));
             for (_, slot) in e.supplied.iter().chain(&e.dissipated) {
