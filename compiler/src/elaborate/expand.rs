@@ -426,6 +426,9 @@ impl<'a> Elaborator<'a> {
         let file = self.instances[instance].model.0;
         let Some(&model) = self.files.visible[file].get(kind) else {
             self.declare(instance, key, Entity::Missing, e.name.span);
+            if self.files.gaps[file] {
+                return;
+            }
             let mut known: Vec<&str> = element::ALL.iter().map(|k| k.0).collect();
             known.extend(self.files.visible[file].keys().map(String::as_str));
             known.sort_unstable();

@@ -400,6 +400,7 @@ impl<'a> Elaborator<'a> {
                 }
                 Some(all)
             }
+            _ if self.is_lost(self.scopes[scope].instance, &name.text) || self.has_gaps(scope) => None,
             _ => {
                 const KNOWN: [&str; 23] = [
                     "sin",

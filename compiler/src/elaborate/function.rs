@@ -105,6 +105,11 @@ impl<'a> Elaborator<'a> {
         self.functions.of_files.get(of_file).copied()
     }
 
+    /// Whether a function that can be called at a place may be one of those that could not be read.
+    pub(super) fn has_gaps(&self, scope: ScopeId) -> bool {
+        self.files.gaps[self.instances[self.scopes[scope].instance].model.0]
+    }
+
     /// The names of all functions that can be called at a place.
     pub(super) fn function_names(&self, scope: ScopeId) -> Vec<String> {
         let instance = &self.instances[self.scopes[scope].instance];
