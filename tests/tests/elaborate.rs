@@ -89,3 +89,16 @@ fn units() {
         crate::common::close(x, si, 1e-15 * si, literal);
     }
 }
+
+/// A name without an index may stand in a loop where one round alone declares it.
+#[test]
+fn names_of_one_round() {
+    let compiled = text(
+        "model M { Se:u = 6 V 0:i u -> i
+         for k in 1..3 { if k == 2 { R:r = k * 1 Ohm i -> r } }
+         for k in 1..1 { R:s = 1 Ohm i -> s }
+         probe f = r.f + s.f }",
+    );
+    let f = crate::common::end(&compiled, bond::Steps::fixed(0.5), 1.0, "f");
+    crate::common::close(f, 9.0, 1e-15, "f");
+}

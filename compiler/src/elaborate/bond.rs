@@ -35,6 +35,7 @@ impl<'a> Elaborator<'a> {
                 }
                 None => None,
             };
+            let mut declared = false;
             for tail in tails {
                 for head in heads {
                     let (Some((tail, tail_name)), Some((head, head_name))) = (tail, head) else { continue };
@@ -43,7 +44,9 @@ impl<'a> Elaborator<'a> {
                     let mut shown = format!("{tail_name} -> {head_name}");
                     if let Some((key, span)) = &name {
                         shown = self.full_name(instance, key);
-                        self.declare(instance, key.clone(), Entity::Bond(index), *span);
+                        if !std::mem::replace(&mut declared, true) {
+                            self.declare(scope, key.clone(), Entity::Bond(index), *span);
+                        }
                     }
                     for (end, out) in [(tail, true), (head, false)] {
                         if let RawEnd::Port(p, inside) = *end {

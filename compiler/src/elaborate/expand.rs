@@ -82,6 +82,7 @@ impl<'a> Elaborator<'a> {
 
     fn declare_params(&mut self, instance: usize, decl: &'a ModelDecl, args: Option<(&'a [Field], ScopeId)>) {
         let (args, caller) = args.unwrap_or((&[], 0));
+        let scope = self.instances[instance].scope;
         for arg in args {
             let name = &arg.path[0];
             if arg.path.len() != 1 || !decl.params.iter().any(|p| p.name.text == name.text) {
@@ -116,13 +117,13 @@ impl<'a> Elaborator<'a> {
             }
             let value = match (given.first(), &p.default) {
                 (Some(field), _) => Some((&field.value, caller)),
-                (None, Some(default)) => Some((default, self.instances[instance].scope)),
+                (None, Some(default)) => Some((default, scope)),
                 (None, None) => None,
             };
             let index = self.params.len();
             let overridden = self.overrides.get(&full).copied();
             self.params.push(Param { name: full, span: p.name.span, value, state: ParamState::New, overridden });
-            self.declare(instance, p.name.text.clone(), Entity::Param(index), p.name.span);
+            self.declare(scope, p.name.text.clone(), Entity::Param(index), p.name.span);
         }
     }
 
@@ -132,21 +133,39 @@ impl<'a> Elaborator<'a> {
         if path.is_empty() { name.to_string() } else { format!("{path}.{name}") }
     }
 
-    pub(super) fn declare(&mut self, instance: usize, key: String, entity: Entity, span: Span) -> bool {
-        if let Some((_, first)) = self.instances[instance].names.get(&key) {
-            if *first == span {
-                return false; // the same declaration, walked before
-            }
-            let first = *first;
-            self.errors.push(
-                Diagnostic::error("elaborate::twice", span, format!("`{key}` is declared twice"))
-                    .label(first, "is the first declaration")
-                    .help("a name is declared once in its model; rename one of them"),
-            );
+    /// Declares a name of the model that a scope stands in; whether it was free.
+    pub(super) fn declare(&mut self, scope: ScopeId, key: String, entity: Entity, span: Span) -> bool {
+        let names = &mut self.instances[self.scopes[scope].instance].names;
+        let Some(known) = names.get_mut(&key) else {
+            names.insert(key, (entity, span));
+            return true;
+        };
+        if known.1 == span {
+            // Nothing that names it means one of the rounds.
+            known.0 = Entity::Missing;
+            self.another_round(scope, &key, span);
             return false;
         }
-        self.instances[instance].names.insert(key, (entity, span));
-        true
+        // A `let` is declared before what stands above it.
+        let (first, second) = if span.start < known.1.start { (span, known.1) } else { (known.1, span) };
+        known.1 = first;
+        self.errors.push(twice(&key, first, second));
+        false
+    }
+
+    /// Refuses a declaration that an earlier round of a `for` made already.
+    fn another_round(&mut self, scope: ScopeId, key: &str, span: Span) {
+        let name = key.split('[').next().unwrap_or(key);
+        let mut variables = Vec::new();
+        let mut at = Some(scope);
+        while let Some(s) = at {
+            variables.extend(self.scopes[s].loop_variable.as_ref().map(|(v, _)| v.as_str()));
+            at = self.scopes[s].parent;
+        }
+        variables.reverse();
+        let indexed = format!("{name}[{}]", variables.join(", "));
+        let message = format!("`{key}` is declared in more than one round of its `for`");
+        self.errors.push(Diagnostic::error("elaborate::twice", span, message).help(format!("index it: `{indexed}`")));
     }
 
     /// Declares a name for an expression; its place among the `lets`, if the name was free.
@@ -161,11 +180,20 @@ impl<'a> Elaborator<'a> {
 
     /// Declares a name that in a `for` belongs to the round; whether it was free.
     pub(super) fn declare_signal(&mut self, scope: ScopeId, name: &Name, entity: Entity) -> bool {
-        if self.scopes[scope].loop_variable.is_some() {
-            self.scopes[scope].locals.insert(name.text.clone(), entity);
-            return true;
+        let Some((variable, _)) = &self.scopes[scope].loop_variable else {
+            return self.declare(scope, name.text.clone(), entity, name.span);
+        };
+        if *variable == name.text {
+            let message = format!("`{variable}` is what this `for` counts with, and is declared again");
+            self.errors.push(Diagnostic::error("elaborate::twice", name.span, message).help("rename one of them"));
+            return false;
         }
-        self.declare(self.scopes[scope].instance, name.text.clone(), entity, name.span)
+        if let Some((_, first)) = self.scopes[scope].locals.get(&name.text) {
+            self.errors.push(twice(&name.text, *first, name.span));
+            return false;
+        }
+        self.scopes[scope].locals.insert(name.text.clone(), (entity, name.span));
+        true
     }
 
     fn block(
@@ -318,7 +346,7 @@ impl<'a> Elaborator<'a> {
             );
         }
         let id = ElementId(self.elements.len() as u32);
-        if self.declare(instance, key, Entity::Element(id), e.name.span) {
+        if self.declare(scope, key, Entity::Element(id), e.name.span) {
             let span = e.kind.span.to(e.name.span);
             self.elements.push(Decl { name, kind, ast: Some(e), scope, sampling, span, field: None });
         }
@@ -326,7 +354,6 @@ impl<'a> Elaborator<'a> {
 
     /// Declares a multiport field: each of its ports is an element.
     fn field(&mut self, e: &'a Decl_, key: String, name: String, scope: ScopeId, sampling: Option<usize>) {
-        let instance = self.scopes[scope].instance;
         let kind = e.kind.text.as_str();
         let mut wrong = |span, what: String, help: &str| {
             self.errors.push(Diagnostic::error("elaborate::field_ports", span, what).help(help));
@@ -387,11 +414,11 @@ impl<'a> Elaborator<'a> {
             sound = false;
         }
         if !sound {
-            self.declare(instance, key, Entity::Missing, e.name.span);
+            self.declare(scope, key, Entity::Missing, e.name.span);
             return;
         }
         let field = self.fields.len();
-        if !self.declare(instance, key, Entity::Field(field), e.name.span) {
+        if !self.declare(scope, key, Entity::Field(field), e.name.span) {
             return;
         }
         let span = e.kind.span.to(e.name.span);
@@ -425,7 +452,7 @@ impl<'a> Elaborator<'a> {
         let instance = self.scopes[scope].instance;
         let file = self.instances[instance].model.0;
         let Some(&model) = self.files.visible[file].get(kind) else {
-            self.declare(instance, key, Entity::Missing, e.name.span);
+            self.declare(scope, key, Entity::Missing, e.name.span);
             if self.files.gaps[file] {
                 return;
             }
@@ -456,7 +483,7 @@ impl<'a> Elaborator<'a> {
             );
         }
         let index = self.instances.len();
-        if !self.declare(instance, key, Entity::Instance(index), e.name.span) {
+        if !self.declare(scope, key, Entity::Instance(index), e.name.span) {
             return;
         }
         if self.instantiate(model, name, Some((&e.args, scope)), sampling, e.span).is_none() {
@@ -468,10 +495,18 @@ impl<'a> Elaborator<'a> {
     fn port(&mut self, name: &'a Name, fields: &'a [Field], scope: ScopeId, sampling: Option<usize>) {
         let instance = self.scopes[scope].instance;
         let full = self.full_name(instance, &name.text);
+        if self.instances[instance].names.get(&name.text).is_some_and(|known| known.1 == name.span) {
+            let message = format!("the port `{}` is declared in more than one round of its `for`", name.text);
+            self.errors.push(
+                Diagnostic::error("elaborate::twice", name.span, message)
+                    .help("a port has no index: declare each by a name of its own, outside of the `for`"),
+            );
+            return;
+        }
         if instance == 0 {
             // An open port of the scene is an element of its own.
             let id = ElementId(self.elements.len() as u32);
-            if self.declare(instance, name.text.clone(), Entity::Element(id), name.span) {
+            if self.declare(scope, name.text.clone(), Entity::Element(id), name.span) {
                 let span = name.span;
                 self.elements.push(Decl {
                     name: full,
@@ -487,7 +522,7 @@ impl<'a> Elaborator<'a> {
             return;
         }
         let port = self.ports.len();
-        if self.declare(instance, name.text.clone(), Entity::Port(port), name.span) {
+        if self.declare(scope, name.text.clone(), Entity::Port(port), name.span) {
             self.ports.push(PortDecl { name: full, span: name.span, inside: Vec::new(), outside: Vec::new() });
         }
     }
@@ -573,6 +608,13 @@ impl<'a> Elaborator<'a> {
             index.iter().map(|e| self.integer(e, scope).map(|i| i.to_string())).collect::<Option<Vec<_>>>()?;
         Some(format!("{name}[{}]", numbers.join(",")))
     }
+}
+
+/// A name that was declared before.
+fn twice(key: &str, first: Span, second: Span) -> Diagnostic {
+    Diagnostic::error("elaborate::twice", second, format!("`{key}` is declared twice"))
+        .label(first, "is the first declaration")
+        .help("a name is declared once in its model; rename one of them")
 }
 
 fn join(path: &[Name]) -> String {

@@ -69,9 +69,7 @@ impl<'a> Elaborator<'a> {
     /// Declares a function of a model; in a loop, of the round.
     pub(super) fn declare_function(&mut self, scope: ScopeId, f: &'a ast::Function) {
         let entity = Entity::Function(self.functions.list.len());
-        if self.scopes[scope].loop_variable.is_some() {
-            self.scopes[scope].locals.insert(f.name.text.clone(), entity);
-        } else if !self.declare(self.scopes[scope].instance, f.name.text.clone(), entity, f.name.span) {
+        if !self.declare_signal(scope, &f.name, entity) {
             return;
         }
         self.check_arguments(f);
@@ -92,7 +90,7 @@ impl<'a> Elaborator<'a> {
     pub(super) fn function(&self, name: &str, scope: ScopeId) -> Option<usize> {
         let mut at = Some(scope);
         while let Some(s) = at {
-            if let Some(Entity::Function(f)) = self.scopes[s].locals.get(name) {
+            if let Some((Entity::Function(f), _)) = self.scopes[s].locals.get(name) {
                 return Some(*f);
             }
             at = self.scopes[s].parent;
@@ -139,7 +137,8 @@ impl<'a> Elaborator<'a> {
         let (scopes, lets) = (self.scopes.len(), self.lets.len());
         let inner = self.new_scope(self.scopes[home].instance, Some(home), None);
         for ((argument, value), ast) in decl.arguments.iter().zip(values).zip(args) {
-            self.scopes[inner].locals.insert(argument.text.clone(), Entity::Let(self.lets.len()));
+            let entity = Entity::Let(self.lets.len());
+            self.scopes[inner].locals.insert(argument.text.clone(), (entity, argument.span));
             let state = LetState::Done(Some(value));
             self.lets.push(Let { value: ast, scope, state, name: argument.text.clone() });
         }

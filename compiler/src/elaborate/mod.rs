@@ -83,7 +83,7 @@ struct Scope {
     instance: usize,
     parent: Option<ScopeId>,
     loop_variable: Option<(String, i64)>,
-    locals: FxHashMap<String, Entity>,
+    locals: FxHashMap<String, (Entity, Span)>,
 }
 
 #[derive(Clone)]

@@ -35,7 +35,7 @@ impl<'a> Elaborator<'a> {
                     let i = *i;
                     return Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() }));
                 }
-                match self.scopes[s].locals.get(&first.name.text).copied() {
+                match self.scopes[s].locals.get(&first.name.text).map(|(entity, _)| *entity) {
                     Some(Entity::Let(l)) if plain || !self.is_declared(first, scope, s)? => {
                         let value = self.let_value(l, path.span)?;
                         return self.entry(value, first, scope);
