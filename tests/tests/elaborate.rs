@@ -102,3 +102,10 @@ fn names_of_one_round() {
     let f = crate::common::end(&compiled, bond::Steps::fixed(0.5), 1.0, "f");
     crate::common::close(f, 9.0, 1e-15, "f");
 }
+
+/// Loops may run as often as the limit says, and what follows them is there.
+#[test]
+fn all_rounds_that_are_allowed() {
+    let compiled = text("model M { Se:u = 6 V for k in 1..4000000 { } R:r = 1 Ohm u -> r probe f = r.f }");
+    assert_eq!(compiled.probes(), ["f"]);
+}

@@ -12,6 +12,8 @@ use bond_grammar::source::Span;
 
 /// No model may have more elements and bonds than this.
 const MOST_ELEMENTS: usize = 2_000_000;
+/// Nor more instances than this.
+const MOST_INSTANCES: usize = 1_000_000;
 /// No `for` may run longer than this, nor all of them together.
 const MOST_ROUNDS: u64 = 4_000_000;
 /// Instances may not be nested deeper than this.
@@ -226,23 +228,28 @@ impl<'a> Elaborator<'a> {
                     let Some((from, to)) = self.integer(&f.from, scope).zip(self.integer(&f.to, scope)) else {
                         continue;
                     };
+                    if self.rounds > MOST_ROUNDS {
+                        continue; // said of the `for` that ran too long
+                    }
                     let rounds = if to < from { 0 } else { (to as i128 - from as i128 + 1) as u128 };
                     if rounds > u128::from(MOST_ROUNDS.saturating_sub(self.rounds)) {
-                        self.rounds = MOST_ROUNDS;
-                        self.errors.push(
-                            Diagnostic::error(
-                                "elaborate::limit",
-                                f.from.span.to(f.to.span),
-                                format!("this `for` runs {rounds} times: too many (all loops together may run {MOST_ROUNDS} times)"),
+                        self.rounds = MOST_ROUNDS + 1;
+                        let message = if rounds > u128::from(MOST_ROUNDS) {
+                            format!(
+                                "this `for` runs {rounds} times: too many (all loops together may run {MOST_ROUNDS} times)"
                             )
-                            .help("lower the bound"),
+                        } else {
+                            format!("with this `for`, all loops together run more than {MOST_ROUNDS} times")
+                        };
+                        self.errors.push(
+                            Diagnostic::error("elaborate::limit", f.from.span.to(f.to.span), message)
+                                .help("lower the bound"),
                         );
                         continue;
                     }
                     self.rounds += rounds as u64;
                     for i in from..=to {
-                        if self.rounds >= MOST_ROUNDS || self.elements.len() > MOST_ELEMENTS || self.errors.len() > 200
-                        {
+                        if self.rounds > MOST_ROUNDS || self.too_big(s.span) || self.errors.len() > 200 {
                             break;
                         }
                         let inner_scope = self.new_scope(instance, Some(scope), Some((f.variable.text.clone(), i)));
@@ -302,19 +309,21 @@ impl<'a> Elaborator<'a> {
         if numbers.is_empty() { name.to_string() } else { format!("{name}[{}]", numbers.join(",")) }
     }
 
+    /// Whether there is too much of the model already, which is said once.
     fn too_big(&mut self, span: Span) -> bool {
-        let over = self.elements.len() + self.raw_bonds.len() > MOST_ELEMENTS;
-        if over && !self.errors.iter().any(|e| e.code == "elaborate::limit") {
-            self.errors.push(
-                Diagnostic::error(
-                    "elaborate::limit",
-                    span,
-                    format!("the model has more than {MOST_ELEMENTS} elements and bonds"),
-                )
-                .help("lower the bounds of the loops"),
-            );
+        let (what, help) = if self.elements.len() + self.raw_bonds.len() > MOST_ELEMENTS {
+            (format!("{MOST_ELEMENTS} elements and bonds"), "lower the bounds of the loops")
+        } else if self.instances.len() > MOST_INSTANCES {
+            let help = "models whose instances hold several instances each multiply; take some out, or lower the bounds of the loops";
+            (format!("{MOST_INSTANCES} instances"), help)
+        } else {
+            return false;
+        };
+        if !self.errors.iter().any(|e| e.code == "elaborate::limit") {
+            let message = format!("the model has more than {what}");
+            self.errors.push(Diagnostic::error("elaborate::limit", span, message).help(help));
         }
-        over
+        true
     }
 
     fn element(&mut self, e: &'a Decl_, scope: ScopeId, sampling: Option<usize>) {
