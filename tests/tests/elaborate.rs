@@ -109,3 +109,12 @@ fn all_rounds_that_are_allowed() {
     let compiled = text("model M { Se:u = 6 V for k in 1..4000000 { } R:r = 1 Ohm u -> r probe f = r.f }");
     assert_eq!(compiled.probes(), ["f"]);
 }
+
+/// A `let` that nothing uses is checked, and is no part of what runs.
+#[test]
+fn unused_lets_do_not_run() {
+    let plain = "Se:u = 6 V C:c = 1 F u -> 1:i -> r, c R:r = 1 Ohm probe f = r.f";
+    let without = text(&format!("model M {{ {plain} }}"));
+    let with = text(&format!("model M {{ {plain} let x = integral(r.f, 0 C) + r.f * 1 s let y = x * 2 }}"));
+    assert_eq!(without.show("all"), with.show("all"));
+}

@@ -29,6 +29,7 @@ impl<'a> Elaborator<'a> {
             let span = self.params[p].span;
             self.param_value(p, span);
         }
+        self.check_unused();
         let mut inference = Inference::new(domains);
         for e in std::mem::take(&mut self.equations) {
             inference.equate(e);
@@ -216,6 +217,25 @@ impl<'a> Elaborator<'a> {
             probes.extend(all);
         }
         probes
+    }
+
+    /// Looks at the `let`s of the scene that nothing has asked for: what is wrong with them is to be said, but nothing
+    /// that they name, as an `integral`, is to be worked out in a run.
+    fn check_unused(&mut self) {
+        let of_scene = |l: &super::Let| self.scopes[l.scope].instance == 0 && matches!(l.state, super::LetState::New);
+        let unused: Vec<usize> = (0..self.lets.len()).filter(|l| of_scene(&self.lets[*l])).collect();
+        if unused.is_empty() {
+            return;
+        }
+        let (pool, integrals) = (self.pool.clone(), self.integrals.len());
+        let (signals, symbol_of) = (self.signals.clone(), self.symbol_of.clone());
+        self.mode = Mode::Outputs;
+        for l in unused {
+            let span = self.lets[l].value.span;
+            self.let_value(l, span);
+        }
+        (self.pool, self.signals, self.symbol_of) = (pool, signals, symbol_of);
+        self.integrals.truncate(integrals);
     }
 
     /// Says which `--set` met no parameter.
