@@ -201,6 +201,11 @@ impl<'a> Elaborator<'a> {
             }
             Err(unknown) => {
                 let help = match &unknown.suggestion {
+                    // No unit of the table, since `3 rad/s*t` would be one of it.
+                    _ if unknown.symbol == "t" => {
+                        "a tonne is `Mg`; if time is meant, put a space before the operator, as in `6 V * t`"
+                            .to_string()
+                    }
                     Some(s) => format!("did you mean `{s}`?"),
                     None => format!(
                         "if `{}` is a variable, put a space before the operator, as in `6 V * x`",
