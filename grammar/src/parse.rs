@@ -356,8 +356,7 @@ impl<'a> Reader<'a> {
         let value = self.expr(first);
         let Some(at) = parts.next() else { return Expect::Holds(value) };
         let mut parts = children(at).filter(|pair| pair.as_rule() != Rule::kw_at);
-        let time = next(&mut parts);
-        let time = if time.as_rule() == Rule::timed_quantity { self.quantity(time) } else { self.expr(time) };
+        let time = self.expr(next(&mut parts));
         let target = self.expr(next(&mut parts));
         let tolerance = self.expr(next(&mut parts));
         Expect::At { value, time, target, tolerance }

@@ -2,6 +2,7 @@
 
 use crate::common::{example, text, with};
 use bond::{As, Options, What};
+use bond_compiler::model::ExpectationKind;
 
 #[test]
 fn graphs() {
@@ -117,4 +118,26 @@ fn unused_lets_do_not_run() {
     let without = text(&format!("model M {{ {plain} }}"));
     let with = text(&format!("model M {{ {plain} let x = integral(r.f, 0 C) + r.f * 1 s let y = x * 2 }}"));
     assert_eq!(without.show("all"), with.show("all"));
+}
+
+/// The instant of an expectation is any expression, also one that ends with a unit.
+#[test]
+fn instants_are_expressions() {
+    let compiled = text(
+        "model M { I:m = 1 kg Se:F = 1 N F -> m
+         expect m.f at 0.5 s + 0.2 s = 0.7 m/s within 1 mm/s
+         expect m.f at 2 * 0.5 s = 1 m/s within 1 mm/s
+         expect m.f at 1 s - (0.5 s) = 0.5 m/s within 1 mm/s }",
+    );
+    let times: Vec<f64> = compiled
+        .stages()
+        .model
+        .expectations
+        .iter()
+        .filter_map(|e| match e.kind {
+            ExpectationKind::At { time, .. } => Some(time),
+            ExpectationKind::Passive | ExpectationKind::Holds { .. } => None,
+        })
+        .collect();
+    assert_eq!(times, [0.7, 1.0, 0.5]);
 }
