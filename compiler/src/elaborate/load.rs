@@ -111,6 +111,14 @@ impl Loading<'_> {
             if let Some(first) = own.insert(&m.name.text, m.name.span) {
                 self.errors.push(twice("model", &m.name, first));
             }
+            let name = &m.name.text;
+            if crate::element::is_kind(name) {
+                let message = format!("`{name}` is a kind of element, and cannot be the name of a model");
+                self.errors.push(
+                    Diagnostic::error("elaborate::kind", m.name.span, message)
+                        .help(format!("`{name}:x` would be that element: choose another name, such as `My{name}`")),
+                );
+            }
             visible.insert(m.name.text.clone(), (at, i));
         }
         let mut own: FxHashMap<&str, Span> = FxHashMap::default();
