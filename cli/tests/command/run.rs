@@ -251,3 +251,12 @@ fn wrong_tables_are_refused_with_their_line() {
     here.bond(&["run", "a.bond", "--input", "none.csv"]).is(2, &[], &["cannot read none.csv"]);
     here.bond(&["run", "a.bond", "--input-hold"]).is(2, &[], &["--input <FILE.csv>"]);
 }
+
+#[test]
+fn a_wrong_unit_on_the_command_line_is_told_once() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let said = ["--set m: the value is in N, and `m` is in kg", "give it in kg"];
+    let done = here.bond(&["run", "a.bond", "--set", "m=2 N"]).is(2, &[], &said);
+    assert_eq!(done.err.matches("×").count(), 1, "{}", done.err);
+    here.bond(&["run", "a.bond", "--set", "m=2000 g"]).is(0, &[], &[]);
+}
