@@ -14,6 +14,8 @@ use bond_grammar::source::Span;
 const MOST_ELEMENTS: usize = 2_000_000;
 /// Nor more instances than this.
 const MOST_INSTANCES: usize = 1_000_000;
+/// Nor more parameters, `let`s, probes, inputs and states.
+const MOST_VALUES: usize = 4_000_000;
 /// No `for` may run longer than this, nor all of them together.
 const MOST_ROUNDS: u64 = 4_000_000;
 /// Instances may not be nested deeper than this.
@@ -309,6 +311,11 @@ impl<'a> Elaborator<'a> {
         if numbers.is_empty() { name.to_string() } else { format!("{name}[{}]", numbers.join(",")) }
     }
 
+    /// How many names of values there are.
+    fn values(&self) -> usize {
+        self.lets.len() + self.functions.count() + self.params.len() + self.inputs.len() + self.memories.len()
+    }
+
     /// Whether there is too much of the model already, which is said once.
     fn too_big(&mut self, span: Span) -> bool {
         let (what, help) = if self.elements.len() + self.raw_bonds.len() > MOST_ELEMENTS {
@@ -316,6 +323,9 @@ impl<'a> Elaborator<'a> {
         } else if self.instances.len() > MOST_INSTANCES {
             let help = "models whose instances hold several instances each multiply; take some out, or lower the bounds of the loops";
             (format!("{MOST_INSTANCES} instances"), help)
+        } else if self.values() > MOST_VALUES {
+            let help = "lower the bounds of the loops, or take names out of them";
+            (format!("{MOST_VALUES} parameters, `let`s, probes, inputs and states"), help)
         } else {
             return false;
         };

@@ -7,6 +7,11 @@ use crate::model::{BondId, Element, ElementId, Field, Input, Kind, Law, Memory, 
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
+use rustc_hash::FxHashSet;
+
+/// How many letters and numbers of unused `let`s are worked out, before further rounds of loops are taken to be like
+/// the first.
+const MOST_UNUSED: usize = 1_000_000;
 
 impl<'a> Elaborator<'a> {
     pub(super) fn finish(mut self, decl: &'a ast::Model) -> Result<Model, Vec<Diagnostic>> {
@@ -230,9 +235,18 @@ impl<'a> Elaborator<'a> {
         let (pool, integrals) = (self.pool.clone(), self.integrals.len());
         let (signals, symbol_of) = (self.signals.clone(), self.symbol_of.clone());
         self.mode = Mode::Outputs;
-        for l in unused {
+        // Each as it is written, then what further rounds of loops make of it.
+        let mut seen = FxHashSet::default();
+        let (first, further): (Vec<usize>, Vec<usize>) =
+            unused.into_iter().partition(|l| seen.insert(self.lets[*l].value.span));
+        let (written, mut spent) = (first.len(), 0);
+        for (i, l) in first.into_iter().chain(further).enumerate() {
+            if i >= written && spent > MOST_UNUSED {
+                break;
+            }
             let span = self.lets[l].value.span;
-            self.let_value(l, span);
+            let numbers = self.let_value(l, span).map_or(0, |v| v.leaves().len());
+            spent += numbers + (span.end - span.start) as usize;
         }
         (self.pool, self.signals, self.symbol_of) = (pool, signals, symbol_of);
         self.integrals.truncate(integrals);

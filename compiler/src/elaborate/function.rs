@@ -42,6 +42,11 @@ pub(super) struct Functions<'a> {
 }
 
 impl Functions<'_> {
+    /// How many there are.
+    pub(super) fn count(&self) -> usize {
+        self.list.len()
+    }
+
     /// The name of a function.
     pub(super) fn name(&self, f: usize) -> &str {
         self.list.get(f).map_or("", |(f, _)| &f.name.text)
