@@ -141,6 +141,11 @@ impl Text {
         Self { name: name.to_string(), sources, loaded }
     }
 
+    /// The names of its functions, where it has no model: nothing to compile, but other files may use it.
+    pub fn functions_alone(&self) -> Vec<&str> {
+        self.loaded.functions_alone()
+    }
+
     /// The texts of it: its own first, then those of the files that it uses.
     pub fn sources(&self) -> &Sources {
         &self.sources

@@ -17,6 +17,7 @@ pub mod show;
 pub mod structure;
 pub mod units;
 
+use bond_grammar::ast::Item;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources};
 use bond_runtime::scene::Scene;
@@ -75,6 +76,18 @@ pub struct Loaded {
     main: SourceId,
     files: elaborate::Files,
     errors: Vec<Diagnostic>,
+}
+
+impl Loaded {
+    /// The names of the source's functions, where it has no model: there is nothing to compile, but other files may use
+    /// it.
+    pub fn functions_alone(&self) -> Vec<&str> {
+        let items = self.files.list.first().map_or(&[][..], |file| &file.items);
+        if items.iter().any(|item| matches!(item, Item::Model(_))) {
+            return Vec::new();
+        }
+        self.files.functions_of(0).map(|(_, f)| f.name.text.as_str()).collect()
+    }
 }
 
 /// Reads and parses a source, and all that it uses. What is wrong with them is said when it is compiled.

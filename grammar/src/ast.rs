@@ -32,6 +32,8 @@ pub struct File {
     pub items: Vec<Item>,
     /// All comments in order of place.
     pub comments: Vec<Comment>,
+    /// Whether an item could not be read, which is said.
+    pub gaps: bool,
     /// The whole text.
     pub span: Span,
 }
@@ -76,6 +78,8 @@ pub struct Model {
     pub params: Vec<Param>,
     /// Its statements in order.
     pub body: Vec<Statement>,
+    /// Names whose declarations could not be read, which is said: nothing more is to be said of them. In order.
+    pub lost: Vec<String>,
     /// The whole declaration.
     pub span: Span,
 }

@@ -162,18 +162,23 @@ impl<'a> Wreck<'a> {
             return (self.piece == Piece::Value).then(|| self.error("syntax::value", self.at, message));
         }
         let word = self.word(before);
-        let what = match word {
-            "->" | "||>" | "->|" | "|->" => "an element, a junction or a port",
+        let (what, help) = match word {
+            "->" | "||>" | "->|" | "|->" => {
+                ("an element, a junction or a port", "write what the bond leads to, such as `1:v`")
+            }
             "+" | "-" | "*" | "/" | "^" | "<" | ">" | "<=" | ">=" | "==" | "!=" | "=" | "(" | "[" | "and" | "or"
-            | "not" | "if" | "then" | "else" | "at" | "every" | "within" | ".." | "expect" => "a value",
-            "," => "a further entry",
-            "." => "a name",
-            "hold" | "method" => "a name",
-            "budget" => "`on` or `off`",
+            | "not" | "if" | "then" | "else" | "at" | "every" | "within" | ".." | "expect" => {
+                ("a value", "write a number with its unit, such as `5 N`, or an expression")
+            }
+            "," => ("a further entry", "write it, or take the comma away"),
+            "." => ("a name", "name a part, as in `wall.tip`"),
+            "hold" => ("a name", "the holds are lagged, predicted and matched"),
+            "method" => ("a name", "the methods of a sampled region are gonzalez and ray"),
+            "budget" => ("`on` or `off`", "write `budget off`"),
             _ => return None,
         };
         let message = format!("{what} is expected after `{word}`, but {}", self.found());
-        let error = self.error("syntax::value", self.at, message);
+        let error = self.error("syntax::value", self.at, message).help(help);
         Some(match self.word(self.at) {
             "" => error.here(format!("nothing follows `{word}`")),
             _ => error,

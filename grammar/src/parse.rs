@@ -32,7 +32,7 @@ use generated::{BondParser, Rule};
 pub fn parse(sources: &Sources, id: SourceId) -> (File, Vec<Diagnostic>) {
     let text = &sources.get(id).text;
     let whole = Span { source: id, start: 0, end: u32::try_from(text.len()).unwrap_or(u32::MAX) };
-    let mut file = File { docs: Vec::new(), items: Vec::new(), comments: Vec::new(), span: whole };
+    let mut file = File { docs: Vec::new(), items: Vec::new(), comments: Vec::new(), gaps: false, span: whole };
     if text.len() > limit::BYTES {
         return (file, vec![limit::too_large(whole)]);
     }
@@ -48,7 +48,7 @@ pub fn parse(sources: &Sources, id: SourceId) -> (File, Vec<Diagnostic>) {
         Err(refused) if refused.limit => reader.errors.push(explain::limit_reached(&scan, refused.at)),
         Err(_) => {
             Reader::tell_places();
-            file.items = recover::file(&mut reader);
+            (file.items, file.gaps) = recover::file(&mut reader);
         }
     }
     let mut errors = reader.errors;
@@ -246,7 +246,7 @@ impl<'a> Reader<'a> {
         let mut parts = children(pair);
         let name = self.name(&next(&mut parts));
         let params = parts.flat_map(children).map(|pair| self.param(pair)).collect();
-        Model { docs, name, params, body: Vec::new(), span }
+        Model { docs, name, params, body: Vec::new(), lost: Vec::new(), span }
     }
 
     fn param(&mut self, pair: Pair<Rule>) -> Param {
@@ -356,8 +356,7 @@ impl<'a> Reader<'a> {
         let value = self.expr(first);
         let Some(at) = parts.next() else { return Expect::Holds(value) };
         let mut parts = children(at).filter(|pair| pair.as_rule() != Rule::kw_at);
-        let time = next(&mut parts);
-        let time = if time.as_rule() == Rule::timed_quantity { self.quantity(time) } else { self.expr(time) };
+        let time = self.expr(next(&mut parts));
         let target = self.expr(next(&mut parts));
         let tolerance = self.expr(next(&mut parts));
         Expect::At { value, time, target, tolerance }

@@ -14,13 +14,14 @@ use std::ops::Range;
 /// At most this many errors of one text are told.
 const MANY: usize = 100;
 
-/// Reads the items of a file.
-pub(crate) fn file(reader: &mut Reader) -> Vec<Item> {
+/// Reads the items of a file; and whether some of them could not be read.
+pub(crate) fn file(reader: &mut Reader) -> (Vec<Item>, bool) {
     let brackets = Brackets::guess(reader.scan);
     let count = reader.scan.tokens.len();
     reader.errors.extend(brackets.errors(reader.scan, 0..count));
-    let mut recovery = Recovery { scan: reader.scan, reader, brackets };
+    let mut recovery = Recovery { scan: reader.scan, reader, brackets, lost: Vec::new(), gaps: false };
     let items = recovery.items(count);
+    let gaps = recovery.gaps;
     let errors = &mut reader.errors;
     errors.sort_by_key(|error| error.labels.first().map_or(0, |label| label.span.start));
     errors.dedup();
@@ -29,13 +30,17 @@ pub(crate) fn file(reader: &mut Reader) -> Vec<Item> {
         let message = "this text cannot be read";
         errors.push(Diagnostic::error("syntax::unreadable", reader.scan.span_of(0), message));
     }
-    items
+    (items, gaps)
 }
 
 struct Recovery<'r, 'a> {
     scan: &'a Scan<'a>,
     reader: &'r mut Reader<'a>,
     brackets: Brackets,
+    /// Names that the statements declare which could not be read.
+    lost: Vec<String>,
+    /// An item could not be read.
+    gaps: bool,
 }
 
 impl Recovery<'_, '_> {
@@ -47,7 +52,9 @@ impl Recovery<'_, '_> {
             while end < count && !self.starts_item(end) {
                 end = self.step(end, count);
             }
+            let before = items.len();
             self.item(start..end, &mut items);
+            self.gaps |= items.len() == before;
             start = end;
         }
         items
@@ -116,8 +123,12 @@ impl Recovery<'_, '_> {
                 }
                 let close = self.brackets.closing(open).unwrap_or(range.end).max(open);
                 let body = self.statements((open + 1).min(close)..close);
+                let mut lost = std::mem::take(&mut self.lost);
+                lost.sort_unstable();
+                lost.dedup();
                 if let Some(mut model) = model {
                     model.body = body;
+                    model.lost = lost;
                     model.span = self.scan.span(start, self.scan.span_of(close.min(range.end - 1)).end as usize);
                     items.push(Item::Model(model));
                 }
@@ -147,21 +158,58 @@ impl Recovery<'_, '_> {
                 continue;
             }
             let mut end = self.step(start, range.end);
-            while end < range.end && self.scan.word(end) != ";" && !self.starts_statement(end) {
+            let mut valued = self.scan.starts_element(start);
+            while end < range.end && self.scan.word(end) != ";" && !self.starts_statement(end, valued) {
+                valued |= self.scan.word(end) == "=";
                 end = self.step(end, range.end);
             }
-            statements.extend(self.statement(start..end));
+            match self.statement(start..end) {
+                Some(statement) => statements.push(statement),
+                None => self.lose(start..end),
+            }
             start = end;
         }
         statements
     }
 
-    /// A new statement begins here, as far as one can tell. Not called for the first one of a body.
-    fn starts_statement(&self, index: usize) -> bool {
+    /// Keeps in mind what a statement that could not be read seems to declare.
+    fn lose(&mut self, range: Range<usize>) {
+        let scan = self.scan;
+        for index in range.clone().skip(1).filter(|index| scan.is_name(*index)) {
+            let before = scan.word(index - 1);
+            let declared = matches!(before, ":" | "let" | "probe" | "input" | "state" | "port");
+            // `R drag = ...`, `1 v -> ...`, without the colon
+            let follows = matches!(scan.word(index + 1), "=" | "{" | "[") || is_arrow(scan.word(index + 1));
+            let kind = index == range.start + 1 && follows || matches!(before, "0" | "1");
+            if declared || kind {
+                self.lost.push(scan.word(index).to_string());
+            }
+        }
+    }
+
+    /// Names, up to an arrow: `a, b[2], w.tip -> `.
+    fn starts_chain(&self, mut index: usize) -> bool {
+        let scan = self.scan;
+        while scan.is_name(index) {
+            index += 1;
+            while scan.word(index) == "[" {
+                index = self.step(index, scan.tokens.len());
+            }
+            match scan.word(index) {
+                "," | "." => index += 1,
+                word => return is_arrow(word) || word == "-" && scan.word(index + 1) == "[",
+            }
+        }
+        false
+    }
+
+    /// A new statement begins here, as far as one can tell. Not called for the first one of a body. The one before it
+    /// is `valued` where it declares an element or has an `=`.
+    fn starts_statement(&self, index: usize, valued: bool) -> bool {
         let scan = self.scan;
         let (word, before) = (scan.word(index), scan.word(index - 1));
         let first = scan.tokens[index].first;
-        let joined = matches!(before, "," | "->" | "||>" | "->|" | "|->" | "active");
+        let joined = matches!(before, "," | "active") || is_arrow(before);
         let operand = scan.ends_operand(index - 1);
         if scan.starts_element(index) {
             return !joined && (first || operand);
@@ -183,8 +231,10 @@ impl Recovery<'_, '_> {
         if word == "if" {
             return operand && !matches!(before, "let" | "probe" | "input" | "state" | "port");
         }
-        let arrow = matches!(scan.word(index + 1), "->" | "||>" | "->|" | "|->" | "|-");
-        before == "}" || first && operand || first && arrow && !joined
+        let arrow = is_arrow(scan.word(index + 1)) || scan.word(index + 1) == "|-";
+        // `Se:F = 1 N F -> m`; but `I mass -> v` lacks a colon, and `1 kg -> m` begins with a unit.
+        let chain = valued && operand && scan.kind(index - 1) != Some(Kind::Number) && self.starts_chain(index);
+        before == "}" || first && operand || first && arrow && !joined || chain
     }
 
     fn statement(&mut self, range: Range<usize>) -> Option<Statement> {
@@ -280,4 +330,8 @@ impl Recovery<'_, '_> {
             self.reader.errors.push(explain::refused(self.scan, Piece::Statement, range, refused));
         }
     }
+}
+
+fn is_arrow(word: &str) -> bool {
+    matches!(word, "->" | "||>" | "->|" | "|->")
 }

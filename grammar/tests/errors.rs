@@ -158,3 +158,30 @@ fn a_text_without_a_model_is_told() {
     assert_eq!(places("use\nmodel A {}\n"), ["1:1 syntax::statement"]);
     assert_eq!(places(""), Vec::<String>::new());
 }
+
+/// A statement that is right is not told where another one is wrong.
+#[test]
+fn right_statements_on_one_line_are_kept() {
+    for line in [
+        "I:m = 1 kg Se:F = 1 N F -> m",
+        "let x = a F -> m",
+        "Se:F = 1 N a, b[2] -> 0:p",
+        "P:p(k = 1 N) p.a -> m",
+        "Se:F = x w.tip -[n]-> m",
+    ] {
+        let text = format!("model M {{ {line}\nprobe x = }}");
+        assert_eq!(places(&text), ["2:9 syntax::value"], "{line}");
+    }
+}
+
+/// What could not be read is known by its name.
+#[test]
+fn lost_names() {
+    let text = "model M { I:m = = 1 kg\n for k in 1.. { R:r[k] = 1 Ohm }\n R drag = 1\n 1 v -> m\n let y = = 2\n 0:p }";
+    let (_, file, _) = read(text);
+    let bond_grammar::ast::Item::Model(model) = &file.items[0] else { panic!("a model") };
+    for name in ["m", "r", "drag", "v", "y"] {
+        assert!(model.lost.iter().any(|lost| lost == name), "{name} is not among {:?}", model.lost);
+    }
+    assert!(!model.lost.iter().any(|lost| lost == "p"));
+}

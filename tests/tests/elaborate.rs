@@ -2,6 +2,7 @@
 
 use crate::common::{example, text, with};
 use bond::{As, Options, What};
+use bond_compiler::model::ExpectationKind;
 
 #[test]
 fn graphs() {
@@ -88,4 +89,55 @@ fn units() {
         let x = crate::common::end(&compiled, bond::Steps::fixed(0.5), 1.0, "x");
         crate::common::close(x, si, 1e-15 * si, literal);
     }
+}
+
+/// A name without an index may stand in a loop where one round alone declares it.
+#[test]
+fn names_of_one_round() {
+    let compiled = text(
+        "model M { Se:u = 6 V 0:i u -> i
+         for k in 1..3 { if k == 2 { R:r = k * 1 Ohm i -> r } }
+         for k in 1..1 { R:s = 1 Ohm i -> s }
+         probe f = r.f + s.f }",
+    );
+    let f = crate::common::end(&compiled, bond::Steps::fixed(0.5), 1.0, "f");
+    crate::common::close(f, 9.0, 1e-15, "f");
+}
+
+/// Loops may run as often as the limit says, and what follows them is there.
+#[test]
+fn all_rounds_that_are_allowed() {
+    let compiled = text("model M { Se:u = 6 V for k in 1..4000000 { } R:r = 1 Ohm u -> r probe f = r.f }");
+    assert_eq!(compiled.probes(), ["f"]);
+}
+
+/// A `let` that nothing uses is checked, and is no part of what runs.
+#[test]
+fn unused_lets_do_not_run() {
+    let plain = "Se:u = 6 V C:c = 1 F u -> 1:i -> r, c R:r = 1 Ohm probe f = r.f";
+    let without = text(&format!("model M {{ {plain} }}"));
+    let with = text(&format!("model M {{ {plain} let x = integral(r.f, 0 C) + r.f * 1 s let y = x * 2 }}"));
+    assert_eq!(without.show("all"), with.show("all"));
+}
+
+/// The instant of an expectation is any expression, also one that ends with a unit.
+#[test]
+fn instants_are_expressions() {
+    let compiled = text(
+        "model M { I:m = 1 kg Se:F = 1 N F -> m
+         expect m.f at 0.5 s + 0.2 s = 0.7 m/s within 1 mm/s
+         expect m.f at 2 * 0.5 s = 1 m/s within 1 mm/s
+         expect m.f at 1 s - (0.5 s) = 0.5 m/s within 1 mm/s }",
+    );
+    let times: Vec<f64> = compiled
+        .stages()
+        .model
+        .expectations
+        .iter()
+        .filter_map(|e| match e.kind {
+            ExpectationKind::At { time, .. } => Some(time),
+            ExpectationKind::Passive | ExpectationKind::Holds { .. } => None,
+        })
+        .collect();
+    assert_eq!(times, [0.7, 1.0, 0.5]);
 }

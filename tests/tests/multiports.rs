@@ -121,7 +121,7 @@ fn ratios_that_change_keep_constraint_and_energy() {
            probe off = vx.f^2 + vy.f^2 - (l*w.f)^2 }",
     );
     let crank = text(
-        "model C(r = 0.1 m, l = 0.3 m) {
+        "model Crank(r = 0.1 m, l = 0.3 m) {
            I:J { inertia = 0.01 kg*m^2; f0 = 20 rad/s }
            C:th { H = 0; q0 = 0.3 rad }
            TF:crank = -r*sin(th.q) - r^2*sin(th.q)*cos(th.q)/sqrt(l^2 - r^2*sin(th.q)^2)
@@ -362,7 +362,7 @@ fn a_ratio_in_its_own_loop_is_solved() {
 #[test]
 fn a_ring_of_gyrators_keeps_its_casimir() {
     let compiled = text(
-        "model R { I:x { inertia = 1 kg*m^2; f0 = 0.01 rad/s }; I:y { inertia = 2 kg*m^2; f0 = 1 rad/s }
+        "model Top { I:x { inertia = 1 kg*m^2; f0 = 0.01 rad/s }; I:y { inertia = 2 kg*m^2; f0 = 1 rad/s }
            I:z { inertia = 3 kg*m^2; f0 = 0.02 rad/s }
            GY:gz = z.p; GY:gx = x.p; GY:gy = y.p
            1:wx -> x; 1:wy -> y; 1:wz -> z

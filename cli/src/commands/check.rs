@@ -4,7 +4,7 @@ use crate::input::{self, Which};
 use crate::output;
 use crate::report;
 use crate::stop::Stop;
-use bond::Compiled;
+use bond::{Compiled, Errors, Text};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
 use serde::Serialize;
@@ -45,8 +45,13 @@ pub fn check(args: &Args) -> Result<(), Stop> {
                 continue;
             }
         };
-        match input::options(&args.which, &input::Set::default()).compile_str(&name, text) {
+        let text = Text::new(&name, text);
+        match input::options(&args.which, &input::Set::default()).compile_text(&text) {
             Ok(compiled) => report::say(&fine(&name, &compiled)),
+            // A file that others use need not have a model.
+            Err(errors) if is_empty(&errors) && !text.functions_alone().is_empty() => {
+                report::say(&format!("ok: {name} (no model; functions: {})", text.functions_alone().join(", ")));
+            }
             Err(errors) => {
                 status = status.max(input::status(&errors));
                 match args.message_format {
@@ -61,6 +66,11 @@ pub fn check(args: &Args) -> Result<(), Stop> {
         }
     }
     if status == 0 { Ok(()) } else { Err(Stop::Said(status)) }
+}
+
+/// Whether nothing is wrong but that there is no model.
+fn is_empty(errors: &Errors) -> bool {
+    errors.list().iter().all(|d| d.code == "elaborate::empty")
 }
 
 fn fine(name: &str, compiled: &Compiled) -> String {

@@ -90,3 +90,12 @@ fn places_in_other_files_are_drawn_too() {
         &["causality::conflict", "a.bond:", "see source.bond", "source.bond:3:"],
     );
 }
+
+#[test]
+fn a_file_of_functions_alone_is_fine() {
+    let here = Folder::new().with("f.bond", "let f(x) = x^2\nlet g(x, y) = x + y\n").with("u.bond", "use \"f.bond\"\n");
+    here.bond(&["check", "f.bond"]).is(0, &[], &["ok: f.bond (no model; functions: f, g)"]);
+    here.bond(&["check", "f.bond", "--model", "M"]).is(2, &[], &["there is no model `M`"]);
+    here.bond(&["check", "u.bond"]).is(1, &[], &["there is no model in this file"]);
+    here.bond(&["run", "f.bond"]).is(1, &[], &["there is no model in this file"]);
+}

@@ -213,7 +213,7 @@ fn nonsense_is_refused() {
     let here = Folder::new().with("a.bond", OSCILLATOR);
     for (args, status, words) in [
         (&["--sweep", "zz=1,2"][..], 2, "no parameter `zz`"),
-        (&["--sweep", "m=1 N,2 N"], 1, "in N where kg is needed"),
+        (&["--sweep", "m=1 N,2 N"], 2, "the value is in N, and `m` is in kg"),
         (&["--sweep", "m=1..2"], 2, "how many values"),
         (&["--sweep", "m=1..2:0"], 2, "empty"),
         (&["--sweep", "m=1..nan:3"], 2, "`nan` is no number"),

@@ -438,3 +438,12 @@ fn the_readme_shows_what_is_printed() {
         }
     }
 }
+
+#[test]
+fn a_wrong_unit_on_the_command_line_is_told_once() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let said = ["--set m: the value is in N, and `m` is in kg", "give it in kg"];
+    let done = here.bond(&["run", "a.bond", "--set", "m=2 N"]).is(2, &[], &said);
+    assert_eq!(done.err.matches("×").count(), 1, "{}", done.err);
+    here.bond(&["run", "a.bond", "--set", "m=2000 g"]).is(0, &[], &[]);
+}

@@ -35,6 +35,7 @@ impl<'a> Elaborator<'a> {
                 }
                 None => None,
             };
+            let mut declared = false;
             for tail in tails {
                 for head in heads {
                     let (Some((tail, tail_name)), Some((head, head_name))) = (tail, head) else { continue };
@@ -43,7 +44,9 @@ impl<'a> Elaborator<'a> {
                     let mut shown = format!("{tail_name} -> {head_name}");
                     if let Some((key, span)) = &name {
                         shown = self.full_name(instance, key);
-                        self.declare(instance, key.clone(), Entity::Bond(index), *span);
+                        if !std::mem::replace(&mut declared, true) {
+                            self.declare(scope, key.clone(), Entity::Bond(index), *span);
+                        }
                     }
                     for (end, out) in [(tail, true), (head, false)] {
                         if let RawEnd::Port(p, inside) = *end {
@@ -210,6 +213,11 @@ impl<'a> Elaborator<'a> {
         None
     }
 
+    /// Whether a name's declaration could not be read, which is said.
+    pub(super) fn is_lost(&self, instance: usize, name: &String) -> bool {
+        self.files.model(self.instances[instance].model).is_some_and(|m| m.lost.binary_search(name).is_ok())
+    }
+
     /// Looks a segment up in an instance.
     pub(super) fn find(
         &mut self,
@@ -222,10 +230,13 @@ impl<'a> Elaborator<'a> {
         if let Some((entity, span)) = self.instances[at].names.get(&key) {
             return Some((key, *entity, *span));
         }
+        if self.is_lost(at, &segment.name.text) {
+            return None;
+        }
+        let model = self.files.model(self.instances[at].model);
         let names = &self.instances[at].names;
         let span = segment.name.span;
         let mut error = if inside {
-            let model = self.files.model(self.instances[at].model);
             let what = model.map(|m| m.name.text.as_str()).unwrap_or("");
             let ports = self.port_names(at);
             let mut e = Diagnostic::error(
@@ -247,7 +258,7 @@ impl<'a> Elaborator<'a> {
         known.sort_unstable();
         if let Some(n) = nearest(&key, known) {
             error = error.help(format!("did you mean `{n}`?"));
-        } else if self.files.model(self.instances[at].model).is_none() {
+        } else if model.is_none() {
             error = error
                 .help("a function outside of models sees its arguments and other functions; pass it as an argument");
         } else if error.help.is_none() {

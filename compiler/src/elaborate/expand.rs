@@ -12,6 +12,10 @@ use bond_grammar::source::Span;
 
 /// No model may have more elements and bonds than this.
 const MOST_ELEMENTS: usize = 2_000_000;
+/// Nor more instances than this.
+const MOST_INSTANCES: usize = 1_000_000;
+/// Nor more parameters, `let`s, probes, inputs and states.
+const MOST_VALUES: usize = 4_000_000;
 /// No `for` may run longer than this, nor all of them together.
 const MOST_ROUNDS: u64 = 4_000_000;
 /// Instances may not be nested deeper than this.
@@ -82,6 +86,7 @@ impl<'a> Elaborator<'a> {
 
     fn declare_params(&mut self, instance: usize, decl: &'a ModelDecl, args: Option<(&'a [Field], ScopeId)>) {
         let (args, caller) = args.unwrap_or((&[], 0));
+        let scope = self.instances[instance].scope;
         for arg in args {
             let name = &arg.path[0];
             if arg.path.len() != 1 || !decl.params.iter().any(|p| p.name.text == name.text) {
@@ -116,13 +121,13 @@ impl<'a> Elaborator<'a> {
             }
             let value = match (given.first(), &p.default) {
                 (Some(field), _) => Some((&field.value, caller)),
-                (None, Some(default)) => Some((default, self.instances[instance].scope)),
+                (None, Some(default)) => Some((default, scope)),
                 (None, None) => None,
             };
             let index = self.params.len();
             let overridden = self.overrides.get(&full).copied();
             self.params.push(Param { name: full, span: p.name.span, value, state: ParamState::New, overridden });
-            self.declare(instance, p.name.text.clone(), Entity::Param(index), p.name.span);
+            self.declare(scope, p.name.text.clone(), Entity::Param(index), p.name.span);
         }
     }
 
@@ -132,21 +137,39 @@ impl<'a> Elaborator<'a> {
         if path.is_empty() { name.to_string() } else { format!("{path}.{name}") }
     }
 
-    pub(super) fn declare(&mut self, instance: usize, key: String, entity: Entity, span: Span) -> bool {
-        if let Some((_, first)) = self.instances[instance].names.get(&key) {
-            if *first == span {
-                return false; // the same declaration, walked before
-            }
-            let first = *first;
-            self.errors.push(
-                Diagnostic::error("elaborate::twice", span, format!("`{key}` is declared twice"))
-                    .label(first, "is the first declaration")
-                    .help("a name is declared once in its model; rename one of them"),
-            );
+    /// Declares a name of the model that a scope stands in; whether it was free.
+    pub(super) fn declare(&mut self, scope: ScopeId, key: String, entity: Entity, span: Span) -> bool {
+        let names = &mut self.instances[self.scopes[scope].instance].names;
+        let Some(known) = names.get_mut(&key) else {
+            names.insert(key, (entity, span));
+            return true;
+        };
+        if known.1 == span {
+            // Nothing that names it means one of the rounds.
+            known.0 = Entity::Missing;
+            self.another_round(scope, &key, span);
             return false;
         }
-        self.instances[instance].names.insert(key, (entity, span));
-        true
+        // A `let` is declared before what stands above it.
+        let (first, second) = if span.start < known.1.start { (span, known.1) } else { (known.1, span) };
+        known.1 = first;
+        self.errors.push(twice(&key, first, second));
+        false
+    }
+
+    /// Refuses a declaration that an earlier round of a `for` made already.
+    fn another_round(&mut self, scope: ScopeId, key: &str, span: Span) {
+        let name = key.split('[').next().unwrap_or(key);
+        let mut variables = Vec::new();
+        let mut at = Some(scope);
+        while let Some(s) = at {
+            variables.extend(self.scopes[s].loop_variable.as_ref().map(|(v, _)| v.as_str()));
+            at = self.scopes[s].parent;
+        }
+        variables.reverse();
+        let indexed = format!("{name}[{}]", variables.join(", "));
+        let message = format!("`{key}` is declared in more than one round of its `for`");
+        self.errors.push(Diagnostic::error("elaborate::twice", span, message).help(format!("index it: `{indexed}`")));
     }
 
     /// Declares a name for an expression; its place among the `lets`, if the name was free.
@@ -161,11 +184,20 @@ impl<'a> Elaborator<'a> {
 
     /// Declares a name that in a `for` belongs to the round; whether it was free.
     pub(super) fn declare_signal(&mut self, scope: ScopeId, name: &Name, entity: Entity) -> bool {
-        if self.scopes[scope].loop_variable.is_some() {
-            self.scopes[scope].locals.insert(name.text.clone(), entity);
-            return true;
+        let Some((variable, _)) = &self.scopes[scope].loop_variable else {
+            return self.declare(scope, name.text.clone(), entity, name.span);
+        };
+        if *variable == name.text {
+            let message = format!("`{variable}` is what this `for` counts with, and is declared again");
+            self.errors.push(Diagnostic::error("elaborate::twice", name.span, message).help("rename one of them"));
+            return false;
         }
-        self.declare(self.scopes[scope].instance, name.text.clone(), entity, name.span)
+        if let Some((_, first)) = self.scopes[scope].locals.get(&name.text) {
+            self.errors.push(twice(&name.text, *first, name.span));
+            return false;
+        }
+        self.scopes[scope].locals.insert(name.text.clone(), (entity, name.span));
+        true
     }
 
     fn block(
@@ -198,23 +230,28 @@ impl<'a> Elaborator<'a> {
                     let Some((from, to)) = self.integer(&f.from, scope).zip(self.integer(&f.to, scope)) else {
                         continue;
                     };
+                    if self.rounds > MOST_ROUNDS {
+                        continue; // said of the `for` that ran too long
+                    }
                     let rounds = if to < from { 0 } else { (to as i128 - from as i128 + 1) as u128 };
                     if rounds > u128::from(MOST_ROUNDS.saturating_sub(self.rounds)) {
-                        self.rounds = MOST_ROUNDS;
-                        self.errors.push(
-                            Diagnostic::error(
-                                "elaborate::limit",
-                                f.from.span.to(f.to.span),
-                                format!("this `for` runs {rounds} times: too many (all loops together may run {MOST_ROUNDS} times)"),
+                        self.rounds = MOST_ROUNDS + 1;
+                        let message = if rounds > u128::from(MOST_ROUNDS) {
+                            format!(
+                                "this `for` runs {rounds} times: too many (all loops together may run {MOST_ROUNDS} times)"
                             )
-                            .help("lower the bound"),
+                        } else {
+                            format!("with this `for`, all loops together run more than {MOST_ROUNDS} times")
+                        };
+                        self.errors.push(
+                            Diagnostic::error("elaborate::limit", f.from.span.to(f.to.span), message)
+                                .help("lower the bound"),
                         );
                         continue;
                     }
                     self.rounds += rounds as u64;
                     for i in from..=to {
-                        if self.rounds >= MOST_ROUNDS || self.elements.len() > MOST_ELEMENTS || self.errors.len() > 200
-                        {
+                        if self.rounds > MOST_ROUNDS || self.too_big(s.span) || self.errors.len() > 200 {
                             break;
                         }
                         let inner_scope = self.new_scope(instance, Some(scope), Some((f.variable.text.clone(), i)));
@@ -274,19 +311,29 @@ impl<'a> Elaborator<'a> {
         if numbers.is_empty() { name.to_string() } else { format!("{name}[{}]", numbers.join(",")) }
     }
 
+    /// How many names of values there are.
+    fn values(&self) -> usize {
+        self.lets.len() + self.functions.count() + self.params.len() + self.inputs.len() + self.memories.len()
+    }
+
+    /// Whether there is too much of the model already, which is said once.
     fn too_big(&mut self, span: Span) -> bool {
-        let over = self.elements.len() + self.raw_bonds.len() > MOST_ELEMENTS;
-        if over && !self.errors.iter().any(|e| e.code == "elaborate::limit") {
-            self.errors.push(
-                Diagnostic::error(
-                    "elaborate::limit",
-                    span,
-                    format!("the model has more than {MOST_ELEMENTS} elements and bonds"),
-                )
-                .help("lower the bounds of the loops"),
-            );
+        let (what, help) = if self.elements.len() + self.raw_bonds.len() > MOST_ELEMENTS {
+            (format!("{MOST_ELEMENTS} elements and bonds"), "lower the bounds of the loops")
+        } else if self.instances.len() > MOST_INSTANCES {
+            let help = "models whose instances hold several instances each multiply; take some out, or lower the bounds of the loops";
+            (format!("{MOST_INSTANCES} instances"), help)
+        } else if self.values() > MOST_VALUES {
+            let help = "lower the bounds of the loops, or take names out of them";
+            (format!("{MOST_VALUES} parameters, `let`s, probes, inputs and states"), help)
+        } else {
+            return false;
+        };
+        if !self.errors.iter().any(|e| e.code == "elaborate::limit") {
+            let message = format!("the model has more than {what}");
+            self.errors.push(Diagnostic::error("elaborate::limit", span, message).help(help));
         }
-        over
+        true
     }
 
     fn element(&mut self, e: &'a Decl_, scope: ScopeId, sampling: Option<usize>) {
@@ -318,7 +365,7 @@ impl<'a> Elaborator<'a> {
             );
         }
         let id = ElementId(self.elements.len() as u32);
-        if self.declare(instance, key, Entity::Element(id), e.name.span) {
+        if self.declare(scope, key, Entity::Element(id), e.name.span) {
             let span = e.kind.span.to(e.name.span);
             self.elements.push(Decl { name, kind, ast: Some(e), scope, sampling, span, field: None });
         }
@@ -326,7 +373,6 @@ impl<'a> Elaborator<'a> {
 
     /// Declares a multiport field: each of its ports is an element.
     fn field(&mut self, e: &'a Decl_, key: String, name: String, scope: ScopeId, sampling: Option<usize>) {
-        let instance = self.scopes[scope].instance;
         let kind = e.kind.text.as_str();
         let mut wrong = |span, what: String, help: &str| {
             self.errors.push(Diagnostic::error("elaborate::field_ports", span, what).help(help));
@@ -387,11 +433,11 @@ impl<'a> Elaborator<'a> {
             sound = false;
         }
         if !sound {
-            self.declare(instance, key, Entity::Missing, e.name.span);
+            self.declare(scope, key, Entity::Missing, e.name.span);
             return;
         }
         let field = self.fields.len();
-        if !self.declare(instance, key, Entity::Field(field), e.name.span) {
+        if !self.declare(scope, key, Entity::Field(field), e.name.span) {
             return;
         }
         let span = e.kind.span.to(e.name.span);
@@ -425,7 +471,10 @@ impl<'a> Elaborator<'a> {
         let instance = self.scopes[scope].instance;
         let file = self.instances[instance].model.0;
         let Some(&model) = self.files.visible[file].get(kind) else {
-            self.declare(instance, key, Entity::Missing, e.name.span);
+            self.declare(scope, key, Entity::Missing, e.name.span);
+            if self.files.gaps[file] {
+                return;
+            }
             let mut known: Vec<&str> = element::ALL.iter().map(|k| k.0).collect();
             known.extend(self.files.visible[file].keys().map(String::as_str));
             known.sort_unstable();
@@ -453,7 +502,7 @@ impl<'a> Elaborator<'a> {
             );
         }
         let index = self.instances.len();
-        if !self.declare(instance, key, Entity::Instance(index), e.name.span) {
+        if !self.declare(scope, key, Entity::Instance(index), e.name.span) {
             return;
         }
         if self.instantiate(model, name, Some((&e.args, scope)), sampling, e.span).is_none() {
@@ -465,10 +514,18 @@ impl<'a> Elaborator<'a> {
     fn port(&mut self, name: &'a Name, fields: &'a [Field], scope: ScopeId, sampling: Option<usize>) {
         let instance = self.scopes[scope].instance;
         let full = self.full_name(instance, &name.text);
+        if self.instances[instance].names.get(&name.text).is_some_and(|known| known.1 == name.span) {
+            let message = format!("the port `{}` is declared in more than one round of its `for`", name.text);
+            self.errors.push(
+                Diagnostic::error("elaborate::twice", name.span, message)
+                    .help("a port has no index: declare each by a name of its own, outside of the `for`"),
+            );
+            return;
+        }
         if instance == 0 {
             // An open port of the scene is an element of its own.
             let id = ElementId(self.elements.len() as u32);
-            if self.declare(instance, name.text.clone(), Entity::Element(id), name.span) {
+            if self.declare(scope, name.text.clone(), Entity::Element(id), name.span) {
                 let span = name.span;
                 self.elements.push(Decl {
                     name: full,
@@ -484,7 +541,7 @@ impl<'a> Elaborator<'a> {
             return;
         }
         let port = self.ports.len();
-        if self.declare(instance, name.text.clone(), Entity::Port(port), name.span) {
+        if self.declare(scope, name.text.clone(), Entity::Port(port), name.span) {
             self.ports.push(PortDecl { name: full, span: name.span, inside: Vec::new(), outside: Vec::new() });
         }
     }
@@ -570,6 +627,13 @@ impl<'a> Elaborator<'a> {
             index.iter().map(|e| self.integer(e, scope).map(|i| i.to_string())).collect::<Option<Vec<_>>>()?;
         Some(format!("{name}[{}]", numbers.join(",")))
     }
+}
+
+/// A name that was declared before.
+fn twice(key: &str, first: Span, second: Span) -> Diagnostic {
+    Diagnostic::error("elaborate::twice", second, format!("`{key}` is declared twice"))
+        .label(first, "is the first declaration")
+        .help("a name is declared once in its model; rename one of them")
 }
 
 fn join(path: &[Name]) -> String {

@@ -133,24 +133,25 @@ impl<'a> Elaborator<'a> {
             ExprKind::Path(path) => self.path(path, scope),
             ExprKind::Unary(op, a) => {
                 let value = self.value(a, scope)?;
-                value.map(&mut |t| {
-                    let expr = match op {
-                        Unary::Neg => self.pool.neg(t.expr),
-                        Unary::Not => self.pool.unary(ir::Unary::Not, t.expr),
-                    };
-                    Some(Typed { expr, unit: t.unit })
+                value.map(&mut |t| match op {
+                    Unary::Neg => Some(Typed { expr: self.pool.neg(t.expr), unit: t.unit }),
+                    Unary::Not => {
+                        self.truth_of(&t, a, "what `not` turns round");
+                        Some(Typed { expr: self.pool.unary(ir::Unary::Not, t.expr), unit: Unit::one() })
+                    }
                 })
             }
             ExprKind::Binary(op, a, b) => self.binary(*op, a, b, scope),
             ExprKind::If(c, a, b) => {
-                let (c, x, y) = (self.express(c, scope), self.value(a, scope), self.value(b, scope));
-                let (c, x, y) = (c?, x?, y?);
+                let (truth, x, y) = (self.express(c, scope), self.value(a, scope), self.value(b, scope));
+                let (truth, x, y) = (truth?, x?, y?);
+                self.truth_of(&truth, c, "the condition of an `if`");
                 if !self.same_shape("the branches of this `if` differ", (&x, a), (&y, b)) {
                     return None;
                 }
                 x.zip(y, &mut |x, y| {
                     let unit = self.same((&x, a), (&y, b), "of the two branches of `if`, this one");
-                    Some(Typed { expr: self.pool.select(c.expr, x.expr, y.expr), unit })
+                    Some(Typed { expr: self.pool.select(truth.expr, x.expr, y.expr), unit })
                 })
             }
             ExprKind::Call(name, args) => self.call(name, args, e.span, scope),
@@ -200,6 +201,11 @@ impl<'a> Elaborator<'a> {
             }
             Err(unknown) => {
                 let help = match &unknown.suggestion {
+                    // No unit of the table, since `3 rad/s*t` would be one of it.
+                    _ if unknown.symbol == "t" => {
+                        "a tonne is `Mg`; if time is meant, put a space before the operator, as in `6 V * t`"
+                            .to_string()
+                    }
                     Some(s) => format!("did you mean `{s}`?"),
                     None => format!(
                         "if `{}` is a variable, put a space before the operator, as in `6 V * x`",
@@ -220,6 +226,11 @@ impl<'a> Elaborator<'a> {
         let about = format!("{about}, `{}`,", self.words(b.1));
         self.require((&b.0.unit, b.1.span), a.0.unit.clone(), Some(a.1.span), about, 3);
         if a.0.unit == Unit::Any { b.0.unit.clone() } else { a.0.unit.clone() }
+    }
+
+    /// Truth is a bare number.
+    fn truth_of(&mut self, t: &Typed, e: &ast::Expr, about: &str) {
+        self.require((&t.unit, e.span), Unit::one(), None, about, 3);
     }
 
     pub(super) fn binary(&mut self, op: Binary, a: &'a ast::Expr, b: &'a ast::Expr, scope: ScopeId) -> Option<Value> {
@@ -299,8 +310,13 @@ impl<'a> Elaborator<'a> {
                 };
                 (expr, one)
             }
-            Binary::And => (self.pool.binary(ir::Binary::And, x.expr, y.expr), one),
-            Binary::Or => (self.pool.binary(ir::Binary::Or, x.expr, y.expr), one),
+            Binary::And | Binary::Or => {
+                let (op, name) = if op == Binary::And { (ir::Binary::And, "and") } else { (ir::Binary::Or, "or") };
+                for (t, e) in [(&x, a), (&y, b)] {
+                    self.truth_of(t, e, &format!("a side of `{name}`"));
+                }
+                (self.pool.binary(op, x.expr, y.expr), one)
+            }
         };
         Some(Typed { expr, unit })
     }
@@ -400,6 +416,7 @@ impl<'a> Elaborator<'a> {
                 }
                 Some(all)
             }
+            _ if self.is_lost(self.scopes[scope].instance, &name.text) || self.has_gaps(scope) => None,
             _ => {
                 const KNOWN: [&str; 23] = [
                     "sin",

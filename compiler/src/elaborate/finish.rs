@@ -7,6 +7,11 @@ use crate::model::{BondId, Element, ElementId, Field, Input, Kind, Law, Memory, 
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
+use rustc_hash::FxHashSet;
+
+/// How many letters and numbers of unused `let`s are worked out, before further rounds of loops are taken to be like
+/// the first.
+const MOST_UNUSED: usize = 1_000_000;
 
 impl<'a> Elaborator<'a> {
     pub(super) fn finish(mut self, decl: &'a ast::Model) -> Result<Model, Vec<Diagnostic>> {
@@ -29,6 +34,7 @@ impl<'a> Elaborator<'a> {
             let span = self.params[p].span;
             self.param_value(p, span);
         }
+        self.check_unused();
         let mut inference = Inference::new(domains);
         for e in std::mem::take(&mut self.equations) {
             inference.equate(e);
@@ -216,6 +222,34 @@ impl<'a> Elaborator<'a> {
             probes.extend(all);
         }
         probes
+    }
+
+    /// Looks at the `let`s of the scene that nothing has asked for: what is wrong with them is to be said, but nothing
+    /// that they name, as an `integral`, is to be worked out in a run.
+    fn check_unused(&mut self) {
+        let of_scene = |l: &super::Let| self.scopes[l.scope].instance == 0 && matches!(l.state, super::LetState::New);
+        let unused: Vec<usize> = (0..self.lets.len()).filter(|l| of_scene(&self.lets[*l])).collect();
+        if unused.is_empty() {
+            return;
+        }
+        let (pool, integrals) = (self.pool.clone(), self.integrals.len());
+        let (signals, symbol_of) = (self.signals.clone(), self.symbol_of.clone());
+        self.mode = Mode::Outputs;
+        // Each as it is written, then what further rounds of loops make of it.
+        let mut seen = FxHashSet::default();
+        let (first, further): (Vec<usize>, Vec<usize>) =
+            unused.into_iter().partition(|l| seen.insert(self.lets[*l].value.span));
+        let (written, mut spent) = (first.len(), 0);
+        for (i, l) in first.into_iter().chain(further).enumerate() {
+            if i >= written && spent > MOST_UNUSED {
+                break;
+            }
+            let span = self.lets[l].value.span;
+            let numbers = self.let_value(l, span).map_or(0, |v| v.leaves().len());
+            spent += numbers + (span.end - span.start) as usize;
+        }
+        (self.pool, self.signals, self.symbol_of) = (pool, signals, symbol_of);
+        self.integrals.truncate(integrals);
     }
 
     /// Says which `--set` met no parameter.

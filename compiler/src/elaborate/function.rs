@@ -42,6 +42,11 @@ pub(super) struct Functions<'a> {
 }
 
 impl Functions<'_> {
+    /// How many there are.
+    pub(super) fn count(&self) -> usize {
+        self.list.len()
+    }
+
     /// The name of a function.
     pub(super) fn name(&self, f: usize) -> &str {
         self.list.get(f).map_or("", |(f, _)| &f.name.text)
@@ -69,9 +74,7 @@ impl<'a> Elaborator<'a> {
     /// Declares a function of a model; in a loop, of the round.
     pub(super) fn declare_function(&mut self, scope: ScopeId, f: &'a ast::Function) {
         let entity = Entity::Function(self.functions.list.len());
-        if self.scopes[scope].loop_variable.is_some() {
-            self.scopes[scope].locals.insert(f.name.text.clone(), entity);
-        } else if !self.declare(self.scopes[scope].instance, f.name.text.clone(), entity, f.name.span) {
+        if !self.declare_signal(scope, &f.name, entity) {
             return;
         }
         self.check_arguments(f);
@@ -92,7 +95,7 @@ impl<'a> Elaborator<'a> {
     pub(super) fn function(&self, name: &str, scope: ScopeId) -> Option<usize> {
         let mut at = Some(scope);
         while let Some(s) = at {
-            if let Some(Entity::Function(f)) = self.scopes[s].locals.get(name) {
+            if let Some((Entity::Function(f), _)) = self.scopes[s].locals.get(name) {
                 return Some(*f);
             }
             at = self.scopes[s].parent;
@@ -103,6 +106,11 @@ impl<'a> Elaborator<'a> {
         }
         let of_file = self.files.functions.get(instance.model.0)?.get(name)?;
         self.functions.of_files.get(of_file).copied()
+    }
+
+    /// Whether a function that can be called at a place may be one of those that could not be read.
+    pub(super) fn has_gaps(&self, scope: ScopeId) -> bool {
+        self.files.gaps[self.instances[self.scopes[scope].instance].model.0]
     }
 
     /// The names of all functions that can be called at a place.
@@ -134,7 +142,8 @@ impl<'a> Elaborator<'a> {
         let (scopes, lets) = (self.scopes.len(), self.lets.len());
         let inner = self.new_scope(self.scopes[home].instance, Some(home), None);
         for ((argument, value), ast) in decl.arguments.iter().zip(values).zip(args) {
-            self.scopes[inner].locals.insert(argument.text.clone(), Entity::Let(self.lets.len()));
+            let entity = Entity::Let(self.lets.len());
+            self.scopes[inner].locals.insert(argument.text.clone(), (entity, argument.span));
             let state = LetState::Done(Some(value));
             self.lets.push(Let { value: ast, scope, state, name: argument.text.clone() });
         }

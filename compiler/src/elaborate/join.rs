@@ -7,9 +7,10 @@ use bond_grammar::diagnostic::Diagnostic;
 impl Elaborator<'_> {
     /// Makes the flat bonds, and checks that everything is bonded as its kind asks for.
     pub(super) fn join_ports(&mut self) {
+        let whole = self.errors.is_empty();
         let mut sound = vec![true; self.ports.len()];
         for (p, sound) in sound.iter_mut().enumerate() {
-            *sound = self.port_is_sound(p);
+            *sound = self.port_is_sound(p, whole);
         }
         // Follow each chain of ports from its tail element to its head element.
         self.merged = vec![None; self.raw_bonds.len()];
@@ -95,7 +96,8 @@ impl Elaborator<'_> {
         }
     }
 
-    fn port_is_sound(&mut self, p: usize) -> bool {
+    /// Whether a port has its two bonds. What is missing is said only where all bonds that are written could be made.
+    fn port_is_sound(&mut self, p: usize, whole: bool) -> bool {
         let port = &self.ports[p];
         let (name, span) = (&port.name, port.span);
         for (side, bonds) in [("inside its model", &port.inside), ("outside", &port.outside)] {
@@ -132,6 +134,7 @@ impl Elaborator<'_> {
                 }
                 true
             }
+            ([], _) | (_, []) if !whole => false,
             ([], _) => {
                 self.errors.push(
                     Diagnostic::error(

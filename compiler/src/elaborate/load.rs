@@ -37,6 +37,8 @@ pub struct Files {
     pub visible: Vec<FxHashMap<String, ModelRef>>,
     /// The same of functions.
     pub functions: Vec<FxHashMap<String, ModelRef>>,
+    /// Whether some of what could be named in a file could not be read, which is said.
+    pub gaps: Vec<bool>,
 }
 
 impl Files {
@@ -85,12 +87,17 @@ impl Loading<'_> {
         self.files.list.push(file.clone());
         self.files.visible.push(FxHashMap::default());
         self.files.functions.push(FxHashMap::default());
+        self.files.gaps.push(file.gaps);
         self.open.push(name);
         let mut visible: FxHashMap<String, ModelRef> = FxHashMap::default();
         let mut functions: FxHashMap<String, ModelRef> = FxHashMap::default();
         for item in &file.items {
             let Item::Use(u) = item else { continue };
-            let Some(used) = self.used(id, &u.target, u.span) else { continue };
+            let Some(used) = self.used(id, &u.target, u.span) else {
+                self.files.gaps[at] = true;
+                continue;
+            };
+            self.files.gaps[at] |= self.files.list[used].gaps;
             for (i, item) in self.files.list[used].items.iter().enumerate() {
                 if let Item::Model(m) = item {
                     visible.insert(m.name.text.clone(), (used, i));
@@ -103,6 +110,14 @@ impl Loading<'_> {
             let Item::Model(m) = item else { continue };
             if let Some(first) = own.insert(&m.name.text, m.name.span) {
                 self.errors.push(twice("model", &m.name, first));
+            }
+            let name = &m.name.text;
+            if crate::element::is_kind(name) {
+                let message = format!("`{name}` is a kind of element, and cannot be the name of a model");
+                self.errors.push(
+                    Diagnostic::error("elaborate::kind", m.name.span, message)
+                        .help(format!("`{name}:x` would be that element: choose another name, such as `My{name}`")),
+                );
             }
             visible.insert(m.name.text.clone(), (at, i));
         }

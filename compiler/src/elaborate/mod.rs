@@ -36,7 +36,7 @@ use crate::units::Dimension;
 use bond_grammar::ast::{self, Stroke};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A number as messages tell it: with an exponent where it would be a row of zeros.
 pub(crate) fn told(x: f64) -> String {
@@ -83,7 +83,7 @@ struct Scope {
     instance: usize,
     parent: Option<ScopeId>,
     loop_variable: Option<(String, i64)>,
-    locals: FxHashMap<String, Entity>,
+    locals: FxHashMap<String, (Entity, Span)>,
 }
 
 #[derive(Clone)]
@@ -279,7 +279,15 @@ pub fn elaborate(
         energies: vec![],
         overrides: FxHashMap::default(),
     };
-    e.scene(scene, options)
+    e.scene(scene, options).map_err(once)
+}
+
+/// The first error of each code at each place: rounds of a loop and instances of a model would only repeat it.
+fn once(mut errors: Vec<Diagnostic>) -> Vec<Diagnostic> {
+    let mut told = FxHashSet::default();
+    // What is given on the command line has no place of its own.
+    errors.retain(|e| e.code == "elaborate::set" || told.insert((e.code, e.labels.first().map(|l| l.span))));
+    errors
 }
 
 fn scene(files: &Files, options: &Options, at: Span) -> Result<load::ModelRef, Diagnostic> {

@@ -35,7 +35,7 @@ impl<'a> Elaborator<'a> {
                     let i = *i;
                     return Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() }));
                 }
-                match self.scopes[s].locals.get(&first.name.text).copied() {
+                match self.scopes[s].locals.get(&first.name.text).map(|(entity, _)| *entity) {
                     Some(Entity::Let(l)) if plain || !self.is_declared(first, scope, s)? => {
                         let value = self.let_value(l, path.span)?;
                         return self.entry(value, first, scope);
@@ -208,15 +208,23 @@ impl<'a> Elaborator<'a> {
             if let Some((Value::Scalar(t), ast)) = &given {
                 self.number(t, ast)?;
             }
-            let mut unit = match &given {
+            let default = match &given {
                 Some((Value::Scalar(t), _)) => t.unit.clone(),
                 Some((Value::List(_), _)) | None => Unit::Any,
             };
-            if let Some(d) = dimension {
-                let about = format!("the value of `{name}` given with --set");
-                self.require((&Unit::known(d), span), unit.clone(), None, about, 1);
-                unit = Unit::known(d);
-            }
+            let unit = match (dimension, &default) {
+                (Some(given), Unit::Form(own, unknown)) if unknown.is_empty() && given != *own => {
+                    let told = |d: Dimension| match d {
+                        Dimension::DIMENSIONLESS => "a bare number".to_string(),
+                        d => format!("in {d}"),
+                    };
+                    let message = format!("--set {name}: the value is {}, and `{name}` is {}", told(given), told(*own));
+                    let help = format!("give {}, or without a unit in SI", told(*own).replace("in ", "it in "));
+                    return self.wrong("elaborate::set", span, message, &help);
+                }
+                (Some(given), Unit::Any) => Unit::known(given),
+                (Some(_) | None, Unit::Any | Unit::Form(..)) => default,
+            };
             return self.known_parameter(&name, number, unit, span).map(Value::Scalar);
         }
         let (value, ast) = given?;

@@ -28,3 +28,8 @@ pub const ALL: [(&str, Kind); 16] = [
     ("De", Kind::De),
     ("Df", Kind::Df),
 ];
+
+/// Whether a word before a colon means an element: one of [`ALL`], or a field that has ports of several kinds.
+pub(crate) fn is_kind(word: &str) -> bool {
+    matches!(word, "RS" | "IC") || ALL.iter().any(|(kind, _)| *kind == word)
+}

@@ -111,11 +111,12 @@ impl Wreck<'_> {
         if self.kind(self.at) != Some(Kind::Word) || crate::limit::is_keyword(word) || self.scan.tokens[self.at].first {
             return None;
         }
+        // what shows that the word is a name and no unit
+        if matches!(self.word(self.at + 1), "(" | "[" | "." | ":" | "=" | "->" | "||>" | "->|" | "|->") {
+            return None;
+        }
         let before = self.before();
         if self.kind(before) == Some(Kind::Number) && before != self.at {
-            if matches!(self.word(self.at + 1), "(" | "[" | "." | ":" | "=" | "->") {
-                return None;
-            }
             let message = format!("more than one space between `{}` and its unit `{word}`", self.word(before));
             let help = format!("write `{} {word}`", self.word(before));
             return Some(self.error("syntax::unit", self.at, message).help(help));

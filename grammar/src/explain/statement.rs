@@ -122,6 +122,7 @@ impl Wreck<'_> {
         let open = (self.range.start..=self.before()).rev().find(|&index| self.word(index) == "(")?;
         let head = open >= 2 && self.word(open - 2) == ":" && self.scan.starts_element(self.range.start);
         let place = matches!(self.word(self.before()), "(" | ",") || matches!(self.word(self.at), "," | ")" | ".");
+        let place = place && self.word(self.before()) != "=";
         (head && place && self.piece == Piece::Statement).then(|| {
             let message = "an argument of an instance needs its parameter's name";
             let help = format!("write `{}(parameter = ...)`", self.word(open - 1));

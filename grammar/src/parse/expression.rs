@@ -102,7 +102,7 @@ impl Reader<'_> {
     fn primary(&mut self, pair: Pair<Rule>) -> Expr {
         let span = self.span(&pair);
         let kind = match pair.as_rule() {
-            Rule::quantity => return self.quantity(pair),
+            Rule::quantity | Rule::timed_quantity => return self.quantity(pair),
             Rule::boolean => ExprKind::Bool(pair.as_str() == "true"),
             Rule::path => ExprKind::Path(self.path(pair)),
             Rule::paren => ExprKind::Paren(Box::new(self.expr(inner(pair)))),
