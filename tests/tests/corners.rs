@@ -169,6 +169,7 @@ fn what_has_levelled_out_stays() {
   high -> 1:q -> hole, low
   probe head = high.e - low.e
   probe upper = high.e
+  simulate {{ stop = 90 s }}
 }}"
         );
         let over = 300f64.sqrt();

@@ -17,8 +17,8 @@ const ROUNDS: u32 = 60;
 const SLOW: f64 = 0.25;
 
 /// A guard that stays below this part of its largest all but vanishes: where it goes to and fro there, as the head
-/// between two tanks that are level, by rounding and by what an infinite slope makes of it, it is not followed.
-const FAINT: f64 = 1e-5;
+/// between two tanks that are level, by rounding and by what a root makes of it, it is not followed.
+const FAINT: f64 = 1e-4;
 /// After so many switches of such guards.
 const CHATTER: u32 = 20;
 
