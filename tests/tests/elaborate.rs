@@ -46,6 +46,24 @@ fn order_of_declaration() {
     }
 }
 
+/// Which unknowns a loop of exponentials is solved for follows the order of declaration; that it is solved does not.
+#[test]
+fn order_of_declaration_in_loops() {
+    let text = crate::common::read(&crate::common::models().join("examples/transistor_amplifier.bond"));
+    let resistors: Vec<&str> = text.lines().filter(|l| l.trim_start().starts_with("R:r")).collect();
+    assert_eq!(resistors.len(), 10);
+    for r in resistors {
+        let without = text.replace(&format!("{r}\n"), "");
+        for before in ["  Se:signal", "  probe y1"] {
+            let moved = without.replace(before, &format!("{r}\n{before}"));
+            let compiled = with(Options::new(), &moved);
+            let y = crate::common::end(&compiled, bond::Steps::fixed(2e-5), 0.01, "y8");
+            let wanted = crate::common::end(&with(Options::new(), &text), bond::Steps::fixed(2e-5), 0.01, "y8");
+            crate::common::close(y, wanted, 1e-9, &format!("y8 with `{r}` before `{before}`"));
+        }
+    }
+}
+
 /// Parameters from outside, with unit and without, of the scene and of an instance.
 #[test]
 fn parameters_from_outside() {

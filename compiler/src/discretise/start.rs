@@ -16,6 +16,11 @@ use rustc_hash::FxHashMap;
 const LARGEST: usize = 128;
 /// Loops up to this size are tried from several starts.
 const SEVERAL: usize = 24;
+/// Rounds of Newton's method: from far up an exponential each goes down by one of its units, and there are some 700.
+const ROUNDS: usize = 800;
+/// A residual that is less is 0, in any unit: where rounding hides the slope of a law, as of `exp(x) - 1` at 0, the way
+/// to it has no end.
+const NOTHING: f64 = 1e-60;
 /// Solutions that differ by less are one.
 const SAME: f64 = 1e-6;
 
@@ -54,16 +59,20 @@ impl System<'_> {
     fn newton(&self, z: &mut DVector<f64>, off: &DVector<f64>, rounds: usize) -> bool {
         let mut r = self.residual(z) - off;
         for _ in 0..rounds {
-            if r.iter().all(|x| *x == 0.0) {
+            if r.iter().all(|x| x.abs() < NOTHING) {
                 return true;
             }
             let slopes = self.jacobian(z);
             // By an infinite slope nothing would be missing.
             let told = slopes.iter().all(|x| x.is_finite());
-            let Some(d) = slopes.lu().solve(&r).filter(|d| d.iter().all(|x| x.is_finite())) else {
+            let lu = slopes.clone().lu();
+            let Some(d) = lu.solve(&r).filter(|d| d.iter().all(|x| x.is_finite())) else {
                 return false;
             };
-            if told && d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs()) {
+            // An unknown that is 0 has no size of its own: what it is rounded by is that of its equations' terms.
+            let terms = slopes.abs() * z.abs();
+            let level = r.iter().zip(terms.iter()).all(|(r, size)| r.abs() <= f64::EPSILON * size);
+            if told && (level || d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs())) {
                 // Rounding is all that is left.
                 *z -= d;
                 return true;
@@ -72,7 +81,15 @@ impl System<'_> {
             loop {
                 let next = &*z - &d * part;
                 let after = self.residual(&next) - off;
-                if after.norm() < size || (part < 1e-9 && after.norm().is_finite()) {
+                // Residuals have units; what they ask of the unknowns, beside the unknowns' sizes, has none.
+                let less = || {
+                    let sizes = z.iter().zip(next.iter()).map(|(a, b)| a.abs().max(b.abs()));
+                    let asked = |d: &DVector<f64>| -> f64 {
+                        d.iter().zip(sizes.clone()).filter(|(d, _)| **d != 0.0).map(|(d, s)| (d / s).powi(2)).sum()
+                    };
+                    lu.solve(&after).is_some_and(|left| asked(&left) < asked(&d) * (1.0 - 0.5 * part))
+                };
+                if after.norm() < size || (part < 1e-9 && after.norm().is_finite()) || less() {
                     *z = next;
                     r = after;
                     break;
@@ -91,7 +108,7 @@ impl System<'_> {
     fn follow(&self, start: DVector<f64>) -> Option<DVector<f64>> {
         let mut z = start.clone();
         let none = DVector::zeros(z.len());
-        if self.newton(&mut z, &none, 60) {
+        if self.newton(&mut z, &none, ROUNDS) {
             return Some(z);
         }
         let mut z = start;
