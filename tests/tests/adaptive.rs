@@ -281,6 +281,26 @@ fn a_jump_is_met_at_rest() {
     }
 }
 
+/// Friction that turns over within a thousandth of the speed: a step over the reversal is not taken for a good one. The
+/// value is that on which steppers of four kinds agree at tolerances below 1e-10.
+#[test]
+fn steep_friction_turns_over() {
+    let text = "model M {
+      Se:F = 3 N * sin(4 Hz * t)
+      R:r { e = 0.5 N * tanh(f/(1e-3 m/s)) }
+      I:m = 1 kg
+      C:k { stiffness = 5 N/m }
+      F -> 1:v -> r, m, k
+      probe speed = v.f
+    }";
+    for (method, most) in
+        [("gonzalez", 2e-5), ("collocation4", 1e-4), ("collocation8", 1e-4), ("radau", 1e-5), ("rk45", 1e-5)]
+    {
+        let compiled = with(Options::new().method(method), text);
+        close(end(&compiled, Steps::tolerance(1e-6), 2.0, "speed"), 0.37461563, most, method);
+    }
+}
+
 /// Where there is no state, the energies tell how long a step may be, by every method that takes it.
 #[test]
 fn energies_without_states() {

@@ -51,14 +51,6 @@ fn every_hard_case_is_on_the_page() {
     }
 }
 
-/// What the page says of it; once it compiles, it belongs among the others.
-#[test]
-fn the_bridge_of_five_laws_has_no_start() {
-    let path = models().join("hard/r_bridge.bond");
-    let errors = Options::new().model("AllFive").compile_file(&path).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(errors.contains("discretise::loop"), "it compiles now, or fails otherwise: {errors}");
-}
-
 /// Parameters of no physics end in an error, or in numbers that are numbers.
 #[test]
 fn hostile_parameters_end_clearly() {

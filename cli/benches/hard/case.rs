@@ -69,6 +69,7 @@ pub const ALL: [Case; 39] = [
     case("ring_modulator", "stiff and ringing, 15 states"),
     case("diode_bridge", "four exponentials without causality"),
     case("ideal_bridge", "four diodes with corners"),
+    scene("r_bridge", "AllFive", "five laws in one loop, from a start that is far"),
     case("r_bridge", "four laws in one loop"),
     scene("tight_coils", "TightCoilsExact", "all but singular inductances, solved"),
     case("tight_coils", "the same by the midpoint rule"),

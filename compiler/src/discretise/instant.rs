@@ -125,7 +125,9 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
             Node::Binary(ir::Binary::Lt | ir::Binary::Le | ir::Binary::Min | ir::Binary::Max, a, b) => {
                 model.pool.sub(a, b)
             }
-            Node::Unary(Unary::Abs | Unary::Sign, a) => a,
+            // The last two may be switches but for a little, as friction is often written: what a step over such a turn
+            // misses, neither it nor its halves see.
+            Node::Unary(Unary::Abs | Unary::Sign | Unary::Tanh | Unary::Atan, a) => a,
             Node::Binary(..)
             | Node::Unary(..)
             | Node::Number(_)
