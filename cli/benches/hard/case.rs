@@ -39,7 +39,7 @@ const fn known(case: Case, end: &'static [(&'static str, f64)]) -> Case {
 const TURNED: [(&str, f64); 2] = [("spring.q", -0.001283074084877692), ("mass.p", -0.5947443927564802)];
 
 /// All of them.
-pub const ALL: [Case; 40] = [
+pub const ALL: [Case; 43] = [
     known(case("undamped", "159 turns a step, solved"), &TURNED),
     known(scene("undamped", "Undamped", "the same by the midpoint rule"), &TURNED),
     case("stiff_circuit", "time constants 1e12 apart"),
@@ -74,7 +74,10 @@ pub const ALL: [Case; 40] = [
     scene("tight_coils", "TightCoilsExact", "all but singular inductances, solved"),
     case("tight_coils", "the same by the midpoint rule"),
     known(case("orifice", "infinite slope; level in finite time"), &[("left.q", 5e-3), ("right.q", 5e-3)]),
+    known(scene("orifice", "Filled", "the same, filled from a constant pressure"), &[("tank.q", 1.0)]),
     known(case("coulomb", "dry friction to rest"), &[("spring.q", -0.02), ("block.p", 0.0)]),
+    known(scene("coulomb", "Held", "at rest until the push is more than the friction"), &[("body.p", 4.5)]),
+    scene("coulomb", "Steep", "friction that turns in a thousandth of a swing"),
     known(
         case("stick_slip", "three blocks that stick and slip"),
         &[

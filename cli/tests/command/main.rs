@@ -20,7 +20,7 @@ mod test;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A mass on a spring with a damper.
@@ -99,28 +99,27 @@ impl Folder {
 
     /// The status of a command whose output nobody reads, and what it says.
     fn unread(&self, args: &[&str]) -> (Option<i32>, String) {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_bond"))
-            .args(args)
-            .current_dir(&self.0)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut child = self.spawn(args);
+        drop(child.stdin.take());
         drop(child.stdout.take());
         let output = child.wait_with_output().unwrap();
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     }
 
-    fn fed(&self, args: &[&str], input: &str) -> Done {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_bond"))
+    /// The command, with pipes to and from it.
+    fn spawn(&self, args: &[&str]) -> Child {
+        Command::new(env!("CARGO_BIN_EXE_bond"))
             .args(args)
             .current_dir(&self.0)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
-            .unwrap();
+            .unwrap()
+    }
+
+    fn fed(&self, args: &[&str], input: &str) -> Done {
+        let mut child = self.spawn(args);
         // A command that does not read its input may be gone before it is written.
         let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
         let output = child.wait_with_output().unwrap();

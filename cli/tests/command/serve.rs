@@ -42,17 +42,6 @@ model Two {
 }
 ";
 
-fn spawn(here: &Folder, args: &[&str]) -> Child {
-    Command::new(env!("CARGO_BIN_EXE_bond"))
-        .args(args)
-        .current_dir(&here.0)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
-}
-
 /// The first line on standard error, which names the line.
 fn first(child: &mut Child) -> (String, BufReader<std::process::ChildStderr>) {
     let mut err = BufReader::new(child.stderr.take().unwrap());
@@ -102,7 +91,7 @@ fn nothing_is_given_over_a_bad_line_of_datagrams() {
     let here = Folder::new().with("a.bond", SPRING);
     let args =
         ["serve", "a.bond", "--udp", "127.0.0.1:0", "--duration", "1.5s", "--report", "json", "--ledger", "l.csv"];
-    let mut child = spawn(&here, &args);
+    let mut child = here.spawn(&args);
     let (line, _err) = first(&mut child);
     let address = line.trim().rsplit(' ').next().unwrap().to_string();
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -241,7 +230,7 @@ fn what_is_built_serves() {
 fn a_shared_file_is_a_line() {
     use std::os::unix::fs::FileExt;
     let here = Folder::new().with("a.bond", SPRING);
-    let mut child = spawn(&here, &["serve", "a.bond", "--shm", "./line", "--duration", "0.4", "--report", "json"]);
+    let mut child = here.spawn(&["serve", "a.bond", "--shm", "./line", "--duration", "0.4", "--report", "json"]);
     let (line, mut err) = first(&mut child);
     assert!(line.contains("file ./line"), "{line}");
     let file = std::fs::OpenOptions::new().read(true).write(true).open(here.0.join("line")).unwrap();
@@ -273,7 +262,7 @@ fn a_shared_file_is_a_line() {
 #[test]
 fn packets_go_through_pipes() {
     let here = Folder::new().with("a.bond", SPRING);
-    let mut child = spawn(&here, &["serve", "a.bond", "--stdio", "--binary", "--lockstep"]);
+    let mut child = here.spawn(&["serve", "a.bond", "--stdio", "--binary", "--lockstep"]);
     let (mut input, mut output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
     let (mut device, mut buffer) = (Device::new(1), [0; LONGEST]);
     for k in 0..100 {
@@ -334,7 +323,7 @@ fn what_cannot_be_served_is_told() {
         "line 2: `xxxxxxxxxxxxxxxxxxxxxxxx...` is",
     );
     // Packets may hold any byte, so that standard output is not looked at.
-    let mut child = spawn(&here, &["serve", "a.bond", "--stdio", "--binary", "--lockstep"]);
+    let mut child = here.spawn(&["serve", "a.bond", "--stdio", "--binary", "--lockstep"]);
     std::io::Write::write_all(&mut child.stdin.take().unwrap(), &[b'x'; 100]).unwrap();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(2));
@@ -350,7 +339,7 @@ fn the_device_in_python_meets_it() {
         return;
     }
     let here = Folder::new().with("a.bond", SPRING);
-    let mut child = spawn(&here, &["serve", "a.bond", "--udp", "127.0.0.1:0", "--duration", "1s", "--report", "json"]);
+    let mut child = here.spawn(&["serve", "a.bond", "--udp", "127.0.0.1:0", "--duration", "1s", "--report", "json"]);
     let (line, _err) = first(&mut child);
     let address = line.trim().rsplit(' ').next().unwrap().to_string();
     let device = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/embed/device.py");

@@ -15,6 +15,8 @@ const HOLD: f64 = 1e-2;
 
 /// Laws that switch on what so many loops tell at most are watched.
 const LOOPS: usize = 16;
+/// Where the turn of a `tanh` ends, in its argument: 2e-7 are missing to 1 there.
+const KNEE: f64 = 8.0;
 
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
@@ -121,13 +123,20 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
         }
         let node = model.pool.node(e).clone();
         node.each_child(&mut |child| roots.push(child));
+        let mut knee = None;
         let guard = match node {
             Node::Binary(ir::Binary::Lt | ir::Binary::Le | ir::Binary::Min | ir::Binary::Max, a, b) => {
                 model.pool.sub(a, b)
             }
             // The last two may be switches but for a little, as friction is often written: what a step over such a turn
-            // misses, neither it nor its halves see.
-            Node::Unary(Unary::Abs | Unary::Sign | Unary::Tanh | Unary::Atan, a) => a,
+            // misses, neither it nor its halves see. So a step ends where the turn does, too.
+            Node::Unary(Unary::Tanh | Unary::Atan, a) => {
+                let square = model.pool.mul(a, a);
+                let end = model.pool.float(KNEE * KNEE);
+                knee = Some(model.pool.sub(square, end));
+                a
+            }
+            Node::Unary(Unary::Abs | Unary::Sign, a) => a,
             Node::Binary(..)
             | Node::Unary(..)
             | Node::Number(_)
@@ -139,6 +148,7 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
         let symbols = model.pool.symbols(guard);
         if !symbols.is_empty() && symbols.iter().all(|s| told.contains(s)) {
             found.push(guard);
+            found.extend(knee);
         }
     }
     if found.is_empty() {

@@ -65,14 +65,11 @@ impl System<'_> {
             let slopes = self.jacobian(z);
             // By an infinite slope nothing would be missing.
             let told = slopes.iter().all(|x| x.is_finite());
-            let lu = slopes.clone().lu();
+            let lu = slopes.lu();
             let Some(d) = lu.solve(&r).filter(|d| d.iter().all(|x| x.is_finite())) else {
                 return false;
             };
-            // An unknown that is 0 has no size of its own: what it is rounded by is that of its equations' terms.
-            let terms = slopes.abs() * z.abs();
-            let level = r.iter().zip(terms.iter()).all(|(r, size)| r.abs() <= f64::EPSILON * size);
-            if told && (level || d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs())) {
+            if told && d.iter().zip(z.iter()).all(|(d, z)| d.abs() <= 1e-14 * z.abs()) {
                 // Rounding is all that is left.
                 *z -= d;
                 return true;

@@ -225,6 +225,7 @@ impl Lowering {
     }
 
     /// Positive terms first, then the others are taken off; all constants are one summand. Then what is to come last.
+    /// A term that others cut off is taken with its cut: the dead zone `x - min(max(x, -1), 1)` is 0 exactly.
     fn sum(
         &mut self,
         pool: &Pool,
@@ -236,8 +237,16 @@ impl Lowering {
         let mut constant = c.to_f64();
         let mut total: Option<Value> = None;
         let (mut minus, mut last) = (Vec::new(), Vec::new());
+        let zones = zones(pool, terms);
+        for &(x, cut, n) in &zones {
+            let (x, cut) = (self.child(builder, x, folded), self.child(builder, cut, folded));
+            let zone = builder.sub(x, cut);
+            let value = scaled(builder, zone, n.to_f64());
+            total = Some(total.map_or(value, |sum| builder.add(sum, value)));
+        }
         for &(t, n) in terms {
-            if let Some(x) = folded(t) {
+            if zones.iter().any(|z| z.0 == t || z.1 == t) {
+            } else if let Some(x) = folded(t) {
                 constant += n.to_f64() * x;
             } else if !self.last.is_empty() && pool.contains_any(t, &|s| self.last.contains(&s)) {
                 last.push((t, n));
@@ -351,6 +360,32 @@ impl Lowering {
             }
         }
     }
+}
+
+/// The terms of a sum that is `n (x - cut(x))` and more: each `x`, `cut(x)`, which takes the larger or the smaller of it
+/// and a number, and `n`.
+fn zones(pool: &Pool, terms: &[(Expr, Number)]) -> Vec<(Expr, Expr, Number)> {
+    let mut zones: Vec<(Expr, Expr, Number)> = Vec::new();
+    for &(cut, n) in terms {
+        let mut x = cut;
+        while let Node::Binary(Binary::Min | Binary::Max, a, b) = pool.node(x) {
+            match (pool.constant(*a), pool.constant(*b)) {
+                (Some(_), None) => x = *b,
+                (None, Some(_)) => x = *a,
+                (Some(_), Some(_)) | (None, None) => break,
+            }
+        }
+        // Terms are in the order of their numbers.
+        if x != cut
+            && let Node::Symbol(_) = pool.node(x)
+            && let Ok(at) = terms.binary_search_by_key(&x, |t| t.0)
+            && terms[at].1 == -n
+            && zones.iter().all(|z| z.0 != x)
+        {
+            zones.push((x, cut, -n));
+        }
+    }
+    zones
 }
 
 /// The factors below.

@@ -438,7 +438,10 @@ impl Form {
                     let at = |s: Symbol| 0.3 + 0.17 * f64::from(s.0 % 7) + 0.41 * f64::from(k);
                     let x = pool.eval(a, &at);
                     let y = b.map_or(0.0, |b| pool.eval(b, &at));
-                    !x.is_finite() || !y.is_finite() || (x + y).abs() <= 1e-9 * (x.abs() + y.abs())
+                    // An entry that is 0, as a difference that no rule shows, is the rounding of its row.
+                    let row = c.row.iter().map(|t| pool.eval(t.1, &at).abs()).fold(0.0, f64::max);
+                    let most = (1e-9 * (x.abs() + y.abs())).max(1e-12 * row);
+                    !x.is_finite() || !y.is_finite() || (x + y).abs() <= most
                 });
                 if !cancels {
                     return Err(format!(

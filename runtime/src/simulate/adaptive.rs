@@ -4,7 +4,7 @@
 //! kept until the cluster is advanced past its end. So rows of output lie inside of steps, and an input that is set at
 //! a row ends the step there. A plan is a cache: the state of a run without it gives the same plan again.
 
-use super::attempt::Taken;
+use super::attempt::{Taken, is_stateless};
 use super::cluster::{Run, advance_ports, book};
 use super::{Error, Options};
 use crate::ir::Array;
@@ -121,7 +121,7 @@ impl Fit {
         let guards = c.guards.as_ref().map_or(0, |g| g.count);
         let integrals = &c.initial[c.states..c.states + c.integrals];
         // What has no state does not slow down where something is about to happen: it is looked at evenly.
-        let most = if c.states + c.integrals == 0 { options.default_step } else { f64::INFINITY };
+        let most = if is_stateless(c) { options.default_step } else { f64::INFINITY };
         Self {
             tolerance,
             longest: options.longest.unwrap_or(f64::INFINITY).min(most),

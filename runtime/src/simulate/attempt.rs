@@ -1,6 +1,6 @@
 //! An attempt at an adaptive step: what is computed of it, and its estimated error.
 
-use super::cluster::{Book, Run, imbalance};
+use super::cluster::{Book, FAINTEST, Run, imbalance};
 use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
 use crate::scene::{Cluster, Entries};
@@ -109,11 +109,17 @@ impl Run {
             if !off.is_finite() {
                 return Err(Failure::NotFinite { slot: Slot::new(Array::Next, i) });
             }
-            if off > 0.0 {
+            // What is below that is rounding, as all is of a body that is held at rest.
+            let faintest = match self.curvature.get(i) {
+                None => 1e-24,
+                Some(&curvature) if curvature > 0.0 => (2e-15 * FAINTEST / curvature).sqrt(),
+                Some(_) => 0.0,
+            };
+            if off > faintest {
                 worst = worst.max(if size > 0.0 { off / size } else { f64::INFINITY });
             }
         }
-        let books = self.books.iter().zip(&c.entries).filter(|_| c.states + c.integrals == 0);
+        let books = self.books.iter().zip(&c.entries).filter(|_| is_stateless(c));
         for (b, e) in books {
             let moved = b.supplied.value().abs().max(b.dissipated.value().abs()).max(above(b, e));
             for (_, slot) in e.supplied.iter().chain(&e.dissipated) {
@@ -160,5 +166,10 @@ impl Run {
 
 /// Whether a step is compared with its halves: where it does not estimate its own error, or has no state to do so.
 fn is_doubled(c: &Cluster) -> bool {
-    c.step.estimate.is_none() || c.states + c.integrals == 0
+    c.step.estimate.is_none() || is_stateless(c)
+}
+
+/// Whether there is nothing that steps change.
+pub(super) fn is_stateless(c: &Cluster) -> bool {
+    c.states + c.integrals == 0
 }

@@ -25,6 +25,9 @@ const CLOSES: f64 = 2e-13;
 /// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held
 /// or turned over in a step: what is off by 1e-12 of that is the rounding of that energy.
 const TRACE: f64 = 1e-4;
+/// J. What a region turned over in a step is counted as at least. Nothing is told of less: of a body that is held at
+/// rest, rounding is all that moves.
+pub(super) const FAINTEST: f64 = 1e-25;
 /// Below this part of the largest value of a state, a change is as good as none.
 const TRACES: f64 = 1e-6;
 /// Tables for different step lengths kept at most.
@@ -228,6 +231,7 @@ impl Run {
                     h,
                     h_max: h.abs(),
                     h_top: h,
+                    turnover_max: FAINTEST,
                     sources: vec![Sum::new(); e.supplied.len()],
                     resistors: vec![Sum::new(); e.dissipated.len()],
                     produced: vec![Sum::new(); e.produced.len()],

@@ -92,8 +92,8 @@ impl Run {
     }
 
     /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that
-    /// ends just past it, which then is the whole step, and the guard. A switch at the very start is let be. Without one, the first
-    /// half was taken too, where there are guards. It is first looked for at `aim` from `t`.
+    /// ends just past it, which then is the whole step, and the guard. A switch at the very start is let be. Without
+    /// one, the first half was taken too, where there are guards. It is first looked for at `aim` from `t`.
     pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Option<(f64, usize)>, Failure> {
         let Some(mut bracket) = self.bracket(c, t, h)? else { return Ok(None) };
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);

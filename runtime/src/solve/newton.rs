@@ -326,7 +326,7 @@ fn iterate<S: System>(
         let mut square = square;
         let plain = halvings == 0 && stretches == 0;
         if let Some(last) = before.filter(|_| plain)
-            && measure.sum(trial, &scratch.update[..n]) <= 0.0625 * last
+            && measure.squares(trial.iter().zip(&scratch.update).map(|(d, e)| d + e)) <= 0.0625 * last
         {
             trial.iter_mut().for_each(|d| *d *= 0.5);
             square *= 0.25;
@@ -411,18 +411,16 @@ impl<'a> Measure<'a> {
 
     /// `|v|²`
     pub(super) fn square(&self, v: &[f64]) -> f64 {
-        if self.weighted {
-            // What has no weight must be finite all the same.
-            v.iter().enumerate().map(|(i, v)| self.weight(i) * v * v).sum()
-        } else {
-            v.iter().map(|v| v * v).sum()
-        }
+        self.squares(v.iter().copied())
     }
 
-    /// `|d + e|²`
-    fn sum(&self, d: &[f64], e: &[f64]) -> f64 {
-        let terms = d.iter().zip(e).map(|(d, e)| d + e).enumerate();
-        terms.map(|(i, x)| if self.weighted { self.weight(i) * x * x } else { x * x }).sum()
+    fn squares(&self, v: impl Iterator<Item = f64>) -> f64 {
+        if self.weighted {
+            // What has no weight must be finite all the same.
+            v.enumerate().map(|(i, v)| self.weight(i) * v * v).sum()
+        } else {
+            v.map(|v| v * v).sum()
+        }
     }
 
     /// `Σ w_i (u_i² + s_i²)`
