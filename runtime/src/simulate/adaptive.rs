@@ -332,7 +332,8 @@ impl Run {
             let ratio = attempt.error / tolerance;
             // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small
             // enough.
-            let vain = attempt.h < 1e-3 * usual
+            let vain = attempt.fresh
+                && attempt.h < 1e-3 * usual
                 && refused.is_some_and(|(longer, worse)| attempt.h < 0.5 * longer && attempt.error > 0.25 * worse);
             // A method that looks at the end of its step sees what holds beyond the switch, however near that is.
             let brief = attempt.event && attempt.h < BRIEF * usual;

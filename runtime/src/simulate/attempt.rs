@@ -38,6 +38,8 @@ pub(super) struct Attempt {
     pub(super) h: f64,
     /// Its error, relative to the states' sizes.
     pub(super) error: f64,
+    /// What is off most was next to nothing before: by the step's own work alone its error is measured.
+    pub(super) fresh: bool,
     /// Whether the whole step counts, or else its halves.
     pub(super) whole: bool,
     /// It ends where a law switches.
@@ -61,11 +63,11 @@ impl Run {
             self.stride(t + 0.5 * h, 0.5 * h, Part::Second)?;
         }
         // What ends at a switch was found with a whole step, and so that one counts.
-        let error = self.estimate(c, is_event)?;
+        let (error, fresh) = self.estimate(c, is_event)?;
         let whole = is_event || c.step.estimate.is_some();
         let off = self.off(c, whole);
         let Some(fit) = self.fit.as_mut().filter(|_| off != 0.0) else {
-            return Ok(Attempt { h, error, whole, event: is_event, faint });
+            return Ok(Attempt { h, error, fresh, whole, event: is_event, faint });
         };
         fit.off = off;
         Err(Failure::Balance)
@@ -83,28 +85,35 @@ impl Run {
 
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
     /// states' sizes: the embedded estimate, or what the difference of the two tells. Where there is no state, it
-    /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by.
-    fn estimate(&self, c: &Cluster, whole: bool) -> Result<f64, Failure> {
-        let Some(fit) = &self.fit else { return Ok(0.0) };
+    /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. And whether what
+    /// is off most was next to nothing before the step.
+    fn estimate(&self, c: &Cluster, whole: bool) -> Result<(f64, bool), Failure> {
+        let Some(fit) = &self.fit else { return Ok((0.0, false)) };
         let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
         let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
         let raised = 2f64.powi(order as i32);
         let part = if whole { raised } else { 1.0 } / (raised - 1.0).max(1.0);
-        let mut worst: f64 = 0.0;
+        let (mut worst, mut fresh) = (0.0, false);
+        let mut tell = |error: f64, before: f64, now: f64| {
+            if error > worst {
+                (worst, fresh) = (error, before <= 0.1 * now);
+            }
+        };
         for i in 0..c.states + c.integrals {
             let (x, off) = match c.step.estimate {
                 Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
                 None => (fit.second.next[i], (fit.second.next[i] - fit.whole.next[i]).abs() * part),
             };
-            let size = match i.checked_sub(c.states) {
+            let (before, size) = match i.checked_sub(c.states) {
                 None => {
                     let natural = (2.0 * h_max / self.curvature[i]).sqrt();
                     let natural = if self.curvature[i] > 0.0 && natural.is_finite() { natural } else { 0.0 };
-                    x.abs().max(self.largest[i]).max(natural)
+                    let before = self.largest[i].max(natural);
+                    (before, x.abs().max(before))
                 }
                 // An integral is measured against all that went into it and out of it.
-                Some(k) => fit.moved[k] + (x - self.state[i]).abs(),
+                Some(k) => (fit.moved[k], fit.moved[k] + (x - self.state[i]).abs()),
             };
             if !off.is_finite() {
                 return Err(Failure::NotFinite { slot: Slot::new(Array::Next, i) });
@@ -116,7 +125,7 @@ impl Run {
                 Some(_) => 0.0,
             };
             if off > faintest {
-                worst = worst.max(if size > 0.0 { off / size } else { f64::INFINITY });
+                tell(if size > 0.0 { off / size } else { f64::INFINITY }, before, size);
             }
         }
         let books = self.books.iter().zip(&c.entries).filter(|_| is_stateless(c));
@@ -127,11 +136,11 @@ impl Run {
                 let halves = fit.first.output[*slot] + fit.second.output[*slot];
                 let off = (halves - whole).abs() * part;
                 if off > 0.0 {
-                    worst = worst.max(off / moved.max(halves.abs()));
+                    tell(off / moved.max(halves.abs()), moved, halves.abs());
                 }
             }
         }
-        Ok(if worst.is_finite() { worst } else { f64::MAX })
+        Ok((if worst.is_finite() { worst } else { f64::MAX }, fresh))
     }
 
     /// One step, from the state (or the end of the first half) into one of the buffers.

@@ -21,7 +21,8 @@
 //!      ever.
 //!   5. `u = u - d`, then test.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
-//!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`.
+//!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`, where `|r|²` is no more than that sum: far out on an exponential one unknown
+//!   is too large for another to show.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
 //!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-11, 4e-16 |e|² / |d|²)`:
 //!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below rounding; or small(1e-12), where
@@ -336,7 +337,7 @@ fn iterate<S: System>(
         for (u, d) in u.iter_mut().zip(d) {
             *u -= d;
         }
-        let small = |t: f64| measure.small(t, u, d);
+        let small = |t: f64| measure.small(t, u, d, size);
         let quick = |last: f64| halvings == 0 && square <= 1e-6 * last;
         let t = match before {
             Some(last) if plan.given => geometric(square, last),
@@ -431,15 +432,19 @@ impl<'a> Measure<'a> {
         u.iter().zip(self.scale).enumerate().map(|(i, (u, s))| self.weight(i) * (u * u + s * s)).sum()
     }
 
-    /// Whether an update is small beside the unknowns.
-    fn small(&self, t: f64, u: &[f64], d: &[f64]) -> bool {
+    /// Whether an update is small beside the unknowns; `size` is `|r|²` before it.
+    fn small(&self, t: f64, u: &[f64], d: &[f64], size: f64) -> bool {
         let mut bound = None;
+        let mut bound_of = || {
+            let energy = self.energy(u);
+            if size <= energy { t * t * energy } else { -1.0 }
+        };
         for (i, (u_i, d_i)) in u.iter().zip(d).enumerate() {
             if d_i.abs() <= t * (u_i.abs() + self.scale[i]) {
                 continue;
             }
             let w = self.weight[i];
-            if !counts(w) || w * d_i * d_i > *bound.get_or_insert_with(|| t * t * self.energy(u)) {
+            if !counts(w) || w * d_i * d_i > *bound.get_or_insert_with(&mut bound_of) {
                 return false;
             }
         }

@@ -28,6 +28,8 @@ pub(super) struct Iteration {
     /// 1 where there is a weight at all.
     weighted: Option<Var>,
     pub(super) scale: Values,
+    /// `|r|²`: of the last residual, and the least.
+    size: Var,
     pub(super) best: Var,
     /// Whether an update was made, and its square.
     pub(super) made: Var,
@@ -232,6 +234,7 @@ impl Iteration {
             weighted: None,
             scale,
             count: w.var(),
+            size: w.var(),
             best: w.var(),
             made: w.var(),
             before: w.var(),
@@ -483,6 +486,7 @@ impl Iteration {
     /// Looks at the residual: halves where it got worse, ends where it is 0.
     fn judge(&self, w: &mut Writer, residual: &Values) {
         let size = self.square(w, |w, at| w.value(residual, at));
+        w.set(self.size, size);
         let (best, four, zero) = (w.get(self.best), w.number(4.0), w.number(0.0));
         let allowed = w.mul(four, best);
         let (finite, above) = (w.finite(size), w.lt(allowed, size));
@@ -700,7 +704,9 @@ impl Iteration {
             let zero = w.number(0.0);
             let energy = self.energy(w);
             let tt = w.mul(t, t);
-            let bound = w.mul(tt, energy);
+            let (bound, size, none) = (w.mul(tt, energy), w.get(self.size), w.number(-1.0));
+            let told = w.le(size, energy);
+            let bound = w.select(told, bound, none);
             let all = w.holds(self.n, |w, at| {
                 let close = near(w, at);
                 let (k, d) = (w.value(&self.raw_weight, at), w.at(&self.update, at));
