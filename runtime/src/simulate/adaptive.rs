@@ -64,6 +64,8 @@ pub(super) struct Control {
     pub(super) crawl: u32,
     /// Switches in a row of guards that all but vanish.
     pub(super) chatter: u32,
+    /// The guard that did so last, as long as it stays so.
+    pub(super) faint: Option<usize>,
     /// Attempts that were not kept.
     pub(super) rejected: u64,
     /// Switches of laws that were located.
@@ -133,6 +135,7 @@ impl Fit {
                 error: 1.0,
                 crawl: 0,
                 chatter: 0,
+                faint: None,
                 rejected: 0,
                 events: 0,
             },
@@ -284,6 +287,10 @@ impl Run {
         self.feed.aim(&mut self.input, t, cut.unwrap_or(horizon));
         let end = cut.or(end);
         self.guards_before(c, t, control.ahead.min(longest));
+        if control.faint.is_some_and(|guard| !self.is_low(guard)) {
+            // It rose between.
+            (control.chatter, control.faint) = (0, None);
+        }
         let (mut last_failure, mut refused) = (None, None::<(f64, f64)>);
         let usual = self.default_step;
         let (mut failures, mut off) = (0, None::<f64>);
@@ -356,7 +363,8 @@ impl Run {
                 (control.ahead, control.other) = (control.other, here);
                 (control.began, control.aim) = (end, f64::INFINITY);
                 control.events += 1;
-                control.chatter = if attempt.faint { control.chatter.saturating_add(1) } else { 0 };
+                control.chatter = if attempt.faint.is_some() { control.chatter.saturating_add(1) } else { 0 };
+                control.faint = attempt.faint;
                 control.error = 1.0;
             } else {
                 // What the other stepper took says nothing against longer steps.

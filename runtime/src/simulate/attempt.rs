@@ -44,8 +44,8 @@ pub(super) struct Attempt {
     pub(super) whole: bool,
     /// It ends where a law switches.
     pub(super) event: bool,
-    /// What switches there all but vanishes.
-    pub(super) faint: bool,
+    /// The guard that switches there, where it all but vanishes.
+    pub(super) faint: Option<usize>,
 }
 
 impl Run {
@@ -55,7 +55,7 @@ impl Run {
         self.stride(t, h, Part::Whole)?;
         let event = self.event(c, t, h, aim)?;
         let (h, is_event) = (event.map_or(h, |e| e.0), event.is_some());
-        let faint = event.is_some_and(|e| self.is_faint(e.1));
+        let faint = event.map(|e| e.1).filter(|guard| self.is_faint(*guard));
         if is_doubled(c) {
             if is_event || self.guards.is_none() {
                 self.stride(t, 0.5 * h, Part::First)?;

@@ -84,6 +84,11 @@ impl Run {
         }
     }
 
+    /// Whether a guard all but vanishes where a step starts.
+    pub(super) fn is_low(&self, guard: usize) -> bool {
+        self.fit.as_ref().is_some_and(|fit| self.before[guard].abs() <= FAINT * fit.tops[guard])
+    }
+
     /// Whether a guard that switched in the step all but vanishes.
     pub(super) fn is_faint(&self, guard: usize) -> bool {
         let Some(fit) = &self.fit else { return false };
