@@ -187,3 +187,75 @@ fn what_has_levelled_out_stays() {
         }
     }
 }
+
+/// A tank that is filled to the level of its main: the head is the difference of two large numbers there, and the
+/// balance closes all the same, whatever the stepper.
+#[test]
+fn a_tank_is_filled_to_the_main() {
+    let text = "model M {
+      Se:main = 1 bar
+      R:orifice { f = 1e-6 m^3/s/Pa^(1/2) * sign(e)*sqrt(abs(e)) }
+      C:tank = 1e-10 m^3/Pa
+      main -> 1:q -> orifice, tank
+      probe p = tank.e
+    }";
+    for method in ["gonzalez", "collocation4", "collocation8", "radau"] {
+        for steps in [Steps::fixed(0.01), Steps::fixed(0.1), Steps::tolerance(1e-4), Steps::tolerance(1e-6)] {
+            let compiled = with(Options::new().method(method), text);
+            let mut sim = start(&compiled, steps);
+            finish(&mut sim, 1.0);
+            let (summary, p) = (sim.summary(), probe(&mut sim, "p"));
+            assert!(summary.passive, "{method}: {:?}", summary.regions);
+            assert!((p - 1e5).abs() < 1e3, "{method}: {p}");
+        }
+    }
+}
+
+/// A rectifier whose steps are many time constants of the conducting diode: each has one solution, and far out on the
+/// exponential there is none that only seems to be one.
+#[test]
+fn long_steps_over_a_diode_find_the_solution() {
+    for (resistance, exact) in [(0.1, 8.21), (3.0, 7.217)] {
+        let text = format!(
+            "model M {{
+              Se:u = 10 V * sin(2*pi*50 Hz * t)
+              R:wire = {resistance} Ohm
+              R:diode {{ f = 1e-9 A * (exp(e/0.025 V) - 1) }}
+              C:buffer = 1 mF
+              R:load = 100 Ohm
+              u -> 1:m -> wire, diode
+              m -> 0:n -> buffer, load
+              probe v = n.e
+            }}"
+        );
+        for method in ["gonzalez", "collocation4", "collocation8", "radau"] {
+            for h in [8e-4, 1.3e-3, 3e-3] {
+                let compiled = with(Options::new().method(method), &text);
+                let mut sim = start(&compiled, Steps::fixed(h));
+                finish(&mut sim, 0.2);
+                let (summary, v) = (sim.summary(), probe(&mut sim, "v"));
+                assert!(summary.passive, "{method}, {h}: {:?}", summary.regions);
+                assert!((v - exact).abs() < 1.6, "{method}, {h}: {v} beside {exact}");
+            }
+        }
+    }
+}
+
+/// A decay in 10 ns, in a run of 10 s: the first steps are as short as that takes.
+#[test]
+fn a_stiff_start_is_resolved() {
+    let text = "model M {
+      C:c { compliance = 10 nF; e0 = 1 V }
+      R:r { e = 1 Ohm * f + 1e-9 Ohm/A^2 * f^3 }
+      c -> r
+      probe v = c.e
+      simulate { stop = 10 s }
+    }";
+    for method in ["gonzalez", "collocation8", "radau"] {
+        let compiled = with(Options::new().method(method), text);
+        let mut sim = start(&compiled, Steps::tolerance(1e-6));
+        finish(&mut sim, 1e-8);
+        let v = probe(&mut sim, "v");
+        assert!((v - (-1.0f64).exp()).abs() < 1e-5, "{method}: {v}");
+    }
+}

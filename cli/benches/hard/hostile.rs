@@ -113,13 +113,12 @@ pub fn parameters() -> Result<String, String> {
 }
 
 /// Where we fail, by name, file, model, and what it is run with.
-const FAILURES: [(&str, &str, &[&str]); 6] = [
+const FAILURES: [(&str, &str, &[&str]); 5] = [
     ("double_well", "DoubleWellFromTop", &[]),
     ("diode_bridge", "WithoutLeak", &["--stop", "10ms", "--step", "20us", "--at", "7.8ms", "-o", "-"]),
     ("hertz_chain", "HertzChain", &["--set", "gap=0"]),
     ("ring_modulator", "RingModulator", &[]),
     ("tight_coils", "TightCoilsExact", &[]),
-    ("orifice", "Filled", &["--step", "100ms"]),
 ];
 
 /// What the failing ones say.

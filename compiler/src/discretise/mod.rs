@@ -16,6 +16,7 @@ mod level;
 mod order;
 mod probes;
 mod ray;
+mod root;
 mod sav;
 mod start;
 mod tear;

@@ -1,6 +1,7 @@
 //! What the steppers share: inputs of a program, iterations, the ledger's terms.
 
 use super::cluster::{Cluster, Group, Node, missing};
+use super::root::Roots;
 use super::tear::tear;
 use super::turn::Turns;
 use crate::expression::{self, Below, Expr, Lowering, Number, Pool, Symbol};
@@ -204,6 +205,7 @@ pub(super) fn solve_from(
     mut cold: Vec<Value>,
 ) -> Result<(), Vec<Diagnostic>> {
     let h = system.h;
+    let roots = Roots::of(model, b, lowering, &mut system, &mut cold)?;
     let all = system.unknowns.clone();
     let torn = tear(&mut model.pool, &mut system, h);
     let inside = if system.whole { &torn[..] } else { &[] };
@@ -212,7 +214,8 @@ pub(super) fn solve_from(
         cold = system.unknowns.iter().filter_map(|s| by.get(s).copied()).collect();
     }
     iterate(model, b, lowering, (system, inside), cold)?;
-    bind(model, b, lowering, &torn)
+    bind(model, b, lowering, &torn)?;
+    roots.bind(&mut model.pool, b, lowering).map_err(|s| missing(model, s))
 }
 
 /// Newton's method on a system, with what was taken out of it as variables that follow from its unknowns.

@@ -245,7 +245,7 @@ impl Pool {
     }
 
     /// A function of an expression, where it is there.
-    pub(super) fn existing(&self, f: Unary, e: Expr) -> Option<Expr> {
+    pub(crate) fn existing(&self, f: Unary, e: Expr) -> Option<Expr> {
         let node = Node::Unary(f, e);
         self.known.find(hash_of(&node), |e| self.nodes[e.0 as usize] == node)
     }

@@ -63,7 +63,7 @@ impl Pool {
     }
 
     /// The node with other children.
-    pub(super) fn rebuild(&mut self, e: Expr, child: &dyn Fn(Expr) -> Expr) -> Expr {
+    pub(crate) fn rebuild(&mut self, e: Expr, child: &dyn Fn(Expr) -> Expr) -> Expr {
         match self.node(e).clone() {
             Node::Number(_) | Node::Symbol(_) => e,
             Node::Sum(c, terms) => {

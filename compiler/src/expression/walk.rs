@@ -93,7 +93,7 @@ impl Pool {
     }
 
     /// The nodes reachable from `roots` over nodes that `enter` admits, in ascending order: children before parents.
-    pub(super) fn ascending(&self, roots: &[Expr], enter: &dyn Fn(Expr) -> bool) -> Vec<Expr> {
+    pub(crate) fn ascending(&self, roots: &[Expr], enter: &dyn Fn(Expr) -> bool) -> Vec<Expr> {
         let mut found = Found::default();
         for &e in roots {
             if enter(e) {
