@@ -27,7 +27,7 @@ impl Emission<'_> {
     pub fn c(&self, compiled: &Compiled) -> Result<(), Stop> {
         let (source, header) = self.places("c")?;
         let unit = self.unit(compiled)?;
-        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header) };
+        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: true };
         output::put_both(
             (&header, c::header(&unit, &options).as_bytes()),
             (&source, c::source(&unit, &options).as_bytes()),
@@ -45,7 +45,7 @@ impl Emission<'_> {
         let (object, header) = self.places("o")?;
         let unit = self.unit(compiled)?;
         let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(Stop::Model)?;
-        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header) };
+        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: false };
         output::put_both((&header, c::header(&unit, &options).as_bytes()), (&object, &code))?;
         tell(&unit, &object, &header);
         Ok(())

@@ -173,9 +173,9 @@ fn nameless(path: &Path) -> Stop {
 /// # Errors
 /// A file that cannot be written.
 pub fn put_executable(path: &Path, parts: &[&[u8]]) -> Result<(), Stop> {
-    if fs::metadata(path).is_ok_and(|m| m.is_dir()) {
-        let name = path.display();
-        return Err(Stop::Usage(format!("cannot write {name}: it is a directory; name another file with -o")));
+    if let Some(m) = fs::metadata(path).ok().filter(|m| !m.is_file()) {
+        let (name, what) = (path.display(), if m.is_dir() { "directory" } else { "device or a pipe" });
+        return Err(Stop::Usage(format!("cannot write {name}: it is a {what}; name another file with -o")));
     }
     let mut whole = Whole::new(path)?;
     whole.executable = true;

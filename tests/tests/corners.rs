@@ -156,8 +156,8 @@ fn a_root_starts_at_its_infinite_slope() {
     }
 }
 
-/// Two tanks that level out in finite time: the head is 0 from then on, at every tolerance, and no time is lost with
-/// what rounding makes of it. The root of the head falls evenly: by 2 a/sqrt(r) k/A a second.
+/// Two tanks that level out in finite time: the head is 0 from then on, to each tolerance, and no time is lost with what
+/// rounding makes of it. The root of the head falls evenly: by 2 a/sqrt(r) k/A a second.
 #[test]
 fn what_has_levelled_out_stays() {
     for law in ["f = 1 m^3/(s*Pa^(1/2)) * sign(e)*sqrt(abs(e))/100", "e = 1e4 Pa*s^2/m^6 * f*abs(f)"] {
@@ -181,9 +181,10 @@ fn what_has_levelled_out_stays() {
             assert!((head / 75.0 - 1.0).abs() < 1e3 * tolerance, "{law}, {tolerance:e}: {head} Pa");
             finish(&mut sim, 5.0 * over);
             let (head, high) = (probe(&mut sim, "head"), probe(&mut sim, "upper"));
-            assert!(head.abs() < 1e-6 && (high - 250.0).abs() < 1e-6, "{law}, {tolerance:e}: {head} Pa of {high}");
+            let most = 300.0 * tolerance;
+            assert!(head.abs() < most && (high - 250.0).abs() < most, "{law}, {tolerance:e}: {head} Pa of {high}");
             let steps = sim.summary().regions[0].steps;
-            assert!(steps < 200_000, "{law}, {tolerance:e}: {steps} steps");
+            assert!(steps < 20_000, "{law}, {tolerance:e}: {steps} steps");
         }
     }
 }
@@ -200,7 +201,7 @@ fn a_tank_is_filled_to_the_main() {
       probe p = tank.e
     }";
     for method in ["gonzalez", "collocation4", "collocation8", "radau"] {
-        for steps in [Steps::fixed(0.01), Steps::fixed(0.1), Steps::tolerance(1e-4), Steps::tolerance(1e-6)] {
+        for steps in [Steps::fixed(0.01), Steps::tolerance(1e-4), Steps::tolerance(1e-6)] {
             let compiled = with(Options::new().method(method), text);
             let mut sim = start(&compiled, steps);
             finish(&mut sim, 1.0);

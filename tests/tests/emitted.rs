@@ -145,7 +145,7 @@ fn emit(compiled: &Compiled, h: f64) -> Result<(unit::Unit, simulate::Options), 
 }
 
 fn options(prefix: &str, header: &str) -> c::Options {
-    c::Options { prefix: prefix.into(), header: header.into() }
+    c::Options { prefix: prefix.into(), header: header.into(), single: true }
 }
 
 /// Rows of the scene in C, and as an object where it has that form.

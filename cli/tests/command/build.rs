@@ -133,6 +133,16 @@ fn wrong_places_are_told() {
         &["it is a directory; name another file with -o"],
     );
     here.bond(&["build", "a.bond", "-o", "-"]).is(2, &[], &["an executable needs a file"]);
+    #[cfg(unix)]
+    {
+        // What is no file stays what it is.
+        let path = here.0.join("socket");
+        let socket = std::os::unix::net::UnixListener::bind(&path).unwrap();
+        here.bond(&["build", "a.bond", "-o", "socket"]).is(2, &[], &["it is a device or a pipe; name another file"]);
+        drop(socket);
+        assert!(!std::fs::metadata(&path).unwrap().is_file());
+        std::fs::remove_file(path).unwrap();
+    }
     here.bond(&["build", "model"]).is(2, &[], &["is the model itself"]);
     here.bond(&["build", "a.bond", "-o", "nowhere/a"]).is(2, &[], &["cannot write nowhere/a"]);
     here.bond(&["build", "a.bond", "--emit", "nonsense"]).is(2, &[], &["nonsense"]);

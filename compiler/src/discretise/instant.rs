@@ -122,7 +122,18 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
             continue;
         }
         let node = model.pool.node(e).clone();
-        node.each_child(&mut |child| roots.push(child));
+        // x |x| has a slope everywhere. Of a flow that a loop tells, and that comes to rest, rounding makes the sign.
+        let even = |child: Expr| match (&node, model.pool.node(child)) {
+            (Node::Product(_, factors), Node::Unary(Unary::Abs, x)) => {
+                factors.iter().any(|f| f.0 == *x) && model.pool.contains_any(*x, &|s| loops.contains(&s))
+            }
+            _ => false,
+        };
+        node.each_child(&mut |child| {
+            if !even(child) {
+                roots.push(child);
+            }
+        });
         let mut knee = None;
         let guard = match node {
             Node::Binary(ir::Binary::Lt | ir::Binary::Le | ir::Binary::Min | ir::Binary::Max, a, b) => {

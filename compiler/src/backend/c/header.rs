@@ -15,10 +15,19 @@ pub fn header(unit: &Unit, options: &Options) -> String {
         unit.interval,
     );
     out.push_str("#ifdef __cplusplus\nextern \"C\" {\n#endif\n\n");
+    let numbers = match options.single {
+        true => format!(
+            "/* What numbers are; define BOND_FLOAT for both files to have them single. */\n#ifdef BOND_FLOAT\n\
+             typedef float {p}_real;\n#else\ntypedef double {p}_real;\n#endif\n"
+        ),
+        false => format!(
+            "#ifdef BOND_FLOAT\n#error \"the numbers of an object file are double; emit C to have them single\"\n#endif\n\
+             typedef double {p}_real;\n"
+        ),
+    };
     let _ = write!(
         out,
-        "/* What numbers are; define BOND_FLOAT for both files to have them single. */\n#ifdef BOND_FLOAT\ntypedef float {p}_real;\n#else\n\
-         typedef double {p}_real;\n#endif\n\n/* Length of an interval, s. */\n#define {upper}_INTERVAL {:?}\n\
+        "{numbers}\n/* Length of an interval, s. */\n#define {upper}_INTERVAL {:?}\n\
          /* How many numbers a saved state has. */\n#define {upper}_SAVED {}\n\n",
         unit.interval,
         unit.image.len(),

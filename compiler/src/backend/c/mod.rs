@@ -17,6 +17,8 @@ pub struct Options {
     pub prefix: String,
     /// Name of the header's file, which the source includes.
     pub header: String,
+    /// Whether numbers may be single, by a macro; an object's are double.
+    pub single: bool,
 }
 
 /// Whether a name can be a prefix.
