@@ -1,9 +1,10 @@
 //! Which stepper a continuous cluster takes where none is named.
 
-use super::Method;
 use super::cluster::Cluster;
+use super::{Method, exact};
 use crate::expression::{Node, Pool};
-use crate::structure::Output;
+use crate::model::Model;
+use crate::structure::{Form, Output};
 use bond_runtime::ir::{Binary, Unary};
 
 /// A tolerance above this asks for nothing better than order 2.
@@ -38,7 +39,16 @@ impl Accuracy {
 }
 
 /// The stepper of a cluster that `exact` does not take, and why. Passive always.
-pub(super) fn nonlinear(c: &Cluster, pool: &Pool, tolerance: Option<f64>) -> (Method, &'static str) {
+pub(super) fn nonlinear(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    tolerance: Option<f64>,
+) -> (Method, &'static str) {
+    // A probe is to cost no accuracy.
+    if exact::takes_states(c, model, form) {
+        return (Method::Collocation8, "it is linear, but for what a probe integrates");
+    }
     let Some(tolerance) = tolerance.filter(|t| *t <= LOOSE) else {
         return (Method::Gonzalez, "it is not linear");
     };
@@ -48,7 +58,7 @@ pub(super) fn nonlinear(c: &Cluster, pool: &Pool, tolerance: Option<f64>) -> (Me
     if c.states.len() + c.loops.len() > UNKNOWNS {
         return (Method::Gonzalez, "it is not linear, and large");
     }
-    if !is_smooth(c, pool) {
+    if !is_smooth(c, &model.pool) {
         return (Method::Gonzalez, "it is not linear, and not smooth");
     }
     match tolerance <= TIGHT {

@@ -366,7 +366,7 @@ impl Cluster {
                     why = "it is linear";
                 }
                 if wanted.is_none() && linear.is_none() {
-                    let (method, reason) = choice::nonlinear(self, &model.pool, tolerance);
+                    let (method, reason) = choice::nonlinear(self, model, form, tolerance);
                     (wanted, why) = (Some(method), reason);
                 }
                 let (mut step, entries) = match wanted {
