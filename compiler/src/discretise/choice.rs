@@ -1,7 +1,7 @@
 //! Which stepper a continuous cluster takes where none is named.
 
 use super::cluster::Cluster;
-use super::{Method, exact};
+use super::{Method, collocation, exact};
 use crate::expression::{Expr, Node};
 use crate::model::Model;
 use crate::structure::{Form, Output};
@@ -11,8 +11,8 @@ use bond_runtime::ir::{Binary, Unary};
 const LOOSE: f64 = 1e-3;
 /// One at most this asks for order 8, between the two for 6. Measured on smooth problems: Duffing, pendulum, Kepler.
 const TIGHT: f64 = 1e-5;
-/// One at most this asks for order 8 where a region has kinks, too. Above, a step over a kink that nothing locates costs
-/// less than the stages do.
+/// One at most this asks for order 8 where a region has kinks, too. Steps to a looser one are so long that they may pass
+/// over what a kink brings, such as the pulse of a diode.
 const KINKS: f64 = 1e-7;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
@@ -47,22 +47,28 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
     if exact::takes_states(c, model, form) {
         return (Method::Collocation8, "it is linear, but for what a probe integrates");
     }
+    let small = c.states.len() + c.loops.len() <= UNKNOWNS;
+    let laws = laws(c);
+    let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
+    let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { .. }));
+    if !c.followed.is_empty() {
+        if !small || kinked || !collocation::all_quadratic(c, &mut model.pool) {
+            return (Method::Gonzalez, "a storage follows a source");
+        }
+        if c.nodes.iter().all(|n| !n.curved) {
+            return (Method::Collocation8, "it is linear, but for a storage that follows a source");
+        }
+    }
     let Some(tolerance) = tolerance.filter(|t| *t <= LOOSE) else {
         return (Method::Gonzalez, "it is not linear");
     };
-    if !c.followed.is_empty() {
-        return (Method::Gonzalez, "it is not linear, and a storage follows a source");
-    }
-    if c.states.len() + c.loops.len() > UNKNOWNS {
+    if !small {
         return (Method::Gonzalez, "it is not linear, and large");
     }
-    let laws = laws(c);
-    let any = |test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
-    let kinked = any(&is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { .. }));
     if kinked && tolerance > KINKS {
         return (Method::Gonzalez, "it is not linear, and not smooth");
     }
-    if kinked && any(&is_root) {
+    if kinked && any(model, &is_root) {
         return (Method::Gonzalez, "it is not linear, and has kinks and a root");
     }
     if kinked {
