@@ -18,7 +18,13 @@ pub fn choose(ask: &Ask, runner: &Runner, quantities: &Quantities) -> Option<(Tr
         let (run, finer) = (run?, finer?);
         let error = Difference::new(&run, &finer, &quantities.scales(&finer)).anywhere();
         let keeps = run.keeps();
-        keeps.then(|| Tried { method: runner.way.name, setting: Setting::Step(h), error, seconds: run.seconds, keeps })
+        keeps.then_some(Tried {
+            method: runner.way.name,
+            setting: Setting::Step(h),
+            error,
+            seconds: run.seconds,
+            keeps,
+        })
     };
     match ask.target {
         Target::Error(e) => {
