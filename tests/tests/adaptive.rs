@@ -2,6 +2,7 @@
 
 use crate::common::{advance, close, end, example, finish, probe, start, text, with};
 use bond::{Options, Steps, Summary};
+use bond_compiler::discretise::Accuracy;
 
 /// An ellipse of eccentricity 0.6 about a sun with mu = 1, from where it is nearest: half axis 1, period 2 pi.
 const KEPLER: &str = "model Kepler {
@@ -102,6 +103,64 @@ fn a_ball_keeps_its_order_through_contact() {
         assert!(*off < most, "{method}: off by {off:e}");
         assert_eq!(summary.passive, method == "gonzalez");
     }
+}
+
+/// Steps end at kinks, so that at a tight tolerance order 8 takes fewer of them; at a loose one the default is what it
+/// was, and so where a law has a root, beyond which there is nothing.
+#[test]
+fn kinks_are_taken_with_order_eight_where_that_is_asked_for() {
+    let taken = |tolerance: f64, model: &str| {
+        let compiled = with(Options::new().accuracy(Accuracy::Tolerance(tolerance)), model);
+        let mut sim = start(&compiled, Steps::tolerance(tolerance));
+        finish(&mut sim, 2.0);
+        (compiled.scene().clusters[0].step.name.to_string(), probe(&mut sim, "x"), sim.summary())
+    };
+    let (stepper, x, summary) = taken(1e-9, BALL);
+    assert_eq!((stepper.as_str(), summary.passive, summary.regions[0].events), ("collocation8", true, 13));
+    close(x, ball(2.0), 1e-7, "the ball");
+    assert!(summary.regions[0].steps < 500, "{} steps", summary.regions[0].steps);
+    assert_eq!(taken(1e-6, BALL).0, "gonzalez");
+    let valve = "model Valve {
+      C:tank { compliance = 1 F; q0 = 1 C }
+      R:hole { f = sign(e)*sqrt(abs(e)/(1 V))*(1 A) }
+      tank -> hole
+      probe x = tank.q
+    }";
+    assert_eq!(taken(1e-9, valve).0, "gonzalez");
+}
+
+/// The integral of |cos| has a kink at each zero; the circuit beside it is linear, and no probe makes it less exact.
+#[test]
+fn kinks_of_what_a_probe_integrates_are_met() {
+    let circuit = |probe: &str| {
+        format!(
+            "model Ring {{
+               I:l {{ inertia = 1 H; f0 = 1 A }}
+               C:c {{ stiffness = 2500 V/C }}
+               1:m -> l, c
+               probe i = m.f
+               {probe}
+             }}"
+        )
+    };
+    let compiled = text(&circuit(
+        "probe charge = integral(abs(m.f), 0 C)
+         probe late = integral(if t > 0.33333 s then m.f else 0 A, 0 C)
+         probe up = integral(if m.f > 0.6 A then 1 else 0, 0 s)",
+    ));
+    assert_eq!(compiled.scene().clusters[0].step.name, "collocation8");
+    let mut sim = start(&compiled, Steps::tolerance(1e-9));
+    finish(&mut sim, 2.0);
+    let (w, turned) = (50.0f64, 100.0f64);
+    let half_turns = (turned / std::f64::consts::PI).round();
+    let sign = if half_turns % 2.0 == 0.0 { 1.0 } else { -1.0 };
+    close(probe(&mut sim, "charge"), (2.0 * half_turns + sign * turned.sin()) / w, 1e-8, "charge");
+    close(probe(&mut sim, "late"), (turned.sin() - (w * 0.33333).sin()) / w, 1e-8, "late");
+    // The current is above 0.6 A for acos(0.6) on both sides of each full turn, of which the sixteenth is not over.
+    let up = 32.0 * 0.6f64.acos() + turned - 16.0 * std::f64::consts::TAU;
+    close(probe(&mut sim, "up"), up / w, 1e-8, "up");
+    close(probe(&mut sim, "i"), turned.cos(), 1e-6, "i");
+    assert_eq!(text(&circuit("")).scene().clusters[0].step.name, "exact");
 }
 
 /// No step ends within an impact without its events: a few steps a flight, and each contact is met.

@@ -59,6 +59,38 @@ fn gauss_has_twice_its_stages_as_order() {
     }
 }
 
+/// A condenser across a source, and an inertia that a rack drives, beside what the source drives through resistance.
+#[test]
+fn what_follows_a_source_keeps_order_and_balance() {
+    let text = "model Follows {
+      Se:u = (10 V)*sin((100 rad/s)*t)
+      C:c = 10 uF
+      R:r = 5 Ohm
+      I:l = 20 mH
+      u -> 0:n -> c
+      n -> 1:b -> r, l
+      probe x = l.f
+      probe i = u.f
+    }";
+    for (method, order) in &GAUSS[..3] {
+        let found = orders(text, method, 0.01, 0.1);
+        let near = |o: &f64| (o - order).abs() < 0.3 || (*order > 6.0 && *o > 6.5);
+        assert!(found.last().is_some_and(near), "{method}: {found:?}");
+    }
+    // By default, order 8: Z = R + i w L, and what dies away with R/L.
+    let compiled = with(Options::new(), text);
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 0.1);
+    let (r, l, w, t) = (5.0f64, 0.02f64, 100.0f64, 0.1f64);
+    let through =
+        10.0 / (r * r + w * w * l * l) * (r * (w * t).sin() - w * l * (w * t).cos() + w * l * (-r * t / l).exp());
+    close(probe(&mut sim, "x"), through, 1e-6, "through the coil");
+    close(probe(&mut sim, "i"), through + 1e-5 * 10.0 * w * (w * t).cos(), 1e-6, "from the source");
+    let summary = sim.summary();
+    assert_eq!(summary.regions[0].stepper, "collocation8");
+    assert!(summary.passive && summary.worst_step < 1e-14 && summary.regions[0].steps < 200, "{summary:?}");
+}
+
 /// Fields of several states, which take the stages apart.
 #[test]
 fn order_eight_on_fields() {
@@ -142,7 +174,7 @@ fn every_scene_takes_it() {
     for (title, path, scene) in all_scenes() {
         let by_default = file(&path, Options::new().model(&scene));
         let Ok(compiled) = Options::new().model(&scene).method("collocation6").compile_file(&path) else {
-            // A storage that follows a source; the message says so.
+            // A storage that follows a source beside an energy that is not quadratic; the message says so.
             let errors = Options::new().model(&scene).method("collocation6").compile_file(&path).err();
             let text = errors.map(|e| e.to_string()).unwrap_or_default();
             assert!(text.contains("follows a source"), "{title}: {text}");

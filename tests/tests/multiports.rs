@@ -1,7 +1,7 @@
 //! Multiport fields, entropy, dependent storages, loops and set-valued laws: closed forms, orders and conservation.
 
-use crate::common::{advance, close, end, finish, probe, start, text};
-use bond::Steps;
+use crate::common::{advance, close, end, finish, probe, start, text, with};
+use bond::{Options, Steps};
 
 /// A linear field of resistors gives the explicit form with its skew part in J, whatever causality its ports get.
 #[test]
@@ -222,7 +222,8 @@ fn a_linear_storage_beside_a_curved_one_is_merged() {
 /// ledger.
 #[test]
 fn storages_follow_sources() {
-    let compiled = text(
+    let compiled = with(
+        Options::new().method("gonzalez"),
         "model L { Se:u = 10 V * cos(100 Hz * t); C:c1 = 1 uF; C:c2 = 2 uF; R:r = 1 kOhm
            u -> 1:s -> c1; s -> 0:n -> c2, r; probe v = c2.e; probe i = u.f; probe q1 = c1.q; probe q2 = c2.q }",
     );

@@ -139,6 +139,27 @@ fn at_rest_forces_are_right() {
     close(probe(&mut sim, "current"), 0.7003570517957, 1e-6, "the current");
 }
 
+/// What takes the kept energy back to H does not push to and fro where nothing moves.
+#[test]
+fn it_comes_to_rest() {
+    let compiled = with(
+        options(),
+        "model Rest {
+           Se:u = 2 V
+           C:c { e = (1 V)*(q/(1 C))^3; q0 = 1 C }
+           R:r = 1 Ohm
+           I:l = 0.1 H
+           u -> 1:m -> r, l, c
+           probe q = c.q
+         }",
+    );
+    let mut sim = start(&compiled, Steps::tolerance(1e-6));
+    finish(&mut sim, 30.0);
+    close(probe(&mut sim, "q"), 2f64.cbrt(), 1e-7, "q");
+    let region = sim.summary().regions.swap_remove(0);
+    assert!(region.steps < 1000, "{} steps", region.steps);
+}
+
 #[test]
 fn a_nonlinear_resistor_takes_power() {
     let (_, summary) = last(&with(options(), DRAG), 0.5, 50.0);
@@ -184,6 +205,15 @@ fn what_it_cannot_take_is_said_by_name() {
         ("diode_rectifier", ["`diode` has an exponential", "gonzalez"]),
         ("gas_piston", ["is a port of a field whose laws are not linear", "gonzalez"]),
     ];
+    // Nor where there is no loop.
+    let diode = "model Diode {
+       I:l { inertia = 50 mH; f0 = 5 A }
+       C:a = 10 mF
+       R:d { f = 1e-9 A * (exp(e/0.025 V) - 1) }
+       l -> 0:n -> a, d
+     }";
+    let Err(errors) = options().compile_text(&bond::Text::new("diode.bond", diode)) else { panic!("it compiles") };
+    assert!(errors.to_string().contains("`d` has an exponential"), "{errors}");
     for (name, words) in cases {
         let path = models().join("classics").join(format!("{name}.bond"));
         let Err(errors) = options().compile_file(&path) else { panic!("{name} compiles") };

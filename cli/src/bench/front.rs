@@ -6,7 +6,7 @@ use super::point::{ABOVE, Point};
 pub struct Advice<'a> {
     /// It, relative.
     pub error: f64,
-    /// The cheapest of the methods that keep the balance.
+    /// The cheapest of those that kept the balance.
     pub passive: Option<&'a Point>,
     /// The cheapest of all, where that is another one.
     pub other: Option<&'a Point>,
@@ -44,14 +44,14 @@ pub fn decades(points: &[Point], reference: f64) -> Vec<f64> {
 /// What to choose, decade by decade.
 pub fn advice(points: &[Point], reference: f64) -> Vec<Advice<'_>> {
     let cheapest = |error: f64, passive: bool| {
-        let fits = points.iter().filter(|p| p.passive || !passive);
+        let fits = points.iter().filter(|p| !passive || p.keeps());
         let fits = fits.filter_map(|p| place(p, reference).filter(|(e, _)| *e <= error).map(|(_, s)| (p, s)));
         fits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|f| f.0)
     };
     let choose = |error: f64| Advice {
         error,
         passive: cheapest(error, true),
-        other: cheapest(error, false).filter(|p| !p.passive),
+        other: cheapest(error, false).filter(|p| !p.keeps()),
     };
     decades(points, reference).into_iter().map(choose).collect()
 }

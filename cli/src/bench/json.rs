@@ -31,6 +31,7 @@ impl Serialize for Object<'_> {
         map.serialize_entry("method", p.method)?;
         map.serialize_entry("order", &p.order)?;
         map.serialize_entry("passive_stepper", &p.passive)?;
+        map.serialize_entry("keeps_balance", &p.keeps())?;
         let (step, tolerance) = match p.setting {
             Setting::Step(h) => (Some(h), None),
             Setting::Tolerance(x) => (None, Some(x)),

@@ -7,6 +7,10 @@ use std::collections::BTreeMap;
 /// A probe is measured against at least this part of the largest value that anything of its unit takes: one that is 0
 /// but for rounding has no size of its own.
 const SLIGHT: f64 = 1e-3;
+/// An energy or a power of less than this part of the scene's is rounding, and so is any other probe of less than that
+/// in SI units: they are measured against the scene's, and against 1.
+const ROUNDING: f64 = 1e-12;
+const FAINTEST: f64 = 1e-20;
 
 /// What is compared: names, and units where they are known.
 pub struct Quantities {
@@ -49,7 +53,12 @@ impl Quantities {
             let own = run.largest[i];
             let group = self.units[i].as_deref().and_then(|u| groups.get(u)).copied().unwrap_or(own);
             let scale = own.max(if i < self.probes { SLIGHT * group } else { group });
-            if scale > 0.0 { scale } else { 1.0 }
+            let (least, size) = match self.units[i].as_deref().filter(|_| i < self.probes) {
+                Some("J") => (ROUNDING * run.energy, run.energy),
+                Some("W") => (ROUNDING * run.power, run.power),
+                Some(_) | None => (if i < self.probes { FAINTEST } else { 0.0 }, 1.0),
+            };
+            if scale > least { scale } else { size.max(f64::MIN_POSITIVE) }
         };
         (0..self.names.len()).map(scale).collect()
     }

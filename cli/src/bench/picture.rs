@@ -97,7 +97,7 @@ pub fn picture(b: &Bench) -> Drawing {
             let line: Vec<(f64, f64)> = own.iter().map(|o| o.1).collect();
             d.line(&line, colour, 1.4, (!fixed).then_some("5 4"));
             for (p, at) in own {
-                d.mark(mark, at, 4.2, colour, p.passive);
+                d.mark(mark, at, 4.2, colour, p.keeps());
             }
         }
         let at = (right + 26.0, top + 14.0 + 20.0 * i as f64);

@@ -5,6 +5,7 @@ use super::norm::Difference;
 use super::reference::Reference;
 use super::setting::Setting;
 use super::trial::{Lost, Run, Runner};
+use bond_runtime::simulate::KEPT;
 
 /// A reading of the clock is of this much computing at least, where a run is shorter, s.
 const READING: f64 = 0.02;
@@ -20,7 +21,7 @@ pub struct Point {
     pub method: &'static str,
     /// Its order; 0 where it has no error.
     pub order: u32,
-    /// Whether it keeps the balance.
+    /// Whether its stepper keeps the balance.
     pub passive: bool,
     /// Step or tolerance.
     pub setting: Setting,
@@ -28,6 +29,13 @@ pub struct Point {
     pub result: Result<Measured, String>,
     /// Nothing is both cheaper and more exact.
     pub front: bool,
+}
+
+impl Point {
+    /// Whether its run kept the balance, as measured.
+    pub fn keeps(&self) -> bool {
+        self.passive && self.result.as_ref().is_ok_and(|m| m.balance <= KEPT)
+    }
 }
 
 /// What was measured.

@@ -19,6 +19,8 @@ const MORE: f64 = 1.1;
 const FAILURES: u32 = 3;
 /// Time for all methods, in that for one.
 const METHODS: f64 = 2.0;
+/// So many reasons are told.
+const REASONS: usize = 3;
 /// Fixed steps are halved so often at most.
 const HALVINGS: u32 = 14;
 
@@ -72,7 +74,7 @@ impl Search<'_> {
         order.sort_by_key(|r| (std::cmp::Reverse(rank(r)), !r.way.passive));
         let mut total = METHODS * self.limit;
         let mut found: Vec<Found> = Vec::new();
-        let mut why = "there is no method".to_string();
+        let mut why: Vec<(String, Vec<&str>)> = Vec::new();
         for (i, runner) in order.iter().enumerate() {
             (self.progress)(i as f64 / order.len() as f64);
             if self.enough(&found) {
@@ -80,7 +82,13 @@ impl Search<'_> {
             }
             match self.within(&mut total, |left| self.refine(runner, stop, left)) {
                 Ok(f) => found.push(f),
-                Err(e) => why = format!("{}: {e}", runner.way.name),
+                Err(e) => {
+                    let short = brief(&e);
+                    match why.iter_mut().find(|w| w.0 == short) {
+                        Some((_, names)) => names.push(runner.way.name),
+                        None => why.push((short.to_string(), vec![runner.way.name])),
+                    }
+                }
             }
         }
         // Low orders get far by extrapolation alone; where it is fine already, the two highest orders may make it
@@ -94,7 +102,7 @@ impl Search<'_> {
         }
         found.sort_by(|a, b| a.change.total_cmp(&b.change));
         let mut found = found.into_iter();
-        let Some(best) = found.next() else { return Err(why) };
+        let Some(best) = found.next() else { return Err(reasons(&why)) };
         let scales = self.quantities.scales(&best.run);
         let second = found.find(|f| f.method != best.method);
         let checked = second.map(|s| {
@@ -236,4 +244,21 @@ impl Search<'_> {
     fn change(&self, a: &Run, b: &Run) -> f64 {
         Difference::new(b, a, &self.quantities.scales(b)).anywhere()
     }
+}
+
+/// What kept methods from the end, those of the highest orders first.
+fn reasons(why: &[(String, Vec<&str>)]) -> String {
+    if why.is_empty() {
+        return "there is no method".into();
+    }
+    let told = why.iter().take(REASONS).map(|(why, names)| format!("{}: {why}", names.join(", ")));
+    let others: usize = why.iter().skip(REASONS).map(|w| w.1.len()).sum();
+    let others = (others > 0).then(|| format!("{others} others do no better"));
+    told.chain(others).collect::<Vec<_>>().join("; ")
+}
+
+/// Why a run failed, without the instant, which differs, and without advice.
+fn brief(why: &str) -> &str {
+    let why = why.split_once(", ").filter(|(at, _)| at.starts_with("at t = ")).map_or(why, |(_, rest)| rest);
+    why.split(';').next().unwrap_or(why)
 }

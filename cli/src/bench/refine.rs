@@ -44,7 +44,7 @@ pub fn refine(
         progress(k as f64 / list.len() as f64);
         for passive in [true, false] {
             for _ in 0..TRIES {
-                let open = |p: &Point| (p.passive || !passive) && of(p).is_some_and(|i| !late[i]);
+                let open = |p: &Point| (!passive || p.keeps()) && of(p).is_some_and(|i| !late[i]);
                 let Some(guess) = best(points, *decade, sweep, passive, &open) else { break };
                 let fine = &points[guess.before];
                 let Some(i) = of(fine) else { break };
@@ -80,7 +80,7 @@ pub fn refine(
 /// The guess that is foretold to be the cheapest, where that is worth its measuring.
 fn best(points: &[Point], decade: f64, sweep: &Sweep, passive: bool, open: &dyn Fn(&Point) -> bool) -> Option<Guess> {
     let meets = |p: &Point| place(p, sweep.reference.error).filter(|(e, _)| *e <= decade);
-    let own = points.iter().filter(|p| p.passive || !passive);
+    let own = points.iter().filter(|p| !passive || p.keeps());
     let cheapest = own.filter_map(|p| meets(p).map(|m| m.1)).fold(f64::INFINITY, f64::min);
     let pairs = (1..points.len()).filter(|i| open(&points[*i]));
     let guesses = pairs.filter_map(|i| {

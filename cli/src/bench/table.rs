@@ -36,7 +36,9 @@ fn write_text(out: &mut String, b: &Bench) -> std::fmt::Result {
         last = p.method;
         let mark = if p.front { "*" } else { " " };
         match &p.result {
-            Ok(m) => writeln!(out, "{mark} {name:15} {:12} {}", p.setting.cell(), row(m, b.stop))?,
+            Ok(m) => {
+                writeln!(out, "{mark} {name:15} {:12} {}", p.setting.cell(), row(m, b.stop, p.passive && !p.keeps()))?
+            }
             Err(why) => writeln!(out, "{mark} {name:15} {:12} failed: {}", p.setting.cell(), brief(why))?,
         }
     }
@@ -44,7 +46,8 @@ fn write_text(out: &mut String, b: &Bench) -> std::fmt::Result {
         out,
         "\n*: on the front: nothing is both cheaper and more exact. error: the largest of all probes and states at the end, relative\n\
          to its largest size; on way: of the probes, along the run. drift, balance: of the energy, relative. Newton: iterations\n\
-         a step. time/s: processor time for a simulated second. <: no more than the reference can tell."
+         a step. time/s: processor time for a simulated second. <: no more than the reference can tell. !: more than the\n\
+         rounding of a stepper that keeps the balance."
     )?;
     choices(out, b)?;
     for note in &b.notes {
@@ -53,7 +56,8 @@ fn write_text(out: &mut String, b: &Bench) -> std::fmt::Result {
     Ok(())
 }
 
-fn row(m: &Measured, stop: f64) -> String {
+/// `off`: the balance is not what the stepper is to keep.
+fn row(m: &Measured, stop: f64, off: bool) -> String {
     let newton = if m.iterations == 0 || m.steps == 0 {
         "-".to_string()
     } else {
@@ -61,7 +65,7 @@ fn row(m: &Measured, stop: f64) -> String {
     };
     let error = format!("{}{:.1e}", if m.floor { "<" } else { "" }, m.error);
     let along = m.difference.along.iter().copied().fold(m.error, f64::max);
-    let (drift, balance) = (small(m.drift), small(m.balance));
+    let (drift, balance) = (small(m.drift), small(m.balance) + if off { "!" } else { "" });
     let pace = time(m.seconds / stop);
     format!("{error:>8} {along:>8.1e} {drift:>8} {balance:>8} {:>9} {newton:>7} {pace:>9}", m.steps)
 }

@@ -8,7 +8,7 @@ use bond::{Course, RunError, Simulation, Summary};
 use bond_compiler::model::Settings;
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::Options;
+use bond_runtime::simulate::{KEPT, Options};
 
 /// What all runs of a comparison have in common.
 pub struct Task<'a> {
@@ -60,12 +60,22 @@ pub struct Run {
     pub drift: f64,
     /// The worst balance of a step of any region.
     pub balance: f64,
+    /// The largest energy that a region held, or that went into it or was lost there, J, and its mean over the time, W.
+    pub energy: f64,
+    pub power: f64,
     /// Steps of continuous regions.
     pub steps: u64,
     /// Newton iterations in them.
     pub iterations: u64,
     /// Processor time of stepping, s.
     pub seconds: f64,
+}
+
+impl Run {
+    /// Whether no step was off its balance.
+    pub fn keeps(&self) -> bool {
+        self.balance <= KEPT
+    }
 }
 
 /// Why a run gave nothing.
@@ -137,7 +147,8 @@ impl<'a> Runner<'a> {
         let summary = sim.summary();
         let (steps, iterations) = counts(&summary, &self.way.scene);
         let drift = f64::max(drift, drifted(&summary));
-        Ok(Run { end, rows, largest, drift, balance: balance(&summary), steps, iterations, seconds })
+        let ((energy, power), balance) = (turned(&summary), balance(&summary));
+        Ok(Run { end, rows, largest, drift, balance, energy, power, steps, iterations, seconds })
     }
 
     /// Runs once without a row on the way, as often as asked in one reading, and takes the time of one.
@@ -163,8 +174,8 @@ impl<'a> Runner<'a> {
         let summary = sim.summary();
         let (steps, iterations) = counts(&summary, &self.way.scene);
         let largest = end.iter().map(|x| x.abs()).collect();
-        let (drift, balance) = (drifted(&summary), balance(&summary));
-        Ok(Run { end, rows: Vec::new(), largest, drift, balance, steps, iterations, seconds })
+        let (drift, balance, (energy, power)) = (drifted(&summary), balance(&summary), turned(&summary));
+        Ok(Run { end, rows: Vec::new(), largest, drift, balance, energy, power, steps, iterations, seconds })
     }
 }
 
@@ -204,6 +215,12 @@ fn drifted(s: &Summary) -> f64 {
 
 fn balance(s: &Summary) -> f64 {
     s.regions.iter().map(|r| r.worst_step).fold(0.0, f64::max)
+}
+
+fn turned(s: &Summary) -> (f64, f64) {
+    let of = s.regions.iter().flat_map(|r| [r.h_max, r.supplied.abs(), r.dissipated.abs()]);
+    let energy = of.fold(0.0, f64::max);
+    (energy, if s.time > 0.0 { energy / s.time } else { 0.0 })
 }
 
 /// Steps and Newton iterations of continuous clusters: each of their regions tells those of its cluster.

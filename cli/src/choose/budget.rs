@@ -50,11 +50,11 @@ pub fn choose(
         progress.at(0.5 + 0.5 * i as f64 / candidates.len() as f64);
         for k in 0..HALVINGS {
             let setting = Setting::Step(first.min(ask.stop) / f64::from(k).exp2());
-            // What fails or gives no number at a long step may do at a shorter one; what takes too long only takes
-            // longer.
+            // What fails, gives no number or is off its balance at a long step may do at a shorter one; what takes too
+            // long only takes longer.
             let mut tried = match attempt(runner, setting, reference, 4.0 * allowed + 0.01) {
-                Ok(tried) => tried,
-                Err(crate::bench::Lost::Failed(_)) => continue,
+                Ok(tried) if tried.keeps => tried,
+                Ok(_) | Err(crate::bench::Lost::Failed(_)) => continue,
                 Err(crate::bench::Lost::Late) => break,
             };
             // What rows cost on the way is not the stepper's.
@@ -105,6 +105,9 @@ pub fn choose(
             c.setting.words(),
             time(c.seconds * unit(scene) / ask.stop)
         ))),
-        (None, None) => Err(Stop::Numerics(format!("no stepper comes to the end within {} for {of}", time(budget)))),
+        (None, None) => Err(Stop::Numerics(format!(
+            "no stepper comes to the end with its balance kept within {} for {of}",
+            time(budget)
+        ))),
     }
 }

@@ -13,8 +13,10 @@ const WINDOW: [f64; 3] = [1.0 / 30.0, 1.0 / 6.0, 1.0 / 2.0];
 const RUNS: usize = 10;
 /// A candidate that takes so many times as long as the best so far is given up.
 const LOST: f64 = 3.0;
-/// No run may take longer than the reference, or than this, s, where that is more.
+/// No run may take longer than the reference, or than this, s, where that is more. Where nothing meets the error so
+/// (the reference may be extrapolated from long steps), one may take so much.
 const LEAST: f64 = 0.05;
+const MOST: f64 = super::LIMIT;
 
 /// Chooses.
 ///
@@ -43,20 +45,25 @@ pub fn choose(
     });
     let first = rough(candidates.iter().copied(), ask.stop);
     let (mut best, mut tries): (Option<Tried>, usize) = (None, 0);
-    for (i, runner) in order.iter().enumerate() {
-        progress.at(0.5 + 0.5 * i as f64 / order.len() as f64);
-        let mut starts = vec![Setting::Step(first)];
-        if runner.way.adaptive {
-            starts.push(Setting::Tolerance((0.1 * error).max(1e-14)));
-        }
-        for start in starts {
-            let seek = Seek { runner, reference, error, stop: ask.stop };
-            let found = seek.run(start, best.as_ref(), &mut tries);
-            if let Some(found) = found
-                && best.as_ref().is_none_or(|b| better(&found, b, error))
-            {
-                best = Some(found);
+    for dear in [reference.run.seconds.max(LEAST), MOST] {
+        for (i, runner) in order.iter().enumerate() {
+            progress.at(0.5 + 0.5 * i as f64 / order.len() as f64);
+            let mut starts = vec![Setting::Step(first)];
+            if runner.way.adaptive {
+                starts.push(Setting::Tolerance((0.1 * error).max(1e-14)));
             }
+            for start in starts {
+                let seek = Seek { runner, reference, error, stop: ask.stop, dear };
+                let found = seek.run(start, best.as_ref(), &mut tries);
+                if let Some(found) = found
+                    && best.as_ref().is_none_or(|b| better(&found, b, error))
+                {
+                    best = Some(found);
+                }
+            }
+        }
+        if best.is_some() {
+            break;
         }
     }
     let Some(best) = best else {
@@ -87,14 +94,15 @@ struct Seek<'s, 'a> {
     reference: &'s Reference,
     error: f64,
     stop: f64,
+    /// What a run may take while there is nothing better, s.
+    dear: f64,
 }
 
 impl Seek<'_, '_> {
     /// The coarsest setting found whose error is at most that which is asked for.
     fn run(&self, start: Setting, best: Option<&Tried>, tries: &mut usize) -> Option<Tried> {
         let [low, middle, high] = WINDOW.map(|w| w * self.error);
-        let dear = self.reference.run.seconds.max(LEAST);
-        let limit = best.map_or(dear, |b| (LOST * b.seconds).max(1e-3));
+        let limit = best.map_or(self.dear, |b| (LOST * b.seconds).max(1e-3));
         // How the error follows the setting: as the order of the step, as the tolerance itself.
         let power = match start {
             Setting::Step(_) => f64::from(self.runner.way.order.max(1)),
@@ -112,8 +120,8 @@ impl Seek<'_, '_> {
             let x = setting.value();
             let result = attempt(self.runner, setting, self.reference, limit);
             let error = match &result {
-                Ok(tried) => tried.error.max(1e-17),
-                Err(Lost::Failed(_)) => f64::INFINITY,
+                Ok(tried) if tried.keeps => tried.error.max(1e-17),
+                Ok(_) | Err(Lost::Failed(_)) => f64::INFINITY,
                 Err(Lost::Late) => return fine,
             };
             let next = if error > high {

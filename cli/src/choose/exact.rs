@@ -17,7 +17,14 @@ pub fn choose(ask: &Ask, runner: &Runner, quantities: &Quantities) -> Option<(Tr
         let [run, finer] = [h, 0.5 * h].map(|h| runner.track(Setting::Step(h), f64::INFINITY).ok());
         let (run, finer) = (run?, finer?);
         let error = Difference::new(&run, &finer, &quantities.scales(&finer)).anywhere();
-        Some(Tried { method: runner.way.name, setting: Setting::Step(h), error, seconds: run.seconds })
+        let keeps = run.keeps();
+        keeps.then_some(Tried {
+            method: runner.way.name,
+            setting: Setting::Step(h),
+            error,
+            seconds: run.seconds,
+            keeps,
+        })
     };
     match ask.target {
         Target::Error(e) => {

@@ -91,6 +91,8 @@ struct Tried {
     error: f64,
     /// Processor time of stepping to the end, s.
     seconds: f64,
+    /// Whether its run kept the balance, where its stepper is to.
+    keeps: bool,
 }
 
 /// Chooses. `ways` has the model as it says itself, compiled.
@@ -175,5 +177,6 @@ fn chosen(ask: &Ask, way: &Way, tried: &Tried, why: String, against: String, beg
 fn attempt(runner: &Runner, setting: Setting, reference: &Reference, limit: f64) -> Result<Tried, crate::bench::Lost> {
     let run = runner.track(setting, limit)?;
     let error = crate::bench::Difference::new(&run, &reference.run, &reference.scales).anywhere();
-    Ok(Tried { method: runner.way.name, setting, error, seconds: run.seconds })
+    let keeps = !runner.way.passive || run.keeps();
+    Ok(Tried { method: runner.way.name, setting, error, seconds: run.seconds, keeps })
 }

@@ -15,6 +15,25 @@ model Pendulum {
 }
 ";
 
+/// A diode that steps of 8 ms and more by the discrete gradient do not solve for.
+pub const RECTIFIER: &str = "\
+model Rectifier {
+  Se:s = (5 V)*sin((30 Hz)*t)
+  R:rs = 0.5 Ohm
+  I:ll = 0.05 H
+  C:c1 = 0.01 F
+  C:c2 = 0.01 F
+  R:d { f = (1e-9 A)*(exp(e/(0.025 V)) - 1) }
+  R:ld = 20 Ohm
+  s -> 1:m -> rs, ll
+  m -> 0:n -> c1
+  n -> 1:dd -> d
+  dd -> 0:o -> c2, ld
+  probe e = c2.e
+  simulate { stop = 2 s }
+}
+";
+
 /// All is computed at 10 Hz.
 const SAMPLED: &str = "\
 model Sampled {
@@ -199,4 +218,24 @@ fn what_is_wrong_is_told() {
     here.bond(&["bench", "s.bond"]).is(1, &[], &["no continuous region"]);
     let blown = here.bond(&["bench", "b.bond", "--methods", "gonzalez,rk4"]);
     blown.is(3, &[], &["no stepper gives a run to measure the others against"]);
+}
+
+/// What counts is the balance that a run had, not what its stepper is known for.
+#[test]
+fn a_run_off_its_balance_is_no_advice() {
+    let here = Folder::new().with("r.bond", RECTIFIER);
+    let args = ["bench", "r.bond", "--methods", "gonzalez,collocation8", "--steps", "20ms,8ms,4ms"];
+    let list = points(&here.bond(&[&args[..], &["--as", "json"]].concat()).is(0, &[], &[]));
+    for p in &list {
+        assert_eq!(p["keeps_balance"], p["balance"].as_f64().unwrap() <= 1e-12, "{p}");
+    }
+    let table = here.bond(&args).is(0, &["!: "], &[]).out;
+    for line in table.lines().skip_while(|l| !l.starts_with("to choose")).skip(1).filter(|l| l.starts_with("  for")) {
+        let words = line.split_whitespace().skip(2).collect::<Vec<_>>().join(" ");
+        let off = |p: &&Value| {
+            let step = format!("{}, steps of {} ms", p["method"].as_str().unwrap(), 1e3 * p["step"].as_f64().unwrap());
+            p["keeps_balance"] == false && words.starts_with(&step)
+        };
+        assert!(!list.iter().any(|p| off(&p)), "{line}");
+    }
 }

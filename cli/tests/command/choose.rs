@@ -1,6 +1,6 @@
 //! `bond run --error` and `--budget`: what is chosen is said, and an error that is asked for is met.
 
-use super::bench::PENDULUM;
+use super::bench::{PENDULUM, RECTIFIER};
 use super::{Folder, OSCILLATOR, table};
 use serde_json::Value;
 
@@ -74,6 +74,51 @@ fn what_is_chosen_is_said() {
     // A run without a choice says nothing of one.
     let done = here.bond(&["run", "a.bond", "--summary", "json"]).is(0, &[], &[]);
     assert!(serde_json::from_str::<Value>(&done.out).unwrap()["chosen"].is_null());
+}
+
+/// A probe that is rounding and nothing else has no error; a search goes on where only a slow stepper applies.
+#[test]
+fn what_is_only_rounding_does_not_count() {
+    let ideal = "model Ideal {
+      Se:s = (5 V)*sin((30 Hz)*t)
+      I:l = 0.05 H
+      R:r = 2 Ohm
+      R:d { e = min(s, 0)*(1 V); f = max(s, 0)*(1 A) }
+      s -> 1:m -> l, r, d
+      probe lost = integral(d.P, 0 J)
+      probe i = m.f
+      simulate { stop = 1 s }
+    }";
+    let here = Folder::new().with("ideal.bond", ideal);
+    let done = here.bond(&["run", "ideal.bond", "--error", "1e-4", "--summary", "json"]).is(0, &[], &[]);
+    let summary: Value = serde_json::from_str(&done.out).unwrap();
+    assert!(summary["chosen"]["estimated_error"].as_f64().unwrap() <= 1e-4, "{summary}");
+    assert!(summary["final"]["lost"].as_f64().unwrap().abs() < 1e-12, "{summary}");
+}
+
+/// Of several methods that fail, each says why.
+#[test]
+fn all_reasons_are_told() {
+    let pole = "model Pole {
+      Se:u = (100 N)*t/(2 s - t)
+      I:m = 1 kg
+      C:k { e = -(1 N)*log(1 - q/(1 m)) }
+      u -> 1:v -> m, k
+      probe x = k.q
+      simulate { stop = 4 s }
+    }";
+    let here = Folder::new().with("pole.bond", pole);
+    let words = ["to measure errors against: collocation12, collocation10, ", "a step of `v` failed"];
+    here.bond(&["run", "pole.bond", "--error", "1e-4"]).is(3, &[], &words);
+}
+
+#[test]
+fn a_budget_keeps_the_balance() {
+    let here = Folder::new().with("r.bond", RECTIFIER);
+    let args = ["run", "r.bond", "--method", "gonzalez", "--budget", "60us", "--summary", "json"];
+    let done = here.bond(&args);
+    // On a slow machine there is none.
+    assert!(!done.out.contains("\"passive\": false"), "{}", done.out);
 }
 
 #[test]

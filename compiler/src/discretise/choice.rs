@@ -1,15 +1,19 @@
 //! Which stepper a continuous cluster takes where none is named.
 
-use super::Method;
 use super::cluster::Cluster;
-use crate::expression::{Node, Pool};
-use crate::structure::Output;
+use super::{Method, collocation, exact};
+use crate::expression::{Expr, Node};
+use crate::model::Model;
+use crate::structure::{Form, Output};
 use bond_runtime::ir::{Binary, Unary};
 
 /// A tolerance above this asks for nothing better than order 2.
 const LOOSE: f64 = 1e-3;
 /// One at most this asks for order 8, between the two for 6. Measured on smooth problems: Duffing, pendulum, Kepler.
 const TIGHT: f64 = 1e-5;
+/// One at most this asks for order 8 where a region has kinks, too. Steps to a looser one are so long that they may pass
+/// over what a kink brings, such as the pulse of a diode.
+const KINKS: f64 = 1e-7;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
 const UNKNOWNS: usize = 16;
@@ -38,18 +42,37 @@ impl Accuracy {
 }
 
 /// The stepper of a cluster that `exact` does not take, and why. Passive always.
-pub(super) fn nonlinear(c: &Cluster, pool: &Pool, tolerance: Option<f64>) -> (Method, &'static str) {
+pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: Option<f64>) -> (Method, &'static str) {
+    // A probe is to cost no accuracy.
+    if exact::takes_states(c, model, form) {
+        return (Method::Collocation8, "it is linear, but for what a probe integrates");
+    }
+    let small = c.states.len() + c.loops.len() <= UNKNOWNS;
+    let laws = laws(c);
+    let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
+    let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { .. }));
+    if !c.followed.is_empty() {
+        if !small || kinked || !collocation::all_quadratic(c, &mut model.pool) {
+            return (Method::Gonzalez, "a storage follows a source");
+        }
+        if c.nodes.iter().all(|n| !n.curved) {
+            return (Method::Collocation8, "it is linear, but for a storage that follows a source");
+        }
+    }
     let Some(tolerance) = tolerance.filter(|t| *t <= LOOSE) else {
         return (Method::Gonzalez, "it is not linear");
     };
-    if !c.followed.is_empty() {
-        return (Method::Gonzalez, "it is not linear, and a storage follows a source");
-    }
-    if c.states.len() + c.loops.len() > UNKNOWNS {
+    if !small {
         return (Method::Gonzalez, "it is not linear, and large");
     }
-    if !is_smooth(c, pool) {
+    if kinked && tolerance > KINKS {
         return (Method::Gonzalez, "it is not linear, and not smooth");
+    }
+    if kinked && any(model, &is_root) {
+        return (Method::Gonzalez, "it is not linear, and has kinks and a root");
+    }
+    if kinked {
+        return (Method::Collocation8, "steps end at its kinks, and the tolerance asks for order 8");
     }
     match tolerance <= TIGHT {
         true => (Method::Collocation8, "it is smooth, and the tolerance asks for order 8"),
@@ -57,15 +80,30 @@ pub(super) fn nonlinear(c: &Cluster, pool: &Pool, tolerance: Option<f64>) -> (Me
     }
 }
 
-/// Whether no law and no energy has a kink or a jump.
-fn is_smooth(c: &Cluster, pool: &Pool) -> bool {
-    let kink = |n: &Node| match n {
+/// All that a step is solved for: laws, sources, rates and slopes of energies. What probes integrate is not.
+fn laws(c: &Cluster) -> Vec<Expr> {
+    let energies = c.groups.iter().flat_map(|g| g.coenergy.iter().copied());
+    let nodes = c.nodes.iter().flat_map(|n| n.how.expressions());
+    energies.chain(nodes).chain(c.states.iter().map(|s| s.rate)).collect()
+}
+
+/// Whether something has a kink or a jump.
+fn is_kink(n: &Node) -> bool {
+    match n {
         Node::Select(..) => true,
         Node::Unary(f, _) => matches!(f, Unary::Abs | Unary::Sign | Unary::Not),
         Node::Binary(f, ..) => !matches!(f, Binary::Atan2 | Binary::Pow),
         Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) | Node::Power(..) => false,
-    };
-    let curve = c.nodes.iter().any(|n| matches!(n.how, Output::Curve { .. }));
-    let energies = c.groups.iter().flat_map(|g| g.coenergy.iter().copied());
-    !curve && energies.chain(c.all_expressions()).all(|e| !pool.any_node(e, &kink))
+    }
+}
+
+/// Whether something has a root, and so an infinite slope: beyond it a step may have no solution, however near.
+fn is_root(n: &Node) -> bool {
+    match n {
+        Node::Product(_, pairs) => pairs.iter().any(|(_, n)| (f64::EPSILON..1.0).contains(&n.to_f64())),
+        Node::Power(..) => true,
+        Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => {
+            false
+        }
+    }
 }

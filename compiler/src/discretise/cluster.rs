@@ -366,7 +366,7 @@ impl Cluster {
                     why = "it is linear";
                 }
                 if wanted.is_none() && linear.is_none() {
-                    let (method, reason) = choice::nonlinear(self, &model.pool, tolerance);
+                    let (method, reason) = choice::nonlinear(self, model, form, tolerance);
                     (wanted, why) = (Some(method), reason);
                 }
                 let (mut step, entries) = match wanted {
@@ -375,13 +375,11 @@ impl Cluster {
                         None => self.gonzalez(model, form)?,
                     },
                     Some(Method::Exact) => exact::write(self, model, form)?.ok_or_else(|| {
-                        unfit(
-                            model,
-                            self,
-                            form,
-                            Method::Exact,
-                            "it is not linear with a quadratic energy, or too large",
-                        )
+                        let why = match self.followed.is_empty() {
+                            true => "it is not linear with a quadratic energy, or too large",
+                            false => "a storage of it follows a source",
+                        };
+                        unfit(model, self, form, Method::Exact, why)
                     })?,
                     Some(Method::Gonzalez) => self.gonzalez(model, form)?,
                     Some(Method::Euler) => explicit::write(self, model, form, &explicit::EULER)?,
@@ -532,15 +530,16 @@ impl Cluster {
         method: Method,
         nodes: Nodes,
     ) -> Result<(scene::Stepper, Vec<scene::Entries>), Vec<Diagnostic>> {
-        if !self.followed.is_empty() {
-            let why = "a storage of it follows a source, whose change over the step has no place among nodes";
+        let follows = !self.followed.is_empty();
+        if follows && (nodes == Nodes::Radau || !collocation::all_quadratic(self, &mut model.pool)) {
+            let why = "a storage of it follows a source; nodes of Gauss take that, where all energies are quadratic";
             return Err(unfit(model, self, form, method, why));
         }
-        let apart = collocation::Apart::new(self, model, form, nodes);
+        let apart = if follows { None } else { collocation::Apart::new(self, model, form, nodes) };
         // Linear equations are solved at once: from no guess, and by a quadrature that misses nothing.
         let linear = apart.as_ref().is_some_and(|a| a.is_linear());
         self.memory = if linear { 0 } else { collocation::memory(self, nodes) };
-        self.watched = nodes != Nodes::Radau && !linear;
+        self.watched = nodes != Nodes::Radau && !linear && !follows;
         collocation::write(self, model, form, (method.name(), nodes), apart.as_ref())
     }
 

@@ -99,7 +99,8 @@ pub(super) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Prog
     verified(model, b.finish())
 }
 
-/// Writes the guards of a cluster's laws; `None` where no law switches on something that states, time and loops tell.
+/// Writes the guards of a cluster's laws and integrands; `None` where none switches on something that states, time and
+/// loops tell.
 pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<Guards>, Vec<Diagnostic>> {
     let map = c.at_instant(&mut model.pool, form);
     let mut roots: Vec<Expr> = map.values().copied().collect();
@@ -107,8 +108,9 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
     let residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
     roots.extend(flat.values().chain(&residuals).copied());
-    for s in c.states.iter().filter(|s| s.column.is_none()) {
-        roots.push(model.pool.substitute(s.rate, &flat));
+    let signals = c.states.iter().filter(|s| s.column.is_none()).map(|s| s.rate);
+    for rate in signals.chain(c.integrals.iter().map(|i| i.rate)) {
+        roots.push(model.pool.substitute(rate, &flat));
     }
     roots.sort_unstable();
     let mut seen: FxHashSet<Expr> = FxHashSet::default();

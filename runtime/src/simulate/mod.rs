@@ -23,7 +23,7 @@ pub use given::{Course, Unfit};
 pub use hold::Report;
 pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 pub use save::{Refused, saved};
-pub use summary::{BarSummary, ElementEnergy, ElementEntropy, Modified, RegionSummary, Summary};
+pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, Summary};
 
 use crate::kernel::Failure;
 use serde::{Deserialize, Serialize};

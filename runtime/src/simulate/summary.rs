@@ -4,6 +4,8 @@ use super::cluster::Book;
 use super::schedule::Simulation;
 use std::borrow::Cow;
 
+/// What the balance of a step is off by at most, relative, where it is said to be kept.
+pub const KEPT: f64 = 1e-12;
 /// Energies below this part of the scene's largest are rounding.
 const FLOOR: f64 = 1e-14;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
@@ -219,7 +221,7 @@ impl Simulation<'_> {
                     region.name, region.stepper
                 ));
             }
-            if region.passive_stepper && (region.worst_step > 1e-12 || region.worst_step.is_nan()) {
+            if region.passive_stepper && (region.worst_step > KEPT || region.worst_step.is_nan()) {
                 reasons
                     .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
             }

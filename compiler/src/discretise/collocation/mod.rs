@@ -34,7 +34,7 @@ use super::gonzalez;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::Model;
-use crate::structure::Form;
+use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
@@ -154,7 +154,8 @@ impl Plan {
             })
             .collect();
         let mut points: Vec<Point> = tableau.nodes().map(|node| Point::new(c, pool, &tableau, node, whole)).collect();
-        let at_nodes: Vec<FxHashMap<Symbol, Expr>> = points.iter().map(|p| p.states(c, pool, &stages)).collect();
+        let mut at_nodes: Vec<FxHashMap<Symbol, Expr>> = points.iter().map(|p| p.states(c, pool, &stages)).collect();
+        follow(c, pool, form, (&tableau, &stages), &mut at_nodes);
         let gradients = gradients(c, pool, (&tableau, &stages, &at_nodes), nodes, |pool, node| {
             let point = Point::new(c, pool, &tableau, node, whole);
             let map = point.states(c, pool, &stages);
@@ -224,11 +225,76 @@ fn later(c: &Cluster, pool: &mut Pool, part: f64, map: &mut FxHashMap<Symbol, Ex
     }
 }
 
+/// A source that storages follow is a polynomial over the step as the states are: it has the source's slopes at the
+/// nodes, and what these miss of its change is shared out evenly. So the energy that follows it, a square, changes by
+/// the work done on it at the nodes.
+fn follow(
+    c: &Cluster,
+    pool: &mut Pool,
+    form: &Form,
+    (tableau, stages): (&Tableau, &[Stage]),
+    at_nodes: &mut [FxHashMap<Symbol, Expr>],
+) {
+    let (Some(t), Some(h)) = (c.time, c.h) else { return };
+    let he = pool.var(h);
+    let at = |pool: &mut Pool, e: Expr, part: f64| {
+        let mut map = FxHashMap::default();
+        later(c, pool, part, &mut map);
+        pool.substitute(e, &map)
+    };
+    let slopes = |pool: &mut Pool, e: Expr| -> Vec<Expr> {
+        let slope = pool.derivative(e, t);
+        let list: Vec<Expr> = tableau.nodes().map(|node| at(pool, slope, node.high)).collect();
+        let mean: Vec<(Expr, Number)> =
+            list.iter().zip(&tableau.weights).map(|(s, w)| (*s, Number::float(w.high))).collect();
+        let mean = pool.combine(&mean);
+        let end = at(pool, e, 1.0);
+        let gone = pool.sub(end, e);
+        let gone = pool.div(gone, he);
+        let missed = pool.sub(gone, mean);
+        list.into_iter().map(|s| pool.add(s, missed)).collect()
+    };
+    for n in &c.nodes {
+        match (n.part, n.how) {
+            (Part::Source(column), Output::Explicit(e)) if c.followed.contains(&column) => {
+                let slopes = slopes(pool, e);
+                for (map, row) in at_nodes.iter_mut().zip(tableau.matrix()) {
+                    let terms: Vec<(Expr, Number)> =
+                        slopes.iter().zip(row).map(|(s, a)| (*s, Number::float(a))).collect();
+                    let mean = pool.combine(&terms);
+                    let gone = pool.mul(he, mean);
+                    map.insert(form.column(column).out, pool.add(e, gone));
+                }
+            }
+            (Part::Follower(state), _) => {
+                let symbols: Vec<Symbol> = c.states.iter().map(|s| s.symbol).collect();
+                let of_states = pool.derivatives(state, &symbols);
+                let slopes = slopes(pool, state);
+                for ((map, stage), slope) in at_nodes.iter_mut().zip(stages).zip(slopes) {
+                    let mut terms = vec![slope];
+                    for (k, change) in of_states.iter().zip(&stage.change) {
+                        let change = pool.var(*change);
+                        let rate = pool.div(change, he);
+                        terms.push(pool.mul(*k, rate));
+                    }
+                    map.insert(n.out, pool.sum(&terms));
+                }
+            }
+            (Part::Source(_) | Part::Resistor(_) | Part::Signal, _) => {}
+        }
+    }
+}
+
 /// Whether an energy is quadratic in its states.
 pub(super) fn is_quadratic(c: &Cluster, pool: &mut Pool, g: &Group) -> bool {
     let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
     let free = |pool: &Pool, k: Expr| !pool.contains_any(k, &|s| symbols.contains(&s));
     g.coenergy.iter().all(|z| pool.affine(*z, &symbols).is_some_and(|(l, _)| l.iter().all(|t| free(pool, t.1))))
+}
+
+/// Whether all energies are.
+pub(super) fn all_quadratic(c: &Cluster, pool: &mut Pool) -> bool {
+    c.groups.iter().all(|g| is_quadratic(c, pool, g))
 }
 
 /// The co-energy variables of each group at each node: by group, node, state. `states` gives the states elsewhere.

@@ -46,6 +46,12 @@ pub(super) fn write(
     Ok(Some((stepper(program, linear, Some(Box::new(glance))), entries)))
 }
 
+/// Whether a cluster is linear but for what its probes integrate.
+pub(super) fn takes_states(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+    let bare = Cluster { integrals: Vec::new(), ..c.clone() };
+    !c.integrals.is_empty() && rows(&bare, model, form).is_some()
+}
+
 fn program(
     c: &Cluster,
     model: &mut Model,

@@ -186,9 +186,6 @@ impl Writing<'_> {
         // What is added to the forces takes the distance of W from V back from the motion as it is foretold, and stays
         // small beside them.
         let off = b.sub(w, here);
-        let gentle = b.number(GENTLE);
-        let bound = b.mul(gentle, off);
-        let bound = b.mul(bound, bound);
         let mut factors: Vec<Value> = slopes.iter().map(|f| b.mul(*f, inverse)).collect();
         let sizes: Vec<Value> = factors
             .iter()
@@ -212,6 +209,13 @@ impl Writing<'_> {
             force = b.add(force, square);
             pulls.push(pull);
         }
+        // Nor are they stiffer than the storage itself: at rest they would push to and fro.
+        let gentle = b.number(GENTLE);
+        let bound = b.mul(gentle, off);
+        let bound = b.mul(bound, bound);
+        let distance = b.unary(Unary::Abs, off);
+        let stiff = b.mul(distance, force);
+        let bound = b.add(bound, stiff);
         let sum = b.mul(way, force);
         let sum = b.add(sum, bound);
         let some = b.binary(Binary::Lt, zero, sum);
@@ -245,7 +249,10 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
     if !c.followed.is_empty() {
         return Some("a storage of it follows a source".into());
     }
-    let grows = |n: &Node| matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _));
+    let grows = |n: &Node, argument: Symbol| match n {
+        Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, a) => pool.contains_any(*a, &|s| s == argument),
+        _ => false,
+    };
     c.nodes.iter().find_map(|n| {
         let column = n.resistor()?;
         let (region, name) = (&form.regions[form.column(column).region.at()], &form.column(column).name);
@@ -260,9 +267,9 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
             (None, Output::Explicit(_) | Output::Implicit(_)) => Some(format!(
                 "`{name}` is a port of a field whose laws are not linear, and a chord of each port alone is not passive"
             )),
-            // Within a loop nothing but the law itself tells how far its argument can get in a step.
-            (Some((_, law)), Output::Curve { .. }) if pool.any_node(*law, &grows) => Some(format!(
-                "the law of `{name}` has an exponential in it, whose chord at what is foretold says nothing of what it gives in a loop"
+            // Nothing but the law itself tells how far its argument can get in a step.
+            (Some((argument, law)), _) if pool.any_node(*law, &|n| grows(n, *argument)) => Some(format!(
+                "the law of `{name}` has an exponential in it, whose chord at what is foretold says nothing of what it gives"
             )),
             (Some(_), Output::Explicit(_) | Output::Implicit(_) | Output::Curve { .. }) => None,
         }
