@@ -25,7 +25,7 @@ impl<'a> Elaborator<'a> {
         } else {
             ("inertia", &["inertia", "H", "f"], &["p0", "f0"])
         };
-        let name = ast.name.text.clone();
+        let name = self.elements[id.at()].name.clone();
         let fields = Fields::read(self, ast, short, laws, others)?;
         let d = self.bond_domain(bond);
         let (effort, flow) = (Inference::effort(d), Inference::flow(d));
@@ -129,8 +129,9 @@ impl<'a> Elaborator<'a> {
         if x > 0.0 && x.is_finite() && (1.0 / x).is_finite() {
             return Some(());
         }
-        let help = if x < 0.0 && what == "resistance" {
-            format!("a resistor that gives power must say so: `active R:{name}`")
+        let help = if x < 0.0 && ["resistance", "conductance"].contains(&what) {
+            let own = name.rsplit('.').next().and_then(|n| n.split('[').next()).unwrap_or(name);
+            format!("a resistor that gives power must say so: `active R:{own}`")
         } else {
             "give a positive number".to_string()
         };
