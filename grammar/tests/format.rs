@@ -33,6 +33,8 @@ fn spaces_are_canonical() {
     assert_eq!(body("let   x=a+b*c -d/ e ^- 2"), "let x = a + b*c - d/e^-2\n");
     assert_eq!(body("let x = 10 N / g*2 kg*s * y ^ 2"), "let x = 10 N / g*2 kg*s * y^2\n");
     assert_eq!(body("let x = 5 m ^ 2 - (5 m)^2 * 5 m^2"), "let x = 5 m ^ 2 - (5 m)^2*5 m^2\n");
+    assert_eq!(body("let x = 3 N/(m*s)^2*y^2"), "let x = 3 N/(m*s)^2*y^2\n");
+    assert_eq!(body("let x = 3 N/(m*s) ^ 2"), "let x = 3 N/(m*s) ^ 2\n");
     assert_eq!(body("a,b->1 : v||>c ; c|-[ n ]->d"), "a, b -> 1:v ||> c\nc |-[n]-> d\n");
     assert_eq!(body("let x = a[ i + 1 , j - 1 ] . e"), "let x = a[i+1, j-1].e\n");
 }

@@ -91,6 +91,10 @@ fn quantities() {
     assert_eq!(expr("2 m*3"), "(<2 m^1> Mul 3)");
     assert_eq!(expr("1.5e3 J/(kg*K/s)/m^2"), "<1.5e3 J^1 kg^-1 K^-1 s^1 m^-2>");
     assert_eq!(expr("1 m^(2/4)*s^-1/kg^(-1/2)"), "<1 m^1/2 s^-1 kg^1/2>");
+    assert_eq!(expr("3 N/(m*s)^2"), "<3 N^1 m^-2 s^-2>");
+    assert_eq!(expr("3 m/(s)^2"), "<3 m^1 s^-2>");
+    assert_eq!(expr("3 J/(kg*(K/s)^2)^(1/2)*A"), "<3 J^1 kg^-1/2 K^-1 s^1 A^1>");
+    assert_eq!(expr("3 N/(m*s) ^ 2"), "(<3 N^1 m^-1 s^-1> Pow 2)");
     assert_eq!(
         expr("2 kΩ + 3 µm + 45 ° + 5 % + .5 m2"),
         "((((<2 kΩ^1> Add <3 µm^1>) Add <45 °^1>) Add <5 %^1>) Add <.5 m2^1>)"

@@ -383,6 +383,27 @@ fn a_ring_of_gyrators_keeps_its_casimir() {
     close(h.h_final, h.h_initial, 1e-12 * h.h_initial, "energy");
 }
 
+/// A field whose energy is not quadratic starts as what is tied to one of its ports says.
+#[test]
+fn a_field_starts_with_what_is_tied_to_it() {
+    let compiled = text(
+        "model M {
+           IC(I L, C r):arm { H = L^2/(2*(1 kg*m^2 + 1 kg * r^2)) + 20 N/m * r^2/2; r_0 = 0.5 m }
+           I:motor { inertia = 0.02 kg*m^2; f0 = 10 rad/s }
+           R:b = 1 N*s/m
+           1:w -> arm.L, motor
+           1:v -> arm.r, b
+           probe turn = arm.L
+           probe speed = w.f
+         }",
+    );
+    let mut sim = start(&compiled, Steps::fixed(1e-3));
+    close(probe(&mut sim, "turn"), 12.5, 1e-14, "angular momentum of the arm");
+    close(probe(&mut sim, "speed"), 10.0, 1e-14, "speed");
+    finish(&mut sim, 1.0);
+    assert!(sim.summary().worst_step <= 1e-12);
+}
+
 /// Stated starts of tied storages: each alone, both where they agree; the clash is refused (models/invalid).
 #[test]
 fn tied_storages_start_together() {

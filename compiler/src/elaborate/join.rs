@@ -149,7 +149,7 @@ impl Elaborator<'_> {
             (_, []) => {
                 self.errors.push(
                     Diagnostic::error("elaborate::port", span, format!("the port `{name}` is not connected"))
-                        .help(format!("bond it outside, as in `x -> {name}`")),
+                        .help(format!("bond it outside, as in `1:v -> {name}`")),
                 );
                 false
             }

@@ -2,6 +2,7 @@
 
 mod field;
 mod fields;
+mod integral;
 mod resistor;
 mod source;
 mod storage;

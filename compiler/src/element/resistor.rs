@@ -15,7 +15,7 @@ impl<'a> Elaborator<'a> {
         scope: usize,
         bond: BondId,
     ) -> Option<Resistor> {
-        let name = ast.name.text.clone();
+        let name = self.elements[id.at()].name.clone();
         if let Some(curve) = self.law_along(id, ast, scope, bond) {
             return curve;
         }
@@ -34,7 +34,7 @@ impl<'a> Elaborator<'a> {
             };
             self.require((&typed.unit, value.span), needed, None, format!("the {what} of `{name}`"), 2);
             if !ast.active {
-                self.positive_constant(typed.expr, value, &name, "resistance")?;
+                self.positive_constant(typed.expr, value, &name, what)?;
             }
             self.finite(typed.expr, value, &name)?;
             (gives, self.pool.mul(typed.expr, x))
@@ -59,13 +59,14 @@ impl<'a> Elaborator<'a> {
             && let Some(x) = self.pool.constant(r)
             && x < 0.0
         {
+            let what = if gives == Variable::Effort { "resistance" } else { "conductance" };
             self.errors.push(
                 Diagnostic::error(
                     "elaborate::value",
                     place,
-                    format!("negative resistance: that of `{name}` is {}", told(x)),
+                    format!("negative {what}: that of `{name}` is {}", told(x)),
                 )
-                .help(format!("a resistor that gives power must say so: `active R:{name}`")),
+                .help(format!("a resistor that gives power must say so: `active R:{}`", ast.name.text)),
             );
             return None;
         }
@@ -74,7 +75,8 @@ impl<'a> Elaborator<'a> {
             self.errors.push(
                 Diagnostic::error("elaborate::law", place, format!("the law of `{name}` gives power: there e f < 0"))
                     .help(format!(
-                        "a resistor's law must satisfy e f >= 0; one that gives power must say so: `active R:{name}`"
+                        "a resistor's law must satisfy e f >= 0; one that gives power must say so: `active R:{}`",
+                        ast.name.text
                     )),
             );
             return None;

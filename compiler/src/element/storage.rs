@@ -25,7 +25,7 @@ impl<'a> Elaborator<'a> {
         } else {
             ("inertia", &["inertia", "H", "f"], &["p0", "f0"])
         };
-        let name = ast.name.text.clone();
+        let name = self.elements[id.at()].name.clone();
         let fields = Fields::read(self, ast, short, laws, others)?;
         let d = self.bond_domain(bond);
         let (effort, flow) = (Inference::effort(d), Inference::flow(d));
@@ -35,6 +35,7 @@ impl<'a> Elaborator<'a> {
         let state = self.signal(Signal::State(id));
         let x = self.pool.var(state);
         let local = Typed { expr: x, unit: state_unit.clone() };
+        let mut reach = None;
         let (energy, coenergy, linear) = if let Some(value) = fields.get(short).or_else(|| fields.get("stiffness")) {
             let stiff = fields.get(short).is_none();
             let typed = self.with_signals(value, scope)?;
@@ -67,8 +68,9 @@ impl<'a> Elaborator<'a> {
             let (h, co) = if energy_given {
                 (typed.expr, self.pool.derivative(typed.expr, state))
             } else {
-                let h = self.energy_of_law(typed.expr, state);
-                (h, self.pool.derivative(h, state))
+                let (h, reached) = self.energy_of_law(typed.expr, state);
+                reach = Some((reached, value)).filter(|r| r.0.is_finite());
+                (h, typed.expr)
             };
             let linear = self
                 .pool
@@ -109,6 +111,15 @@ impl<'a> Elaborator<'a> {
             storage.explicit = true;
             storage.initial = if is_state { number } else { self.state_at(&storage, number, value, &name)? };
         }
+        if let Some((reach, law)) = reach
+            && reach <= 2.0 * storage.initial.abs()
+        {
+            self.errors.push(
+                Diagnostic::error("elaborate::law", law.span, format!("no energy was found of which this law of `{name}` is the slope"))
+                    .help(format!("give the energy itself, `H = ...` in `{state_name}`; or a law that can be integrated, in pieces by `if` on `{state_name}`")),
+            );
+            return None;
+        }
         Some(storage)
     }
 
@@ -118,8 +129,9 @@ impl<'a> Elaborator<'a> {
         if x > 0.0 && x.is_finite() && (1.0 / x).is_finite() {
             return Some(());
         }
-        let help = if x < 0.0 && what == "resistance" {
-            format!("a resistor that gives power must say so: `active R:{name}`")
+        let help = if x < 0.0 && ["resistance", "conductance"].contains(&what) {
+            let own = name.rsplit('.').next().and_then(|n| n.split('[').next()).unwrap_or(name);
+            format!("a resistor that gives power must say so: `active R:{own}`")
         } else {
             "give a positive number".to_string()
         };
@@ -143,27 +155,6 @@ impl<'a> Elaborator<'a> {
                 .help("a storage's energy depends on its own state and on parameters; model the other influence as a port of a multiport field"),
         );
         None
-    }
-
-    /// H with dH/dx the law and H(0) = 0: in closed form where there is one, else by Gauss-Legendre quadrature of 20
-    /// nodes, the law then being the exact derivative of that H.
-    fn energy_of_law(&mut self, law: Expr, state: Symbol) -> Expr {
-        if let Some(h) = self.pool.antiderivative(law, state) {
-            return h;
-        }
-        let x = self.pool.var(state);
-        let mut terms = Vec::new();
-        for (node, weight) in GAUSS_20 {
-            for s in [0.5 + 0.5 * node, 0.5 - 0.5 * node] {
-                let s = self.pool.float(s);
-                let at = self.pool.mul(s, x);
-                let map: rustc_hash::FxHashMap<Symbol, Expr> = std::iter::once((state, at)).collect();
-                let value = self.pool.substitute(law, &map);
-                let w = self.pool.float(0.5 * weight);
-                terms.push(self.pool.product(&[w, x, value]));
-            }
-        }
-        self.pool.sum(&terms)
     }
 
     /// Whether H has a lower bound, as far as can be seen: by its sign, else by looking far out and near 0.
@@ -253,18 +244,3 @@ impl<'a> Elaborator<'a> {
         None
     }
 }
-
-/// Nodes (the positive half) and weights of the Gauss-Legendre rule of 20 points on [-1, 1] (Abramowitz and Stegun,
-/// table 25.4).
-const GAUSS_20: [(f64, f64); 10] = [
-    (0.076_526_521_133_497_33, 0.152_753_387_130_725_85),
-    (0.227_785_851_141_645_08, 0.149_172_986_472_603_75),
-    (0.373_706_088_715_419_56, 0.142_096_109_318_382_05),
-    (0.510_867_001_950_827_1, 0.131_688_638_449_176_63),
-    (0.636_053_680_726_515, 0.118_194_531_961_518_42),
-    (0.746_331_906_460_150_8, 0.101_930_119_817_240_44),
-    (0.839_116_971_822_218_8, 0.083_276_741_576_704_75),
-    (0.912_234_428_251_326, 0.062_672_048_334_109_06),
-    (0.963_971_927_277_913_8, 0.040_601_429_800_386_94),
-    (0.993_128_599_185_094_9, 0.017_614_007_139_152_118),
-];

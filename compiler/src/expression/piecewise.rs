@@ -102,7 +102,7 @@ impl Pool {
     }
 
     /// Whether it is made of numbers and `s` by sums and products with whole powers alone.
-    fn is_polynomial(&self, e: Expr, s: Symbol) -> bool {
+    pub(super) fn is_polynomial(&self, e: Expr, s: Symbol) -> bool {
         self.dependents(e, &|x| x == s).into_iter().all(|e| match self.node(e) {
             Node::Number(_) | Node::Symbol(_) | Node::Sum(..) => true,
             Node::Product(_, factors) => {

@@ -121,7 +121,7 @@ impl Pool {
     /// The nodes below `e` (itself included) in which a variable of the set occurs, in ascending order.
     ///
     /// Takes time in proportion to the nodes reachable from `e`.
-    pub(super) fn dependents(&self, e: Expr, in_set: &dyn Fn(Symbol) -> bool) -> Vec<Expr> {
+    pub(crate) fn dependents(&self, e: Expr, in_set: &dyn Fn(Symbol) -> bool) -> Vec<Expr> {
         let candidates = self.ascending(&[e], &|e| self.may_contain(e, in_set));
         if self.variables.few(e).is_some() {
             return candidates;

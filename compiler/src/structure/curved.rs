@@ -134,7 +134,7 @@ pub(super) fn merge(
     let energy = model.pool.sum(&terms);
     let coenergy: Vec<Expr> = states.iter().map(|s| model.pool.derivative(energy, *s)).collect();
     for (i, c) in independent.iter().enumerate() {
-        let initial = settle(model, &storages[i], start[i]).ok_or_else(|| {
+        let initial = settle(model, form, &storages[i], start[i]).ok_or_else(|| {
             let why = format!("no state of `{}` was found that goes with the stated start", form.column(*c).name);
             refuse(model, form, why)
         })?;
@@ -164,7 +164,8 @@ pub(super) fn merge(
     Ok(())
 }
 
-/// The co-energy variables that what is stated settles. Ports of fields start where they say, or at 0.
+/// The co-energy variables that what is stated settles. Of the ports of a field one may be settled by what is tied to
+/// it; else they start where they say, or at 0.
 ///
 /// # Errors
 /// A clash, with the elements.
@@ -172,10 +173,19 @@ pub(super) fn start(model: &Model, form: &Form, tied: &Tied) -> Result<Vec<Optio
     let n = tied.independent.len();
     let mut stated: Vec<Stated> = Vec::new();
     let mut otherwise = vec![0.0; n];
+    let explicit = |c: ColumnId| storage(model, form.column(c).element).is_some_and(|s| s.explicit);
+    let is_open: Vec<bool> = (0..n)
+        .map(|i| {
+            let told = |d: usize| explicit(tied.dependent[d]) && !model.pool.is_zero(tied.ratio[d][i]);
+            !explicit(tied.independent[i]) && (0..tied.dependent.len()).any(told)
+        })
+        .collect();
     for (i, c) in tied.independent.iter().enumerate() {
         let Some(s) = storage(model, form.column(*c).element) else { continue };
         otherwise[i] = at_start(model, form, s.coenergy);
-        if s.explicit || family(model, form, *c).len() > 1 {
+        let family = family(model, form, *c);
+        let open = (0..n).filter(|j| is_open[*j] && family.contains(&tied.independent[*j])).count();
+        if s.explicit || (family.len() > 1 && open > 1) {
             let row = (0..n).map(|j| f64::from(u8::from(i == j))).collect();
             stated.push(Stated { column: *c, row, value: otherwise[i] });
         }
@@ -190,11 +200,12 @@ pub(super) fn start(model: &Model, form: &Form, tied: &Tied) -> Result<Vec<Optio
 }
 
 /// The initial state: what is stated, or where the co-energy variable is what a dependent storage's start asks for.
-fn settle(model: &mut Model, s: &Storage, z: Option<f64>) -> Option<f64> {
-    let alone = model.pool.symbols(s.coenergy).iter().all(|x| *x == s.state);
-    let Some(z) = z.filter(|_| !s.explicit && alone) else { return Some(s.initial) };
+fn settle(model: &mut Model, form: &Form, s: &Storage, z: Option<f64>) -> Option<f64> {
+    let Some(z) = z.filter(|_| !s.explicit) else { return Some(s.initial) };
     let slope = model.pool.derivative(s.coenergy, s.state);
-    let at = |model: &Model, e: Expr, x: f64| model.pool.eval(e, &|_| x);
+    let at = |model: &Model, e: Expr, x: f64| {
+        model.pool.eval(e, &|v| if v == s.state { x } else { start::value(model, form, v) })
+    };
     let mut x = s.initial;
     let size = z.abs() + at(model, s.coenergy, x).abs();
     for _ in 0..200 {

@@ -20,7 +20,12 @@ pub(super) struct Stated {
 
 /// The value of an expression of states and time at the start.
 pub(super) fn at_start(model: &Model, form: &Form, e: Expr) -> f64 {
-    model.pool.eval(e, &|s: Symbol| match model.signals.get(&s) {
+    model.pool.eval(e, &|s| value(model, form, s))
+}
+
+/// The value of a state, or of time, at the start.
+pub(super) fn value(model: &Model, form: &Form, s: Symbol) -> f64 {
+    match model.signals.get(&s) {
         Some(Signal::State(id)) => storage(model, *id).map_or(f64::NAN, |x| x.initial),
         Some(Signal::Time) => 0.0,
         Some(
@@ -34,7 +39,7 @@ pub(super) fn at_start(model: &Model, form: &Form, e: Expr) -> f64 {
             | Signal::Slope(_),
         )
         | None => form.column_of.get(&s).map_or(f64::NAN, |_| 0.0),
-    })
+    }
 }
 
 /// What sources give at the start, times a dependent storage's coefficients.

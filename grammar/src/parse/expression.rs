@@ -129,50 +129,54 @@ impl Reader<'_> {
         let unit = parts.next().map(|pair| {
             let span = self.span(&pair);
             let mut factors = Vec::new();
-            self.factors(pair, 1, &mut factors);
+            self.factors(pair, (1, 1), &mut factors);
             Unit { factors, span }
         });
         Expr { kind: ExprKind::Number { digits, unit }, span }
     }
 
-    /// Factors of a unit or of a group in it, each to the power `sign`.
-    fn factors(&mut self, pair: Pair<Rule>, sign: i32, factors: &mut Vec<(String, (i32, i32), Span)>) {
-        let mut present = sign;
+    /// Factors of a unit or of a group in it, each to a power.
+    fn factors(&mut self, pair: Pair<Rule>, power: (i32, i32), factors: &mut Vec<(String, (i32, i32), Span)>) {
+        let mut sign = 1;
         for pair in children(pair) {
+            let own = children(pair.clone()).find(|part| part.as_rule() == Rule::exponent);
+            let (above, below) =
+                own.map_or((sign * power.0, power.1), |own| self.exponent(own, (sign * power.0, power.1)));
             match pair.as_rule() {
-                Rule::unit_op => present = if pair.as_str() == "/" { -sign } else { sign },
-                Rule::unit_group => self.factors(pair, present, factors),
-                _ => {
-                    let mut parts = children(pair);
-                    let symbol = next(&mut parts);
-                    let (above, below) = parts.next().map_or((1, 1), |pair| self.exponent(pair));
-                    factors.push((symbol.as_str().to_string(), (present * above, below), self.span(&symbol)));
+                Rule::unit_op => sign = if pair.as_str() == "/" { -1 } else { 1 },
+                Rule::unit_group => self.factors(pair, (above, below), factors),
+                Rule::factor | Rule::timed_factor => {
+                    let symbol = next(&mut children(pair));
+                    factors.push((symbol.as_str().to_string(), (above, below), self.span(&symbol)));
                 }
+                _ => {}
             }
         }
     }
 
-    /// `^2`, `^-1`, `^(1/2)` as a reduced fraction.
-    fn exponent(&mut self, pair: Pair<Rule>) -> (i32, i32) {
+    /// `^2`, `^-1`, `^(1/2)` of a power as a reduced fraction.
+    fn exponent(&mut self, pair: Pair<Rule>, power: (i32, i32)) -> (i32, i32) {
         const LARGEST: i32 = 1000;
         let digits = pair.as_str().trim_matches(['^', '(', ')']);
         let (above, below) = digits.split_once('/').unwrap_or((digits, "1"));
-        match (above.parse::<i32>(), below.parse::<i32>()) {
-            (Ok(above), Ok(below)) if above.abs() <= LARGEST && (1..=LARGEST).contains(&below) => {
-                let (mut a, mut b) = (above.abs(), below);
-                while a != 0 {
-                    (a, b) = (b % a, a);
-                }
-                (above / b, below / b)
+        let within = |n: &i32| n.abs() <= LARGEST;
+        let times = |n: Option<i32>, by: i32| n.filter(within)?.checked_mul(by);
+        if let (Some(above), Some(below)) = (times(above.parse().ok(), power.0), times(below.parse().ok(), power.1))
+            && below > 0
+        {
+            let (mut a, mut b) = (above.abs(), below);
+            while a != 0 {
+                (a, b) = (b % a, a);
             }
-            _ => {
-                let message = format!("`{}` is no exponent of a unit", pair.as_str().trim_start_matches('^'));
-                let help = format!("an exponent is a whole number or a fraction such as `^(1/2)`, at most {LARGEST}");
-                let error = Diagnostic::error("syntax::exponent", self.span(&pair), message);
-                self.errors.push(error.help(help));
-                (1, 1)
+            if within(&(above / b)) && within(&(below / b)) {
+                return (above / b, below / b);
             }
         }
+        let message = format!("`{}` is no exponent of a unit", pair.as_str().trim_start_matches('^'));
+        let help = format!("an exponent is a whole number or a fraction such as `^(1/2)`, at most {LARGEST}");
+        let error = Diagnostic::error("syntax::exponent", self.span(&pair), message);
+        self.errors.push(error.help(help));
+        (1, 1)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Antiderivatives: energies from laws.
 
+mod pieces;
 mod product;
 
 use super::{Expr, Node, Number, Pool, Symbol};
@@ -10,14 +11,20 @@ use rustc_hash::FxHashMap;
 const DEPTH: usize = 100;
 
 impl Pool {
-    /// `F` with `dF/ds = e` and `F = 0` at `s = 0`, continuous where `e` jumps. `None` where no rule applies, or `F`
-    /// has no value at 0.
+    /// `F` with `dF/ds = e`, continuous where `e` jumps, and `F = 0` at `s = 0`; without that constant where `F` has no
+    /// value at 0. `None` where no rule applies.
     pub fn antiderivative(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
-        let primitive = self.primitive(e, s, 0)?;
+        let primitive = match self.primitive(e, s, 0) {
+            Some(primitive) => primitive,
+            None => {
+                let pieces = self.by_pieces(e, s).filter(|pieces| *pieces != e)?;
+                self.primitive(pieces, s, 0)?
+            }
+        };
         let zero = self.zero();
         let at_zero = self.at(primitive, s, zero);
         if self.constant(at_zero).is_some_and(|x| !x.is_finite()) {
-            return None;
+            return Some(primitive);
         }
         Some(self.sub(primitive, at_zero))
     }
@@ -69,12 +76,7 @@ impl Pool {
                     let exp = self.unary(Unary::Exp, exponent);
                     return self.primitive(exp, s, depth + 1);
                 }
-                let (slope, _) = self.linear(base, s)?;
-                let one = self.one();
-                let next = self.add(exponent, one);
-                let power = self.pow(base, next);
-                let below = self.mul(slope, next);
-                (self.constant(exponent) != Some(-1.0)).then(|| self.div(power, below))
+                self.primitive_shifted(&[(e, Number::ONE)], s)
             }
             Node::Unary(f, u) => self.primitive_function(f, u, e, s),
             Node::Binary(f, a, b) => {
@@ -133,10 +135,7 @@ impl Pool {
             Unary::Exp => e,
             Unary::Sinh => self.unary(Unary::Cosh, u),
             Unary::Cosh => self.unary(Unary::Sinh, u),
-            Unary::Tanh => {
-                let cosh = self.unary(Unary::Cosh, u);
-                self.unary(Unary::Log, cosh)
-            }
+            Unary::Tanh => self.log_cosh(u),
             Unary::Log => {
                 let product = self.mul(u, e);
                 self.sub(product, u)
@@ -164,6 +163,19 @@ impl Pool {
         Some(self.div(above, slope))
     }
 
+    /// `log(cosh(u))`, which is `|u| - log(2)` to rounding long before the cosine overflows.
+    fn log_cosh(&mut self, u: Expr) -> Expr {
+        let cosh = self.unary(Unary::Cosh, u);
+        let near = self.unary(Unary::Log, cosh);
+        let (low, high, two) = (self.int(-300), self.int(300), self.int(2));
+        let log = self.unary(Unary::Log, two);
+        let [below, above] =
+            [Number::MINUS_ONE, Number::ONE].map(|n| self.combine(&[(u, n), (log, Number::MINUS_ONE)]));
+        let (is_below, is_near) = (self.binary(Binary::Lt, u, low), self.binary(Binary::Lt, u, high));
+        let rest = self.select(is_near, near, above);
+        self.select(is_below, below, rest)
+    }
+
     /// A choice by a comparison of something affine in `s` with something free of it, continued across the threshold.
     fn primitive_choice(&mut self, c: Expr, a: Expr, b: Expr, s: Symbol, depth: usize) -> Option<Expr> {
         if !self.contains(c, s) {
@@ -171,7 +183,7 @@ impl Pool {
             return Some(self.select(c, a, b));
         }
         let threshold = self.threshold(c, s)?;
-        let (a, b) = (self.primitive(a, s, depth + 1)?, self.primitive(b, s, depth + 1)?);
+        let (a, b) = (self.primitive_from(a, s, threshold, depth)?, self.primitive_from(b, s, threshold, depth)?);
         let (end_a, end_b) = (self.at(a, s, threshold), self.at(b, s, threshold));
         let jump = self.sub(end_a, end_b);
         if self.constant(jump).is_some_and(|x| !x.is_finite()) {
@@ -184,6 +196,26 @@ impl Pool {
         let to_a = self.sub(to_b, jump);
         let (a, b) = (self.add(a, to_a), self.add(b, to_b));
         Some(self.select(c, a, b))
+    }
+
+    /// Some antiderivative of a branch: of one that rises in a straight line from 0 at the threshold the square of the
+    /// distance, which has all its digits near there.
+    fn primitive_from(&mut self, e: Expr, s: Symbol, threshold: Expr, depth: usize) -> Option<Expr> {
+        if let Some((slope, constant)) = self.linear(e, s)
+            && !self.is_zero(slope)
+        {
+            let (rise, x) = (self.mul(slope, threshold), self.var(s));
+            let (at, size) = (self.add(rise, constant), self.constant(constant));
+            if let (Some(at), Some(size)) = (self.constant(at), size)
+                && at.abs() <= 4.0 * f64::EPSILON * size.abs()
+            {
+                let distance = self.sub(x, threshold);
+                let square = self.powi(distance, 2);
+                let product = self.mul(slope, square);
+                return Some(self.scale(product, Number::HALF));
+            }
+        }
+        self.primitive(e, s, depth + 1)
     }
 
     /// Where a comparison changes, if it does so once.

@@ -19,6 +19,9 @@ impl Pool {
         if let Some(found) = self.primitive_parity(factors, s) {
             return Some(found);
         }
+        if let Some(found) = self.primitive_shifted(factors, s) {
+            return Some(found);
+        }
         // a choice among the factors: the product is done in each branch
         for (i, &(f, n)) in factors.iter().enumerate() {
             if !n.is_positive() {
@@ -91,6 +94,86 @@ impl Pool {
         let below = self.mul(c, constant);
         let below = self.sqrt(below);
         Some(self.div(angle, below))
+    }
+
+    /// `P(s) (c u^m)^n` with a polynomial `P`, an affine `u` and numbers or parameters `m`, `n`: as a sum over the powers
+    /// of `u` in `P`.
+    pub(super) fn primitive_shifted(&mut self, factors: &[(Expr, Number)], s: Symbol) -> Option<Expr> {
+        let mut found = None;
+        for (i, &(f, n)) in factors.iter().enumerate() {
+            if let Some((u, exponent)) = self.affine_power(f, n, s) {
+                found = Some((i, u, exponent));
+            }
+        }
+        let (i, u, exponent) = found?;
+        let mut rest = factors.to_vec();
+        let power = rest.remove(i);
+        let power = self.powers(&[power]);
+        let mut rest = self.powers(&rest);
+        if !self.is_polynomial(rest, s) {
+            return None;
+        }
+        let (slope, constant) = self.linear(u, s)?;
+        let root = self.div(constant, slope);
+        let root = self.neg(root);
+        let mut terms = Vec::new();
+        let mut factorial = Number::ONE;
+        for k in 1..=DEPTH as i64 {
+            let coefficient = self.at(rest, s, root);
+            let next = self.int(k);
+            let next = self.add(exponent, next);
+            let mut term =
+                vec![(coefficient, Number::ONE), (slope, Number::from(-k)), (u, Number::from(k)), (power, Number::ONE)];
+            if self.constant(next) == Some(0.0) {
+                let size = self.unary(Unary::Abs, u);
+                term.push((self.unary(Unary::Log, size), Number::ONE));
+            } else {
+                term.push((next, Number::MINUS_ONE));
+            }
+            terms.push((self.powers(&term), factorial.recip()));
+            rest = self.derivative(rest, s);
+            if self.is_zero(rest) {
+                return Some(self.combine(&terms));
+            }
+            factorial = factorial * Number::from(k);
+        }
+        None
+    }
+
+    /// `f^n` as a power of something affine in `s`, but for a constant: that, and the exponent, unless it is a whole
+    /// number above 0.
+    fn affine_power(&mut self, f: Expr, n: Number, s: Symbol) -> Option<(Expr, Expr)> {
+        let (base, exponent) = match *self.node(f) {
+            Node::Power(a, b) if !self.contains(b, s) => (a, self.scale(b, n)),
+            Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Sum(..)
+            | Node::Product(..)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => (f, self.numeral(n)),
+        };
+        let (u, m) = match self.node(base).clone() {
+            Node::Product(_, factors) => {
+                let mut inside = factors.iter().filter(|f| self.contains(f.0, s));
+                let first = *inside.next()?;
+                inside.next().is_none().then_some(first)?
+            }
+            Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Sum(..)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => (base, Number::ONE),
+        };
+        let exponent = self.scale(exponent, m);
+        if self.number(exponent).is_some_and(|n| n.integer().is_some() && n.is_positive()) {
+            return None;
+        }
+        let (slope, _) = self.linear(u, s)?;
+        (!self.is_zero(slope)).then_some((u, exponent))
     }
 
     /// `u^n |u|^r sign(u)^m` with one affine `u` and whole `n`, `m`: `u |u|^k` or `|u|^(k+1)` over `k + 1`.

@@ -1,0 +1,84 @@
+//! Storages that are given by a law: what drives a run is the law as it is written, and its integral the energy.
+
+use crate::common::{close, errors, finish, probe, start, with};
+use bond::{Options, Steps};
+
+/// A law in a length q, where it starts, its value there, and its integral from 1 m to there.
+const LAWS: &[(&str, f64, f64, f64)] = &[
+    ("-1 N*m^2 / q^2", 2.0, -0.25, -0.5),
+    ("1 N*m / q", 2.0, 0.5, std::f64::consts::LN_2),
+    ("-2 N * ((1 m) / q)^1.4", 2.0, -0.757_858_283_255_199_1, -1.210_708_583_724_005),
+    ("if abs(q) > 0.5 m then 4 N/m * (q - sign(q)*0.5 m) else 0", 0.8, 1.2, -0.32),
+    ("4 N/m * sign(q)*max(abs(q) - 0.5 m, 0)", -0.75, -1.0, -0.375),
+    ("if q > 1 m and q < 2 m then 3 N else 1 N", 1.5, 3.0, 1.5),
+    ("if q < 1 m or q > 2 m then 3 N else 1 N", 0.5, 3.0, -1.5),
+    ("if q^2 > 2.25 m^2 then 3 N else 1 N", 2.0, 3.0, 2.0),
+    ("if exp(q/(1 m)) > exp(1.5) then 3 N else 1 N", 2.0, 3.0, 2.0),
+    ("1 N * max(min(q/(1 m), 1), q^2/(4 m^2))", 3.0, 2.25, 1.0 + 19.0 / 12.0),
+    ("1 N/m^2 * q*abs(q - 1 m)", 3.0, 6.0, 26.0 / 3.0 - 4.0),
+    ("1 N * sign(q)*max(0, abs(q/(1 m)) - 0.75)^1.5", -1.0, -0.125, 0.0),
+    ("5 N * tanh(q/(1 mm))", 0.5, 5.0, -2.5),
+    ("1 N * q/(1 m + abs(q))", -1.0, -0.5, 0.0),
+    // no closed form: 20 nodes do
+    ("1 N * sin(q/(1 m))/(q/(1 m))", 2.0, 0.454_648_713_412_840_8, 0.659_329_906_435_511_8),
+];
+
+#[test]
+fn the_law_is_the_law() {
+    for &(law, q0, force, energy) in LAWS {
+        for method in ["gonzalez", "collocation4", "collocation8", "sav", "rk4"] {
+            let model = |q0: f64| {
+                format!(
+                    "model M {{
+                       C:c {{ e = {law}; q0 = {q0} m }}  I:m = 1 kg  R:b = 0.1 N*s/m
+                       1:v -> c, m, b
+                       probe F = c.e  probe H = c.H
+                     }}"
+                )
+            };
+            let at = |q0: f64| {
+                let compiled = with(Options::new().method(method), &model(q0));
+                let mut sim = start(&compiled, Steps::fixed(1e-3));
+                let found = (probe(&mut sim, "F"), probe(&mut sim, "H"));
+                finish(&mut sim, 0.3);
+                (found, sim.summary().worst_step)
+            };
+            let ((found, high), worst) = at(q0);
+            assert!(method == "rk4" || worst <= 1e-12, "{law}, {method}: a step's balance is off by {worst:e}");
+            close(found, force, 1e-14 * force.abs(), law);
+            close(high - at(1.0).0.1, energy, 4e-15 * high.abs().max(1.0), &format!("the energy of {law}"));
+        }
+    }
+}
+
+/// What cannot be integrated is refused, and nothing else put in its place.
+#[test]
+fn laws_without_an_energy_are_refused() {
+    for law in [
+        "1 N/m * (1 + tanh((q - 1 m)/(10 mm)))*(q - 1 m)",
+        "1 N * log(1 + exp((q - 1 m)/(50 mm)))",
+        "1 N * exp(-((q - 1 m)/(1 um))^2) + 1 N/m * q",
+        "1 N * abs(sin(q/(1 m)))",
+        "if sin(q/(1 m)) > 0 then 1 N else 0",
+        "1 N * log(abs(q/(1 m)))*sin(q/(1 m))",
+    ] {
+        let found = errors(&format!("model M {{ C:c {{ e = {law}; q0 = 4 m }} I:m = 1 kg c -> m }}"));
+        assert!(found.list().iter().any(|d| d.code == "elaborate::law"), "{law}: {found:?}");
+    }
+}
+
+/// Beyond the reach of the rule for a law without closed form a run stops.
+#[test]
+fn beyond_its_reach_a_law_stops_the_run() {
+    let compiled = with(
+        Options::new(),
+        "model M {
+           C:c { e = 1 N * sin(q/(1 m))/(q/(1 m)); q0 = 1 m }  I:m = 1 kg  Se:F = 3 N
+           F -> 1:v
+           v -> c, m
+         }",
+    );
+    let mut sim = start(&compiled, Steps::fixed(1e-2));
+    let told = sim.finish(100.0).err().map(|e| e.to_string());
+    assert!(told.is_some_and(|e| e.contains("no finite value")), "stopped by something else");
+}
