@@ -1,8 +1,8 @@
 //! Which stepper a continuous cluster takes where none is named.
 
-use super::cluster::Cluster;
+use super::cluster::{self, Cluster};
 use super::{Method, collocation, exact};
-use crate::expression::{Expr, Node};
+use crate::expression::{Expr, Node, Pool};
 use crate::model::Model;
 use crate::structure::{Form, Output};
 use bond_runtime::ir::{Binary, Unary};
@@ -68,7 +68,7 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
     if kinked && tolerance > KINKS {
         return (Method::Gonzalez, "it is not linear, and not smooth");
     }
-    if kinked && any(model, &is_root) {
+    if kinked && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
         return (Method::Gonzalez, "it is not linear, and has kinks and a root");
     }
     if kinked {
@@ -95,6 +95,14 @@ fn is_kink(n: &Node) -> bool {
         Node::Binary(f, ..) => !matches!(f, Binary::Atan2 | Binary::Pow),
         Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) | Node::Power(..) => false,
     }
+}
+
+/// Whether a law that is solved for what it is given has no slope at 0, so that its inverse is a root.
+fn is_flat(n: &cluster::Node, pool: &mut Pool) -> bool {
+    let Output::Implicit(e) = n.how else { return false };
+    let (slope, zero) = (pool.derivative(e, n.out), pool.int(0));
+    let slope = pool.substitute(slope, &std::iter::once((n.out, zero)).collect());
+    pool.is_zero(slope)
 }
 
 /// Whether something has a root, and so an infinite slope: beyond it a step may have no solution, however near.
