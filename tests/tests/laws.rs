@@ -65,6 +65,33 @@ fn laws_without_an_energy_are_refused() {
         let found = errors(&format!("model M {{ C:c {{ e = {law}; q0 = 4 m }} I:m = 1 kg c -> m }}"));
         assert!(found.list().iter().any(|d| d.code == "elaborate::law"), "{law}: {found:?}");
     }
+    // At 0 nothing is seen of it but its own rounding.
+    let found = errors("model M { C:c { e = 1 N * log(1 + exp((q - 1 m)/(50 mm))) } I:m = 1 kg c -> m }");
+    assert!(found.list().iter().any(|d| d.code == "elaborate::law"), "{found:?}");
+}
+
+/// A quotient whose closed form cancels where the storage is all but empty: the energy is right there all the same, and
+/// the balance closes.
+#[test]
+fn small_energies_of_quotients_are_exact() {
+    for (law, q, energy) in [
+        ("10 N/m * q/(1 + abs(q)/(1 m))", 1e-5, 10.0 * (1e-5 - 1e-5f64.ln_1p())),
+        ("10 N/m * q/(1 + abs(q)/(1 m))", 20.0, 10.0 * (20.0 - 20f64.ln_1p())),
+        ("1 N * q/(1 m - q)", 0.95, -0.95 - 0.05f64.ln()),
+        ("1 N * (q/(1 m))^5*sqrt(1 + q/(1 m))", 1e-3, 1e-18 / 6.0 + 1e-21 / 14.0),
+    ] {
+        let text = format!(
+            "model M {{ C:c {{ e = {law}; q0 = {q} m }} I:m = 1 kg  R:r = 1 N*s/m  1:v -> c, m, r  probe H = c.H }}"
+        );
+        let compiled = with(Options::new(), &text);
+        let mut sim = start(&compiled, Steps::tolerance(1e-6));
+        let h = probe(&mut sim, "H");
+        // The closed form that is compared with cancels, too.
+        assert!((h / energy - 1.0).abs() < 1e-5, "{law}: {h:e} beside {energy:e}");
+        finish(&mut sim, 1.0);
+        let worst = sim.summary().regions[0].worst_step;
+        assert!(worst < 1e-12, "{law} from {q}: {worst:e}");
+    }
 }
 
 /// Beyond the reach of the rule for a law without closed form a run stops.

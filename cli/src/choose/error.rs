@@ -45,16 +45,17 @@ pub fn choose(
     });
     let first = rough(candidates.iter().copied(), ask.stop);
     let (mut best, mut tries): (Option<Tried>, usize) = (None, 0);
-    for dear in [reference.run.seconds.max(LEAST), MOST] {
+    for (pass, dear) in [reference.run.seconds.max(LEAST), MOST].into_iter().enumerate() {
+        let mut late = false;
         for (i, runner) in order.iter().enumerate() {
-            progress.at(0.5 + 0.5 * i as f64 / order.len() as f64);
+            progress.at(0.5 + 0.25 * (pass as f64 + i as f64 / order.len() as f64));
             let mut starts = vec![Setting::Step(first)];
             if runner.way.adaptive {
                 starts.push(Setting::Tolerance((0.1 * error).max(1e-14)));
             }
             for start in starts {
                 let seek = Seek { runner, reference, error, stop: ask.stop, dear };
-                let found = seek.run(start, best.as_ref(), &mut tries);
+                let found = seek.run(start, best.as_ref(), (&mut tries, &mut late));
                 if let Some(found) = found
                     && best.as_ref().is_none_or(|b| better(&found, b, error))
                 {
@@ -62,7 +63,7 @@ pub fn choose(
                 }
             }
         }
-        if best.is_some() {
+        if best.is_some() || !late {
             break;
         }
     }
@@ -99,8 +100,9 @@ struct Seek<'s, 'a> {
 }
 
 impl Seek<'_, '_> {
-    /// The coarsest setting found whose error is at most that which is asked for.
-    fn run(&self, start: Setting, best: Option<&Tried>, tries: &mut usize) -> Option<Tried> {
+    /// The coarsest setting found whose error is at most that which is asked for; counts the runs, and says whether one
+    /// took too long.
+    fn run(&self, start: Setting, best: Option<&Tried>, (tries, late): (&mut usize, &mut bool)) -> Option<Tried> {
         let [low, middle, high] = WINDOW.map(|w| w * self.error);
         let limit = best.map_or(self.dear, |b| (LOST * b.seconds).max(1e-3));
         // How the error follows the setting: as the order of the step, as the tolerance itself.
@@ -122,7 +124,10 @@ impl Seek<'_, '_> {
             let error = match &result {
                 Ok(tried) if tried.keeps => tried.error.max(1e-17),
                 Ok(_) | Err(Lost::Failed(_)) => f64::INFINITY,
-                Err(Lost::Late) => return fine,
+                Err(Lost::Late) => {
+                    *late = true;
+                    return fine;
+                }
             };
             let next = if error > high {
                 if coarse.is_none_or(|c| x < c.0) {

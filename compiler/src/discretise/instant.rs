@@ -127,7 +127,8 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
         // x |x| has a slope everywhere. Of a flow that a loop tells, and that comes to rest, rounding makes the sign.
         let even = |child: Expr| match (&node, model.pool.node(child)) {
             (Node::Product(_, factors), Node::Unary(Unary::Abs, x)) => {
-                factors.iter().any(|f| f.0 == *x) && model.pool.contains_any(*x, &|s| loops.contains(&s))
+                let is_in = |e: Expr| factors.iter().any(|f| f.0 == e && f.1.integer().is_some_and(|n| n > 0));
+                is_in(*x) && is_in(child) && model.pool.contains_any(*x, &|s| loops.contains(&s))
             }
             _ => false,
         };
@@ -141,15 +142,15 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
             Node::Binary(ir::Binary::Lt | ir::Binary::Le | ir::Binary::Min | ir::Binary::Max, a, b) => {
                 model.pool.sub(a, b)
             }
-            // The last two may be switches but for a little, as friction is often written: what a step over such a turn
-            // misses, neither it nor its halves see. So a step ends where the turn does, too.
-            Node::Unary(Unary::Tanh | Unary::Atan, a) => {
+            // This and `atan` may be switches but for a little, as friction is often written: what a step over such a
+            // turn misses, neither it nor its halves see. So a step ends where this one's does, too.
+            Node::Unary(Unary::Tanh, a) => {
                 let square = model.pool.mul(a, a);
                 let end = model.pool.float(KNEE * KNEE);
                 knee = Some(model.pool.sub(square, end));
                 a
             }
-            Node::Unary(Unary::Abs | Unary::Sign, a) => a,
+            Node::Unary(Unary::Abs | Unary::Sign | Unary::Atan, a) => a,
             Node::Binary(..)
             | Node::Unary(..)
             | Node::Number(_)

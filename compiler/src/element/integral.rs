@@ -2,8 +2,7 @@
 
 use crate::elaborate::Elaborator;
 use crate::expression::{Expr, Node, Pool, Symbol};
-use bond_runtime::ir::Binary;
-use bond_runtime::ir::Unary;
+use bond_runtime::ir::{Binary, Unary};
 
 /// How far the slope of a rule may be off the law, of the largest value of the law up to there.
 const EXACT: f64 = 1e-12;
@@ -29,17 +28,41 @@ impl Elaborator<'_> {
             let value = pool.substitute(law, &place);
             terms.push(pool.product(&[weight, at, value]));
         }
-        let (size, limit, none) = (pool.unary(Unary::Abs, at), pool.float(reach), pool.float(f64::NAN));
-        let (sum, inside) = (pool.sum(&terms), pool.binary(Binary::Le, size, limit));
-        (pool.select(inside, sum, none), reach)
+        let sum = pool.sum(&terms);
+        let closed = pool.cancelling_antiderivative(law, x);
+        // A form that cancels near 0 is taken from where both agree.
+        let joint = closed.and_then(|h| Some((h, joint(pool, (h, sum), reach)?)));
+        let (beyond, limit) = match joint {
+            Some((h, 0.0)) => return (h, f64::INFINITY),
+            Some((h, limit)) => (h, limit),
+            None => (pool.float(f64::NAN), reach),
+        };
+        let (size, edge) = (pool.unary(Unary::Abs, at), pool.float(limit));
+        let inside = pool.binary(Binary::Le, size, edge);
+        (pool.select(inside, sum, beyond), if joint.is_some() { f64::INFINITY } else { reach })
     }
+}
+
+/// Where a closed form takes over from the rule: 0 where there is no rule, None where they nowhere agree.
+fn joint(pool: &Pool, (closed, rule): (Expr, Expr), reach: f64) -> Option<f64> {
+    if reach == 0.0 {
+        return Some(0.0);
+    }
+    [0.25, 0.5, 1.0].map(|part| part * reach).into_iter().find(|place| {
+        [*place, -place].iter().all(|x| {
+            let values = pool.eval_all(&[closed, rule], &|_| *x);
+            values[1].is_nan() || (values[0] - values[1]).abs() <= EXACT * values[1].abs()
+        })
+    })
 }
 
 /// How far from 0 the slope of the rule is the law.
 fn reach(pool: &mut Pool, law: Expr, x: Symbol) -> f64 {
     let slope = pool.derivative(law, x);
     let mut places: Vec<f64> = OCTAVES.flat_map(|k| [1.0, 1.25, 1.5, 1.75].map(|s| s * f64::from(k).exp2())).collect();
-    places.extend(turns(pool, law, x).into_iter().map(f64::abs));
+    let turns: Vec<f64> = turns(pool, law, x).into_iter().map(f64::abs).collect();
+    let first = turns.iter().copied().filter(|t| *t > 0.0).fold(f64::INFINITY, f64::min);
+    places.extend(turns);
     places.sort_by(f64::total_cmp);
     let (mut reach, mut size) = (0.0, 0.0f64);
     for place in places {
@@ -51,8 +74,10 @@ fn reach(pool: &mut Pool, law: Expr, x: Symbol) -> f64 {
                 weight * (at[0] + s * x * at[1])
             });
             // Where the law itself is no number nothing is claimed.
-            if (parts.sum::<f64>() - value).abs() > EXACT * size || (value.is_infinite()) {
-                return reach;
+            let close = (parts.sum::<f64>() - value).abs() <= EXACT * size || value.is_nan();
+            if !close || value.is_infinite() {
+                // Far from all that the law does, its own rounding ends it: nothing of it is reached.
+                return if first.is_finite() && reach < 1e-3 * first { 0.0 } else { reach };
             }
         }
         reach = place;

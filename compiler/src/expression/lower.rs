@@ -225,7 +225,7 @@ impl Lowering {
     }
 
     /// Positive terms first, then the others are taken off; all constants are one summand. Then what is to come last.
-    /// A term that others cut off is taken with its cut: the dead zone `x - min(max(x, -1), 1)` is 0 exactly.
+    /// A variable that another term cuts off is taken with its cut: the dead zone `x - min(max(x, -1), 1)` is 0 exactly.
     fn sum(
         &mut self,
         pool: &Pool,
@@ -237,16 +237,16 @@ impl Lowering {
         let mut constant = c.to_f64();
         let mut total: Option<Value> = None;
         let (mut minus, mut last) = (Vec::new(), Vec::new());
-        let zones = zones(pool, terms);
+        let is_last = |e: Expr| !self.last.is_empty() && pool.contains_any(e, &|s| self.last.contains(&s));
+        let zones: Vec<_> = zones(pool, terms).into_iter().filter(|z| !is_last(z.0)).collect();
         for &(x, cut, n) in &zones {
             let (x, cut) = (self.child(builder, x, folded), self.child(builder, cut, folded));
             let zone = builder.sub(x, cut);
             let value = scaled(builder, zone, n.to_f64());
             total = Some(total.map_or(value, |sum| builder.add(sum, value)));
         }
-        for &(t, n) in terms {
-            if zones.iter().any(|z| z.0 == t || z.1 == t) {
-            } else if let Some(x) = folded(t) {
+        for &(t, n) in terms.iter().filter(|t| zones.iter().all(|z| z.0 != t.0 && z.1 != t.0)) {
+            if let Some(x) = folded(t) {
                 constant += n.to_f64() * x;
             } else if !self.last.is_empty() && pool.contains_any(t, &|s| self.last.contains(&s)) {
                 last.push((t, n));

@@ -80,6 +80,8 @@ pub struct Pool {
     alone: Vec<Option<Expr>>,
     small: [Option<Expr>; 8],
     pub(super) derivatives: Slopes,
+    /// Whether an antiderivative may be a sum that cancels near 0.
+    pub(super) cancelling: bool,
 }
 
 impl Default for Pool {
@@ -101,6 +103,7 @@ impl Pool {
             alone: Vec::new(),
             small: [None; 8],
             derivatives: Slopes::default(),
+            cancelling: false,
         }
     }
 

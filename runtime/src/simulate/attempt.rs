@@ -5,6 +5,11 @@ use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
 use crate::scene::{Cluster, Entries};
 
+/// The part of the faintest energy that is its rounding: an error of a state that is worth less is none.
+const ROUNDED: f64 = 1e-15;
+/// The same of an integral, in SI units.
+const SMALLEST: f64 = 1e-24;
+
 /// What a step gave.
 #[derive(Debug, Default)]
 pub(super) struct Taken {
@@ -89,7 +94,9 @@ impl Run {
     /// is off most was next to nothing before the step.
     fn estimate(&self, c: &Cluster, whole: bool) -> Result<(f64, bool), Failure> {
         let Some(fit) = &self.fit else { return Ok((0.0, false)) };
-        let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(b.turnover_max).max(0.0);
+        // What is counted as turned over at least says nothing of sizes.
+        let turned = |b: &Book| if b.turnover_max > FAINTEST { b.turnover_max } else { 0.0 };
+        let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(turned(b)).max(0.0);
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
         let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
         let raised = 2f64.powi(order as i32);
@@ -120,8 +127,8 @@ impl Run {
             }
             // What is below that is rounding, as all is of a body that is held at rest.
             let faintest = match self.curvature.get(i) {
-                None => 1e-24,
-                Some(&curvature) if curvature > 0.0 => (2e-15 * FAINTEST / curvature).sqrt(),
+                None => SMALLEST,
+                Some(&curvature) if curvature > 0.0 => (2.0 * ROUNDED * FAINTEST / curvature).sqrt(),
                 Some(_) => 0.0,
             };
             if off > faintest {

@@ -11,6 +11,14 @@ use rustc_hash::FxHashMap;
 const DEPTH: usize = 100;
 
 impl Pool {
+    /// The same by one rule more, whose sum cancels near 0.
+    pub fn cancelling_antiderivative(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
+        self.cancelling = true;
+        let found = self.antiderivative(e, s);
+        self.cancelling = false;
+        found
+    }
+
     /// `F` with `dF/ds = e`, continuous where `e` jumps, and `F = 0` at `s = 0`; without that constant where `F` has no
     /// value at 0. `None` where no rule applies.
     pub fn antiderivative(&mut self, e: Expr, s: Symbol) -> Option<Expr> {

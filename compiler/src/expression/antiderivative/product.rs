@@ -116,6 +116,9 @@ impl Pool {
         let (slope, constant) = self.linear(u, s)?;
         let root = self.div(constant, slope);
         let root = self.neg(root);
+        if !self.cancelling && self.contains(rest, s) && !self.is_zero(root) {
+            return None;
+        }
         let mut terms = Vec::new();
         let mut factorial = Number::ONE;
         for k in 1..=DEPTH as i64 {
