@@ -460,3 +460,41 @@ fn symplectic_euler_keeps_near_its_energy() {
     let (kept, grown) = (run("symplectic_euler"), run("euler"));
     assert!(kept < 6e-3 && grown > 100.0, "{kept} and {grown}");
 }
+
+/// A square wave: each of its switches is met, by steppers that look at the end of their step, too, and however many
+/// there are. A switch of the source comes back from far.
+#[test]
+fn every_switch_of_a_wave_is_met() {
+    let text = "model M {
+      Se:u = if sin(2*pi*37 Hz * t) > 0.3 then 24 V else 12 V
+      R:r { e = 0.8 Ohm * f + 1e-12 Ohm/A^2 * f^3 }
+      I:l = 2 mH
+      u -> 1:i -> r, l
+      probe current = i.f
+    }";
+    for method in ["gonzalez", "collocation8", "radau", "rk4", "rk45"] {
+        let compiled = with(Options::new().method(method), text);
+        let mut sim = start(&compiled, Steps::tolerance(1e-6));
+        finish(&mut sim, 0.5);
+        let (events, current) = (sim.summary().regions[0].events, probe(&mut sim, "current"));
+        assert_eq!(events, 38, "{method}");
+        close(current, 23.766_320_1, 2e-3, method);
+    }
+}
+
+/// The same swing with all energies 1e-30 times as large: they are small, but no rounding.
+#[test]
+fn faint_scenes_are_as_exact() {
+    for (size, most) in [(1.0, 2e-5), (1e-30, 1e-3)] {
+        let text = format!(
+            "model M {{
+              C:spring {{ e = {size} N/m * q + {size} N/m^3 * q^3; q0 = 1 m }}
+              I:mass = {size} kg
+              1:v -> spring, mass
+              probe q = spring.q
+            }}"
+        );
+        let compiled = with(Options::new().method("collocation8"), &text);
+        close(end(&compiled, Steps::tolerance(1e-6), 10.0, "q"), 0.798_874_77, most, &format!("{size:e}"));
+    }
+}

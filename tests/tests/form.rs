@@ -1,6 +1,6 @@
 //! The port-Hamiltonian form: snapshots of small ones, and its facts on all.
 
-use crate::common::{all_scenes, example, file, models, text};
+use crate::common::{all_scenes, example, file, models, text, with};
 use bond::{As, Options, What};
 
 #[test]
@@ -135,4 +135,55 @@ fn energies_without_a_lower_bound_are_seen() {
     ] {
         assert!(bounded(h), "{h}");
     }
+}
+
+/// An entry of D that is 0 as a difference that no rule shows is no reason to refuse a model.
+#[test]
+fn what_cancels_by_rounding_is_skew() {
+    let text = "model M {
+      1:j0
+      0:j1
+      0:j2
+      GY:g3 = 2.5 N*s/m
+      1:j3
+      0:j4
+      0:j5
+      0:j6
+      GY:g7 = 0.5 N*s/m
+      1:j7
+      0:j8
+      C:e0 { stiffness = 1 N/m;  q0 = -0.30000000000000004 m }
+      I:e1 = 1 kg
+      TF:m0 = 1 + 0.3 m^-1 * e0.q
+      TF:m1 = 1 + 0.3 m^-1 * e0.q
+      R:loss1 = 1 N*s/m
+      R:loss2 = 1 N*s/m
+      R:loss3 = 5 N*s/m
+      R:loss4 = 1 N*s/m
+      R:loss5 = 1 N*s/m
+      R:loss6 = 1 N*s/m
+      R:loss8 = 1 N*s/m
+      j0 -> j1
+      j0 -> j2
+      j0 -> g3 -> j3
+      j0 -> j4
+      j0 -> j5
+      j0 -> j6
+      j0 -> g7 -> j7
+      j0 -> j8
+      j0 -> e0
+      j7 -> e1
+      j7 -> m0 -> j0
+      j0 -> m1 -> j3
+      j1 -> loss1
+      j2 -> loss2
+      j3 -> loss3
+      j4 -> loss4
+      j5 -> loss5
+      j6 -> loss6
+      j8 -> loss8
+    }";
+    let compiled = with(Options::new(), text);
+    let stages = compiled.stages();
+    assert_eq!(stages.form.validate(&stages.model.pool), Ok(()));
 }

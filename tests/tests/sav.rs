@@ -221,3 +221,25 @@ fn what_it_cannot_take_is_said_by_name() {
         assert!(words.iter().all(|w| text.contains(w)), "{name}: {text}");
     }
 }
+
+/// A law that is to be solved for the flow: chords of one step after the other go to and fro about 2.160 V, and their
+/// mean is none of it. It is refused by name, and taken where it is written the other way.
+#[test]
+fn laws_that_run_backwards_are_refused() {
+    let circuit = |law: &str| {
+        format!(
+            "model M {{
+              Se:u = 4 V
+              R:valve {{ {law} }}
+              R:load = 3 Ohm
+              C:buffer = 10 mF
+              u -> 1:a -> valve
+              a -> 0:n -> buffer, load
+            }}"
+        )
+    };
+    let compile = |law: &str| Options::new().method("sav").compile_str("m.bond", circuit(law).as_str());
+    let Err(errors) = compile("e = 1 Ohm * f + 3 Ohm/A^2 * f^3") else { panic!("it is taken") };
+    assert!(errors.list().iter().any(|d| format!("{d:?}").contains("`valve`")), "{errors:?}");
+    assert!(compile("f = 0.3 S * e + 0.1 A/V^3 * e^3").is_ok());
+}

@@ -253,7 +253,7 @@ fn reasons(why: &[(String, Vec<&str>)]) -> String {
     }
     let told = why.iter().take(REASONS).map(|(why, names)| format!("{}: {why}", names.join(", ")));
     let others: usize = why.iter().skip(REASONS).map(|w| w.1.len()).sum();
-    let others = (others > 0).then(|| format!("{others} others do no better"));
+    let others = (others > 0).then(|| format!("and {others} more"));
     told.chain(others).collect::<Vec<_>>().join("; ")
 }
 

@@ -271,6 +271,10 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
             (Some((argument, law)), _) if pool.any_node(*law, &|n| grows(n, *argument)) => Some(format!(
                 "the law of `{name}` has an exponential in it, whose chord at what is foretold says nothing of what it gives"
             )),
+            // The chord is taken at what the step before found, and no storage keeps two steps from going to and fro.
+            (Some(_), _) if c.loops.contains(&n.unknown()) => Some(format!(
+                "the law of `{name}` is to be solved for what it is given, and chords of one step after the other may not come to that"
+            )),
             (Some(_), Output::Explicit(_) | Output::Implicit(_) | Output::Curve { .. }) => None,
         }
     })

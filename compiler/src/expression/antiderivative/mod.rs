@@ -11,14 +11,6 @@ use rustc_hash::FxHashMap;
 const DEPTH: usize = 100;
 
 impl Pool {
-    /// The same by one rule more, whose sum cancels near 0.
-    pub fn cancelling_antiderivative(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
-        self.cancelling = true;
-        let found = self.antiderivative(e, s);
-        self.cancelling = false;
-        found
-    }
-
     /// `F` with `dF/ds = e`, continuous where `e` jumps, and `F = 0` at `s = 0`; without that constant where `F` has no
     /// value at 0. `None` where no rule applies.
     pub fn antiderivative(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
@@ -35,6 +27,14 @@ impl Pool {
             return Some(primitive);
         }
         Some(self.sub(primitive, at_zero))
+    }
+
+    /// [`Pool::antiderivative`] by one rule more, whose sum cancels near 0.
+    pub fn cancelling_antiderivative(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
+        self.cancelling = true;
+        let found = self.antiderivative(e, s);
+        self.cancelling = false;
+        found
     }
 
     /// The expression with a number or another expression in the place of `s`.
