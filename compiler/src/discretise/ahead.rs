@@ -60,15 +60,12 @@ impl Ahead {
         let ratio = b.mul(h, past);
         let near = b.binary(Binary::Le, ratio, reach);
         let ratio = b.select(near, ratio, zero);
+        let ratio = b.select(same, one, ratio);
         let (mut kept, mut start) = (Vec::new(), Vec::new());
         let (half, mut even) = (b.number(0.5), one);
         for i in 0..n {
             let [d, d1, d2] = [0, 1, 2].map(|k| b.load(slot(KEPT * i + k)));
-            let mut stretched = |x: Value| {
-                let other = b.mul(ratio, x);
-                b.select(same, x, other)
-            };
-            let (line, before) = (stretched(d), stretched(d1));
+            let (line, before) = (b.mul(ratio, d), b.mul(ratio, d1));
             // Of the last change as little as can be waits for it.
             let (thrice, bend) = (b.mul(three, d), b.mul(three, d1));
             let bend = b.sub(d2, bend);

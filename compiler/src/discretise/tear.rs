@@ -1,5 +1,6 @@
 //! Unknowns of an iteration that follow from the others by a linear equation are taken out of it (tearing: Kron;
-//! Elmqvist and Otter, Proc. ESM 1994). Newton's method makes the same updates without them, and solves for fewer.
+//! Elmqvist and Otter, Proc. ESM 1994). Newton's method makes the same updates without them, and solves for fewer; where
+//! all follow one after the other there is nothing left to iterate.
 
 use super::write::System;
 use crate::expression::{Expr, Pool, Sign, Symbol};
@@ -14,7 +15,7 @@ const MOST: usize = 8;
 pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> Vec<(Symbol, Expr)> {
     let unknowns = system.unknowns.clone();
     let n = unknowns.len();
-    if !(2..=MOST).contains(&n) {
+    if n > MOST {
         return Vec::new();
     }
     // The rows that are taken: unknown, which others it is made of, and how.
@@ -27,7 +28,10 @@ pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> V
             continue;
         }
         let others: Vec<usize> = linear.iter().map(|t| t.0).filter(|j| *j != i).collect();
-        if taken.iter().any(|(k, of, _)| others.contains(k) || of.contains(&i)) || taken.len() + 1 == n {
+        // Of a last one that is more than given an iteration takes the rounding of the solution off.
+        let is_given = others.is_empty() && pool.constant(own).is_some();
+        let is_last = taken.len() + 1 == n;
+        if taken.iter().any(|(k, of, _)| others.contains(k) || of.contains(&i)) || (is_last && !is_given) {
             continue;
         }
         let rest = if system.whole {

@@ -465,19 +465,59 @@ fn is_steep(model: &Model, form: &Form, column: ColumnId) -> bool {
     matches!(&model.element(form.column(column).element).law, Law::Resistor(r) if r.linear.is_none() && r.row.is_none())
 }
 
-/// Sum of the magnitudes of the terms of a column's input, in terms of states and loops.
+/// Sum of the magnitudes of the terms of a column's input, in terms of states and loops. What a resistor gives counts by
+/// the terms that it is made of in turn: where a source is balanced by a storage nothing flows, and what is left of the
+/// flow is the rounding of the two.
 fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
     let mut list = Vec::new();
     for &(j, k) in &form.column(column).row {
         if is_steep(model, form, j) {
             continue;
         }
-        let z = model.pool.var(form.column(j).out);
-        let z = model.pool.mul(k, z);
-        let z = model.pool.substitute(z, flat);
-        list.push(model.pool.unary(Unary::Abs, z));
+        let deep = if let Law::Resistor(_) = model.element(form.column(j).element).law { DEEP } else { 0 };
+        let pool = &mut model.pool;
+        let z = pool.var(form.column(j).out);
+        let (k, z) = (pool.substitute(k, flat), pool.substitute(z, flat));
+        let (k, z) = (pool.unary(Unary::Abs, k), magnitude(pool, z, deep));
+        list.push(pool.mul(k, z));
     }
     model.pool.sum(&list)
+}
+
+/// Sums within sums that count by their terms, at most.
+const DEEP: u32 = 4;
+
+/// What an expression would be if nothing in its sums cancelled, looked into so deep: rounding makes it uncertain by some
+/// parts in 1e16 of that.
+fn magnitude(pool: &mut Pool, e: Expr, deep: u32) -> Expr {
+    match pool.node(e).clone() {
+        expression::Node::Sum(constant, pairs) if deep > 0 => {
+            let mut list = vec![pool.numeral(constant.abs())];
+            for (term, k) in pairs.iter() {
+                let term = magnitude(pool, *term, deep - 1);
+                list.push(pool.scale(term, k.abs()));
+            }
+            pool.sum(&list)
+        }
+        expression::Node::Product(constant, factors) if deep > 0 => {
+            let mut product = pool.numeral(constant.abs());
+            for (factor, n) in factors.iter() {
+                let above = !n.is_negative();
+                let factor = if above { magnitude(pool, *factor, deep - 1) } else { pool.unary(Unary::Abs, *factor) };
+                let power = pool.powers(&[(factor, *n)]);
+                product = pool.mul(product, power);
+            }
+            product
+        }
+        expression::Node::Number(_)
+        | expression::Node::Symbol(_)
+        | expression::Node::Sum(..)
+        | expression::Node::Product(..)
+        | expression::Node::Power(..)
+        | expression::Node::Unary(..)
+        | expression::Node::Binary(..)
+        | expression::Node::Select(..) => pool.unary(Unary::Abs, e),
+    }
 }
 
 /// Sum of the magnitudes of an expression's summands, after a substitution.
@@ -544,45 +584,78 @@ pub(super) fn scales(
     h: Option<Expr>,
 ) -> Result<Vec<Value>, Vec<Diagnostic>> {
     let (states, traces, guesses) = inputs;
-    let mut lowering = lowering.clone();
-    for (z, guess) in c.loops.iter().zip(guesses) {
-        lowering.bind(*z, *guess);
-    }
+    let bound = |values: &[Value]| {
+        let mut lowering = lowering.clone();
+        c.loops.iter().zip(values).for_each(|(z, value)| lowering.bind(*z, *value));
+        lowering
+    };
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
-    let mut list: Vec<(Value, Expr)> = Vec::new();
+    let mut at_start = bound(guesses);
+    let lower = |model: &Model, b: &mut Builder, lowering: &mut Lowering, e: Expr| {
+        lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
+    };
+    let mut laws = Vec::with_capacity(c.loops.len());
+    for node in c.loop_nodes() {
+        if let Output::Curve { bare, .. } = node.how {
+            // Of an exponential's argument only itself says what a small change is: the slope changes too fast.
+            laws.push(Size::Known(b.number(if bare { 1.0 } else { 0.0 })));
+            continue;
+        }
+        let column = node.resistor().filter(|column| !is_steep(model, form, *column));
+        let law = column.and_then(|column| Some((column, slope(model, form, &flat, node)?)));
+        laws.push(match law {
+            Some((column, (k, forward))) => {
+                let k = lower(model, b, &mut at_start, k)?;
+                Size::Law { terms: terms(model, form, &flat, column), slope: b.unary(Unary::Abs, k), forward }
+            }
+            None => Size::Known(b.number(0.0)),
+        });
+    }
+    // Loops are made of one another: what one of them is uncertain by, the next one is too.
+    let starts: Vec<Value> = guesses.iter().map(|z| b.unary(Unary::Abs, *z)).collect();
+    let mut sizes = starts.clone();
+    for _ in 0..laws.len().min(2) {
+        let mut among = bound(&sizes);
+        for ((size, start), law) in sizes.iter_mut().zip(&starts).zip(&laws) {
+            let more = match *law {
+                Size::Known(x) => x,
+                Size::Law { terms, slope, forward } => {
+                    let t = lower(model, b, &mut among, terms)?;
+                    if forward { b.mul(t, slope) } else { b.div(t, slope) }
+                }
+            };
+            *size = b.add(*start, more);
+        }
+    }
+    let mut scales = Vec::new();
     if let Some(h) = h {
+        let mut among = bound(&sizes);
         for ((s, x), trace) in c.states.iter().zip(states).zip(traces) {
             let t = match s.column {
                 Some(column) => terms(model, form, &flat, column),
                 None => summands(model, &flat, s.rate),
             };
             let (x, trace) = (b.unary(Unary::Abs, *x), b.load(*trace));
-            list.push((b.add(x, trace), model.pool.mul(h, t)));
+            let x = b.add(x, trace);
+            let t = model.pool.mul(h, t);
+            let t = lower(model, b, &mut among, t)?;
+            scales.push(b.add(x, t));
         }
     }
-    for (node, guess) in c.loop_nodes().into_iter().zip(guesses) {
-        let mut size = model.pool.int(0);
-        if let Output::Curve { bare, .. } = node.how {
-            // Of an exponential's argument only itself says what a small change is: the slope changes too fast.
-            size = model.pool.int(i64::from(bare));
-        } else if let Some(column) = node.resistor()
-            && !is_steep(model, form, column)
-        {
-            let t = terms(model, form, &flat, column);
-            if let Some((slope, forward)) = slope(model, form, &flat, node) {
-                size = if forward { model.pool.mul(t, slope) } else { model.pool.div(t, slope) };
-            }
-        }
-        list.push((*guess, model.pool.unary(Unary::Abs, size)));
-    }
-    let mut scales = Vec::with_capacity(list.len());
-    for (x, e) in list {
-        let x = b.unary(Unary::Abs, x);
-        let t = lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
-        scales.push(b.add(x, t));
-    }
+    scales.extend(sizes);
     Ok(scales)
+}
+
+/// What a loop's unknown is measured against besides itself.
+enum Size {
+    Known(Value),
+    /// The terms of what its resistor receives, by the slope of the law, or that by it.
+    Law {
+        terms: Expr,
+        slope: Value,
+        forward: bool,
+    },
 }
 
 /// The slope of a resistor's law where it works, in terms of states and loops, and whether it runs forward.

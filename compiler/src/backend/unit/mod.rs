@@ -178,14 +178,14 @@ impl Plan {
             let times = (period / interval).round();
             if (period - times * interval).abs() > SAME * period {
                 return Err(format!(
-                    "the period {period} s of `{}` is no multiple of the shortest one, {interval} s: such scenes have no compiled form",
+                    "the period {period} s of `{}` is no multiple of the shortest one, {interval} s: such scenes have no compiled form; make it one, or take --emit exe",
                     c.name
                 ));
             }
             ratio.push(times as u32);
             if c.period.is_none() && c.step.linear.is_some() && c.guards.is_some() {
                 return Err(format!(
-                    "`{}` has a source that switches inside exact steps: such scenes have no compiled form; take --method gonzalez",
+                    "`{}` has a source that switches inside exact steps: such scenes have no compiled form; take --method gonzalez, or --emit exe",
                     c.name
                 ));
             }
