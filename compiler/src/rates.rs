@@ -15,6 +15,10 @@ const OPEN: &str = "the loops of resistors have no solution that is found at thi
 /// Most iterations of a loop, and most halvings of one update.
 const ITERATIONS: usize = 200;
 const HALVINGS: usize = 40;
+/// To which part what loops are off falls at once, first and at the best, and how often it does.
+const PART: f64 = 1e-2;
+const LEAST: f64 = 1e-8;
+const PARTS: usize = 100;
 
 /// A state of the continuous regions, with all that follows from it.
 pub(crate) struct Point {
@@ -154,7 +158,8 @@ impl Point {
         self.looped = (0..self.columns.len()).filter(|i| waits[*i] > 0).collect();
     }
 
-    /// Newton's method for the definitions that wait for each other; updates that make them fit worse are halved.
+    /// Solves the definitions that wait for each other: by Newton's method from next to nothing, or where that does not
+    /// get there, as to a diode that a battery drives, by what they are off at the start being taken away bit by bit.
     fn solve(&mut self, pool: &mut Pool) -> Result<(), String> {
         let n = self.looped.len();
         self.loops = DMatrix::identity(n, n);
@@ -172,39 +177,78 @@ impl Point {
                 }
             }
         }
+        let loops = Loops { symbols, laws, slopes };
         let mut z = DVector::from_element(n, 1e-9);
-        let mut residual = self.misfit(pool, &symbols, &laws, &z);
+        let off = self.misfit(pool, &loops, &z);
+        let why = match self.newton(pool, &loops, z.clone(), &DVector::zeros(n)) {
+            Ok(_) => return Ok(()),
+            Err(why) => why,
+        };
+        // What is off may span a hundred orders of magnitude, where exponentials are in it: it falls by factors.
+        let (mut left, mut part) = (1.0, PART);
+        for _ in 0..PARTS {
+            match self.newton(pool, &loops, z.clone(), &(&off * (left * part))) {
+                Ok(found) => {
+                    (z, left, part) = (found, left * part, (part * part).max(LEAST));
+                    if self.newton(pool, &loops, z.clone(), &DVector::zeros(n)).is_ok() {
+                        return Ok(());
+                    }
+                }
+                Err(_) => part = part.sqrt(),
+            }
+        }
+        Err(why.into())
+    }
+
+    /// Newton's method for the definitions being off by what is given, from some values; updates that make them fit
+    /// worse are halved.
+    fn newton(
+        &mut self,
+        pool: &Pool,
+        loops: &Loops,
+        mut z: DVector<f64>,
+        left: &DVector<f64>,
+    ) -> Result<DVector<f64>, &'static str> {
+        let n = z.len();
+        let mut residual = self.misfit(pool, loops, &z) - left;
         for _ in 0..ITERATIONS {
             self.loops = DMatrix::identity(n, n);
-            for (i, j, d) in &slopes {
+            for (i, j, d) in &loops.slopes {
                 self.loops[(*i, *j)] -= self.value(pool, *d);
             }
             let mut step = steps(&self.loops, &residual).ok_or(SINGULAR)?;
             let whole = step.amax();
-            let mut next = self.misfit(pool, &symbols, &laws, &(&z - &step));
+            let mut next = self.misfit(pool, loops, &(&z - &step)) - left;
             for _ in 0..HALVINGS {
                 if next.norm() <= residual.norm() || step.amax() <= 1e-14 * z.amax() {
                     break;
                 }
                 step *= 0.5;
-                next = self.misfit(pool, &symbols, &laws, &(&z - &step));
+                next = self.misfit(pool, loops, &(&z - &step)) - left;
             }
             z -= &step;
             residual = next;
             if step.amax() <= 1e-14 * z.amax() {
                 // What was halved to nothing is at rounding, or stuck.
                 let found = whole <= 1e-9 * z.amax() && residual.iter().all(|r| r.is_finite());
-                return if found { Ok(()) } else { Err(OPEN.into()) };
+                return if found { Ok(z) } else { Err(OPEN) };
             }
         }
-        Err(OPEN.into())
+        Err(OPEN)
     }
 
     /// Takes values for the looped outputs, and gives by how much each is off its definition.
-    fn misfit(&mut self, pool: &Pool, symbols: &[Symbol], laws: &[Expr], z: &DVector<f64>) -> DVector<f64> {
-        self.at.extend(symbols.iter().copied().zip(z.iter().copied()));
-        DVector::from_iterator(z.len(), laws.iter().zip(z.iter()).map(|(e, z)| z - self.value(pool, *e)))
+    fn misfit(&mut self, pool: &Pool, loops: &Loops, z: &DVector<f64>) -> DVector<f64> {
+        self.at.extend(loops.symbols.iter().copied().zip(z.iter().copied()));
+        DVector::from_iterator(z.len(), loops.laws.iter().zip(z.iter()).map(|(e, z)| z - self.value(pool, *e)))
     }
+}
+
+/// Definitions that wait for each other: what they define, by what, and the slopes of those by what they define.
+struct Loops {
+    symbols: Vec<Symbol>,
+    laws: Vec<Expr>,
+    slopes: Vec<(usize, usize, Expr)>,
 }
 
 /// Newton's step. An unknown on a flat piece of its law, as dry friction at rest, moves on by 1 until the law has a

@@ -210,13 +210,15 @@ pub struct Cluster {
     pub instant: Program,
     /// Where its laws switch.
     pub guards: Option<Guards>,
-    /// What is stored: H of each region, then d2H/dx2 of each state. Inputs as for `instant`; it depends on the state
+    /// What is stored: H of each region, then d2H/dx2 and the grain of each state. Inputs as for `instant`; it depends on the state
     /// alone.
     pub stored: Program,
     /// H of each region of the cluster: region, output of `stored`.
     pub energies: Vec<(usize, usize)>,
     /// d2H/dx2 of each state, as an output of `stored`; 0 of a signal state.
     pub curvatures: Vec<usize>,
+    /// What dH/dx of each state is uncertain by where the parameter of a curve is rounded at a corner, likewise; 0 of most.
+    pub grains: Vec<usize>,
     /// The ports.
     pub ports: Vec<Port>,
     /// Ports (by index) whose outgoing variable this cluster holds.

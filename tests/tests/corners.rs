@@ -260,3 +260,30 @@ fn a_stiff_start_is_resolved() {
         assert!((v - (-1.0f64).exp()).abs() < 1e-5, "{method}: {v}");
     }
 }
+
+/// A block that a swinging force lets go from rest, where the friction's parameter is rounded at its corner: with
+/// F = A sin(w t) from w t1 = asin(mu / A) on, p = A/w (cos(w t1) - cos(w t)) - mu (t - t1).
+#[test]
+fn a_block_is_let_go() {
+    for (force, held) in [(3.0, 0.7), (3.0, 1.2), (2.0, 1.2), (4.0, 0.6)] {
+        let text = format!(
+            "model LetGo {{
+  Se:push = {force} N * sin(2 Hz * t)
+  I:body = 1 kg
+  R:dry {{ e = {held} N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }}
+  push -> 1:v -> body, dry
+  probe p = body.p
+  probe x = integral(v.f, 0 m)
+}}"
+        );
+        let since = f64::asin(held / force) / 2.0;
+        let wanted = force / 2.0 * ((2.0 * since).cos() - 2.0f64.cos()) - held * (1.0 - since);
+        for method in METHODS {
+            for tolerance in [1e-3, 1e-5, 1e-7, 1e-8, 1e-9] {
+                let [p, _] = ends(&text, method, tolerance, 1.0, ["p", "x"]);
+                let off = (p / wanted - 1.0).abs();
+                assert!(off < 30.0 * tolerance, "{force}, {held}, {method}, {tolerance:e}: {p} and {wanted}");
+            }
+        }
+    }
+}

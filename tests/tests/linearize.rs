@@ -65,3 +65,30 @@ fn a_law_counts_by_its_slope() {
     // e = b f^2, slope 2 b f = 4 N s/m at 4 m/s; over 2 kg.
     close(l.a[(0, 0)], -2.0, 1e-14, "A");
 }
+
+/// A battery charges a capacitor through a diode and a resistor: A = -1/(C (R + r)), where the diode's slope is
+/// r = U/(i + I) at the current i of U log(1 + i/I) + R i = E.
+#[test]
+fn a_diode_that_a_battery_drives() {
+    for battery in [1.0, 12.0, 30.0, 400.0] {
+        for resistor in [0.1, 100.0, 1e4] {
+            let compiled = text(&format!(
+                "model M {{
+                  Se:battery = {battery} V
+                  R:diode {{ f = 1 nA * (exp(e/50 mV) - 1) }}
+                  R:lead = {resistor} Ohm
+                  C:store = 100 uF
+                  battery -> 1:i -> diode, lead, store
+                }}"
+            ));
+            let mut low = (0.0, battery / resistor);
+            for _ in 0..200 {
+                let i = 0.5 * (low.0 + low.1);
+                let over = 0.05 * f64::ln_1p(i / 1e-9) + resistor * i > battery;
+                low = if over { (low.0, i) } else { (i, low.1) };
+            }
+            let a = -1.0 / (1e-4 * (resistor + 0.05 / (low.0 + 1e-9)));
+            close(at(&compiled, &[]).a[(0, 0)] / a, 1.0, 1e-9, &format!("{battery} V, {resistor} Ohm"));
+        }
+    }
+}

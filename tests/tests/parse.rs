@@ -85,3 +85,16 @@ fn layouts() {
     let text = text.replace("I:mass={", "I:mass{");
     insta::assert_snapshot!("layout", laid_out("layout.bond", &text));
 }
+
+/// A keyword is never read as a unit, and newlines separate nothing: any statement may follow a bare number on its line.
+#[test]
+fn statements_follow_numbers() {
+    let starts =
+        ["input b = 2", "let b = 2", "probe b = 2", "state b = 2 { rate = 1 Hz }", "port b", "for k in 1..2 { }"];
+    for next in starts {
+        let (_, file, errors) = parsed("line", &format!("model M {{ let a = 1 {next} }}"));
+        assert!(errors.is_empty(), "{next}: {}", errors.join(""));
+        let (_, apart, _) = parsed("lines", &format!("model M {{ let a = 1\n {next} }}"));
+        assert_eq!(shape(&file), shape(&apart), "{next}");
+    }
+}

@@ -328,3 +328,69 @@ fn the_transistor_amplifier_as_published() {
         close(fine[i] + (fine[i] - coarse[i]) / 3.0, *wanted, 1e-11, name);
     }
 }
+
+/// Where a source and a storage come to balance across a loop of resistors, what flows is their rounding in the end: the
+/// loop is solved to that, and the run goes on. Of q + q^3 = 1, q is 0.6823278038280193.
+#[test]
+fn loops_come_to_rest() {
+    let washer = "model Washer {
+      Se:push = 1 N
+      R:line = 1 N*s/m
+      C:washer { e = 1 N/m * q + 1 N/m^3 * q^3 }
+      I:mass = 1 kg
+      R:film = 1 N*s/m
+      push -> 1:j -> line, washer
+      j -> 0:k -> mass, film
+      probe x = washer.q
+    }";
+    let two_loops = "model Flows {
+      I:one { f = 0.34 kg^-1 * p + 1.28 m/s/(N*s)^3 * p^3;  p0 = 0.11 N*s }
+      I:two = 1.58 kg
+      I:three = 2.8 kg
+      C:spring = 2.44 m/N
+      R:first = 2.96 N*s/m
+      R:second = 1.33 N*s/m
+      R:third = 2.84 N*s/m
+      TF:lever = 2
+      one -> 0:a -> two
+      a -> 0:b -> first, three
+      b -> 1:c -> spring, second
+      1:d -> third
+      d -> lever -> c
+      probe x = spring.q
+    }";
+    for method in ["gonzalez", "collocation4", "collocation8", "radau", "sav"] {
+        let compiled = with(Options::new().method(method), washer);
+        for steps in [Steps::tolerance(1e-7), Steps::fixed(0.1), Steps::fixed(3.0)] {
+            let mut sim = start(&compiled, steps);
+            for t in [20.0, 60.0, 100.0, 300.0] {
+                finish(&mut sim, t);
+            }
+            close(probe(&mut sim, "x"), 0.6823278038280193, 1e-9, method);
+        }
+        if method != "sav" {
+            let mut sim = start(&with(Options::new().method(method), two_loops), Steps::tolerance(1e-7));
+            finish(&mut sim, 100.0);
+            finish(&mut sim, 300.0);
+            close(probe(&mut sim, "x"), 0.0, 1e-9, method);
+        }
+    }
+}
+
+/// A pendulum that stands, linearised: its energy falls to both sides without an end, so it runs away as cosh, and
+/// nothing is claimed of it.
+#[test]
+fn an_energy_may_fall_without_an_end() {
+    let compiled = text(
+        "model Standing {
+          I:wheel = 2 kg*m^2
+          C:weight { H = -0.5 * 3 N*m * q^2;  q0 = 0.01 rad }
+          1:w -> wheel, weight
+          probe angle = weight.q
+        }",
+    );
+    for (t, angle) in trace(&compiled, Steps::fixed(0.1), 0.5, 6, "angle") {
+        close(angle, 0.01 * (1.5f64.sqrt() * t).cosh(), 1e-12, "angle");
+    }
+    assert!(!compiled.show("phs").contains("H is bounded below"));
+}

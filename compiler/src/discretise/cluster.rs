@@ -502,6 +502,7 @@ impl Cluster {
             stored: instant::stored(self, model, form)?,
             energies: self.regions.iter().enumerate().map(|(i, r)| (r.at(), i)).collect(),
             curvatures: (0..self.states.len()).map(|i| self.regions.len() + i).collect(),
+            grains: (0..self.states.len()).map(|i| self.regions.len() + self.states.len() + i).collect(),
             ports,
             holds,
             foreign,

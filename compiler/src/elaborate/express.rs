@@ -206,6 +206,11 @@ impl<'a> Elaborator<'a> {
                         "a tonne is `Mg`; if time is meant, put a space before the operator, as in `6 V * t`"
                             .to_string()
                     }
+                    // What follows an operator may be a variable, whatever it looks like.
+                    Some(s) if unknown.span.start > unit.span.start => format!(
+                        "if `{}` is a variable, put a space before the operator, as in `6 V * x`; or did you mean `{s}`?",
+                        unknown.symbol
+                    ),
                     Some(s) => format!("did you mean `{s}`?"),
                     None => format!(
                         "if `{}` is a variable, put a space before the operator, as in `6 V * x`",

@@ -79,6 +79,8 @@ impl<'a> Elaborator<'a> {
                 .map(|l| l.0)
                 // A storage without energy only keeps count, as of an angle that a ratio depends on.
                 .filter(|k| !self.pool.is_zero(*k));
+            // An energy without a lower bound, as of a pendulum that stands, runs, and is no linear storage.
+            let linear = linear.filter(|k| !self.pool.constant(*k).is_some_and(|k| k < 0.0 && k.is_finite()));
             if let Some(k) = linear {
                 self.positive_constant(k, value, &name, "stiffness")?;
             }

@@ -126,10 +126,12 @@ impl Run {
                 return Err(Failure::NotFinite { slot: Slot::new(Array::Next, i) });
             }
             // What is below that is rounding, as all is of a body that is held at rest.
-            let faintest = match self.curvature.get(i) {
-                None => SMALLEST,
-                Some(&curvature) if curvature > 0.0 => (2.0 * ROUNDED * FAINTEST / curvature).sqrt(),
-                Some(_) => 0.0,
+            let faintest = match (self.curvature.get(i), self.grain.get(i)) {
+                (Some(&curvature), Some(&grain)) if curvature > 0.0 => {
+                    (grain / curvature).max((2.0 * ROUNDED * FAINTEST / curvature).sqrt())
+                }
+                (Some(_), _) => 0.0,
+                (None, _) => SMALLEST,
             };
             if off > faintest {
                 tell(if size > 0.0 { off / size } else { f64::INFINITY }, before, size);

@@ -191,6 +191,7 @@ pub(super) struct Run {
     pub(super) h: f64,
     pub(super) largest: Vec<f64>,
     pub(super) curvature: Vec<f64>,
+    pub(super) grain: Vec<f64>,
     /// What fits its steps to a tolerance, where it is run so.
     pub(super) fit: Option<Fit>,
     fixed: Option<f64>,
@@ -258,6 +259,7 @@ impl Run {
             }),
             largest: state[..n].iter().map(|x| x.abs()).collect(),
             curvature: c.curvatures.iter().map(|k| out[*k]).collect(),
+            grain: c.grains.iter().map(|k| out[*k]).collect(),
             glanced: state.clone(),
             state,
             input,
