@@ -102,6 +102,7 @@ fn form(routine: &Routine, turns: bool) -> Option<Straight> {
         state,
         frames: vec![Frame::default()],
         slow: Vec::new(),
+        facts: Vec::new(),
         last: None,
         turns,
         lost: false,
@@ -127,6 +128,8 @@ struct State {
 struct Frame {
     /// The branches that have led here.
     path: Vec<Cond>,
+    /// Whether it may be begun anew.
+    again: bool,
     /// Where it was left. The first condition that holds is the place; what comes later may hold by chance.
     left: Vec<(Cond, State)>,
 }
@@ -154,6 +157,8 @@ struct Way {
     state: State,
     frames: Vec<Frame>,
     slow: Vec<Cond>,
+    /// Flags that are known where the statements have got to.
+    facts: Vec<(Value, bool)>,
     /// The condition that was made a flag last for what takes long.
     last: Option<(Cond, Value)>,
     /// Whether what repeats is gone through once.
@@ -194,10 +199,12 @@ impl Way {
                     }
                 }
                 Stmt::Loop(body) => {
-                    self.frames.push(Frame::default());
+                    let (again, facts) = (repeats(body), self.facts.len());
+                    self.frames.push(Frame { again, ..Frame::default() });
                     if self.block(body) == End::Reached {
                         self.give_up();
                     }
+                    self.facts.truncate(facts);
                     let left = self.frames.pop().map(|f| f.left).unwrap_or_default();
                     let left = self.fine(left, &rest[k + 1..]);
                     let Some(state) = self.meet(left) else { return End::Gone };
@@ -285,8 +292,11 @@ impl Way {
         let second = self.arm(c.clone().not(), no);
         match (first, second) {
             (End::Gone, End::Gone) => return End::Gone,
-            (End::Gone, End::Reached) => {}
-            (End::Reached, End::Gone) => self.state = there,
+            (End::Gone, End::Reached) => self.learn(&c, false),
+            (End::Reached, End::Gone) => {
+                self.state = there;
+                self.learn(&c, true);
+            }
             (End::Reached, End::Reached) => {
                 let here = self.state.clone();
                 self.state = self.choose(&c, &there, &here);
@@ -300,19 +310,78 @@ impl Way {
         if body.is_empty() {
             return End::Reached;
         }
+        let facts = self.facts.len();
+        self.learn(&c, true);
+        let mut again = false;
         if let Some(frame) = self.frames.last_mut() {
             frame.path.push(c);
+            again = frame.again;
         }
-        let end = if is_heavy(body, self.turns) || (has_fail(body) && !has_effect(body)) {
+        // What has an iteration go back is not worth its length.
+        let rare = again && begins_anew(body);
+        let end = if rare || is_heavy(body, self.turns) || (has_fail(body) && !has_effect(body)) {
             self.give_up();
             End::Gone
         } else {
             self.block(body)
         };
+        self.facts.truncate(facts);
         if let Some(frame) = self.frames.last_mut() {
             frame.path.pop();
         }
         end
+    }
+
+    /// From here on, whoever gets here has this condition hold, or not.
+    fn learn(&mut self, c: &Cond, holds: bool) {
+        match c {
+            Cond::Not(c) => self.learn(c, !holds),
+            Cond::True(v) => {
+                self.facts.push((*v, holds));
+                if self.is_truth(*v)
+                    && let Some(Op::Select(c, ..)) = self.ops[v.0 as usize].clone()
+                {
+                    self.learn(&c, holds);
+                }
+            }
+            Cond::All(list) if holds => list.iter().for_each(|c| self.learn(c, true)),
+            Cond::Any(list) if !holds => list.iter().for_each(|c| self.learn(c, false)),
+            Cond::Known(_)
+            | Cond::Lt(..)
+            | Cond::Le(..)
+            | Cond::Eq(..)
+            | Cond::Finite(_)
+            | Cond::All(_)
+            | Cond::Any(_) => {}
+        }
+    }
+
+    /// Whether a condition holds, where that is known here.
+    fn fact(&self, c: &Cond) -> Option<bool> {
+        match c {
+            Cond::Known(holds) => Some(*holds),
+            Cond::Not(c) => self.fact(c).map(|holds| !holds),
+            Cond::True(v) => self.facts.iter().rev().find(|f| f.0 == *v).map(|f| f.1),
+            Cond::All(list) => {
+                let all: Option<Vec<bool>> = list.iter().map(|c| self.fact(c)).collect();
+                all.map(|all| !all.contains(&false))
+            }
+            Cond::Any(list) => {
+                let all: Option<Vec<bool>> = list.iter().map(|c| self.fact(c)).collect();
+                all.map(|all| all.contains(&true))
+            }
+            Cond::Lt(..) | Cond::Le(..) | Cond::Eq(..) | Cond::Finite(_) => None,
+        }
+    }
+
+    /// What a value is for whoever gets here.
+    fn here_is(&self, mut v: Value) -> Value {
+        while let Some(Op::Select(c, a, b)) = &self.ops[v.0 as usize]
+            && let Some(holds) = self.fact(c)
+        {
+            v = if holds { *a } else { *b };
+        }
+        v
     }
 
     /// Who gets here is slow.
@@ -352,17 +421,33 @@ impl Way {
 
     /// One state or the other.
     fn choose(&mut self, c: &Cond, yes: &State, no: &State) -> State {
-        let vars = yes.vars.iter().zip(&no.vars).map(|(a, b)| self.select(c.clone(), *a, *b)).collect();
+        let pairs: Vec<_> = yes.vars.iter().copied().zip(no.vars.iter().copied()).collect();
+        let vars = pairs.into_iter().map(|(a, b)| self.either(c, a, b)).collect();
         let mut places = BTreeMap::new();
         let written: BTreeSet<_> = yes.places.keys().chain(no.places.keys()).copied().collect();
         for at in written {
             let mut of = |s: &State| s.places.get(&at).copied().or_else(|| self.initial(at));
             // What is not known on one way is not read, unless it was there before.
             if let (Some(a), Some(b)) = (of(yes), of(no)) {
-                places.insert(at, self.select(c.clone(), a, b));
+                places.insert(at, self.either(c, a, b));
             }
         }
         State { vars, places }
+    }
+
+    /// One value or the other, each as it is on its way.
+    fn either(&mut self, c: &Cond, a: Value, b: Value) -> Value {
+        if a == b {
+            return a;
+        }
+        let facts = self.facts.len();
+        self.learn(c, true);
+        let a = self.here_is(a);
+        self.facts.truncate(facts);
+        self.learn(c, false);
+        let b = self.here_is(b);
+        self.facts.truncate(facts);
+        self.select(c.clone(), a, b)
     }
 
     fn select(&mut self, c: Cond, a: Value, b: Value) -> Value {
@@ -404,7 +489,7 @@ impl Way {
                 self.lost |= found.is_none();
                 found.unwrap_or(self.zero)
             }
-            Op::Get(var) => self.state.vars[var.0 as usize],
+            Op::Get(var) => self.here_is(self.state.vars[var.0 as usize]),
             Op::Select(c, a, b) => {
                 let c = self.cond(c);
                 let (a, b) = (self.values[a.0 as usize], self.values[b.0 as usize]);
@@ -413,6 +498,9 @@ impl Way {
             Op::Unary(..) | Op::Binary(..) => {
                 let mut op = op.clone();
                 op.each_value_mut(&mut |v| *v = self.values[v.0 as usize]);
+                if let Some(count) = self.count(&op) {
+                    return count;
+                }
                 let mut when = None;
                 if is_call(&op) {
                     let here = self.here();
@@ -425,6 +513,17 @@ impl Way {
                 self.define(op, when)
             }
         }
+    }
+
+    /// What is counted with small numbers, which double and single ones do alike.
+    fn count(&mut self, op: &Op) -> Option<Value> {
+        let Op::Binary(f @ (Binary::Add | Binary::Sub), a, b) = op else { return None };
+        let small = |v: Value| self.known(v).filter(|x| x.fract() == 0.0 && x.abs() < 1e6 && !x.is_sign_negative());
+        let (a, b) = (small(*a)?, small(*b)?);
+        let x = if *f == Binary::Add { a + b } else { a - b };
+        self.numbers.push(Some(Number::Plain(x)));
+        self.ops.push(None);
+        Some(Value(self.numbers.len() as u32 - 1))
     }
 
     /// A condition of the routine, as it is here.
@@ -470,6 +569,9 @@ impl Way {
 
     /// Whether a value is not 0.
     fn is_true(&self, v: Value) -> Cond {
+        if let Some(holds) = self.fact(&Cond::True(v)) {
+            return Cond::Known(holds);
+        }
         if let Some(Op::Binary(Binary::Mul, a, b)) = &self.ops[v.0 as usize]
             && self.is_truth(*a)
             && self.is_truth(*b)
@@ -591,7 +693,7 @@ pub fn is_comparison(op: &Op) -> bool {
 fn is_heavy(body: &[Stmt], turns: bool) -> bool {
     body.iter().any(|s| match s {
         Stmt::For(..) | Stmt::Solve { .. } | Stmt::Fail(_) | Stmt::Continue => true,
-        Stmt::Loop(body) => !turns && (reaches_end(body) || begins_anew(body)) || is_heavy(body, turns),
+        Stmt::Loop(body) => !turns && repeats(body) || is_heavy(body, turns),
         Stmt::Let(..)
         | Stmt::Set(..)
         | Stmt::Store(..)
@@ -600,6 +702,11 @@ fn is_heavy(body: &[Stmt], turns: bool) -> bool {
         | Stmt::Count(_)
         | Stmt::Note(_) => false,
     })
+}
+
+/// Whether a loop may be run through more than once.
+fn repeats(body: &[Stmt]) -> bool {
+    reaches_end(body) || begins_anew(body)
 }
 
 /// Whether the end of a block may be reached.
