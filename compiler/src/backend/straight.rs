@@ -13,6 +13,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const LARGEST: usize = 6000;
 /// So many times as long at most is code with the first turn of iterations that go on.
 const LONGER: usize = 2;
+/// Iterations that go on are gone on with so many times.
+const TURNS: usize = 2;
 /// How far back a condition is followed to the numbers that it depends on.
 const DEPTH: usize = 24;
 
@@ -70,8 +72,8 @@ pub fn straight(routine: &Routine) -> Option<Straight> {
     if !routine.systems.is_empty() || routine.size() > LARGEST || is_heavy(&routine.body, false) {
         return None;
     }
-    let short = form(routine, false);
-    let long = form(routine, true);
+    let short = form(routine, 0);
+    let long = form(routine, TURNS);
     match (short, long) {
         (Some(short), Some(long)) if long.body.len() > short.body.len() * LONGER => Some(short),
         (short, long) => long.or(short),
@@ -79,7 +81,7 @@ pub fn straight(routine: &Routine) -> Option<Straight> {
 }
 
 /// The form of a routine, with the first turns of what repeats, or without.
-fn form(routine: &Routine, turns: bool) -> Option<Straight> {
+fn form(routine: &Routine, turns: usize) -> Option<Straight> {
     let mut numbers = routine.numbers.clone();
     let mut number = |x: f64| {
         let found = numbers.iter().position(|n| matches!(n, Some(Number::Plain(y)) if y.to_bits() == x.to_bits()));
@@ -161,8 +163,8 @@ struct Way {
     facts: Vec<(Value, bool)>,
     /// The condition that was made a flag last for what takes long.
     last: Option<(Cond, Value)>,
-    /// Whether what repeats is gone through once.
-    turns: bool,
+    /// How many times what repeats is gone through.
+    turns: usize,
     /// Whether something has no form here.
     lost: bool,
 }
@@ -201,7 +203,9 @@ impl Way {
                 Stmt::Loop(body) => {
                     let (again, facts) = (repeats(body), self.facts.len());
                     self.frames.push(Frame { again, ..Frame::default() });
-                    if self.block(body) == End::Reached {
+                    let innermost = !body.iter().any(|s| matches!(s, Stmt::Loop(_)));
+                    let turns = if again && innermost { self.turns } else { 1 };
+                    if (0..turns).all(|_| self.block(body) == End::Reached) {
                         self.give_up();
                     }
                     self.facts.truncate(facts);
@@ -240,7 +244,7 @@ impl Way {
                 }
             }
             fine.push(match self.cond(c).known() {
-                Some(holds) => !is_heavy(if holds { yes } else { no }, self.turns),
+                Some(holds) => !is_heavy(if holds { yes } else { no }, self.turns > 0),
                 None => true,
             });
         }
@@ -319,7 +323,7 @@ impl Way {
         }
         // What has an iteration go back is not worth its length.
         let rare = again && begins_anew(body);
-        let end = if rare || is_heavy(body, self.turns) || (has_fail(body) && !has_effect(body)) {
+        let end = if rare || is_heavy(body, self.turns > 0) || (has_fail(body) && !has_effect(body)) {
             self.give_up();
             End::Gone
         } else {
