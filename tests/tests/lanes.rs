@@ -123,7 +123,7 @@ fn lanes_have_the_bits_of_scenes_alone() {
         let h = compiled.stages().model.settings.step.unwrap_or(stop(&compiled) / 2000.0);
         let Ok((u, _)) = emit(&compiled, h) else { continue };
         println!("{title} {scene}: {:?}", u.straight.as_ref().map(|s| s.body.len()));
-        lanes(&u, &[]);
+        lanes(&u, &["-O0"]);
         seen += 1;
         straight += u32::from(u.straight.is_some());
     }
@@ -137,11 +137,27 @@ fn vectors_have_the_same_bits() {
         return;
     }
     let cases = [
-        ("an iteration", "model A { C:s { e = q*(1 N/m) + q^3*(1 N/m^3); q0 = 1 m } I:m = 1 kg 1:v -> s, m probe q = s.q }", 0.05),
-        ("a law with a jump, and an input", "model A { input push = 1 N MSe:hand = push I:m = 1 kg sampled at 1 kHz { Wall:w } hand -> 1:v -> m v ||> w.tip probe q = w.spring.q }", 1e-3),
+        (
+            "an iteration",
+            "model A { C:s { e = q*(1 N/m) + q^3*(1 N/m^3); q0 = 1 m } I:m = 1 kg 1:v -> s, m probe q = s.q }",
+            0.05,
+        ),
+        (
+            "a law with a jump, and an input",
+            "model A { input push = 1 N MSe:hand = push I:m = 1 kg sampled at 1 kHz { Wall:w } hand -> 1:v -> m v ||> w.tip probe q = w.spring.q }",
+            1e-3,
+        ),
         ("an open port", "model A { port tip sampled at 1 kHz { Wall:w } tip ||> w.tip probe q = w.spring.q }", 1e-3),
-        ("functions", "model A { C:s { e = sin(q/(1 m))*(1 N); q0 = 1 m } I:m = 1 kg R:r { e = tanh(f/(1 m/s))*(0.1 N) } 1:v -> s, m, r probe q = s.q }", 0.05),
-        ("the smaller and the larger", "model A { C:s { stiffness = 1 N/m; q0 = 1 m } I:m = 1 kg R:r { e = max(min(f, 0.3 m/s), -0.2 m/s)*(1 N*s/m) } 1:v -> s, m, r probe q = s.q }", 0.05),
+        (
+            "functions",
+            "model A { C:s { e = sin(q/(1 m))*(1 N); q0 = 1 m } I:m = 1 kg R:r { e = tanh(f/(1 m/s))*(0.1 N) } 1:v -> s, m, r probe q = s.q }",
+            0.05,
+        ),
+        (
+            "the smaller and the larger",
+            "model A { C:s { stiffness = 1 N/m; q0 = 1 m } I:m = 1 kg R:r { e = max(min(f, 0.3 m/s), -0.2 m/s)*(1 N*s/m) } 1:v -> s, m, r probe q = s.q }",
+            0.05,
+        ),
     ];
     for (name, text, h) in cases {
         let compiled = with(Options::new().model("A"), &format!("{WALL}{text}"));
