@@ -45,7 +45,7 @@ pub(super) fn header(unit: &Unit, options: &Options) -> String {
     };
     format!(
         "
-/* How many scenes go side by side in one {p}_lanes; define it for all files to have another number, of best a multiple of 16. */
+/* How many scenes go side by side in one {p}_lanes; define it for all files to have another number, of best a multiple of 16 and not less than 64. */
 #ifndef {upper}_LANES
 #define {upper}_LANES 64
 #endif
@@ -225,7 +225,7 @@ impl<'a> Loops<'a> {
             list[at].push(line);
         }
         // What is written is written at the end, by a loop of the even kind.
-        if list.len() % 2 == 0 {
+        if list.len().is_multiple_of(2) {
             list.push(Vec::new());
         }
         let parts = list.into_iter().enumerate();
@@ -294,9 +294,7 @@ fn function(straight: &Straight, p: &str, lanes: &str, data: bool, needs: &mut N
     let mut words = Words { numbers: &straight.numbers, abreast: Some(abreast), needs };
     let uses = |m: Memory| loops.loads.values().any(|op| matches!(op, Op::Load(p) if p.memory == m));
     let mut out = format!(
-        "#ifndef BOND_ABREAST /* whether vectors of four numbers and more are there; else lanes go one by one */\n\
-         #if defined(__AVX2__) || defined(__ARM_FEATURE_SVE) || defined(__riscv_vector)\n#define BOND_ABREAST 1\n#else\n#define BOND_ABREAST 0\n#endif\n#endif\n\n\
-         #if BOND_ABREAST\n/* All lanes at once. Whether one is slow: its numbers stay, and it goes by itself. Here is no branch, so that a compiler finds vectors. */\n\
+        "#if BOND_ABREAST\n/* All lanes at once. Whether one is slow: its numbers stay, and it goes by itself. Here is no branch, so that a compiler finds vectors. */\n\
          static int lanes({p}_lanes *restrict b, const bond_real *restrict u) {{\n    bond_mask any = 0;\n    int l;\n"
     );
     words.needs.insert("bond_pick");
