@@ -65,7 +65,8 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     out.push_str(&many);
     out.push_str(&observe);
     out.push_str(&interface(unit, p));
-    out.push_str(&lanes);
+    // An object's header, which may stand in the place of the own one, has no lanes.
+    let _ = write!(out, "\n#ifdef {}_LANES\n{lanes}#endif\n", p.to_uppercase());
     out
 }
 
