@@ -4,6 +4,7 @@ use crate::common::{all_scenes, file, stop, with};
 use crate::emitted::{Folder, WALL, emit, is_there, options};
 use bond::Options;
 use bond_compiler::backend::{c, unit};
+use std::path::PathBuf;
 
 /// Runs lanes beside scenes alone: from different starts, each moved in its own way. What fails stands still. Prints
 /// how many lanes failed, and how many intervals were gone.
@@ -103,7 +104,7 @@ fn lanes(u: &unit::Unit, flags: &[&str]) -> (f64, f64) {
     let names = options("bond", "m.h");
     here.put("m.h", c::header(u, &names));
     here.put("m.c", c::source(u, &names));
-    here.put("main.c", MAIN.replace("COUNT", "300"));
+    here.put("main.c", MAIN.replace("COUNT", "200"));
     let failed = |name: &str, own: &[&str]| {
         let all = [own, flags, &["-DBOND_ABREAST=1", "m.c", "main.c", "-lm", "-o", name]].concat();
         here.cc(&all);
@@ -117,17 +118,30 @@ fn lanes_have_the_bits_of_scenes_alone() {
     if !is_there() {
         return;
     }
-    let (mut seen, mut straight) = (0, 0);
-    for (title, path, scene) in all_scenes() {
-        let compiled = file(&path, Options::new().model(&scene));
+    let scenes = all_scenes();
+    // One after the other, the C compiler takes minutes.
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let done: Vec<bool> = std::thread::scope(|scope| {
+        let parts: Vec<_> =
+            scenes.chunks(scenes.len().div_ceil(threads)).map(|part| scope.spawn(|| part_of(part))).collect();
+        parts.into_iter().flat_map(|part| part.join().unwrap_or_else(|e| std::panic::resume_unwind(e))).collect()
+    });
+    let (seen, straight) = (done.len(), done.iter().filter(|straight| **straight).count());
+    assert!(seen > 50 && straight > 30, "{straight} of {seen} scenes have straight code");
+}
+
+/// Of each scene that has a form in C, whether it has straight code.
+fn part_of(scenes: &[(String, PathBuf, String)]) -> Vec<bool> {
+    let mut done = Vec::new();
+    for (title, path, scene) in scenes {
+        let compiled = file(path, Options::new().model(scene));
         let h = compiled.stages().model.settings.step.unwrap_or(stop(&compiled) / 2000.0);
         let Ok((u, _)) = emit(&compiled, h) else { continue };
-        println!("{title} {scene}: {:?}", u.straight.as_ref().map(|s| s.body.len()));
+        println!("{title}: {:?}", u.straight.as_ref().map(|s| s.body.len()));
         lanes(&u, &["-O0"]);
-        seen += 1;
-        straight += u32::from(u.straight.is_some());
+        done.push(u.straight.is_some());
     }
-    assert!(seen > 50 && straight > 30, "{straight} of {seen} scenes have straight code");
+    done
 }
 
 /// What compilers make of it for this machine.
