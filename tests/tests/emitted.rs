@@ -93,7 +93,7 @@ int main(void) {
 "#;
 
 /// Whether there is a C compiler.
-fn is_there() -> bool {
+pub fn is_there() -> bool {
     let there = Command::new("cc").arg("--version").output().is_ok_and(|o| o.status.success());
     if !there {
         println!("there is no cc: left out");
@@ -102,10 +102,10 @@ fn is_there() -> bool {
 }
 
 /// A folder of its own.
-struct Folder(PathBuf);
+pub struct Folder(PathBuf);
 
 impl Folder {
-    fn new() -> Self {
+    pub fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let n = COUNT.fetch_add(1, Ordering::Relaxed);
         let path = std::env::temp_dir().join(format!("bond-emitted-{}-{n}", std::process::id()));
@@ -113,17 +113,17 @@ impl Folder {
         Self(path)
     }
 
-    fn put(&self, name: &str, text: impl AsRef<[u8]>) {
+    pub fn put(&self, name: &str, text: impl AsRef<[u8]>) {
         std::fs::write(self.0.join(name), text).expect("a file can be written");
     }
 
-    fn cc(&self, args: &[&str]) {
+    pub fn cc(&self, args: &[&str]) {
         let out = Command::new("cc").args(STRICT).args(args).current_dir(&self.0).output().expect("cc runs");
         assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
     }
 
     /// The numbers that a program prints.
-    fn rows(&self, name: &str) -> Vec<Vec<f64>> {
+    pub fn rows(&self, name: &str) -> Vec<Vec<f64>> {
         let out = Command::new(self.0.join(name)).output().expect("it runs");
         assert_eq!(out.status.code(), Some(0), "{name}");
         let text = String::from_utf8_lossy(&out.stdout);
@@ -138,13 +138,13 @@ impl Drop for Folder {
 }
 
 /// A scene's unit, and the options of the run that it is to equal.
-fn emit(compiled: &Compiled, h: f64) -> Result<(unit::Unit, simulate::Options), String> {
+pub fn emit(compiled: &Compiled, h: f64) -> Result<(unit::Unit, simulate::Options), String> {
     let settings = &compiled.stages().model.settings;
     let options = Steps::fixed(h).resolve(settings, stop(compiled), settings.every).map_err(|e| e.to_string())?;
     unit::unit(compiled.scene(), &options).map(|u| (u, options))
 }
 
-fn options(prefix: &str, header: &str) -> c::Options {
+pub fn options(prefix: &str, header: &str) -> c::Options {
     c::Options { prefix: prefix.into(), header: header.into(), single: true }
 }
 
@@ -267,7 +267,7 @@ fn the_non_iterative_step_gives_the_same_numbers() {
 }
 
 /// A wall whose law jumps, for rates and holds that the examples do not have.
-const WALL: &str = "\
+pub const WALL: &str = "\
 model Wall(k = 1000 N/m, b = 5 N*s/m, gap = 1e-4 m) {
   port tip
   C:spring { H = if q > 0 then 0.5*k*q^2 else 0; q0 = -gap }

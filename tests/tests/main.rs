@@ -19,6 +19,7 @@ mod form;
 mod hard;
 mod holds;
 mod image;
+mod lanes;
 mod laws;
 mod ledger;
 mod library;

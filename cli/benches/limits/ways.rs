@@ -215,6 +215,10 @@ fn link(
     if figure.pulls {
         arguments.push("-DPULLS");
     }
+    // Objects have no lanes, nor have the vectors that every machine has room for more than two.
+    if figure.scenes > 1 && !figure.pulls && name == "tuned" {
+        arguments.push("-DBESIDE");
+    }
     if unit.run.is_some() {
         arguments.push("-DRUNS");
     }

@@ -37,7 +37,7 @@ fn felt(text: &str) {
 #[test]
 fn the_haptic_loop_runs_around_both() {
     let here = Folder::new();
-    for name in ["embed/haptic.c", "embed/haptic.py", "examples/open_port.bond"] {
+    for name in ["embed/haptic.c", "embed/haptic.py", "embed/many.c", "examples/open_port.bond"] {
         let path = here.0.join("models").join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::copy(model(name), path).unwrap();
@@ -52,6 +52,17 @@ fn the_haptic_loop_runs_around_both() {
     ran(&here, "cc", &c);
     let text = ran(&here, "./haptic", &[]);
     felt(&text);
+    for flags in [&["-O3", "-march=native"][..], &["-O2", "-DBOND_ABREAST=0"], &["-O2", "-DBOND_LANES=8"]] {
+        let many = ["-std=c99", "-ffp-contract=off", "-I.", "wall.c", "models/embed/many.c", "-lm", "-o", "many"];
+        ran(&here, "cc", &[flags, &many].concat());
+        let text = ran(&here, "./many", &[]);
+        assert!(
+            text.contains("handles are between 0.01200 m and")
+                || text.contains("between 0.0120 and 0.0120 m at 5.000 s"),
+            "{text}"
+        );
+        assert!(text.contains("the first one has the same bits as alone"), "{text}");
+    }
     #[cfg(feature = "native")]
     {
         let emit = ["build", "models/examples/open_port.bond", "--emit", "object", "-o", "wall.o"];

@@ -20,7 +20,7 @@ pub struct Var(pub u32);
 pub struct Index(pub u32);
 
 /// What a routine reads and writes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Memory {
     /// The state at the start of the step.
     State,

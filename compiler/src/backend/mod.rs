@@ -6,6 +6,7 @@ pub mod code;
 mod lower;
 #[cfg(feature = "native")]
 pub mod native;
+pub mod straight;
 
 pub mod unit;
 

@@ -112,6 +112,10 @@ void {p}_restore({p}_state *b, const {p}_real *saved);
             )
         },
     );
+    // An object has no lanes.
+    if options.single {
+        out.push_str(&super::lanes::header(unit, options));
+    }
     out.push_str("\n#ifdef __cplusplus\n}\n#endif\n#endif\n");
     out
 }

@@ -16,6 +16,57 @@ static bond_real bond_max(bond_real a, bond_real b) {
     if (a == b) return a == 0 && 1 / a < 0 ? b : a;
     return a + b;
 }
+/* -- bond_pick */
+#ifndef BOND_ABREAST /* whether vectors of four numbers and more are there; else lanes go one by one */
+#if defined(__AVX2__) || defined(__ARM_FEATURE_SVE) || defined(__riscv_vector)
+#define BOND_ABREAST 1
+#else
+#define BOND_ABREAST 0
+#endif
+#endif
+#if BOND_ABREAST
+/* Conditions of lanes are all bits or none, and numbers are chosen bit by bit: where nothing branches, compilers find vectors. */
+#include <stdint.h>
+#ifdef BOND_FLOAT
+typedef int32_t bond_mask;
+#else
+typedef int64_t bond_mask;
+#endif
+#define BOND_IF(c) (-(bond_mask)(c))
+static inline bond_real bond_pick(bond_mask c, bond_real a, bond_real b) {
+    union {
+        bond_real x;
+        bond_mask bits;
+    } p, q;
+    p.x = a;
+    q.x = b;
+    p.bits = (p.bits & c) | (q.bits & ~c);
+    return p.x;
+}
+#endif
+/* -- bond_lane_sign */
+#if BOND_ABREAST
+static inline bond_real bond_lane_sign(bond_real a) {
+    const bond_real other = bond_pick(BOND_IF(a == 0), BOND_R(0.0), a);
+    return bond_pick(BOND_IF(a > 0), BOND_R(1.0), bond_pick(BOND_IF(a < 0), BOND_R(-1.0), other));
+}
+#endif
+/* -- bond_lane_min */
+#if BOND_ABREAST
+static inline bond_real bond_lane_min(bond_real a, bond_real b) {
+    const bond_real same = bond_pick(BOND_IF(BOND_M(copysign)(BOND_R(1.0), a) < 0), a, b);
+    const bond_real other = bond_pick(BOND_IF(a == b), same, a + b);
+    return bond_pick(BOND_IF(a < b), a, bond_pick(BOND_IF(b < a), b, other));
+}
+#endif
+/* -- bond_lane_max */
+#if BOND_ABREAST
+static inline bond_real bond_lane_max(bond_real a, bond_real b) {
+    const bond_real same = bond_pick(BOND_IF(BOND_M(copysign)(BOND_R(1.0), a) < 0), b, a);
+    const bond_real other = bond_pick(BOND_IF(a == b), same, a + b);
+    return bond_pick(BOND_IF(a > b), a, bond_pick(BOND_IF(b > a), b, other));
+}
+#endif
 /* -- bond_dense */
 /* Gauss' elimination with scaled partial pivoting; w has room for n n + 4 n numbers. -1, or the row without a pivot. */
 static bond_real bond_dense(unsigned long n, const unsigned short *at, unsigned long count, const bond_real *values,

@@ -1,6 +1,7 @@
 //! C99: one `.c` and one `.h` that need nothing but `libm`.
 
 mod header;
+mod lanes;
 mod print;
 mod solve;
 mod source;

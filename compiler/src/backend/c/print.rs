@@ -1,6 +1,7 @@
 //! A routine as a C function, statement by statement.
 
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
+use crate::backend::straight::is_comparison;
 use bond_runtime::ir::{Binary, Unary};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -33,7 +34,8 @@ pub(super) fn body(routine: &Routine, first: usize, needs: &mut Needs) -> String
     for i in &used.indices {
         let _ = writeln!(out, "    unsigned long i{i};");
     }
-    let mut printer = Printer { routine, first, out, needs };
+    let words = Words { numbers: &routine.numbers, abreast: None, needs };
+    let mut printer = Printer { words, first, out };
     printer.block(&routine.body, 1);
     let mut out = printer.out;
     if !matches!(routine.body.last(), Some(Stmt::Fail(_))) {
@@ -94,10 +96,27 @@ impl Used {
 }
 
 struct Printer<'a> {
-    routine: &'a Routine,
+    words: Words<'a>,
     first: usize,
     out: String,
-    needs: &'a mut Needs,
+}
+
+/// How values, places and conditions are written.
+pub(super) struct Words<'a> {
+    /// The numbers that values are.
+    pub(super) numbers: &'a [Option<Number>],
+    /// Where several scenes are done side by side: how.
+    pub(super) abreast: Option<Abreast<'a>>,
+    /// Helpers that are called.
+    pub(super) needs: &'a mut Needs,
+}
+
+/// How scenes that are done side by side are written: the number of the lane is `l`, the block `b->x`.
+pub(super) struct Abreast<'a> {
+    /// How many lanes there are.
+    pub(super) lanes: &'a str,
+    /// Values that are conditions.
+    pub(super) flags: &'a BTreeSet<Value>,
 }
 
 /// A number with the digits that read back to it.
@@ -125,35 +144,17 @@ impl Printer<'_> {
         self.out.push('\n');
     }
 
-    fn of(&self, v: Value) -> String {
-        match self.routine.numbers[v.0 as usize] {
-            Some(n) => number(n),
-            None => format!("v{}", v.0),
-        }
-    }
-
-    fn place(&self, p: &Place) -> String {
-        let mut index = p.base.to_string();
-        for (i, stride) in &p.along {
-            let _ = if *stride == 1 { write!(index, " + i{}", i.0) } else { write!(index, " + i{} * {stride}", i.0) };
-        }
-        if let Some((at, i)) = p.through {
-            let _ = write!(index, " + g[{at} + i{}]", i.0);
-        }
-        format!("{}[{index}]", letter(p.memory))
-    }
-
     fn block(&mut self, body: &[Stmt], depth: usize) {
         for s in body {
             match s {
                 Stmt::Let(v, op) => {
-                    let e = self.op(op);
+                    let e = self.words.op(op);
                     self.line(depth, &format!("const bond_real v{} = {e};", v.0));
                 }
-                Stmt::Set(m, v) => self.line(depth, &format!("m{} = {};", m.0, self.of(*v))),
-                Stmt::Store(p, v) => self.line(depth, &format!("{} = {};", self.place(p), self.of(*v))),
+                Stmt::Set(m, v) => self.line(depth, &format!("m{} = {};", m.0, self.words.of(*v))),
+                Stmt::Store(p, v) => self.line(depth, &format!("{} = {};", self.words.place(p), self.words.of(*v))),
                 Stmt::If(c, yes, no) => {
-                    let c = self.cond(c);
+                    let c = self.words.cond(c);
                     self.line(depth, &format!("if {} {{", wrapped(&c)));
                     self.block(yes, depth + 1);
                     if !no.is_empty() {
@@ -176,7 +177,7 @@ impl Printer<'_> {
                 }
                 Stmt::Solve { system, matrix, vector, row, same } => {
                     let system = self.first + *system as usize;
-                    let same = same.map_or("0".into(), |v| format!("{} != 0", self.of(v)));
+                    let same = same.map_or("0".into(), |v| format!("{} != 0", self.words.of(v)));
                     let call = format!("bond_solve_{system}(s + {matrix}, s + {vector}, s, {same})");
                     self.line(depth, &format!("m{} = {call};", row.0));
                 }
@@ -199,24 +200,57 @@ impl Printer<'_> {
 
     /// Says that a value is left alone on purpose.
     fn unused(&mut self, depth: usize, v: Value) {
-        if self.routine.numbers[v.0 as usize].is_none() {
+        if self.words.numbers[v.0 as usize].is_none() {
             self.line(depth, &format!("(void)v{};", v.0));
         }
     }
+}
 
-    fn op(&mut self, op: &Op) -> String {
+impl Words<'_> {
+    /// A value, as a number.
+    pub(super) fn of(&self, v: Value) -> String {
+        match self.numbers[v.0 as usize] {
+            Some(n) => number(n),
+            None => format!("v{}", v.0),
+        }
+    }
+
+    fn place(&self, p: &Place) -> String {
+        if let Some(abreast) = &self.abreast {
+            match p.memory {
+                Memory::State => return format!("b->x[{}][l]", p.base),
+                Memory::Input => return format!("u[{} * {} + l]", p.base, abreast.lanes),
+                Memory::Table | Memory::Next | Memory::Output | Memory::Scratch | Memory::Data => {}
+            }
+        }
+        let mut index = p.base.to_string();
+        for (i, stride) in &p.along {
+            let _ = if *stride == 1 { write!(index, " + i{}", i.0) } else { write!(index, " + i{} * {stride}", i.0) };
+        }
+        if let Some((at, i)) = p.through {
+            let _ = write!(index, " + g[{at} + i{}]", i.0);
+        }
+        format!("{}[{index}]", letter(p.memory))
+    }
+
+    /// How a value is computed.
+    pub(super) fn op(&mut self, op: &Op) -> String {
+        if self.abreast.is_some() && is_comparison(op) {
+            return format!("bond_pick({}, BOND_R(1.0), BOND_R(0.0))", self.truth(op));
+        }
+        let truth = |text: String| format!("({} ? BOND_R(1.0) : BOND_R(0.0))", wrapped(&text));
         match op {
             Op::Load(p) => self.place(p),
             Op::Get(m) => format!("m{}", m.0),
-            Op::Unary(f, a) => {
-                let a = self.of(*a);
+            Op::Unary(f, x) => {
+                let a = self.of(*x);
                 match f {
                     Unary::Neg => format!("-{a}"),
                     Unary::Abs => format!("BOND_M(fabs)({a})"),
-                    Unary::Not => format!("({a} == 0 ? BOND_R(1.0) : BOND_R(0.0))"),
+                    Unary::Not => truth(format!("!{}", wrapped(&self.is_true(*x)))),
                     Unary::Sign => {
-                        self.needs.insert("bond_sign");
-                        format!("bond_sign({a})")
+                        let name = self.helper("bond_sign", "bond_lane_sign");
+                        format!("{name}({a})")
                     }
                     Unary::Sqrt
                     | Unary::Exp
@@ -232,9 +266,8 @@ impl Printer<'_> {
                     | Unary::Tanh => format!("BOND_M({})({a})", f.name()),
                 }
             }
-            Op::Binary(f, a, b) => {
-                let (a, b) = (self.of(*a), self.of(*b));
-                let truth = |text: String| format!("({text} ? BOND_R(1.0) : BOND_R(0.0))");
+            Op::Binary(f, x, y) => {
+                let (a, b) = (self.of(*x), self.of(*y));
                 match f {
                     Binary::Add => format!("{a} + {b}"),
                     Binary::Sub => format!("{a} - {b}"),
@@ -243,38 +276,82 @@ impl Printer<'_> {
                     Binary::Pow => format!("BOND_M(pow)({a}, {b})"),
                     Binary::Atan2 => format!("BOND_M(atan2)({a}, {b})"),
                     Binary::Min => {
-                        self.needs.insert("bond_min");
-                        format!("bond_min({a}, {b})")
+                        let name = self.helper("bond_min", "bond_lane_min");
+                        format!("{name}({a}, {b})")
                     }
                     Binary::Max => {
-                        self.needs.insert("bond_max");
-                        format!("bond_max({a}, {b})")
+                        let name = self.helper("bond_max", "bond_lane_max");
+                        format!("{name}({a}, {b})")
                     }
                     Binary::Lt => truth(format!("{a} < {b}")),
                     Binary::Le => truth(format!("{a} <= {b}")),
                     Binary::Eq => truth(format!("{a} == {b}")),
-                    Binary::And => truth(format!("({a} != 0 && {b} != 0)")),
-                    Binary::Or => truth(format!("({a} != 0 || {b} != 0)")),
+                    Binary::And => truth(self.cond(&Cond::All(vec![Cond::True(*x), Cond::True(*y)]))),
+                    Binary::Or => truth(self.cond(&Cond::Any(vec![Cond::True(*x), Cond::True(*y)]))),
                 }
             }
             Op::Select(c, a, b) => {
-                let c = self.cond(c);
-                format!("{} ? {} : {}", wrapped(&c), self.of(*a), self.of(*b))
+                let (c, a, b) = (self.cond(c), self.of(*a), self.of(*b));
+                match self.abreast.is_some() {
+                    true => format!("bond_pick({c}, {a}, {b})"),
+                    false => format!("{} ? {a} : {b}", wrapped(&c)),
+                }
             }
         }
     }
 
-    fn cond(&mut self, c: &Cond) -> String {
+    /// A helper, by itself or without branches.
+    fn helper(&mut self, name: &'static str, abreast: &'static str) -> &'static str {
+        let name = if self.abreast.is_some() { abreast } else { name };
+        self.needs.insert(name);
+        name
+    }
+
+    fn is_true(&self, v: Value) -> String {
+        match &self.abreast {
+            Some(abreast) if abreast.flags.contains(&v) => format!("v{}", v.0),
+            Some(_) | None => self.whether(format!("{} != 0", self.of(v))),
+        }
+    }
+
+    /// What a comparison comes to: a condition.
+    pub(super) fn truth(&self, op: &Op) -> String {
+        let all = |a: &Value, b: &Value| vec![Cond::True(*a), Cond::True(*b)];
+        match op {
+            Op::Select(c, ..) => self.cond(c),
+            Op::Unary(_, a) => self.cond(&Cond::Not(Box::new(Cond::True(*a)))),
+            Op::Binary(Binary::Lt, a, b) => self.cond(&Cond::Lt(*a, *b)),
+            Op::Binary(Binary::Le, a, b) => self.cond(&Cond::Le(*a, *b)),
+            Op::Binary(Binary::And, a, b) => self.cond(&Cond::All(all(a, b))),
+            Op::Binary(Binary::Or, a, b) => self.cond(&Cond::Any(all(a, b))),
+            Op::Binary(_, a, b) => self.cond(&Cond::Eq(*a, *b)),
+            Op::Load(_) | Op::Get(_) => self.cond(&Cond::Known(false)),
+        }
+    }
+
+    /// A comparison, as conditions are written here: true and false, or all bits and none, which numbers of several
+    /// lanes are chosen with.
+    fn whether(&self, c: String) -> String {
+        if self.abreast.is_some() { format!("BOND_IF({c})") } else { c }
+    }
+
+    /// A condition.
+    pub(super) fn cond(&self, c: &Cond) -> String {
         match c {
-            Cond::Known(b) => u8::from(*b).to_string(),
-            Cond::True(v) => format!("{} != 0", self.of(*v)),
-            Cond::Lt(a, b) => format!("{} < {}", self.of(*a), self.of(*b)),
-            Cond::Le(a, b) => format!("{} <= {}", self.of(*a), self.of(*b)),
-            Cond::Eq(a, b) => format!("{} == {}", self.of(*a), self.of(*b)),
-            Cond::Finite(v) => format!("BOND_M(fabs)({}) < BOND_INFINITY", self.of(*v)),
-            Cond::Not(c) => format!("!{}", wrapped(&self.cond(c))),
+            Cond::Known(b) => self.whether(u8::from(*b).to_string()),
+            Cond::True(v) => self.is_true(*v),
+            Cond::Lt(a, b) => self.whether(format!("{} < {}", self.of(*a), self.of(*b))),
+            Cond::Le(a, b) => self.whether(format!("{} <= {}", self.of(*a), self.of(*b))),
+            Cond::Eq(a, b) => self.whether(format!("{} == {}", self.of(*a), self.of(*b))),
+            Cond::Finite(v) => self.whether(format!("BOND_M(fabs)({}) < BOND_INFINITY", self.of(*v))),
+            Cond::Not(c) => format!("{}{}", if self.abreast.is_some() { '~' } else { '!' }, wrapped(&self.cond(c))),
             Cond::All(list) | Cond::Any(list) => {
-                let how = if matches!(c, Cond::All(_)) { " && " } else { " || " };
+                let how = match (matches!(c, Cond::All(_)), self.abreast.is_some()) {
+                    (true, false) => " && ",
+                    (false, false) => " || ",
+                    (true, true) => " & ",
+                    (false, true) => " | ",
+                };
                 let parts: Vec<String> = list.iter().map(|c| wrapped(&self.cond(c))).collect();
                 parts.join(how)
             }
@@ -283,6 +360,6 @@ impl Printer<'_> {
 }
 
 /// A condition in parentheses.
-fn wrapped(c: &str) -> String {
+pub(super) fn wrapped(c: &str) -> String {
     format!("({c})")
 }

@@ -17,6 +17,7 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     let commit = function(&unit.commit, "commit", 0, &mut needs);
     let observe = function(&unit.observe, "observe", after, &mut needs);
     let many = unit.run.as_ref().map(|r| function(r, "many", 0, &mut needs)).unwrap_or_default();
+    let lanes = super::lanes::source(unit, options, &mut needs);
     let solvers = solve::functions(&unit.commit, 0, &mut needs) + &solve::functions(&unit.observe, after, &mut needs);
     let mut out = format!(
         "/* {} as a program of its own, made by bond; see {}. C99 and libm. For the same bits on every machine: -ffp-contract=off. */\n\
@@ -64,6 +65,8 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     out.push_str(&many);
     out.push_str(&observe);
     out.push_str(&interface(unit, p));
+    // An object's header, which may stand in the place of the own one, has no lanes.
+    let _ = write!(out, "\n#ifdef {}_LANES\n{lanes}#endif\n", p.to_uppercase());
     out
 }
 

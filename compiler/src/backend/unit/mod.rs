@@ -18,6 +18,7 @@ mod stretch;
 use super::code::{Memory, Place, Routine, Stmt, Value, size};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
+use super::straight::{Straight, straight};
 use apart::{Answer, Apart};
 use block::{Block, Cluster};
 use bond_runtime::exponential;
@@ -48,6 +49,8 @@ pub struct Unit {
     /// where it fails; then it has changed nothing of the block. None where there are open ports, or a scene is too
     /// large to be gone through without looking into the block.
     pub run: Option<Routine>,
+    /// An interval of many scenes side by side, where the numbers of the block are few enough for that.
+    pub straight: Option<Straight>,
     /// Looks: [`Memory::Output`] gets the probes.
     pub observe: Routine,
     /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds
@@ -116,6 +119,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let open = (0..scene.open.len()).map(|o| unit.open(o)).collect();
     let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
+    let straight = if whole { straight(&commit) } else { None };
     Ok(Unit {
         name: scene.name.clone(),
         interval: plan.interval,
@@ -124,6 +128,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
         commit,
         whole,
         run,
+        straight,
         observe,
         open,
         inputs,
