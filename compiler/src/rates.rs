@@ -6,19 +6,18 @@ use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Signal;
 use crate::structure::{Group, Output, Role};
 use nalgebra::{DMatrix, DVector};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Why a state has no values.
 pub(crate) const SINGULAR: &str = "the loops of resistors are singular at this state";
 const OPEN: &str = "the loops of resistors have no solution that is found at this state";
 
-/// Most iterations of a loop, and most halvings of one update.
-const ITERATIONS: usize = 200;
+/// Most iterations of a loop (from far up an exponential each goes down by one of its units, and there are some 700),
+/// and most halvings of one update.
+const ITERATIONS: usize = 800;
 const HALVINGS: usize = 40;
-/// To which part what loops are off falls at once, first and at the best, and how often it does.
-const PART: f64 = 1e-2;
-const LEAST: f64 = 1e-8;
-const PARTS: usize = 100;
+/// What drives loops grows by no less than this part of it.
+const LEAST: f64 = 1e-6;
 
 /// A state of the continuous regions, with all that follows from it.
 pub(crate) struct Point {
@@ -159,7 +158,7 @@ impl Point {
     }
 
     /// Solves the definitions that wait for each other: by Newton's method from next to nothing, or where that does not
-    /// get there, as to a diode that a battery drives, by what they are off at the start being taken away bit by bit.
+    /// get there, as to a diode that a battery drives hard, by what drives them growing from nothing bit by bit.
     fn solve(&mut self, pool: &mut Pool) -> Result<(), String> {
         let n = self.looped.len();
         self.loops = DMatrix::identity(n, n);
@@ -177,40 +176,32 @@ impl Point {
                 }
             }
         }
+        let given: FxHashSet<Symbol> = laws.iter().flat_map(|law| pool.symbols(*law)).collect();
+        let given = given.into_iter().filter(|s| !place.contains_key(s));
+        let given: Vec<(Symbol, f64)> = given.filter_map(|s| Some((s, *self.at.get(&s)?))).collect();
         let loops = Loops { symbols, laws, slopes };
         let mut z = DVector::from_element(n, 1e-9);
-        let off = self.misfit(pool, &loops, &z);
-        let why = match self.newton(pool, &loops, z.clone(), &DVector::zeros(n)) {
+        let why = match self.newton(pool, &loops, z.clone()) {
             Ok(_) => return Ok(()),
             Err(why) => why,
         };
-        // What is off may span a hundred orders of magnitude, where exponentials are in it: it falls by factors.
-        let (mut left, mut part) = (1.0, PART);
-        for _ in 0..PARTS {
-            match self.newton(pool, &loops, z.clone(), &(&off * (left * part))) {
-                Ok(found) => {
-                    (z, left, part) = (found, left * part, (part * part).max(LEAST));
-                    if self.newton(pool, &loops, z.clone(), &DVector::zeros(n)).is_ok() {
-                        return Ok(());
-                    }
-                }
-                Err(_) => part = part.sqrt(),
+        let (mut done, mut part) = (0.0, 0.25);
+        while done < 1.0 && part > LEAST {
+            let goal = f64::min(done + part, 1.0);
+            self.at.extend(given.iter().map(|(s, x)| (*s, goal * x)));
+            match self.newton(pool, &loops, z.clone()) {
+                Ok(found) => (z, done, part) = (found, goal, 2.0 * part),
+                Err(_) => part *= 0.25,
             }
         }
-        Err(why.into())
+        self.at.extend(given);
+        if done < 1.0 { Err(why.into()) } else { Ok(()) }
     }
 
-    /// Newton's method for the definitions being off by what is given, from some values; updates that make them fit
-    /// worse are halved.
-    fn newton(
-        &mut self,
-        pool: &Pool,
-        loops: &Loops,
-        mut z: DVector<f64>,
-        left: &DVector<f64>,
-    ) -> Result<DVector<f64>, &'static str> {
+    /// Newton's method for the definitions from some values; updates that make them fit worse are halved.
+    fn newton(&mut self, pool: &Pool, loops: &Loops, mut z: DVector<f64>) -> Result<DVector<f64>, &'static str> {
         let n = z.len();
-        let mut residual = self.misfit(pool, loops, &z) - left;
+        let mut residual = self.misfit(pool, loops, &z);
         for _ in 0..ITERATIONS {
             self.loops = DMatrix::identity(n, n);
             for (i, j, d) in &loops.slopes {
@@ -218,19 +209,19 @@ impl Point {
             }
             let mut step = steps(&self.loops, &residual).ok_or(SINGULAR)?;
             let whole = step.amax();
-            let mut next = self.misfit(pool, loops, &(&z - &step)) - left;
+            let mut next = self.misfit(pool, loops, &(&z - &step));
             for _ in 0..HALVINGS {
                 if next.norm() <= residual.norm() || step.amax() <= 1e-14 * z.amax() {
                     break;
                 }
                 step *= 0.5;
-                next = self.misfit(pool, loops, &(&z - &step)) - left;
+                next = self.misfit(pool, loops, &(&z - &step));
             }
             z -= &step;
             residual = next;
             if step.amax() <= 1e-14 * z.amax() {
                 // What was halved to nothing is at rounding, or stuck.
-                let found = whole <= 1e-9 * z.amax() && residual.iter().all(|r| r.is_finite());
+                let found = whole <= 1e-9 * z.amax() && residual.norm() <= 1e-6 * z.norm();
                 return if found { Ok(z) } else { Err(OPEN) };
             }
         }

@@ -1,7 +1,7 @@
 /* Many scenes side by side: 128 walls of models/examples/open_port.bond, each felt by a handle of its own mass.
 
        bond build models/examples/open_port.bond --emit c -o wall.c
-       cc -std=c99 -O3 -march=native -ffp-contract=off -I. wall.c models/embed/many.c -lm -o many
+       cc -std=c99 -O3 -march=native -ffp-contract=off -DBOND_LANES=64 -I. wall.c models/embed/many.c -lm -o many
        ./many
 
    Each lane has the numbers that its wall has alone, to the last bit; the first one is gone through alone besides. */

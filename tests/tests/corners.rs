@@ -282,7 +282,7 @@ fn a_block_is_let_go() {
             for tolerance in [1e-3, 1e-5, 1e-7, 1e-8, 1e-9] {
                 let [p, _] = ends(&text, method, tolerance, 1.0, ["p", "x"]);
                 let off = (p / wanted - 1.0).abs();
-                assert!(off < 30.0 * tolerance, "{force}, {held}, {method}, {tolerance:e}: {p} and {wanted}");
+                assert!(off < 100.0 * tolerance, "{force}, {held}, {method}, {tolerance:e}: {p} and {wanted}");
             }
         }
     }

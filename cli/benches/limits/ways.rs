@@ -217,7 +217,7 @@ fn link(
     }
     // Objects have no lanes, nor have the vectors that every machine has room for more than two.
     if figure.scenes > 1 && !figure.pulls && name == "tuned" {
-        arguments.push("-DBESIDE");
+        arguments.extend(["-DBESIDE", "-DBOND_LANES=64"]);
     }
     if unit.run.is_some() {
         arguments.push("-DRUNS");

@@ -45,10 +45,9 @@ pub(super) fn header(unit: &Unit, options: &Options) -> String {
     };
     format!(
         "
-/* How many scenes go side by side in one {p}_lanes; define it for all files to have another number, of best a multiple of 16 and not less than 64. */
-#ifndef {upper}_LANES
-#define {upper}_LANES 64
-#endif
+/* Define {upper}_LANES for all files, as by -D{upper}_LANES=64, to have so many scenes side by side in one {p}_lanes: of best a multiple of
+   16, and not less than 64. */
+#ifdef {upper}_LANES
 
 /* Scenes side by side, each a lane: plain data. A lane has the numbers of a scene that runs alone, to the last bit. */
 typedef struct {p}_lanes {{
@@ -74,6 +73,7 @@ void {p}_lanes_input({p}_lanes *b, int lane, int input, {p}_real value);
 
 /* How many bytes {p}_lanes takes. */
 unsigned long {p}_lanes_size(void);
+#endif
 "
     )
 }
