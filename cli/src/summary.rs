@@ -158,7 +158,11 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     if let Some(m) = r.modified {
         let (most, part) = (short(m.max_difference), short(m.relative));
         let grown = (m.grown > 0.0).then(|| {
-            format!("; H at most {} {unit} ({} of what was held) above what it was given", short(m.grown), short(m.grown_relative))
+            format!(
+                "; H at most {} {unit} ({} of what was held) above what it was given",
+                short(m.grown),
+                short(m.grown_relative)
+            )
         });
         let grown = grown.unwrap_or_default();
         writeln!(out, "  {:11} of a modified energy, at most {most} {unit} ({part} relative) from H{grown}", "ledger")?;

@@ -263,7 +263,12 @@ fn energies_with_exponentials_are_refused() {
         let Err(errors) = compile(law) else { panic!("`{law}` is taken") };
         assert!(errors.to_string().contains("`s` has an exponential"), "{law}: {errors}");
     }
-    for law in ["H = 1 J/m^4 * q^4", "e = 1 N * tanh(q/(1 m))", "H = 1 J * (1 - exp(-(q/(1 m))^2))"] {
+    for law in [
+        "H = 1 J/m^4 * q^4",
+        "e = 1 N * tanh(q/(1 m))",
+        "H = 1 J * (1 - exp(-(q/(1 m))^2))",
+        "e = if exp(q/(1 m)) > 3 then 3 N else 1 N",
+    ] {
         assert!(compile(law).is_ok(), "{law}");
     }
 }
@@ -290,7 +295,11 @@ fn energy_from_nothing_is_seen() {
     let (_, far) = last(&compiled, 10.0, 2000.0);
     let grown = far.regions[0].modified.map_or(0.0, |m| m.grown_relative);
     assert!(grown > 0.1 && far.worst_step <= 1e-12, "{grown} and {}", far.worst_step);
-    assert!(!far.passive && far.reasons.iter().any(|r| r.contains("above what it had been given")), "{:?}", far.reasons);
+    assert!(
+        !far.passive && far.reasons.iter().any(|r| r.contains("above what it had been given")),
+        "{:?}",
+        far.reasons
+    );
 }
 
 /// Numbers that are none end the run in the step in which they arise.

@@ -40,7 +40,7 @@ const WORTH: f64 = 0.1;
 /// What did not come is foretold again where it is nearer than to this many of the step that was cut for it, from its
 /// start.
 const NEARER: f64 = 1.5;
-/// So often in a row, where it does not: while the guard still falls, its parabola says more each time.
+/// So often, where it does not: while the guard still falls, its parabola says more each time.
 const MISSED: u32 = 3;
 /// A step to a switch that is shorter than this part of the usual one is taken whatever its error seems to be. (What
 /// switches yet sooner is let be.)
@@ -62,7 +62,7 @@ pub(super) struct Control {
     aim: f64,
     /// Whether the guard that is to switch then came nearer to that in the last step.
     falls: bool,
-    /// So many steps in a row were cut for what then was further off.
+    /// So many steps were cut for what then was further off, since one was not, or the last switch.
     missed: u32,
     /// The error of the last step over the tolerance; 1 at a fresh start.
     pub(super) error: f64,
@@ -410,9 +410,14 @@ impl Run {
                 // What was foretold and did not come may be rounding, or a guard that never gets there, unless it comes
                 // nearer.
                 let (aim, falls) = self.foretold(t, h);
-                control.missed = if aims && aim > t + NEARER * h { control.missed + 1 } else { 0 };
-                let lost = control.missed > if falls { MISSED } else { 0 };
-                (control.aim, control.falls) = (if lost { f64::INFINITY } else { aim }, falls);
+                let further = aims && aim > t + NEARER * h;
+                control.missed = match (further, aims) {
+                    (true, _) => control.missed.saturating_add(1),
+                    (false, true) => 0,
+                    (false, false) => control.missed,
+                };
+                control.falls = falls && control.missed <= MISSED;
+                control.aim = if further && !control.falls { f64::INFINITY } else { aim };
             }
             break (h, Some((done.unwrap_or(t + attempt.h), attempt.whole)));
         };

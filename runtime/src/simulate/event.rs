@@ -321,7 +321,9 @@ mod tests {
     fn what_all_but_touches_is_seen() {
         assert!(touches(-0.0326, -0.0062, -0.0193) && touches(1.0, 0.1, 2.0));
         // What turns away from 0, or far from it, only falls, or goes across.
-        assert!(!touches(1.0, 2.0, 1.0) && !touches(1.0, 0.7, 1.0) && !touches(1.0, 0.3, 0.1) && !touches(1.0, -0.1, 1.0));
+        assert!(
+            !touches(1.0, 2.0, 1.0) && !touches(1.0, 0.7, 1.0) && !touches(1.0, 0.3, 0.1) && !touches(1.0, -0.1, 1.0)
+        );
     }
 
     #[test]

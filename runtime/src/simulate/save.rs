@@ -234,7 +234,9 @@ impl<'a> Simulation<'a> {
         same("the integrals", &part.through, run.fit.as_ref().map_or(&[], |f| &f.moved))?;
         same("the switches", &part.tops, run.fit.as_ref().map_or(&[], |f| &f.tops))?;
         if let Some(half) = &part.half {
-            let Some(fit) = run.fit.as_ref().filter(|_| positive(half.h)) else { return Err(Refused::Shape("the steps")) };
+            let Some(fit) = run.fit.as_ref().filter(|_| positive(half.h)) else {
+                return Err(Refused::Shape("the steps"));
+            };
             same("the steps", &half.next, &fit.half.next)?;
             same("the steps", &half.output, &fit.half.output)?;
         }

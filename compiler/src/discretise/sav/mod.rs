@@ -244,9 +244,31 @@ impl Writing<'_> {
     }
 }
 
-/// Whether a node grows exponentially with one of some symbols.
-fn grows(pool: &Pool, n: &Node, argument: &dyn Fn(Symbol) -> bool) -> bool {
-    match n {
+/// Whether something grows exponentially with one of some symbols.
+fn grows(pool: &Pool, e: Expr, argument: &dyn Fn(Symbol) -> bool) -> bool {
+    // What such a function gives is bounded, or far less than what it is given; so is what is compared.
+    let passes = |e: Expr| match pool.node(e) {
+        Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) | Node::Power(..) | Node::Select(..) => {
+            true
+        }
+        Node::Unary(op, _) => match op {
+            Unary::Neg | Unary::Abs | Unary::Sqrt | Unary::Exp | Unary::Sinh | Unary::Cosh | Unary::Tan => true,
+            Unary::Sign
+            | Unary::Log
+            | Unary::Sin
+            | Unary::Cos
+            | Unary::Asin
+            | Unary::Acos
+            | Unary::Atan
+            | Unary::Tanh
+            | Unary::Not => false,
+        },
+        Node::Binary(op, ..) => match op {
+            Binary::Add | Binary::Sub | Binary::Mul | Binary::Div | Binary::Pow | Binary::Min | Binary::Max => true,
+            Binary::Atan2 | Binary::Lt | Binary::Le | Binary::Eq | Binary::And | Binary::Or => false,
+        },
+    };
+    pool.ascending(&[e], &passes).into_iter().any(|e| match pool.node(e) {
         Node::Unary(Unary::Exp, a) => {
             pool.contains_any(*a, argument) && !pool.sign(*a, &|_| Sign::Unknown).is_nonpositive()
         }
@@ -258,7 +280,7 @@ fn grows(pool: &Pool, n: &Node, argument: &dyn Fn(Symbol) -> bool) -> bool {
         | Node::Unary(..)
         | Node::Binary(..)
         | Node::Select(..) => false,
-    }
+    })
 }
 
 /// Why the step cannot be taken, if it cannot.
@@ -268,7 +290,7 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
     }
     let stored = c.groups.iter().find_map(|g| {
         let own = |s: Symbol| g.states.iter().any(|i| c.states[*i].symbol == s);
-        let grows = g.coenergy.iter().any(|z| pool.any_node(*z, &|n| grows(pool, n, &own)));
+        let grows = g.coenergy.iter().any(|z| grows(pool, *z, &own));
         let column = g.states.iter().find_map(|i| c.states[*i].column);
         grows.then(|| column.map_or("", |column| &form.column(column).name))
     });
@@ -291,7 +313,7 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
                 "`{name}` is a port of a field whose laws are not linear, and a chord of each port alone is not passive"
             )),
             // Nothing but the law itself tells how far its argument can get in a step.
-            (Some((argument, law)), _) if pool.any_node(*law, &|n| grows(pool, n, &|s| s == *argument)) => Some(format!(
+            (Some((argument, law)), _) if grows(pool, *law, &|s| s == *argument) => Some(format!(
                 "the law of `{name}` has an exponential in it, whose chord at what is foretold says nothing of what it gives"
             )),
             // The chord is taken at what the step before found, and no storage keeps two steps from going to and fro.
