@@ -157,7 +157,15 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     }
     if let Some(m) = r.modified {
         let (most, part) = (short(m.max_difference), short(m.relative));
-        writeln!(out, "  {:11} of a modified energy, at most {most} {unit} ({part} relative) from H", "ledger")?;
+        let grown = (m.grown > 0.0).then(|| {
+            format!(
+                "; H at most {} {unit} ({} of what was held) above what it was given",
+                short(m.grown),
+                short(m.grown_relative)
+            )
+        });
+        let grown = grown.unwrap_or_default();
+        writeln!(out, "  {:11} of a modified energy, at most {most} {unit} ({part} relative) from H{grown}", "ledger")?;
     }
     for x in r.resistors.iter().filter(|x| x.energy < 0.0 && -x.energy > 1e-9 * r.h_max) {
         writeln!(out, "  {:11} {} {unit} by {}", "injected", short(-x.energy), x.name)?;
@@ -296,7 +304,7 @@ impl Serialize for Region<'_> {
         map.serialize_entry("leaps", &r.leaps)?;
         map.serialize_entry("pseudo", &r.pseudo)?;
         if let Some(m) = r.modified {
-            let modified = serde_json::json!({"difference": m.difference, "max_difference": m.max_difference, "relative": m.relative});
+            let modified = serde_json::json!({"difference": m.difference, "max_difference": m.max_difference, "relative": m.relative, "grown": m.grown, "grown_relative": m.grown_relative});
             map.serialize_entry("modified", &modified)?;
         }
         let energies = |list: &[bond::ElementEnergy]| -> Vec<_> {

@@ -498,3 +498,75 @@ fn faint_scenes_are_as_exact() {
         close(end(&compiled, Steps::tolerance(1e-6), 10.0, "q"), 0.798_874_77, most, &format!("{size:e}"));
     }
 }
+
+/// A driven circuit without a linear element.
+const RINGING: &str = "model Ringing {
+  Se:src = 1.5 V * sin(2 Hz * t) * exp(-(0.1 Hz) * t) + 0.5 V
+  C:cap { H = 0.5*q^2/(1 F) + 0.2 J/C^4 * q^4; q0 = 0.3 C }
+  I:ind { H = 0.5*p^2/(1 H) + 0.1 J/Wb^4 * p^4; p0 = 0.2 Wb }
+  R:res { e = 0.3 Ohm * f + 0.2 V/A^3 * f^3 }
+  R:leak { f = 0.1 S * e + 0.05 A/V^3 * e^3 }
+  src -> 1:loop -> ind, res
+  loop -> 0:n -> cap, leak
+  probe x = cap.q
+}";
+
+/// What is looked at within a step is as exact as where steps end: its error is not that of one step across both of the
+/// halves that are kept, which is 2^order times theirs.
+#[test]
+fn rows_are_as_exact_as_step_ends() {
+    let methods = [
+        ("gonzalez", 1e-7),
+        ("collocation4", 1e-9),
+        ("collocation6", 1e-10),
+        ("collocation8", 1e-10),
+        ("collocation10", 1e-10),
+        ("collocation12", 1e-10),
+        ("radau", 1e-10),
+        ("rk45", 1e-10),
+    ];
+    let instants: Vec<f64> = (1..=13).map(|k| f64::from(k) * 0.297).collect();
+    let fine = with(Options::new().method("collocation12"), RINGING);
+    let mut fine = start(&fine, Steps::fixed(0.01));
+    let ringing: Vec<f64> = instants
+        .iter()
+        .map(|t| {
+            advance(&mut fine, *t);
+            probe(&mut fine, "x")
+        })
+        .collect();
+    let flights: Vec<f64> = instants.iter().map(|t| ball(*t)).collect();
+    for (method, tolerance) in methods {
+        for (model, wanted) in [(RINGING, &ringing), (BALL, &flights)] {
+            let compiled = with(Options::new().method(method), model);
+            let mut sim = start(&compiled, Steps::tolerance(tolerance));
+            let (mut on_way, mut ends) = (0.0f64, 0.0f64);
+            for (t, x) in instants.iter().zip(wanted) {
+                advance(&mut sim, *t);
+                on_way = on_way.max((probe(&mut sim, "x") - x).abs());
+                ends = ends.max((end(&compiled, Steps::tolerance(tolerance), *t, "x") - x).abs());
+            }
+            assert!(on_way <= 5.0 * ends.max(1e-14), "{method}: {on_way:e} at rows, {ends:e} where runs end");
+        }
+    }
+}
+
+/// The ledger at a row beyond the middle of a step is that of both steps to it; and a run that goes on from there has
+/// the same bits.
+#[test]
+fn the_ledger_at_a_row_closes() {
+    let compiled = with(Options::new().method("collocation8"), RINGING);
+    let mut sim = start(&compiled, Steps::tolerance(1e-8));
+    for k in 1..40 {
+        advance(&mut sim, f64::from(k) * 0.0993);
+        let region = sim.summary().regions.swap_remove(0);
+        let (q, p) = (sim.state("cap.q").unwrap_or(f64::NAN), sim.state("ind.p").unwrap_or(f64::NAN));
+        let h = 0.5 * q * q + 0.2 * q.powi(4) + 0.5 * p * p + 0.1 * p.powi(4);
+        close(region.h_final, h, 1e-14, "what is held");
+        close(region.h_final - region.h_initial, region.supplied - region.dissipated, 1e-12, "the balance");
+        let bytes = sim.save().unwrap_or_else(|e| panic!("{e}"));
+        let resumed = bond::Simulation::resume(bond::Code::default().backend(), compiled.scene(), &bytes, []);
+        let again = resumed.unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((again.state("cap.q"), again.summary()), (sim.state("cap.q"), sim.summary()));
+    }
+}

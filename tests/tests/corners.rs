@@ -1,7 +1,7 @@
 //! Laws that switch on what only a step tells: dry friction, diodes. Against closed forms, with the steps of every
 //! tolerance.
 
-use crate::common::{end, finish, probe, start, with};
+use crate::common::{advance, end, finish, probe, start, with};
 use bond::{Options, Steps};
 
 /// Steppers that keep the balance, and one that damps.
@@ -284,6 +284,51 @@ fn a_block_is_let_go() {
                 let off = (p / wanted - 1.0).abs();
                 assert!(off < 100.0 * tolerance, "{force}, {held}, {method}, {tolerance:e}: {p} and {wanted}");
             }
+        }
+    }
+}
+
+/// A block that is pushed to and fro stops for a tenth of a second, and goes on the same way: long enough to count, and
+/// shorter than the steps before. It is met however long those are, and where it is held nothing creeps.
+#[test]
+fn a_short_stop_is_not_stepped_over() {
+    let blocks = "model Blocks {
+      Se:push = 3 N * sin(1.7 Hz * t) + 1 N
+      I:m1 = 1 kg
+      I:m2 = 2 kg
+      C:k { H = 5 N/m * q^2 + 8 N/m^3 * q^4; q0 = 0 m }
+      R:f1 { e = 1.2 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*(1 m/s) }
+      R:f2 { e = 1.5 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*(1 m/s) }
+      push -> 1:v1 -> m1, f1
+      1:v2 -> m2, f2
+      v1 -> 0:x -> v2
+      x -> k
+      probe stretch = k.q
+      probe p1 = m1.p
+      probe way = integral(v1.f, 0 m)
+    }";
+    for (method, tolerances, most) in [
+        ("collocation6", &[1e-5, 1e-7][..], 2e-5),
+        ("collocation8", &[1e-3, 1e-4, 1e-5, 1e-8], 2e-5),
+        ("collocation12", &[1e-3, 1e-4, 1e-6, 1e-8], 2e-5),
+        ("radau", &[1e-5, 1e-8], 2e-5),
+        ("gonzalez", &[1e-6], 2e-4),
+    ] {
+        let compiled = with(Options::new().method(method), blocks);
+        for tolerance in tolerances {
+            let title = format!("{method}, tolerance {tolerance:e}");
+            let mut sim = start(&compiled, Steps::tolerance(*tolerance));
+            for k in 1..=9 {
+                advance(&mut sim, 1.325 + 0.01 * f64::from(k));
+                let p = probe(&mut sim, "p1");
+                assert!(p.abs() < 1e-12, "{title}: at {} s it moves with {p:e} N*s", sim.time());
+            }
+            advance(&mut sim, 10.0);
+            let off = [("stretch", -0.004_280_452_6), ("p1", -0.126_051_140), ("way", 2.124_669_254)]
+                .map(|(name, wanted)| (probe(&mut sim, name) - wanted).abs());
+            assert!(off.iter().all(|x| *x < most), "{title}: off by {off:?}");
+            // With an energy that is not quadratic it does not claim to be.
+            assert_eq!(sim.summary().passive, method != "radau", "{title}: {:?}", sim.summary().reasons);
         }
     }
 }

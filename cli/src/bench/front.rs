@@ -17,6 +17,11 @@ pub fn place(p: &Point, reference: f64) -> Option<(f64, f64)> {
     p.result.as_ref().ok().map(|m| (m.error.max(ABOVE * reference), m.seconds))
 }
 
+/// The same with the error on the way: what a point meets is what it meets all along, and not by luck at the end.
+pub fn met(p: &Point, reference: f64) -> Option<(f64, f64)> {
+    p.result.as_ref().ok().map(|m| (m.worst().max(ABOVE * reference), m.seconds))
+}
+
 /// What is further off is nothing that one would choose, however cheap.
 pub const FAR: f64 = 1.0;
 
@@ -37,7 +42,7 @@ pub fn mark(points: &mut [Point], reference: f64) {
 
 /// Decades of the error, from 0.1 down, as far as the points reach.
 pub fn decades(points: &[Point], reference: f64) -> Vec<f64> {
-    let reached = points.iter().filter_map(|p| place(p, reference)).map(|p| p.0).fold(f64::INFINITY, f64::min);
+    let reached = points.iter().filter_map(|p| met(p, reference)).map(|p| p.0).fold(f64::INFINITY, f64::min);
     (1..=15).map(|k| format!("1e-{k}").parse().unwrap_or(0.0)).take_while(|error| *error >= reached).collect()
 }
 
@@ -45,7 +50,7 @@ pub fn decades(points: &[Point], reference: f64) -> Vec<f64> {
 pub fn advice(points: &[Point], reference: f64) -> Vec<Advice<'_>> {
     let cheapest = |error: f64, passive: bool| {
         let fits = points.iter().filter(|p| !passive || p.keeps());
-        let fits = fits.filter_map(|p| place(p, reference).filter(|(e, _)| *e <= error).map(|(_, s)| (p, s)));
+        let fits = fits.filter_map(|p| met(p, reference).filter(|(e, _)| *e <= error).map(|(_, s)| (p, s)));
         fits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|f| f.0)
     };
     let choose = |error: f64| Advice {

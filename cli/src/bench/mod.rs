@@ -30,7 +30,7 @@ pub use way::{Way, Ways};
 
 use bond::Course;
 use bond_runtime::kernel::Backend;
-use sweep::Sweep;
+use sweep::{Ended, Sweep};
 
 /// Rows at which runs are compared on their way.
 const ROWS: u32 = 32;
@@ -122,6 +122,7 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
     let mut points = Vec::new();
     // What the sweeps leave of each method's time.
     let mut rest = Vec::new();
+    let mut ended = Vec::new();
     for (i, runner) in runners.iter().enumerate() {
         progress(0.3 + 0.6 * i as f64 / runners.len() as f64);
         let kept = if asked { 0.0 } else { refine::PART * setup.limit };
@@ -145,10 +146,21 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
             // What the first kind leaves of its half is the second's.
             let mut own = if k + 1 == plans.len() { left } else { share };
             let before = own;
-            points.extend(sweep.run(runner, plan, &mut own, &mut notes));
+            let (row, why) = sweep.run(runner, plan, &mut own, &mut notes);
+            points.extend(row);
+            ended.extend(why.map(|why| (why, format!("{} ({})", runner.way.name, plan.words()))));
             left -= before - own;
         }
         rest.push(left.max(0.0) + kept);
+    }
+    for (why, what) in [
+        (Ended::Reference, "end where the reference tells no more"),
+        (Ended::Rounding, "end where rounding is all that is left"),
+    ] {
+        let rows: Vec<&str> = ended.iter().filter(|e| e.0 == why).map(|e| e.1.as_str()).collect();
+        if !rows.is_empty() {
+            notes.push(format!("{} {what}", rows.join(", ")));
+        }
     }
     if !asked {
         let progress = |part| progress(0.9 + 0.1 * part);

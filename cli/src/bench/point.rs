@@ -38,6 +38,13 @@ impl Point {
     }
 }
 
+impl Measured {
+    /// The error at the end or the largest along the run, whichever is larger: a run may end near by luck.
+    pub fn worst(&self) -> f64 {
+        self.difference.along.iter().copied().fold(self.error, f64::max)
+    }
+}
+
 /// What was measured.
 #[derive(Clone, Debug)]
 pub struct Measured {

@@ -1,6 +1,6 @@
 //! Points between the points: what just meets a decade of error, where that could be the cheapest there is.
 
-use super::front::{FAR, decades, place};
+use super::front::{FAR, decades, met};
 use super::point::{Point, measure, takes};
 use super::setting::Setting;
 use super::sweep::Sweep;
@@ -79,7 +79,7 @@ pub fn refine(
 
 /// The guess that is foretold to be the cheapest, where that is worth its measuring.
 fn best(points: &[Point], decade: f64, sweep: &Sweep, passive: bool, open: &dyn Fn(&Point) -> bool) -> Option<Guess> {
-    let meets = |p: &Point| place(p, sweep.reference.error).filter(|(e, _)| *e <= decade);
+    let meets = |p: &Point| met(p, sweep.reference.error).filter(|(e, _)| *e <= decade);
     let own = points.iter().filter(|p| !passive || p.keeps());
     let cheapest = own.filter_map(|p| meets(p).map(|m| m.1)).fold(f64::INFINITY, f64::min);
     let pairs = (1..points.len()).filter(|i| open(&points[*i]));
@@ -94,12 +94,12 @@ fn best(points: &[Point], decade: f64, sweep: &Sweep, passive: bool, open: &dyn 
 /// What should just meet a decade, between a point that meets it and its coarser neighbour that does not: setting and
 /// time, s. Errors and times are taken for powers of the step or tolerance.
 fn between(coarse: &Point, fine: &Point, decade: f64, reference: f64, stop: f64) -> Option<(Setting, f64)> {
-    let (error, seconds) = place(fine, reference).filter(|(e, _)| *e <= decade)?;
+    let (error, seconds) = met(fine, reference).filter(|(e, _)| *e <= decade)?;
     if coarse.method != fine.method {
         return None;
     }
     // A run that failed, or is nowhere near, tells no more than that it is too coarse: then the middle.
-    let (part, long) = match place(coarse, reference).filter(|(e, _)| *e < FAR) {
+    let (part, long) = match met(coarse, reference).filter(|(e, _)| *e < FAR) {
         Some((e, _)) if e <= decade => return None,
         Some((e, s)) => ((e / (AIM * decade)).ln() / (e / error).ln(), s),
         None => (0.5, 0.5 * seconds),

@@ -9,9 +9,20 @@ use super::trial::{Lost, Runner};
 const POINTS: usize = 20;
 /// So many points in a row that the reference cannot tell from itself are enough.
 const FLOORS: usize = 2;
-
-/// So many points in a row that fail, or are no better than those before, are enough.
+/// So many points in a row that fail, or are no better than those before where that is rounding, are enough.
 const STALE: usize = 3;
+/// Rounding is what errors do not fall below where they are less than this, or than so much for each step, or so many
+/// times that of the reference. Where they lie higher, as about a kink, finer settings are what helps.
+const ROUNDING: (f64, f64, f64) = (1e-10, 1e-15, 100.0);
+
+/// Why a row ended before its settings did.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// The reference tells no more.
+    Reference,
+    /// Rounding is all that is left.
+    Rounding,
+}
 
 /// What a method is measured with.
 pub struct Sweep<'a> {
@@ -36,6 +47,15 @@ pub enum Plan {
 }
 
 impl Plan {
+    /// What its settings are.
+    pub fn words(&self) -> &'static str {
+        match self {
+            Plan::Given(_) => "as told",
+            Plan::Halved(_) => "steps",
+            Plan::Tightened => "tolerances",
+        }
+    }
+
     fn settings(&self, stop: f64) -> Vec<Setting> {
         match self {
             Plan::Given(list) => list.clone(),
@@ -51,17 +71,24 @@ impl Plan {
 
 impl Sweep<'_> {
     /// Measures a method with each of the settings. `left` is what is left of its time, s. Notes say what was skipped.
-    pub fn run(&self, runner: &Runner, plan: &Plan, left: &mut f64, notes: &mut Vec<String>) -> Vec<Point> {
+    /// Gives also why it ended early, where that is all that is to be said.
+    pub fn run(
+        &self,
+        runner: &Runner,
+        plan: &Plan,
+        left: &mut f64,
+        notes: &mut Vec<String>,
+    ) -> (Vec<Point>, Option<Ended>) {
         let way = runner.way;
         let given = matches!(plan, Plan::Given(_));
         let mut points: Vec<Point> = Vec::new();
-        let (mut floors, mut stale, mut last_steps, mut best) = (0, 0, 0, f64::INFINITY);
+        let (mut floors, mut stale, mut failed, mut last_steps, mut best) = (0, 0, 0, 0, f64::INFINITY);
+        let finer = if given { "and what follows" } else { "and finer" };
         // What the last two points took.
         let mut took = (0.0, 0.0);
         for setting in plan.settings(self.stop) {
             let growth = if took.1 > 0.0 && took.0 > took.1 { f64::min(took.0 / took.1, 4.0) } else { 1.0 };
             let skip = |notes: &mut Vec<String>| {
-                let finer = if given { "and what follows" } else { "and finer" };
                 notes.push(format!(
                     "{}, {} {finer}: skipped, it would take more than the {} s of --limit",
                     way.name,
@@ -93,10 +120,13 @@ impl Sweep<'_> {
                 last_steps = m.steps;
                 floors = if m.floor { floors + 1 } else { 0 };
                 // Past its best, rounding is all that grows.
-                stale = if m.error < 0.7 * best { 0 } else { stale + usize::from(best < 1e-6) };
-                best = best.min(m.error);
-            } else if !points.is_empty() && points.iter().any(|p| p.result.is_ok()) {
-                stale += 1;
+                let (least, step, reference) = ROUNDING;
+                let rounding = least.max(step * m.steps as f64).max(reference * self.reference.error);
+                stale = if m.worst() < 0.7 * best { 0 } else { stale + usize::from(best < rounding) };
+                best = best.min(m.worst());
+                failed = 0;
+            } else if points.iter().any(|p| p.result.is_ok()) {
+                failed += 1;
             }
             points.push(Point {
                 method: way.name,
@@ -106,10 +136,20 @@ impl Sweep<'_> {
                 result,
                 front: false,
             });
-            if (floors >= FLOORS || stale >= STALE) && !given {
+            if given {
+                continue;
+            }
+            if failed >= STALE {
+                notes.push(format!("{}, {} {finer}: skipped, {failed} in a row failed", way.name, setting.words()));
                 break;
             }
+            if floors >= FLOORS {
+                return (points, Some(Ended::Reference));
+            }
+            if stale >= STALE {
+                return (points, Some(Ended::Rounding));
+            }
         }
-        points
+        (points, None)
     }
 }

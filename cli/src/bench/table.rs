@@ -64,7 +64,7 @@ fn row(m: &Measured, stop: f64, off: bool) -> String {
         format!("{:.2}", m.iterations as f64 / m.steps as f64)
     };
     let error = format!("{}{:.1e}", if m.floor { "<" } else { "" }, m.error);
-    let along = m.difference.along.iter().copied().fold(m.error, f64::max);
+    let along = m.worst();
     let (drift, balance) = (small(m.drift), small(m.balance) + if off { "!" } else { "" });
     let pace = time(m.seconds / stop);
     format!("{error:>8} {along:>8.1e} {drift:>8} {balance:>8} {:>9} {newton:>7} {pace:>9}", m.steps)

@@ -239,3 +239,53 @@ fn a_run_off_its_balance_is_no_advice() {
         assert!(!list.iter().any(|p| off(&p)), "{line}");
     }
 }
+
+/// A ball between two walls with kinks: errors lie on a plateau over many tolerances before they fall on.
+const WALLS: &str = "\
+model Walls {
+  Se:w = 2 N * sin(1.1 Hz * t) - 1 N
+  I:ball { inertia = 1 kg; p0 = 1 N*s }
+  C:floor { H = if q < 0 then 160 J * (-q/(1 m))^2.5 else 0; q0 = 0.5 m }
+  C:ceil { H = if q > 0 then 50 N/m * q^2 + 3000 N/m^3 * q^4 else 0; q0 = -0.5 m }
+  R:pad { e = if floor.q < 0 then 4 N*s/m * f else 0 }
+  R:air { e = 0.05 N*s^2/m^2 * f*abs(f) }
+  w -> 1:v -> ball, floor, ceil, pad, air
+  probe x = floor.q
+  probe p = ball.p
+  simulate { stop = 10 s }
+}
+";
+
+/// A plateau is no rounding; where a row ends a note says why; and what is advised for an error meets it on the way.
+#[test]
+fn rows_go_on_beyond_a_plateau() {
+    let here = Folder::new().with("w.bond", WALLS);
+    let args = ["bench", "w.bond", "--methods", "collocation6", "--limit", "4s", "--repeat", "1"];
+    let done = here.bond(&[&args[..], &["--as", "json"]].concat());
+    let list = points(&done.is(0, &[], &["note: collocation6"]));
+    let worst = |p: &Value| {
+        let along = p["probes"].as_object().unwrap().values().map(|x| x["largest"].as_f64().unwrap());
+        along.fold(p["error"].as_f64().unwrap(), f64::max)
+    };
+    let tolerances: Vec<&Value> = list.iter().filter(|p| !p["tolerance"].is_null()).collect();
+    let last = tolerances.last().unwrap();
+    let known = last["reference_error"].as_f64().unwrap();
+    assert!(worst(last) < (100.0 * known).max(1e-9), "{last}");
+    // Of each line of advice, the point.
+    let table = here.bond(&args).is(0, &["to choose"], &[]).out;
+    let advice = table.lines().skip_while(|l| !l.starts_with("to choose")).skip(1).filter(|l| l.starts_with("  for"));
+    let mut checked = 0;
+    for line in advice {
+        let mut words = line.split_whitespace().skip(1);
+        let error: f64 = words.next().unwrap().parse().unwrap();
+        let rest: Vec<&str> = words.collect();
+        let Some(at) = rest.iter().position(|w| *w == "tolerance") else { continue };
+        let row = format!("tol {}", rest[at + 1]);
+        let found = table.lines().find(|l| l.split_whitespace().collect::<Vec<_>>().join(" ").contains(&row)).unwrap();
+        let numbers: Vec<&str> = found.split(row.as_str()).nth(1).unwrap().split_whitespace().collect();
+        let on_way: f64 = numbers[1].parse().unwrap();
+        assert!(on_way <= 1.05 * error.max(10.0 * known), "{line}\n{found}");
+        checked += 1;
+    }
+    assert!(checked >= 4, "{table}");
+}

@@ -4,7 +4,7 @@
 //! kept until the cluster is advanced past its end. So rows of output lie inside of steps, and an input that is set at
 //! a row ends the step there. A plan is a cache: the state of a run without it gives the same plan again.
 
-use super::attempt::{Taken, is_stateless};
+use super::attempt::{Taken, copy, is_stateless};
 use super::cluster::{Run, advance_ports, book};
 use super::{Error, Options};
 use crate::ir::Array;
@@ -35,11 +35,13 @@ const PI: (f64, f64) = (0.7, 0.4);
 const PHASE: f64 = 1.0 / 3.0;
 /// A step to a switch that is foretold is longer by this part, so that it rather goes past it.
 const PAST: f64 = 1.0 / 32.0;
-/// One that would be shorter than this part of what it might be is not cut for it.
+/// One that would be shorter than this part of what it might be is not cut for it, unless the guard falls.
 const WORTH: f64 = 0.1;
 /// What did not come is foretold again where it is nearer than to this many of the step that was cut for it, from its
 /// start.
 const NEARER: f64 = 1.5;
+/// So often, where it does not: while the guard still falls, its parabola says more each time.
+const MISSED: u32 = 3;
 /// A step to a switch that is shorter than this part of the usual one is taken whatever its error seems to be. (What
 /// switches yet sooner is let be.)
 const BRIEF: f64 = 1e-8;
@@ -58,6 +60,10 @@ pub(super) struct Control {
     began: f64,
     /// When the next one is foretold, s; infinite where none is.
     aim: f64,
+    /// Whether the guard that is to switch then came nearer to that in the last step.
+    falls: bool,
+    /// So many steps were cut for what then was further off, since one was not, or the last switch.
+    missed: u32,
     /// The error of the last step over the tolerance; 1 at a fresh start.
     pub(super) error: f64,
     /// Steps in a row that were far smaller than the usual one.
@@ -112,9 +118,14 @@ pub(super) struct Fit {
     pub(super) seen: Vec<f64>,
     /// The largest that each guard was at the start of a step.
     pub(super) tops: Vec<f64>,
-    /// The instant inside of the planned step that was looked at last, and what a step to it gives.
+    /// The instant inside of the planned step that was looked at last.
     pub(super) shown: Option<f64>,
+    /// What the last step to it gives, and whether that was the only one.
     pub(super) output: Vec<f64>,
+    pub(super) single: bool,
+    /// Whether it was looked at from halfway through the planned step, and the first half of that.
+    pub(super) midway: bool,
+    pub(super) half: Taken,
 }
 
 impl Fit {
@@ -132,6 +143,8 @@ impl Fit {
                 other: ahead,
                 began: 0.0,
                 aim: f64::INFINITY,
+                falls: false,
+                missed: 0,
                 error: 1.0,
                 crawl: 0,
                 chatter: 0,
@@ -155,7 +168,24 @@ impl Fit {
             tops: vec![0.0; guards],
             shown: None,
             output: vec![0.0; c.step.program.size(Array::Output)],
+            single: false,
+            midway: false,
+            half: Taken::new(c),
         }
+    }
+
+    /// Whether an instant that lies so far beyond the state is looked at from halfway through the planned step: where
+    /// its halves are what will be kept, a look across the middle would be a longer step than they are, and its error
+    /// that of the whole step, which is not the one that was tested.
+    pub(super) fn is_midway(&mut self, h: f64, least: f64) -> bool {
+        if let Some(plan) = self.plan {
+            self.midway = !plan.whole;
+            if self.midway {
+                copy(&self.first, &mut self.half);
+            }
+        }
+        self.midway &= h - self.half.h > least;
+        self.midway
     }
 }
 
@@ -233,6 +263,7 @@ impl Run {
         let Some(plan) = fit.plan.take() else { return Ok(()) };
         fit.control = plan.control;
         fit.shown = None;
+        fit.midway = false;
         let parts = [&fit.whole, &fit.first, &fit.second];
         let parts = if plan.whole { &parts[..1] } else { &parts[1..] };
         let mut failed = None;
@@ -300,7 +331,7 @@ impl Run {
             }
             let mut h = control.ahead.min(longest);
             let aim = (control.aim - t) * (1.0 + PAST);
-            if aim < h && aim > WORTH * h {
+            if aim < h && (aim > WORTH * h || control.falls && aim > 0.0) {
                 h = aim;
             }
             // Two steps of like length rather than one and a splinter.
@@ -361,7 +392,7 @@ impl Run {
                 let most = (GROW * attempt.h).min(PHASE * (end - control.began));
                 let here = control.ahead.min(most.max(FIRST * usual));
                 (control.ahead, control.other) = (control.other, here);
-                (control.began, control.aim) = (end, f64::INFINITY);
+                (control.began, control.aim, control.missed) = (end, f64::INFINITY, 0);
                 control.events += 1;
                 control.chatter = if attempt.faint.is_some() { control.chatter.saturating_add(1) } else { 0 };
                 control.faint = attempt.faint;
@@ -376,9 +407,17 @@ impl Run {
                 let cut = h < SAFE * control.ahead;
                 control.ahead = if cut { next.max(control.ahead) } else { next };
                 control.error = if cut { control.error } else { ratio.clamp(1e-4, 1.0) };
-                // What was foretold and did not come may be rounding, unless it comes nearer.
-                let aim = self.foretold(t, h);
-                control.aim = if aims && aim > t + NEARER * h { f64::INFINITY } else { aim };
+                // What was foretold and did not come may be rounding, or a guard that never gets there, unless it comes
+                // nearer.
+                let (aim, falls) = self.foretold(t, h);
+                let further = aims && aim > t + NEARER * h;
+                control.missed = match (further, aims) {
+                    (true, _) => control.missed.saturating_add(1),
+                    (false, true) => 0,
+                    (false, false) => control.missed,
+                };
+                control.falls = falls && control.missed <= MISSED;
+                control.aim = if further && !control.falls { f64::INFINITY } else { aim };
             }
             break (h, Some((done.unwrap_or(t + attempt.h), attempt.whole)));
         };

@@ -4,6 +4,7 @@ use super::cluster::{Book, FAINTEST, Run, imbalance};
 use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
 use crate::scene::{Cluster, Entries};
+use serde::{Deserialize, Serialize};
 
 /// The part of the faintest energy that is its rounding: an error of a state that is worth less is none.
 const ROUNDED: f64 = 1e-15;
@@ -11,7 +12,7 @@ const ROUNDED: f64 = 1e-15;
 const SMALLEST: f64 = 1e-24;
 
 /// What a step gave.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Taken {
     pub(super) h: f64,
     pub(super) next: Vec<f64>,
@@ -22,6 +23,12 @@ impl Taken {
     pub(super) fn new(c: &Cluster) -> Self {
         Self { h: 0.0, next: c.initial.clone(), output: vec![0.0; c.step.program.size(Array::Output)] }
     }
+}
+
+pub(super) fn copy(from: &Taken, to: &mut Taken) {
+    to.h = from.h;
+    to.next.copy_from_slice(&from.next);
+    to.output.copy_from_slice(&from.output);
 }
 
 /// Which step is taken.
@@ -68,7 +75,8 @@ impl Run {
             self.stride(t + 0.5 * h, 0.5 * h, Part::Second)?;
         }
         // What ends at a switch was found with a whole step, and so that one counts.
-        let (error, fresh) = self.estimate(c, is_event)?;
+        let near = !is_event && self.is_near();
+        let (error, fresh) = self.estimate(c, is_event, near)?;
         let whole = is_event || c.step.estimate.is_some();
         let off = self.off(c, whole);
         let Some(fit) = self.fit.as_mut().filter(|_| off != 0.0) else {
@@ -91,8 +99,8 @@ impl Run {
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
     /// states' sizes: the embedded estimate, or what the difference of the two tells. Where there is no state, it
     /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. And whether what
-    /// is off most was next to nothing before the step.
-    fn estimate(&self, c: &Cluster, whole: bool) -> Result<(f64, bool), Failure> {
+    /// is off most was next to nothing before the step. Where the step is `near` a switch, that difference itself.
+    fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<(f64, bool), Failure> {
         let Some(fit) = &self.fit else { return Ok((0.0, false)) };
         // What is counted as turned over at least says nothing of sizes.
         let turned = |b: &Book| if b.turnover_max > FAINTEST { b.turnover_max } else { 0.0 };
@@ -100,7 +108,7 @@ impl Run {
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
         let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
         let raised = 2f64.powi(order as i32);
-        let part = if whole { raised } else { 1.0 } / (raised - 1.0).max(1.0);
+        let part = if whole || near { raised } else { 1.0 } / (raised - 1.0).max(1.0);
         let (mut worst, mut fresh) = (0.0, false);
         let mut tell = |error: f64, before: f64, now: f64| {
             if error > worst {

@@ -151,6 +151,9 @@ pub(super) struct Book {
     pub(super) giver: (usize, f64),
     /// What the energy that the stepper keeps is off H by: now, and at most.
     pub(super) modified: (f64, f64),
+    /// The most that H itself was above what it was at the start and what was given since: relative to the largest that
+    /// was held until then, and in J.
+    pub(super) grown: (f64, f64),
 }
 
 impl Book {
@@ -564,7 +567,7 @@ impl Run {
         }
     }
 
-    /// The state at `t`, without keeping it.
+    /// The state at `t`, without keeping it: by a step from the state, or from halfway through the planned one.
     pub(super) fn look_at(&mut self, c: &Cluster, names: &[String], t: f64) -> Result<&[f64], Error> {
         if self.fit.as_ref().is_some_and(|f| f.shown == Some(t)) {
             return Ok(&self.glanced);
@@ -572,14 +575,20 @@ impl Run {
         if let Some(fit) = &mut self.fit {
             fit.shown = None;
         }
-        let now = self.time();
-        let h = t - now;
-        if h.abs() <= 1e-12 * t.abs().max(now.abs()) || c.period.is_some() {
-            self.glanced.copy_from_slice(&self.state);
+        let mut now = self.time();
+        let least = 1e-12 * t.abs().max(now.abs());
+        self.glanced.copy_from_slice(&self.state);
+        if (t - now).abs() <= least || c.period.is_some() {
             return Ok(&self.glanced);
         }
-        self.glanced.copy_from_slice(&self.state);
-        let (mut at, mut rest) = (now, h);
+        if let Some(fit) = &mut self.fit
+            && fit.is_midway(t - now, least)
+        {
+            now += fit.half.h;
+            self.glanced.copy_from_slice(&fit.half.next);
+        }
+        let (mut at, mut rest) = (now, t - now);
+        let mut single = true;
         loop {
             let cut = self.feed.cut(at, t);
             let piece = cut.unwrap_or(t);
@@ -592,11 +601,13 @@ impl Run {
                 at += part;
                 rest = piece - at;
             }
-            let whole = self.glance(c, names, at, rest, 0)?;
+            single &= at == now;
+            single &= self.glance(c, names, at, rest, 0)?;
             if cut.is_none() {
-                if let Some(fit) = self.fit.as_mut().filter(|_| at == now && whole) {
-                    fit.shown = Some(t);
-                    fit.output.copy_from_slice(&self.step.work.output);
+                if let Some(fit) = &mut self.fit {
+                    (fit.shown, fit.single) = (Some(t), single);
+                    let n = fit.output.len();
+                    fit.output.copy_from_slice(&self.step.work.output[..n]);
                 }
                 return Ok(&self.glanced);
             }
@@ -610,14 +621,15 @@ impl Run {
         if shown { &self.glanced } else { &self.state }
     }
 
-    /// The ledger at `t`: with a step to there where it was looked at within a step.
+    /// The ledger at `t`: with the steps to there where it was looked at within a step.
     pub(super) fn books_at(&self, c: &Cluster, t: f64) -> Cow<'_, [Book]> {
-        match self.fit.as_ref().filter(|f| f.shown == Some(t)) {
+        match self.fit.as_ref().filter(|f| f.shown == Some(t) && f.single) {
             None => Cow::Borrowed(&self.books),
             Some(fit) => {
                 let mut books = self.books.clone();
+                let half = if fit.midway { book(&mut books, c, &fit.half.output) } else { Ok(()) };
                 // An energy that is no number ends the step that it lies in.
-                match book(&mut books, c, &fit.output) {
+                match half.and_then(|()| book(&mut books, c, &fit.output)) {
                     Ok(()) => Cow::Owned(books),
                     Err(_) => Cow::Borrowed(&self.books),
                 }
@@ -758,13 +770,14 @@ pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
 /// The energy that is not a finite number.
 pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), String> {
     for (b, e) in books.iter_mut().zip(&c.entries) {
-        let (mut supplied, mut dissipated, mut turnover) = (0.0, 0.0, 0.0);
+        let (mut supplied, mut dissipated, mut turnover, mut given) = (0.0, 0.0, 0.0, 0.0);
         for ((name, slot), sum) in e.supplied.iter().zip(&mut b.sources) {
             let w = out[*slot];
             if !w.is_finite() {
                 return Err(format!("what `{name}` supplies"));
             }
             supplied += w;
+            given += f64::max(w, 0.0);
             turnover += f64::abs(w);
             sum.add(w);
         }
@@ -801,13 +814,25 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         if !h.is_finite() {
             return Err("what is stored".into());
         }
+        let size = out[e.size].abs();
+        if !(turnover + size).is_finite() {
+            return Err("what is turned over".into());
+        }
         if let Some(slot) = e.modified {
             let off = h - out[slot];
+            if !off.is_finite() {
+                return Err("what is stored".into());
+            }
             b.modified = (off, b.modified.1.max(off.abs()));
+            // What is kept closes the balance: what H is more than that came from nothing. Nothing that comes later
+            // excuses it, nor does H itself in this step, but what a source gives does.
+            let held = b.h_max.max(b.size_max).max(given).max(FAINTEST);
+            if -off > b.grown.0 * held {
+                b.grown = (-off / held, -off);
+            }
         }
         let before = e.before.map_or(b.h, |slot| out[slot]);
         let residual = (h - before) - ((supplied - dissipated) + leap);
-        let size = out[e.size].abs();
         let scale = size.max(b.h.abs()).max(turnover);
         b.turnover_max = b.turnover_max.max(turnover);
         b.h = h;

@@ -1,7 +1,7 @@
 //! Where in a step a law switches: the guard that changes sign, located by single steps from the start of the step to
 //! an instant just past the change.
 
-use super::attempt::{Part, Taken};
+use super::attempt::{Part, copy};
 use super::cluster::{Ready, Run};
 use super::guard::Watch;
 use crate::kernel::Failure;
@@ -21,6 +21,11 @@ const SLOW: f64 = 0.25;
 const FAINT: f64 = 1e-4;
 /// After so many switches of such guards.
 const CHATTER: u32 = 20;
+
+/// What comes nearer to 0 in a step leaves no more than this part.
+const FALLS: f64 = 0.75;
+/// What turns below this part of what it is at both ends of a step all but touches 0.
+const TOUCHES: f64 = 0.5;
 
 /// A point of a guard along the step.
 type Point = (f64, f64);
@@ -155,12 +160,26 @@ impl Run {
     }
 
     /// When the next switch is foretold after the step of length `h` from `t` that was just found to have none: the
-    /// first root of the parabolas through the guards at its start, middle and end; infinite where there is none.
-    pub(super) fn foretold(&self, t: f64, h: f64) -> f64 {
-        let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return f64::INFINITY };
-        let values = self.before.iter().zip(&fit.below).zip(&fit.beyond);
-        let roots = values.filter_map(|((start, middle), end)| next(*start, *middle, *end));
-        t + h + h * roots.fold(f64::INFINITY, f64::min)
+    /// first root of the parabolas through the guards at its start, middle and end; infinite where there is none. And
+    /// whether that guard came nearer to 0 in the step, by more than what may be rounding.
+    pub(super) fn foretold(&self, t: f64, h: f64) -> (f64, bool) {
+        let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return (f64::INFINITY, false) };
+        let values = self.before.iter().zip(&fit.below).zip(&fit.beyond).zip(&fit.tops);
+        let roots = values.filter_map(|(((start, middle), end), top)| {
+            let falls = end.abs() < FALLS * start.abs() && start.abs() > FAINT * top;
+            next(*start, *middle, *end).map(|u| (t + h + h * u, falls))
+        });
+        roots.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, false))
+    }
+
+    /// Whether a guard all but touches 0 within the step that was just found to have no switch: it may have been beyond
+    /// for a while, and a step whose nodes lie on both sides of a switch is none that its order tells the error of.
+    pub(super) fn is_near(&self) -> bool {
+        let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return false };
+        let mut values = self.before.iter().zip(&fit.below).zip(&fit.beyond).zip(&fit.tops);
+        values.any(|(((start, middle), end), top)| {
+            start.abs().max(end.abs()) > FAINT * top && touches(*start, *middle, *end)
+        })
     }
 
     /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or
@@ -273,6 +292,17 @@ fn turn(start: f64, middle: f64, end: f64) -> Option<f64> {
     (alike && at > 0.0 && at < 1.0 && (start + 0.5 * slope * at) * start < 0.0).then_some(at)
 }
 
+/// Whether the parabola through three values of one sign, at 0, 1/2 and 1, turns between them near 0.
+fn touches(start: f64, middle: f64, end: f64) -> bool {
+    if !(start * middle > 0.0 && middle * end > 0.0) {
+        return false;
+    }
+    let (slope, bend) = (4.0 * middle - 3.0 * start - end, 2.0 * (start - 2.0 * middle + end));
+    let at = -0.5 * slope / bend;
+    let least = (start + 0.5 * slope * at).abs().min(middle.abs());
+    at > 0.0 && at < 1.0 && bend * start > 0.0 && least < TOUCHES * start.abs().min(end.abs())
+}
+
 /// How far beyond 1 the parabola through three values of one sign at 0, 1/2 and 1 is 0.
 fn next(start: f64, middle: f64, end: f64) -> Option<f64> {
     if !(start * end > 0.0 && middle * end > 0.0) {
@@ -283,15 +313,18 @@ fn next(start: f64, middle: f64, end: f64) -> Option<f64> {
     [end / k, k / bend].into_iter().filter(|u| *u > 0.0).min_by(f64::total_cmp)
 }
 
-fn copy(from: &Taken, to: &mut Taken) {
-    to.h = from.h;
-    to.next.copy_from_slice(&from.next);
-    to.output.copy_from_slice(&from.output);
-}
-
 #[cfg(test)]
 mod tests {
-    use super::next;
+    use super::{next, touches};
+
+    #[test]
+    fn what_all_but_touches_is_seen() {
+        assert!(touches(-0.0326, -0.0062, -0.0193) && touches(1.0, 0.1, 2.0));
+        // What turns away from 0, or far from it, only falls, or goes across.
+        assert!(
+            !touches(1.0, 2.0, 1.0) && !touches(1.0, 0.7, 1.0) && !touches(1.0, 0.3, 0.1) && !touches(1.0, -0.1, 1.0)
+        );
+    }
 
     #[test]
     fn a_root_beyond_is_foretold() {

@@ -4,6 +4,7 @@
 //! the lengths that tables were made for. Workspaces are not, for nothing in them is read by the next run.
 
 use super::adaptive::Control;
+use super::attempt::{Taken, copy};
 use super::cluster::{Book, Ready, Run};
 use super::given::{Course, Feed};
 use super::hold::{Held, Report};
@@ -73,6 +74,8 @@ struct Part {
     limit: f64,
     through: Vec<f64>,
     tops: Vec<f64>,
+    /// The first half of the step within which was looked last, where that was looked at from its end.
+    half: Option<Taken>,
     largest: Vec<f64>,
     curvature: Vec<f64>,
     lengths: Vec<f64>,
@@ -132,6 +135,7 @@ impl Simulation<'_> {
             limit: run.fit.as_ref().map_or(0.0, |f| f.limit),
             through: run.fit.as_ref().map(|f| f.moved.clone()).unwrap_or_default(),
             tops: run.fit.as_ref().map(|f| f.tops.clone()).unwrap_or_default(),
+            half: run.fit.as_ref().filter(|f| f.shown == Some(self.time) && f.midway).map(|f| f.half.clone()),
             largest: run.largest.clone(),
             curvature: run.curvature.clone(),
             lengths: run.step.lengths.clone(),
@@ -229,6 +233,13 @@ impl<'a> Simulation<'a> {
         }
         same("the integrals", &part.through, run.fit.as_ref().map_or(&[], |f| &f.moved))?;
         same("the switches", &part.tops, run.fit.as_ref().map_or(&[], |f| &f.tops))?;
+        if let Some(half) = &part.half {
+            let Some(fit) = run.fit.as_ref().filter(|_| positive(half.h)) else {
+                return Err(Refused::Shape("the steps"));
+            };
+            same("the steps", &half.next, &fit.half.next)?;
+            same("the steps", &half.output, &fit.half.output)?;
+        }
         tables(&mut run.step, &part.lengths)?;
         match &mut run.glance {
             Some(glance) => tables(glance, &part.glance)?,
@@ -263,6 +274,8 @@ impl Part {
             fit.limit = self.limit;
             fit.moved.copy_from_slice(&self.through);
             fit.tops.copy_from_slice(&self.tops);
+            fit.midway = self.half.is_some();
+            self.half.iter().for_each(|half| copy(half, &mut fit.half));
         }
         run.largest.copy_from_slice(&self.largest);
         run.curvature.copy_from_slice(&self.curvature);

@@ -8,6 +8,8 @@ use std::borrow::Cow;
 pub const KEPT: f64 = 1e-12;
 /// Energies below this part of the scene's largest are rounding.
 const FLOOR: f64 = 1e-14;
+/// What H may be above all that was given, as a part of what was held before, where another energy keeps the balance.
+const GROWN: f64 = 0.1;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
 
@@ -38,6 +40,11 @@ pub struct Modified {
     pub max_difference: f64,
     /// The same, as a part of the largest energy that was stored or turned over in a step.
     pub relative: f64,
+    /// The most, as the next one measures it, that H was above what it was at the start and what was supplied since less
+    /// what was dissipated, J.
+    pub grown: f64,
+    /// The same, as a part of the largest energy that was held until then, or given in that step.
+    pub grown_relative: f64,
 }
 
 /// A region's ledger at one instant. Energies in J, since the start.
@@ -186,6 +193,8 @@ impl Simulation<'_> {
                     difference: b.modified.0,
                     max_difference: b.modified.1,
                     relative: if b.largest() > 0.0 { b.modified.1 / b.largest() } else { 0.0 },
+                    grown: b.grown.1,
+                    grown_relative: b.grown.0,
                 }),
                 sources: list(&e.supplied, &b.sources),
                 resistors: list(&e.dissipated, &b.resistors),
@@ -224,6 +233,13 @@ impl Simulation<'_> {
             if region.passive_stepper && (region.worst_step > KEPT || region.worst_step.is_nan()) {
                 reasons
                     .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
+            }
+            if let Some(m) = region.modified.filter(|m| m.grown_relative > GROWN) {
+                reasons.push(format!(
+                    "H of `{}` was {:.3e} J above what it had been given, {:.1e} of what it had held until then: shorter steps keep \
+                     it near the modified energy",
+                    region.name, m.grown, m.grown_relative
+                ));
             }
             let scale = region.h_max.max(region.supplied.abs()).max(crossed);
             if region.debt_max > (1e-11 * scale).max(10.0 * FLOOR * largest) {

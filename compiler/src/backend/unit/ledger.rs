@@ -165,6 +165,7 @@ impl Writing<'_> {
                 w.raise(more.top, h);
             }
             let sum = w.add(turnover, own);
+            let sum = if e.size == e.energy { sum } else { w.add(sum, size) };
             let sound = w.finite(sum);
             w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
         }

@@ -23,7 +23,7 @@ mod vault;
 use super::cluster::{Cluster, Part, missing, verified};
 use super::write::{self, Inputs, System};
 use super::{Method, gonzalez, unfit};
-use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
+use crate::expression::{Expr, Lowering, Node, Number, Pool, Sign, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
@@ -244,16 +244,61 @@ impl Writing<'_> {
     }
 }
 
+/// Whether something grows exponentially with one of some symbols.
+fn grows(pool: &Pool, e: Expr, argument: &dyn Fn(Symbol) -> bool) -> bool {
+    // What such a function gives is bounded, or far less than what it is given; so is what is compared.
+    let passes = |e: Expr| match pool.node(e) {
+        Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) | Node::Power(..) | Node::Select(..) => {
+            true
+        }
+        Node::Unary(op, _) => match op {
+            Unary::Neg | Unary::Abs | Unary::Sqrt | Unary::Exp | Unary::Sinh | Unary::Cosh | Unary::Tan => true,
+            Unary::Sign
+            | Unary::Log
+            | Unary::Sin
+            | Unary::Cos
+            | Unary::Asin
+            | Unary::Acos
+            | Unary::Atan
+            | Unary::Tanh
+            | Unary::Not => false,
+        },
+        Node::Binary(op, ..) => match op {
+            Binary::Add | Binary::Sub | Binary::Mul | Binary::Div | Binary::Pow | Binary::Min | Binary::Max => true,
+            Binary::Atan2 | Binary::Lt | Binary::Le | Binary::Eq | Binary::And | Binary::Or => false,
+        },
+    };
+    pool.ascending(&[e], &passes).into_iter().any(|e| match pool.node(e) {
+        Node::Unary(Unary::Exp, a) => {
+            pool.contains_any(*a, argument) && !pool.sign(*a, &|_| Sign::Unknown).is_nonpositive()
+        }
+        Node::Unary(Unary::Sinh | Unary::Cosh, a) | Node::Power(_, a) => pool.contains_any(*a, argument),
+        Node::Number(_)
+        | Node::Symbol(_)
+        | Node::Sum(..)
+        | Node::Product(..)
+        | Node::Unary(..)
+        | Node::Binary(..)
+        | Node::Select(..) => false,
+    })
+}
+
 /// Why the step cannot be taken, if it cannot.
 fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
     if !c.followed.is_empty() {
         return Some("a storage of it follows a source".into());
     }
-    let grows = |n: &Node, argument: Symbol| match n {
-        Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, a) => pool.contains_any(*a, &|s| s == argument),
-        _ => false,
-    };
-    c.nodes.iter().find_map(|n| {
+    let stored = c.groups.iter().find_map(|g| {
+        let own = |s: Symbol| g.states.iter().any(|i| c.states[*i].symbol == s);
+        let grows = g.coenergy.iter().any(|z| grows(pool, *z, &own));
+        let column = g.states.iter().find_map(|i| c.states[*i].column);
+        grows.then(|| column.map_or("", |column| &form.column(column).name))
+    });
+    // V at the middle foretold is then many times what is held, and what is kept in its place says nothing of it.
+    let stored = stored.map(|name| {
+        format!("the energy of `{name}` has an exponential in it, which at what is foretold says nothing of what it comes to")
+    });
+    let law = c.nodes.iter().find_map(|n| {
         let column = n.resistor()?;
         let (region, name) = (&form.regions[form.column(column).region.at()], &form.column(column).name);
         if region.gains.contains_key(&column) {
@@ -268,7 +313,7 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
                 "`{name}` is a port of a field whose laws are not linear, and a chord of each port alone is not passive"
             )),
             // Nothing but the law itself tells how far its argument can get in a step.
-            (Some((argument, law)), _) if pool.any_node(*law, &|n| grows(n, *argument)) => Some(format!(
+            (Some((argument, law)), _) if grows(pool, *law, &|s| s == *argument) => Some(format!(
                 "the law of `{name}` has an exponential in it, whose chord at what is foretold says nothing of what it gives"
             )),
             // The chord is taken at what the step before found, and no storage keeps two steps from going to and fro.
@@ -277,7 +322,8 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
             )),
             (Some(_), Output::Explicit(_) | Output::Implicit(_) | Output::Curve { .. }) => None,
         }
-    })
+    });
+    law.or(stored)
 }
 
 /// A step in terms of its unknowns.
