@@ -3,6 +3,7 @@
 mod abreast;
 mod adaptive;
 mod ahead;
+mod answer;
 mod attempt;
 mod cluster;
 mod event;
@@ -20,7 +21,7 @@ mod worst;
 pub use abreast::{Abreast, Lanes};
 pub use ahead::{Make, Maker, Stretch};
 pub use given::{Course, Unfit};
-pub use hold::Report;
+pub use hold::{FORGET, LOSS, RECURRENCE, Report, TERMS};
 pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 pub use save::{Refused, saved};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, Summary};

@@ -1,7 +1,7 @@
 //! An interval of a sampled region: what it holds from its start on, and what is booked at its end.
 
 use super::Error;
-use super::hold::{Held, within_budget};
+use super::hold::{Held, RECURRENCE, TERMS, within_budget};
 use super::schedule::Simulation;
 use crate::scene::Respond;
 
@@ -9,7 +9,6 @@ use crate::scene::Respond;
 #[derive(Default)]
 pub(super) struct Scratch {
     pub(super) due: Vec<usize>,
-    changes: Vec<f64>,
     alpha: Vec<f64>,
     values: Vec<f64>,
     q: Vec<f64>,
@@ -19,58 +18,11 @@ impl Scratch {
     /// For so many clusters, and ports held by one of them.
     pub(super) fn new(clusters: usize, ports: usize) -> Self {
         let room = || Vec::with_capacity(ports);
-        Self { due: Vec::with_capacity(clusters), changes: room(), alpha: room(), values: room(), q: room() }
+        Self { due: Vec::with_capacity(clusters), alpha: room(), values: room(), q: room() }
     }
 }
 
 impl Simulation<'_> {
-    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; and gamma, how that
-    /// over the next one does.
-    pub(super) fn find_beta(&mut self, i: usize) {
-        let n = self.held[i].len();
-        let period = self.scene.clusters[i].period.unwrap_or(0.0);
-        let mut beta = vec![0.0; n * n];
-        let mut gamma = vec![0.0; n * n];
-        let mut decay = vec![1.0; n];
-        let mut others: Vec<usize> =
-            self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
-        others.sort_unstable();
-        others.dedup();
-        for other in others {
-            let mine: Vec<usize> =
-                (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
-            let bars: Vec<&crate::scene::Bar> =
-                mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
-            let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
-            let [now, next, later] = self.runs[other].response(&self.scene.clusters[other], period, &ports);
-            let m = mine.len();
-            for (r, &a) in mine.iter().enumerate() {
-                for (s, &b) in mine.iter().enumerate() {
-                    // q = sign * integral, input = sign * v, and q = alpha - beta v
-                    let sign = -bars[r].sign * bars[s].sign;
-                    beta[a * n + b] = sign * now[r * m + s];
-                    gamma[a * n + b] = sign * next[r * m + s];
-                }
-                let (first, second) = (next[r * m + r], later[r * m + r]);
-                let left = if first == 0.0 { 1.0 } else { second / first };
-                decay[a] = if left.is_finite() { left.clamp(0.0, 1.0) } else { 1.0 };
-            }
-        }
-        for (k, h) in self.held[i].iter().enumerate() {
-            if let Some(inertia) = h.open.and_then(|o| self.scene.open[o].inertia) {
-                beta[k * n + k] = period * period / (2.0 * inertia);
-                gamma[k * n + k] = 2.0 * beta[k * n + k];
-            }
-        }
-        for k in 0..n {
-            // A passive other side yields; rounding must not make it push.
-            beta[k * n + k] = if beta[k * n + k].is_finite() { beta[k * n + k].max(0.0) } else { 0.0 };
-        }
-        self.beta[i] = beta;
-        self.gamma[i] = gamma;
-        self.decay[i] = decay;
-    }
-
     /// Whether what a held port answers to is itself sampled, and may have latched an earlier value than the one held
     /// now.
     fn latches(&self, h: &Held) -> bool {
@@ -116,7 +68,7 @@ impl Simulation<'_> {
             let response: f64 = (0..n).map(|j| self.beta[i][k * n + j] * self.held[i][j].v).sum();
             let h = &mut self.held[i][k];
             let gap = h.open.map_or(0, |o| std::mem::take(&mut self.open[o]).gap);
-            h.learn(response, gap);
+            h.learn(response, gap, &self.decay[i][k * RECURRENCE..(k + 1) * RECURRENCE]);
         }
         for h in &mut self.held[i] {
             h.q = 0.0;
@@ -150,7 +102,25 @@ impl Simulation<'_> {
             let most = b.h_max.max(self.reserve[i] - b.h);
             b.tank = (b.tank + dissipated - leak - leap).min(most);
             b.debt_max = b.debt_max.max(-(b.h + b.tank));
+            self.caution[i].settle(-(b.h + b.tank), crossed);
         }
+    }
+
+    /// What alpha of a held port is foretold to be.
+    fn foretold(&self, i: usize, k: usize) -> f64 {
+        let held = &self.held[i];
+        let n = held.len();
+        let r = &self.decay[i][k * RECURRENCE..(k + 1) * RECURRENCE];
+        let effect = |p: usize, of: fn(&Held, usize) -> f64| -> f64 {
+            if p as f64 >= r[TERMS + 1] {
+                return 0.0;
+            }
+            let gamma = &self.gamma[i][(p * n + k) * n..(p * n + k + 1) * n];
+            gamma.iter().zip(held).map(|(g, h)| g * of(h, p)).sum()
+        };
+        let all = std::array::from_fn(|p| effect(p, |h, p| h.before[p]));
+        let changes = std::array::from_fn(|p| effect(p, |h, p| h.before[p] - h.before[p + 1]));
+        held[k].foretold(r, all, changes)
     }
 
     /// Begins an interval: finds what to hold, and latches what others hold.
@@ -164,13 +134,9 @@ impl Simulation<'_> {
         }
         let Some(respond) = &c.respond else { return Ok(()) };
         let n = self.held[i].len();
-        let Scratch { changes, alpha, values, q, .. } = scratch;
-        changes.clear();
-        changes.extend(self.held[i].iter().map(Held::change));
+        let Scratch { alpha, values, q, .. } = scratch;
         alpha.clear();
-        for (k, h) in self.held[i].iter().enumerate() {
-            alpha.push(h.foretold(&self.gamma[i][k * n..(k + 1) * n], changes, self.decay[i][k]));
-        }
+        alpha.extend((0..n).map(|k| self.foretold(i, k)));
         let input = &mut self.respond_input[i];
         let base = self.runs[i].input.len();
         input[..base].copy_from_slice(&self.runs[i].input);
@@ -214,9 +180,17 @@ impl Simulation<'_> {
         }
         if c.budget {
             let stored = self.runs[i].books.first().map_or(0.0, |b| b.h + b.tank);
-            within_budget(values, alpha, &self.beta[i], (stored + foreseen.max(0.0)).max(0.0));
+            let room = stored + foreseen.max(0.0);
+            // With nothing to spend, what forecasts were off by lately is not to be lost either.
+            let doubt = if room > 0.0 { 0.0 } else { 1.0 };
+            let off = || self.held[i].iter().map(|h| h.off);
+            within_budget(values, alpha, off().map(|d| doubt * d), &self.beta[i], room.max(0.0));
+            if stored < 0.0 {
+                self.caution[i].restrain(values, alpha, off(), &self.beta[i], stored);
+            }
         }
-        for (h, v) in self.held[i].iter_mut().zip(values.iter().copied()) {
+        for ((h, v), alpha) in self.held[i].iter_mut().zip(values.iter().copied()).zip(alpha.iter()) {
+            h.forecast = *alpha;
             if std::mem::take(&mut h.silent) {
                 continue;
             }

@@ -6,7 +6,7 @@
 use super::adaptive::Control;
 use super::cluster::{Book, Ready, Run};
 use super::given::{Course, Feed};
-use super::hold::{Held, Report};
+use super::hold::{Caution, Held, Report};
 use super::{Error, Options, Simulation};
 use crate::envelope::{self, Damaged, Kind};
 use crate::kernel::Backend;
@@ -81,6 +81,7 @@ struct Part {
     beta: Vec<f64>,
     gamma: Vec<f64>,
     decay: Vec<f64>,
+    caution: Caution,
     next: u64,
     reserve: f64,
     moved: Vec<f64>,
@@ -140,6 +141,7 @@ impl Simulation<'_> {
             beta: self.beta[i].clone(),
             gamma: self.gamma[i].clone(),
             decay: self.decay[i].clone(),
+            caution: self.caution[i],
             next: self.next[i],
             reserve: self.reserve[i],
             moved: self.moved[i].clone(),
@@ -240,6 +242,7 @@ impl<'a> Simulation<'a> {
         self.beta[i] = part.beta;
         self.gamma[i] = part.gamma;
         self.decay[i] = part.decay;
+        self.caution[i] = part.caution;
         self.next[i] = part.next;
         self.reserve[i] = part.reserve;
         self.moved[i] = part.moved;

@@ -3,7 +3,7 @@
 use super::ahead::Ahead;
 use super::cluster::{Look, Run};
 use super::given::Course;
-use super::hold::{Held, Report};
+use super::hold::{Caution, Held, Report};
 use super::sampled::Scratch;
 use super::{Error, Options};
 use crate::interpreter::Interpret;
@@ -26,11 +26,12 @@ pub struct Simulation<'a> {
     pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
     pub(super) held: Vec<Vec<Held>>,
-    /// By cluster, the matrix beta of those ports, its like for the interval after, and what of a motion is left after
-    /// one.
+    /// By cluster, the matrix beta of those ports, its likes for the intervals after, and the recurrence of each port.
     pub(super) beta: Vec<Vec<f64>>,
     pub(super) gamma: Vec<Vec<f64>>,
     pub(super) decay: Vec<Vec<f64>>,
+    /// By cluster, what it risks where it is in debt.
+    pub(super) caution: Vec<Caution>,
     /// By cluster, the next sample's number.
     pub(super) next: Vec<u64>,
     /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
@@ -137,6 +138,7 @@ impl<'a> Simulation<'a> {
             beta: vec![Vec::new(); n],
             gamma: vec![Vec::new(); n],
             decay: vec![Vec::new(); n],
+            caution: vec![Caution::default(); n],
             next: vec![0; n],
             order,
             reserve: vec![0.0; n],

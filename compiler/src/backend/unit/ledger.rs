@@ -4,6 +4,7 @@
 use super::Writing;
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
+use bond_runtime::simulate::LOSS;
 
 /// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
 /// from the first.
@@ -252,6 +253,35 @@ impl Writing<'_> {
         let stored = w.add(h, tank);
         let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
         w.raise(at + DEBT, debt);
+        self.note_debt(w, i, debt, crossed);
+    }
+
+    /// What a debt does to what is trusted.
+    fn note_debt(&self, w: &mut Writer, i: usize, debt: Value, crossed: Value) {
+        let [peak, trust, risk] = [0, 1, 2].map(|k| self.clusters[i].caution + k);
+        let (zero, one) = (w.number(0.0), w.number(1.0));
+        let none = w.le(debt, zero);
+        w.branch(
+            none,
+            |w| {
+                w.keep(peak, zero);
+                w.keep(trust, one);
+            },
+            |w| {
+                let most = w.kept(peak);
+                let larger = w.lt(most, debt);
+                w.when(larger, |w| {
+                    let (loss, half, left) = (w.number(-LOSS), w.number(0.5), w.kept(trust));
+                    let risked = w.kept(risk);
+                    let loss = w.mul(loss, risked);
+                    let lost = Cond::all([w.lt(zero, most), w.lt(crossed, loss)]);
+                    let less = w.mul(left, half);
+                    let left = w.select(lost, less, left);
+                    w.keep(trust, left);
+                    w.keep(peak, debt);
+                });
+            },
+        );
     }
 
     /// What a cluster has to give: H and the tank; 0 where it has no ledger.
