@@ -24,12 +24,13 @@ impl Simulation<'_> {
     /// the next ones do, apart from what follows from the answers before; and the recurrence that tells what follows.
     pub(super) fn find_beta(&mut self, i: usize) {
         let n = self.held[i].len();
-        let period = self.scene.clusters[i].period.unwrap_or(0.0);
+        let own = self.scene.clusters[i].period.unwrap_or(0.0);
+        let period = self.pace[i].as_ref().map_or(own, |p| p.step);
         let mut beta = vec![0.0; n * n];
         let mut gamma = vec![0.0; TERMS * n * n];
         let mut decay = vec![0.0; RECURRENCE * n];
         for r in decay.chunks_mut(RECURRENCE) {
-            (r[0], r[TERMS], r[TERMS + 1]) = (1.0, 1.0, 1.0);
+            (r[0], r[TERMS], r[TERMS + 1], r[TERMS + 2]) = (1.0, 1.0, 1.0, 1.0);
         }
         let mut others: Vec<usize> =
             self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
@@ -70,6 +71,9 @@ impl Simulation<'_> {
         for k in 0..n {
             // A passive other side yields; rounding must not make it push.
             beta[k * n + k] = if beta[k * n + k].is_finite() { beta[k * n + k].max(0.0) } else { 0.0 };
+        }
+        if let Some(p) = &mut self.pace[i] {
+            p.find_betas(&beta, &gamma, &decay);
         }
         self.beta[i] = beta;
         self.gamma[i] = gamma;
@@ -178,7 +182,7 @@ fn recurrence(answers: &[f64], fits: f64) -> [f64; RECURRENCE] {
     let left = if first == 0.0 { 1.0 } else { second / first };
     let left = if left.is_finite() { left.clamp(0.0, 1.0) } else { 1.0 };
     let mut one = [0.0; RECURRENCE];
-    (one[0], one[TERMS], one[TERMS + 1]) = (left, left, 1.0);
+    (one[0], one[TERMS], one[TERMS + 1], one[TERMS + 2]) = (left, left, 1.0, 1.0);
     let size = answers.iter().fold(0.0f64, |m, x| m.max(x.abs()));
     let obeys = |rule: &[f64; RECURRENCE]| {
         let order = rule[TERMS + 1] as usize;
@@ -192,10 +196,14 @@ fn recurrence(answers: &[f64], fits: f64) -> [f64; RECURRENCE] {
     }
     (2..=TERMS).filter(|order| answers.len() > 2 * order).find_map(|order| {
         let mut rule = one;
-        rule[TERMS + 1] = order as f64;
+        (rule[TERMS + 1], rule[TERMS + 2]) = (order as f64, order as f64);
         weights(answers, &mut rule[..order])?;
         obeys(&rule).then_some(rule)
-    }).unwrap_or(one)
+    }).unwrap_or_else(|| {
+        // Its forecasts are no good: all of them count.
+        one[TERMS + 2] = -1.0;
+        one
+    })
 }
 
 /// Solves for the weights that give the first answers each from those before; None where they leave them open.

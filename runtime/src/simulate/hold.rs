@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 /// So many past intervals tell what the next one's answer will be: two for each way in which the other side can swing.
 pub const TERMS: usize = 4;
 /// How a port's alpha follows from those before: the weights of that many, what is left of a motion after one interval,
-/// and how many of the weights count.
-pub const RECURRENCE: usize = TERMS + 2;
+/// how many of the weights count, and after how many intervals what a forecast is off by does.
+pub const RECURRENCE: usize = TERMS + 3;
 /// What of the worst that a forecast was off by lately still counts after an interval: it is forgotten in some ten.
 pub const FORGET: f64 = 0.9;
-/// A loss in an interval counts as one where it is more than this part of what was risked: rounding is none.
-pub const LOSS: f64 = 1e-12;
+/// How much less a debtor is trusted after it lost all that it risked: 1 in one more than this.
+pub const WARY: f64 = 16.0;
 
 /// What the outside tells of an open port's interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -92,6 +92,27 @@ impl Held {
         }
     }
 
+    /// What the foretold alpha of an interval may be off by: what forecasts were off by lately, and all of it while
+    /// they do not know enough of the motion.
+    pub(super) fn doubt(&self, alpha: f64, r: &[f64]) -> f64 {
+        if (self.intervals as f64) < r[TERMS + 1] { self.off + alpha.abs() } else { self.off }
+    }
+
+    /// Looks what the last forecast was off by. `r` is the port's recurrence; forecasts count from that many intervals
+    /// on, for before they cannot know.
+    pub(super) fn review(&mut self, alpha: f64, before: u64, r: &[f64]) {
+        let (last, error) = (FORGET * self.off, (alpha - self.forecast).abs());
+        self.off = if before as f64 > r[TERMS + 2] && last < error { error } else { last };
+    }
+
+    /// Notes an interval that is over: its alpha, and what was held.
+    pub(super) fn note(&mut self, alpha: f64, v: f64) {
+        self.alpha.rotate_right(1);
+        self.before.rotate_right(1);
+        (self.alpha[0], self.before[0]) = (alpha, v);
+        self.intervals += 1;
+    }
+
     /// Ends an interval: what is known of the other side now. `response` is beta times what was held; `r` is the port's
     /// recurrence.
     pub(super) fn learn(&mut self, response: f64, gap: u32, r: &[f64]) {
@@ -100,13 +121,8 @@ impl Held {
         }
         if gap == 0 {
             let alpha = self.q + response;
-            // Before the recurrence has what it needs, forecasts say nothing of how good it is.
-            let told = self.intervals as f64 > r[TERMS + 1];
-            let (last, error) = (FORGET * self.off, (alpha - self.forecast).abs());
-            self.off = if told && last < error { error } else { last };
-            self.alpha.rotate_right(1);
-            self.before.rotate_right(1);
-            (self.alpha[0], self.before[0]) = (alpha, self.v);
+            self.review(alpha, self.intervals, r);
+            self.note(alpha, self.v);
             self.last_q = self.q;
         } else {
             // All that is known of the motion is its mean; a jump in it would be taken for a push.
@@ -114,8 +130,8 @@ impl Held {
             self.alpha = [mean + response; TERMS + 1];
             self.before = [self.v; TERMS + 1];
             self.last_q = mean;
+            self.intervals += 1;
         }
-        self.intervals += 1;
     }
 }
 
@@ -124,7 +140,7 @@ impl Held {
 pub(super) struct Caution {
     /// The largest debt since there was none, J.
     pub(super) peak: f64,
-    /// Halved by each interval that makes the debt larger than it ever was; 1 where there is none.
+    /// The part of what could be risked that is: less after each loss, in proportion to it; 1 without a debt.
     pub(super) trust: f64,
     /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
     /// foretold to move at all.
@@ -142,29 +158,43 @@ impl Caution {
     pub(super) fn settle(&mut self, debt: f64, crossed: f64) {
         if debt <= 0.0 {
             (self.peak, self.trust) = (0.0, 1.0);
-        } else if debt > self.peak {
-            if self.peak > 0.0 && crossed < -LOSS * self.risk {
-                self.trust *= 0.5;
-            }
-            self.peak = debt;
+            return;
         }
+        let out = -crossed;
+        let lost = if debt < out { debt } else { out };
+        if lost > 0.0 {
+            let part = lost / self.risk;
+            let part = if part < 1.0 { part } else { 1.0 };
+            self.trust /= 1.0 + WARY * part;
+        }
+        self.peak = if self.peak < debt { debt } else { self.peak };
     }
 
-    /// Of a cluster in debt: scales held variables down until no more is at risk than was repaid since the debt was largest, or than is
-    /// trusted: of what they put at risk, W(s) = s u + s^2 b at s times them.
-    pub(super) fn restrain(&mut self, v: &mut [f64], alpha: &[f64], off: impl Iterator<Item = f64>, beta: &[f64], stored: f64) {
-        let u: f64 = v.iter().zip(alpha).zip(off).map(|((v, a), d)| v.abs() * (a.abs() + d)).sum();
+    /// In debt, scales held variables down until no more is at risk than was repaid since the debt was largest, or than
+    /// is trusted: of what they put at risk, W(s) = s u + s^2 b at s times them, where `doubt` is what each alpha may be
+    /// off by.
+    pub(super) fn restrain(
+        &mut self,
+        v: &mut [f64],
+        alpha: &[f64],
+        doubt: impl Iterator<Item = f64>,
+        beta: &[f64],
+        stored: f64,
+    ) {
+        let u: f64 = v.iter().zip(alpha).zip(doubt).map(|((v, a), d)| v.abs() * (a.abs() + d)).sum();
         let b = given_way(v, beta);
         let b = if b > 0.0 { b } else { 0.0 };
         let all = u + b;
-        let (trusted, repaid) = (self.trust * all, self.peak + stored);
-        let most = if trusted < repaid { repaid } else { trusted };
         self.risk = all;
-        if most < all {
-            let s = 2.0 * most / (u + (u * u + 4.0 * b * most).sqrt());
-            let s = if s.is_finite() { s.clamp(0.0, 1.0) } else { 0.0 };
-            v.iter_mut().for_each(|v| *v *= s);
-            self.risk = most;
+        if stored < 0.0 {
+            let (trusted, repaid) = (self.trust * all, self.peak + stored);
+            let most = if trusted < repaid { repaid } else { trusted };
+            if most < all {
+                let s = 2.0 * most / (u + (u * u + 4.0 * b * most).sqrt());
+                let s = if s.is_finite() { s.clamp(0.0, 1.0) } else { 0.0 };
+                v.iter_mut().for_each(|v| *v *= s);
+                self.risk = most;
+            }
         }
     }
 }
@@ -182,12 +212,12 @@ fn given_way(v: &[f64], beta: &[f64]) -> f64 {
 }
 
 /// Scales held variables down until the energy that the interval is foretold to give back is at most `room`, and be
-/// each alpha less by `off` of what it is foretold to be, against what is held.
+/// each alpha off by `doubt` of what it is foretold to be, against what is held.
 ///
 /// The energy in is v (alpha - beta v), concave along the ray of v, and 0 at its start.
-pub(super) fn within_budget(v: &mut [f64], alpha: &[f64], off: impl Iterator<Item = f64>, beta: &[f64], room: f64) {
+pub(super) fn within_budget(v: &mut [f64], alpha: &[f64], doubt: impl Iterator<Item = f64>, beta: &[f64], room: f64) {
     let a: f64 = v.iter().zip(alpha).map(|(v, a)| v * a).sum();
-    let less: f64 = v.iter().zip(off).map(|(v, d)| v.abs() * d).sum();
+    let less: f64 = v.iter().zip(doubt).map(|(v, d)| v.abs() * d).sum();
     let (a, b) = (a - less, given_way(v, beta));
     if a - b >= -room {
         return;

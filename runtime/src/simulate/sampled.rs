@@ -2,6 +2,7 @@
 
 use super::Error;
 use super::hold::{Held, RECURRENCE, TERMS, within_budget};
+use super::pace::Pace;
 use super::schedule::Simulation;
 use crate::scene::Respond;
 
@@ -10,6 +11,8 @@ use crate::scene::Respond;
 pub(super) struct Scratch {
     pub(super) due: Vec<usize>,
     alpha: Vec<f64>,
+    doubt: Vec<f64>,
+    ahead: Vec<Held>,
     values: Vec<f64>,
     q: Vec<f64>,
 }
@@ -18,7 +21,7 @@ impl Scratch {
     /// For so many clusters, and ports held by one of them.
     pub(super) fn new(clusters: usize, ports: usize) -> Self {
         let room = || Vec::with_capacity(ports);
-        Self { due: Vec::with_capacity(clusters), alpha: room(), values: room(), q: room() }
+        Self { due: Vec::with_capacity(clusters), alpha: room(), doubt: room(), ahead: Vec::with_capacity(ports), values: room(), q: room() }
     }
 }
 
@@ -32,7 +35,7 @@ impl Simulation<'_> {
     /// Ends the interval of a sampled cluster: its state moves with what was reported.
     pub(super) fn commit(&mut self, i: usize) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let period = c.period.unwrap_or(0.0);
+        let (start, period) = self.ended(i)?;
         let (rate, mut crossed) = (1.0 / period, 0.0);
         for k in 0..self.held[i].len() {
             let latches = self.latches(&self.held[i][k]);
@@ -57,12 +60,15 @@ impl Simulation<'_> {
             crossed += here;
             self.runs[i].input[c.ports[h.port].input] = -h.q * rate;
         }
-        let start = (self.next[i] - 1) as f64 * period;
         let mut moved = std::mem::take(&mut self.moved[i]);
         let result = self.runs[i].one(c, &self.names, start, period, &mut moved);
         self.moved[i] = moved;
         result?;
         self.settle(i, crossed);
+        if self.pace[i].is_some() {
+            self.review_pace(i);
+            return Ok(());
+        }
         let n = self.held[i].len();
         for k in 0..n {
             let response: f64 = (0..n).map(|j| self.beta[i][k * n + j] * self.held[i][j].v).sum();
@@ -107,8 +113,7 @@ impl Simulation<'_> {
     }
 
     /// What alpha of a held port is foretold to be.
-    fn foretold(&self, i: usize, k: usize) -> f64 {
-        let held = &self.held[i];
+    pub(super) fn foretold(&self, i: usize, k: usize, held: &[Held]) -> f64 {
         let n = held.len();
         let r = &self.decay[i][k * RECURRENCE..(k + 1) * RECURRENCE];
         let effect = |p: usize, of: fn(&Held, usize) -> f64| -> f64 {
@@ -126,17 +131,20 @@ impl Simulation<'_> {
     /// Begins an interval: finds what to hold, and latches what others hold.
     pub(super) fn respond(&mut self, i: usize, at: f64, scratch: &mut Scratch) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let period = c.period.unwrap_or(0.0);
-        let rate = 1.0 / period;
+        let (told, period) = self.coming(i);
+        let rate = 1.0 / told;
         for bar in self.scene.bars.iter().filter(|b| b.other.0 == i) {
             let v = self.held[bar.holder.0].iter().find(|h| (bar.holder.0, h.port) == bar.holder).map_or(0.0, |h| h.v);
             self.runs[i].input[c.ports[bar.other.1].input] = bar.sign * v;
         }
         let Some(respond) = &c.respond else { return Ok(()) };
         let n = self.held[i].len();
-        let Scratch { alpha, values, q, .. } = scratch;
+        let Scratch { alpha, doubt, values, q, ahead, .. } = scratch;
         alpha.clear();
-        alpha.extend((0..n).map(|k| self.foretold(i, k)));
+        match &mut self.pace[i] {
+            None => alpha.extend((0..n).map(|k| self.foretold(i, k, &self.held[i]))),
+            Some(_) => self.foretell_ahead(i, alpha, ahead),
+        }
         let input = &mut self.respond_input[i];
         let base = self.runs[i].input.len();
         input[..base].copy_from_slice(&self.runs[i].input);
@@ -148,7 +156,8 @@ impl Simulation<'_> {
         let matched = matches!(respond, Respond::Matched(..));
         if matched {
             input[base..base + n].copy_from_slice(alpha);
-            input[base + n..base + n + n * n].copy_from_slice(&self.beta[i]);
+            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            input[base + n..base + n + n * n].copy_from_slice(beta);
         }
         values.clear();
         values.resize(n, 0.0);
@@ -180,14 +189,14 @@ impl Simulation<'_> {
         }
         if c.budget {
             let stored = self.runs[i].books.first().map_or(0.0, |b| b.h + b.tank);
-            let room = stored + foreseen.max(0.0);
-            // With nothing to spend, what forecasts were off by lately is not to be lost either.
-            let doubt = if room > 0.0 { 0.0 } else { 1.0 };
-            let off = || self.held[i].iter().map(|h| h.off);
-            within_budget(values, alpha, off().map(|d| doubt * d), &self.beta[i], room.max(0.0));
-            if stored < 0.0 {
-                self.caution[i].restrain(values, alpha, off(), &self.beta[i], stored);
-            }
+            let room = (stored + foreseen.max(0.0)).max(0.0);
+            let rules = self.decay[i].chunks(RECURRENCE);
+            doubt.clear();
+            doubt.extend(self.held[i].iter().zip(alpha.iter()).zip(rules).map(|((h, a), r)| h.doubt(*a, r)));
+            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            within_budget(values, alpha, std::iter::repeat(0.0), beta, room);
+            within_budget(values, alpha, doubt.iter().copied(), beta, 2.0 * room);
+            self.caution[i].restrain(values, alpha, doubt.iter().copied(), beta, stored);
         }
         for ((h, v), alpha) in self.held[i].iter_mut().zip(values.iter().copied()).zip(alpha.iter()) {
             h.forecast = *alpha;
@@ -212,15 +221,16 @@ impl Simulation<'_> {
     /// bisection, v being monotone in q. Several: one after the other, a few times over.
     fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64], q: &mut Vec<f64>) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let rate = 1.0 / c.period.unwrap_or(0.0);
+        let rate = 1.0 / self.length(i);
         let n = values.len();
         let base = self.runs[i].input.len();
         q.clear();
         q.extend_from_slice(alpha);
         let rounds = if n == 1 { 1 } else { 20 };
         for k in (0..rounds * n).map(|k| k % n) {
-            let own = self.beta[i][k * n + k];
-            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| self.beta[i][k * n + j] * values[j]).sum();
+            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            let own = beta[k * n + k];
+            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| beta[k * n + j] * values[j]).sum();
             let free = alpha[k] - pull;
             let call = |this: &mut Self, q: &[f64]| -> Result<f64, Error> {
                 for (h, q) in this.held[i].iter().zip(q) {

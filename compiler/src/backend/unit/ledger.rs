@@ -4,7 +4,7 @@
 use super::Writing;
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
-use bond_runtime::simulate::LOSS;
+use bond_runtime::simulate::WARY;
 
 /// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
 /// from the first.
@@ -268,18 +268,24 @@ impl Writing<'_> {
                 w.keep(trust, one);
             },
             |w| {
-                let most = w.kept(peak);
-                let larger = w.lt(most, debt);
-                w.when(larger, |w| {
-                    let (loss, half, left) = (w.number(-LOSS), w.number(0.5), w.kept(trust));
-                    let risked = w.kept(risk);
-                    let loss = w.mul(loss, risked);
-                    let lost = Cond::all([w.lt(zero, most), w.lt(crossed, loss)]);
-                    let less = w.mul(left, half);
-                    let left = w.select(lost, less, left);
+                let (most, left, risk) = (w.kept(peak), w.kept(trust), w.kept(risk));
+                let out = w.unary(bond_runtime::ir::Unary::Neg, crossed);
+                let all = w.lt(debt, out);
+                let lost = w.select(all, debt, out);
+                let some = w.lt(zero, lost);
+                w.when(some, |w| {
+                    let part = w.div(lost, risk);
+                    let below = w.lt(part, one);
+                    let part = w.select(below, part, one);
+                    let wary = w.number(WARY);
+                    let more = w.mul(wary, part);
+                    let more = w.add(one, more);
+                    let left = w.div(left, more);
                     w.keep(trust, left);
-                    w.keep(peak, debt);
                 });
+                let larger = w.lt(most, debt);
+                let most = w.select(larger, debt, most);
+                w.keep(peak, most);
             },
         );
     }

@@ -160,9 +160,9 @@ impl Writing<'_> {
             }
             let (q, zero) = (w.kept(held.q), w.number(0.0));
             let alpha = w.add(q, response.unwrap_or(zero));
-            let (order, intervals) =
-                (self.answer(&mut w, i, Answer::Decay, k * RECURRENCE + TERMS + 1), w.kept(held.intervals));
-            let told = w.lt(order, intervals);
+            let (from, intervals) =
+                (self.answer(&mut w, i, Answer::Decay, k * RECURRENCE + TERMS + 2), w.kept(held.intervals));
+            let told = w.lt(from, intervals);
             let (forecast, off, part) = (w.kept(held.forecast), w.kept(held.forecast + 1), w.number(FORGET));
             let last = w.mul(part, off);
             let error = w.sub(alpha, forecast);
@@ -251,12 +251,13 @@ impl Writing<'_> {
             let stored = self.stored(&mut w, i);
             let foreseen = positive(&mut w, foreseen);
             let room = w.add(stored, foreseen);
-            let (zero, one) = (w.number(0.0), w.number(1.0));
-            let some = w.lt(zero, room);
-            let doubt = w.select(some, zero, one);
             let room = positive(&mut w, room);
-            found = self.within_budget(&mut w, i, (&found, &alpha), (room, doubt));
-            found = self.restrained(&mut w, i, (&found, &alpha), stored);
+            let two = w.number(2.0);
+            let twice = w.mul(two, room);
+            let doubt: Vec<Value> = (0..n).map(|k| self.doubt(&mut w, i, k, alpha[k])).collect();
+            found = self.within_budget(&mut w, i, (&found, &alpha), None, room);
+            found = self.within_budget(&mut w, i, (&found, &alpha), Some(&doubt), twice);
+            found = self.restrained(&mut w, i, (&found, &alpha, &doubt), stored);
         }
         for (((h, held), v), alpha) in start.held.iter().zip(&place.held).zip(found).zip(&alpha) {
             w.keep(held.forecast, *alpha);
@@ -484,25 +485,31 @@ impl Writing<'_> {
     }
 
     /// Scales held variables down until the energy that the interval is foretold to give back is at most `room`, and
-    /// where there is no room, even if forecasts are off by what they were lately; see `bond_runtime::simulate`.
+    /// be each alpha off by `doubt`; see `bond_runtime::simulate`.
     fn within_budget(
         &self,
         w: &mut Writer,
         i: usize,
         (v, alpha): (&[Value], &[Value]),
-        (room, doubt): (Value, Value),
+        doubt: Option<&[Value]>,
+        room: Value,
     ) -> Vec<Value> {
         let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
-        let (mut a, mut less) = (None, None);
-        for ((v, alpha), held) in v.iter().zip(alpha).zip(&self.clusters[i].held) {
+        let mut a = None;
+        for (v, alpha) in v.iter().zip(alpha) {
             let x = w.mul(*v, *alpha);
             a = Some(a.map_or(x, |sum| w.add(sum, x)));
-            let (size, off) = (w.abs(*v), w.kept(held.forecast + 1));
-            let d = w.mul(doubt, off);
-            let x = w.mul(size, d);
-            less = Some(less.map_or(x, |sum| w.add(sum, x)));
         }
-        let a = w.sub(a.unwrap_or(zero), less.unwrap_or(zero));
+        let mut a = a.unwrap_or(zero);
+        if let Some(doubt) = doubt {
+            let mut less = None;
+            for (v, doubt) in v.iter().zip(doubt) {
+                let size = w.abs(*v);
+                let x = w.mul(size, *doubt);
+                less = Some(less.map_or(x, |sum| w.add(sum, x)));
+            }
+            a = w.sub(a, less.unwrap_or(zero));
+        }
         let b = self.given_way(w, i, v);
         let given = w.sub(a, b);
         let least = w.unary(Unary::Neg, room);
@@ -531,30 +538,50 @@ impl Writing<'_> {
         v.iter().map(|x| w.mul(*x, s)).collect()
     }
 
+    /// What the foretold alpha may be off by.
+    fn doubt(&self, w: &mut Writer, i: usize, k: usize, alpha: Value) -> Value {
+        let held = &self.clusters[i].held[k];
+        let order = self.answer(w, i, Answer::Decay, k * RECURRENCE + TERMS + 1);
+        let off = w.kept(held.forecast + 1);
+        if w.known(order) == Some(1.0) {
+            return off; // before the first interval, alpha is 0
+        }
+        let (intervals, size) = (w.kept(held.intervals), w.abs(alpha));
+        let all = w.add(off, size);
+        let few = w.lt(intervals, order);
+        w.select(few, all, off)
+    }
+
     /// In debt, scales held variables down until no more is at risk than was repaid or is trusted.
-    fn restrained(&self, w: &mut Writer, i: usize, (v, alpha): (&[Value], &[Value]), stored: Value) -> Vec<Value> {
+    fn restrained(
+        &self,
+        w: &mut Writer,
+        i: usize,
+        (v, alpha, doubt): (&[Value], &[Value], &[Value]),
+        stored: Value,
+    ) -> Vec<Value> {
         let [peak, trust, risk] = [0, 1, 2].map(|k| self.clusters[i].caution + k);
         let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
+        let mut u = None;
+        for ((v, alpha), doubt) in v.iter().zip(alpha).zip(doubt) {
+            let (size, far) = (w.abs(*v), w.abs(*alpha));
+            let far = w.add(far, *doubt);
+            let x = w.mul(size, far);
+            u = Some(u.map_or(x, |sum| w.add(sum, x)));
+        }
+        let u = u.unwrap_or(zero);
+        let b = self.given_way(w, i, v);
+        let b = positive(w, b);
+        let all = w.add(u, b);
+        w.keep(risk, all);
         let part = w.var();
         w.set(part, one);
         let debt = w.lt(stored, zero);
         w.when(debt, |w| {
-            let mut u = None;
-            for ((v, alpha), held) in v.iter().zip(alpha).zip(&self.clusters[i].held) {
-                let (size, far, off) = (w.abs(*v), w.abs(*alpha), w.kept(held.forecast + 1));
-                let far = w.add(far, off);
-                let x = w.mul(size, far);
-                u = Some(u.map_or(x, |sum| w.add(sum, x)));
-            }
-            let u = u.unwrap_or(zero);
-            let b = self.given_way(w, i, v);
-            let b = positive(w, b);
-            let all = w.add(u, b);
             let (trust, peak) = (w.kept(trust), w.kept(peak));
             let (trusted, repaid) = (w.mul(trust, all), w.add(peak, stored));
             let more = w.lt(trusted, repaid);
             let most = w.select(more, repaid, trusted);
-            w.keep(risk, all);
             let over = w.lt(most, all);
             w.when(over, |w| {
                 let up = w.mul(two, most);
