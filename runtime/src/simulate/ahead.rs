@@ -188,8 +188,8 @@ impl Simulation<'_> {
             run.put(p, block);
             put(block, p.moved, &self.moved[i]);
             block[p.count] = self.next[i] as f64;
-            let Caution { peak, trust, risk } = self.caution[i];
-            put(block, p.caution, &[peak, trust, risk]);
+            let Caution { peak, trust, risk, most } = self.caution[i];
+            put(block, p.caution, &[peak, trust, risk, most]);
             for (h, q) in self.held[i].iter().zip(&p.held) {
                 h.put(q, block);
             }
@@ -228,8 +228,8 @@ impl Simulation<'_> {
             let (c, run) = (&self.scene.clusters[i], &mut self.runs[i]);
             run.fetch(p, block);
             fetch(block, p.moved, &mut self.moved[i]);
-            let [peak, trust, risk] = [0, 1, 2].map(|k| block[p.caution + k]);
-            self.caution[i] = Caution { peak, trust, risk };
+            let [peak, trust, risk, most] = [0, 1, 2, 3].map(|k| block[p.caution + k]);
+            self.caution[i] = Caution { peak, trust, risk, most };
             for (h, q) in self.held[i].iter_mut().zip(&p.held) {
                 h.fetch(q, block);
             }

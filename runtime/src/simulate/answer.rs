@@ -194,16 +194,19 @@ fn recurrence(answers: &[f64], fits: f64) -> [f64; RECURRENCE] {
     if obeys(&one) {
         return one;
     }
-    (2..=TERMS).filter(|order| answers.len() > 2 * order).find_map(|order| {
-        let mut rule = one;
-        (rule[TERMS + 1], rule[TERMS + 2]) = (order as f64, order as f64);
-        weights(answers, &mut rule[..order])?;
-        obeys(&rule).then_some(rule)
-    }).unwrap_or_else(|| {
-        // Its forecasts are no good: all of them count.
-        one[TERMS + 2] = -1.0;
-        one
-    })
+    (2..=TERMS)
+        .filter(|order| answers.len() > 2 * order)
+        .find_map(|order| {
+            let mut rule = one;
+            (rule[TERMS + 1], rule[TERMS + 2]) = (order as f64, order as f64);
+            weights(answers, &mut rule[..order])?;
+            obeys(&rule).then_some(rule)
+        })
+        .unwrap_or_else(|| {
+            // Its forecasts are no good: all of them count.
+            one[TERMS + 2] = -1.0;
+            one
+        })
 }
 
 /// Solves for the weights that give the first answers each from those before; None where they leave them open.

@@ -12,6 +12,8 @@ pub const RECURRENCE: usize = TERMS + 3;
 pub const FORGET: f64 = 0.9;
 /// How much less a debtor is trusted after it lost all that it risked: 1 in one more than this.
 pub const WARY: f64 = 16.0;
+/// A loss of less than this part of the most that was ever at risk is rounding, and counts as none.
+pub const LOSS: f64 = 1e-12;
 
 /// What the outside tells of an open port's interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -92,10 +94,14 @@ impl Held {
         }
     }
 
-    /// What the foretold alpha of an interval may be off by: what forecasts were off by lately, and all of it while
-    /// they do not know enough of the motion.
-    pub(super) fn doubt(&self, alpha: f64, r: &[f64]) -> f64 {
-        if (self.intervals as f64) < r[TERMS + 1] { self.off + alpha.abs() } else { self.off }
+    /// What the foretold alpha of an interval may be off by: what forecasts were off by lately, and while they do not
+    /// know enough of the motion, the part of the last one that does not outlast an interval.
+    pub(super) fn doubt(&self, r: &[f64]) -> f64 {
+        if (self.intervals as f64) < r[TERMS + 1] {
+            self.off + (1.0 - r[TERMS]) * self.alpha[0].abs()
+        } else {
+            self.off
+        }
     }
 
     /// Looks what the last forecast was off by. `r` is the port's recurrence; forecasts count from that many intervals
@@ -145,11 +151,13 @@ pub(super) struct Caution {
     /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
     /// foretold to move at all.
     pub(super) risk: f64,
+    /// The most that it ever was, J.
+    pub(super) most: f64,
 }
 
 impl Default for Caution {
     fn default() -> Self {
-        Self { peak: 0.0, trust: 1.0, risk: 0.0 }
+        Self { peak: 0.0, trust: 1.0, risk: 0.0, most: 0.0 }
     }
 }
 
@@ -162,7 +170,7 @@ impl Caution {
         }
         let out = -crossed;
         let lost = if debt < out { debt } else { out };
-        if lost > 0.0 {
+        if lost > LOSS * self.most {
             let part = lost / self.risk;
             let part = if part < 1.0 { part } else { 1.0 };
             self.trust /= 1.0 + WARY * part;
@@ -186,6 +194,7 @@ impl Caution {
         let b = if b > 0.0 { b } else { 0.0 };
         let all = u + b;
         self.risk = all;
+        self.most = if self.most < all { all } else { self.most };
         if stored < 0.0 {
             let (trusted, repaid) = (self.trust * all, self.peak + stored);
             let most = if trusted < repaid { repaid } else { trusted };

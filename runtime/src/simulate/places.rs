@@ -47,7 +47,7 @@ pub struct ClusterPlaces {
     pub gamma: Vec<f64>,
     /// See above.
     pub decay: Vec<f64>,
-    /// What it risks where it is in debt: the largest debt, what is trusted, the risk.
+    /// What it risks where it is in debt: the largest debt, what is trusted, the risk, the largest risk.
     pub caution: usize,
     /// One for each of its regions.
     pub books: Vec<BookPlaces>,

@@ -21,7 +21,14 @@ impl Scratch {
     /// For so many clusters, and ports held by one of them.
     pub(super) fn new(clusters: usize, ports: usize) -> Self {
         let room = || Vec::with_capacity(ports);
-        Self { due: Vec::with_capacity(clusters), alpha: room(), doubt: room(), ahead: Vec::with_capacity(ports), values: room(), q: room() }
+        Self {
+            due: Vec::with_capacity(clusters),
+            alpha: room(),
+            doubt: room(),
+            ahead: Vec::with_capacity(ports),
+            values: room(),
+            q: room(),
+        }
     }
 }
 
@@ -192,7 +199,7 @@ impl Simulation<'_> {
             let room = (stored + foreseen.max(0.0)).max(0.0);
             let rules = self.decay[i].chunks(RECURRENCE);
             doubt.clear();
-            doubt.extend(self.held[i].iter().zip(alpha.iter()).zip(rules).map(|((h, a), r)| h.doubt(*a, r)));
+            doubt.extend(self.held[i].iter().zip(rules).map(|(h, r)| h.doubt(r)));
             let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
             within_budget(values, alpha, std::iter::repeat(0.0), beta, room);
             within_budget(values, alpha, doubt.iter().copied(), beta, 2.0 * room);

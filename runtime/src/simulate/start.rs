@@ -32,6 +32,8 @@ pub struct StartCluster {
     pub beta: Vec<f64>,
     /// The same of the periods after, apart from what follows from the answers before: [`super::TERMS`] matrices.
     pub gamma: Vec<f64>,
+    /// What the interval that runs puts at risk, J.
+    pub risk: f64,
     /// What follows from them: [`super::RECURRENCE`] numbers for each held port.
     pub decay: Vec<f64>,
 }
@@ -65,6 +67,7 @@ impl Simulation<'_> {
                 .collect(),
             beta: self.beta[i].clone(),
             gamma: self.gamma[i].clone(),
+            risk: self.caution[i].risk,
             decay: self.decay[i].clone(),
         };
         Start {

@@ -46,7 +46,7 @@ pub(super) struct Cluster {
     pub(super) count: usize,
     pub(super) left: usize,
     pub(super) held: Vec<Held>,
-    /// What it risks where it is in debt: the largest debt, what is trusted, the risk.
+    /// What it risks where it is in debt: the largest debt, what is trusted, the risk, the largest risk.
     pub(super) caution: usize,
     /// One ledger for each of its regions.
     pub(super) books: Vec<usize>,
@@ -112,7 +112,7 @@ impl Cluster {
                 energy: block.take(if full { 2 } else { 0 }),
             })
             .collect();
-        let caution = block.put(&[0.0, 1.0, 0.0]);
+        let caution = block.put(&[0.0, 1.0, start.risk, start.risk]);
         let books = start.energies.iter().map(|h| block.put(&ledger::start(*h))).collect();
         let more = if full { c.entries.iter().map(|e| More::new(block, c, e)).collect() } else { Vec::new() };
         let iterations = full.then(|| block.take(1));

@@ -4,7 +4,7 @@
 use super::Writing;
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
-use bond_runtime::simulate::WARY;
+use bond_runtime::simulate::{LOSS, WARY};
 
 /// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
 /// from the first.
@@ -65,7 +65,7 @@ impl Writer {
     }
 
     /// Keeps the larger of a number of the block and another.
-    fn raise(&mut self, at: usize, x: Value) -> Value {
+    pub(super) fn raise(&mut self, at: usize, x: Value) -> Value {
         let before = self.kept(at);
         let most = self.larger(before, x);
         self.keep(at, most);
@@ -258,7 +258,7 @@ impl Writing<'_> {
 
     /// What a debt does to what is trusted.
     fn note_debt(&self, w: &mut Writer, i: usize, debt: Value, crossed: Value) {
-        let [peak, trust, risk] = [0, 1, 2].map(|k| self.clusters[i].caution + k);
+        let [peak, trust, risk, largest] = [0, 1, 2, 3].map(|k| self.clusters[i].caution + k);
         let (zero, one) = (w.number(0.0), w.number(1.0));
         let none = w.le(debt, zero);
         w.branch(
@@ -272,7 +272,9 @@ impl Writing<'_> {
                 let out = w.unary(bond_runtime::ir::Unary::Neg, crossed);
                 let all = w.lt(debt, out);
                 let lost = w.select(all, debt, out);
-                let some = w.lt(zero, lost);
+                let (loss, largest) = (w.number(LOSS), w.kept(largest));
+                let least = w.mul(loss, largest);
+                let some = w.lt(least, lost);
                 w.when(some, |w| {
                     let part = w.div(lost, risk);
                     let below = w.lt(part, one);

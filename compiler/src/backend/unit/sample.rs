@@ -254,7 +254,7 @@ impl Writing<'_> {
             let room = positive(&mut w, room);
             let two = w.number(2.0);
             let twice = w.mul(two, room);
-            let doubt: Vec<Value> = (0..n).map(|k| self.doubt(&mut w, i, k, alpha[k])).collect();
+            let doubt: Vec<Value> = (0..n).map(|k| self.doubt(&mut w, i, k)).collect();
             found = self.within_budget(&mut w, i, (&found, &alpha), None, room);
             found = self.within_budget(&mut w, i, (&found, &alpha), Some(&doubt), twice);
             found = self.restrained(&mut w, i, (&found, &alpha, &doubt), stored);
@@ -279,8 +279,7 @@ impl Writing<'_> {
     /// What the next interval's alpha is foretold to be.
     fn foretold(&self, w: &mut Writer, i: usize, k: usize) -> Value {
         let (held, n) = (&self.clusters[i].held[k], self.clusters[i].held.len());
-        let rule: Vec<Value> =
-            (0..RECURRENCE).map(|p| self.answer(w, i, Answer::Decay, k * RECURRENCE + p)).collect();
+        let rule: Vec<Value> = (0..RECURRENCE).map(|p| self.answer(w, i, Answer::Decay, k * RECURRENCE + p)).collect();
         let (order, left) = (rule[TERMS + 1], rule[TERMS]);
         let known = w.known(order);
         let most = known.map_or(TERMS, |order| order as usize);
@@ -539,14 +538,18 @@ impl Writing<'_> {
     }
 
     /// What the foretold alpha may be off by.
-    fn doubt(&self, w: &mut Writer, i: usize, k: usize, alpha: Value) -> Value {
+    fn doubt(&self, w: &mut Writer, i: usize, k: usize) -> Value {
         let held = &self.clusters[i].held[k];
         let order = self.answer(w, i, Answer::Decay, k * RECURRENCE + TERMS + 1);
         let off = w.kept(held.forecast + 1);
         if w.known(order) == Some(1.0) {
             return off; // before the first interval, alpha is 0
         }
-        let (intervals, size) = (w.kept(held.intervals), w.abs(alpha));
+        let left = self.answer(w, i, Answer::Decay, k * RECURRENCE + TERMS);
+        let (intervals, last, one) = (w.kept(held.intervals), w.kept(held.alpha), w.number(1.0));
+        let size = w.abs(last);
+        let lost = w.sub(one, left);
+        let size = w.mul(lost, size);
         let all = w.add(off, size);
         let few = w.lt(intervals, order);
         w.select(few, all, off)
@@ -560,7 +563,7 @@ impl Writing<'_> {
         (v, alpha, doubt): (&[Value], &[Value], &[Value]),
         stored: Value,
     ) -> Vec<Value> {
-        let [peak, trust, risk] = [0, 1, 2].map(|k| self.clusters[i].caution + k);
+        let [peak, trust, risk, largest] = [0, 1, 2, 3].map(|k| self.clusters[i].caution + k);
         let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
         let mut u = None;
         for ((v, alpha), doubt) in v.iter().zip(alpha).zip(doubt) {
@@ -574,6 +577,7 @@ impl Writing<'_> {
         let b = positive(w, b);
         let all = w.add(u, b);
         w.keep(risk, all);
+        w.raise(largest, all);
         let part = w.var();
         w.set(part, one);
         let debt = w.lt(stored, zero);
