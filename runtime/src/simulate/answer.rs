@@ -19,6 +19,9 @@ const AGREES: f64 = 1e-11;
 /// States times steps that a measurement may take: some milliseconds.
 const EFFORT: usize = 400_000;
 
+/// By interval, a matrix of the ports.
+type Answers = Vec<Vec<f64>>;
+
 impl Simulation<'_> {
     /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; gamma, how those over
     /// the next ones do, apart from what follows from the answers before; and the recurrence that tells what follows.
@@ -88,7 +91,7 @@ impl Run {
     ///
     /// Where its steps have an error, they are halved, and what they give is extrapolated (Romberg), until it changes no
     /// more: the answer is the region's, not its stepper's.
-    fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> Vec<Vec<f64>> {
+    fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> Answers {
         let later = if EFFORT / (LATER * STEPS * ports.len()) < self.state.len() { 2 } else { LATER };
         if let Some(own) = c.period {
             let steps = (period / own).round().max(1.0);
@@ -99,8 +102,8 @@ impl Run {
         }
         // Of a symmetric method the error has even powers of the step only; taken for one that is not, these are none.
         let order = c.step.order.max(1);
-        let each = if order % 2 == 0 { 2 } else { 1 };
-        let (mut rows, mut best): (Vec<Vec<Vec<f64>>>, Option<(f64, Vec<Vec<f64>>)>) = (Vec::new(), None);
+        let each = 2 - order % 2;
+        let (mut rows, mut best): (Vec<Answers>, Option<(f64, Answers)>) = (Vec::new(), None);
         let mut left = EFFORT / self.state.len().max(1);
         for halved in 0..=HALVINGS {
             let steps = STEPS << halved;
@@ -142,7 +145,7 @@ impl Run {
         (period, h, steps): (f64, f64, usize),
         ports: &[usize],
         later: usize,
-    ) -> Option<Vec<Vec<f64>>> {
+    ) -> Option<Answers> {
         let n = ports.len();
         let mut matrices = vec![vec![0.0; n * n]; later + 1];
         self.step.prepare(h).ok()?;
