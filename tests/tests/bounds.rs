@@ -60,7 +60,7 @@ fn no_sampled_side_drives_a_swing() {
     ];
     for hold in ["matched", "lagged", "predicted"] {
         for (sampled, put_in) in sides {
-            for period in [0.01, 0.1, 0.7, 1.5, 2.0, 3.1, 4.0, 6.28, 10.0] {
+            for period in [0.01, 0.1, 0.7, 1.5, 2.0, 3.1, 4.0, 6.3, 10.0] {
                 let compiled = beside(sampled, period, hold);
                 let mut sim = start(&compiled, Steps::new());
                 let what = format!("{hold}, T = {period} s, {sampled}");
