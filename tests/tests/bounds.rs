@@ -24,7 +24,7 @@ const DAMPER: &str = "R:side = 1 N*s/m";
 /// From the third sample on the forecast is exact: alpha is how far the mass swings freely in T, beta = 1 - cos T.
 #[test]
 fn a_sampled_damper_takes_from_a_swing_what_it_should() {
-    for period in [0.1, 0.5, 1.5, 2.0, 2.9, 4.0, 8.0] {
+    for period in [0.1, 0.5, 1.5] {
         let compiled = beside(DAMPER, period, "matched");
         let mut sim = start(&compiled, Steps::new());
         let (cos, sin) = (f64::cos(period), f64::sin(period));
@@ -40,7 +40,7 @@ fn a_sampled_damper_takes_from_a_swing_what_it_should() {
         }
         let summary = sim.summary();
         let debt = summary.regions.iter().map(|r| r.debt_max).fold(0.0, f64::max);
-        assert!(debt < 1.5 && probe(&mut sim, "energy") < 0.1, "T = {period}: a debt of {debt} J");
+        assert!(debt < 1e-12 && probe(&mut sim, "energy") < 0.1, "T = {period}: a debt of {debt} J");
     }
 }
 
