@@ -7,6 +7,7 @@ mod corners;
 mod adaptive;
 mod allocation;
 mod backend;
+mod bounds;
 mod causality;
 mod classics;
 mod determinism;

@@ -1,7 +1,7 @@
 //! Whole stretches of a run by one compiled routine, where nobody looks between: the same bits as interval by interval.
 
 use super::cluster::{Book, Run};
-use super::hold::Held;
+use super::hold::{Caution, Held, TERMS};
 use super::places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 use super::worst::Worst;
 use super::{Options, Simulation, Start};
@@ -188,6 +188,8 @@ impl Simulation<'_> {
             run.put(p, block);
             put(block, p.moved, &self.moved[i]);
             block[p.count] = self.next[i] as f64;
+            let Caution { peak, trust, risk, most } = self.caution[i];
+            put(block, p.caution, &[peak, trust, risk, most]);
             for (h, q) in self.held[i].iter().zip(&p.held) {
                 h.put(q, block);
             }
@@ -226,6 +228,8 @@ impl Simulation<'_> {
             let (c, run) = (&self.scene.clusters[i], &mut self.runs[i]);
             run.fetch(p, block);
             fetch(block, p.moved, &mut self.moved[i]);
+            let [peak, trust, risk, most] = [0, 1, 2, 3].map(|k| block[p.caution + k]);
+            self.caution[i] = Caution { peak, trust, risk, most };
             for (h, q) in self.held[i].iter_mut().zip(&p.held) {
                 h.fetch(q, block);
             }
@@ -294,7 +298,8 @@ impl Held {
         }
         put(block, p.alpha, &self.alpha);
         put(block, p.before, &self.before);
-        block[p.intervals] = self.intervals.min(2) as f64;
+        put(block, p.forecast, &[self.forecast, self.off]);
+        block[p.intervals] = self.intervals.min(TERMS as u64 + 1) as f64;
         put(block, p.energy, &self.holder_energy.parts());
     }
 
@@ -303,6 +308,7 @@ impl Held {
         (self.crossed, self.last_q) = (block[p.crossed], block[p.last_q]);
         fetch(block, p.alpha, &mut self.alpha);
         fetch(block, p.before, &mut self.before);
+        (self.forecast, self.off) = (block[p.forecast], block[p.forecast + 1]);
         self.holder_energy = sum(block, p.energy);
         self.other_energy = self.holder_energy;
     }

@@ -679,49 +679,15 @@ impl Run {
         result.map_err(|why| self.failure(c, names, t, why))
     }
 
-    /// How this cluster answers to what is held at `ports` for one `period` and then let go: for the interval of the
-    /// hold and the two after it, a matrix of the change, with each held input, of the integral of what each port gives
-    /// out.
-    pub(super) fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> [Vec<f64>; 3] {
-        let n = ports.len();
-        let nothing = || [vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]];
-        let mut matrices = nothing();
-        let (steps, h) = match c.period {
-            Some(own) => ((period / own).round().max(1.0), own),
-            None if c.is_linear => (1.0, period),
-            None => (16.0, period / 16.0),
-        };
-        if self.step.prepare(h).is_err() {
-            return matrices;
-        }
-        let probe = if c.is_linear { 1.0 } else { 1e-3 };
+    /// Takes a step without keeping it, for what it gives out.
+    pub(super) fn try_on(&mut self, c: &Cluster, names: &[String], t: f64, h: f64) -> Result<(), Error> {
+        self.prepare(names, h)?;
+        self.input[0] = t;
+        self.input[1] = h;
         let iterations = self.step.work.newton_iterations;
-        for (j, held) in ports.iter().enumerate() {
-            for sign in [1.0, -1.0] {
-                let mut state = if c.is_linear { vec![0.0; self.state.len()] } else { self.state.clone() };
-                let mut input = self.input.clone();
-                for p in &c.ports {
-                    input[p.input] = 0.0;
-                }
-                input[1] = h;
-                for (interval, matrix) in matrices.iter_mut().enumerate() {
-                    input[c.ports[*held].input] = if interval == 0 { sign * probe } else { 0.0 };
-                    for k in 0..steps as u64 {
-                        input[0] = interval as f64 * period + k as f64 * h;
-                        if self.step.run(&state, &input).is_err() {
-                            return nothing();
-                        }
-                        state.copy_from_slice(&self.step.work.next);
-                        for (i, p) in ports.iter().enumerate() {
-                            let q = h * self.step.work.output[c.ports[*p].mean];
-                            matrix[i * n + j] += sign * q / (2.0 * probe);
-                        }
-                    }
-                }
-            }
-        }
+        let result = self.step.run(&self.state, &self.input);
         self.step.work.newton_iterations = iterations;
-        matrices
+        result.map_err(|why| self.failure(c, names, t, why))
     }
 
     /// The output of the last step.

@@ -3,6 +3,18 @@
 use crate::ledger::Sum;
 use serde::{Deserialize, Serialize};
 
+/// So many past intervals tell what the next one's answer will be: two for each way in which the other side can swing.
+pub const TERMS: usize = 4;
+/// How a port's alpha follows from those before: the weights of that many, what is left of a motion after one interval,
+/// how many of the weights count, and after how many intervals what a forecast is off by does.
+pub const RECURRENCE: usize = TERMS + 3;
+/// What of the worst that a forecast was off by lately still counts after an interval: it is forgotten in some ten.
+pub const FORGET: f64 = 0.9;
+/// How much less a debtor is trusted after it lost all that it risked: 1 in one more than this.
+pub const WARY: f64 = 16.0;
+/// A loss of less than this part of the most that was ever at risk is rounding, and counts as none.
+pub const LOSS: f64 = 1e-12;
+
 /// What the outside tells of an open port's interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
@@ -35,9 +47,12 @@ pub(super) struct Held {
     pub(super) crossed: f64,
     /// The answer of the last interval.
     pub(super) last_q: f64,
-    /// alpha of the last two intervals, and the held variable of the last two.
-    pub(super) alpha: [f64; 2],
-    pub(super) before: [f64; 2],
+    /// alpha of the last intervals, and what was held in them: the last one first.
+    pub(super) alpha: [f64; TERMS + 1],
+    pub(super) before: [f64; TERMS + 1],
+    /// What alpha is foretold to be in the interval that runs, and what forecasts were off by at most lately.
+    pub(super) forecast: f64,
+    pub(super) off: f64,
     /// Nothing was heard of the interval that ended: what is held stays.
     pub(super) silent: bool,
     /// How many intervals are over.
@@ -49,64 +64,176 @@ pub(super) struct Held {
 }
 
 impl Held {
-    /// What the next interval's alpha is foretold to be, from the samples alone: the last one, moved by the outside
-    /// force that its change showed, and by the held variable's own effect after its interval.
+    /// What the next interval's alpha is foretold to be, from the samples alone: by the recurrence that what the other
+    /// side has in it obeys, of the changes of alpha from one interval to the next. So a constant push drops out; what
+    /// was held before has its own effect. `r` is this port's recurrence; `changes` is what the changes of what all
+    /// ports held will do, by the interval they are of, `held` the same of what they held itself.
     ///
-    /// `gamma` is that effect on the next interval (twice beta for a thing that just moves), `decay` how much of a
-    /// motion is left after an interval (1 for such a thing). Before there are two intervals no outside force is known.
-    pub(super) fn foretold(&self, gamma: &[f64], changes: &[f64], decay: f64) -> f64 {
-        let effect: f64 = gamma.iter().zip(changes).map(|(g, c)| g * c).sum();
-        match self.intervals {
-            0 => 0.0,
-            1 => decay * self.alpha[0] - effect,
-            _ => self.alpha[0] + decay * (self.alpha[0] - self.alpha[1]) - effect,
+    /// Before there are enough intervals no push is known, and at first no motion but the last.
+    pub(super) fn foretold(&self, r: &[f64], held: [f64; TERMS], changes: [f64; TERMS]) -> f64 {
+        let order = r[TERMS + 1] as usize;
+        let k = self.intervals as usize;
+        if k == 0 {
+            0.0
+        } else if k < order {
+            r[TERMS] * self.alpha[0] - held[0]
+        } else if k == order {
+            let (mut x, mut effect) = (r[0] * self.alpha[0], held[0]);
+            for p in 1..order {
+                x += r[p] * self.alpha[p];
+                effect += held[p];
+            }
+            x - effect
+        } else {
+            let (mut x, mut effect) = (self.alpha[0] + r[0] * (self.alpha[0] - self.alpha[1]), changes[0]);
+            for p in 1..order {
+                x += r[p] * (self.alpha[p] - self.alpha[p + 1]);
+                effect += changes[p];
+            }
+            x - effect
         }
     }
 
-    /// Ends an interval: what is known of the other side now. `response` is beta times what was held.
-    pub(super) fn learn(&mut self, response: f64, gap: u32) {
+    /// What the foretold alpha of an interval may be off by: what forecasts were off by lately, and while they do not
+    /// know enough of the motion, the part of the last one that does not outlast an interval.
+    pub(super) fn doubt(&self, r: &[f64]) -> f64 {
+        if (self.intervals as f64) < r[TERMS + 1] {
+            self.off + (1.0 - r[TERMS]) * self.alpha[0].abs()
+        } else {
+            self.off
+        }
+    }
+
+    /// Looks what the last forecast was off by. `r` is the port's recurrence; forecasts count from that many intervals
+    /// on, for before they cannot know.
+    pub(super) fn review(&mut self, alpha: f64, before: u64, r: &[f64]) {
+        let (last, error) = (FORGET * self.off, (alpha - self.forecast).abs());
+        self.off = if before as f64 > r[TERMS + 2] && last < error { error } else { last };
+    }
+
+    /// Notes an interval that is over: its alpha, and what was held.
+    pub(super) fn note(&mut self, alpha: f64, v: f64) {
+        self.alpha.rotate_right(1);
+        self.before.rotate_right(1);
+        (self.alpha[0], self.before[0]) = (alpha, v);
+        self.intervals += 1;
+    }
+
+    /// Ends an interval: what is known of the other side now. `response` is beta times what was held; `r` is the port's
+    /// recurrence.
+    pub(super) fn learn(&mut self, response: f64, gap: u32, r: &[f64]) {
         if self.silent {
             return;
         }
         if gap == 0 {
-            self.alpha = [self.q + response, self.alpha[0]];
-            self.before = [self.v, self.before[0]];
+            let alpha = self.q + response;
+            self.review(alpha, self.intervals, r);
+            self.note(alpha, self.v);
             self.last_q = self.q;
         } else {
             // All that is known of the motion is its mean; a jump in it would be taken for a push.
             let mean = self.q / (f64::from(gap) + 1.0);
-            self.alpha = [mean + response; 2];
-            self.before = [self.v; 2];
+            self.alpha = [mean + response; TERMS + 1];
+            self.before = [self.v; TERMS + 1];
             self.last_q = mean;
+            self.intervals += 1;
         }
-        self.intervals += 1;
-    }
-
-    /// Change of the held variable over the last two intervals.
-    pub(super) fn change(&self) -> f64 {
-        self.before[0] - self.before[1]
     }
 }
 
-/// Scales held variables down until the energy that the interval is foretold to give back is at most `room`.
-///
-/// The energy in is v (alpha - beta v), concave along the ray of v, and 0 at its start.
-pub(super) fn within_budget(v: &mut [f64], alpha: &[f64], beta: &[f64], room: f64) -> bool {
+/// What a sampled cluster that is in debt still puts at risk.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Caution {
+    /// The largest debt since there was none, J.
+    pub(super) peak: f64,
+    /// The part of what could be risked that is: less after each loss, in proportion to it; 1 without a debt.
+    pub(super) trust: f64,
+    /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
+    /// foretold to move at all.
+    pub(super) risk: f64,
+    /// The most that it ever was, J.
+    pub(super) most: f64,
+}
+
+impl Default for Caution {
+    fn default() -> Self {
+        Self { peak: 0.0, trust: 1.0, risk: 0.0, most: 0.0 }
+    }
+}
+
+impl Caution {
+    /// Ends an interval, in which so much came in, with a debt (below 0 where there is none).
+    pub(super) fn settle(&mut self, debt: f64, crossed: f64) {
+        if debt <= 0.0 {
+            (self.peak, self.trust) = (0.0, 1.0);
+            return;
+        }
+        let out = -crossed;
+        let lost = if debt < out { debt } else { out };
+        if lost > LOSS * self.most {
+            let part = lost / self.risk;
+            let part = if part < 1.0 { part } else { 1.0 };
+            self.trust /= 1.0 + WARY * part;
+        }
+        self.peak = if self.peak < debt { debt } else { self.peak };
+    }
+
+    /// In debt, scales held variables down until no more is at risk than was repaid since the debt was largest, or than
+    /// is trusted: of what they put at risk, W(s) = s u + s^2 b at s times them, where `doubt` is what each alpha may be
+    /// off by.
+    pub(super) fn restrain(
+        &mut self,
+        v: &mut [f64],
+        alpha: &[f64],
+        doubt: impl Iterator<Item = f64>,
+        beta: &[f64],
+        stored: f64,
+    ) {
+        let u: f64 = v.iter().zip(alpha).zip(doubt).map(|((v, a), d)| v.abs() * (a.abs() + d)).sum();
+        let b = given_way(v, beta);
+        let b = if b > 0.0 { b } else { 0.0 };
+        let all = u + b;
+        self.risk = all;
+        self.most = if self.most < all { all } else { self.most };
+        if stored < 0.0 {
+            let (trusted, repaid) = (self.trust * all, self.peak + stored);
+            let most = if trusted < repaid { repaid } else { trusted };
+            if most < all {
+                let s = 2.0 * most / (u + (u * u + 4.0 * b * most).sqrt());
+                let s = if s.is_finite() { s.clamp(0.0, 1.0) } else { 0.0 };
+                v.iter_mut().for_each(|v| *v *= s);
+                self.risk = most;
+            }
+        }
+    }
+}
+
+/// What the other side gives way by itself, v beta v.
+fn given_way(v: &[f64], beta: &[f64]) -> f64 {
     let n = v.len();
-    let a: f64 = v.iter().zip(alpha).map(|(v, a)| v * a).sum();
     let mut b = 0.0;
     for i in 0..n {
         for j in 0..n {
             b += v[i] * beta[i * n + j] * v[j];
         }
     }
+    b
+}
+
+/// Scales held variables down until the energy that the interval is foretold to give back is at most `room`, and be
+/// each alpha off by `doubt` of what it is foretold to be, against what is held.
+///
+/// The energy in is v (alpha - beta v), concave along the ray of v, and 0 at its start.
+pub(super) fn within_budget(v: &mut [f64], alpha: &[f64], doubt: impl Iterator<Item = f64>, beta: &[f64], room: f64) {
+    let a: f64 = v.iter().zip(alpha).map(|(v, a)| v * a).sum();
+    let less: f64 = v.iter().zip(doubt).map(|(v, d)| v.abs() * d).sum();
+    let (a, b) = (a - less, given_way(v, beta));
     if a - b >= -room {
-        return false;
+        return;
     }
     let s = if b > 0.0 { (a + (a * a + 4.0 * b * room).sqrt()) / (2.0 * b) } else { room / -a };
     let s = if s.is_finite() { s.clamp(0.0, 1.0) } else { 0.0 };
     for v in v {
         *v *= s;
     }
-    true
 }

@@ -47,6 +47,8 @@ pub struct ClusterPlaces {
     pub gamma: Vec<f64>,
     /// See above.
     pub decay: Vec<f64>,
+    /// What it risks where it is in debt: the largest debt, what is trusted, the risk, the largest risk.
+    pub caution: usize,
     /// One for each of its regions.
     pub books: Vec<BookPlaces>,
     /// One for each port that it holds.
@@ -107,11 +109,13 @@ pub struct HeldPlaces {
     pub crossed: usize,
     /// The answer of the last interval.
     pub last_q: usize,
-    /// alpha of the last two intervals.
+    /// alpha of the last intervals, one more than [`super::TERMS`].
     pub alpha: usize,
-    /// What was held in the last two.
+    /// What was held in them.
     pub before: usize,
-    /// 0, 1, or 2 for more intervals.
+    /// What alpha is foretold to be, and what forecasts were off by.
+    pub forecast: usize,
+    /// How many intervals are over; more than [`super::TERMS`] count as one more.
     pub intervals: usize,
     /// Energy in, a sum.
     pub energy: usize,

@@ -1,7 +1,8 @@
 //! An interval of a sampled region: what it holds from its start on, and what is booked at its end.
 
 use super::Error;
-use super::hold::{Held, within_budget};
+use super::hold::{Held, RECURRENCE, TERMS, within_budget};
+use super::pace::Pace;
 use super::schedule::Simulation;
 use crate::scene::Respond;
 
@@ -9,8 +10,9 @@ use crate::scene::Respond;
 #[derive(Default)]
 pub(super) struct Scratch {
     pub(super) due: Vec<usize>,
-    changes: Vec<f64>,
     alpha: Vec<f64>,
+    doubt: Vec<f64>,
+    ahead: Vec<Held>,
     values: Vec<f64>,
     q: Vec<f64>,
 }
@@ -19,58 +21,18 @@ impl Scratch {
     /// For so many clusters, and ports held by one of them.
     pub(super) fn new(clusters: usize, ports: usize) -> Self {
         let room = || Vec::with_capacity(ports);
-        Self { due: Vec::with_capacity(clusters), changes: room(), alpha: room(), values: room(), q: room() }
+        Self {
+            due: Vec::with_capacity(clusters),
+            alpha: room(),
+            doubt: room(),
+            ahead: Vec::with_capacity(ports),
+            values: room(),
+            q: room(),
+        }
     }
 }
 
 impl Simulation<'_> {
-    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; and gamma, how that
-    /// over the next one does.
-    pub(super) fn find_beta(&mut self, i: usize) {
-        let n = self.held[i].len();
-        let period = self.scene.clusters[i].period.unwrap_or(0.0);
-        let mut beta = vec![0.0; n * n];
-        let mut gamma = vec![0.0; n * n];
-        let mut decay = vec![1.0; n];
-        let mut others: Vec<usize> =
-            self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
-        others.sort_unstable();
-        others.dedup();
-        for other in others {
-            let mine: Vec<usize> =
-                (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
-            let bars: Vec<&crate::scene::Bar> =
-                mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
-            let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
-            let [now, next, later] = self.runs[other].response(&self.scene.clusters[other], period, &ports);
-            let m = mine.len();
-            for (r, &a) in mine.iter().enumerate() {
-                for (s, &b) in mine.iter().enumerate() {
-                    // q = sign * integral, input = sign * v, and q = alpha - beta v
-                    let sign = -bars[r].sign * bars[s].sign;
-                    beta[a * n + b] = sign * now[r * m + s];
-                    gamma[a * n + b] = sign * next[r * m + s];
-                }
-                let (first, second) = (next[r * m + r], later[r * m + r]);
-                let left = if first == 0.0 { 1.0 } else { second / first };
-                decay[a] = if left.is_finite() { left.clamp(0.0, 1.0) } else { 1.0 };
-            }
-        }
-        for (k, h) in self.held[i].iter().enumerate() {
-            if let Some(inertia) = h.open.and_then(|o| self.scene.open[o].inertia) {
-                beta[k * n + k] = period * period / (2.0 * inertia);
-                gamma[k * n + k] = 2.0 * beta[k * n + k];
-            }
-        }
-        for k in 0..n {
-            // A passive other side yields; rounding must not make it push.
-            beta[k * n + k] = if beta[k * n + k].is_finite() { beta[k * n + k].max(0.0) } else { 0.0 };
-        }
-        self.beta[i] = beta;
-        self.gamma[i] = gamma;
-        self.decay[i] = decay;
-    }
-
     /// Whether what a held port answers to is itself sampled, and may have latched an earlier value than the one held
     /// now.
     fn latches(&self, h: &Held) -> bool {
@@ -80,7 +42,7 @@ impl Simulation<'_> {
     /// Ends the interval of a sampled cluster: its state moves with what was reported.
     pub(super) fn commit(&mut self, i: usize) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let period = c.period.unwrap_or(0.0);
+        let (start, period) = self.ended(i)?;
         let (rate, mut crossed) = (1.0 / period, 0.0);
         for k in 0..self.held[i].len() {
             let latches = self.latches(&self.held[i][k]);
@@ -105,18 +67,21 @@ impl Simulation<'_> {
             crossed += here;
             self.runs[i].input[c.ports[h.port].input] = -h.q * rate;
         }
-        let start = (self.next[i] - 1) as f64 * period;
         let mut moved = std::mem::take(&mut self.moved[i]);
         let result = self.runs[i].one(c, &self.names, start, period, &mut moved);
         self.moved[i] = moved;
         result?;
         self.settle(i, crossed);
+        if self.pace[i].is_some() {
+            self.review_pace(i);
+            return Ok(());
+        }
         let n = self.held[i].len();
         for k in 0..n {
             let response: f64 = (0..n).map(|j| self.beta[i][k * n + j] * self.held[i][j].v).sum();
             let h = &mut self.held[i][k];
             let gap = h.open.map_or(0, |o| std::mem::take(&mut self.open[o]).gap);
-            h.learn(response, gap);
+            h.learn(response, gap, &self.decay[i][k * RECURRENCE..(k + 1) * RECURRENCE]);
         }
         for h in &mut self.held[i] {
             h.q = 0.0;
@@ -150,26 +115,42 @@ impl Simulation<'_> {
             let most = b.h_max.max(self.reserve[i] - b.h);
             b.tank = (b.tank + dissipated - leak - leap).min(most);
             b.debt_max = b.debt_max.max(-(b.h + b.tank));
+            self.caution[i].settle(-(b.h + b.tank), crossed);
         }
+    }
+
+    /// What alpha of a held port is foretold to be.
+    pub(super) fn foretold(&self, i: usize, k: usize, held: &[Held]) -> f64 {
+        let n = held.len();
+        let r = &self.decay[i][k * RECURRENCE..(k + 1) * RECURRENCE];
+        let effect = |p: usize, of: fn(&Held, usize) -> f64| -> f64 {
+            if p as f64 >= r[TERMS + 1] {
+                return 0.0;
+            }
+            let gamma = &self.gamma[i][(p * n + k) * n..(p * n + k + 1) * n];
+            gamma.iter().zip(held).map(|(g, h)| g * of(h, p)).sum()
+        };
+        let all = std::array::from_fn(|p| effect(p, |h, p| h.before[p]));
+        let changes = std::array::from_fn(|p| effect(p, |h, p| h.before[p] - h.before[p + 1]));
+        held[k].foretold(r, all, changes)
     }
 
     /// Begins an interval: finds what to hold, and latches what others hold.
     pub(super) fn respond(&mut self, i: usize, at: f64, scratch: &mut Scratch) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let period = c.period.unwrap_or(0.0);
-        let rate = 1.0 / period;
+        let (told, period) = self.coming(i);
+        let rate = 1.0 / told;
         for bar in self.scene.bars.iter().filter(|b| b.other.0 == i) {
             let v = self.held[bar.holder.0].iter().find(|h| (bar.holder.0, h.port) == bar.holder).map_or(0.0, |h| h.v);
             self.runs[i].input[c.ports[bar.other.1].input] = bar.sign * v;
         }
         let Some(respond) = &c.respond else { return Ok(()) };
         let n = self.held[i].len();
-        let Scratch { changes, alpha, values, q, .. } = scratch;
-        changes.clear();
-        changes.extend(self.held[i].iter().map(Held::change));
+        let Scratch { alpha, doubt, values, q, ahead, .. } = scratch;
         alpha.clear();
-        for (k, h) in self.held[i].iter().enumerate() {
-            alpha.push(h.foretold(&self.gamma[i][k * n..(k + 1) * n], changes, self.decay[i][k]));
+        match &mut self.pace[i] {
+            None => alpha.extend((0..n).map(|k| self.foretold(i, k, &self.held[i]))),
+            Some(_) => self.foretell_ahead(i, alpha, ahead),
         }
         let input = &mut self.respond_input[i];
         let base = self.runs[i].input.len();
@@ -182,7 +163,8 @@ impl Simulation<'_> {
         let matched = matches!(respond, Respond::Matched(..));
         if matched {
             input[base..base + n].copy_from_slice(alpha);
-            input[base + n..base + n + n * n].copy_from_slice(&self.beta[i]);
+            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            input[base + n..base + n + n * n].copy_from_slice(beta);
         }
         values.clear();
         values.resize(n, 0.0);
@@ -214,9 +196,17 @@ impl Simulation<'_> {
         }
         if c.budget {
             let stored = self.runs[i].books.first().map_or(0.0, |b| b.h + b.tank);
-            within_budget(values, alpha, &self.beta[i], (stored + foreseen.max(0.0)).max(0.0));
+            let room = (stored + foreseen.max(0.0)).max(0.0);
+            let rules = self.decay[i].chunks(RECURRENCE);
+            doubt.clear();
+            doubt.extend(self.held[i].iter().zip(rules).map(|(h, r)| h.doubt(r)));
+            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            within_budget(values, alpha, std::iter::repeat(0.0), beta, room);
+            within_budget(values, alpha, doubt.iter().copied(), beta, 2.0 * room);
+            self.caution[i].restrain(values, alpha, doubt.iter().copied(), beta, stored);
         }
-        for (h, v) in self.held[i].iter_mut().zip(values.iter().copied()) {
+        for ((h, v), alpha) in self.held[i].iter_mut().zip(values.iter().copied()).zip(alpha.iter()) {
+            h.forecast = *alpha;
             if std::mem::take(&mut h.silent) {
                 continue;
             }
@@ -238,15 +228,16 @@ impl Simulation<'_> {
     /// bisection, v being monotone in q. Several: one after the other, a few times over.
     fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64], q: &mut Vec<f64>) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let rate = 1.0 / c.period.unwrap_or(0.0);
+        let rate = 1.0 / self.length(i);
         let n = values.len();
         let base = self.runs[i].input.len();
         q.clear();
         q.extend_from_slice(alpha);
         let rounds = if n == 1 { 1 } else { 20 };
         for k in (0..rounds * n).map(|k| k % n) {
-            let own = self.beta[i][k * n + k];
-            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| self.beta[i][k * n + j] * values[j]).sum();
+            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            let own = beta[k * n + k];
+            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| beta[k * n + j] * values[j]).sum();
             let free = alpha[k] - pull;
             let call = |this: &mut Self, q: &[f64]| -> Result<f64, Error> {
                 for (h, q) in this.held[i].iter().zip(q) {

@@ -3,7 +3,8 @@
 use super::ahead::Ahead;
 use super::cluster::{Look, Run};
 use super::given::Course;
-use super::hold::{Held, Report};
+use super::hold::{Caution, Held, Report};
+use super::pace::Pace;
 use super::sampled::Scratch;
 use super::{Error, Options};
 use crate::interpreter::Interpret;
@@ -26,11 +27,14 @@ pub struct Simulation<'a> {
     pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
     pub(super) held: Vec<Vec<Held>>,
-    /// By cluster, the matrix beta of those ports, its like for the interval after, and what of a motion is left after
-    /// one.
+    /// By cluster, the matrix beta of those ports, its likes for the intervals after, and the recurrence of each port.
     pub(super) beta: Vec<Vec<f64>>,
     pub(super) gamma: Vec<Vec<f64>>,
     pub(super) decay: Vec<Vec<f64>>,
+    /// By cluster, what it risks where it is in debt.
+    pub(super) caution: Vec<Caution>,
+    /// By cluster, the other side's intervals where it goes by those.
+    pub(super) pace: Vec<Option<Pace>>,
     /// By cluster, the next sample's number.
     pub(super) next: Vec<u64>,
     /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
@@ -137,6 +141,8 @@ impl<'a> Simulation<'a> {
             beta: vec![Vec::new(); n],
             gamma: vec![Vec::new(); n],
             decay: vec![Vec::new(); n],
+            caution: vec![Caution::default(); n],
+            pace: held.iter().enumerate().map(|(i, held)| Pace::of(scene, i, held)).collect(),
             next: vec![0; n],
             order,
             reserve: vec![0.0; n],
@@ -277,6 +283,7 @@ impl<'a> Simulation<'a> {
             let i = scratch.due[k];
             if self.next[i] > 0 {
                 self.commit(i)?;
+                self.hand_over(i);
                 self.collect();
             }
         }
@@ -293,6 +300,9 @@ impl<'a> Simulation<'a> {
     fn collect(&mut self) {
         for (k, bar) in self.scene.bars.iter().enumerate() {
             let (cluster, port) = bar.other;
+            if self.pace[bar.holder.0].is_some() {
+                continue; // told interval by interval
+            }
             let m = std::mem::take(&mut self.moved[cluster][port]);
             if m == 0.0 {
                 continue;

@@ -30,9 +30,11 @@ pub struct StartCluster {
     pub held: Vec<StartHeld>,
     /// How the answer over a period falls with what is held: a matrix of the held ports.
     pub beta: Vec<f64>,
-    /// The same of the next period.
+    /// The same of the periods after, apart from what follows from the answers before: [`super::TERMS`] matrices.
     pub gamma: Vec<f64>,
-    /// What is left of a motion after a period.
+    /// What the interval that runs puts at risk, J.
+    pub risk: f64,
+    /// What follows from them: [`super::RECURRENCE`] numbers for each held port.
     pub decay: Vec<f64>,
 }
 
@@ -47,6 +49,8 @@ pub struct StartHeld {
     pub open: Option<usize>,
     /// What is held.
     pub value: f64,
+    /// What its alpha is foretold to be.
+    pub forecast: f64,
 }
 
 impl Simulation<'_> {
@@ -59,10 +63,11 @@ impl Simulation<'_> {
             connected: self.connected[i],
             held: self.held[i]
                 .iter()
-                .map(|h| StartHeld { port: h.port, bar: h.bar, open: h.open, value: h.v })
+                .map(|h| StartHeld { port: h.port, bar: h.bar, open: h.open, value: h.v, forecast: h.forecast })
                 .collect(),
             beta: self.beta[i].clone(),
             gamma: self.gamma[i].clone(),
+            risk: self.caution[i].risk,
             decay: self.decay[i].clone(),
         };
         Start {

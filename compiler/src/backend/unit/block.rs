@@ -4,7 +4,7 @@ use super::ledger;
 use super::more::More;
 use bond_runtime::ir::Array;
 use bond_runtime::scene;
-use bond_runtime::simulate::StartCluster;
+use bond_runtime::simulate::{StartCluster, TERMS};
 
 /// A block in the making.
 #[derive(Default)]
@@ -46,6 +46,8 @@ pub(super) struct Cluster {
     pub(super) count: usize,
     pub(super) left: usize,
     pub(super) held: Vec<Held>,
+    /// What it risks where it is in debt: the largest debt, what is trusted, the risk, the largest risk.
+    pub(super) caution: usize,
     /// One ledger for each of its regions.
     pub(super) books: Vec<usize>,
     /// What a run within this program keeps besides, for each of its regions.
@@ -63,9 +65,11 @@ pub(super) struct Held {
     pub(super) q: usize,
     pub(super) w: usize,
     pub(super) last_q: usize,
-    /// Two each.
+    /// One more than `TERMS` each.
     pub(super) alpha: usize,
     pub(super) before: usize,
+    /// What alpha is foretold to be, and what forecasts were off by.
+    pub(super) forecast: usize,
     pub(super) intervals: usize,
     /// What crossed in the interval that ended last, and in all (two numbers); only of a run within this program.
     pub(super) crossed: usize,
@@ -100,13 +104,15 @@ impl Cluster {
                 q: block.take(1),
                 w: block.take(1),
                 last_q: block.take(1),
-                alpha: block.take(2),
-                before: block.take(2),
+                alpha: block.take(TERMS + 1),
+                before: block.take(TERMS + 1),
+                forecast: block.put(&[h.forecast, 0.0]),
                 intervals: block.take(1),
                 crossed: block.take(usize::from(full)),
                 energy: block.take(if full { 2 } else { 0 }),
             })
             .collect();
+        let caution = block.put(&[0.0, 1.0, start.risk, start.risk]);
         let books = start.energies.iter().map(|h| block.put(&ledger::start(*h))).collect();
         let more = if full { c.entries.iter().map(|e| More::new(block, c, e)).collect() } else { Vec::new() };
         let iterations = full.then(|| block.take(1));
@@ -122,6 +128,7 @@ impl Cluster {
             count,
             left,
             held,
+            caution,
             books,
             more,
             iterations,

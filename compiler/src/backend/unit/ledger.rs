@@ -4,6 +4,7 @@
 use super::Writing;
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
+use bond_runtime::simulate::{LOSS, WARY};
 
 /// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
 /// from the first.
@@ -64,7 +65,7 @@ impl Writer {
     }
 
     /// Keeps the larger of a number of the block and another.
-    fn raise(&mut self, at: usize, x: Value) -> Value {
+    pub(super) fn raise(&mut self, at: usize, x: Value) -> Value {
         let before = self.kept(at);
         let most = self.larger(before, x);
         self.keep(at, most);
@@ -253,6 +254,43 @@ impl Writing<'_> {
         let stored = w.add(h, tank);
         let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
         w.raise(at + DEBT, debt);
+        self.note_debt(w, i, debt, crossed);
+    }
+
+    /// What a debt does to what is trusted.
+    fn note_debt(&self, w: &mut Writer, i: usize, debt: Value, crossed: Value) {
+        let [peak, trust, risk, largest] = [0, 1, 2, 3].map(|k| self.clusters[i].caution + k);
+        let (zero, one) = (w.number(0.0), w.number(1.0));
+        let none = w.le(debt, zero);
+        w.branch(
+            none,
+            |w| {
+                w.keep(peak, zero);
+                w.keep(trust, one);
+            },
+            |w| {
+                let (most, left, risk) = (w.kept(peak), w.kept(trust), w.kept(risk));
+                let out = w.unary(bond_runtime::ir::Unary::Neg, crossed);
+                let all = w.lt(debt, out);
+                let lost = w.select(all, debt, out);
+                let (loss, largest) = (w.number(LOSS), w.kept(largest));
+                let least = w.mul(loss, largest);
+                let some = w.lt(least, lost);
+                w.when(some, |w| {
+                    let part = w.div(lost, risk);
+                    let below = w.lt(part, one);
+                    let part = w.select(below, part, one);
+                    let wary = w.number(WARY);
+                    let more = w.mul(wary, part);
+                    let more = w.add(one, more);
+                    let left = w.div(left, more);
+                    w.keep(trust, left);
+                });
+                let larger = w.lt(most, debt);
+                let most = w.select(larger, debt, most);
+                w.keep(peak, most);
+            },
+        );
     }
 
     /// What a cluster has to give: H and the tank; 0 where it has no ledger.

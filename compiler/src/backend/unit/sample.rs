@@ -6,6 +6,7 @@ use super::{Writing, programs};
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 use bond_runtime::ir::Unary;
+use bond_runtime::simulate::{FORGET, RECURRENCE, TERMS};
 
 impl Writing<'_> {
     /// Takes the samples at the end of the interval.
@@ -157,24 +158,31 @@ impl Writing<'_> {
                 let x = w.mul(b, v);
                 response = Some(response.map_or(x, |sum| w.add(sum, x)));
             }
-            let (q, last) = (w.kept(held.q), w.kept(held.alpha));
-            let zero = w.number(0.0);
+            let (q, zero) = (w.kept(held.q), w.number(0.0));
             let alpha = w.add(q, response.unwrap_or(zero));
-            w.keep(held.alpha, alpha);
-            w.keep(held.alpha + 1, last);
+            let (from, intervals) =
+                (self.answer(&mut w, i, Answer::Decay, k * RECURRENCE + TERMS + 2), w.kept(held.intervals));
+            let told = w.lt(from, intervals);
+            let (forecast, off, part) = (w.kept(held.forecast), w.kept(held.forecast + 1), w.number(FORGET));
+            let last = w.mul(part, off);
+            let error = w.sub(alpha, forecast);
+            let error = w.abs(error);
+            let worse = Cond::all([told, w.lt(last, error)]);
+            let off = w.select(worse, error, last);
+            w.keep(held.forecast + 1, off);
+            shift(&mut w, held.alpha, alpha);
         }
         let zero = w.number(0.0);
         for held in &place.held {
-            let (v, before, q, k) = (w.kept(held.v), w.kept(held.before), w.kept(held.q), w.kept(held.intervals));
-            w.keep(held.before, v);
-            w.keep(held.before + 1, before);
+            let (v, q, k) = (w.kept(held.v), w.kept(held.q), w.kept(held.intervals));
+            shift(&mut w, held.before, v);
             w.keep(held.last_q, q);
             w.keep(held.q, zero);
             w.keep(held.w, zero);
-            // Only whether there were none, one or more counts.
-            let two = w.number(2.0);
+            // Only whether there are enough counts.
+            let enough = w.number((TERMS + 1) as f64);
             let more = w.add(k, one);
-            let few = w.lt(k, two);
+            let few = w.lt(k, enough);
             let k = w.select(few, more, k);
             w.keep(held.intervals, k);
         }
@@ -199,15 +207,7 @@ impl Writing<'_> {
         let n = start.held.len();
         let period = self.plan.steps[i].h;
         let (length, rate, now) = (w.number(period), w.number(1.0 / period), w.kept(self.time));
-        let changes: Vec<Value> = place
-            .held
-            .iter()
-            .map(|h| {
-                let (a, b) = (w.kept(h.before), w.kept(h.before + 1));
-                w.sub(a, b)
-            })
-            .collect();
-        let alpha: Vec<Value> = (0..n).map(|k| self.foretold(&mut w, i, k, &changes)).collect();
+        let alpha: Vec<Value> = (0..n).map(|k| self.foretold(&mut w, i, k)).collect();
         w.keep(place.input, now);
         w.keep(place.input + 1, length);
         let told = |w: &mut Writer| {
@@ -252,9 +252,15 @@ impl Writing<'_> {
             let foreseen = positive(&mut w, foreseen);
             let room = w.add(stored, foreseen);
             let room = positive(&mut w, room);
-            found = self.within_budget(&mut w, i, (&found, &alpha), room);
+            let two = w.number(2.0);
+            let twice = w.mul(two, room);
+            let doubt: Vec<Value> = (0..n).map(|k| self.doubt(&mut w, i, k)).collect();
+            found = self.within_budget(&mut w, i, (&found, &alpha), None, room);
+            found = self.within_budget(&mut w, i, (&found, &alpha), Some(&doubt), twice);
+            found = self.restrained(&mut w, i, (&found, &alpha, &doubt), stored);
         }
-        for ((h, held), v) in start.held.iter().zip(&place.held).zip(found) {
+        for (((h, held), v), alpha) in start.held.iter().zip(&place.held).zip(found).zip(&alpha) {
+            w.keep(held.forecast, *alpha);
             w.keep(held.v, v);
             if let Some(b) = h.bar {
                 let bar = &self.scene.bars[b];
@@ -271,27 +277,62 @@ impl Writing<'_> {
     }
 
     /// What the next interval's alpha is foretold to be.
-    fn foretold(&self, w: &mut Writer, i: usize, k: usize, changes: &[Value]) -> Value {
-        let (held, n) = (&self.clusters[i].held[k], changes.len());
-        let mut effect = None;
-        for (j, c) in changes.iter().enumerate() {
-            let g = self.answer(w, i, Answer::Gamma, k * n + j);
-            let x = w.mul(g, *c);
-            effect = Some(effect.map_or(x, |sum| w.add(sum, x)));
+    fn foretold(&self, w: &mut Writer, i: usize, k: usize) -> Value {
+        let (held, n) = (&self.clusters[i].held[k], self.clusters[i].held.len());
+        let rule: Vec<Value> = (0..RECURRENCE).map(|p| self.answer(w, i, Answer::Decay, k * RECURRENCE + p)).collect();
+        let (order, left) = (rule[TERMS + 1], rule[TERMS]);
+        let known = w.known(order);
+        let most = known.map_or(TERMS, |order| order as usize);
+        let counts = |w: &mut Writer, p: usize| match known {
+            Some(_) => Cond::Known(true),
+            None => {
+                let p = w.number(p as f64);
+                w.lt(p, order)
+            }
+        };
+        // What what was held will do, by the interval it was held in, and what its changes will.
+        let effect = |w: &mut Writer, p: usize, changes: bool| {
+            let mut sum = None;
+            for (j, h) in self.clusters[i].held.iter().enumerate() {
+                let mut x = w.kept(h.before + p);
+                if changes {
+                    let earlier = w.kept(h.before + p + 1);
+                    x = w.sub(x, earlier);
+                }
+                let g = self.answer(w, i, Answer::Gamma, (p * n + k) * n + j);
+                let x = w.mul(g, x);
+                sum = Some(sum.map_or(x, |sum| w.add(sum, x)));
+            }
+            sum.unwrap_or_else(|| w.number(0.0))
+        };
+        let (zero, intervals, last) = (w.number(0.0), w.kept(held.intervals), w.kept(held.alpha));
+        let first = effect(w, 0, false);
+        let mut plain = (w.mul(rule[0], last), first);
+        let earlier = w.kept(held.alpha + 1);
+        let change = w.sub(last, earlier);
+        let change = w.mul(rule[0], change);
+        let mut later = (w.add(last, change), effect(w, 0, true));
+        for p in 1..most {
+            let counts = counts(w, p);
+            let (a, b) = (w.kept(held.alpha + p), w.kept(held.alpha + p + 1));
+            let change = w.sub(a, b);
+            for (sums, x, changes) in [(&mut plain, a, false), (&mut later, change, true)] {
+                let x = w.mul(rule[p], x);
+                let x = w.add(sums.0, x);
+                let more = effect(w, p, changes);
+                let more = w.add(sums.1, more);
+                *sums = (w.select(counts.clone(), x, sums.0), w.select(counts.clone(), more, sums.1));
+            }
         }
-        let (zero, one) = (w.number(0.0), w.number(1.0));
-        let effect = effect.unwrap_or(zero);
-        let decay = self.answer(w, i, Answer::Decay, k);
-        let (a, b) = (w.kept(held.alpha), w.kept(held.alpha + 1));
-        let intervals = w.kept(held.intervals);
-        let first = w.mul(decay, a);
-        let first = w.sub(first, effect);
-        let change = w.sub(a, b);
-        let change = w.mul(decay, change);
-        let later = w.add(a, change);
-        let later = w.sub(later, effect);
-        let is_first = w.eq(intervals, one);
-        let some = w.select(is_first, first, later);
+        let (plain, later) = (w.sub(plain.0, plain.1), w.sub(later.0, later.1));
+        let just = w.eq(intervals, order);
+        let mut some = w.select(just, plain, later);
+        if most > 1 {
+            let crude = w.mul(left, last);
+            let crude = w.sub(crude, first);
+            let few = w.lt(intervals, order);
+            some = w.select(few, crude, some);
+        }
         let none = w.eq(intervals, zero);
         w.select(none, zero, some)
     }
@@ -427,18 +468,10 @@ impl Writing<'_> {
         Ok(w)
     }
 
-    /// Scales held variables down until the energy that the interval is foretold to give back is at most `room`; see
-    /// `bond_runtime::simulate`.
-    fn within_budget(&self, w: &mut Writer, i: usize, (v, alpha): (&[Value], &[Value]), room: Value) -> Vec<Value> {
+    /// What the other side gives way by itself, v beta v.
+    fn given_way(&self, w: &mut Writer, i: usize, v: &[Value]) -> Value {
         let n = v.len();
-        let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
-        let mut a = None;
-        for (v, alpha) in v.iter().zip(alpha) {
-            let x = w.mul(*v, *alpha);
-            a = Some(a.map_or(x, |sum| w.add(sum, x)));
-        }
-        let a = a.unwrap_or(zero);
-        let mut b = zero;
+        let mut b = w.number(0.0);
         for p in 0..n {
             for q in 0..n {
                 let k = self.answer(w, i, Answer::Beta, p * n + q);
@@ -447,6 +480,36 @@ impl Writing<'_> {
                 b = w.add(b, x);
             }
         }
+        b
+    }
+
+    /// Scales held variables down until the energy that the interval is foretold to give back is at most `room`, and
+    /// be each alpha off by `doubt`; see `bond_runtime::simulate`.
+    fn within_budget(
+        &self,
+        w: &mut Writer,
+        i: usize,
+        (v, alpha): (&[Value], &[Value]),
+        doubt: Option<&[Value]>,
+        room: Value,
+    ) -> Vec<Value> {
+        let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
+        let mut a = None;
+        for (v, alpha) in v.iter().zip(alpha) {
+            let x = w.mul(*v, *alpha);
+            a = Some(a.map_or(x, |sum| w.add(sum, x)));
+        }
+        let mut a = a.unwrap_or(zero);
+        if let Some(doubt) = doubt {
+            let mut less = None;
+            for (v, doubt) in v.iter().zip(doubt) {
+                let size = w.abs(*v);
+                let x = w.mul(size, *doubt);
+                less = Some(less.map_or(x, |sum| w.add(sum, x)));
+            }
+            a = w.sub(a, less.unwrap_or(zero));
+        }
+        let b = self.given_way(w, i, v);
         let given = w.sub(a, b);
         let least = w.unary(Unary::Neg, room);
         let within = w.le(least, given);
@@ -472,5 +535,84 @@ impl Writing<'_> {
         });
         let s = w.get(part);
         v.iter().map(|x| w.mul(*x, s)).collect()
+    }
+
+    /// What the foretold alpha may be off by.
+    fn doubt(&self, w: &mut Writer, i: usize, k: usize) -> Value {
+        let held = &self.clusters[i].held[k];
+        let order = self.answer(w, i, Answer::Decay, k * RECURRENCE + TERMS + 1);
+        let off = w.kept(held.forecast + 1);
+        if w.known(order) == Some(1.0) {
+            return off; // before the first interval, alpha is 0
+        }
+        let left = self.answer(w, i, Answer::Decay, k * RECURRENCE + TERMS);
+        let (intervals, last, one) = (w.kept(held.intervals), w.kept(held.alpha), w.number(1.0));
+        let size = w.abs(last);
+        let lost = w.sub(one, left);
+        let size = w.mul(lost, size);
+        let all = w.add(off, size);
+        let few = w.lt(intervals, order);
+        w.select(few, all, off)
+    }
+
+    /// In debt, scales held variables down until no more is at risk than was repaid or is trusted.
+    fn restrained(
+        &self,
+        w: &mut Writer,
+        i: usize,
+        (v, alpha, doubt): (&[Value], &[Value], &[Value]),
+        stored: Value,
+    ) -> Vec<Value> {
+        let [peak, trust, risk, largest] = [0, 1, 2, 3].map(|k| self.clusters[i].caution + k);
+        let (zero, one, two, four) = (w.number(0.0), w.number(1.0), w.number(2.0), w.number(4.0));
+        let mut u = None;
+        for ((v, alpha), doubt) in v.iter().zip(alpha).zip(doubt) {
+            let (size, far) = (w.abs(*v), w.abs(*alpha));
+            let far = w.add(far, *doubt);
+            let x = w.mul(size, far);
+            u = Some(u.map_or(x, |sum| w.add(sum, x)));
+        }
+        let u = u.unwrap_or(zero);
+        let b = self.given_way(w, i, v);
+        let b = positive(w, b);
+        let all = w.add(u, b);
+        w.keep(risk, all);
+        w.raise(largest, all);
+        let part = w.var();
+        w.set(part, one);
+        let debt = w.lt(stored, zero);
+        w.when(debt, |w| {
+            let (trust, peak) = (w.kept(trust), w.kept(peak));
+            let (trusted, repaid) = (w.mul(trust, all), w.add(peak, stored));
+            let more = w.lt(trusted, repaid);
+            let most = w.select(more, repaid, trusted);
+            let over = w.lt(most, all);
+            w.when(over, |w| {
+                let up = w.mul(two, most);
+                let uu = w.mul(u, u);
+                let four_b = w.mul(four, b);
+                let rest = w.mul(four_b, most);
+                let sum = w.add(uu, rest);
+                let root = w.unary(Unary::Sqrt, sum);
+                let down = w.add(u, root);
+                let s = w.div(up, down);
+                let finite = w.finite(s);
+                let s = w.select(finite, s, zero);
+                let s = clamped(w, s, 0.0, 1.0);
+                w.set(part, s);
+                w.keep(risk, most);
+            });
+        });
+        let s = w.get(part);
+        v.iter().map(|x| w.mul(*x, s)).collect()
+    }
+}
+
+/// Puts a number before some others, of which the last one goes: one more than [`TERMS`] of them.
+fn shift(w: &mut Writer, at: usize, x: Value) {
+    let before: Vec<Value> = (0..TERMS).map(|p| w.kept(at + p)).collect();
+    w.keep(at, x);
+    for (p, x) in before.into_iter().enumerate() {
+        w.keep(at + p + 1, x);
     }
 }

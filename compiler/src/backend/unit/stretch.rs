@@ -93,6 +93,7 @@ impl Writing<'_> {
             beta: s.beta.clone(),
             gamma: s.gamma.clone(),
             decay: s.decay.clone(),
+            caution: p.caution,
             books: p.books.iter().zip(&p.more).map(|(at, m)| book(*at, m)).collect(),
             held: p.held.iter().map(held).collect(),
         });
@@ -139,6 +140,7 @@ fn held(h: &super::block::Held) -> HeldPlaces {
         last_q: h.last_q,
         alpha: h.alpha,
         before: h.before,
+        forecast: h.forecast,
         intervals: h.intervals,
         energy: h.energy,
     }

@@ -1,0 +1,239 @@
+//! How the other side of a double bar answers to what is held, measured at the start of a run by its own stepper.
+
+use super::cluster::Run;
+use super::hold::{RECURRENCE, TERMS};
+use super::schedule::Simulation;
+use crate::scene::{Bar, Cluster};
+
+/// Intervals after that of the hold that are looked at: as many as weights are found from, and as many again to see
+/// whether they hold.
+const LATER: usize = 3 * TERMS;
+/// How well a recurrence has to give what was measured, as a part of the largest of it: where the answer is linear, and
+/// where it is a difference quotient.
+const FITS: [f64; 2] = [1e-9, 1e-6];
+/// Steps of an interval where none is exact, at first, and how often they are halved at most.
+const STEPS: usize = 8;
+const HALVINGS: usize = 7;
+/// What two answers agree to, as a part of the largest.
+const AGREES: f64 = 1e-11;
+/// States times steps that a measurement may take: some milliseconds.
+const EFFORT: usize = 400_000;
+
+/// By interval, a matrix of the ports.
+type Answers = Vec<Vec<f64>>;
+
+impl Simulation<'_> {
+    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; gamma, how those over
+    /// the next ones do, apart from what follows from the answers before; and the recurrence that tells what follows.
+    pub(super) fn find_beta(&mut self, i: usize) {
+        let n = self.held[i].len();
+        let own = self.scene.clusters[i].period.unwrap_or(0.0);
+        let period = self.pace[i].as_ref().map_or(own, |p| p.step);
+        let mut beta = vec![0.0; n * n];
+        let mut gamma = vec![0.0; TERMS * n * n];
+        let mut decay = vec![0.0; RECURRENCE * n];
+        for r in decay.chunks_mut(RECURRENCE) {
+            (r[0], r[TERMS], r[TERMS + 1], r[TERMS + 2]) = (1.0, 1.0, 1.0, 1.0);
+        }
+        let mut others: Vec<usize> =
+            self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
+        others.sort_unstable();
+        others.dedup();
+        for other in others {
+            let mine: Vec<usize> =
+                (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
+            let bars: Vec<&Bar> =
+                mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
+            let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
+            let c = &self.scene.clusters[other];
+            let answers = self.runs[other].response(c, period, &ports);
+            let m = mine.len();
+            // q = sign * integral, input = sign * v, and q = alpha - beta v
+            let fall = |interval: usize, r: usize, s: usize| {
+                -bars[r].sign * bars[s].sign * answers.get(interval).map_or(0.0, |x| x[r * m + s])
+            };
+            for (r, &a) in mine.iter().enumerate() {
+                let own: Vec<f64> = (1..answers.len()).map(|j| fall(j, r, r)).collect();
+                let rule = recurrence(&own, FITS[usize::from(!c.is_linear)]);
+                for (s, &b) in mine.iter().enumerate() {
+                    beta[a * n + b] = fall(0, r, s);
+                    for p in 0..rule[TERMS + 1] as usize {
+                        let follows: f64 = (0..p).map(|j| rule[j] * fall(p - j, r, s)).sum();
+                        gamma[(p * n + a) * n + b] = fall(p + 1, r, s) - follows;
+                    }
+                }
+                decay[a * RECURRENCE..(a + 1) * RECURRENCE].copy_from_slice(&rule);
+            }
+        }
+        for (k, h) in self.held[i].iter().enumerate() {
+            if let Some(inertia) = h.open.and_then(|o| self.scene.open[o].inertia) {
+                beta[k * n + k] = period * period / (2.0 * inertia);
+                gamma[k * n + k] = 2.0 * beta[k * n + k];
+            }
+        }
+        for k in 0..n {
+            // A passive other side yields; rounding must not make it push.
+            beta[k * n + k] = if beta[k * n + k].is_finite() { beta[k * n + k].max(0.0) } else { 0.0 };
+        }
+        if let Some(p) = &mut self.pace[i] {
+            p.find_betas(&beta, &gamma, &decay);
+        }
+        self.beta[i] = beta;
+        self.gamma[i] = gamma;
+        self.decay[i] = decay;
+    }
+}
+
+impl Run {
+    /// How this cluster answers to what is held at `ports` for one `period` and then let go: for the interval of the
+    /// hold and some after it, a matrix of the change, with each held input, of the integral of what each port gives
+    /// out. Empty where a step fails.
+    ///
+    /// Where its steps have an error, they are halved, and what they give is extrapolated (Romberg), until it changes no
+    /// more: the answer is the region's, not its stepper's.
+    fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> Answers {
+        let later = if EFFORT / (LATER * STEPS * ports.len()) < self.state.len() { 2 } else { LATER };
+        if let Some(own) = c.period {
+            let steps = (period / own).round().max(1.0);
+            return self.answers(c, (period, own, steps as usize), ports, later).unwrap_or_default();
+        }
+        if c.step.linear.is_some() && c.step.order == 0 {
+            return self.answers(c, (period, period, 1), ports, later).unwrap_or_default();
+        }
+        // Of a symmetric method the error has even powers of the step only; taken for one that is not, these are none.
+        let order = c.step.order.max(1);
+        let each = 2 - order % 2;
+        let (mut rows, mut best): (Vec<Answers>, Option<(f64, Answers)>) = (Vec::new(), None);
+        let mut left = EFFORT / self.state.len().max(1);
+        for halved in 0..=HALVINGS {
+            let steps = STEPS << halved;
+            let cost = steps * (later + 1) * 2 * ports.len();
+            if halved > 0 && cost > left {
+                break;
+            }
+            left = left.saturating_sub(cost);
+            let Some(mut now) = self.answers(c, (period, period / steps as f64, steps), ports, later) else { break };
+            let mut row = vec![now.clone()];
+            for (k, coarse) in rows.iter().enumerate() {
+                let gain = 2.0f64.powi((order + each * k as u32) as i32) - 1.0;
+                for (x, y) in now.iter_mut().flatten().zip(coarse.iter().flatten()) {
+                    *x += (*x - y) / gain;
+                }
+                row.push(now.clone());
+            }
+            rows = row;
+            let size = now.iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+            let change = best.as_ref().map_or(f64::INFINITY, |(_, last)| {
+                last.iter().flatten().zip(now.iter().flatten()).fold(0.0f64, |m, (x, y)| m.max((x - y).abs()))
+            });
+            // What has come down to rounding only gets worse.
+            if best.as_ref().is_some_and(|(least, _)| change > *least && *least <= 1e-6 * size) {
+                break;
+            }
+            best = Some((change, now));
+            if change <= AGREES * size {
+                break;
+            }
+        }
+        best.map(|b| b.1).unwrap_or_default()
+    }
+
+    /// The same with steps of one length, so many an interval.
+    fn answers(
+        &mut self,
+        c: &Cluster,
+        (period, h, steps): (f64, f64, usize),
+        ports: &[usize],
+        later: usize,
+    ) -> Option<Answers> {
+        let n = ports.len();
+        let mut matrices = vec![vec![0.0; n * n]; later + 1];
+        self.step.prepare(h).ok()?;
+        let probe = if c.is_linear { 1.0 } else { 1e-3 };
+        let iterations = self.step.work.newton_iterations;
+        for (j, held) in ports.iter().enumerate() {
+            for sign in [1.0, -1.0] {
+                let mut state = if c.is_linear { vec![0.0; self.state.len()] } else { self.state.clone() };
+                let mut input = self.input.clone();
+                for p in &c.ports {
+                    input[p.input] = 0.0;
+                }
+                input[1] = h;
+                for (interval, matrix) in matrices.iter_mut().enumerate() {
+                    input[c.ports[*held].input] = if interval == 0 { sign * probe } else { 0.0 };
+                    for k in 0..steps {
+                        input[0] = interval as f64 * period + k as f64 * h;
+                        self.step.run(&state, &input).ok()?;
+                        state.copy_from_slice(&self.step.work.next);
+                        for (i, p) in ports.iter().enumerate() {
+                            let q = h * self.step.work.output[c.ports[*p].mean];
+                            matrix[i * n + j] += sign * q / (2.0 * probe);
+                        }
+                    }
+                }
+            }
+        }
+        self.step.work.newton_iterations = iterations;
+        Some(matrices)
+    }
+}
+
+/// The recurrence that a row of answers obeys: with the fewest weights, up to [`TERMS`], that give it to `fits` of its
+/// largest. Where none do, one weight, what is left of a motion after the first interval.
+fn recurrence(answers: &[f64], fits: f64) -> [f64; RECURRENCE] {
+    let (first, second) = (answers.first().copied().unwrap_or(0.0), answers.get(1).copied().unwrap_or(0.0));
+    let left = if first == 0.0 { 1.0 } else { second / first };
+    let left = if left.is_finite() { left.clamp(0.0, 1.0) } else { 1.0 };
+    let mut one = [0.0; RECURRENCE];
+    (one[0], one[TERMS], one[TERMS + 1], one[TERMS + 2]) = (left, left, 1.0, 1.0);
+    let size = answers.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    let obeys = |rule: &[f64; RECURRENCE]| {
+        let order = rule[TERMS + 1] as usize;
+        (order..answers.len()).all(|j| {
+            let told: f64 = (0..order).map(|p| rule[p] * answers[j - 1 - p]).sum();
+            (told - answers[j]).abs() <= fits * size
+        })
+    };
+    if obeys(&one) {
+        return one;
+    }
+    (2..=TERMS)
+        .filter(|order| answers.len() > 2 * order)
+        .find_map(|order| {
+            let mut rule = one;
+            (rule[TERMS + 1], rule[TERMS + 2]) = (order as f64, order as f64);
+            weights(answers, &mut rule[..order])?;
+            obeys(&rule).then_some(rule)
+        })
+        .unwrap_or_else(|| {
+            // Its forecasts are no good: all of them count.
+            one[TERMS + 2] = -1.0;
+            one
+        })
+}
+
+/// Solves for the weights that give the first answers each from those before; None where they leave them open.
+fn weights(answers: &[f64], rule: &mut [f64]) -> Option<()> {
+    let n = rule.len();
+    let mut m = [[0.0; TERMS + 1]; TERMS];
+    for (r, row) in m.iter_mut().take(n).enumerate() {
+        for p in 0..n {
+            row[p] = answers[n + r - 1 - p];
+        }
+        row[n] = answers[n + r];
+    }
+    for k in 0..n {
+        let pivot = (k..n).max_by(|a, b| m[*a][k].abs().total_cmp(&m[*b][k].abs()))?;
+        m.swap(k, pivot);
+        for r in k + 1..n {
+            let part = m[r][k] / m[k][k];
+            let above = m[k];
+            m[r].iter_mut().zip(above).skip(k).for_each(|(x, y)| *x -= part * y);
+        }
+    }
+    for k in (0..n).rev() {
+        let known: f64 = (k + 1..n).map(|j| m[k][j] * rule[j]).sum();
+        rule[k] = (m[k][n] - known) / m[k][k];
+    }
+    rule.iter().all(|x| x.is_finite()).then_some(())
+}
