@@ -256,3 +256,29 @@ fn giant_steps_of_pendulums_balance() {
         }
     }
 }
+
+/// Two bodies that move together on a soft spring, with a spring between them that is 1e12 times as stiff and not quite
+/// linear: its force is the small difference of large motions, and every step balances all the same.
+#[test]
+fn stiff_springs_that_bend_balance() {
+    let text = "model Stiff {
+      I:a { inertia = 1 kg; p0 = 1 N*s }
+      I:b { inertia = 1 kg; p0 = 0.5 N*s }
+      C:soft { H = 0.5 N/m * q^2 + 0.1 N/m^3 * q^4; q0 = 1 m }
+      C:hard { H = 1e12 N/m * (0.5 * q^2 + 3/(1 m) * q^3 + 5/(1 m^2) * q^4); q0 = 1e-7 m }
+      1:va -> a, soft
+      1:vb -> b
+      va -> 0:x -> vb
+      x -> hard
+    }";
+    for method in ["gonzalez", "collocation4"] {
+        let compiled = with(Options::new().method(method), text);
+        for step in [1e-9, 1e-6, 2e-5, 2e-4, 5e-4, 7e-4] {
+            let mut sim = start(&compiled, Steps::fixed(step));
+            finish(&mut sim, 500.0 * step);
+            let summary = sim.summary();
+            assert!(summary.passive, "{method}, {step:e} s: {:?}", summary.reasons);
+            assert!(summary.worst_step < 1e-12, "{method}, {step:e} s: {:e}", summary.worst_step);
+        }
+    }
+}

@@ -9,7 +9,7 @@ use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::turn;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
-use crate::model::Model;
+use crate::model::{Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Slot, Value};
@@ -172,6 +172,30 @@ pub(super) fn measures(
     Ok((weight, scale))
 }
 
+/// The largest product of a stiffness and an inverse inertia over the least, from which on a region is stiff.
+const STIFF: f64 = 1e8;
+
+/// Whether the fastest motion of a region is far faster than the slowest, as its energies bend at the start. How far a
+/// stiff spring between two bodies is drawn out is a small difference of how far these go in a step: where it follows
+/// from their momenta, the rounding of that is a force that the iteration cannot take back; as an unknown of its own it
+/// has its own digits.
+fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+    let start: FxHashMap<Symbol, f64> = c.states.iter().map(|s| (s.symbol, s.initial)).collect();
+    // Stiffnesses and inverse inertias: the least and the largest.
+    let mut bends = [(f64::INFINITY, 0.0f64); 2];
+    for (s, k) in c.states.iter().zip(write::curvatures(c, model)) {
+        let Some(column) = s.column else { continue };
+        let pool = &model.pool;
+        let k = pool.eval(k, &|s| start.get(&s).copied().or_else(|| pool.value(s)).unwrap_or(0.0));
+        if k > 0.0 && k.is_finite() {
+            let (least, most) = &mut bends[usize::from(form.column(column).gives == Variable::Flow)];
+            (*least, *most) = (least.min(k), most.max(k));
+        }
+    }
+    let [(soft, hard), (heavy, light)] = bends;
+    hard * light > STIFF * soft * heavy
+}
+
 /// Writes the step. Where it is the cluster's own, rather than what another stepper falls back to, `own` says so: its
 /// memory is then that of [`super::ahead`].
 pub(super) fn write(
@@ -200,7 +224,8 @@ pub(super) fn write(
         None => (rest, Vec::new()),
     };
     let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole: false };
-    write::solve_from(model, &mut b, &mut lowering, system, cold)?;
+    let apart = !is_stiff(c, model, form);
+    write::solve_as(model, &mut b, &mut lowering, (system, apart), cold)?;
     let (mut next, mut rests, mut changes) = (Vec::new(), Vec::new(), Vec::new());
     for (x, d) in inputs.states.iter().zip(&c.delta) {
         let d = model.pool.var(*d);

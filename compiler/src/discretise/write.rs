@@ -201,13 +201,24 @@ pub(super) fn solve_from(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
-    mut system: System,
+    system: System,
+    cold: Vec<Value>,
+) -> Result<(), Vec<Diagnostic>> {
+    solve_as(model, b, lowering, (system, true), cold)
+}
+
+/// As [`solve_from`]; unknowns that follow linearly from the others are taken out where it says so.
+pub(super) fn solve_as(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &mut Lowering,
+    (mut system, apart): (System, bool),
     mut cold: Vec<Value>,
 ) -> Result<(), Vec<Diagnostic>> {
     let h = system.h;
     let roots = Roots::of(model, b, lowering, &mut system, &mut cold)?;
     let all = system.unknowns.clone();
-    let torn = tear(&mut model.pool, &mut system, h);
+    let torn = if apart { tear(&mut model.pool, &mut system, h) } else { Vec::new() };
     let inside = if system.whole { &torn[..] } else { &[] };
     if !cold.is_empty() {
         let by: FxHashMap<Symbol, Value> = all.into_iter().zip(cold).collect();
