@@ -225,7 +225,7 @@ pub(super) fn write(
     };
     let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole: false };
     let apart = !is_stiff(c, model, form);
-    write::solve_as(model, &mut b, &mut lowering, (system, apart), cold)?;
+    write::solve_from(model, &mut b, &mut lowering, (system, apart), cold)?;
     let (mut next, mut rests, mut changes) = (Vec::new(), Vec::new(), Vec::new());
     for (x, d) in inputs.states.iter().zip(&c.delta) {
         let d = model.pool.var(*d);

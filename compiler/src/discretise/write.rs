@@ -193,22 +193,12 @@ pub(super) fn solve(
     lowering: &mut Lowering,
     system: System,
 ) -> Result<(), Vec<Diagnostic>> {
-    solve_from(model, b, lowering, system, Vec::new())
+    solve_from(model, b, lowering, (system, true), Vec::new())
 }
 
-/// Solves a system whose start is foretold; `cold` is where else it starts.
+/// Solves a system whose start is foretold: `cold` is where else it starts, empty where it is not. Unknowns that follow
+/// linearly from the others are taken out where it says so.
 pub(super) fn solve_from(
-    model: &mut Model,
-    b: &mut Builder,
-    lowering: &mut Lowering,
-    system: System,
-    cold: Vec<Value>,
-) -> Result<(), Vec<Diagnostic>> {
-    solve_as(model, b, lowering, (system, true), cold)
-}
-
-/// As [`solve_from`]; unknowns that follow linearly from the others are taken out where it says so.
-pub(super) fn solve_as(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
