@@ -47,6 +47,7 @@ fn ladder(n: usize) -> Program {
         weight: vec![one; n],
         scale: vec![one; n],
         cold: Vec::new(),
+        bends: Vec::new(),
         limit: 50,
         update: Vec::new(),
         affine: false,

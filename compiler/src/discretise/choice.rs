@@ -50,7 +50,7 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
     let small = c.states.len() + c.loops.len() <= UNKNOWNS;
     let laws = laws(c);
     let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
-    let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { .. }));
+    let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }));
     if !c.followed.is_empty() {
         if !small || kinked || !collocation::all_quadratic(c, &mut model.pool) {
             return (Method::Gonzalez, "a storage follows a source");

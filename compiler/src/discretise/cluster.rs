@@ -8,7 +8,7 @@ use super::{
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model};
-use crate::structure::{ColumnId, Form, Output, Role};
+use crate::structure::{Bends, ColumnId, Form, Output, Role};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{self};
@@ -282,6 +282,15 @@ impl Cluster {
     pub(super) fn loop_nodes(&self) -> Vec<&Node> {
         let by: FxHashMap<Symbol, &Node> = self.nodes.iter().map(|n| (n.unknown(), n)).collect();
         self.loops.iter().filter_map(|z| by.get(z).copied()).collect()
+    }
+
+    /// The unknowns that exponentials are of, and where these grow.
+    pub(super) fn bends(&self) -> Vec<(Symbol, Bends)> {
+        let bent = |n: &&Node| match n.how {
+            Output::Curve { parameter, bends: Some(bends), .. } => Some((parameter, bends)),
+            Output::Explicit(_) | Output::Implicit(_) | Output::Curve { .. } => None,
+        };
+        self.loop_nodes().iter().filter_map(bent).collect()
     }
 
     /// Residuals of the loops, in order, in terms of outputs.

@@ -196,6 +196,31 @@ fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     hard * light > STIFF * soft * heavy
 }
 
+/// The start of an iteration, where arguments of exponentials that follow from the states alone are foretold by these.
+fn ahead_of(
+    c: &Cluster,
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &Lowering,
+    (unknowns, residuals): (&[Symbol], &[Expr]),
+    mut start: Vec<Value>,
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let mut foretold = lowering.clone();
+    c.delta.iter().zip(&start).for_each(|(d, v)| foretold.bind(*d, *v));
+    for (z, _) in c.bends() {
+        let Some(k) = unknowns.iter().position(|u| *u == z) else { continue };
+        let symbols = model.pool.symbols(residuals[k]);
+        if c.loops.iter().any(|other| *other != z && symbols.contains(other)) {
+            continue;
+        }
+        let none = FxHashMap::from_iter([(z, model.pool.zero())]);
+        let input = model.pool.substitute(residuals[k], &none);
+        let input = model.pool.neg(input);
+        start[k] = foretold.lower(&model.pool, b, input).map_err(|s| missing(model, s))?;
+    }
+    Ok(start)
+}
+
 /// Writes the step. Where it is the cluster's own, rather than what another stepper falls back to, `own` says so: its
 /// memory is then that of [`super::ahead`].
 pub(super) fn write(
@@ -220,10 +245,14 @@ pub(super) fn write(
     let rest: Vec<Value> = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
     let ahead = if own { Ahead::new(&mut b, c, inputs.h) } else { None };
     let (start, cold) = match &ahead {
-        Some(ahead) => (ahead.start.iter().chain(&inputs.guesses).copied().collect(), rest),
+        Some(ahead) => {
+            let start = ahead.start.iter().chain(&inputs.guesses).copied().collect();
+            (ahead_of(c, model, &mut b, &lowering, (&unknowns, &residuals), start)?, rest)
+        }
         None => (rest, Vec::new()),
     };
-    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole: false };
+    let (flag, bends) = (None, c.bends());
+    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag, once: false, whole: false, bends };
     let apart = !is_stiff(c, model, form);
     write::solve_from(model, &mut b, &mut lowering, (system, apart), cold)?;
     let (mut next, mut rests, mut changes) = (Vec::new(), Vec::new(), Vec::new());

@@ -127,7 +127,7 @@ fn respond(
         model,
         &mut b,
         &mut lowering,
-        System { unknowns, h: c.h, start, residuals, weight, scale, flag, once: false, whole: false },
+        System { unknowns, h: c.h, start, residuals, weight, scale, flag, once: false, whole: false, bends: c.bends() },
     )?;
     for (i, e) in outs.iter().enumerate() {
         let e = model.pool.substitute(*e, &flat);

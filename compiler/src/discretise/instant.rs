@@ -41,7 +41,7 @@ pub(super) fn outputs(
     // found.
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
     for (((r, z), n), guess) in residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses) {
-        let is_bare = matches!(n.how, Output::Curve { bare: true, .. });
+        let is_bare = matches!(n.how, Output::Curve { bends: None, .. });
         let imposed = || !model.pool.contains_any(*r, &|s| s != *z && loops.contains(&s));
         if is_bare && imposed() && !reads(c, model, form, n) {
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
@@ -66,6 +66,7 @@ pub(super) fn outputs(
         flag: None,
         once: false,
         whole: false,
+        bends: c.bends(),
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)

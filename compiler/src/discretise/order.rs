@@ -34,15 +34,16 @@ impl Cluster {
             let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
             members.sort_unstable();
             let looped = members.len() > 1 || members.iter().any(|m| own[*m] || self.nodes[*m].how.is_root());
-            if !looped {
-                order.extend(members);
-                continue;
-            }
+            let mut steep = false;
             for m in &members {
                 let n = &mut self.nodes[*m];
-                if let Some(steep) = n.steep.take().filter(|_| matches!(n.how, Output::Explicit(_))) {
-                    n.how = steep;
+                if let Some(how) = n.steep.take().filter(|_| matches!(n.how, Output::Explicit(_))) {
+                    (n.how, steep) = (how, true);
                 }
+            }
+            if !looped && !steep {
+                order.extend(members);
+                continue;
             }
             let (torn, rest) = self.tear(&graph, &members, &own);
             unknown.extend(torn.iter().copied());

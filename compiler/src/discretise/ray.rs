@@ -88,6 +88,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         flag: Some(flag),
         once: false,
         whole: false,
+        bends: Vec::new(),
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let met = b.load(flag);
@@ -134,6 +135,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         flag: Some(mirror_flag),
         once: false,
         whole: false,
+        bends: Vec::new(),
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let found = b.load(mirror_flag);

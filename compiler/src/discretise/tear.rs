@@ -20,8 +20,14 @@ pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> V
     }
     // The rows that are taken: unknown, which others it is made of, and how.
     let mut taken: Vec<(usize, Vec<usize>, Expr)> = Vec::new();
+    // Arguments of exponentials stay, unless they are given: with these known the rest is linear.
+    let bent = |i: usize| system.bends.iter().any(|b| b.0 == unknowns[i]);
+    let plain: Vec<usize> = (0..n).filter(|i| !bent(*i)).collect();
     for i in 0..n {
-        let Some((linear, rest)) = pool.affine(system.residuals[i], &unknowns) else { continue };
+        let of: Vec<usize> = if bent(i) { (0..n).collect() } else { plain.clone() };
+        let symbols: Vec<Symbol> = of.iter().map(|i| unknowns[*i]).collect();
+        let Some((linear, rest)) = pool.affine(system.residuals[i], &symbols) else { continue };
+        let linear: Vec<(usize, Expr)> = linear.into_iter().map(|(j, k)| (of[j], k)).collect();
         let Some(&(_, own)) = linear.iter().find(|t| t.0 == i) else { continue };
         let positive = |s: Symbol| if Some(s) == h { Sign::Positive } else { Sign::Unknown };
         if !matches!(pool.sign(own, &positive), Sign::Positive | Sign::Negative) {
@@ -30,7 +36,7 @@ pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> V
         let others: Vec<usize> = linear.iter().map(|t| t.0).filter(|j| *j != i).collect();
         // Of a last one that is more than given an iteration takes the rounding of the solution off.
         let is_given = others.is_empty() && pool.constant(own).is_some();
-        let is_last = taken.len() + 1 == n;
+        let is_last = taken.len() + 1 == n || bent(i);
         if taken.iter().any(|(k, of, _)| others.contains(k) || of.contains(&i)) || (is_last && !is_given) {
             continue;
         }

@@ -6,10 +6,11 @@ use super::tear::tear;
 use super::turn::Turns;
 use crate::expression::{self, Below, Expr, Lowering, Number, Pool, Symbol};
 use crate::model::{Law, Model, Variable};
-use crate::structure::{ColumnId, Form, Output};
+use crate::structure::{Bends, ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{self, Array, Builder, Newton, Slot, Unary, Value};
+use bond_runtime::ir::{self, Array, Bend, Builder, Newton, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, GIVEN};
+use bond_runtime::solve::newton::BENT;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// The values that a program starts from.
@@ -167,6 +168,8 @@ pub(super) fn no_memory(b: &mut Builder, c: &Cluster) {
     }
 }
 
+/// An iteration starts at most so many units up an exponent, where that is still a number in single precision.
+const STEEP: f64 = 80.0;
 /// Of more unknowns than this an affine system is solved once.
 const LARGE: usize = 64;
 
@@ -184,6 +187,8 @@ pub(super) struct System {
     pub(super) once: bool,
     /// Whether its coefficients are to be taken as they stand: what their products would be rounded by counts.
     pub(super) whole: bool,
+    /// Unknowns that exponentials are of, and where these grow.
+    pub(super) bends: Vec<(Symbol, Bends)>,
 }
 
 /// Solves a system; afterwards `lowering` has the values of the unknowns.
@@ -225,7 +230,7 @@ fn iterate(
     b: &mut Builder,
     lowering: &mut Lowering,
     (mut system, torn): (System, &[(Symbol, Expr)]),
-    cold: Vec<Value>,
+    mut cold: Vec<Value>,
 ) -> Result<(), Vec<Diagnostic>> {
     let n = system.unknowns.len();
     if n == 0 {
@@ -267,6 +272,14 @@ fn iterate(
     let affine = (n > LARGE || system.once) && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
     if affine && !system.once {
         return at_once(model, b, lowering, &system, slots, &jacobian);
+    }
+    let bends = if n <= BENT { bends(&system) } else { Vec::new() };
+    for list in [&mut system.start, &mut cold] {
+        for bend in &bends {
+            let Some(x) = list.get_mut(bend.unknown as usize) else { continue };
+            let most = b.number(bend.knee + STEEP / bend.rate);
+            *x = b.binary(if bend.rate > 0.0 { ir::Binary::Min } else { ir::Binary::Max }, *x, most);
+        }
     }
     for (i, v) in system.start.iter().enumerate() {
         b.store(slot(i), *v);
@@ -316,6 +329,7 @@ fn iterate(
         weight: system.weight,
         scale: system.scale,
         cold,
+        bends,
         limit: 200,
         affine,
         flag: system.flag,
@@ -325,6 +339,20 @@ fn iterate(
         lowering.bind(*s, v);
     }
     Ok(())
+}
+
+/// The bends of a system's unknowns, by their numbers.
+fn bends(system: &System) -> Vec<Bend> {
+    let place = |s: Symbol| system.unknowns.iter().position(|u| *u == s);
+    let sides = |(s, b): &(Symbol, Bends)| {
+        let unknown = place(*s).map(|i| i as u32);
+        let all = unknown.into_iter().flat_map(|unknown| {
+            let one = move |(knee, rate)| Bend { unknown, knee, rate };
+            [b.above, b.below].into_iter().flatten().map(one)
+        });
+        all.collect::<Vec<_>>()
+    };
+    system.bends.iter().flat_map(sides).collect()
 }
 
 /// The derivatives of an expression by the symbols that have a place, where they are not 0.
@@ -485,6 +513,49 @@ fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column:
     model.pool.sum(&list)
 }
 
+/// How fast linear resistors pull a state back, as the sum of the magnitudes of the slopes of its rate by itself: over
+/// `h`, what rounds the terms of its change is that much less in the change. None where no resistor's law bends: what
+/// solves the equations at once need not be told how near it is.
+fn pull(
+    model: &mut Model,
+    form: &Form,
+    flat: &FxHashMap<Symbol, Expr>,
+    column: ColumnId,
+    state: Symbol,
+) -> Option<Expr> {
+    let mut list = Vec::new();
+    for &(j, k) in &form.column(column).row {
+        let Law::Resistor(_) = model.element(form.column(j).element).law else { continue };
+        if is_steep(model, form, j) {
+            continue;
+        }
+        let pool = &mut model.pool;
+        let z = pool.var(form.column(j).out);
+        let term = pool.mul(k, z);
+        let term = pool.substitute(term, flat);
+        let slope = pool.derivative(term, state);
+        list.push(pool.unary(Unary::Abs, slope));
+    }
+    let sum = model.pool.sum(&list);
+    (!model.pool.is_zero(sum)).then_some(sum)
+}
+
+/// The same without what resistors give.
+fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
+    let mut list = Vec::new();
+    for &(j, k) in &form.column(column).row {
+        if let Law::Resistor(_) = model.element(form.column(j).element).law {
+            continue;
+        }
+        let pool = &mut model.pool;
+        let z = pool.var(form.column(j).out);
+        let term = pool.mul(k, z);
+        let term = pool.substitute(term, flat);
+        list.push(pool.unary(Unary::Abs, term));
+    }
+    model.pool.sum(&list)
+}
+
 /// Sums within sums that count by their terms, at most.
 const DEEP: u32 = 4;
 
@@ -598,9 +669,14 @@ pub(super) fn scales(
     };
     let mut laws = Vec::with_capacity(c.loops.len());
     for node in c.loop_nodes() {
-        if let Output::Curve { bare, .. } = node.how {
-            // Of an exponential's argument only itself says what a small change is: the slope changes too fast.
-            laws.push(Size::Known(b.number(if bare { 1.0 } else { 0.0 })));
+        if let Output::Curve { bends, .. } = node.how {
+            // The argument of an exponential is what it is given, and so known to the rounding of that. What resistors
+            // give of it is not known at the start: the slope changes too fast.
+            let one = b.number(1.0);
+            laws.push(match node.resistor().filter(|_| bends.is_some()) {
+                Some(column) => Size::Law { terms: imposed(model, form, &flat, column), slope: one, forward: true },
+                None => Size::Known(one),
+            });
             continue;
         }
         let column = node.resistor().filter(|column| !is_steep(model, form, *column));
@@ -630,6 +706,7 @@ pub(super) fn scales(
         }
     }
     let mut scales = Vec::new();
+    let bends = c.nodes.iter().any(|n| n.resistor().is_some_and(|column| is_steep(model, form, column)));
     if let Some(h) = h {
         let mut among = bound(&sizes);
         for ((s, x), trace) in c.states.iter().zip(states).zip(traces) {
@@ -641,6 +718,16 @@ pub(super) fn scales(
             let x = b.add(x, trace);
             let t = model.pool.mul(h, t);
             let t = lower(model, b, &mut among, t)?;
+            let t = match s.column.filter(|_| bends).and_then(|column| pull(model, form, &flat, column, s.symbol)) {
+                Some(k) => {
+                    let k = model.pool.mul(h, k);
+                    let k = lower(model, b, &mut at_start, k)?;
+                    let one = b.number(1.0);
+                    let k = b.add(one, k);
+                    b.div(t, k)
+                }
+                None => t,
+            };
             scales.push(b.add(x, t));
         }
     }

@@ -88,6 +88,15 @@ impl Column {
     }
 }
 
+/// Where the exponentials of a law grow: where they are 1, and the slope of their exponents, to each side.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Bends {
+    /// Towards larger arguments.
+    pub above: Option<(f64, f64)>,
+    /// Towards smaller ones; its slope is below 0.
+    pub below: Option<(f64, f64)>,
+}
+
 /// A resistor's output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output {
@@ -105,8 +114,8 @@ pub enum Output {
         residual: Expr,
         /// Power per square of the parameter.
         weight: Expr,
-        /// Whether the parameter is a bare number; else it is the law's argument.
-        bare: bool,
+        /// Where the parameter is the argument of a law with exponentials: where these grow. Else it is a bare number.
+        bends: Option<Bends>,
     },
 }
 

@@ -2,13 +2,13 @@
 //! root of a residual. A port of a field reads the variables of the others.
 
 use super::resolve::Resolver;
-use super::{ColumnId, Form, Output, Row, inverse};
+use super::{Bends, ColumnId, Form, Output, Row, inverse};
 use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::{ElementId, Law, Resistor, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Unary;
 use nalgebra::DMatrix;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A resistor's output, and its coefficients where it is linear.
 pub(super) struct Found {
@@ -82,7 +82,7 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         let off = pool.sub(other, inputs[place]);
         let residual = pool.div(off, across);
         let weight = pool.mul(along, across);
-        let how = Output::Curve { parameter: curve.parameter, out, residual, weight, bare: true };
+        let how = Output::Curve { parameter: curve.parameter, out, residual, weight, bends: None };
         return Ok(Some(Found::plain(how)));
     }
     if let (None, Some(k)) = (r.model.element(c.element).field, law.linear) {
@@ -120,11 +120,43 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         // It has an exponential in it, as that of a junction diode.
         let pool = &mut r.model.pool;
         let x = pool.var(law.argument);
-        let (slope, residual) = (pool.derivative(law_output, law.argument), pool.sub(x, inputs[0]));
-        let weight = pool.unary(Unary::Abs, slope);
-        found.steep = Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, bare: false });
+        // The slope where an iteration starts says nothing of the slope where it ends: the argument counts by itself.
+        let (residual, weight) = (pool.sub(x, inputs[0]), pool.int(0));
+        let bends = Some(bends(pool, law_output, law.argument));
+        found.steep = Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, bends });
     }
     Ok(Some(found))
+}
+
+/// Where the exponentials of a law grow, of those whose exponents are linear in its argument: the fastest to each side.
+fn bends(pool: &mut Pool, law: Expr, argument: Symbol) -> Bends {
+    let mut found = Bends::default();
+    let (mut seen, mut stack) = (FxHashSet::default(), vec![law]);
+    while let Some(e) = stack.pop() {
+        if !seen.insert(e) {
+            continue;
+        }
+        let node = pool.node(e).clone();
+        node.each_child(&mut |c| stack.push(c));
+        let Node::Unary(f, exponent) = node else { continue };
+        let both = matches!(f, Unary::Sinh | Unary::Cosh);
+        if !both && f != Unary::Exp {
+            continue;
+        }
+        let Some((slope, rest)) = pool.linear(exponent, argument) else { continue };
+        let (Some(slope), Some(rest)) = (pool.constant(slope), pool.constant(rest)) else { continue };
+        let knee = -rest / slope;
+        if !knee.is_finite() || !slope.is_finite() || slope == 0.0 {
+            continue;
+        }
+        for rate in if both { vec![slope.abs(), -slope.abs()] } else { vec![slope] } {
+            let side = if rate > 0.0 { &mut found.above } else { &mut found.below };
+            if side.is_none_or(|(_, r)| r.abs() < rate.abs()) {
+                *side = Some((knee, rate));
+            }
+        }
+    }
+    found
 }
 
 /// How fast a variable rises along a curve, where it does: the sum of its slopes at some places.

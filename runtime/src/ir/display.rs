@@ -126,6 +126,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     for (i, x) in newton.cold.iter().enumerate() {
         writeln!(f, "{indent}  cold[{i}] = {x}")?;
     }
+    for b in &newton.bends {
+        writeln!(f, "{indent}  bend[{}] from {:?} by {:?}", b.unknown, b.knee, b.rate)?;
+    }
     Ok(())
 }
 
@@ -159,6 +162,7 @@ mod tests {
             weight: vec![one],
             scale: vec![v],
             cold: Vec::new(),
+            bends: Vec::new(),
             limit: 9,
             update: Vec::new(),
             affine: false,

@@ -213,6 +213,9 @@ pub struct Newton {
     /// Where the unknowns start is foretold, and this, one value an unknown, is where else: what was foretold then
     /// never decides whether there is a solution. Empty else.
     pub cold: Vec<Value>,
+    /// Unknowns that exponentials are of, and beyond where these grow; up to [`BENT`](crate::solve::newton::BENT)
+    /// unknowns.
+    pub bends: Vec<Bend>,
     /// Iterations at most.
     pub limit: u32,
     /// Whether the residual is affine in the unknowns: the first update is the solution.
@@ -220,6 +223,17 @@ pub struct Newton {
     /// Where the step fails when the method does not converge; with a slot, the slot (of `Local`) gets 1 or 0 and the
     /// program goes on with the last iterate.
     pub flag: Option<Slot>,
+}
+
+/// An exponential of an unknown of an iteration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bend {
+    /// The number of the unknown.
+    pub unknown: u32,
+    /// Where the exponential is 1.
+    pub knee: f64,
+    /// Its exponent is this times what the unknown is above the knee: below 0, it grows to the other side.
+    pub rate: f64,
 }
 
 /// Iterations inside one another, at most, in a program that is read.

@@ -1,6 +1,7 @@
 //! Checks that a program means something.
 
-use super::{Array, Inst, Newton, Op, Program, Slot, Solve, Value};
+use super::{Array, Bend, Inst, Newton, Op, Program, Slot, Solve, Value};
+use crate::solve::newton::BENT;
 use thiserror::Error;
 
 /// What is wrong with a program. Such a program is a mistake of whoever made it, never of a user.
@@ -131,6 +132,10 @@ impl Check<'_> {
         self.all(newton.weight.iter().chain(&newton.scale).chain(&newton.cold).copied())?;
         let own = newton.update.is_empty() || (newton.jacobian.is_empty() && !newton.affine);
         if !own || ![0, n].contains(&newton.update.len()) {
+            return Err(Invalid::Lengths(first));
+        }
+        let sound = |b: &Bend| b.unknown < size && b.knee.is_finite() && b.rate.is_finite() && b.rate != 0.0;
+        if !newton.bends.iter().all(sound) || (!newton.bends.is_empty() && n > BENT) {
             return Err(Invalid::Lengths(first));
         }
         matrix(first, size, &newton.jacobian)?;
@@ -285,6 +290,7 @@ mod tests {
             weight: vec![one],
             scale: vec![one],
             cold: Vec::new(),
+            bends: Vec::new(),
             limit: 50,
             update: Vec::new(),
             affine: false,

@@ -19,7 +19,11 @@
 //!   4. Where `|d + e|²` is at most `|e|² / 16`, with the update `e` before, neither halved nor doubled: half of `d`.
 //!      It only takes back what `e` did, as about the infinite slope of a root, where such updates go to and fro for
 //!      ever.
-//!   5. `u = u - d`, then test.
+//!   5. `u = u - d`, then test. Of an unknown that an exponential is of ([`Bend`]) the update is made along the curve
+//!      of argument and exponential, in a parameter that is the argument before the knee and the exponential beyond it
+//!      (Newton's method in the voltage of a junction that blocks, in the current of one that conducts; Nagel, SPICE2,
+//!      1975): else what lies beyond would be overshot, or come back from by one unit of the exponent at a time. `d` is
+//!      what was made of it; up to an eighth of a unit it stays.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`, where `|r|²` is no more than that sum: far out on an exponential one unknown
 //!   is too large for another to show.
@@ -42,7 +46,8 @@
 
 use super::linear;
 use super::quick::{self, Begun};
-use crate::ir;
+use crate::eval;
+use crate::ir::{self, Bend, Unary};
 use crate::kernel::Failure;
 
 /// Where else to start, in scales, where the Jacobian at the start cannot be solved.
@@ -57,6 +62,13 @@ pub const HALVINGS: u32 = 30;
 /// After so many iterations updates are no longer halved for what the residual becomes: beyond the corner of a law it
 /// may have to be larger first, as where a body that slid one way is to slide the other.
 pub const DAMPED: u32 = 100;
+
+/// More unknowns than this have no bends.
+pub const BENT: usize = 24;
+/// Updates of so many units of an exponent at most are made as they are.
+pub const STRAIGHT: f64 = 0.125;
+/// An update from far up an exponential goes beyond its knee by so many units at most.
+pub const FAR: f64 = 1e4;
 
 /// What is known of an iteration before it runs.
 #[derive(Clone, Debug)]
@@ -77,6 +89,8 @@ pub struct Plan {
     pub flag: Option<usize>,
     /// Whether the start is foretold, and another one given besides.
     pub foretold: bool,
+    /// Unknowns that exponentials are of.
+    pub bends: Vec<Bend>,
     /// Where it begins with two updates by one matrix.
     quick: Option<quick::Pattern>,
     linear: linear::Plan,
@@ -92,6 +106,7 @@ impl Plan {
             affine: newton.affine,
             given: !newton.update.is_empty(),
             foretold: !newton.cold.is_empty(),
+            bends: newton.bends.clone(),
             quick: quick::Pattern::of(newton),
             ..plan
         }
@@ -103,8 +118,8 @@ impl Plan {
     /// Where the pattern is not within `n` rows and columns.
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
         let linear = linear::Plan::new(n, &pattern);
-        let (quick, foretold) = (None, false);
-        Self { unknowns, n, pattern, limit, affine: false, given: false, flag, foretold, quick, linear }
+        let (quick, foretold, bends) = (None, false, Vec::new());
+        Self { unknowns, n, pattern, limit, affine: false, given: false, flag, foretold, bends, quick, linear }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -325,6 +340,14 @@ fn iterate<S: System>(
             return Err(Failure::Singular { row: solved.err().unwrap_or(0) });
         }
         let mut square = square;
+        if !plan.bends.is_empty() {
+            let u = system.unknowns();
+            for bend in &plan.bends {
+                let i = bend.unknown as usize;
+                trial[i] = bent(bend, u[i], trial[i]);
+            }
+            square = measure.square(trial);
+        }
         let plain = halvings == 0 && stretches == 0;
         if let Some(last) = before.filter(|_| plain)
             && measure.squares(trial.iter().zip(&scratch.update).map(|(d, e)| d + e)) <= 0.0625 * last
@@ -373,6 +396,31 @@ fn geometric(square: f64, last: f64) -> f64 {
     }
     let t = 1e-18 * ((last / square).sqrt() - 1.0);
     if t < 1e-12 { t } else { 1e-12 }
+}
+
+/// What an update of an unknown becomes along an exponential of it.
+fn bent(bend: &Bend, unknown: f64, update: f64) -> f64 {
+    let before = bend.rate * (unknown - bend.knee);
+    let change = -(bend.rate * update);
+    let after = before + change;
+    let next = if before > 0.0 {
+        if change.abs() <= STRAIGHT {
+            return update;
+        }
+        let grown = 1.0 + change;
+        let log = before + eval::unary(Unary::Log, grown);
+        if log > 0.0 {
+            log
+        } else {
+            let low = eval::unary(Unary::Exp, before) * grown;
+            (if low > -FAR { low } else { -FAR }) - 1.0
+        }
+    } else if after > 0.0 {
+        eval::unary(Unary::Log, 1.0 + after)
+    } else {
+        return update;
+    };
+    (before - next) / bend.rate
 }
 
 /// Takes back half of an update, and halves it.

@@ -16,7 +16,10 @@
 //! 5. Else it begins anew from the start that was told apart from a foretold one; where there is none, it goes on from
 //!    `u`, as after an iteration that made the update `d`. Where `|d|` is not finite it begins anew in any case.
 //!
-//! An elimination without pivots that lost digits shows as an `e` that is not small, and so nothing is taken on trust.
+//! An elimination without pivots that lost digits shows as an `e` that is not small, or as one that leaves the residual
+//! unexplained: it is done only where each `|r_i| <= 2 Σ |J_ij| (|d_j| + 4e-16 z_j)`, with the residual and the update
+//! before the end; else it begins anew as in 5. Far up an exponential the slope is all that is left of the equations,
+//! and an update of 0 would look like a solution.
 //! What was foretold never decides whether a solution is found: where the iteration fails from 4, it begins anew as
 //! in 5.
 //!
@@ -156,6 +159,7 @@ pub(super) struct Room {
     entries: Vec<f64>,
     size: Vec<f64>,
     first: Vec<f64>,
+    told: Vec<f64>,
     start: Vec<f64>,
 }
 
@@ -167,6 +171,7 @@ impl Room {
             entries: Vec::with_capacity(n * n),
             size: vec![0.0; n],
             first: vec![0.0; n],
+            told: vec![0.0; n],
             start: vec![0.0; n],
         }
     }
@@ -220,28 +225,27 @@ pub(super) fn begin<S: System>(
         return Ok(Begun::Anew);
     }
     if update.iter().zip(z).all(|(d, z)| d.abs() <= ROUNDING * z) {
-        return Ok(Begun::Done);
+        let explained = explained(entries, &room.entries, residual, update, z, &mut room.told);
+        return Ok(if explained { Begun::Done } else { Begun::Anew });
     }
     system.evaluate(residual, jacobian)?;
     trial.copy_from_slice(residual);
     pattern.solve(&room.matrix, trial);
-    // Less than the unknowns can show: so nobody need wait for it.
     let near = update.iter().zip(z).all(|(d, z)| d.abs() <= NEAR * z);
-    if near && trial.iter().zip(system.unknowns().iter()).all(|(e, u)| e.abs() <= ROUNDING * u.abs()) {
-        return Ok(Begun::Done);
-    }
+    // Less than the unknowns can show: so nobody need wait for it.
+    let unseen = near && trial.iter().zip(system.unknowns().iter()).all(|(e, u)| e.abs() <= ROUNDING * u.abs());
     // Far from the start it ends where the matrix is still the same, and rounding is left.
     let alike = |(a, b): (&f64, &f64)| (a - b).abs() <= ALIKE * b.abs();
     let settled =
         || jacobian.iter().zip(&room.entries).all(alike) && trial.iter().zip(z).all(|(e, z)| e.abs() <= ROUNDING * z);
-    let done = if !near {
-        settled()
-    } else {
-        update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z))
-    };
+    let last = || update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z));
+    let done = unseen || if near { last() } else { settled() };
+    if done && !explained(entries, &room.entries, residual, trial, z, &mut room.told) {
+        return Ok(Begun::Anew);
+    }
     let (first, second) = (part(update, z), part(trial, z));
     let good = (second <= GOOD * first || second <= STALLED) && first.is_finite();
-    if done || good {
+    if !unseen && (done || good) {
         for (u, d) in system.unknowns().iter_mut().zip(trial.iter()) {
             *u -= *d;
         }
@@ -261,6 +265,27 @@ pub(super) fn begin<S: System>(
         return Ok(Begun::Anew);
     }
     Ok(Begun::On { before: measure.square(update), best: measure.square(&room.first), again: false })
+}
+
+/// Whether an update and what rounding leaves of the unknowns come up to a residual, by the matrix. One equation is
+/// divided by its slope, which loses nothing.
+fn explained(
+    entries: &[(u32, u32)],
+    matrix: &[f64],
+    residual: &[f64],
+    update: &[f64],
+    z: &[f64],
+    told: &mut [f64],
+) -> bool {
+    if told.len() == 1 {
+        return true;
+    }
+    told.fill(0.0);
+    for (&(i, j), a) in entries.iter().zip(matrix) {
+        let j = j as usize;
+        told[i as usize] += a.abs() * (update[j].abs() + ROUNDING * z[j]);
+    }
+    residual.iter().zip(told.iter()).all(|(r, told)| r.abs() <= 2.0 * told)
 }
 
 /// `Σ |v_i| / z_i`

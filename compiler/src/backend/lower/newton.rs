@@ -3,8 +3,8 @@
 use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
-use bond_runtime::ir::{self, Array, Slot};
-use bond_runtime::solve::newton::{DAMPED, HALVINGS, NUDGES, STALLS, STRETCHES};
+use bond_runtime::ir::{self, Array, Bend, Slot};
+use bond_runtime::solve::newton::{DAMPED, FAR, HALVINGS, NUDGES, STALLS, STRAIGHT, STRETCHES};
 use bond_runtime::solve::quick::{LAST, Pattern};
 
 /// How an iteration ended.
@@ -40,6 +40,7 @@ pub(super) struct Iteration {
     stalls: Var,
     pub(super) end: Var,
     row: Var,
+    bends: Vec<Bend>,
     /// Whether the update is given, and whether the first one is all.
     given: bool,
     affine: bool,
@@ -244,6 +245,7 @@ impl Iteration {
             stalls: w.var(),
             end: w.var(),
             row: w.var(),
+            bends: newton.bends.clone(),
             given: !newton.update.is_empty(),
             affine,
         }
@@ -538,6 +540,12 @@ impl Iteration {
             w.when(may, |w| self.halve(w));
             self.finish(w, NO_CONVERGENCE);
         });
+        let square = if self.bends.is_empty() {
+            square
+        } else {
+            self.bends.iter().for_each(|b| self.bend(w, b, solution));
+            self.square(w, |w, at| w.at(solution, at))
+        };
         let (made, last, halvings) = (w.get(self.made), w.get(self.before), w.get(self.halvings));
         let sum = self.square(w, |w, at| {
             let (d, e) = (w.at(solution, at), w.at(&self.update, at));
@@ -596,6 +604,58 @@ impl Iteration {
         w.set(self.made, one);
         w.set(self.halvings, zero);
         w.set(self.stretches, zero);
+    }
+
+    /// Makes an update along an exponential of its unknown.
+    fn bend(&self, w: &mut Writer, bend: &Bend, solution: &Vector) {
+        let at = At::One(bend.unknown as usize);
+        let (knee, rate, zero, one) = (w.number(bend.knee), w.number(bend.rate), w.number(0.0), w.number(1.0));
+        let (u, d) = (w.at(&self.unknowns, at), w.at(solution, at));
+        let above = w.sub(u, knee);
+        let before = w.mul(rate, above);
+        let change = w.mul(rate, d);
+        let change = w.unary(ir::Unary::Neg, change);
+        let after = w.add(before, change);
+        let grown = |w: &mut Writer, x: Value| {
+            let x = w.add(one, x);
+            (x, w.unary(ir::Unary::Log, x))
+        };
+        let make = |w: &mut Writer, next: Value| {
+            let d = w.sub(before, next);
+            let d = w.div(d, rate);
+            w.put(solution, at, d);
+        };
+        let (beyond, over) = (w.lt(zero, before), w.lt(zero, after));
+        w.branch(
+            beyond,
+            |w| {
+                let (size, most) = (w.abs(change), w.number(STRAIGHT));
+                let straight = w.le(size, most);
+                w.when(straight.not(), |w| {
+                    let (grown, log) = grown(w, change);
+                    let log = w.add(before, log);
+                    let stays = w.lt(zero, log);
+                    w.branch(
+                        stays,
+                        |w| make(w, log),
+                        |w| {
+                            let power = w.unary(ir::Unary::Exp, before);
+                            let (low, least) = (w.mul(power, grown), w.number(-FAR));
+                            let near = w.lt(least, low);
+                            let low = w.select(near, low, least);
+                            let next = w.sub(low, one);
+                            make(w, next);
+                        },
+                    );
+                });
+            },
+            |w| {
+                w.when(over, |w| {
+                    let (_, next) = grown(w, after);
+                    make(w, next);
+                });
+            },
+        );
     }
 
     /// The test of an iteration that converges linearly, after its update.

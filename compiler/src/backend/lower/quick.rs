@@ -124,6 +124,40 @@ fn at_most(w: &mut Writer, list: &[Value], part: Value, sizes: &[Value]) -> Vec<
         .collect()
 }
 
+/// Whether an update of these magnitudes and what rounding leaves of the unknowns come up to a residual.
+fn explained(
+    w: &mut Writer,
+    entries: &[(u32, u32, Value)],
+    residual: &[Value],
+    update: &[Value],
+    z: &[Value],
+) -> Cond {
+    let n = residual.len();
+    if n == 1 {
+        return Cond::all([]);
+    }
+    let (rounding, two, zero) = (w.tolerance(ROUNDING), w.number(2.0), w.number(0.0));
+    let reach: Vec<Value> = (0..n)
+        .map(|i| {
+            let rest = w.mul(rounding, z[i]);
+            w.add(update[i], rest)
+        })
+        .collect();
+    let mut told = vec![zero; n];
+    for (i, j, a) in entries {
+        let a = w.abs(*a);
+        let term = w.mul(a, reach[*j as usize]);
+        told[*i as usize] = w.add(told[*i as usize], term);
+    }
+    let all: Vec<Cond> = (residual.iter().zip(told))
+        .map(|(r, told)| {
+            let (r, most) = (w.abs(*r), w.mul(two, told));
+            w.le(r, most)
+        })
+        .collect();
+    Cond::all(all)
+}
+
 /// Whether a second update of an unknown is its last, after the first and beside its size.
 fn is_last(w: &mut Writer, first: Value, second: Value, z: Value) -> Cond {
     let (rounding, last, next) = (w.tolerance(ROUNDING), w.tolerance(LAST), w.number(NEXT));
@@ -174,7 +208,10 @@ impl Lower {
             let first: Vec<Value> = update.iter().map(|d| w.abs(*d)).collect();
             let rounding = w.tolerance(ROUNDING);
             let small = at_most(w, &first, rounding, &z);
-            w.when(Cond::all(small), |w| it.finish(w, DONE));
+            w.when(Cond::all(small), |w| {
+                let explained = explained(w, &entries, &residual, &first, &z);
+                w.branch(explained, |w| it.finish(w, DONE), |w| w.push(Stmt::Break));
+            });
             let (left, there) = this.equations(newton);
             let w = &mut this.w;
             let more = matrix.solve(w, &left);
@@ -182,8 +219,19 @@ impl Lower {
             let nearest = w.number(NEAR);
             let near = Cond::all(at_most(w, &first, nearest, &z));
             let sizes: Vec<Value> = next.iter().map(|u| w.abs(*u)).collect();
-            let seen = at_most(w, &second, rounding, &sizes);
-            w.when(Cond::all(seen.into_iter().chain([near.clone()])), |w| it.finish(w, DONE));
+            let unseen = at_most(w, &second, rounding, &sizes);
+            let done = |w: &mut Writer, after: Option<&[Value]>| {
+                let explained = explained(w, &entries, &left, &second, &z);
+                w.branch(
+                    explained,
+                    |w| {
+                        after.into_iter().for_each(|after| it.put_all(w, after));
+                        it.finish(w, DONE);
+                    },
+                    |w| w.push(Stmt::Break),
+                );
+            };
+            w.when(Cond::all(unseen.into_iter().chain([near.clone()])), |w| done(w, None));
             let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
             w.when(near.clone().not(), |w| {
                 let alike = w.number(ALIKE);
@@ -194,16 +242,10 @@ impl Lower {
                 let (off, sizes): (Vec<Value>, Vec<Value>) = changes.unzip();
                 let mut settled = at_most(w, &off, alike, &sizes);
                 settled.extend(at_most(w, &second, rounding, &z));
-                w.when(Cond::all(settled), |w| {
-                    it.put_all(w, &after);
-                    it.finish(w, DONE);
-                });
+                w.when(Cond::all(settled), |w| done(w, Some(&after)));
             });
             let last: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i])).collect();
-            w.when(Cond::all(last.into_iter().chain([near])), |w| {
-                it.put_all(w, &after);
-                it.finish(w, DONE);
-            });
+            w.when(Cond::all(last.into_iter().chain([near])), |w| done(w, Some(&after)));
             let (first, second) = (part(w, &first, &z), part(w, &second, &z));
             let finite = w.finite(first);
             w.when(finite.not(), |w| w.push(Stmt::Break));

@@ -172,6 +172,7 @@ impl Apart {
             weight: system.weight.clone(),
             scale: system.scale.clone(),
             cold: Vec::new(),
+            bends: Vec::new(),
             limit: LIMIT,
             affine: false,
             flag: None,

@@ -34,7 +34,7 @@ use super::gonzalez;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::Model;
-use crate::structure::{Form, Output};
+use crate::structure::{Bends, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
@@ -144,6 +144,13 @@ fn lows(b: &mut Builder, weights: &[Twice], changes: &[Value]) -> Value {
 }
 
 impl Plan {
+    /// The unknowns that exponentials are of, and where these grow.
+    fn bends(&self, c: &Cluster) -> Vec<(Symbol, Bends)> {
+        let bends: FxHashMap<Symbol, Bends> = c.bends().into_iter().collect();
+        let at = |z: &Symbol, at: &Symbol| bends.get(z).map(|b| (*at, *b));
+        self.stages.iter().flat_map(|s| c.loops.iter().zip(&s.loops).filter_map(|(z, s)| at(z, s))).collect()
+    }
+
     /// `whole`: whether what rounding takes counts.
     fn new(c: &Cluster, pool: &mut Pool, form: &Form, nodes: Nodes, whole: bool) -> Self {
         let tableau = nodes.tableau();
@@ -461,7 +468,9 @@ pub(super) fn write(
         lowering.last(c.states.iter().map(|s| s.symbol));
         let (weight, scale) = (weight.repeat(s), scale.repeat(s));
         let unknowns = unknowns.clone();
-        let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole };
+        let bends = plan.bends(c);
+        let system =
+            System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole, bends };
         match apart {
             Some(apart) => apart.iterate(c, model, &mut b, &mut lowering, (&system, &inputs))?,
             None => write::solve(model, &mut b, &mut lowering, system)?,

@@ -550,7 +550,8 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
     let plan = plan(c, model, form, &mut b, &mut lowering, &inputs, &[])?;
     let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
     let (unknowns, residuals, start) = (plan.unknowns.clone(), plan.residuals.clone(), plan.start.clone());
-    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: true, whole: false };
+    let (flag, bends) = (None, Vec::new());
+    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag, once: true, whole: false, bends };
     write::solve(model, &mut b, &mut lowering, system)?;
     let mut value =
         |model: &Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
