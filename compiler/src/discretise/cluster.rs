@@ -110,6 +110,8 @@ pub(super) struct Cluster {
     pub(super) nodes: Vec<Node>,
     /// Outputs that an iteration has to find, in order.
     pub(super) loops: Vec<Symbol>,
+    /// Those of them that tight resistors give.
+    pub(super) tight: Vec<Symbol>,
     /// Sources that storages follow.
     pub(super) followed: Vec<ColumnId>,
     /// Double bars and open ports.
@@ -528,6 +530,7 @@ impl Cluster {
         model: &mut Model,
         form: &Form,
     ) -> Result<(scene::Stepper, Vec<scene::Entries>), Vec<Diagnostic>> {
+        self.tighten(model, form);
         self.memory = ahead::memory(self, &mut model.pool, form);
         gonzalez::write(self, model, form, true)
     }
@@ -545,6 +548,7 @@ impl Cluster {
             let why = "a storage of it follows a source; nodes of Gauss take that, where all energies are quadratic";
             return Err(unfit(model, self, form, method, why));
         }
+        self.tighten(model, form);
         let apart = if follows { None } else { collocation::Apart::new(self, model, form, nodes) };
         // Linear equations are solved at once: from no guess, and by a quadrature that misses nothing.
         let linear = apart.as_ref().is_some_and(|a| a.is_linear());

@@ -20,6 +20,7 @@ mod root;
 mod sav;
 mod start;
 mod tear;
+mod tight;
 mod turn;
 mod write;
 

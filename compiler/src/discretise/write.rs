@@ -708,7 +708,11 @@ pub(super) fn scales(
     let mut scales = Vec::new();
     let bends = c.nodes.iter().any(|n| n.resistor().is_some_and(|column| is_steep(model, form, column)));
     if let Some(h) = h {
-        let mut among = bound(&sizes);
+        // What a tight resistor gives is uncertain, not what it makes of the states.
+        let known: Vec<Value> = (c.loops.iter().zip(sizes.iter().zip(&starts)))
+            .map(|(z, (size, start))| if c.tight.contains(z) { *start } else { *size })
+            .collect();
+        let mut among = bound(&known);
         for ((s, x), trace) in c.states.iter().zip(states).zip(traces) {
             let t = match s.column {
                 Some(column) => terms(model, form, &flat, column),
