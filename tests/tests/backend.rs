@@ -6,10 +6,11 @@ use bond_compiler::backend::code::Stmt;
 use bond_compiler::backend::native::{Jit, Shared};
 use bond_compiler::backend::{lower, unit};
 use bond_runtime::interpreter::Interpret;
-use bond_runtime::ir::{Array, Binary, Builder, Newton, Program, Slot, Unary, Value};
+use bond_runtime::ir::{Array, Bend, Binary, Builder, Newton, Program, Slot, Unary, Value};
 use bond_runtime::kernel::{Backend, Kernel};
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{self, Abreast, Maker, Places, Start, Stretch};
+use bond_runtime::solve::newton::BENT;
 use proptest::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
@@ -444,6 +445,12 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         row.sort_by_key(|r| r.0);
         jacobian.extend(row.into_iter().map(|(j, v)| (i as u32, j, v)));
     }
+    let bend = |p: &(u8, u8, u8, u8)| Bend {
+        unknown: u32::from(p.1) % n as u32,
+        knee: (f64::from(p.2) - 128.0) / 64.0,
+        rate: (f64::from(p.3) - 127.5) / 8.0,
+    };
+    let bends = if n <= BENT { picks.iter().take(picks.len() % 4).map(bend).collect() } else { Vec::new() };
     b.close(Newton {
         unknowns: unknowns.index,
         body: Vec::new(),
@@ -452,6 +459,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         weight: weights,
         scale: if weight { vec![small; n] } else { scales },
         cold: Vec::new(),
+        bends,
         limit: 40,
         update: if own { update } else { Vec::new() },
         affine: false,

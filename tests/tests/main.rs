@@ -35,4 +35,5 @@ mod sav;
 mod save;
 mod signals;
 mod solutions;
+mod steep;
 mod values;

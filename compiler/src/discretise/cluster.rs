@@ -61,7 +61,7 @@ pub(super) struct Node {
     pub(super) part: Part,
     pub(super) out: Symbol,
     pub(super) how: Output,
-    /// How it is rather had in a loop.
+    /// The curve that it is iterated as, where its law has an exponential.
     pub(super) steep: Option<Output>,
     /// A resistor whose law is not linear.
     pub(super) curved: bool,
@@ -487,7 +487,9 @@ impl Cluster {
             .collect();
         let mut initial: Vec<f64> = self.states.iter().map(|s| s.initial).collect();
         initial.extend(self.integrals.iter().map(|i| i.start));
-        initial.extend(start::guesses(self, model, form)?);
+        // What a tight resistor gives at an instant says nothing of a step.
+        let guesses = start::guesses(self, model, form)?;
+        initial.extend(self.loops.iter().zip(guesses).map(|(z, x)| if self.tight.contains(z) { 0.0 } else { x }));
         initial.extend(self.states.iter().map(|_| 0.0));
         initial.extend((0..self.memory).map(|i| self.kept.get(i).copied().unwrap_or(0.0)));
         let mut names: Vec<String> = self.states.iter().map(|s| s.name.clone()).collect();

@@ -140,7 +140,7 @@ pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
         c.time = Some(time.unwrap_or_else(|| pool.symbol("t")));
         c.h = Some(pool.symbol("h"));
         c.delta = c.states.iter().map(|s| pool.symbol(&format!("d({})", s.name))).collect();
-        c.order(&pool);
+        c.order(&mut pool);
     }
     model.pool = pool;
     for c in &mut clusters {

@@ -6,6 +6,7 @@
 
 use super::ahead::Ahead;
 use super::cluster::{Cluster, Group, Part, missing, verified};
+use super::measure;
 use super::turn;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
@@ -160,22 +161,25 @@ pub(super) fn measures(
     inputs: &write::Inputs,
 ) -> Result<(Vec<Value>, Vec<Value>), Vec<Diagnostic>> {
     let mut weight = Vec::new();
-    for k in write::curvatures(c, model) {
+    for k in measure::curvatures(c, model) {
         weight.push(lowering.lower(&model.pool, b, k).map_err(|s| missing(model, s))?);
     }
     if let Some(h) = c.h {
         let h = model.pool.var(h);
-        weight.extend(write::weights_of_loops(c, model, form, b, lowering, &inputs.guesses, h)?);
+        weight.extend(measure::weights_of_loops(c, model, form, b, lowering, &inputs.guesses, h)?);
     }
     let h = c.h.map(|h| model.pool.var(h));
-    let scale = write::scales(c, model, form, b, lowering, (&inputs.states, &inputs.traces, &inputs.guesses), h)?;
+    let scale = measure::scales(c, model, form, b, lowering, (&inputs.states, &inputs.traces, &inputs.guesses), h)?;
     Ok((weight, scale))
 }
 
 /// The largest product of a stiffness and an inverse inertia over the least, from which on a region is stiff.
 const STIFF: f64 = 1e8;
+/// The same times the square of a step, from which on the step is long.
+const LONG: f64 = 1e4;
 
-/// Whether the fastest motion of a region is far faster than the slowest, as its energies bend at the start. How far a
+/// Whether the fastest motion of a region is far faster than the slowest, or than a step, as its energies bend at the
+/// start. How far a
 /// stiff spring between two bodies is drawn out is a small difference of how far these go in a step: where it follows
 /// from their momenta, the rounding of that is a force that the iteration cannot take back; as an unknown of its own it
 /// has its own digits.
@@ -183,7 +187,7 @@ fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     let start: FxHashMap<Symbol, f64> = c.states.iter().map(|s| (s.symbol, s.initial)).collect();
     // Stiffnesses and inverse inertias: the least and the largest.
     let mut bends = [(f64::INFINITY, 0.0f64); 2];
-    for (s, k) in c.states.iter().zip(write::curvatures(c, model)) {
+    for (s, k) in c.states.iter().zip(measure::curvatures(c, model)) {
         let Some(column) = s.column else { continue };
         let pool = &model.pool;
         let k = pool.eval(k, &|s| start.get(&s).copied().or_else(|| pool.value(s)).unwrap_or(0.0));
@@ -193,32 +197,8 @@ fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
         }
     }
     let [(soft, hard), (heavy, light)] = bends;
-    hard * light > STIFF * soft * heavy
-}
-
-/// The start of an iteration, where arguments of exponentials that follow from the states alone are foretold by these.
-fn ahead_of(
-    c: &Cluster,
-    model: &mut Model,
-    b: &mut Builder,
-    lowering: &Lowering,
-    (unknowns, residuals): (&[Symbol], &[Expr]),
-    mut start: Vec<Value>,
-) -> Result<Vec<Value>, Vec<Diagnostic>> {
-    let mut foretold = lowering.clone();
-    c.delta.iter().zip(&start).for_each(|(d, v)| foretold.bind(*d, *v));
-    for (z, _) in c.bends() {
-        let Some(k) = unknowns.iter().position(|u| *u == z) else { continue };
-        let symbols = model.pool.symbols(residuals[k]);
-        if c.loops.iter().any(|other| *other != z && symbols.contains(other)) {
-            continue;
-        }
-        let none = FxHashMap::from_iter([(z, model.pool.zero())]);
-        let input = model.pool.substitute(residuals[k], &none);
-        let input = model.pool.neg(input);
-        start[k] = foretold.lower(&model.pool, b, input).map_err(|s| missing(model, s))?;
-    }
-    Ok(start)
+    let step = c.usual_step(model);
+    hard * light > STIFF * soft * heavy || hard * light * step * step > LONG
 }
 
 /// Writes the step. Where it is the cluster's own, rather than what another stepper falls back to, `own` says so: its
@@ -247,7 +227,9 @@ pub(super) fn write(
     let (start, cold) = match &ahead {
         Some(ahead) => {
             let start = ahead.start.iter().chain(&inputs.guesses).copied().collect();
-            (ahead_of(c, model, &mut b, &lowering, (&unknowns, &residuals), start)?, rest)
+            let known = c.delta.iter().copied().collect();
+            let equations = (&unknowns[..], &residuals[..]);
+            (write::foretold(model, &mut b, &lowering, equations, &c.bends(), &known, start)?, rest)
         }
         None => (rest, Vec::new()),
     };

@@ -2,6 +2,7 @@
 
 use super::cluster::{Cluster, missing, verified};
 use super::gonzalez;
+use super::measure;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::{Hold, Model};
@@ -71,8 +72,8 @@ fn respond(
         let residuals =
             c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
         let one = model.pool.int(1);
-        let weight = write::weights_of_loops(c, model, form, &mut b, &lowering, &inputs.guesses, one)?;
-        let scale = write::scales(c, model, form, &mut b, &lowering, (&[], &[], &inputs.guesses), None)?;
+        let weight = measure::weights_of_loops(c, model, form, &mut b, &lowering, &inputs.guesses, one)?;
+        let scale = measure::scales(c, model, form, &mut b, &lowering, (&[], &[], &inputs.guesses), None)?;
         (c.loops.clone(), residuals, inputs.guesses.clone(), weight, scale)
     };
     let matched = hold == Hold::Matched;
@@ -89,7 +90,7 @@ fn respond(
         let h = c.h.map(|h| model.pool.var(h)).unwrap_or_else(|| model.pool.int(1));
         let flat_outs: Vec<Expr> = outs.iter().map(|e| model.pool.substitute(*e, &flat)).collect();
         let env: FxHashMap<Symbol, _> = inputs.env.iter().copied().collect();
-        let called = write::called(c, model, form, &mut b, &lowering, &inputs.guesses, holds)?;
+        let called = measure::called(c, model, form, &mut b, &lowering, &inputs.guesses, holds)?;
         for (i, p) in holds.iter().enumerate() {
             let own = form.column(c.ports[*p]).out;
             let u = model.pool.var(own);

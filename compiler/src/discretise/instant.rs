@@ -1,6 +1,7 @@
 //! Observation: what signals are at one instant, from the states and what comes in.
 
 use super::cluster::{self, Cluster, missing, verified};
+use super::measure;
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
 use crate::model::Model;
@@ -54,8 +55,8 @@ pub(super) fn outputs(
     }
     // Power counts here as energy does in a step.
     let one = model.pool.int(1);
-    let weight = write::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
-    let scale = write::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
+    let weight = measure::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
+    let scale = measure::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
     let system = System {
         unknowns: c.loops.clone(),
         h: None,
@@ -89,7 +90,7 @@ pub(super) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Prog
     for r in &c.regions {
         list.push((format!("H({})", form.regions[r.at()].name), c.energy(&mut model.pool, *r)));
     }
-    let curvatures = write::curvatures(c, model);
+    let curvatures = measure::curvatures(c, model);
     let grains = grains(c, model, form);
     list.extend(c.states.iter().zip(curvatures).map(|(s, k)| (format!("curvature({})", s.name), k)));
     list.extend(c.states.iter().zip(grains).map(|(s, k)| (format!("grain({})", s.name), k)));

@@ -13,6 +13,7 @@ mod hold;
 mod instant;
 mod jump;
 mod level;
+mod measure;
 mod order;
 mod probes;
 mod ray;

@@ -1,7 +1,7 @@
 //! The order in which the outputs of a cluster are computed, and where their loops are cut.
 
 use super::cluster::Cluster;
-use crate::expression::{Pool, Symbol};
+use crate::expression::{Expr, Pool, Symbol};
 use crate::structure::Output;
 use petgraph::Graph;
 use petgraph::graph::NodeIndex;
@@ -12,7 +12,8 @@ const TORN: usize = 32;
 
 impl Cluster {
     /// Sorts the nodes, and finds those that form loops.
-    pub(super) fn order(&mut self, pool: &Pool) {
+    pub(super) fn order(&mut self, pool: &mut Pool) {
+        self.steepen(pool);
         let places = self.nodes.iter().enumerate().flat_map(|(i, n)| [(n.out, i), (n.unknown(), i)]);
         let index: FxHashMap<Symbol, usize> = places.collect();
         let mut graph: Graph<(), ()> = Graph::new();
@@ -34,14 +35,7 @@ impl Cluster {
             let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
             members.sort_unstable();
             let looped = members.len() > 1 || members.iter().any(|m| own[*m] || self.nodes[*m].how.is_root());
-            let mut steep = false;
-            for m in &members {
-                let n = &mut self.nodes[*m];
-                if let Some(how) = n.steep.take().filter(|_| matches!(n.how, Output::Explicit(_))) {
-                    (n.how, steep) = (how, true);
-                }
-            }
-            if !looped && !steep {
+            if !looped {
                 order.extend(members);
                 continue;
             }
@@ -51,6 +45,27 @@ impl Cluster {
         }
         self.loops = unknown.iter().map(|i| self.nodes[*i].unknown()).collect();
         self.nodes = order.iter().map(|i| self.nodes[*i].clone()).collect();
+    }
+
+    /// Has the laws of exponentials iterated in their arguments. Those that receive the same have one argument.
+    fn steepen(&mut self, pool: &mut Pool) {
+        let mut found: FxHashMap<Expr, usize> = FxHashMap::default();
+        for i in 0..self.nodes.len() {
+            let (Some(steep), Output::Explicit(_)) = (self.nodes[i].steep.take(), self.nodes[i].how) else { continue };
+            let Output::Curve { parameter, out, residual, bends, .. } = steep else { continue };
+            let argument = pool.var(parameter);
+            let input = pool.sub(argument, residual);
+            let first = *found.entry(input).or_insert(i);
+            if let Output::Curve { parameter: same, bends: all, .. } = &mut self.nodes[first].how
+                && first != i
+            {
+                *all = all.zip(bends).map(|(a, b)| a.with(b));
+                let map = FxHashMap::from_iter([(parameter, pool.var(*same))]);
+                self.nodes[i].how = Output::Explicit(pool.substitute(out, &map));
+            } else {
+                self.nodes[i].how = steep;
+            }
+        }
     }
 
     /// Parts a loop into the nodes that an iteration finds and those that follow from them, in order. Small loops are

@@ -5,16 +5,15 @@
 //! that. As an unknown it has its own digits: what it brings to one side it takes from the other, and it is the law of
 //! R that holds to rounding.
 
-use super::cluster::{Cluster, Part};
-use super::write;
-use crate::expression::Symbol;
+use super::cluster::{Cluster, Node};
+use super::measure;
+use crate::expression::{Expr, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
-use bond_runtime::ir::Unary;
 use rustc_hash::FxHashMap;
 
 /// Steps of so many times R C, from which on the rounding shows.
-const TIGHT: f64 = 1e3;
+pub(super) const TIGHT: f64 = 1e3;
 /// The part of a run that a fitted step is taken to be.
 const PART: f64 = 0.01;
 /// More unknowns than this are left as they are.
@@ -23,13 +22,20 @@ const MOST: usize = 8;
 impl Cluster {
     /// Finds them, as storages bend at the start, and puts the outputs in order anew.
     pub(super) fn tighten(&mut self, model: &mut Model, form: &Form) {
-        let step = match self.sampling {
-            Some(s) => model.samplings[s].period,
-            None => model.settings.step.unwrap_or(PART * model.settings.stop.unwrap_or(1.0)),
-        };
-        let bends = self.bends_at_start(model);
-        let tight: Vec<usize> =
-            (0..self.nodes.len()).filter(|i| self.pull(model, form, &bends, *i) * step > TIGHT).collect();
+        if self.states.len() + self.loops.len() >= MOST {
+            return;
+        }
+        let step = self.usual_step(model);
+        let start: FxHashMap<Symbol, f64> = self.states.iter().map(|s| (s.symbol, s.initial)).collect();
+        let mut tight = Vec::new();
+        for (i, node) in self.nodes.iter().enumerate() {
+            let Output::Explicit(_) = node.how else { continue };
+            let Some(pull) = self.pull(model, form, node) else { continue };
+            let value = |s: Symbol| start.get(&s).copied().or_else(|| model.pool.value(s)).unwrap_or(0.0);
+            if model.pool.eval(pull, &value) * step > TIGHT {
+                tight.push(i);
+            }
+        }
         if tight.is_empty() || self.states.len() + self.loops.len() + tight.len() > MOST {
             return;
         }
@@ -42,41 +48,42 @@ impl Cluster {
             self.tight.push(self.nodes[i].out);
             self.nodes[i].how = Output::Implicit(model.pool.sub(z, input));
         }
-        self.order(&model.pool);
+        self.order(&mut model.pool);
     }
 
-    /// How storages bend at the start, by the columns of their states.
-    fn bends_at_start(&self, model: &mut Model) -> FxHashMap<ColumnId, f64> {
-        let start: FxHashMap<Symbol, f64> = self.states.iter().map(|s| (s.symbol, s.initial)).collect();
-        let curvatures = write::curvatures(self, model);
-        let value = |s: Symbol| start.get(&s).copied().or_else(|| model.pool.value(s)).unwrap_or(0.0);
-        let bend = |k| model.pool.eval(k, &value);
-        self.states.iter().zip(curvatures).filter_map(|(s, k)| Some((s.column?, bend(k)))).collect()
+    /// The length of a step, or of a long fitted one, s.
+    pub(super) fn usual_step(&self, model: &Model) -> f64 {
+        match self.sampling {
+            Some(s) => model.samplings[s].period,
+            None => model.settings.step.unwrap_or(PART * model.settings.stop.unwrap_or(1.0)),
+        }
     }
 
-    /// How fast a linear resistor brings what it stands between together, 1/s; 0 where that is nothing that may cancel.
-    fn pull(&self, model: &mut Model, form: &Form, bends: &FxHashMap<ColumnId, f64>, node: usize) -> f64 {
-        let node = &self.nodes[node];
-        let (Part::Resistor(column), Output::Explicit(_)) = (&node.part, node.how) else { return 0.0 };
-        let Law::Resistor(law) = &model.element(form.column(*column).element).law else { return 0.0 };
-        let row = &form.column(*column).row;
+    /// How fast a linear resistor brings together what it stands between, in 1/s; None where that is nothing that may
+    /// cancel.
+    pub(super) fn pull(&self, model: &mut Model, form: &Form, node: &Node) -> Option<Expr> {
+        let column = node.resistor()?;
+        let Law::Resistor(law) = &model.element(form.column(column).element).law else { return None };
+        let row = &form.column(column).row;
         if law.linear.is_none() || row.len() < 2 {
-            return 0.0;
+            return None;
         }
-        let Some(k) = gain(form, *column).and_then(|k| model.pool.constant(k)) else { return 0.0 };
-        let mut sum = 0.0;
-        for (other, by) in row {
-            let Some(bend) = bends.get(other) else { continue };
-            let by = model.pool.unary(Unary::Abs, *by);
-            let by = model.pool.constant(by).unwrap_or(0.0);
-            sum += by * by * bend * k;
+        let k = gain(form, column)?;
+        model.pool.constant(k)?;
+        let bends = measure::curvatures(self, model);
+        let mut terms = Vec::new();
+        for (s, bend) in self.states.iter().zip(bends) {
+            let Some((_, by)) = row.iter().find(|t| Some(t.0) == s.column) else { continue };
+            let square = model.pool.powi(*by, 2);
+            let term = model.pool.mul(square, bend);
+            terms.push(model.pool.mul(k, term));
         }
-        if sum.is_finite() { sum } else { 0.0 }
+        (!terms.is_empty()).then(|| model.pool.sum(&terms))
     }
 }
 
 /// What a linear resistor gives for what it receives.
-fn gain(form: &Form, column: ColumnId) -> Option<crate::expression::Expr> {
+fn gain(form: &Form, column: ColumnId) -> Option<Expr> {
     let row = form.regions.iter().find_map(|r| r.gains.get(&column))?;
     match row[..] {
         [(own, k)] if own == column => Some(k),

@@ -1,11 +1,11 @@
 //! What the steppers share: inputs of a program, iterations, the ledger's terms.
 
-use super::cluster::{Cluster, Group, Node, missing};
+use super::cluster::{Cluster, Group, missing};
 use super::root::Roots;
-use super::tear::tear;
+use super::tear::{Torn, tear};
 use super::turn::Turns;
 use crate::expression::{self, Below, Expr, Lowering, Number, Pool, Symbol};
-use crate::model::{Law, Model, Variable};
+use crate::model::{Model, Variable};
 use crate::structure::{Bends, ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{self, Array, Bend, Builder, Newton, Slot, Unary, Value};
@@ -213,7 +213,8 @@ pub(super) fn solve_from(
     let h = system.h;
     let roots = Roots::of(model, b, lowering, &mut system, &mut cold)?;
     let all = system.unknowns.clone();
-    let torn = if apart { tear(&mut model.pool, &mut system, h) } else { Vec::new() };
+    let Torn { before, unknowns: torn } = if apart { tear(&mut model.pool, &mut system, h) } else { Torn::default() };
+    bind(model, b, lowering, &before)?;
     let inside = if system.whole { &torn[..] } else { &[] };
     if !cold.is_empty() {
         let by: FxHashMap<Symbol, Value> = all.into_iter().zip(cold).collect();
@@ -222,6 +223,32 @@ pub(super) fn solve_from(
     iterate(model, b, lowering, (system, inside), cold)?;
     bind(model, b, lowering, &torn)?;
     roots.bind(&mut model.pool, b, lowering).map_err(|s| missing(model, s))
+}
+
+/// Where an iteration starts: arguments of exponentials at what changes of the states alone, which `known` are, make of
+/// them there.
+pub(super) fn foretold(
+    model: &mut Model,
+    b: &mut Builder,
+    lowering: &Lowering,
+    (unknowns, residuals): (&[Symbol], &[Expr]),
+    bends: &[(Symbol, Bends)],
+    known: &FxHashSet<Symbol>,
+    mut start: Vec<Value>,
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let mut at = lowering.clone();
+    unknowns.iter().zip(&start).for_each(|(u, v)| at.bind(*u, *v));
+    for (z, _) in bends {
+        let Some(k) = unknowns.iter().position(|u| u == z) else { continue };
+        let none = FxHashMap::from_iter([(*z, model.pool.zero())]);
+        let input = model.pool.substitute(residuals[k], &none);
+        let input = model.pool.neg(input);
+        if model.pool.contains_any(input, &|s| unknowns.contains(&s) && !known.contains(&s)) {
+            continue;
+        }
+        start[k] = at.lower(&model.pool, b, input).map_err(|s| missing(model, s))?;
+    }
+    Ok(start)
 }
 
 /// Newton's method on a system, with what was taken out of it as variables that follow from its unknowns.
@@ -451,342 +478,6 @@ pub(super) fn fixed_parts(pool: &Pool, all: impl IntoIterator<Item = Expr>, unkn
     parts
 }
 
-/// |d2H/dx2| of each state, the weights of an iteration.
-pub(super) fn curvatures(c: &Cluster, model: &mut Model) -> Vec<Expr> {
-    let mut list = vec![model.pool.int(0); c.states.len()];
-    for g in &c.groups {
-        for (s, z) in g.states.iter().zip(&g.coenergy) {
-            let k = model.pool.derivative(*z, c.states[*s].symbol);
-            list[*s] = model.pool.unary(Unary::Abs, k);
-        }
-    }
-    list
-}
-
-/// Energy per square of each loop's unknown, in terms of states and loops: h over the slope of its resistor's law; for
-/// a law that is run backwards, h times it.
-fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Expr> {
-    if c.loops.is_empty() {
-        return Vec::new();
-    }
-    let map = c.at_instant(&mut model.pool, form);
-    let flat = c.flat(&mut model.pool, map);
-    let mut list = Vec::new();
-    for node in c.loop_nodes() {
-        if let Output::Curve { weight, .. } = node.how {
-            let weight = model.pool.substitute(weight, &flat);
-            list.push(model.pool.mul(h, weight));
-            continue;
-        }
-        let Some((slope, forward)) = slope(model, form, &flat, node) else {
-            list.push(model.pool.int(0));
-            continue;
-        };
-        let w = if forward { model.pool.div(h, slope) } else { model.pool.mul(h, slope) };
-        list.push(model.pool.unary(Unary::Abs, w));
-    }
-    list
-}
-
-/// Whether a column is a resistor whose law is not linear: what that gives at one end of a step says nothing of the
-/// step.
-fn is_steep(model: &Model, form: &Form, column: ColumnId) -> bool {
-    matches!(&model.element(form.column(column).element).law, Law::Resistor(r) if r.linear.is_none() && r.row.is_none())
-}
-
-/// Sum of the magnitudes of the terms of a column's input, in terms of states and loops. What a resistor gives counts by
-/// the terms that it is made of in turn: where a source is balanced by a storage nothing flows, and what is left of the
-/// flow is the rounding of the two.
-fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
-    let mut list = Vec::new();
-    for &(j, k) in &form.column(column).row {
-        if is_steep(model, form, j) {
-            continue;
-        }
-        let deep = if let Law::Resistor(_) = model.element(form.column(j).element).law { DEEP } else { 0 };
-        let pool = &mut model.pool;
-        let z = pool.var(form.column(j).out);
-        let (k, z) = (pool.substitute(k, flat), pool.substitute(z, flat));
-        let (k, z) = (pool.unary(Unary::Abs, k), magnitude(pool, z, deep));
-        list.push(pool.mul(k, z));
-    }
-    model.pool.sum(&list)
-}
-
-/// How fast linear resistors pull a state back, as the sum of the magnitudes of the slopes of its rate by itself: over
-/// `h`, what rounds the terms of its change is that much less in the change. None where no resistor's law bends: what
-/// solves the equations at once need not be told how near it is.
-fn pull(
-    model: &mut Model,
-    form: &Form,
-    flat: &FxHashMap<Symbol, Expr>,
-    column: ColumnId,
-    state: Symbol,
-) -> Option<Expr> {
-    let mut list = Vec::new();
-    for &(j, k) in &form.column(column).row {
-        let Law::Resistor(_) = model.element(form.column(j).element).law else { continue };
-        if is_steep(model, form, j) {
-            continue;
-        }
-        let pool = &mut model.pool;
-        let z = pool.var(form.column(j).out);
-        let term = pool.mul(k, z);
-        let term = pool.substitute(term, flat);
-        let slope = pool.derivative(term, state);
-        list.push(pool.unary(Unary::Abs, slope));
-    }
-    let sum = model.pool.sum(&list);
-    (!model.pool.is_zero(sum)).then_some(sum)
-}
-
-/// The same without what resistors give.
-fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
-    let mut list = Vec::new();
-    for &(j, k) in &form.column(column).row {
-        if let Law::Resistor(_) = model.element(form.column(j).element).law {
-            continue;
-        }
-        let pool = &mut model.pool;
-        let z = pool.var(form.column(j).out);
-        let term = pool.mul(k, z);
-        let term = pool.substitute(term, flat);
-        list.push(pool.unary(Unary::Abs, term));
-    }
-    model.pool.sum(&list)
-}
-
-/// Sums within sums that count by their terms, at most.
-const DEEP: u32 = 4;
-
-/// What an expression would be if nothing in its sums cancelled, looked into so deep: rounding makes it uncertain by some
-/// parts in 1e16 of that.
-fn magnitude(pool: &mut Pool, e: Expr, deep: u32) -> Expr {
-    match pool.node(e).clone() {
-        expression::Node::Sum(constant, pairs) if deep > 0 => {
-            let mut list = vec![pool.numeral(constant.abs())];
-            for (term, k) in pairs.iter() {
-                let term = magnitude(pool, *term, deep - 1);
-                list.push(pool.scale(term, k.abs()));
-            }
-            pool.sum(&list)
-        }
-        expression::Node::Product(constant, factors) if deep > 0 => {
-            let mut product = pool.numeral(constant.abs());
-            for (factor, n) in factors.iter() {
-                let above = !n.is_negative();
-                let factor = if above { magnitude(pool, *factor, deep - 1) } else { pool.unary(Unary::Abs, *factor) };
-                let power = pool.powers(&[(factor, *n)]);
-                product = pool.mul(product, power);
-            }
-            product
-        }
-        expression::Node::Number(_)
-        | expression::Node::Symbol(_)
-        | expression::Node::Sum(..)
-        | expression::Node::Product(..)
-        | expression::Node::Power(..)
-        | expression::Node::Unary(..)
-        | expression::Node::Binary(..)
-        | expression::Node::Select(..) => pool.unary(Unary::Abs, e),
-    }
-}
-
-/// Sum of the magnitudes of an expression's summands, after a substitution.
-fn summands(model: &mut Model, flat: &FxHashMap<Symbol, Expr>, e: Expr) -> Expr {
-    let pool = &mut model.pool;
-    let parts: Vec<Expr> = match pool.node(e).clone() {
-        expression::Node::Sum(constant, pairs) => {
-            let constant = pool.numeral(constant);
-            let pairs: Vec<Expr> = pairs.iter().map(|(e, k)| pool.scale(*e, *k)).collect();
-            pairs.into_iter().chain([constant]).collect()
-        }
-        expression::Node::Number(_)
-        | expression::Node::Symbol(_)
-        | expression::Node::Product(..)
-        | expression::Node::Power(..)
-        | expression::Node::Unary(..)
-        | expression::Node::Binary(..)
-        | expression::Node::Select(..) => vec![e],
-    };
-    let sizes: Vec<Expr> = parts
-        .into_iter()
-        .map(|e| {
-            let e = pool.substitute(e, flat);
-            pool.unary(Unary::Abs, e)
-        })
-        .collect();
-    pool.sum(&sizes)
-}
-
-/// Sum of the magnitudes of the terms of what each of some ports calls for, at the start.
-pub(super) fn called(
-    c: &Cluster,
-    model: &mut Model,
-    form: &Form,
-    b: &mut Builder,
-    lowering: &Lowering,
-    guesses: &[Value],
-    ports: &[usize],
-) -> Result<Vec<Value>, Vec<Diagnostic>> {
-    let mut lowering = lowering.clone();
-    for (z, guess) in c.loops.iter().zip(guesses) {
-        lowering.bind(*z, *guess);
-    }
-    let map = c.at_instant(&mut model.pool, form);
-    let flat = c.flat(&mut model.pool, map);
-    ports
-        .iter()
-        .map(|p| {
-            let size = terms(model, form, &flat, c.ports[*p]);
-            lowering.lower(&model.pool, b, size).map_err(|s| missing(model, s))
-        })
-        .collect()
-}
-
-/// What changes of the states (over `h`) and loops are measured against: themselves at the start, and the terms that
-/// they are the sum of, so that what cancels is not asked for digits that it does not have.
-pub(super) fn scales(
-    c: &Cluster,
-    model: &mut Model,
-    form: &Form,
-    b: &mut Builder,
-    lowering: &Lowering,
-    inputs: (&[Value], &[Slot], &[Value]),
-    h: Option<Expr>,
-) -> Result<Vec<Value>, Vec<Diagnostic>> {
-    let (states, traces, guesses) = inputs;
-    let bound = |values: &[Value]| {
-        let mut lowering = lowering.clone();
-        c.loops.iter().zip(values).for_each(|(z, value)| lowering.bind(*z, *value));
-        lowering
-    };
-    let map = c.at_instant(&mut model.pool, form);
-    let flat = c.flat(&mut model.pool, map);
-    let mut at_start = bound(guesses);
-    let lower = |model: &Model, b: &mut Builder, lowering: &mut Lowering, e: Expr| {
-        lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
-    };
-    let mut laws = Vec::with_capacity(c.loops.len());
-    for node in c.loop_nodes() {
-        if let Output::Curve { bends, .. } = node.how {
-            // The argument of an exponential is what it is given, and so known to the rounding of that. What resistors
-            // give of it is not known at the start: the slope changes too fast.
-            let one = b.number(1.0);
-            laws.push(match node.resistor().filter(|_| bends.is_some()) {
-                Some(column) => Size::Law { terms: imposed(model, form, &flat, column), slope: one, forward: true },
-                None => Size::Known(one),
-            });
-            continue;
-        }
-        let column = node.resistor().filter(|column| !is_steep(model, form, *column));
-        let law = column.and_then(|column| Some((column, slope(model, form, &flat, node)?)));
-        laws.push(match law {
-            Some((column, (k, forward))) => {
-                let k = lower(model, b, &mut at_start, k)?;
-                Size::Law { terms: terms(model, form, &flat, column), slope: b.unary(Unary::Abs, k), forward }
-            }
-            None => Size::Known(b.number(0.0)),
-        });
-    }
-    // Loops are made of one another: what one of them is uncertain by, the next one is too.
-    let starts: Vec<Value> = guesses.iter().map(|z| b.unary(Unary::Abs, *z)).collect();
-    let mut sizes = starts.clone();
-    for _ in 0..laws.len().min(2) {
-        let mut among = bound(&sizes);
-        for ((size, start), law) in sizes.iter_mut().zip(&starts).zip(&laws) {
-            let more = match *law {
-                Size::Known(x) => x,
-                Size::Law { terms, slope, forward } => {
-                    let t = lower(model, b, &mut among, terms)?;
-                    if forward { b.mul(t, slope) } else { b.div(t, slope) }
-                }
-            };
-            *size = b.add(*start, more);
-        }
-    }
-    let mut scales = Vec::new();
-    let bends = c.nodes.iter().any(|n| n.resistor().is_some_and(|column| is_steep(model, form, column)));
-    if let Some(h) = h {
-        // What a tight resistor gives is uncertain, not what it makes of the states.
-        let known: Vec<Value> = (c.loops.iter().zip(sizes.iter().zip(&starts)))
-            .map(|(z, (size, start))| if c.tight.contains(z) { *start } else { *size })
-            .collect();
-        let mut among = bound(&known);
-        for ((s, x), trace) in c.states.iter().zip(states).zip(traces) {
-            let t = match s.column {
-                Some(column) => terms(model, form, &flat, column),
-                None => summands(model, &flat, s.rate),
-            };
-            let (x, trace) = (b.unary(Unary::Abs, *x), b.load(*trace));
-            let x = b.add(x, trace);
-            let t = model.pool.mul(h, t);
-            let t = lower(model, b, &mut among, t)?;
-            let t = match s.column.filter(|_| bends).and_then(|column| pull(model, form, &flat, column, s.symbol)) {
-                Some(k) => {
-                    let k = model.pool.mul(h, k);
-                    let k = lower(model, b, &mut at_start, k)?;
-                    let one = b.number(1.0);
-                    let k = b.add(one, k);
-                    b.div(t, k)
-                }
-                None => t,
-            };
-            scales.push(b.add(x, t));
-        }
-    }
-    scales.extend(sizes);
-    Ok(scales)
-}
-
-/// What a loop's unknown is measured against besides itself.
-enum Size {
-    Known(Value),
-    /// The terms of what its resistor receives, by the slope of the law, or that by it.
-    Law {
-        terms: Expr,
-        slope: Value,
-        forward: bool,
-    },
-}
-
-/// The slope of a resistor's law where it works, in terms of states and loops, and whether it runs forward.
-fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &Node) -> Option<(Expr, bool)> {
-    let column = node.resistor()?;
-    let Law::Resistor(law) = &model.element(form.column(column).element).law else { return None };
-    let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(column).gives);
-    if model.pool.symbols(output).iter().any(|s| *s != argument) {
-        // A law that reads signals: its residual is in terms of states and outputs already.
-        let Output::Implicit(residual) = node.how else { return None };
-        let slope = model.pool.derivative(residual, node.out);
-        return Some((model.pool.substitute(slope, flat), false));
-    }
-    let slope = model.pool.derivative(output, argument);
-    let at = if forward { form.input(&mut model.pool, column) } else { model.pool.var(node.out) };
-    let at = model.pool.substitute(at, flat);
-    let map: FxHashMap<Symbol, Expr> = std::iter::once((argument, at)).collect();
-    let slope = model.pool.substitute(slope, &map);
-    Some((model.pool.substitute(slope, flat), forward))
-}
-
-/// The values of [`loop_weights`] at the guesses.
-pub(super) fn weights_of_loops(
-    c: &Cluster,
-    model: &mut Model,
-    form: &Form,
-    b: &mut Builder,
-    lowering: &Lowering,
-    guesses: &[Value],
-    h: Expr,
-) -> Result<Vec<Value>, Vec<Diagnostic>> {
-    let mut lowering = lowering.clone();
-    for (z, guess) in c.loops.iter().zip(guesses) {
-        lowering.bind(*z, *guess);
-    }
-    let weights = loop_weights(c, model, form, h);
-    weights.into_iter().map(|w| lowering.lower(&model.pool, b, w).map_err(|s| missing(model, s))).collect()
-}
-
 /// Stores the ledger's terms of a step, and the port means. The outputs over the step are given by some instants of it,
 /// or means, each with its weight.
 #[expect(clippy::too_many_arguments, reason = "the pieces of one step")]
@@ -928,7 +619,7 @@ pub(super) fn energies(
             // What several states share may cancel within itself, as the double pendulum's kinetic energy and its
             // height do.
             let parts = if g.states.len() > 1 {
-                summands(model, &end, g.energy)
+                super::measure::summands(model, &end, g.energy)
             } else {
                 let later = model.pool.substitute(g.energy, &end);
                 model.pool.unary(Unary::Abs, later)

@@ -97,6 +97,17 @@ pub struct Bends {
     pub below: Option<(f64, f64)>,
 }
 
+impl Bends {
+    /// Those of two laws: of each side what grows faster.
+    pub fn with(self, other: Bends) -> Bends {
+        let faster = |a: Option<(f64, f64)>, b: Option<(f64, f64)>| match (a, b) {
+            (Some(x), Some(y)) if x.1.abs() < y.1.abs() => Some(y),
+            (x, y) => x.or(y),
+        };
+        Bends { above: faster(self.above, other.above), below: faster(self.below, other.below) }
+    }
+}
+
 /// A resistor's output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output {
@@ -213,8 +224,7 @@ pub struct Region {
     pub groups: Vec<Group>,
     /// Resistors and how their outputs are had.
     pub resistors: Vec<(ColumnId, Output)>,
-    /// Laws that grow so fast that in a loop their argument is the better unknown, as curves with the argument as
-    /// parameter.
+    /// Laws that grow so fast that their argument is the better unknown, as curves with the argument as parameter.
     pub steep: FxHashMap<ColumnId, Output>,
     /// Of linear resistors and ports of linear fields: the output as a combination of inputs.
     pub gains: FxHashMap<ColumnId, Row>,

@@ -150,10 +150,9 @@ fn bends(pool: &mut Pool, law: Expr, argument: Symbol) -> Bends {
             continue;
         }
         for rate in if both { vec![slope.abs(), -slope.abs()] } else { vec![slope] } {
-            let side = if rate > 0.0 { &mut found.above } else { &mut found.below };
-            if side.is_none_or(|(_, r)| r.abs() < rate.abs()) {
-                *side = Some((knee, rate));
-            }
+            let one = Some((knee, rate));
+            let (above, below) = if rate > 0.0 { (one, None) } else { (None, one) };
+            found = found.with(Bends { above, below });
         }
     }
     found

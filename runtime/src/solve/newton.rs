@@ -4,8 +4,8 @@
 //! With unknowns `u`, residual `r(u)`, Jacobian `J(u)`, weights `w` and scales `s`, all norms squared:
 //!
 //! - `|v|² = Σ w_i v_i²`. A weight that is not finite or not above 0 (as of a spring that is not in contact yet) is the
-//!   mean of the other `w_j s_j²` over `s_i²`, so that no equation goes unseen; where there is no weight at all, all
-//!   are 1.
+//!   mean of the other `w_j s_j²` over `s_i²`, so that no equation goes unseen, and in sums of `u_i² + s_i²` counts
+//!   `s_i²` alone; where there is no weight at all, all are 1.
 //! - Up to `limit` times: compute `r`, `J`.
 //!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far and
 //!      above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the
@@ -472,12 +472,14 @@ impl<'a> Measure<'a> {
         }
     }
 
-    /// `Σ w_i (u_i² + s_i²)`
+    /// `Σ w_i (u_i² + s_i²)`, of what has no weight of its own at its scale alone: where that is next to nothing, it says
+    /// nothing of the unknown.
     fn energy(&self, u: &[f64]) -> f64 {
         if !self.weighted {
             return 0.0;
         }
-        u.iter().zip(self.scale).enumerate().map(|(i, (u, s))| self.weight(i) * (u * u + s * s)).sum()
+        let own = |i: usize, u: f64| if counts(self.weight[i]) { u * u } else { 0.0 };
+        u.iter().zip(self.scale).enumerate().map(|(i, (u, s))| self.weight(i) * (own(i, *u) + s * s)).sum()
     }
 
     /// Whether an update is small beside the unknowns; `size` is `|r|²` before it.

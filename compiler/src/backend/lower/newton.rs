@@ -443,6 +443,14 @@ impl Iteration {
         let sum = w.fold(self.n, zero, |w, at, sum| {
             let (k, u, s) = (self.weight(w, at), w.at(&self.unknowns, at), w.value(&self.scale, at));
             let (uu, ss) = (w.mul(u, u), w.mul(s, s));
+            let uu = match &self.plain {
+                Some(_) => uu,
+                None => {
+                    let raw = w.value(&self.raw_weight, at);
+                    let own = counts(w, raw);
+                    w.select(own, uu, zero)
+                }
+            };
             let both = w.add(uu, ss);
             let term = w.mul(k, both);
             w.add(sum, term)

@@ -125,13 +125,7 @@ fn at_most(w: &mut Writer, list: &[Value], part: Value, sizes: &[Value]) -> Vec<
 }
 
 /// Whether an update of these magnitudes and what rounding leaves of the unknowns come up to a residual.
-fn explained(
-    w: &mut Writer,
-    entries: &[(u32, u32, Value)],
-    residual: &[Value],
-    update: &[Value],
-    z: &[Value],
-) -> Cond {
+fn explained(w: &mut Writer, entries: &[(u32, u32, Value)], residual: &[Value], update: &[Value], z: &[Value]) -> Cond {
     let n = residual.len();
     if n == 1 {
         return Cond::all([]);

@@ -469,6 +469,8 @@ pub(super) fn write(
         let (weight, scale) = (weight.repeat(s), scale.repeat(s));
         let unknowns = unknowns.clone();
         let bends = plan.bends(c);
+        let known = plan.stages.iter().flat_map(|stage| stage.change.iter().copied()).collect();
+        let start = write::foretold(model, &mut b, &lowering, (&unknowns, &residuals), &bends, &known, start)?;
         let system =
             System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole, bends };
         match apart {

@@ -1,0 +1,391 @@
+//! What an iteration measures its unknowns against: weights, as energy per square of an unknown, and scales, the sizes
+//! that rounding makes a state or a loop uncertain by some parts in 1e16 of.
+
+use super::cluster::{Cluster, Node, missing};
+use super::tight::TIGHT;
+use crate::expression::{self, Expr, Lowering, Pool, Symbol};
+use crate::model::{Law, Model};
+use crate::structure::{ColumnId, Form, Output};
+use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir::{Builder, Slot, Unary, Value};
+use rustc_hash::FxHashMap;
+
+/// |d2H/dx2| of each state, the weights of an iteration.
+pub(super) fn curvatures(c: &Cluster, model: &mut Model) -> Vec<Expr> {
+    let mut list = vec![model.pool.int(0); c.states.len()];
+    for g in &c.groups {
+        for (s, z) in g.states.iter().zip(&g.coenergy) {
+            let k = model.pool.derivative(*z, c.states[*s].symbol);
+            list[*s] = model.pool.unary(Unary::Abs, k);
+        }
+    }
+    list
+}
+
+/// Energy per square of each loop's unknown, in terms of states and loops: h over the slope of its resistor's law; for
+/// a law that is run backwards, h times it.
+fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Expr> {
+    if c.loops.is_empty() {
+        return Vec::new();
+    }
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    let mut list = Vec::new();
+    for node in c.loop_nodes() {
+        if let Output::Curve { weight, .. } = node.how {
+            let weight = model.pool.substitute(weight, &flat);
+            list.push(model.pool.mul(h, weight));
+            continue;
+        }
+        let Some((slope, forward)) = slope(model, form, &flat, node) else {
+            list.push(model.pool.int(0));
+            continue;
+        };
+        let w = if forward { model.pool.div(h, slope) } else { model.pool.mul(h, slope) };
+        list.push(model.pool.unary(Unary::Abs, w));
+    }
+    list
+}
+
+/// Whether a column is a resistor whose law is not linear: what that gives at one end of a step says nothing of the
+/// step.
+fn is_steep(model: &Model, form: &Form, column: ColumnId) -> bool {
+    matches!(&model.element(form.column(column).element).law, Law::Resistor(r) if r.linear.is_none() && r.row.is_none())
+}
+
+/// Sum of the magnitudes of the terms of a column's input, in terms of states and loops. What a resistor gives counts by
+/// the terms that it is made of in turn: where a source is balanced by a storage nothing flows, and what is left of the
+/// flow is the rounding of the two.
+fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
+    let mut list = Vec::new();
+    for &(j, k) in &form.column(column).row {
+        if is_steep(model, form, j) {
+            continue;
+        }
+        let deep = if let Law::Resistor(_) = model.element(form.column(j).element).law { DEEP } else { 0 };
+        let pool = &mut model.pool;
+        let z = pool.var(form.column(j).out);
+        let (k, z) = (pool.substitute(k, flat), pool.substitute(z, flat));
+        let (k, z) = (pool.unary(Unary::Abs, k), magnitude(pool, z, deep));
+        list.push(pool.mul(k, z));
+    }
+    model.pool.sum(&list)
+}
+
+/// How much less a change of a state over `h` is uncertain than the terms that it is the sum of, where steps are long:
+/// what rounds them is pulled back by resistors, and turned by the storages that it goes to and comes back from. None
+/// where steps are not that long.
+fn held(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    flat: &FxHashMap<Symbol, Expr>,
+    known: &Known,
+    (state, h): (usize, Expr),
+) -> Option<Expr> {
+    let own = c.states[state].column?;
+    let mut list = Vec::new();
+    for &(j, k) in &form.column(own).row {
+        if let Law::Resistor(_) = model.element(form.column(j).element).law {
+            if is_steep(model, form, j) {
+                continue;
+            }
+            let pool = &mut model.pool;
+            let z = pool.var(form.column(j).out);
+            let term = pool.mul(k, z);
+            let term = pool.substitute(term, flat);
+            let slope = pool.derivative(term, c.states[state].symbol);
+            let slope = pool.unary(Unary::Abs, slope);
+            list.push(pool.mul(h, slope));
+        } else if let Some(other) = known.places.get(&j) {
+            let pool = &mut model.pool;
+            let turn = pool.mul(h, k);
+            let square = pool.powi(turn, 2);
+            let stiff = pool.mul(known.bends[state], known.bends[*other]);
+            list.push(pool.mul(square, stiff));
+        }
+    }
+    let sum = model.pool.sum(&list);
+    let value = |s: Symbol| match Some(s) == c.h {
+        true => known.step,
+        false => known.start.get(&s).copied().or_else(|| model.pool.value(s)).unwrap_or(0.0),
+    };
+    let long = model.pool.eval(sum, &value) > TIGHT;
+    let one = model.pool.int(1);
+    long.then(|| model.pool.add(one, sum))
+}
+
+/// What is known of a cluster before it runs.
+struct Known {
+    /// How storages bend, state by state.
+    bends: Vec<Expr>,
+    /// The states of columns.
+    places: FxHashMap<ColumnId, usize>,
+    /// What states are at the start.
+    start: FxHashMap<Symbol, f64>,
+    /// The usual step, s.
+    step: f64,
+}
+
+impl Known {
+    fn new(c: &Cluster, model: &mut Model) -> Self {
+        Self {
+            bends: curvatures(c, model),
+            places: c.states.iter().enumerate().filter_map(|(i, s)| Some((s.column?, i))).collect(),
+            start: c.states.iter().map(|s| (s.symbol, s.initial)).collect(),
+            step: c.usual_step(model),
+        }
+    }
+}
+
+/// The same without what resistors give.
+fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
+    let mut list = Vec::new();
+    for &(j, k) in &form.column(column).row {
+        if let Law::Resistor(_) = model.element(form.column(j).element).law {
+            continue;
+        }
+        let pool = &mut model.pool;
+        let z = pool.var(form.column(j).out);
+        let term = pool.mul(k, z);
+        let term = pool.substitute(term, flat);
+        list.push(pool.unary(Unary::Abs, term));
+    }
+    model.pool.sum(&list)
+}
+
+/// Sums within sums that count by their terms, at most.
+const DEEP: u32 = 4;
+
+/// What an expression would be if nothing in its sums cancelled, looked into so deep: rounding makes it uncertain by some
+/// parts in 1e16 of that.
+fn magnitude(pool: &mut Pool, e: Expr, deep: u32) -> Expr {
+    match pool.node(e).clone() {
+        expression::Node::Sum(constant, pairs) if deep > 0 => {
+            let mut list = vec![pool.numeral(constant.abs())];
+            for (term, k) in pairs.iter() {
+                let term = magnitude(pool, *term, deep - 1);
+                list.push(pool.scale(term, k.abs()));
+            }
+            pool.sum(&list)
+        }
+        expression::Node::Product(constant, factors) if deep > 0 => {
+            let mut product = pool.numeral(constant.abs());
+            for (factor, n) in factors.iter() {
+                let above = !n.is_negative();
+                let factor = if above { magnitude(pool, *factor, deep - 1) } else { pool.unary(Unary::Abs, *factor) };
+                let power = pool.powers(&[(factor, *n)]);
+                product = pool.mul(product, power);
+            }
+            product
+        }
+        expression::Node::Number(_)
+        | expression::Node::Symbol(_)
+        | expression::Node::Sum(..)
+        | expression::Node::Product(..)
+        | expression::Node::Power(..)
+        | expression::Node::Unary(..)
+        | expression::Node::Binary(..)
+        | expression::Node::Select(..) => pool.unary(Unary::Abs, e),
+    }
+}
+
+/// Sum of the magnitudes of an expression's summands, after a substitution.
+pub(super) fn summands(model: &mut Model, flat: &FxHashMap<Symbol, Expr>, e: Expr) -> Expr {
+    let pool = &mut model.pool;
+    let parts: Vec<Expr> = match pool.node(e).clone() {
+        expression::Node::Sum(constant, pairs) => {
+            let constant = pool.numeral(constant);
+            let pairs: Vec<Expr> = pairs.iter().map(|(e, k)| pool.scale(*e, *k)).collect();
+            pairs.into_iter().chain([constant]).collect()
+        }
+        expression::Node::Number(_)
+        | expression::Node::Symbol(_)
+        | expression::Node::Product(..)
+        | expression::Node::Power(..)
+        | expression::Node::Unary(..)
+        | expression::Node::Binary(..)
+        | expression::Node::Select(..) => vec![e],
+    };
+    let sizes: Vec<Expr> = parts
+        .into_iter()
+        .map(|e| {
+            let e = pool.substitute(e, flat);
+            pool.unary(Unary::Abs, e)
+        })
+        .collect();
+    pool.sum(&sizes)
+}
+
+/// Sum of the magnitudes of the terms of what each of some ports calls for, at the start.
+pub(super) fn called(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    b: &mut Builder,
+    lowering: &Lowering,
+    guesses: &[Value],
+    ports: &[usize],
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let mut lowering = lowering.clone();
+    for (z, guess) in c.loops.iter().zip(guesses) {
+        lowering.bind(*z, *guess);
+    }
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    ports
+        .iter()
+        .map(|p| {
+            let size = terms(model, form, &flat, c.ports[*p]);
+            lowering.lower(&model.pool, b, size).map_err(|s| missing(model, s))
+        })
+        .collect()
+}
+
+/// What changes of the states (over `h`) and loops are measured against: themselves at the start, and the terms that
+/// they are the sum of, so that what cancels is not asked for digits that it does not have.
+pub(super) fn scales(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    b: &mut Builder,
+    lowering: &Lowering,
+    inputs: (&[Value], &[Slot], &[Value]),
+    h: Option<Expr>,
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let (states, traces, guesses) = inputs;
+    let bound = |values: &[Value]| {
+        let mut lowering = lowering.clone();
+        c.loops.iter().zip(values).for_each(|(z, value)| lowering.bind(*z, *value));
+        lowering
+    };
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    let mut at_start = bound(guesses);
+    let lower = |model: &Model, b: &mut Builder, lowering: &mut Lowering, e: Expr| {
+        lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
+    };
+    let mut laws = Vec::with_capacity(c.loops.len());
+    for node in c.loop_nodes() {
+        if let Output::Curve { bends, .. } = node.how {
+            // The argument of an exponential is what it is given, and so known to the rounding of that. What resistors
+            // give of it is not known at the start: the slope changes too fast.
+            let one = b.number(1.0);
+            laws.push(match node.resistor().filter(|_| bends.is_some()) {
+                Some(column) => Size::Law { terms: imposed(model, form, &flat, column), slope: one, forward: true },
+                None => Size::Known(one),
+            });
+            continue;
+        }
+        let column = node.resistor().filter(|column| !is_steep(model, form, *column));
+        let law = column.and_then(|column| Some((column, slope(model, form, &flat, node)?)));
+        laws.push(match law {
+            Some((column, (k, forward))) => {
+                let k = lower(model, b, &mut at_start, k)?;
+                let k = b.unary(Unary::Abs, k);
+                // What a tight resistor gives in a step is what the storages let it.
+                let slope = match (h, c.tight.contains(&node.out).then(|| c.pull(model, form, node)).flatten()) {
+                    (Some(h), Some(pull)) => {
+                        let one = model.pool.int(1);
+                        let turns = model.pool.mul(h, pull);
+                        let held = model.pool.add(one, turns);
+                        let held = lower(model, b, &mut at_start, held)?;
+                        if forward { b.div(k, held) } else { b.mul(k, held) }
+                    }
+                    _ => k,
+                };
+                Size::Law { terms: terms(model, form, &flat, column), slope, forward }
+            }
+            None => Size::Known(b.number(0.0)),
+        });
+    }
+    // Loops are made of one another: what one of them is uncertain by, the next one is too.
+    let starts: Vec<Value> = guesses.iter().map(|z| b.unary(Unary::Abs, *z)).collect();
+    let mut sizes = starts.clone();
+    for _ in 0..laws.len().min(2) {
+        let mut among = bound(&sizes);
+        for ((size, start), law) in sizes.iter_mut().zip(&starts).zip(&laws) {
+            let more = match *law {
+                Size::Known(x) => x,
+                Size::Law { terms, slope, forward } => {
+                    let t = lower(model, b, &mut among, terms)?;
+                    if forward { b.mul(t, slope) } else { b.div(t, slope) }
+                }
+            };
+            *size = b.add(*start, more);
+        }
+    }
+    let mut scales = Vec::new();
+    if let Some(h) = h {
+        let mut among = bound(&sizes);
+        let known = Known::new(c, model);
+        for (i, ((s, x), trace)) in c.states.iter().zip(states).zip(traces).enumerate() {
+            let t = match s.column {
+                Some(column) => terms(model, form, &flat, column),
+                None => summands(model, &flat, s.rate),
+            };
+            let (x, trace) = (b.unary(Unary::Abs, *x), b.load(*trace));
+            let x = b.add(x, trace);
+            let t = model.pool.mul(h, t);
+            let t = lower(model, b, &mut among, t)?;
+            let t = match held(c, model, form, &flat, &known, (i, h)) {
+                Some(k) => {
+                    let k = lower(model, b, &mut at_start, k)?;
+                    b.div(t, k)
+                }
+                None => t,
+            };
+            scales.push(b.add(x, t));
+        }
+    }
+    scales.extend(sizes);
+    Ok(scales)
+}
+
+/// What a loop's unknown is measured against besides itself.
+enum Size {
+    Known(Value),
+    /// The terms of what its resistor receives, by the slope of the law, or that by it.
+    Law {
+        terms: Expr,
+        slope: Value,
+        forward: bool,
+    },
+}
+
+/// The slope of a resistor's law where it works, in terms of states and loops, and whether it runs forward.
+fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &Node) -> Option<(Expr, bool)> {
+    let column = node.resistor()?;
+    let Law::Resistor(law) = &model.element(form.column(column).element).law else { return None };
+    let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(column).gives);
+    if model.pool.symbols(output).iter().any(|s| *s != argument) {
+        // A law that reads signals: its residual is in terms of states and outputs already.
+        let Output::Implicit(residual) = node.how else { return None };
+        let slope = model.pool.derivative(residual, node.out);
+        return Some((model.pool.substitute(slope, flat), false));
+    }
+    let slope = model.pool.derivative(output, argument);
+    let at = if forward { form.input(&mut model.pool, column) } else { model.pool.var(node.out) };
+    let at = model.pool.substitute(at, flat);
+    let map: FxHashMap<Symbol, Expr> = std::iter::once((argument, at)).collect();
+    let slope = model.pool.substitute(slope, &map);
+    Some((model.pool.substitute(slope, flat), forward))
+}
+
+/// The values of [`loop_weights`] at the guesses.
+pub(super) fn weights_of_loops(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    b: &mut Builder,
+    lowering: &Lowering,
+    guesses: &[Value],
+    h: Expr,
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let mut lowering = lowering.clone();
+    for (z, guess) in c.loops.iter().zip(guesses) {
+        lowering.bind(*z, *guess);
+    }
+    let weights = loop_weights(c, model, form, h);
+    weights.into_iter().map(|w| lowering.lower(&model.pool, b, w).map_err(|s| missing(model, s))).collect()
+}

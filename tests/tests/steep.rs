@@ -1,0 +1,188 @@
+//! Exponential laws and resistors far shorter than a step: passive steppers go on at any step, with the balance kept.
+
+use crate::common::{cases, finish, probe, start, with};
+use bond::{Options, Steps, Summary};
+use proptest::prelude::*;
+
+const METHODS: [&str; 5] = ["gonzalez", "collocation4", "collocation8", "collocation12", "radau"];
+
+fn ran(text: &str, method: &str, step: f64, end: f64) -> Summary {
+    let compiled = with(Options::new().method(method), text);
+    let mut sim = start(&compiled, Steps::fixed(step));
+    sim.finish(end).unwrap_or_else(|e| panic!("{method}, steps of {step:e} s: {e}\n{text}"));
+    sim.summary()
+}
+
+fn assert_passive(text: &str, method: &str, step: f64, end: f64) {
+    let summary = ran(text, method, step, end);
+    // A voltage of many thermal ones is known to its rounding, and what flows to as many times that.
+    assert!(summary.worst_step <= 1e-11, "{method}, {step:e} s: off by {:e}\n{text}", summary.worst_step);
+    let gave = summary.reasons.iter().find(|why| why.contains("gave"));
+    assert!(gave.is_none(), "{method}, {step:e} s: {gave:?}\n{text}");
+}
+
+/// A junction diode.
+fn diode(name: &str, saturation: f64, thermal: f64) -> String {
+    format!("R:{name} {{ f = ({saturation:e} A)*(exp(e/({thermal} V)) - 1) }}")
+}
+
+/// Between a source and a load: a rectifier with a choke, a clipper, a rectifier without storages of its own, two
+/// diodes one after the other.
+fn circuit(kind: u8, [volts, rate]: [f64; 2], [r, l, c, c2, load]: [f64; 5], diodes: [&str; 2]) -> String {
+    let [d, d2] = diodes;
+    let rest = match kind {
+        0 => format!(
+            "I:l = {l:e} H  C:c = {c:e} F  C:c2 = {c2:e} F  {d}  R:load = {load:e} Ohm
+  s -> 1:m -> r, l
+  m -> 0:n -> c
+  n -> 1:dd -> d
+  dd -> 0:o -> c2, load"
+        ),
+        1 => format!(
+            "I:l = {l:e} H  C:c {{ compliance = {c:e} F; q0 = {:e} C }}  {d}
+  R:d2 {{ f = (1e-9 A)*sinh(e/(0.05 V)) }}
+  s -> 1:m -> r, l
+  m -> 0:n -> c, d, d2",
+            0.3 * c
+        ),
+        2 => format!(
+            "C:c = {c:e} F  {d}  R:load = {load:e} Ohm
+  s -> 1:m -> r, d
+  m -> 0:n -> c, load"
+        ),
+        _ => format!(
+            "C:c = {c:e} F  C:c2 = {c2:e} F  C:c3 = {:e} F  {d}  {d2}  R:load = {load:e} Ohm
+  s -> 1:m -> r
+  m -> 0:n -> c
+  n -> 1:dd -> d
+  dd -> 0:o -> c2
+  o -> 1:de -> d2
+  de -> 0:p -> c3, load",
+            2.0 * c2
+        ),
+    };
+    format!("model M {{\n  Se:s = ({volts:e} V)*sin(({rate:e} rad/s)*t)  R:r = {r:e} Ohm\n  {rest}\n}}")
+}
+
+/// Ten to the power of something.
+fn decades(from: f64, to: f64) -> impl Strategy<Value = f64> {
+    (from..to).prop_map(|x| 10f64.powf(x))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: cases(60), ..ProptestConfig::default() })]
+
+    /// From steps that follow the source to a few a period, and some of many thermal voltages.
+    #[test]
+    fn diodes_take_any_step(
+        kind in 0u8..4,
+        source in (decades(0.0, 2.5), decades(0.0, 3.0)),
+        parts in (decades(-2.0, 2.0), decades(-4.0, 0.0), decades(-6.0, -1.0), decades(-6.0, -1.0), decades(0.0, 4.0)),
+        laws in (decades(-14.0, -6.0), decades(-14.0, -6.0), prop::sample::select(vec![0.025, 0.05, 0.1])),
+        method in prop::sample::select(METHODS.to_vec()),
+        steps in prop::sample::select(vec![7.0, 23.0, 60.0, 111.0, 300.0, 1000.0]),
+    ) {
+        let (d, d2) = (diode("d", laws.0, laws.2), diode("d2", laws.1, 0.05));
+        let parts = [parts.0, parts.1, parts.2, parts.3, parts.4];
+        let text = circuit(kind, [source.0, source.1], parts, [&d, &d2]);
+        let end = 20.0 / source.1;
+        assert_passive(&text, method, end / steps, end);
+    }
+}
+
+/// What a diode and a resistor make of a battery, where all has come to rest: `V = R i + Vt log(1 + i/Is)`.
+#[test]
+fn a_diode_settles_at_its_working_point() {
+    for (volts, ohms) in [(0.3f64, 100.0), (5.0, 1.0), (-7.0, 10.0), (300.0, 0.01)] {
+        let text = format!(
+            "model M {{
+  Se:s = {volts} V
+  R:r = {ohms} Ohm
+  {}
+  C:c = 1e-5 F
+  s -> 1:m -> r
+  m -> 0:n -> c, d
+  probe v = c.e
+}}",
+            diode("d", 1e-12, 0.025)
+        );
+        // In the current, from both sides.
+        let voltage = |i: f64| 0.025 * (i / 1e-12).ln_1p();
+        let (mut low, mut high) = (-1e-12, (volts / ohms).max(0.0));
+        for _ in 0..2000 {
+            let i = 0.5 * (low + high);
+            *(if voltage(i) + ohms * i < volts { &mut low } else { &mut high }) = i;
+        }
+        let wanted = if volts < 0.0 { volts + ohms * 1e-12 } else { volts - ohms * low };
+        // Radau's method damps at any step, the others where steps are short.
+        let settled = 60.0 * ohms * 1e-5;
+        let ways =
+            [("radau", Steps::fixed(settled)), ("radau", Steps::tolerance(1e-6)), ("gonzalez", Steps::tolerance(1e-6))];
+        for (method, steps) in ways {
+            let compiled = with(Options::new().method(method), &text);
+            let mut sim = start(&compiled, steps);
+            finish(&mut sim, 10.0 * settled);
+            let v = probe(&mut sim, "v");
+            let off = (v - wanted).abs() / volts.abs().max(1.0);
+            assert!(off <= 1e-6, "{volts} V, {ohms} Ohm, {method}: {v} and {wanted}");
+        }
+    }
+}
+
+/// A capacitor on a source over next to no resistance, over steps of up to 1e9 times R C: it follows the source by
+/// R C w, and each step balances.
+#[test]
+fn tight_resistors_keep_the_balance() {
+    for law in ["C:c = 1.5e-6 F", "C:c { e = (6.9e5 V/C)*q + (1e12 V/C^3)*q^3 }"] {
+        for ohms in [1e-6, 1e-4, 1e-2, 1.0] {
+            let text = format!(
+                "model M {{
+  Se:s = (83 V)*sin((40 rad/s)*t)
+  R:r = {ohms:e} Ohm
+  {law}
+  R:load = 100 Ohm
+  s -> 1:m -> r
+  m -> 0:n -> c, load
+  simulate {{ stop = 0.5 s }}
+}}"
+            );
+            for method in METHODS.into_iter().filter(|m| *m != "radau") {
+                for step in [1e-5, 1e-3, 0.01, 0.1] {
+                    let summary = ran(&text, method, step, 0.5);
+                    let what = format!("{law}, {ohms:e} Ohm, {method}, {step:e} s");
+                    assert!(summary.worst_step <= 1e-12, "{what}: off by {:e}", summary.worst_step);
+                    assert!(summary.total <= 1e-12, "{what}: {:e} in all", summary.total);
+                    assert_eq!(summary.reasons, Vec::<String>::new(), "{what}");
+                }
+            }
+        }
+    }
+}
+
+/// Two masses that slide on each other as good as together: what one loses the other one gains, to the last digit.
+#[test]
+fn tight_dampers_keep_momentum() {
+    let text = "model M {
+  I:a { inertia = 1 kg; p0 = 3 N*s }
+  I:b = 2 kg
+  C:k { e = (100 N/m)*q + (1e4 N/m^3)*q^3 }
+  R:oil = 1e9 N*s/m
+  1:va -> a
+  1:vb -> b, k
+  va -> 0:d -> vb
+  d -> oil
+  probe v = va.f
+  probe w = vb.f
+  simulate { stop = 1 s }
+}";
+    for method in METHODS.into_iter().filter(|m| *m != "radau") {
+        for step in [1e-4, 1e-2] {
+            let compiled = with(Options::new().method(method), text);
+            let mut sim = start(&compiled, Steps::fixed(step));
+            finish(&mut sim, 1.0);
+            let summary = sim.summary();
+            assert!(summary.worst_step <= 1e-13, "{method}, {step:e} s: off by {:e}", summary.worst_step);
+            assert_eq!(summary.reasons, Vec::<String>::new(), "{method}, {step:e} s");
+        }
+    }
+}
