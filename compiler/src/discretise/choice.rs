@@ -47,7 +47,8 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
     if exact::takes_states(c, model, form) {
         return (Method::Collocation8, "it is linear, but for what a probe integrates");
     }
-    let small = c.states.len() + c.loops.len() <= UNKNOWNS;
+    // Arguments of exponentials come on top: what they are solved with is linear in the rest.
+    let small = c.states.len() + c.loops.len() - c.bends().len() <= UNKNOWNS;
     let laws = laws(c);
     let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
     let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }));
