@@ -179,26 +179,23 @@ const STIFF: f64 = 1e8;
 const LONG: f64 = 1e4;
 
 /// Whether the fastest motion of a region is far faster than the slowest, or than a step, as its energies bend at the
-/// start. How far a
-/// stiff spring between two bodies is drawn out is a small difference of how far these go in a step: where it follows
-/// from their momenta, the rounding of that is a force that the iteration cannot take back; as an unknown of its own it
-/// has its own digits.
+/// start. How far a stiff spring between two bodies is drawn out is a small difference of how far these go in a step:
+/// where it follows from their momenta, the rounding of that is a force that the iteration cannot take back; as an
+/// unknown of its own it has its own digits.
 fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
-    let start: FxHashMap<Symbol, f64> = c.states.iter().map(|s| (s.symbol, s.initial)).collect();
+    let start = c.start(model);
     // Stiffnesses and inverse inertias: the least and the largest.
     let mut bends = [(f64::INFINITY, 0.0f64); 2];
     for (s, k) in c.states.iter().zip(measure::curvatures(c, model)) {
         let Some(column) = s.column else { continue };
-        let pool = &model.pool;
-        let k = pool.eval(k, &|s| start.get(&s).copied().or_else(|| pool.value(s)).unwrap_or(0.0));
+        let k = start.eval(&model.pool, k);
         if k > 0.0 && k.is_finite() {
             let (least, most) = &mut bends[usize::from(form.column(column).gives == Variable::Flow)];
             (*least, *most) = (least.min(k), most.max(k));
         }
     }
     let [(soft, hard), (heavy, light)] = bends;
-    let step = c.usual_step(model);
-    hard * light > STIFF * soft * heavy || hard * light * step * step > LONG
+    hard * light > STIFF * soft * heavy || hard * light * start.step * start.step > LONG
 }
 
 /// Writes the step. Where it is the cluster's own, rather than what another stepper falls back to, `own` says so: its

@@ -2,7 +2,7 @@
 //! that rounding makes a state or a loop uncertain by some parts in 1e16 of.
 
 use super::cluster::{Cluster, Node, missing};
-use super::tight::TIGHT;
+use super::tight::{Start, TIGHT};
 use crate::expression::{self, Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
@@ -90,10 +90,8 @@ fn held(
             if is_steep(model, form, j) {
                 continue;
             }
+            let term = term(&mut model.pool, form, flat, (j, k));
             let pool = &mut model.pool;
-            let z = pool.var(form.column(j).out);
-            let term = pool.mul(k, z);
-            let term = pool.substitute(term, flat);
             let slope = pool.derivative(term, c.states[state].symbol);
             let slope = pool.unary(Unary::Abs, slope);
             list.push(pool.mul(h, slope));
@@ -106,11 +104,7 @@ fn held(
         }
     }
     let sum = model.pool.sum(&list);
-    let value = |s: Symbol| match Some(s) == c.h {
-        true => known.step,
-        false => known.start.get(&s).copied().or_else(|| model.pool.value(s)).unwrap_or(0.0),
-    };
-    let long = model.pool.eval(sum, &value) > TIGHT;
+    let long = known.start.eval(&model.pool, sum) > TIGHT;
     let one = model.pool.int(1);
     long.then(|| model.pool.add(one, sum))
 }
@@ -121,10 +115,7 @@ struct Known {
     bends: Vec<Expr>,
     /// The states of columns.
     places: FxHashMap<ColumnId, usize>,
-    /// What states are at the start.
-    start: FxHashMap<Symbol, f64>,
-    /// The usual step, s.
-    step: f64,
+    start: Start,
 }
 
 impl Known {
@@ -132,26 +123,29 @@ impl Known {
         Self {
             bends: curvatures(c, model),
             places: c.states.iter().enumerate().filter_map(|(i, s)| Some((s.column?, i))).collect(),
-            start: c.states.iter().map(|s| (s.symbol, s.initial)).collect(),
-            step: c.usual_step(model),
+            start: c.start(model),
         }
     }
 }
 
-/// The same without what resistors give.
+/// Sum of the magnitudes of what others than resistors give to a column's input, in terms of states and loops.
 fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
     let mut list = Vec::new();
     for &(j, k) in &form.column(column).row {
         if let Law::Resistor(_) = model.element(form.column(j).element).law {
             continue;
         }
-        let pool = &mut model.pool;
-        let z = pool.var(form.column(j).out);
-        let term = pool.mul(k, z);
-        let term = pool.substitute(term, flat);
-        list.push(pool.unary(Unary::Abs, term));
+        let term = term(&mut model.pool, form, flat, (j, k));
+        list.push(model.pool.unary(Unary::Abs, term));
     }
     model.pool.sum(&list)
+}
+
+/// What one column gives to another's input, in terms of states and loops.
+fn term(pool: &mut Pool, form: &Form, flat: &FxHashMap<Symbol, Expr>, (from, k): (ColumnId, Expr)) -> Expr {
+    let z = pool.var(form.column(from).out);
+    let term = pool.mul(k, z);
+    pool.substitute(term, flat)
 }
 
 /// Sums within sums that count by their terms, at most.

@@ -7,7 +7,7 @@
 
 use super::cluster::{Cluster, Node};
 use super::measure;
-use crate::expression::{Expr, Symbol};
+use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
 use rustc_hash::FxHashMap;
@@ -25,14 +25,12 @@ impl Cluster {
         if self.states.len() + self.loops.len() >= MOST {
             return;
         }
-        let step = self.usual_step(model);
-        let start: FxHashMap<Symbol, f64> = self.states.iter().map(|s| (s.symbol, s.initial)).collect();
+        let start = self.start(model);
         let mut tight = Vec::new();
         for (i, node) in self.nodes.iter().enumerate() {
             let Output::Explicit(_) = node.how else { continue };
             let Some(pull) = self.pull(model, form, node) else { continue };
-            let value = |s: Symbol| start.get(&s).copied().or_else(|| model.pool.value(s)).unwrap_or(0.0);
-            if model.pool.eval(pull, &value) * step > TIGHT {
+            if start.eval(&model.pool, pull) * start.step > TIGHT {
                 tight.push(i);
             }
         }
@@ -51,12 +49,14 @@ impl Cluster {
         self.order(&mut model.pool);
     }
 
-    /// The length of a step, or of a long fitted one, s.
-    pub(super) fn usual_step(&self, model: &Model) -> f64 {
-        match self.sampling {
+    /// What is known before it runs.
+    pub(super) fn start(&self, model: &Model) -> Start {
+        let step = match self.sampling {
             Some(s) => model.samplings[s].period,
             None => model.settings.step.unwrap_or(PART * model.settings.stop.unwrap_or(1.0)),
-        }
+        };
+        let states = self.states.iter().map(|s| (s.symbol, s.initial));
+        Start { values: states.chain(self.h.map(|h| (h, step))).collect(), step }
     }
 
     /// How fast a linear resistor brings together what it stands between, in 1/s; None where that is nothing that may
@@ -79,6 +79,21 @@ impl Cluster {
             terms.push(model.pool.mul(k, term));
         }
         (!terms.is_empty()).then(|| model.pool.sum(&terms))
+    }
+}
+
+/// What is known of a cluster before it runs.
+pub(super) struct Start {
+    /// States, and the step's length.
+    values: FxHashMap<Symbol, f64>,
+    /// The length of a step, or of a long fitted one, s.
+    pub(super) step: f64,
+}
+
+impl Start {
+    /// The value of an expression; what is not known counts as 0.
+    pub(super) fn eval(&self, pool: &Pool, e: Expr) -> f64 {
+        pool.eval(e, &|s| self.values.get(&s).copied().or_else(|| pool.value(s)).unwrap_or(0.0))
     }
 }
 

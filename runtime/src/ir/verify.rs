@@ -361,6 +361,11 @@ mod tests {
         let mut p = root();
         of_root(&mut p).scale.clear();
         assert!(matches!(p.verify(), Err(Invalid::Lengths(_))));
+        for (unknown, knee, rate) in [(9, 0.0, 1.0), (0, f64::NAN, 1.0), (0, 0.0, 0.0), (0, 0.0, f64::INFINITY)] {
+            let mut p = root();
+            of_root(&mut p).bends.push(Bend { unknown, knee, rate });
+            assert!(matches!(p.verify(), Err(Invalid::Lengths(_))));
+        }
         let mut p = root();
         let j = of_root(&mut p).jacobian[0];
         of_root(&mut p).jacobian.push(j);
