@@ -4,7 +4,7 @@ use super::functions;
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
-use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, types};
+use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, Opcode, types};
 use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext, Variable};
 use cranelift_module::{FuncId, Linkage, Module, ModuleError};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -88,6 +88,14 @@ pub(super) fn define<M: Module>(
     t.b.finalize(config);
     module.define_function(id, &mut context)?;
     Ok(id)
+}
+
+/// What is known of loads from a memory: no routine writes the table or the data.
+fn flags(memory: Memory) -> MemFlagsData {
+    match memory {
+        Memory::Table | Memory::Data => MemFlagsData::trusted().with_readonly().with_can_move(),
+        Memory::State | Memory::Next | Memory::Input | Memory::Scratch | Memory::Output => MemFlagsData::trusted(),
+    }
 }
 
 /// A routine on its way.
@@ -229,9 +237,15 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 
     fn branch(&mut self, c: &Cond, yes: &[Stmt], no: &[Stmt]) -> bool {
+        // The jump itself can be the other way about, without a flag that is turned over.
+        let (c, turned) = match c {
+            Cond::Not(c) => (&**c, true),
+            c => (c, false),
+        };
         let flag = self.cond(c);
         let (then, other, after) = (self.b.create_block(), self.b.create_block(), self.b.create_block());
-        self.b.ins().brif(flag, then, &[] as &[BlockArg], other, &[] as &[BlockArg]);
+        let (met, unmet) = if turned { (other, then) } else { (then, other) };
+        self.b.ins().brif(flag, met, &[] as &[BlockArg], unmet, &[] as &[BlockArg]);
         let mut ends = 0;
         for (block, body) in [(then, yes), (other, no)] {
             self.b.switch_to_block(block);
@@ -311,7 +325,7 @@ impl<M: Module> Translate<'_, '_, M> {
         match op {
             Op::Load(place) => {
                 let (address, offset) = self.address(place);
-                self.b.ins().load(types::F64, MemFlagsData::trusted(), address, offset)
+                self.b.ins().load(types::F64, flags(place.memory), address, offset)
             }
             Op::Get(var) => self.b.use_var(self.vars[var.0 as usize]),
             Op::Unary(f, a) => self.unary(v, *f, *a),
@@ -327,8 +341,11 @@ impl<M: Module> Translate<'_, '_, M> {
     fn unary(&mut self, v: Value, f: Unary, a: Value) -> ir::Value {
         let x = self.of(a);
         match f {
-            Unary::Neg => self.b.ins().fneg(x),
-            Unary::Abs => self.b.ins().fabs(x),
+            Unary::Neg => {
+                let sign = self.b.ins().f64const(-0.0);
+                self.b.ins().bxor(x, sign)
+            }
+            Unary::Abs => self.abs(x),
             Unary::Sqrt => self.b.ins().sqrt(x),
             Unary::Sign => {
                 let (zero, one) = (self.b.ins().f64const(0.0), self.b.ins().f64const(1.0));
@@ -383,9 +400,11 @@ impl<M: Module> Translate<'_, '_, M> {
     fn binary(&mut self, v: Value, f: Binary, a: Value, b: Value) -> ir::Value {
         let (x, y) = (self.of(a), self.of(b));
         match f {
-            Binary::Add => self.b.ins().fadd(x, y),
+            Binary::Add | Binary::Mul => {
+                let (x, y) = if self.is_read(x) { (y, x) } else { (x, y) };
+                if f == Binary::Add { self.b.ins().fadd(x, y) } else { self.b.ins().fmul(x, y) }
+            }
             Binary::Sub => self.b.ins().fsub(x, y),
-            Binary::Mul => self.b.ins().fmul(x, y),
             Binary::Div => self.b.ins().fdiv(x, y),
             Binary::Min => self.b.ins().fmin(x, y),
             Binary::Max => self.b.ins().fmax(x, y),
@@ -405,6 +424,19 @@ impl<M: Module> Translate<'_, '_, M> {
             }
             Binary::Pow | Binary::Atan2 => self.call(functions::binary(f), &[x, y]),
         }
+    }
+
+    /// Without its sign. The mask is a second operand, which an instruction takes from memory as it is.
+    fn abs(&mut self, x: ir::Value) -> ir::Value {
+        let mask = self.b.ins().f64const(f64::from_bits(!(1 << 63)));
+        self.b.ins().band(x, mask)
+    }
+
+    /// Whether a value is had from memory, and so is best a second operand.
+    fn is_read(&self, x: ir::Value) -> bool {
+        let dfg = &self.b.func.dfg;
+        let made = dfg.value_def(x).inst().map(|i| dfg.insts[i].opcode());
+        matches!(made, Some(Opcode::Load | Opcode::F64const))
     }
 
     /// A flag as a number, and kept as a flag.
@@ -435,9 +467,10 @@ impl<M: Module> Translate<'_, '_, M> {
             Cond::Le(a, b) => self.compare(FloatCC::LessThanOrEqual, *a, *b),
             Cond::Eq(a, b) => self.compare(FloatCC::Equal, *a, *b),
             Cond::Finite(v) => {
+                // What is not finite, less itself, is no number.
                 let x = self.of(*v);
-                let (size, infinite) = (self.b.ins().fabs(x), self.b.ins().f64const(f64::INFINITY));
-                self.b.ins().fcmp(FloatCC::LessThan, size, infinite)
+                let none = self.b.ins().fsub(x, x);
+                self.b.ins().fcmp(FloatCC::Ordered, none, none)
             }
             Cond::Not(c) => {
                 let flag = self.cond(c);
