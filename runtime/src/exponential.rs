@@ -10,7 +10,7 @@ mod drift;
 
 use crate::twice::{Matrix, Twice};
 use serde::{Deserialize, Serialize};
-use std::ops::{Add, Mul};
+use std::ops::{Add, Mul, Sub};
 use thiserror::Error;
 
 /// A linear system with what drives it: `dw/dt = A w` for `w = (x, xi)`, and what is wanted of a step.
@@ -26,7 +26,7 @@ pub struct Linear {
     pub means: Vec<Vec<f64>>,
     /// Symmetric matrices `M`, row by row, each `(n + m)²` long: the integral over the step of `w^T M w` is wanted.
     pub forms: Vec<Vec<f64>>,
-    /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = L^T L`: a sum of squares keeps its digits
+    /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = R^T R`: a sum of squares keeps its digits
     /// where a form in entries would cancel.
     pub squares: Vec<Vec<f64>>,
     /// Rows `c`, each `n + m` long: `c w` at the start of the step is wanted.
@@ -92,9 +92,9 @@ impl Layout {
         self.mean(self.means) + k * (self.columns * (self.columns + 1) / 2)
     }
 
-    /// Start of square `k`: the matrix `L`, `n + m` rows of `n + m`, those it does not need being 0.
+    /// Start of square `k`: the upper triangle of `R` row by row, rows that it does not need being 0.
     pub fn square(&self, k: usize) -> usize {
-        self.form(self.forms) + k * self.columns * self.columns
+        self.form(self.forms) + k * (self.columns * (self.columns + 1) / 2)
     }
 
     /// Start of the row of start value `k`. Those of all lie one after the other.
@@ -196,8 +196,10 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
         triangle(&mut table, q);
     }
     for m in &linear.squares {
-        let l = factor(flow.form(m, &d), size <= FINE);
-        table.extend((0..square).map(|k| l[k] / d[k % size]));
+        let r = root(flow.form(m, &d), size <= FINE);
+        for i in 0..size {
+            table.extend((i..size).map(|j| r[i * size + j] / d[j]));
+        }
     }
     table.extend(linear.starts.iter().flatten());
     for m in &linear.drifts {
@@ -290,12 +292,8 @@ impl Flow {
     }
 }
 
-/// `L` with `Q = L^T L`, by Cholesky's method with the largest entry of the diagonal first; of a variable, what is left
-/// below rounding beside its own entry is left out.
-///
-/// Small entries are partly what the series of the form left out, and need not go with each other: they come last, and
-/// are kept to what `Q >= 0` allows.
-fn factor(mut q: Matrix, fine: bool) -> Vec<f64> {
+/// `R` with `Q = R^T R`, its upper triangle where it belongs and nothing below.
+fn root(mut q: Matrix, fine: bool) -> Vec<f64> {
     let n = q.n;
     // Powers of two, so that nothing is rounded.
     let size: Vec<f64> = (0..n).map(|i| power_of_two(q.get(i, i).high.max(0.0).sqrt())).collect();
@@ -306,8 +304,20 @@ fn factor(mut q: Matrix, fine: bool) -> Vec<f64> {
             *x = if s > 0.0 { x.scale(1.0 / size[i]).scale(1.0 / size[j]) } else { Twice::default() };
         }
     }
+    let mut r = factor(q, &size, fine);
+    straighten(&mut r, fine);
+    (0..n * n).map(|k| r.entries[k].high * size[k % n]).collect()
+}
+
+/// `L` with `Q = L^T L`, by Cholesky's method with the largest entry of the diagonal first, as it is where each variable
+/// is `size` times as large; of a variable, what is left below rounding beside its own entry is left out.
+///
+/// Small entries are partly what the series of the form left out, and need not go with each other: they come last, and
+/// are kept to what `Q >= 0` allows.
+fn factor(mut q: Matrix, size: &[f64], fine: bool) -> Matrix {
+    let n = q.n;
     let least = if fine { 1e-29 } else { 4e-15 };
-    let mut l = vec![0.0; n * n];
+    let mut l = Matrix::zero(n);
     let mut open: Vec<usize> = (0..n).collect();
     for row in 0..n {
         open.retain(|&i| q.get(i, i).high > least);
@@ -322,7 +332,6 @@ fn factor(mut q: Matrix, fine: bool) -> Vec<f64> {
             })
             .collect();
         for i in 0..n {
-            l[row * n + i] = pivot[i].high * size[i];
             for j in 0..n {
                 let x = &mut q.entries[i * n + j];
                 *x = if fine {
@@ -336,8 +345,37 @@ fn factor(mut q: Matrix, fine: bool) -> Vec<f64> {
             q.entries[i * n + p] = Twice::default();
             q.entries[p * n + i] = Twice::default();
         }
+        l.entries[row * n..(row + 1) * n].copy_from_slice(&pivot);
     }
     l
+}
+
+/// Rotates the rows until nothing is left below the diagonal (Givens), which leaves `L^T L`: half the products of a
+/// step are enough then.
+fn straighten(l: &mut Matrix, fine: bool) {
+    let n = l.n;
+    for j in 0..n {
+        for i in j + 1..n {
+            let (a, b) = (l.get(j, j), l.get(i, j));
+            let scale = power_of_two(a.high.abs().max(b.high.abs()));
+            if b.high == 0.0 || scale == 0.0 {
+                continue;
+            }
+            let (a, b) = (a.scale(1.0 / scale), b.scale(1.0 / scale));
+            let norm = a.mul(a).add(b.mul(b)).sqrt();
+            let (c, s) = (a.divided(norm), b.divided(norm));
+            for k in j..n {
+                let (x, y) = (l.get(j, k), l.get(i, k));
+                let turned = if fine {
+                    [c.mul(x).add(s.mul(y)), c.mul(y).sub(s.mul(x))]
+                } else {
+                    [c.high * x.high + s.high * y.high, c.high * y.high - s.high * x.high].map(Twice::new)
+                };
+                [l.entries[j * n + k], l.entries[i * n + k]] = turned;
+            }
+            l.entries[i * n + j] = Twice::default();
+        }
+    }
 }
 
 /// `a b`, with twice the digits where that takes no long time.

@@ -112,11 +112,13 @@ fn products() {
     let mut b = Builder::new("products");
     b.slots(Array::State, 2);
     let n = b.slots(Array::Next, 2);
-    let y = b.slot(Array::Output);
+    let y = b.slots(Array::Output, 2);
     b.slots(Array::Table, 11);
     let x = Slot::new(Array::State, 0);
     b.push(Inst::MatVec { to: n, table: 0, from: x, rows: 2, cols: 2, low: true }, n, 2);
-    b.push(Inst::Quad { to: y, table: 8, from: x, n: 2 }, y, 1);
+    b.push(Inst::Quad { to: y, table: 8, from: x, n: 2, root: false }, y, 1);
+    let squares = Slot::new(Array::Output, 1);
+    b.push(Inst::Quad { to: squares, table: 8, from: x, n: 2, root: true }, squares, 1);
     let program = b.finish();
     assert_eq!(program.verify(), Ok(()));
     let kernel = Interpreter::new(&program);
@@ -124,7 +126,7 @@ fn products() {
     let table = [1.0, 2.0, 3.0, 4.0, 0.25, 0.0, 0.0, 0.5, 1.0, 2.0, 5.0];
     assert_eq!(kernel.run(&[1.0, 10.0], &[], &table, &mut work), Ok(()));
     assert_eq!(work.next, [21.25, 48.0]);
-    assert_eq!(work.output, [1.0 + 20.0 + 500.0]);
+    assert_eq!(work.output, [1.0 + 20.0 + 500.0, 21.0 * 21.0 + 50.0 * 50.0]);
 }
 
 #[test]

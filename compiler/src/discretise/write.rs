@@ -77,8 +77,8 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
 
 /// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at
 /// rest under a flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A
-/// carry from when the state was much larger than it is now is dropped, since the change takes no account of it: it
-/// would be no rounding any more.
+/// carry from when the state was much larger than it is now is dropped, since the change takes no account of it: a
+/// contact that begins after a long way has next to no energy, and what is no rounding beside it.
 pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value) {
     let sum = b.add(x, change);
     let (plain, size) = (b.unary(Unary::Abs, sum), b.unary(Unary::Abs, carry));
@@ -102,8 +102,9 @@ pub(super) fn advance_whole(b: &mut Builder, x: Value, (change, low): (Value, Va
     (next, b.add(rest, low))
 }
 
-/// `change + carry`, `x` and that, and what rounding takes from the second sum.
-fn added(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value, Value) {
+/// `change + carry`, `x` and that, and what rounding takes from the second sum. Where the energy is a quadratic form
+/// this alone is an advance: what a carry does to it is no more than rounding beside what the larger state had.
+pub(super) fn added(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value, Value) {
     let y = b.add(change, carry);
     let next = b.add(x, y);
     let done = b.sub(next, x);

@@ -176,10 +176,11 @@ pub(super) struct Quad {
     pub table: usize,
     pub from: Slot,
     pub n: usize,
+    pub root: bool,
 }
 
 impl Quad {
-    /// `Σ_i v_i (Σ_{j >= i} q_ij v_j)`, both sums from left to right.
+    /// `Σ_i v_i (Σ_{j >= i} q_ij v_j)`, of a root `Σ_i (Σ_{j >= i} r_ij v_j)²`, both sums from left to right.
     pub fn run(&self, memory: &mut Memory<'_>) {
         let n = self.n;
         let mut packed = &memory.table[self.table..self.table + n * (n + 1) / 2];
@@ -187,7 +188,8 @@ impl Quad {
         let mut sum = -0.0; // what adds nothing, not even to -0
         for i in 0..n {
             let (row, rest) = packed.split_at(n - i);
-            sum += vector[i] * dot(row, &vector[i..]);
+            let inner = dot(row, &vector[i..]);
+            sum += if self.root { inner } else { vector[i] } * inner;
             packed = rest;
         }
         memory.write(self.to, 0, sum);

@@ -197,9 +197,9 @@ impl Writer {
                     let (table, rows, cols) = (*table as usize, *rows as usize, *cols as usize);
                     code.push(Code::MatVec(Box::new(MatVec { to: *to, table, from: *from, rows, cols, low: *low })));
                 }
-                Inst::Quad { to, table, from, n } => {
+                Inst::Quad { to, table, from, n, root } => {
                     let (table, n) = (*table as usize, *n as usize);
-                    code.push(Code::Quad(Box::new(Quad { to: *to, table, from: *from, n })));
+                    code.push(Code::Quad(Box::new(Quad { to: *to, table, from: *from, n, root: *root })));
                 }
             }
             self.position += 1;

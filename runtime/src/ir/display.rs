@@ -71,7 +71,10 @@ fn block(f: &mut Formatter<'_>, body: &[Inst], depth: usize) -> Result {
                 let low = if *low { " twice" } else { "" };
                 writeln!(f, "{indent}{to} = matrix c[{table}] {rows}x{cols}{low} times {from}")?;
             }
-            Inst::Quad { to, table, from, n } => writeln!(f, "{indent}{to} = form c[{table}] {n} of {from}")?,
+            Inst::Quad { to, table, from, n, root } => {
+                let form = if *root { "squares" } else { "form" };
+                writeln!(f, "{indent}{to} = {form} c[{table}] {n} of {from}")?;
+            }
         }
     }
     Ok(())
@@ -147,7 +150,7 @@ mod tests {
         let s = b.unary(Unary::Sin, v);
         let c = b.select(v, s, v);
         b.store(w, c);
-        b.push(Inst::Quad { to: y, table: 0, from: w, n: 2 }, y, 1);
+        b.push(Inst::Quad { to: y, table: 0, from: w, n: 2, root: false }, y, 1);
         let to = Slot::new(Array::Next, n.index as usize);
         b.push(Inst::MatVec { to, table: 0, from: w, rows: 1, cols: 2, low: true }, to, 1);
         let one = b.number(1.0);

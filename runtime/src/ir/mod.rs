@@ -133,7 +133,7 @@ pub enum Inst {
         low: bool,
     },
     /// `to = v^T Q v` with `v = from[0..n]` and `Q` symmetric, its upper triangle row by row at `table`
-    /// (entries off the diagonal already doubled).
+    /// (entries off the diagonal already doubled), or that of its root.
     Quad {
         /// Slot written.
         to: Slot,
@@ -143,6 +143,8 @@ pub enum Inst {
         from: Slot,
         /// Size.
         n: u32,
+        /// Whether the table has the upper triangle of `R` with `Q = R^T R`, and `to` is the sum of the squares of `R v`.
+        root: bool,
     },
 }
 

@@ -110,7 +110,7 @@ impl Check<'_> {
                     self.write(*to, *rows)?;
                     apart(*to, *rows, *from, *cols)?;
                 }
-                Inst::Quad { to, table, from, n } => {
+                Inst::Quad { to, table, from, n, root: _ } => {
                     self.table(*table, u64::from(*n) * (u64::from(*n) + 1) / 2)?;
                     self.read(*from, *n)?;
                     self.write(*to, 1)?;

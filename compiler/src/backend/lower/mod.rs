@@ -13,7 +13,7 @@ pub(super) mod writer;
 
 use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Inst, Op, Program, Slot};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use writer::{ELIMINATED, UNROLLED, Writer};
 
 /// Products with so many entries at most are written out.
@@ -83,7 +83,8 @@ pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places, n
         let list = program.numbers().into_iter().zip(first..);
         list.map(|((v, x), at)| (v, (at, x))).collect()
     });
-    let mut lower = Lower { w: writer, values, local, places, apart, next: Vec::new() };
+    let (once, settled) = (written_once(&program.body), FxHashMap::default());
+    let mut lower = Lower { w: writer, values, local, places, apart, once, settled, next: Vec::new() };
     lower.block(&program.body);
     lower.check(program.size(Array::Next));
     Some(lower.w)
@@ -104,6 +105,10 @@ struct Lower {
     places: Places,
     /// Numbers that are kept apart: where, and what this program has there.
     apart: FxHashMap<ir::Value, (u32, f64)>,
+    /// Numbers of the scratch that are written once, outside of iterations.
+    once: FxHashSet<u32>,
+    /// Those of them that are known by now.
+    settled: FxHashMap<u32, Value>,
     /// Values written to `Next`, where they are known by name.
     next: Vec<Value>,
 }
@@ -111,6 +116,38 @@ struct Lower {
 /// Whether a program has so many values that loops are looked for.
 pub fn is_large(program: &Program) -> bool {
     program.values as usize > STRAIGHT
+}
+
+/// What of the scratch is written once, outside of iterations.
+fn written_once(body: &[Inst]) -> FxHashSet<u32> {
+    fn look(body: &[Inst], inside: bool, count: &mut FxHashMap<u32, u32>) {
+        let mut written = |first: u32, size: u32| {
+            (first..first + size).for_each(|k| *count.entry(k).or_default() += if inside { 2 } else { 1 });
+        };
+        for inst in body {
+            match inst {
+                Inst::Store(to, _) | Inst::Quad { to, .. } if to.array == Array::Local => written(to.index, 1),
+                Inst::MatVec { to, rows, .. } if to.array == Array::Local => written(to.index, *rows),
+                Inst::Solve(s) => written(s.unknowns, s.right.len() as u32),
+                Inst::Newton(n) => written(n.unknowns, n.residual.len() as u32),
+                Inst::Let(..) | Inst::Store(..) | Inst::Quad { .. } | Inst::MatVec { .. } => {}
+            }
+        }
+        for inst in body {
+            let flag = match inst {
+                Inst::Newton(n) => {
+                    look(&n.body, true, count);
+                    n.flag
+                }
+                Inst::Solve(s) => s.flag,
+                Inst::Let(..) | Inst::Store(..) | Inst::Quad { .. } | Inst::MatVec { .. } => None,
+            };
+            flag.into_iter().for_each(|slot| *count.entry(slot.index).or_default() += 1);
+        }
+    }
+    let mut count = FxHashMap::default();
+    look(body, false, &mut count);
+    count.into_iter().filter(|(_, times)| *times == 1).map(|(k, _)| k).collect()
 }
 
 /// Whether an iteration without a flag is inside another.
@@ -182,7 +219,7 @@ impl Lower {
                 Inst::MatVec { to, table, from, rows, cols, low } => {
                     self.product(*to, *table, *from, (*rows as usize, *cols as usize), *low);
                 }
-                Inst::Quad { to, table, from, n } => self.form(*to, *table, *from, *n as usize),
+                Inst::Quad { to, table, from, n, root } => self.form(*to, *table, *from, *n as usize, *root),
             }
         }
     }
@@ -192,7 +229,7 @@ impl Lower {
         let index = slot.index as usize + offset;
         if let (Array::Local, Local::Vars(vars)) = (slot.array, &self.local) {
             let v = vars[index];
-            return self.w.get(v);
+            return self.settled.get(&(index as u32)).copied().unwrap_or_else(|| self.w.get(v));
         }
         let along = along.map(|i| (i, 1)).into_iter().collect();
         let (memory, base) = self.places[slot.array as usize];
@@ -202,6 +239,9 @@ impl Lower {
     fn write(&mut self, slot: Slot, along: Option<Index>, v: Value) {
         if let (Array::Local, Local::Vars(vars)) = (slot.array, &self.local) {
             let var = vars[slot.index as usize];
+            if self.w.known(v).is_some() && self.once.contains(&slot.index) {
+                self.settled.insert(slot.index, v);
+            }
             return self.w.set(var, v);
         }
         if slot.array == Array::Next && along.is_none() {
@@ -262,7 +302,7 @@ impl Lower {
     }
 
     /// `to = from^T Q from`, as `interpreter::Quad` does it.
-    fn form(&mut self, to: Slot, table: u32, from: Slot, n: usize) {
+    fn form(&mut self, to: Slot, table: u32, from: Slot, n: usize, root: bool) {
         let (memory, first) = self.places[Array::Table as usize];
         let table = first + table;
         let mut sum = self.w.number(-0.0);
@@ -277,7 +317,7 @@ impl Lower {
                     let term = self.w.mul(entry, *x);
                     inner = self.w.add(inner, term);
                 }
-                let term = self.w.mul(vector[i], inner);
+                let term = self.w.mul(if root { inner } else { vector[i] }, inner);
                 sum = self.w.add(sum, term);
             }
         } else {
@@ -295,7 +335,8 @@ impl Lower {
                 });
                 self.w.push(Stmt::For(index, 0, (n - i) as u32, body));
                 at += (n - i) as u32;
-                let (x, inner) = (self.read(from, i, None), self.w.get(inner));
+                let inner = self.w.get(inner);
+                let x = if root { inner } else { self.read(from, i, None) };
                 let term = self.w.mul(x, inner);
                 sum = self.w.add(sum, term);
             }

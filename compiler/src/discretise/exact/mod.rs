@@ -159,30 +159,23 @@ fn program(
         };
         b.push(inst, means, linear.means.len());
     }
-    if !sums.is_empty() {
-        let roots = b.slots(Array::Local, size);
-        for (k, (slot, sign)) in sums.iter().enumerate() {
-            let table = layout.square(k) as u32;
-            b.push(
-                Inst::MatVec { to: roots, table, from: w, rows: size as u32, cols: size as u32, low: false },
-                roots,
-                size,
-            );
-            let mut sum = b.number(0.0);
-            for i in 0..size {
-                let x = b.load(Slot { array: Array::Local, index: roots.index + i as u32 });
-                let x = b.mul(x, x);
-                sum = b.add(sum, x);
-            }
-            if *sign < 0.0 {
-                sum = b.unary(Unary::Neg, sum);
-            }
+    let quad = |b: &mut Builder, to: Slot, table: usize, from: Slot, root: bool| {
+        b.push(Inst::Quad { to, table: table as u32, from, n: size as u32, root }, to, 1);
+    };
+    for (k, (slot, sign)) in sums.iter().enumerate() {
+        if *sign < 0.0 {
+            let sum = b.slot(Array::Local);
+            quad(&mut b, sum, layout.square(k), w, true);
+            let sum = b.load(sum);
+            let sum = b.unary(Unary::Neg, sum);
             b.store(*slot, sum);
+        } else {
+            quad(&mut b, *slot, layout.square(k), w, true);
         }
     }
     let mean = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: means.index + k as u32 });
     for (k, slot) in quads.iter().enumerate() {
-        b.push(Inst::Quad { to: *slot, table: layout.form(k) as u32, from: w, n: size as u32 }, *slot, 1);
+        quad(&mut b, *slot, layout.form(k), w, false);
     }
     if !drifts.is_empty() {
         let count = linear.starts.len();
@@ -196,8 +189,7 @@ fn program(
         let start = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: starts.index + k as u32 });
         for (drift, (k, slot)) in drifts.iter().enumerate() {
             let went = b.slot(Array::Local);
-            let table = layout.drift(drift) as u32;
-            b.push(Inst::Quad { to: went, table, from: starts, n: size as u32 }, went, 1);
+            quad(&mut b, went, layout.drift(drift), starts, false);
             let (z, i) = (start(&mut b, size + 2 * k), start(&mut b, size + 2 * k + 1));
             let (mean_z, mean_i) = (mean(&mut b, first_moving + 2 * k), mean(&mut b, first_moving + 2 * k + 1));
             let (first, off) = (b.mul(z, mean_i), b.sub(mean_z, z));
@@ -243,7 +235,7 @@ fn program(
         let keep = b.load(Slot::new(Array::Table, layout.keep() + i));
         let (base, carry) = (b.mul(keep, inputs.states[i]), b.load(inputs.carries[i]));
         let carry = b.mul(keep, carry);
-        let (v, rest) = write::advance(&mut b, base, change, carry);
+        let (_, v, rest) = write::added(&mut b, base, change, carry);
         b.store(Slot::new(Array::Next, i), v);
         b.store(Slot::new(Array::Next, c.carry_at() + i), rest);
         values.push(v);
@@ -258,7 +250,7 @@ fn program(
             }
             Err(_) => {
                 let slot = b.slot(Array::Local);
-                b.push(Inst::Quad { to: slot, table: layout.form(squares) as u32, from: w, n: size as u32 }, slot, 1);
+                quad(&mut b, slot, layout.form(squares), w, false);
                 squares += 1;
                 b.load(slot)
             }
