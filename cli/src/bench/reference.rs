@@ -37,6 +37,8 @@ pub struct Reference {
     pub how: String,
     /// Another method's run, and how far that is from it.
     pub checked: Option<(String, f64)>,
+    /// Why a run of fitted steps failed, where one did.
+    pub failed: Option<String>,
 }
 
 /// A candidate: its run, how much it changed when its steps were made shorter, and what it is.
@@ -75,12 +77,13 @@ impl Search<'_> {
         let mut total = METHODS * self.limit;
         let mut found: Vec<Found> = Vec::new();
         let mut why: Vec<(String, Vec<&str>)> = Vec::new();
+        let mut failed = None;
         for (i, runner) in order.iter().enumerate() {
             (self.progress)(i as f64 / order.len() as f64);
             if self.enough(&found) {
                 break;
             }
-            match self.within(&mut total, |left| self.refine(runner, stop, left)) {
+            match self.within(&mut total, |left| self.refine(runner, stop, left, &mut failed)) {
                 Ok(f) => found.push(f),
                 Err(e) => {
                     let short = brief(&e);
@@ -116,7 +119,7 @@ impl Search<'_> {
             error = apart.max(error);
         }
         let checked = checked.map(|(s, apart)| (s.how, apart));
-        Ok(Reference { run: best.run, scales, error, how: best.how, checked })
+        Ok(Reference { run: best.run, scales, error, how: best.how, checked, failed })
     }
 
     /// Does something with the time for a method, as far as all of it reaches.
@@ -138,12 +141,15 @@ impl Search<'_> {
 
     /// The run of a method that changes least from one setting to the next finer one: of tolerances, or of fixed steps
     /// where those have no effect.
-    fn refine(&self, runner: &Runner, stop: f64, left: &mut f64) -> Result<Found, String> {
+    fn refine(&self, runner: &Runner, stop: f64, left: &mut f64, failed: &mut Option<String>) -> Result<Found, String> {
         let from = (-self.target.log10()).clamp(5.0, 10.0) as i32 - 1;
         let tolerances = (from..=14).map(|k| Setting::Tolerance(format!("1e-{k}").parse().unwrap_or(1e-12)));
         let tolerances = if runner.way.adaptive { tolerances.collect() } else { Vec::new() };
         let steps = (0..8).map(|k| Setting::Step(stop / 256.0 / f64::from(1 << k))).collect();
         let found = self.finer(runner, tolerances, left);
+        if let (Err(Lost::Failed(why)), None) = (&found, &failed) {
+            *failed = Some(why.clone());
+        }
         if matches!(&found, Ok(Some(_)) | Err(Lost::Late)) { found } else { self.finer(runner, steps, left).or(found) }
             .map_err(|lost| match lost {
                 Lost::Failed(why) => why,

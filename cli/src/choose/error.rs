@@ -30,9 +30,13 @@ pub fn choose(
     progress: &Progress,
 ) -> Result<(Tried, String), Stop> {
     if reference.error > WINDOW[2] * error {
+        let why = match &reference.failed {
+            Some(why) => format!("steps fitted to a tolerance fail ({why})"),
+            None => "the scene may be chaotic, or have jumps that no step meets".to_string(),
+        };
         return Err(Stop::Numerics(format!(
-            "an error of {error:e} cannot be told: the best run there is ({}) is known to {:.0e} itself; the scene may be chaotic, or \
-             have jumps that no step meets; ask for less, or for a shorter --stop",
+            "an error of {error:e} cannot be told: the best run there is ({}) is known to {:.0e} itself; {why}; ask for less, or \
+             for a shorter --stop",
             reference.how, reference.error
         )));
     }

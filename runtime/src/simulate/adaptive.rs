@@ -322,7 +322,7 @@ impl Run {
             // It rose between.
             (control.chatter, control.faint) = (0, None);
         }
-        let (mut last_failure, mut refused) = (None, None::<(f64, f64)>);
+        let (mut last_failure, mut refused) = (None, None::<(f64, f64, usize)>);
         let usual = self.default_step;
         let (mut failures, mut off) = (0, None::<f64>);
         let (smallest, result) = loop {
@@ -372,13 +372,13 @@ impl Run {
             // enough.
             let vain = attempt.fresh
                 && attempt.h < 1e-3 * usual
-                && refused.is_some_and(|(longer, worse)| attempt.h < 0.5 * longer && attempt.error > 0.25 * worse);
+                && refused.is_some_and(|(longer, worse, _)| attempt.h < 0.5 * longer && attempt.error > 0.25 * worse);
             // A method that looks at the end of its step sees what holds beyond the switch, however near that is.
             let brief = attempt.event && attempt.h < BRIEF * usual;
             if ratio > 1.0 && !vain && !brief {
                 control.ahead = attempt.h * (SAFE * ratio.powf(-1.0 / order)).clamp(SHRINK, SAFE);
                 control.rejected += 1;
-                refused = Some((attempt.h, attempt.error));
+                refused = Some((attempt.h, attempt.error, attempt.worst));
                 continue;
             }
             let done = last.filter(|_| attempt.h >= h);
@@ -430,7 +430,8 @@ impl Run {
             (None, Some(why)) if control.crawl <= CRAWL.0 => Err(self.failure(c, names, t, why)),
             (None, _) => {
                 let region = names.get(self.index).cloned().unwrap_or_default();
-                Err(Error::TooSmall { time: t, region, step: smallest })
+                let state = refused.and_then(|r| c.names.get(r.2).cloned());
+                Err(Error::TooSmall { time: t, region, state, step: smallest })
             }
         }
     }

@@ -52,12 +52,21 @@ pub(super) struct Attempt {
     pub(super) error: f64,
     /// What is off most was next to nothing before: by the step's own work alone its error is measured.
     pub(super) fresh: bool,
+    /// What is off most: a state, or an integral after them.
+    pub(super) worst: usize,
     /// Whether the whole step counts, or else its halves.
     pub(super) whole: bool,
     /// It ends where a law switches.
     pub(super) event: bool,
     /// The guard that switches there, where it all but vanishes.
     pub(super) faint: Option<usize>,
+}
+
+/// What is off most after a step.
+struct Estimate {
+    error: f64,
+    fresh: bool,
+    worst: usize,
 }
 
 impl Run {
@@ -76,11 +85,11 @@ impl Run {
         }
         // What ends at a switch was found with a whole step, and so that one counts.
         let near = !is_event && self.is_near();
-        let (error, fresh) = self.estimate(c, is_event, near)?;
+        let Estimate { error, fresh, worst } = self.estimate(c, is_event, near)?;
         let whole = is_event || c.step.estimate.is_some();
         let off = self.off(c, whole);
         let Some(fit) = self.fit.as_mut().filter(|_| off != 0.0) else {
-            return Ok(Attempt { h, error, fresh, whole, event: is_event, faint });
+            return Ok(Attempt { h, error, fresh, worst, whole, event: is_event, faint });
         };
         fit.off = off;
         Err(Failure::Balance)
@@ -98,10 +107,11 @@ impl Run {
 
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
     /// states' sizes: the embedded estimate, or what the difference of the two tells. Where there is no state, it
-    /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. And whether what
-    /// is off most was next to nothing before the step. Where the step is `near` a switch, that difference itself.
-    fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<(f64, bool), Failure> {
-        let Some(fit) = &self.fit else { return Ok((0.0, false)) };
+    /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. Where the step is
+    /// `near` a switch, that difference itself.
+    fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<Estimate, Failure> {
+        let mut most = Estimate { error: 0.0, fresh: false, worst: usize::MAX };
+        let Some(fit) = &self.fit else { return Ok(most) };
         // What is counted as turned over at least says nothing of sizes.
         let turned = |b: &Book| if b.turnover_max > FAINTEST { b.turnover_max } else { 0.0 };
         let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(turned(b)).max(0.0);
@@ -109,10 +119,9 @@ impl Run {
         let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
         let raised = 2f64.powi(order as i32);
         let part = if whole || near { raised } else { 1.0 } / (raised - 1.0).max(1.0);
-        let (mut worst, mut fresh) = (0.0, false);
-        let mut tell = |error: f64, before: f64, now: f64| {
-            if error > worst {
-                (worst, fresh) = (error, before <= 0.1 * now);
+        let mut tell = |worst: usize, error: f64, before: f64, now: f64| {
+            if error > most.error {
+                most = Estimate { error, fresh: before <= 0.1 * now, worst };
             }
         };
         for i in 0..c.states + c.integrals {
@@ -142,7 +151,7 @@ impl Run {
                 (None, _) => SMALLEST,
             };
             if off > faintest {
-                tell(if size > 0.0 { off / size } else { f64::INFINITY }, before, size);
+                tell(i, if size > 0.0 { off / size } else { f64::INFINITY }, before, size);
             }
         }
         let books = self.books.iter().zip(&c.entries).filter(|_| is_stateless(c));
@@ -153,11 +162,12 @@ impl Run {
                 let halves = fit.first.output[*slot] + fit.second.output[*slot];
                 let off = (halves - whole).abs() * part;
                 if off > 0.0 {
-                    tell(off / moved.max(halves.abs()), moved, halves.abs());
+                    tell(usize::MAX, off / moved.max(halves.abs()), moved, halves.abs());
                 }
             }
         }
-        Ok((if worst.is_finite() { worst } else { f64::MAX }, fresh))
+        most.error = most.error.min(f64::MAX);
+        Ok(most)
     }
 
     /// One step, from the state (or the end of the first half) into one of the buffers.

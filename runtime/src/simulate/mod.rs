@@ -62,13 +62,21 @@ pub enum Error {
     },
     /// An adaptive step became too small.
     #[error(
-        "at t = {time} s, the step of `{region}` would have to be smaller than {step:e} s to meet the tolerance; a law may switch to and fro there: make it steep instead of a jump, or give a fixed step"
+        "at t = {time} s, the step of `{region}` would have to be smaller than {step:.0e} s to meet the tolerance{}; {}, or give a fixed step",
+        state.as_ref().map(|s| format!(" of `{s}`")).unwrap_or_default(),
+        if *time == 0.0 {
+            "it starts so far from rest that a law moves it at once: start it nearer to where it settles"
+        } else {
+            "a law may switch to and fro there: make it steep instead of a jump"
+        }
     )]
     TooSmall {
         /// When.
         time: f64,
         /// Where.
         region: String,
+        /// The state that is off most, where one can be named.
+        state: Option<String>,
         /// The step that failed.
         step: f64,
     },
