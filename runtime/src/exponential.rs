@@ -14,6 +14,9 @@ use std::ops::{Add, Mul, Sub};
 use thiserror::Error;
 
 /// A linear system with what drives it: `dw/dt = A w` for `w = (x, xi)`, and what is wanted of a step.
+///
+/// All have twice the digits: over a step of many time constants a current is the small difference of two large ones,
+/// and only with these are its own rows, and products of them, what they are by `A`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Linear {
     /// How many states `x`.
@@ -21,19 +24,17 @@ pub struct Linear {
     /// How many driving states `xi`.
     pub m: usize,
     /// `A`, row by row, `(n + m)²` entries; the last `m` rows say `d xi/dt` in terms of `xi`.
-    pub a: Vec<f64>,
+    pub a: Vec<Twice>,
     /// Rows `c`, each `n + m` long: the mean over the step of `c w` is wanted.
-    pub means: Vec<Vec<f64>>,
+    pub means: Vec<Vec<Twice>>,
     /// Symmetric matrices `M`, row by row, each `(n + m)²` long: the integral over the step of `w^T M w` is wanted.
-    pub forms: Vec<Vec<f64>>,
+    pub forms: Vec<Vec<Twice>>,
     /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = R^T R`: a sum of squares keeps its digits
     /// where a form in entries would cancel.
-    pub squares: Vec<Vec<f64>>,
-    /// Rows `c`, each `n + m` long: `c w` at the start of the step is wanted.
-    pub starts: Vec<Vec<f64>>,
-    /// Symmetric matrices `M`: the integral of `(w(s) - w(0))^T M (w(s) - w(0))` is wanted, as a form in `dw/dt` at the
-    /// start.
-    pub drifts: Vec<Vec<f64>>,
+    pub squares: Vec<Vec<Twice>>,
+    /// Symmetric matrices `M`: the integral of `(w(s) - w̄)^T M (w(s) - w̄)` is wanted, with the mean `w̄` over the step,
+    /// as a form in how far `w` would go by the implicit Euler method, which is 0 where all rests.
+    pub drifts: Vec<Vec<Twice>>,
     /// Whether the change of the states is wanted where they change little: the rows of `exp(A h)` then lack their 1 on
     /// the diagonal where [`Layout::keep`] says 1.
     pub changes: bool,
@@ -47,7 +48,6 @@ pub struct Layout {
     means: usize,
     forms: usize,
     squares: usize,
-    starts: usize,
     drifts: usize,
     changes: bool,
 }
@@ -61,7 +61,6 @@ impl Layout {
             means: linear.means.len(),
             forms: linear.forms.len(),
             squares: linear.squares.len(),
-            starts: linear.starts.len(),
             drifts: linear.drifts.len(),
             changes: linear.changes,
         }
@@ -92,19 +91,21 @@ impl Layout {
         self.mean(self.means) + k * (self.columns * (self.columns + 1) / 2)
     }
 
-    /// Start of square `k`: the upper triangle of `R` row by row, rows that it does not need being 0.
+    /// Start of square `k`: the matrix `R`, upper triangular, `n + m` rows of `n + m`, those it does not need being 0.
     pub fn square(&self, k: usize) -> usize {
-        self.form(self.forms) + k * (self.columns * (self.columns + 1) / 2)
+        self.form(self.forms) + k * self.columns * self.columns
     }
 
-    /// Start of the row of start value `k`. Those of all lie one after the other.
-    pub fn start(&self, k: usize) -> usize {
-        self.square(self.squares) + k * self.columns
+    /// Start of the `n + m` rows, each as long, of how far `w` would go by the implicit Euler method; there where there
+    /// are drifts.
+    pub fn euler(&self) -> usize {
+        self.square(self.squares)
     }
 
     /// Start of drift `k`, laid out as a form is.
     pub fn drift(&self, k: usize) -> usize {
-        self.start(self.starts) + k * (self.columns * (self.columns + 1) / 2)
+        let rows = if self.drifts > 0 { self.columns } else { 0 };
+        self.euler() + rows * self.columns + k * (self.columns * (self.columns + 1) / 2)
     }
 
     /// Start of the `n` numbers, 1 or 0, that say how much of a state the rows of the exponential leave to be added.
@@ -147,18 +148,18 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
         return Err(Unfit::Step(h));
     }
     if linear.a.len() != square
-        || linear.means.iter().chain(&linear.starts).any(|c| c.len() != size)
+        || linear.means.iter().any(|c| c.len() != size)
         || linear.forms.iter().chain(&linear.squares).chain(&linear.drifts).any(|m| m.len() != square)
     {
         return Err(Unfit::Shape);
     }
-    let rows = linear.means.iter().chain(&linear.starts);
-    let all = rows.chain(&linear.forms).chain(&linear.squares).chain(&linear.drifts).flatten();
+    let all = linear.means.iter().chain(&linear.forms).chain(&linear.squares).chain(&linear.drifts).flatten();
     let mut numbers = linear.a.iter().chain(all);
     if !numbers.all(|x| x.is_finite()) {
         return Err(Unfit::Coefficient);
     }
-    let d = balance::balance(size, &linear.a, 1.0 / (16.0 * h));
+    let nearest: Vec<f64> = linear.a.iter().map(|x| x.high).collect();
+    let d = balance::balance(size, &nearest, 1.0 / (16.0 * h));
     let flow = Flow::new(size, &linear.a, &d, h).ok_or(Unfit::Overflow(h))?;
     let given = |q: Matrix| -> Vec<f64> {
         q.entries.iter().enumerate().map(|(k, x)| x.high / d[k / size] / d[k % size]).collect()
@@ -180,8 +181,8 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
     for c in &linear.means {
         for j in 0..size {
             let mut sum = Twice::default();
-            for i in (0..size).filter(|&i| c[i] != 0.0) {
-                sum = sum.add(Twice::new(c[i]).mul(flow.mean.get(i, j).scale(d[i]).scale(1.0 / d[j])));
+            for i in (0..size).filter(|&i| c[i].high != 0.0) {
+                sum = sum.add(c[i].mul(flow.mean.get(i, j).scale(d[i]).scale(1.0 / d[j])));
             }
             table.push(sum.high);
         }
@@ -197,13 +198,16 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
     }
     for m in &linear.squares {
         let r = root(flow.form(m, &d), size <= FINE);
-        for i in 0..size {
-            table.extend((i..size).map(|j| r[i * size + j] / d[j]));
-        }
+        table.extend((0..square).map(|k| r[k] / d[k % size]));
     }
-    table.extend(linear.starts.iter().flatten());
-    for m in &linear.drifts {
-        triangle(&mut table, &given(flow.drift(m, &d)));
+    if !linear.drifts.is_empty() {
+        let euler = flow.euler(linear.n);
+        for i in 0..size {
+            table.extend((0..size).map(|j| euler.rows.get(i, j).high * d[i] / d[j]));
+        }
+        for m in &linear.drifts {
+            triangle(&mut table, &given(flow.drift(m, &d, &euler)));
+        }
     }
     if linear.changes {
         table.extend(keep);
@@ -237,8 +241,8 @@ struct Flow {
 
 impl Flow {
     /// Nothing where numbers overflow.
-    fn new(n: usize, a: &[f64], d: &[f64], h: f64) -> Option<Self> {
-        let even: Vec<f64> = (0..n * n).map(|k| a[k] * d[k % n] / d[k / n]).collect();
+    fn new(n: usize, a: &[Twice], d: &[f64], h: f64) -> Option<Self> {
+        let even: Vec<Twice> = (0..n * n).map(|k| a[k].scale(d[k % n]).scale(1.0 / d[k / n])).collect();
         let norm = norm(n, &even) * h;
         if !norm.is_finite() {
             return None;
@@ -249,7 +253,7 @@ impl Flow {
             step *= 0.5;
             doublings += 1;
         }
-        let small = even.iter().map(|&x| Twice::new(x).mul(Twice::new(step))).collect();
+        let small = even.iter().map(|x| x.mul(Twice::new(step))).collect();
         let small = Matrix { n, entries: small };
         // Both series by Horner's rule: F = X (1 + X/2 (1 + X/3 (...))), and the mean 1 + X/2 (1 + X/3 (...)).
         let mut mean = Matrix::zero(n).plus_one();
@@ -272,10 +276,8 @@ impl Flow {
     }
 
     /// The integral of `exp(A^T s) M exp(A s)`, for `M` in the given units, in even ones.
-    fn form(&self, m: &[f64], d: &[f64]) -> Matrix {
-        let n = d.len();
-        let start = |k: usize| Twice::new(m[k] * d[k / n] * d[k % n]).mul(Twice::new(self.step));
-        let mut term = Matrix { n, entries: (0..n * n).map(start).collect() };
+    fn form(&self, m: &[Twice], d: &[f64]) -> Matrix {
+        let mut term = even(m, d).map(|x| x.mul(Twice::new(self.step)));
         let mut sum = term.clone();
         // The terms are t L^k(M) t^k / (k + 1)! with L(M) = A^T M + M A.
         for k in 2..=FORM_TERMS + 1 {
@@ -378,6 +380,12 @@ fn straighten(l: &mut Matrix, fine: bool) {
     }
 }
 
+/// A form in the given units, in even ones.
+fn even(m: &[Twice], d: &[f64]) -> Matrix {
+    let n = d.len();
+    Matrix { n, entries: (0..n * n).map(|k| m[k].scale(d[k / n]).scale(d[k % n])).collect() }
+}
+
 /// `a b`, with twice the digits where that takes no long time.
 fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
     if a.n <= FINE { a.product(b) } else { a.rough_product(b) }
@@ -389,9 +397,9 @@ fn power_of_two(x: f64) -> f64 {
 }
 
 /// The larger of the largest sums of magnitudes in a row and in a column.
-fn norm(n: usize, a: &[f64]) -> f64 {
-    let row = |i: usize| (0..n).map(|j| a[i * n + j].abs()).sum::<f64>();
-    let column = |j: usize| (0..n).map(|i| a[i * n + j].abs()).sum::<f64>();
+fn norm(n: usize, a: &[Twice]) -> f64 {
+    let row = |i: usize| (0..n).map(|j| a[i * n + j].high.abs()).sum::<f64>();
+    let column = |j: usize| (0..n).map(|i| a[i * n + j].high.abs()).sum::<f64>();
     (0..n).fold(0.0, |m, i| m.max(row(i)).max(column(i)))
 }
 

@@ -2,10 +2,11 @@
 //!
 //! After Dekker, A floating-point technique for extending the available precision, 1971, and Knuth's two-sum.
 
+use serde::{Deserialize, Serialize};
 use std::ops::{Add, Mul, Sub};
 
 /// `high + low`, `low` below half a unit in the last place of `high`: some 32 decimal digits.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Twice {
     /// The nearest number.
     pub high: f64,
@@ -48,6 +49,11 @@ impl Twice {
     /// A number as it is.
     pub fn new(x: f64) -> Self {
         Self { high: x, low: 0.0 }
+    }
+
+    /// Whether both parts are finite.
+    pub fn is_finite(self) -> bool {
+        self.high.is_finite() && self.low.is_finite()
     }
 
     /// Divided by a small whole number.
@@ -208,7 +214,7 @@ impl Matrix {
     }
 
     pub fn is_finite(&self) -> bool {
-        self.entries.iter().all(|x| x.high.is_finite() && x.low.is_finite())
+        self.entries.iter().all(|x| x.is_finite())
     }
 }
 

@@ -1,4 +1,5 @@
 //! Exponential laws and resistors far shorter than a step: passive steppers go on at any step, with the balance kept.
+//! So does the exact one, whatever the time constants of a line.
 
 use crate::common::{cases, finish, probe, start, with};
 use bond::{Options, Steps, Summary};
@@ -156,6 +157,43 @@ fn tight_resistors_keep_the_balance() {
                 }
             }
         }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: cases(60), ..ProptestConfig::default() })]
+
+    /// Lines whose time constants are 1e-16 of a step to many of it, driven by what moves, dies away, or follows them.
+    #[test]
+    fn exact_steps_balance_at_any_time_constant(
+        source in 0u8..3,
+        drive in (decades(-1.0, 2.5), decades(-1.0, 3.0)),
+        cells in prop::collection::vec((decades(-6.0, 3.0), decades(-9.0, -3.0), 0u8..3), 1..4),
+        steps in prop::sample::select(vec![5.0, 30.0, 1000.0]),
+    ) {
+        let (volts, rate) = drive;
+        let source = match source {
+            0 => format!("({volts:e} V)*sin(({rate:e} rad/s)*t)"),
+            1 => format!("({volts:e} V)*exp(-({rate:e} rad/s)*t)"),
+            _ => format!("{volts:e} V - 0.5*c0.e"),
+        };
+        let mut text = format!("model M {{\n  Se:s = {source}\n");
+        let mut last = "s".to_string();
+        for (k, (ohms, farads, kind)) in cells.iter().enumerate() {
+            text += &format!("  R:r{k} = {ohms:e} Ohm  C:c{k} {{ compliance = {farads:e} F; q0 = {:e} C }}\n", 0.3 * farads);
+            let (coil, load) = (*kind == 1, *kind == 2 || k + 1 == cells.len());
+            text += &format!("  {last} -> 1:m{k} -> r{k}{}\n", if coil { format!(", l{k}") } else { String::new() });
+            text += &format!("  m{k} -> 0:n{k} -> c{k}{}\n", if load { format!(", p{k}") } else { String::new() });
+            text += &if coil { format!("  I:l{k} = 1e-3 H\n") } else { String::new() };
+            text += &if load { format!("  R:p{k} = 50 Ohm\n") } else { String::new() };
+            last = format!("n{k}");
+        }
+        text += "}";
+        let end = 10.0 / rate;
+        let summary = ran(&text, "exact", end / steps, end);
+        prop_assert!(summary.worst_step <= 1e-13, "off by {:e}\n{text}", summary.worst_step);
+        prop_assert!(summary.total <= 1e-12, "{:e} in all\n{text}", summary.total);
+        prop_assert!(summary.reasons.is_empty(), "{:?}\n{text}", summary.reasons);
     }
 }
 

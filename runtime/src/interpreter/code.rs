@@ -183,14 +183,16 @@ impl Quad {
     /// `Σ_i v_i (Σ_{j >= i} q_ij v_j)`, of a root `Σ_i (Σ_{j >= i} r_ij v_j)²`, both sums from left to right.
     pub fn run(&self, memory: &mut Memory<'_>) {
         let n = self.n;
-        let mut packed = &memory.table[self.table..self.table + n * (n + 1) / 2];
-        let vector = memory.read(self.from, n);
+        let (table, vector) = (&memory.table[self.table..], memory.read(self.from, n));
         let mut sum = -0.0; // what adds nothing, not even to -0
+        let mut at = 0;
         for i in 0..n {
-            let (row, rest) = packed.split_at(n - i);
-            let inner = dot(row, &vector[i..]);
+            if self.root {
+                at += i;
+            }
+            let inner = dot(&table[at..at + n - i], &vector[i..]);
             sum += if self.root { inner } else { vector[i] } * inner;
-            packed = rest;
+            at += n - i;
         }
         memory.write(self.to, 0, sum);
     }

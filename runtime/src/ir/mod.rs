@@ -143,7 +143,8 @@ pub enum Inst {
         from: Slot,
         /// Size.
         n: u32,
-        /// Whether the table has the upper triangle of `R` with `Q = R^T R`, and `to` is the sum of the squares of `R v`.
+        /// Whether the table has the rows of `R` with `Q = R^T R`, upper triangular and `n` numbers each, and `to` is the
+        /// sum of the squares of `R v`.
         root: bool,
     },
 }

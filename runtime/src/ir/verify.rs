@@ -110,8 +110,9 @@ impl Check<'_> {
                     self.write(*to, *rows)?;
                     apart(*to, *rows, *from, *cols)?;
                 }
-                Inst::Quad { to, table, from, n, root: _ } => {
-                    self.table(*table, u64::from(*n) * (u64::from(*n) + 1) / 2)?;
+                Inst::Quad { to, table, from, n, root } => {
+                    let n64 = u64::from(*n);
+                    self.table(*table, if *root { n64 * n64 } else { n64 * (n64 + 1) / 2 })?;
                     self.read(*from, *n)?;
                     self.write(*to, 1)?;
                     apart(*to, 1, *from, *n)?;

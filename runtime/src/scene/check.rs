@@ -141,7 +141,7 @@ fn fits(p: &Program, state: usize, input: usize, table: usize) -> Result<(), Uns
 fn table(linear: &Linear) -> Option<usize> {
     let size = linear.n.checked_add(linear.m)?;
     let square = size.checked_mul(size)?;
-    let rows = linear.means.iter().chain(&linear.starts).all(|c| c.len() == size);
+    let rows = linear.means.iter().all(|c| c.len() == size);
     let matrices = linear.forms.iter().chain(&linear.squares).chain(&linear.drifts).all(|m| m.len() == square);
     (linear.a.len() == square && rows && matrices).then(|| Layout::of(linear).size())
 }

@@ -310,6 +310,9 @@ impl Lower {
             let vector: Vec<Value> = (0..n).map(|j| self.read(from, j, None)).collect();
             let mut at = table;
             for i in 0..n {
+                if root {
+                    at += i as u32;
+                }
                 let mut inner = self.w.number(-0.0);
                 for x in &vector[i..] {
                     let entry = self.w.load(Place::new(memory, at));
@@ -320,26 +323,49 @@ impl Lower {
                 let term = self.w.mul(if root { inner } else { vector[i] }, inner);
                 sum = self.w.add(sum, term);
             }
-        } else {
-            let mut at = table;
-            for i in 0..n {
-                // Rows are of different lengths: each is a loop of its own.
-                let (index, inner) = (self.w.index(), self.w.starting(-0.0));
-                let body = self.inside(|this| {
-                    let entry = this.w.load(Place { along: vec![(index, 1)], ..Place::new(memory, at) });
-                    let x = this.read(from, i, Some(index));
-                    let term = this.w.mul(entry, x);
-                    let before = this.w.get(inner);
-                    let after = this.w.add(before, term);
-                    this.w.set(inner, after);
-                });
-                self.w.push(Stmt::For(index, 0, (n - i) as u32, body));
-                at += (n - i) as u32;
-                let inner = self.w.get(inner);
-                let x = if root { inner } else { self.read(from, i, None) };
-                let term = self.w.mul(x, inner);
-                sum = self.w.add(sum, term);
-            }
+            return self.write(to, None, sum);
+        }
+        let added = |this: &mut Self, at: Place, x: Value, inner: Var| {
+            let entry = this.w.load(at);
+            let term = this.w.mul(entry, x);
+            let before = this.w.get(inner);
+            let after = this.w.add(before, term);
+            this.w.set(inner, after);
+        };
+        if root {
+            // Rows of full length, so that all are one loop: what is 0 adds nothing to a square.
+            let (row, column, inner) = (self.w.index(), self.w.index(), self.w.var());
+            let (none, all) = (sum, self.w.holding(sum));
+            let product = self.inside(|this| {
+                let x = this.read(from, 0, Some(column));
+                let along = vec![(row, n as u32), (column, 1)];
+                added(this, Place { along, ..Place::new(memory, table) }, x, inner);
+            });
+            let square = self.inside(|this| {
+                this.w.set(inner, none);
+                this.w.push(Stmt::For(column, 0, n as u32, product));
+                let (x, before) = (this.w.get(inner), this.w.get(all));
+                let term = this.w.mul(x, x);
+                let after = this.w.add(before, term);
+                this.w.set(all, after);
+            });
+            self.w.push(Stmt::For(row, 0, n as u32, square));
+            sum = self.w.get(all);
+            return self.write(to, None, sum);
+        }
+        let mut at = table;
+        for i in 0..n {
+            // Rows are of different lengths: each is a loop of its own.
+            let (index, inner) = (self.w.index(), self.w.starting(-0.0));
+            let body = self.inside(|this| {
+                let x = this.read(from, i, Some(index));
+                added(this, Place { along: vec![(index, 1)], ..Place::new(memory, at) }, x, inner);
+            });
+            self.w.push(Stmt::For(index, 0, (n - i) as u32, body));
+            at += (n - i) as u32;
+            let (x, inner) = (self.read(from, i, None), self.w.get(inner));
+            let term = self.w.mul(x, inner);
+            sum = self.w.add(sum, term);
         }
         self.write(to, None, sum);
     }

@@ -17,6 +17,7 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::exponential::{Layout, Linear};
 use bond_runtime::ir::{Array, Builder, Inst, Slot, Unary};
 use bond_runtime::scene::{Entries, Stepper};
+use bond_runtime::twice::Twice;
 use drive::{Drive, drive_value};
 use rows::{Rows, add_product, rows};
 
@@ -80,16 +81,13 @@ fn program(
     // value times the integral of what answers it, which stays exact where two of them all but cancel.
     let steady: Vec<ColumnId> = c.ports.iter().copied().chain(rows.steady(c, form)).collect();
     linear.means = steady.iter().filter_map(|p| rows.inputs.get(p).cloned()).collect();
-    // The energy of a source that may come to rest is h (z i + (mean z - z) i) with z at the start and the mean of what
-    // answers, and a form in how far both went: at rest that is a product of two numbers, and no form's rounding adds
-    // up.
+    // The energy of a source that may come to rest is h times the product of its mean and that of what answers, and a
+    // form in how far both are from these: at rest that is a product of two numbers, and no form's rounding adds up.
     let moving: Vec<ColumnId> = rows.settling(c, form).into_iter().filter(|s| !steady.contains(s)).collect();
     let first_moving = linear.means.len();
     if with_ledger && !moving.is_empty() {
-        linear.starts = linear.a.chunks_exact(size).map(<[f64]>::to_vec).collect();
         for column in &moving {
             let pair = [rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)];
-            linear.starts.extend(pair.iter().copied().flatten().cloned());
             linear.means.extend(pair.iter().copied().flatten().cloned());
         }
     }
@@ -102,7 +100,7 @@ fn program(
     if with_ledger {
         for (e, account) in entries.iter().zip(&accounts) {
             let energy = |columns: &[ColumnId], sign: f64| {
-                let mut m = vec![0.0; size * size];
+                let mut m = vec![Twice::default(); size * size];
                 for column in columns {
                     if let (Some(z), Some(i)) = (rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)) {
                         add_product(&mut m, z, i, sign);
@@ -178,23 +176,14 @@ fn program(
         quad(&mut b, *slot, layout.form(k), w, false);
     }
     if !drifts.is_empty() {
-        let count = linear.starts.len();
-        let starts = b.slots(Array::Local, count);
-        let from = layout.start(0) as u32;
-        b.push(
-            Inst::MatVec { to: starts, table: from, from: w, rows: count as u32, cols: size as u32, low: false },
-            starts,
-            count,
-        );
-        let start = |b: &mut Builder, k: usize| b.load(Slot { array: Array::Local, index: starts.index + k as u32 });
+        let euler = b.slots(Array::Local, size);
+        let (table, all) = (layout.euler() as u32, size as u32);
+        b.push(Inst::MatVec { to: euler, table, from: w, rows: all, cols: all, low: false }, euler, size);
         for (drift, (k, slot)) in drifts.iter().enumerate() {
             let went = b.slot(Array::Local);
-            quad(&mut b, went, layout.drift(drift), starts, false);
-            let (z, i) = (start(&mut b, size + 2 * k), start(&mut b, size + 2 * k + 1));
-            let (mean_z, mean_i) = (mean(&mut b, first_moving + 2 * k), mean(&mut b, first_moving + 2 * k + 1));
-            let (first, off) = (b.mul(z, mean_i), b.sub(mean_z, z));
-            let second = b.mul(off, i);
-            let power = b.add(first, second);
+            quad(&mut b, went, layout.drift(drift), euler, false);
+            let (z, i) = (mean(&mut b, first_moving + 2 * k), mean(&mut b, first_moving + 2 * k + 1));
+            let power = b.mul(z, i);
             let (into, went) = (b.mul(inputs.h, power), b.load(went));
             let out = b.sub(went, into);
             b.store(*slot, out);
@@ -210,8 +199,8 @@ fn program(
                 let Some(i) = steady.iter().position(|p| p == column) else { continue };
                 let mut v = None;
                 let row = rows.outputs.get(&form.column(*column).out).map(Vec::as_slice).unwrap_or(&[]);
-                for (k, x) in row.iter().enumerate().filter(|(_, x)| **x != 0.0) {
-                    let (x, drive) = (b.number(*x), b.load(at(k)));
+                for (k, x) in row.iter().enumerate().filter(|(_, x)| x.high != 0.0) {
+                    let (x, drive) = (b.number(x.high), b.load(at(k)));
                     let part = b.mul(x, drive);
                     v = Some(match v {
                         Some(v) => b.add(v, part),

@@ -6,21 +6,40 @@ use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_runtime::exponential::Linear;
+use bond_runtime::twice::Twice;
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
+use std::ops::{Add, Mul};
 
 /// Largest number of states and drives.
 const LARGEST: usize = 128;
+/// Rounds of solving for what is left: each finds as many digits as plain numbers have, less those of the condition.
+const REFINEMENTS: usize = 3;
 
 /// Rows over w of everything in a linear cluster.
 pub(super) struct Rows {
     pub(super) linear: Linear,
     pub(super) system: System,
     /// Rows of outputs' and inputs' columns.
-    pub(super) outputs: FxHashMap<Symbol, Vec<f64>>,
-    pub(super) inputs: FxHashMap<ColumnId, Vec<f64>>,
+    pub(super) outputs: FxHashMap<Symbol, Row>,
+    pub(super) inputs: FxHashMap<ColumnId, Row>,
     /// Each integral: row of its linear part, or the full form.
-    pub(super) integrals: Vec<Result<Vec<f64>, Vec<f64>>>,
+    pub(super) integrals: Vec<Result<Row, Vec<Twice>>>,
+}
+
+/// A number for each state and drive.
+pub(super) type Row = Vec<Twice>;
+
+/// `to += k row`
+fn add_row(to: &mut [Twice], k: f64, row: &[Twice]) {
+    for (t, x) in to.iter_mut().zip(row) {
+        *t = t.add(x.mul(Twice::new(k)));
+    }
+}
+
+/// `to += k`
+fn add_one(to: &mut Twice, k: f64) {
+    *to = to.add(Twice::new(k));
 }
 
 impl Rows {
@@ -30,7 +49,7 @@ impl Rows {
             None => true,
             Some(d) => matches!(self.system.drives.get(d), Some(Drive::Ramp(..))),
         };
-        let rests = |row: &Vec<f64>| row.iter().enumerate().any(|(i, x)| *x != 0.0 && settles(i));
+        let rests = |row: &Row| row.iter().enumerate().any(|(i, x)| x.high != 0.0 && settles(i));
         let sources = c.nodes.iter().filter_map(|n| n.source());
         sources.filter(|s| self.outputs.get(&form.column(*s).out).is_some_and(rests)).collect()
     }
@@ -40,7 +59,7 @@ impl Rows {
         let constant = |i: usize| {
             matches!(self.system.drives.get(i.wrapping_sub(self.system.n)), Some(Drive::One | Drive::Held(_)))
         };
-        let is_steady = |row: &Vec<f64>| row.iter().enumerate().all(|(i, x)| *x == 0.0 || constant(i));
+        let is_steady = |row: &Row| row.iter().enumerate().all(|(i, x)| x.high == 0.0 || constant(i));
         let sources = c
             .nodes
             .iter()
@@ -121,46 +140,37 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
         return None;
     }
     let dense = |row: &[(usize, f64)]| {
-        let mut v = vec![0.0; size];
-        for &(i, k) in row {
-            v[i] += k;
-        }
+        let mut v = vec![Twice::default(); size];
+        row.iter().for_each(|&(i, k)| add_one(&mut v[i], k));
         v
     };
-    let mut outputs: FxHashMap<Symbol, Vec<f64>> = sparse.iter().map(|(s, row)| (*s, dense(row))).collect();
+    let mut outputs: FxHashMap<Symbol, Row> = sparse.iter().map(|(s, row)| (*s, dense(row))).collect();
     // All that is solved for, loops and all, as one linear system.
     let r = solved.len();
     let place: FxHashMap<Symbol, usize> = solved.iter().enumerate().map(|(i, t)| (t.0, i)).collect();
     let mut matrix = DMatrix::<f64>::identity(r, r);
-    let mut right = DMatrix::<f64>::zeros(r, size);
+    let mut right = vec![vec![Twice::default(); size]; r];
     for (i, (_, split)) in solved.iter().enumerate() {
         for (s, k) in &split.signals {
             if let Some(&j) = place.get(s) {
                 matrix[(i, j)] -= k;
             } else {
-                let row = outputs.get(s)?;
-                for (t, x) in row.iter().enumerate() {
-                    right[(i, t)] += k * x;
-                }
+                add_row(&mut right[i], *k, outputs.get(s)?);
             }
         }
-        for (d, k) in &split.drives {
-            right[(i, n + d)] += k;
-        }
+        split.drives.iter().for_each(|(d, k)| add_one(&mut right[i][n + d], *k));
     }
     if r > 0 {
         let acyclic = c.loops.is_empty();
         let found = if acyclic {
-            forward(&matrix, &right, &c.nodes.iter().filter_map(|n| place.get(&n.out).copied()).collect::<Vec<_>>())
+            forward(&matrix, right, &c.nodes.iter().filter_map(|n| place.get(&n.out).copied()).collect::<Vec<_>>())
         } else {
-            matrix.lu().solve(&right)?
+            solve(matrix, &right)?
         };
-        if found.iter().any(|x| !x.is_finite()) {
+        if found.iter().flatten().any(|x| !x.is_finite()) {
             return None;
         }
-        for (i, (s, _)) in solved.iter().enumerate() {
-            outputs.insert(*s, found.row(i).iter().copied().collect());
-        }
+        outputs.extend(solved.iter().map(|s| s.0).zip(found));
     }
     let mut input_rows = FxHashMap::default();
     let columns = c
@@ -170,28 +180,21 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
         .chain(c.nodes.iter().filter_map(|n| n.source().or(n.resistor())))
         .chain(c.ports.iter().copied());
     for column in columns.collect::<Vec<_>>() {
-        let mut v = vec![0.0; size];
+        let mut v = vec![Twice::default(); size];
         for (j, k) in &form.column(column).row {
-            let k = model.pool.constant(*k)?;
-            for (t, x) in outputs.get(&form.column(*j).out)?.iter().enumerate() {
-                v[t] += k * x;
-            }
+            add_row(&mut v, model.pool.constant(*k)?, outputs.get(&form.column(*j).out)?);
         }
         input_rows.insert(column, v);
     }
-    let row_of = |split: &Split| -> Option<Vec<f64>> {
-        let mut row = vec![0.0; size];
+    let row_of = |split: &Split| -> Option<Row> {
+        let mut row = vec![Twice::default(); size];
         for (s, k) in &split.signals {
-            for (t, x) in outputs.get(s)?.iter().enumerate() {
-                row[t] += k * x;
-            }
+            add_row(&mut row, *k, outputs.get(s)?);
         }
-        for (d, k) in &split.drives {
-            row[n + d] += k;
-        }
+        split.drives.iter().for_each(|(d, k)| add_one(&mut row[n + d], *k));
         Some(row)
     };
-    let mut a = vec![0.0; size * size];
+    let mut a = vec![Twice::default(); size * size];
     let mut rates = rates.iter();
     for (i, s) in c.states.iter().enumerate() {
         let row = match s.column {
@@ -202,7 +205,7 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
     }
     for (i, moves) in system.moves.iter().enumerate() {
         for &(j, k) in moves {
-            a[(n + i) * size + n + j] += k;
+            add_one(&mut a[(n + i) * size + n + j], k);
         }
     }
     let mut integrals = Vec::new();
@@ -214,7 +217,7 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
             }
             Err(parts) => parts,
         };
-        let mut m = vec![0.0; size * size];
+        let mut m = vec![Twice::default(); size * size];
         for (s, t, k) in &parts.square {
             add_product(&mut m, &row_of(s)?, &row_of(t)?, *k);
         }
@@ -266,27 +269,46 @@ fn squares(system: &mut System, pool: &mut Pool, rate: Expr, signals: &[Symbol])
 }
 
 /// Solves a system whose unknowns, taken in order, depend on earlier ones only.
-fn forward(matrix: &DMatrix<f64>, right: &DMatrix<f64>, order: &[usize]) -> DMatrix<f64> {
-    let mut x = right.clone();
+fn forward(matrix: &DMatrix<f64>, mut x: Vec<Row>, order: &[usize]) -> Vec<Row> {
     for (k, &i) in order.iter().enumerate() {
         for &j in &order[..k] {
             let f = -matrix[(i, j)];
             if f != 0.0 {
-                let row = x.row(j).clone_owned();
-                let mut target = x.row_mut(i);
-                target += row * f;
+                let row = x[j].clone();
+                add_row(&mut x[i], f, &row);
             }
         }
     }
     x
 }
 
+/// Solves a system with the digits of its right side: what the solution in plain numbers leaves is solved for again.
+fn solve(matrix: DMatrix<f64>, right: &[Row]) -> Option<Vec<Row>> {
+    let (r, size) = (right.len(), right.first().map_or(0, Vec::len));
+    let lu = matrix.clone().lu();
+    let mut x = vec![vec![Twice::default(); size]; r];
+    for _ in 0..REFINEMENTS {
+        let mut left = right.to_vec();
+        for (i, row) in left.iter_mut().enumerate() {
+            for (j, x) in x.iter().enumerate().filter(|(j, _)| matrix[(i, *j)] != 0.0) {
+                add_row(row, -matrix[(i, j)], x);
+            }
+        }
+        let more = lu.solve(&DMatrix::from_fn(r, size, |i, t| left[i][t].high))?;
+        for (i, row) in x.iter_mut().enumerate() {
+            row.iter_mut().enumerate().for_each(|(t, x)| add_one(x, more[(i, t)]));
+        }
+    }
+    Some(x)
+}
+
 /// `m += k (a b^T + b a^T) / 2`
-pub(super) fn add_product(m: &mut [f64], a: &[f64], b: &[f64], k: f64) {
+pub(super) fn add_product(m: &mut [Twice], a: &[Twice], b: &[Twice], k: f64) {
     let n = a.len();
     for i in 0..n {
         for j in 0..n {
-            m[i * n + j] += 0.5 * k * (a[i] * b[j] + a[j] * b[i]);
+            let both = a[i].mul(b[j]).add(a[j].mul(b[i]));
+            m[i * n + j] = m[i * n + j].add(both.mul(Twice::new(0.5 * k)));
         }
     }
 }
