@@ -4,7 +4,7 @@
 use super::Writing;
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
-use bond_runtime::simulate::{LOSS, WARY};
+use bond_runtime::simulate::{FAINT, LOSS, WARY};
 
 /// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
 /// from the first.
@@ -291,6 +291,18 @@ impl Writing<'_> {
                 w.keep(peak, most);
             },
         );
+    }
+
+    /// What of that is rounding.
+    pub(super) fn faint(&self, w: &mut Writer, i: usize) -> Value {
+        match self.clusters[i].books.first() {
+            Some(&at) => {
+                let (h, faint) = (w.kept(at + H), w.number(FAINT));
+                let h = w.abs(h);
+                w.mul(faint, h)
+            }
+            None => w.number(0.0),
+        }
     }
 
     /// What a cluster has to give: H and the tank; 0 where it has no ledger.

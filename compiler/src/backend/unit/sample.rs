@@ -250,7 +250,9 @@ impl Writing<'_> {
         if c.budget {
             let stored = self.stored(&mut w, i);
             let foreseen = positive(&mut w, foreseen);
-            let room = w.add(stored, foreseen);
+            let faint = self.faint(&mut w, i);
+            let room = w.sub(stored, faint);
+            let room = w.add(room, foreseen);
             let room = positive(&mut w, room);
             let two = w.number(2.0);
             let twice = w.mul(two, room);
