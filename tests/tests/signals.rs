@@ -75,6 +75,35 @@ fn exact_takes_a_table_without_error() {
     }
 }
 
+/// A capacitor behind a resistor of no account takes what the table says, and its energy is what was given.
+#[test]
+fn exact_follows_a_table_over_any_number_of_time_constants() {
+    for ohms in [1e-3, 1e-6, 1e-9] {
+        let compiled = text(&format!(
+            "model Follower {{
+  input u = 0 V
+  Se:s = u
+  R:r = {ohms:e} Ohm
+  C:c = 1 uF
+  s -> 1:m -> r
+  m -> 0:n -> c
+  probe v = n.e
+  simulate {{ stop = 3 s }}
+}}"
+        ));
+        for step in [0.3, 0.011] {
+            let mut sim = fed(&compiled, Steps::fixed(step), "u", course(&ROWS, false));
+            finish(&mut sim, 1.5);
+            close(probe(&mut sim, "v"), -3.0 + 7.0 * 0.229 / 0.529, 1e-6, "the voltage between two rows");
+            finish(&mut sim, 3.0);
+            let summary = sim.summary();
+            assert_eq!(summary.regions[0].stepper, "exact");
+            assert!(summary.passive, "{ohms:e} Ohm, {step} s: {:?}", summary.reasons);
+            assert!(summary.worst_step <= 1e-13, "{ohms:e} Ohm, {step} s: off by {:e}", summary.worst_step);
+        }
+    }
+}
+
 /// The integral of the table itself: trapezoids, or rectangles.
 #[test]
 fn a_table_is_integrated_exactly() {

@@ -293,24 +293,24 @@ impl Writing<'_> {
         );
     }
 
-    /// What of that is rounding.
-    pub(super) fn faint(&self, w: &mut Writer, i: usize) -> Value {
-        match self.clusters[i].books.first() {
-            Some(&at) => {
-                let (h, faint) = (w.kept(at + H), w.number(FAINT));
-                let h = w.abs(h);
-                w.mul(faint, h)
-            }
-            None => w.number(0.0),
-        }
-    }
-
     /// What a cluster has to give: H and the tank; 0 where it has no ledger.
     pub(super) fn stored(&self, w: &mut Writer, i: usize) -> Value {
         match self.clusters[i].books.first() {
             Some(&at) => {
                 let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
                 w.add(h, tank)
+            }
+            None => w.number(0.0),
+        }
+    }
+
+    /// What of [`Self::stored`] is rounding.
+    pub(super) fn faint(&self, w: &mut Writer, i: usize) -> Value {
+        match self.clusters[i].books.first() {
+            Some(&at) => {
+                let (h, faint) = (w.kept(at + H), w.number(FAINT));
+                let h = w.abs(h);
+                w.mul(faint, h)
             }
             None => w.number(0.0),
         }
