@@ -19,6 +19,8 @@ pub struct Options {
     model: Option<String>,
     method: Option<String>,
     accuracy: Accuracy,
+    step: Option<f64>,
+    stop: Option<f64>,
     set: Vec<(String, Result<Quantity, String>)>,
 }
 
@@ -38,6 +40,19 @@ impl Options {
     /// called.
     pub fn accuracy(mut self, accuracy: Accuracy) -> Self {
         self.accuracy = accuracy;
+        self
+    }
+
+    /// Makes ready for steps of this length, or up to it, in s; for those of the model's `simulate` where this is not
+    /// called. Any steps may be taken: over far longer ones balances may hold to fewer digits.
+    pub fn step(mut self, step: f64) -> Self {
+        self.step = Some(step);
+        self
+    }
+
+    /// Makes ready for the steps of a run to this instant, in s, where no length of steps is told.
+    pub fn stop(mut self, stop: f64) -> Self {
+        self.stop = Some(stop);
         self
     }
 
@@ -97,6 +112,8 @@ impl Options {
             set,
             method: self.method.clone(),
             accuracy: self.accuracy,
+            step: self.step,
+            stop: self.stop,
         };
         let sources = text.sources.clone();
         match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {

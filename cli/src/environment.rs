@@ -56,7 +56,7 @@ impl Environment {
 
     fn settings(&self) -> Settings {
         let (stop, step, tolerance, every) = (self.stop, self.step, self.tolerance, self.every);
-        Settings { stop, step, method: None, tolerance, every }
+        Settings { stop, step, tolerance, every, ..Settings::default() }
     }
 }
 

@@ -16,6 +16,9 @@ pub struct Steps {
 }
 
 impl Steps {
+    /// Where nothing tells of their length, a run has so many steps at least.
+    pub const PARTS: f64 = 1000.0;
+
     /// As the model's `simulate` says, else to a tolerance of 1e-6.
     pub fn new() -> Self {
         Self::default()
@@ -66,7 +69,7 @@ impl Steps {
             }
             _ => {}
         }
-        let usual = every.filter(|e| *e > 0.0).map_or(stop / 1000.0, |e| e.min(stop / 1000.0));
+        let usual = every.filter(|e| *e > 0.0).map_or(stop / Self::PARTS, |e| e.min(stop / Self::PARTS));
         let longest = self.longest;
         Ok(simulate::Options { step, tolerance, default_step: longest.unwrap_or(usual), longest })
     }

@@ -39,6 +39,20 @@ pub struct Options {
     pub method: Option<String>,
     /// What was asked of the accuracy, by which a stepper that is not named is chosen.
     pub accuracy: discretise::Accuracy,
+    /// Length of the run's steps, or of the longest, s, in the place of what `simulate` says.
+    pub step: Option<f64>,
+    /// End of the run, s, in the place of what `simulate` says.
+    pub stop: Option<f64>,
+}
+
+/// The part of a run that a long one of its fitted steps takes.
+const PART: f64 = 0.01;
+
+impl Options {
+    /// How long the steps are that programs are made for, s.
+    fn pace(&self, settings: &model::Settings) -> f64 {
+        self.step.or(settings.step).unwrap_or(PART * self.stop.or(settings.stop).unwrap_or(1.0))
+    }
 }
 
 /// A compiled model, with all that was made on the way.
@@ -103,6 +117,7 @@ pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader) -> L
 /// All that is wrong with it, in order of place.
 pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> Result<Compiled, Vec<Diagnostic>> {
     let mut model = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone())?;
+    model.settings.pace = options.pace(&model.settings);
     let graph = graph::build(&model);
     let within = graph.bars_within(&model);
     if !within.is_empty() {

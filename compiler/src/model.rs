@@ -399,6 +399,8 @@ pub struct Settings {
     pub tolerance: Option<f64>,
     /// Distance of the rows of output, s.
     pub every: Option<f64>,
+    /// Length of a step, or of a long one of those that are fitted, of the run that programs are made for, s.
+    pub pace: f64,
 }
 
 /// A parameter of the scene or of an instance.

@@ -213,6 +213,40 @@ impl Matrix {
         self
     }
 
+    /// `X` with `self X = right`, by elimination with partial pivoting; none where a pivot is at most `none` in size.
+    pub fn solve(mut self, mut right: Self, none: f64) -> Option<Self> {
+        let n = self.n;
+        for k in 0..n {
+            let size = |i: usize| self.get(i, k).high.abs();
+            let p = (k..n).max_by(|&i, &j| size(i).total_cmp(&size(j)))?;
+            if size(p) <= none {
+                return None;
+            }
+            for j in 0..n {
+                self.entries.swap(k * n + j, p * n + j);
+                right.entries.swap(k * n + j, p * n + j);
+            }
+            let pivot = self.get(k, k);
+            for i in (0..n).filter(|&i| i != k) {
+                let f = self.get(i, k).divided(pivot).scale(-1.0);
+                if f.high == 0.0 {
+                    continue;
+                }
+                for j in 0..n {
+                    let (x, y) = (self.get(k, j).mul(f), right.get(k, j).mul(f));
+                    self.entries[i * n + j] = self.get(i, j).add(x);
+                    right.entries[i * n + j] = right.get(i, j).add(y);
+                }
+            }
+        }
+        for i in 0..n {
+            for j in 0..n {
+                right.entries[i * n + j] = right.get(i, j).divided(self.get(i, i));
+            }
+        }
+        right.is_finite().then_some(right)
+    }
+
     pub fn is_finite(&self) -> bool {
         self.entries.iter().all(|x| x.is_finite())
     }
@@ -235,5 +269,16 @@ mod tests {
         let ratio = third.divided(root).mul(root).add(third.scale(-1.0));
         assert!(ratio.high.abs() < 1e-31, "{ratio:?}");
         assert_eq!(Twice::new(1e16).add(Twice::new(1.0)).add(Twice::new(-1e16)).high, 1.0);
+    }
+    #[test]
+    fn matrices_are_solved_with_all_digits() {
+        let hilbert = |i: usize, j: usize| Twice::new(1.0).over((i + j + 1) as f64);
+        let a = Matrix { n: 4, entries: (0..16).map(|k| hilbert(k / 4, k % 4)).collect() };
+        let one = Matrix::zero(4).plus_one();
+        let inverse = a.clone().solve(one.clone(), 1e-8).expect("pivots are above 1e-4");
+        let off = a.product(&inverse).plus(&one.map(|x| x.scale(-1.0)));
+        // The condition is 1.6e4.
+        assert!(off.entries.iter().all(|x| x.high.abs() < 1e-26), "{off:?}");
+        assert!(Matrix::zero(2).solve(Matrix::zero(2), 1e-8).is_none());
     }
 }

@@ -98,7 +98,8 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
     let progress = Progress::new();
     let text = Text::new(&input::name(&args.file), input::read(&args.file)?);
     let wanted = |m: Method| args.methods.is_empty() || args.methods.iter().any(|name| name == m.name());
-    let ways = Ways::new(&text, &input::options(&args.which, &args.set), &wanted)?;
+    let options = args.stop.into_iter().fold(input::options(&args.which, &args.set), bond::Options::stop);
+    let ways = Ways::new(&text, &options, &wanted)?;
     let scene = ways.base.scene();
     if ways.list.is_empty() {
         let why: Vec<String> = ways.left_out.iter().map(|l| format!("{}: {}", l.name, l.why)).collect();

@@ -66,6 +66,7 @@ pub fn build(args: &Args) -> Result<(), Stop> {
     if let Some(method) = &args.method {
         options = options.method(method);
     }
+    options = args.step.into_iter().fold(options, bond::Options::step);
     let compiled = input::compile(&args.file, &options)?;
     let emission = Emission { file: &args.file, output: args.output.as_deref(), step: args.step, prefix: &args.prefix };
     match args.emit {

@@ -146,7 +146,7 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     options = options.accuracy(accuracy(&args.how));
     ensembles(args)?;
     if args.ensemble.asked() {
-        return many(args, options);
+        return many(args, ready(options, lengths(&args.how)));
     }
     let target = match (args.error, args.budget) {
         (Some(e), _) => Some(Target::Error(e)),
@@ -154,7 +154,7 @@ pub fn run(args: &Args) -> Result<(), Stop> {
         (None, None) => None,
     };
     if let Some(target) = target {
-        return chosen(args, options, target);
+        return chosen(args, ready(options, lengths(&args.how)), target);
     }
     let compiled = compile(args, options)?;
     simulate(compiled.scene(), &compiled.stages().model.settings, &args.how)
@@ -180,7 +180,7 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
     let ask = Ask {
         target,
         text: &text,
-        options: input::options(&args.which, &args.set),
+        options: ready(input::options(&args.which, &args.set), lengths(how)),
         method: args.method.as_deref(),
         stop,
         rows,
@@ -435,19 +435,38 @@ fn accuracy(args: &How) -> Accuracy {
     }
 }
 
-/// Compiles a scene; one whose state was saved with the accuracy that was asked for then.
+/// Length of the run's steps, or of the longest, and its end, where they are told, s.
+type Lengths = (Option<f64>, Option<f64>);
+
+/// What the command line tells of them.
+fn lengths(args: &How) -> Lengths {
+    (args.step.or(args.longest), args.stop)
+}
+
+/// To compile for these.
+fn ready(options: bond::Options, (step, stop): Lengths) -> bond::Options {
+    let options = step.into_iter().fold(options, bond::Options::step);
+    stop.into_iter().fold(options, bond::Options::stop)
+}
+
+/// Compiles a scene; one whose state was saved with the accuracy and the steps that were asked for then.
 fn compile(args: &Args, options: bond::Options) -> Result<bond::Compiled, Stop> {
-    let compiled = input::compile(&args.file, &options)?;
+    let asked = lengths(&args.how);
+    let compiled = input::compile(&args.file, &ready(options.clone(), asked))?;
     let Some(path) = &args.how.resume else { return Ok(compiled) };
     let Some((fingerprint, saved)) = checkpoint::saved(path)? else { return Ok(compiled) };
     let fits = |c: &bond::Compiled| c.scene().fingerprint() == Ok(fingerprint);
     if fits(&compiled) || args.method.is_some() || args.file == Path::new("-") {
         return Ok(compiled);
     }
-    for accuracy in [saved.tolerance.map_or(Accuracy::Fixed, Accuracy::Tolerance), Accuracy::Fixed] {
-        let other = input::compile(&args.file, &options.clone().accuracy(accuracy))?;
-        if fits(&other) {
-            return Ok(other);
+    let then = saved.tolerance.map_or(Accuracy::Fixed, Accuracy::Tolerance);
+    let before = (saved.step.or(saved.longest), Some(Steps::PARTS * saved.default_step));
+    for accuracy in [accuracy(&args.how), then, Accuracy::Fixed] {
+        for lengths in [asked, (None, None), before] {
+            let other = input::compile(&args.file, &ready(options.clone().accuracy(accuracy), lengths))?;
+            if fits(&other) {
+                return Ok(other);
+            }
         }
     }
     Ok(compiled)

@@ -2,12 +2,12 @@
 //! that rounding makes a state or a loop uncertain by some parts in 1e16 of.
 
 use super::cluster::{Cluster, Node, missing};
-use super::tight::{Start, TIGHT};
+use super::tight::{self, Start, TIGHT};
 use crate::expression::{self, Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Builder, Slot, Unary, Value};
+use bond_runtime::ir::{Binary, Builder, Slot, Unary, Value};
 use rustc_hash::FxHashMap;
 
 /// |d2H/dx2| of each state, the weights of an iteration.
@@ -128,18 +128,29 @@ impl Known {
     }
 }
 
-/// Sum of the magnitudes of what others than resistors give to a column's input, in terms of states and loops.
-fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
+/// Sum of the magnitudes of what others than resistors give to a column's input, in terms of states and loops; through
+/// so many linear resistors too.
+fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId, through: u32) -> Expr {
     let mut list = Vec::new();
     for &(j, k) in &form.column(column).row {
-        if let Law::Resistor(_) = model.element(form.column(j).element).law {
+        let Law::Resistor(_) = model.element(form.column(j).element).law else {
+            let term = term(&mut model.pool, form, flat, (j, k));
+            list.push(model.pool.unary(Unary::Abs, term));
             continue;
-        }
-        let term = term(&mut model.pool, form, flat, (j, k));
-        list.push(model.pool.unary(Unary::Abs, term));
+        };
+        let Some(gain) = tight::gain(form, j).filter(|_| through > 0) else { continue };
+        let given = imposed(model, form, flat, j, through - 1);
+        let pool = &mut model.pool;
+        let k = pool.mul(k, gain);
+        let k = pool.substitute(k, flat);
+        let k = pool.unary(Unary::Abs, k);
+        list.push(pool.mul(k, given));
     }
     model.pool.sum(&list)
 }
+
+/// Linear resistors in a row that are looked through.
+const THROUGH: u32 = 2;
 
 /// What one column gives to another's input, in terms of states and loops.
 fn term(pool: &mut Pool, form: &Form, flat: &FxHashMap<Symbol, Expr>, (from, k): (ColumnId, Expr)) -> Expr {
@@ -259,20 +270,22 @@ pub(super) fn scales(
     let lower = |model: &Model, b: &mut Builder, lowering: &mut Lowering, e: Expr| {
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
     };
-    let mut laws = Vec::with_capacity(c.loops.len());
+    let (start, mut laws) = (c.start(model), Vec::with_capacity(c.loops.len()));
     for node in c.loop_nodes() {
         if let Output::Curve { bends, .. } = node.how {
             // The argument of an exponential is what it is given, and so known to the rounding of that. What resistors
             // give of it is not known at the start: the slope changes too fast.
             let one = b.number(1.0);
             laws.push(match node.resistor().filter(|_| bends.is_some()) {
-                Some(column) => Size::Law { terms: imposed(model, form, &flat, column), slope: one, forward: true },
+                Some(column) => {
+                    let terms = imposed(model, form, &flat, column, THROUGH);
+                    Size::Law { terms, slope: one, forward: true }
+                }
                 None => Size::Known(one),
             });
             continue;
         }
-        let column = node.resistor().filter(|column| !is_steep(model, form, *column));
-        let law = column.and_then(|column| Some((column, slope(model, form, &flat, node)?)));
+        let law = node.resistor().and_then(|column| Some((column, slope(model, form, &flat, node)?)));
         laws.push(match law {
             Some((column, (k, forward))) => {
                 let k = lower(model, b, &mut at_start, k)?;
@@ -285,6 +298,10 @@ pub(super) fn scales(
                         let held = model.pool.add(one, turns);
                         let held = lower(model, b, &mut at_start, held)?;
                         if forward { b.div(k, held) } else { b.mul(k, held) }
+                    }
+                    _ if is_steep(model, form, column) => {
+                        let rest = slope_at_rest(model, form, column, &start);
+                        cautious(b, k, rest, forward)
                     }
                     _ => k,
                 };
@@ -346,6 +363,34 @@ enum Size {
         forward: bool,
     },
 }
+
+/// The slope of a resistor's law where it receives nothing; None where it is none, or the law reads signals.
+fn slope_at_rest(model: &mut Model, form: &Form, column: ColumnId, start: &Start) -> Option<f64> {
+    let Law::Resistor(law) = &model.element(form.column(column).element).law else { return None };
+    let (argument, output) = (law.argument, law.output);
+    if model.pool.symbols(output).iter().any(|s| *s != argument) {
+        return None;
+    }
+    let slope = model.pool.derivative(output, argument);
+    // What is not known counts as 0: the argument.
+    Some(start.eval(&model.pool, slope).abs()).filter(|k| k.is_finite())
+}
+
+/// The slope of a law that is not linear, for sizes: that where it starts, which may be far from what it will be. Too
+/// large a size lets errors pass, one that is too small costs iterations; so the slope at rest goes before, up to
+/// [`STEEPER`] times off.
+fn cautious(b: &mut Builder, here: Value, rest: Option<f64>, forward: bool) -> Value {
+    let part = b.number(if forward { 1.0 / STEEPER } else { STEEPER });
+    let far = b.mul(here, part);
+    let Some(rest) = rest else { return far };
+    let (low, high) = if forward { (far, here) } else { (here, far) };
+    let rest = b.number(rest);
+    let rest = b.binary(Binary::Max, rest, low);
+    b.binary(Binary::Min, rest, high)
+}
+
+/// See [`cautious`].
+const STEEPER: f64 = 1e4;
 
 /// The slope of a resistor's law where it works, in terms of states and loops, and whether it runs forward.
 fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &Node) -> Option<(Expr, bool)> {

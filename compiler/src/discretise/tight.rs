@@ -14,8 +14,6 @@ use rustc_hash::FxHashMap;
 
 /// Steps of so many times R C, from which on the rounding shows.
 pub(super) const TIGHT: f64 = 1e3;
-/// The part of a run that a fitted step is taken to be.
-const PART: f64 = 0.01;
 /// More unknowns than this are left as they are.
 const MOST: usize = 8;
 
@@ -53,7 +51,7 @@ impl Cluster {
     pub(super) fn start(&self, model: &Model) -> Start {
         let step = match self.sampling {
             Some(s) => model.samplings[s].period,
-            None => model.settings.step.unwrap_or(PART * model.settings.stop.unwrap_or(1.0)),
+            None => model.settings.pace,
         };
         let states = self.states.iter().map(|s| (s.symbol, s.initial));
         Start { values: states.chain(self.h.map(|h| (h, step))).collect(), step }
@@ -98,7 +96,7 @@ impl Start {
 }
 
 /// What a linear resistor gives for what it receives.
-fn gain(form: &Form, column: ColumnId) -> Option<Expr> {
+pub(super) fn gain(form: &Form, column: ColumnId) -> Option<Expr> {
     let row = form.regions.iter().find_map(|r| r.gains.get(&column))?;
     match row[..] {
         [(own, k)] if own == column => Some(k),

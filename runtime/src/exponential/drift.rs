@@ -2,7 +2,7 @@
 
 use super::{Flow, even, multiply};
 use crate::twice::{Matrix, Twice};
-use std::ops::{Add, Mul};
+use std::ops::Mul;
 
 /// Terms of the series at the small step: `(2 SERIES)^18 / 19!` is below 1e-33.
 const TERMS: u32 = 19;
@@ -15,42 +15,8 @@ pub(super) struct Euler {
     back: Matrix,
 }
 
-/// A pivot that is so much smaller than the largest number of its matrix is taken for 0.
+/// Pivots of up to this size are taken for 0, in even units.
 const NONE: f64 = 1e-8;
-
-/// `X` with `A X = B`, by elimination with partial pivoting; none where `A` is all but singular.
-fn solved(mut a: Matrix, mut b: Matrix) -> Option<Matrix> {
-    let n = a.n;
-    for k in 0..n {
-        let size = |i: usize| a.get(i, k).high.abs();
-        let p = (k..n).max_by(|&i, &j| size(i).total_cmp(&size(j)))?;
-        if size(p) <= NONE {
-            return None;
-        }
-        for j in 0..n {
-            a.entries.swap(k * n + j, p * n + j);
-            b.entries.swap(k * n + j, p * n + j);
-        }
-        let pivot = a.get(k, k);
-        for i in (0..n).filter(|&i| i != k) {
-            let f = a.get(i, k).divided(pivot).scale(-1.0);
-            if f.high == 0.0 {
-                continue;
-            }
-            for j in 0..n {
-                let (x, y) = (a.get(k, j).mul(f), b.get(k, j).mul(f));
-                a.entries[i * n + j] = a.get(i, j).add(x);
-                b.entries[i * n + j] = b.get(i, j).add(y);
-            }
-        }
-    }
-    for i in 0..n {
-        for j in 0..n {
-            b.entries[i * n + j] = b.get(i, j).divided(a.get(i, i));
-        }
-    }
-    b.is_finite().then_some(b)
-}
 
 impl Flow {
     /// How far `w` goes in a step of the implicit Euler method, the first `n` of it states: of a motion that dies away
@@ -66,7 +32,7 @@ impl Flow {
         }
         let mut back = back.plus_one();
         // Of a motion that grows as fast as that method cannot tell, the rate has to do.
-        match solved(back.clone(), rows.clone()) {
+        match back.clone().solve(rows.clone(), NONE) {
             Some(found) => rows = found,
             None => back = Matrix::zero(rows.n).plus_one(),
         }

@@ -22,7 +22,7 @@ mod worst;
 pub use abreast::{Abreast, Lanes};
 pub use ahead::{Make, Maker, Stretch};
 pub use given::{Course, Unfit};
-pub use hold::{FAINT, FORGET, LOSS, RECURRENCE, Report, TERMS, WARY};
+pub use hold::{FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};
 pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 pub use save::{Refused, saved};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, Summary};

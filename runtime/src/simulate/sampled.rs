@@ -1,7 +1,7 @@
 //! An interval of a sampled region: what it holds from its start on, and what is booked at its end.
 
 use super::Error;
-use super::hold::{FAINT, Held, RECURRENCE, TERMS, within_budget};
+use super::hold::{Held, NOISE, RECURRENCE, TERMS, within_budget};
 use super::pace::Pace;
 use super::schedule::Simulation;
 use crate::scene::Respond;
@@ -197,7 +197,7 @@ impl Simulation<'_> {
         if c.budget {
             let (h, tank) = self.runs[i].books.first().map_or((0.0, 0.0), |b| (b.h, b.tank));
             let stored = h + tank;
-            let room = ((stored - FAINT * h.abs()) + foreseen.max(0.0)).max(0.0);
+            let room = ((stored - NOISE * h.abs()) + foreseen.max(0.0)).max(0.0);
             let rules = self.decay[i].chunks(RECURRENCE);
             doubt.clear();
             doubt.extend(self.held[i].iter().zip(rules).map(|(h, r)| h.doubt(r)));

@@ -4,7 +4,7 @@
 use super::Writing;
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
-use bond_runtime::simulate::{FAINT, LOSS, WARY};
+use bond_runtime::simulate::{LOSS, NOISE, WARY};
 
 /// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
 /// from the first.
@@ -305,12 +305,12 @@ impl Writing<'_> {
     }
 
     /// What of [`Self::stored`] is rounding.
-    pub(super) fn faint(&self, w: &mut Writer, i: usize) -> Value {
+    pub(super) fn noise(&self, w: &mut Writer, i: usize) -> Value {
         match self.clusters[i].books.first() {
             Some(&at) => {
-                let (h, faint) = (w.kept(at + H), w.number(FAINT));
+                let (h, noise) = (w.kept(at + H), w.number(NOISE));
                 let h = w.abs(h);
-                w.mul(faint, h)
+                w.mul(noise, h)
             }
             None => w.number(0.0),
         }

@@ -250,8 +250,8 @@ impl Writing<'_> {
         if c.budget {
             let stored = self.stored(&mut w, i);
             let foreseen = positive(&mut w, foreseen);
-            let faint = self.faint(&mut w, i);
-            let room = w.sub(stored, faint);
+            let noise = self.noise(&mut w, i);
+            let room = w.sub(stored, noise);
             let room = w.add(room, foreseen);
             let room = positive(&mut w, room);
             let two = w.number(2.0);

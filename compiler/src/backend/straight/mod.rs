@@ -1,0 +1,276 @@
+//! A routine without control flow: what many scenes do side by side in vector lanes, each to the bits that it has alone.
+//!
+//! Both ways of a branch are computed, and each number is chosen by the branch's condition where they meet again; so is
+//! what a loop leaves that is run through once and left in different places. What would take long or really repeats
+//! (an iteration that goes on, an elimination) and what fails is not there: where a scene would get to it, a flag says
+//! that it is *slow*, to be done anew by the routine itself from the numbers that the interval found.
+
+mod decide;
+mod shape;
+mod walk;
+
+use super::code::{Cond, Memory, Number, Op, Routine, Value};
+use bond_runtime::ir::{Binary, Unary};
+use shape::is_heavy;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Routines of more statements have no straight form: a compiler takes long for so many at once.
+const LARGEST: usize = 6000;
+/// Nor have those that would come to more values than this.
+const MOST: usize = 2000;
+/// Twice as long, and so many values longer, at most is code with the turns of iterations that go on.
+const LONGER: usize = 300;
+/// Iterations that go on are gone on with so many times.
+const TURNS: usize = 2;
+/// How far back a condition is followed to the numbers that it depends on.
+const DEPTH: usize = 24;
+
+/// A routine without control flow.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Straight {
+    /// By value: the number that it is, where it is one; as [`Routine::numbers`].
+    pub numbers: Vec<Option<Number>>,
+    /// What is computed, in this order. Loads are of what the block and the input are at the start.
+    pub body: Vec<Line>,
+    /// Whether the numbers below are not those of the routine.
+    pub slow: Cond,
+    /// Places of the block, and what is in them at the end.
+    pub writes: Vec<(u32, Value)>,
+    /// Values that are 1 or 0 and are looked at by conditions alone.
+    pub flags: BTreeSet<Value>,
+}
+
+/// A value of straight code.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// Which one.
+    pub value: Value,
+    /// How it is computed. No variables.
+    pub op: Op,
+    /// Of a function that takes long: where this does not hold, nothing looks at it.
+    pub when: Option<Value>,
+}
+
+/// Whether a function takes long, and is none of those that several numbers take at once.
+pub fn is_call(op: &Op) -> bool {
+    match op {
+        Op::Unary(f, _) => match f {
+            Unary::Neg | Unary::Abs | Unary::Sign | Unary::Not => false,
+            Unary::Sqrt
+            | Unary::Exp
+            | Unary::Log
+            | Unary::Sin
+            | Unary::Cos
+            | Unary::Tan
+            | Unary::Asin
+            | Unary::Acos
+            | Unary::Atan
+            | Unary::Sinh
+            | Unary::Cosh
+            | Unary::Tanh => true,
+        },
+        Op::Binary(f, ..) => matches!(f, Binary::Pow | Binary::Atan2),
+        Op::Load(_) | Op::Get(_) | Op::Select(..) => false,
+    }
+}
+
+/// The straight form of a routine; None where it has none, or always would be slow.
+pub fn straight(routine: &Routine) -> Option<Straight> {
+    if !routine.systems.is_empty() || routine.size() > LARGEST || is_heavy(&routine.body, false) {
+        return None;
+    }
+    let short = form(routine, 0);
+    let long = form(routine, TURNS);
+    let form = match (short, long) {
+        (Some(short), Some(long)) if long.body.len() > 2 * short.body.len() + LONGER => Some(short),
+        (short, long) => long.or(short),
+    };
+    form.filter(|form| form.body.len() <= MOST)
+}
+
+/// The form of a routine, with the first turns of what repeats, or without.
+fn form(routine: &Routine, turns: usize) -> Option<Straight> {
+    let mut numbers = routine.numbers.clone();
+    let mut number = |x: f64| {
+        let found = numbers.iter().position(|n| matches!(n, Some(Number::Plain(y)) if y.to_bits() == x.to_bits()));
+        Value(found.unwrap_or_else(|| {
+            numbers.push(Some(Number::Plain(x)));
+            numbers.len() - 1
+        }) as u32)
+    };
+    let (zero, one) = (number(0.0), number(1.0));
+    let known = numbers.len();
+    let state = State { vars: vec![zero; routine.vars as usize], places: BTreeMap::new() };
+    let mut way = Way {
+        zero,
+        one,
+        values: (0..known as u32).map(Value).collect(),
+        ops: vec![None; known],
+        numbers,
+        body: Vec::new(),
+        loads: BTreeMap::new(),
+        state,
+        frames: vec![Frame::default()],
+        slow: Vec::new(),
+        facts: Vec::new(),
+        last: None,
+        turns,
+        lost: false,
+    };
+    let end = way.block(&routine.body);
+    if end == End::Gone || way.lost {
+        return None;
+    }
+    way.finish()
+}
+
+/// What is known where the statements have got to.
+#[derive(Clone)]
+struct State {
+    /// By variable.
+    vars: Vec<Value>,
+    /// Places that were written.
+    places: BTreeMap<(Memory, u32), Value>,
+}
+
+/// A loop that is run through once, or the routine.
+#[derive(Default)]
+struct Frame {
+    /// The branches that have led here.
+    path: Vec<Cond>,
+    /// Whether it may be begun anew.
+    again: bool,
+    /// Where it was left. The first condition that holds is the place; what comes later may hold by chance.
+    left: Vec<(Cond, State)>,
+}
+
+/// How a block ends.
+#[derive(Clone, Copy, PartialEq)]
+enum End {
+    /// At its end.
+    Reached,
+    /// Before.
+    Gone,
+}
+
+/// A routine on its way.
+struct Way {
+    numbers: Vec<Option<Number>>,
+    zero: Value,
+    one: Value,
+    /// By value of the routine: what it is here.
+    values: Vec<Value>,
+    /// By value: how it is computed.
+    ops: Vec<Option<Op>>,
+    body: Vec<Line>,
+    loads: BTreeMap<(Memory, u32), Value>,
+    state: State,
+    frames: Vec<Frame>,
+    slow: Vec<Cond>,
+    /// Flags that are known where the statements have got to.
+    facts: Vec<(Value, bool)>,
+    /// The condition that was made a flag last for what takes long.
+    last: Option<(Cond, Value)>,
+    /// How many times what repeats is gone through.
+    turns: usize,
+    /// Whether something has no form here.
+    lost: bool,
+}
+
+impl Way {
+    fn define(&mut self, op: Op, when: Option<Value>) -> Value {
+        let v = Value(self.numbers.len() as u32);
+        self.numbers.push(None);
+        self.ops.push(Some(op.clone()));
+        self.body.push(Line { value: v, op, when });
+        v
+    }
+
+    /// What is looked at in the end.
+    fn finish(mut self) -> Option<Straight> {
+        let slow = Cond::any(std::mem::take(&mut self.slow));
+        if slow.known() == Some(true) {
+            return None;
+        }
+        let list: Vec<_> = self.state.places.iter().map(|(at, v)| (*at, *v)).collect();
+        let mut writes = Vec::new();
+        for ((memory, at), v) in list.into_iter().filter(|w| w.0.0 == Memory::State) {
+            // A slow scene keeps what was there.
+            let before = self.initial((memory, at))?;
+            if before != v {
+                writes.push((at, v));
+            }
+        }
+        let mut used = vec![false; self.numbers.len()];
+        slow.each_value(&mut |v| used[v.0 as usize] = true);
+        writes.iter().for_each(|(_, v)| used[v.0 as usize] = true);
+        for line in self.body.iter().rev() {
+            if used[line.value.0 as usize] {
+                line.op.each_value(&mut |v| used[v.0 as usize] = true);
+                line.when.iter().for_each(|v| used[v.0 as usize] = true);
+            }
+        }
+        self.body.retain(|l| used[l.value.0 as usize]);
+        let flags = self.flags(&slow, &writes);
+        Some(Straight { numbers: self.numbers, body: self.body, slow, writes, flags })
+    }
+
+    /// See [`Straight::flags`].
+    fn flags(&self, slow: &Cond, writes: &[(u32, Value)]) -> BTreeSet<Value> {
+        let truths = self.body.iter().filter(|l| self.is_truth(l.value));
+        let mut flags: BTreeSet<Value> = truths.map(|l| l.value).collect();
+        let mut number = |v: &Value| {
+            flags.remove(v);
+        };
+        writes.iter().for_each(|(_, v)| number(v));
+        compared(slow, &mut number);
+        for line in &self.body {
+            match &line.op {
+                Op::Select(c, a, b) => {
+                    compared(c, &mut number);
+                    number(a);
+                    number(b);
+                }
+                Op::Binary(Binary::And | Binary::Or, ..) | Op::Unary(Unary::Not, _) => {}
+                op @ (Op::Load(_) | Op::Get(_) | Op::Unary(..) | Op::Binary(..)) => op.each_value(&mut |v| number(&v)),
+            }
+        }
+        flags
+    }
+}
+
+/// The values that a condition looks at as numbers.
+fn compared(c: &Cond, f: &mut impl FnMut(&Value)) {
+    match c {
+        Cond::Known(_) | Cond::True(_) => {}
+        Cond::Finite(a) => f(a),
+        Cond::Lt(a, b) | Cond::Le(a, b) | Cond::Eq(a, b) => {
+            f(a);
+            f(b);
+        }
+        Cond::Not(c) => compared(c, f),
+        Cond::All(list) | Cond::Any(list) => list.iter().for_each(|c| compared(c, f)),
+    }
+}
+
+/// Whether an operation tells whether something holds.
+pub fn is_comparison(op: &Op) -> bool {
+    match op {
+        Op::Binary(f, ..) => match f {
+            Binary::Lt | Binary::Le | Binary::Eq | Binary::And | Binary::Or => true,
+            Binary::Add
+            | Binary::Sub
+            | Binary::Mul
+            | Binary::Div
+            | Binary::Pow
+            | Binary::Min
+            | Binary::Max
+            | Binary::Atan2 => false,
+        },
+        Op::Unary(f, _) => *f == Unary::Not,
+        Op::Load(_) | Op::Get(_) | Op::Select(..) => false,
+    }
+}
+
+#[cfg(test)]
+mod tests;
