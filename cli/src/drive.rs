@@ -46,7 +46,7 @@ pub enum Halt {
 
 /// What is done on the way.
 pub trait Watch {
-    /// At each row.
+    /// At each row; where the numerics fail, at the end of the last good step too.
     ///
     /// # Errors
     /// What ends the run.
@@ -89,8 +89,22 @@ pub fn drive(
 /// The numerics, or what the watch gives.
 pub fn watched(sim: &mut Simulation<'_>, rows: Rows, stop: f64, watch: &mut dyn Watch) -> Result<(), Halt> {
     let mut walk = Walk::new(sim.time(), rows, stop);
-    while walk.on(sim, watch)? {}
-    Ok(())
+    loop {
+        let before = sim.time();
+        match walk.on(sim, watch) {
+            Ok(true) => {}
+            Ok(false) => return Ok(()),
+            Err(Halt::Numerics(e)) => {
+                // What was computed after the last row is kept.
+                if sim.time() > before {
+                    let time = sim.time();
+                    let _ = watch.row(sim, time); // the failure goes before
+                }
+                return Err(Halt::Numerics(e));
+            }
+            Err(halt) => return Err(halt),
+        }
+    }
 }
 
 /// A run on its way through the instants of its rows.

@@ -110,8 +110,10 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         writeln!(out, "  {:11} {} J into the holder", "crossed", short(b.holder))?;
         writeln!(out, "  {:11} {} J between the two sides' counts", "difference", short(b.difference))?;
     }
-    if !o.values.is_empty() && !o.early.is_some_and(Early::failed) {
-        writeln!(out, "\nat the end")?;
+    let failed = o.early.is_some_and(Early::failed);
+    if !o.values.is_empty() && !(failed && o.values.iter().any(|x| x.is_nan())) {
+        let instant = if failed { format!("{} s", short(reached)) } else { "the end".into() };
+        writeln!(out, "\nat {instant}")?;
         let width = o.scene.probes.names.iter().map(|n| n.chars().count()).max().unwrap_or(0).clamp(11, 40);
         for (i, (name, x)) in o.scene.probes.names.iter().zip(o.values).enumerate() {
             let unit = o.scene.probes.units.get(i).and_then(Option::as_deref).filter(|u| *u != "1").unwrap_or("");

@@ -179,7 +179,8 @@ impl Point {
         let given: FxHashSet<Symbol> = laws.iter().flat_map(|law| pool.symbols(*law)).collect();
         let given = given.into_iter().filter(|s| !place.contains_key(s));
         let given: Vec<(Symbol, f64)> = given.filter_map(|s| Some((s, *self.at.get(&s)?))).collect();
-        let loops = Loops { symbols, laws, slopes };
+        let linear = slopes.iter().all(|(_, _, slope)| !pool.contains_any(*slope, &|s| place.contains_key(&s)));
+        let loops = Loops { symbols, laws, slopes, linear };
         let mut z = DVector::from_element(n, 1e-9);
         let why = match self.newton(pool, &loops, z.clone()) {
             Ok(_) => return Ok(()),
@@ -206,6 +207,14 @@ impl Point {
             self.loops = DMatrix::identity(n, n);
             for (i, j, d) in &loops.slopes {
                 self.loops[(*i, *j)] -= self.value(pool, *d);
+            }
+            if loops.linear {
+                // At once, and what rounding leaves of it: which is all there is where what drives the loop balances.
+                for _ in 0..2 {
+                    z -= steps(&self.loops, &residual).ok_or(SINGULAR)?;
+                    residual = self.misfit(pool, loops, &z);
+                }
+                return Ok(z);
             }
             let mut step = steps(&self.loops, &residual).ok_or(SINGULAR)?;
             let whole = step.amax();
@@ -240,6 +249,8 @@ struct Loops {
     symbols: Vec<Symbol>,
     laws: Vec<Expr>,
     slopes: Vec<(usize, usize, Expr)>,
+    /// Whether the slopes are the same everywhere.
+    linear: bool,
 }
 
 /// Newton's step. An unknown on a flat piece of its law, as dry friction at rest, moves on by 1 until the law has a

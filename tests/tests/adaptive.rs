@@ -570,3 +570,39 @@ fn the_ledger_at_a_row_closes() {
         assert_eq!((again.state("cap.q"), again.summary()), (sim.state("cap.q"), sim.summary()));
     }
 }
+
+/// A jump that has no solution at rest: what was computed stays, to the last good step, and accuses nobody.
+#[test]
+fn a_run_that_fails_ends_where_it_got_to() {
+    let compiled = text(
+        "model Slide {
+  I:m { inertia = 1 kg; f0 = 1 m/s }
+  R:mu { e = (2 N)*sign(f) }
+  R:b = 0.1 N*s/m
+  1:v -> m, mu, b
+  probe w = m.f
+}",
+    );
+    let mut sim = start(&compiled, Steps::tolerance(1e-6));
+    sim.advance(1.0).expect_err("sign has no value between -1 and 1");
+    // m dv/dt = -2 N - 0.1 v
+    let rest = 10.0 * (1.0f64 + 0.05).ln();
+    assert!((sim.time() - rest).abs() < 1e-5, "at {} s", sim.time());
+    assert!(probe(&mut sim, "w").abs() < 1e-5);
+    let summary = sim.summary();
+    assert!(summary.passive, "{:?}", summary.reasons);
+    let region = &summary.regions[0];
+    assert!(region.h_final < 1e-9 && (region.dissipated - 0.5).abs() < 1e-9, "{region:?}");
+}
+
+/// Good steps may be as short beside a run as they need to be, up to 1e10 of them.
+#[test]
+fn a_long_run_of_short_steps_goes_on() {
+    let compiled = with(
+        Options::new().method("gonzalez"),
+        "model RC { C:c = 1 mF  R:r = 10 Ohm  Se:u = 10 V * sin(314.159 rad/s * t)  u -> 1:i -> c, r  probe x = c.e }",
+    );
+    let mut sim = compiled.simulate(Steps::tolerance(1e-6).longest(86.4)).unwrap_or_else(|e| panic!("{e}"));
+    advance(&mut sim, 10.0);
+    assert!(sim.summary().regions[0].steps > 100_000);
+}

@@ -253,3 +253,22 @@ fn an_open_port_answers_to_what_it_is_told() {
     // Half k x^2, and 20 mm at 30 mm/s through the damper; the force is held against the motion.
     close(work.abs(), 0.2 + 30.0 * 0.03 * 0.02, 0.01, "work");
 }
+
+/// A debt is measured against what there was until then: what comes later excuses none.
+#[test]
+fn a_debt_is_not_forgotten() {
+    let compiled = text(
+        "model M {
+  I:m { H = 0.5 kg^-1 * p^2 + 0.25 s^2/(kg^3*m^2) * p^4; p0 = 0.67 N*s }
+  sampled every 1 s { C:k { H = 1 N/m * q^2 + 0.25 N/m^3 * q^4; q0 = -1.5 m } }
+  1:v -> m
+  v ||> k
+}",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    for end in [3.0, 4.0, 20.0, 200.0] {
+        advance(&mut sim, end);
+        let summary = sim.summary();
+        assert!(summary.reasons.iter().any(|why| why.starts_with("`k` gave out")), "{end}: {summary:?}");
+    }
+}

@@ -282,3 +282,32 @@ fn stiff_springs_that_bend_balance() {
         }
     }
 }
+
+/// The storage is named whose energy ends.
+#[test]
+fn a_storage_that_has_no_energy_ends_the_run() {
+    let compiled = crate::common::text(
+        "model M {
+  I:m { inertia = 1 kg; f0 = 1 m/s }
+  C:s { e = (1 N)*sqrt(2 - q/(1 m)) - 1.4142135623730951 N }
+  active R:r { e = (-3 N*s/m)*f }
+  1:v -> m, s, r
+}",
+    );
+    let mut sim = compiled.simulate(Steps::fixed(0.01)).unwrap_or_else(|e| panic!("{e}"));
+    let error = sim.finish(3.0).expect_err("q goes beyond 2 m").to_string();
+    assert!(error.contains("`s.q`"), "{error}");
+}
+
+/// A turn of 1e148 rad in a step says nothing of where it ends.
+#[test]
+fn an_exact_step_beyond_all_digits_ends_the_run() {
+    for (mass, stiffness) in [(1e-300, 4.0), (1.0, 1e300)] {
+        let compiled = crate::common::text(&format!(
+            "model M {{ I:m = {mass:e} kg  C:s {{ stiffness = {stiffness:e} N/m; q0 = 1 m }}  1:v -> m, s }}"
+        ));
+        let mut sim = compiled.simulate(Steps::fixed(0.01)).unwrap_or_else(|e| panic!("{e}"));
+        let error = sim.finish(1.0).expect_err("all digits are lost").to_string();
+        assert!(error.contains("too far apart"), "{error}");
+    }
+}

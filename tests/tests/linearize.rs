@@ -92,3 +92,23 @@ fn a_diode_that_a_battery_drives() {
         }
     }
 }
+
+/// Two sources that balance: no current flows, and the loop of resistors is known to rounding alone.
+#[test]
+fn a_balanced_loop() {
+    let compiled = text(
+        "model M {
+  input u = 1 V
+  Se:b = 1 V  R:r = 3 Ohm  R:s = 1 Ohm  Se:a = u
+  1:k
+  k -> b
+  s -> k
+  k -> r
+  a -> k
+  probe i = r.f
+}",
+    );
+    let l = at(&compiled, &[]);
+    assert_eq!(l.d.len(), 1, "{l:?}");
+    assert!((l.d[(0, 0)] - 0.25).abs() < 1e-14, "{l:?}");
+}

@@ -224,3 +224,63 @@ fn tight_dampers_keep_momentum() {
         }
     }
 }
+
+/// A resistor whose law is not linear beside one that is, in a loop: once the circuit has settled, what is left of the
+/// current is the rounding of the voltages.
+#[test]
+fn loops_of_resistors_settle() {
+    let laws = [
+        "x + 0.5*abs(x)",
+        "x + 0.2*min(max(x/0.1, -1), 1)",
+        "x + 0.5*tanh(x)",
+        "x + 0.5*x^3",
+        "x*abs(x)",
+        "sinh(x)",
+        "0.1*exp(x/0.1) - 0.1",
+        "if x > 0 then 2.5*x else 0.1*x",
+    ];
+    for law in laws {
+        for (given, ohms, size) in [(2.0, 1.0, 1.0), (0.3, 0.644, 1.5), (25.0, 0.2, 7.0)] {
+            let end = 70.0 * size * (ohms + 1.5);
+            let circuits = [
+                format!(
+                    "let law(x) = {law}
+model M {{ Se:u = {given} V  R:line = {ohms} Ohm  C:c = {size} F  R:d {{ e = (1 V)*law(f/(1 A)) }}  u -> 1:m -> line, d, c }}"
+                ),
+                format!(
+                    "let law(x) = {law}
+model M {{ Sf:u = {given} A  R:line = {ohms} Ohm  I:l = {size} H  R:d {{ f = (1 A)*law(e/(1 V)) }}  u -> 0:m -> line, d, l }}"
+                ),
+            ];
+            for text in circuits {
+                let compiled = with(Options::new(), &text);
+                let mut sim = start(&compiled, Steps::new());
+                sim.finish(end).unwrap_or_else(|e| panic!("{e}\n{text}"));
+                let summary = sim.summary();
+                assert!(summary.passive, "{:?}\n{text}", summary.reasons);
+                let region = &summary.regions[0];
+                let each = region.newton_iterations as f64 / region.steps as f64;
+                assert!(each < 15.0, "{each} iterations a step\n{text}");
+            }
+        }
+    }
+}
+
+/// How long steps are is told by who runs, not by the model alone.
+#[test]
+fn tight_resistors_are_found_for_the_steps_that_are_asked_for() {
+    let text = "model M {
+  Se:u = 12 V  R:r = 1 uOhm  R:l = 10 Ohm
+  C:c { H = 0.5*(1e3 V/C)*q^2 + 0.25*(1e6 V/C^3)*q^4 }
+  u -> 1:s -> r
+  s -> 0:p -> c, l
+  simulate { stop = 1 us }
+}";
+    for options in [Options::new().step(1.0), Options::new().stop(100.0)] {
+        let compiled = with(options.method("gonzalez"), text);
+        let mut sim = start(&compiled, Steps::fixed(1.0));
+        finish(&mut sim, 100.0);
+        let summary = sim.summary();
+        assert!(summary.worst_step <= 1e-13, "off by {:e}", summary.worst_step);
+    }
+}

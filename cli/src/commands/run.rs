@@ -356,8 +356,8 @@ fn tell(
     let shown = scene.probes.names.len();
     // A run that got to its end, and whose signals cannot be told there, failed too.
     let (values, early) = match (sim.probes().map(|v| v[..shown.min(v.len())].to_vec()), early) {
-        (_, Some(Early::Failed(e))) | (Err(e), _) => (vec![f64::NAN; shown], Some(Early::Failed(e))),
         (Ok(values), early) => (values, early),
+        (Err(_), Some(Early::Failed(e))) | (Err(e), _) => (vec![f64::NAN; shown], Some(Early::Failed(e))),
     };
     let outcome = Outcome {
         scene,

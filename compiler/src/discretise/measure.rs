@@ -8,6 +8,7 @@ use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Binary, Builder, Slot, Unary, Value};
+use bond_runtime::solve::quick::RANGE;
 use rustc_hash::FxHashMap;
 
 /// |d2H/dx2| of each state, the weights of an iteration.
@@ -320,7 +321,11 @@ pub(super) fn scales(
                 Size::Known(x) => x,
                 Size::Law { terms, slope, forward } => {
                     let t = lower(model, b, &mut among, terms)?;
-                    if forward { b.mul(t, slope) } else { b.div(t, slope) }
+                    let size = if forward { b.mul(t, slope) } else { b.div(t, slope) };
+                    // Where a law rises like a root its slope says nothing.
+                    let (most, none) = (b.number(RANGE), b.number(0.0));
+                    let told = b.binary(Binary::Lt, size, most);
+                    b.select(told, size, none)
                 }
             };
             *size = b.add(*start, more);

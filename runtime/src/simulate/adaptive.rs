@@ -12,8 +12,12 @@ use crate::kernel::Failure;
 use crate::scene::Cluster;
 use serde::{Deserialize, Serialize};
 
-/// So many steps in a row may be shorter than this part of the usual one; then a run does not get on, and stops.
+/// So many steps in a row may be shorter than this part of the usual one and be met only at another attempt; then a run
+/// does not get on, and stops. One that is met at once takes back a part of what such a step counts.
 const CRAWL: (u32, f64) = (20_000, 1e-5);
+const TAKEN_BACK: u32 = 4;
+/// Of steps as short as this part of the usual one a run has more than it will ever come through.
+const ENDLESS: f64 = 1e-7;
 /// What a step is shorter than the controller's best guess.
 const SAFE: f64 = 0.9;
 /// Steps grow and shrink by no more than this at once.
@@ -280,7 +284,7 @@ impl Run {
         self.base = plan.end;
         self.count = 0;
         self.track(c);
-        failed.map_or(Ok(()), |what| Err(self.unsound(names, plan.end, what)))
+        failed.map_or(Ok(()), |what| Err(self.unsound(c, names, plan.end, &what)))
     }
 
     /// Finds the next step: one that meets `end`, where one is given, if it comes so far. Gives where it ends.
@@ -324,7 +328,7 @@ impl Run {
         }
         let (mut last_failure, mut refused) = (None, None::<(f64, f64, usize)>);
         let usual = self.default_step;
-        let (mut failures, mut off) = (0, None::<f64>);
+        let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
         let (smallest, result) = loop {
             if let Some(fit) = &mut self.fit {
                 fit.spare = failures >= OWN;
@@ -382,8 +386,14 @@ impl Run {
                 continue;
             }
             let done = last.filter(|_| attempt.h >= h);
-            control.crawl = if attempt.h < CRAWL.1 * usual && done.is_none() { control.crawl + 1 } else { 0 };
-            if control.crawl > CRAWL.0 {
+            let hard = refused.is_some() || last_failure.is_some() || attempt.event;
+            control.crawl = match attempt.h < CRAWL.1 * usual && done.is_none() {
+                true if hard || attempt.h < ENDLESS * usual => control.crawl + TAKEN_BACK,
+                true => control.crawl.saturating_sub(1),
+                false => 0,
+            };
+            if control.crawl > TAKEN_BACK * CRAWL.0 {
+                endless = !hard;
                 break (h, None);
             }
             if attempt.event {
@@ -427,9 +437,12 @@ impl Run {
         }
         match (result, last_failure) {
             (Some(found), _) => Ok(found),
-            (None, Some(why)) if control.crawl <= CRAWL.0 => Err(self.failure(c, names, t, why)),
+            (None, Some(why)) if control.crawl <= TAKEN_BACK * CRAWL.0 => Err(self.failure(c, names, t, why)),
             (None, _) => {
                 let region = names.get(self.index).cloned().unwrap_or_default();
+                if endless {
+                    return Err(Error::Endless { time: t, region, step: smallest });
+                }
                 let state = refused.and_then(|r| c.names.get(r.2).cloned());
                 Err(Error::TooSmall { time: t, region, state, step: smallest })
             }

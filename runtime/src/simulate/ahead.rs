@@ -325,6 +325,7 @@ impl Book {
             (p.size, self.size_max),
             (p.tank, self.tank),
             (p.debt, self.debt_max),
+            (p.owed, self.owed),
             (p.crossed, self.crossed_max),
             (p.leaps, self.leaps as f64),
             (p.giver, self.giver.0 as f64),
@@ -349,6 +350,7 @@ impl Book {
         (self.h, self.h_max, self.h_top) = (block[p.h], block[p.h_max], block[p.h_top]);
         (self.residual, self.turnover_max, self.size_max) = (block[p.residual], block[p.turnover], block[p.size]);
         (self.tank, self.debt_max, self.crossed_max) = (block[p.tank], block[p.debt], block[p.crossed]);
+        self.owed = block[p.owed];
         self.leaps = block[p.leaps] as u64;
         self.giver = (block[p.giver] as usize, block[p.giver + 1]);
         self.supplied = sum(block, p.supplied);

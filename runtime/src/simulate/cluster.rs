@@ -28,6 +28,10 @@ const TRACE: f64 = 1e-4;
 /// J. What a region turned over in a step is counted as at least. Nothing is told of less: of a body that is held at
 /// rest, rounding is all that moves.
 pub(super) const FAINTEST: f64 = 1e-25;
+/// An exact step that is off by more than this part of the energy there says nothing.
+pub const GROSS: f64 = 1e-3;
+/// What is said of an energy that is no number, where it is that of the storages.
+const STORED: &str = "what is stored is not a finite number";
 /// Below this part of the largest value of a state, a change is as good as none.
 const TRACES: f64 = 1e-6;
 /// Tables for different step lengths kept at most.
@@ -143,6 +147,8 @@ pub(super) struct Book {
     pub(super) leaps: u64,
     pub(super) tank: f64,
     pub(super) debt_max: f64,
+    /// The largest debt beside the energies that were there then.
+    pub(super) owed: f64,
     /// The largest energy that crossed its ports in an interval.
     pub(super) crossed_max: f64,
     /// What resistors gave in the steps.
@@ -307,8 +313,20 @@ impl Run {
         Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why }
     }
 
-    pub(super) fn unsound(&self, names: &[String], time: f64, what: String) -> Error {
+    /// The failure of a step after which an energy is no number; of what is stored, with the state at fault.
+    pub(super) fn unsound(&self, c: &Cluster, names: &[String], time: f64, what: &str) -> Error {
+        let state = if what == STORED { self.beyond(c) } else { None };
+        let what = state.map_or(what.to_string(), |state| format!("{what} (`{state}`)"));
         Error::Energy { time, region: names.get(self.index).cloned().unwrap_or_default(), what }
+    }
+
+    /// A state that is no number, or at which the energy bends by none.
+    fn beyond<'c>(&self, c: &'c Cluster) -> Option<&'c String> {
+        let mut stored = Look::new(&c.stored, &Interpret);
+        let bends = stored.run(&self.state, &self.input).ok()?;
+        let sound =
+            |k: usize| self.state[k].is_finite() && c.curvatures.get(k).is_none_or(|out| bends[*out].is_finite());
+        (0..c.states).find(|k| !sound(*k)).and_then(|k| c.names.get(k))
     }
 
     /// The fixed step that was asked for.
@@ -524,7 +542,7 @@ impl Run {
         // The workspace's numbers mean nothing to the next step.
         std::mem::swap(&mut self.state, &mut self.step.work.next);
         self.steps += 1;
-        book(&mut self.books, c, &self.step.work.output).map_err(|what| self.unsound(names, t + h, what))?;
+        book(&mut self.books, c, &self.step.work.output).map_err(|what| self.unsound(c, names, t + h, &what))?;
         advance_ports(c, &self.step.work.output, h, moved);
         self.track(c);
         Ok(())
@@ -567,7 +585,8 @@ impl Run {
         }
     }
 
-    /// The state at `t`, without keeping it: by a step from the state, or from halfway through the planned one.
+    /// The state at `t`, without keeping it: by a step from the state, or from halfway through the planned one. Where the
+    /// run is beyond that, because another region failed there, it is the state as it is.
     pub(super) fn look_at(&mut self, c: &Cluster, names: &[String], t: f64) -> Result<&[f64], Error> {
         if self.fit.as_ref().is_some_and(|f| f.shown == Some(t)) {
             return Ok(&self.glanced);
@@ -578,7 +597,7 @@ impl Run {
         let mut now = self.time();
         let least = 1e-12 * t.abs().max(now.abs());
         self.glanced.copy_from_slice(&self.state);
-        if (t - now).abs() <= least || c.period.is_some() {
+        if t - now <= least || c.period.is_some() {
             return Ok(&self.glanced);
         }
         if let Some(fit) = &mut self.fit
@@ -733,14 +752,14 @@ pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
 /// Adds a step to the ledgers.
 ///
 /// # Errors
-/// The energy that is not a finite number.
+/// What of it is no number, or makes no sense.
 pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), String> {
     for (b, e) in books.iter_mut().zip(&c.entries) {
         let (mut supplied, mut dissipated, mut turnover, mut given) = (0.0, 0.0, 0.0, 0.0);
         for ((name, slot), sum) in e.supplied.iter().zip(&mut b.sources) {
             let w = out[*slot];
             if !w.is_finite() {
-                return Err(format!("what `{name}` supplies"));
+                return Err(format!("what `{name}` supplies is not a finite number"));
             }
             supplied += w;
             given += f64::max(w, 0.0);
@@ -752,7 +771,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         for (k, ((name, slot), sum)) in e.dissipated.iter().zip(&mut b.resistors).enumerate() {
             let w = out[*slot];
             if !w.is_finite() {
-                return Err(format!("what `{name}` dissipates"));
+                return Err(format!("what `{name}` dissipates is not a finite number"));
             }
             dissipated += w;
             turnover += f64::abs(w);
@@ -766,7 +785,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         for ((name, slot), sum) in e.produced.iter().zip(&mut b.produced) {
             let s = out[*slot];
             if !s.is_finite() {
-                return Err(format!("the entropy that `{name}` produces"));
+                return Err(format!("the entropy that `{name}` produces is not a finite number"));
             }
             sum.add(s);
             b.entropy = b.entropy.max(s.abs());
@@ -778,16 +797,16 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         }
         let h = out[e.energy];
         if !h.is_finite() {
-            return Err("what is stored".into());
+            return Err(STORED.into());
         }
         let size = out[e.size].abs();
         if !(turnover + size).is_finite() {
-            return Err("what is turned over".into());
+            return Err("what is turned over is not a finite number".into());
         }
         if let Some(slot) = e.modified {
             let off = h - out[slot];
             if !off.is_finite() {
-                return Err("what is stored".into());
+                return Err(STORED.into());
             }
             b.modified = (off, b.modified.1.max(off.abs()));
             // What is kept closes the balance: what H is more than that came from nothing. Nothing that comes later
@@ -800,6 +819,11 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         let before = e.before.map_or(b.h, |slot| out[slot]);
         let residual = (h - before) - ((supplied - dissipated) + leap);
         let scale = size.max(b.h.abs()).max(turnover);
+        if c.step.linear.is_some() && residual.abs() > GROSS * scale.max(b.floor()) {
+            return Err("the exact step makes or loses what is stored: its stiffnesses, masses and times are too far \
+                        apart for the digits of a number; mend them, or take another method"
+                .into());
+        }
         b.turnover_max = b.turnover_max.max(turnover);
         b.h = h;
         b.h_max = b.h_max.max(h.abs());

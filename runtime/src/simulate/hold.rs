@@ -18,6 +18,9 @@ pub const LOSS: f64 = 1e-12;
 /// What of an energy is its rounding. What is stored, H and a tank that may all but cancel, is no budget as far as it is
 /// that: of next to nothing, held against what was not foretold, its root would be given out.
 pub const NOISE: f64 = 1e-14;
+/// Beside this part of the scene's largest energy a debt counts, where the region's own are smaller: what crosses from
+/// there has the rounding of that.
+pub const BESIDE: f64 = 1e-2;
 
 /// What the outside tells of an open port's interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

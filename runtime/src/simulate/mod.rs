@@ -21,8 +21,9 @@ mod worst;
 
 pub use abreast::{Abreast, Lanes};
 pub use ahead::{Make, Maker, Stretch};
+pub use cluster::GROSS;
 pub use given::{Course, Unfit};
-pub use hold::{FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};
+pub use hold::{BESIDE, FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};
 pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 pub use save::{Refused, saved};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, Summary};
@@ -80,14 +81,26 @@ pub enum Error {
         /// The step that failed.
         step: f64,
     },
-    /// An energy is infinite or no number.
-    #[error("at t = {time} s, the ledger of `{region}` fails: {what} is not a finite number")]
+    /// Adaptive steps are good, and so short that a run would never end.
+    #[error(
+        "at t = {time} s, `{region}` still takes steps of {step:.0e} s, of which the run would have more than 1e10: end it earlier, or allow larger errors"
+    )]
+    Endless {
+        /// When.
+        time: f64,
+        /// Where.
+        region: String,
+        /// How long they are.
+        step: f64,
+    },
+    /// An energy is infinite or no number, or no energy.
+    #[error("at t = {time} s, the ledger of `{region}` fails: {what}")]
     Energy {
         /// When.
         time: f64,
         /// Where.
         region: String,
-        /// Which energy.
+        /// What is wrong with which energy.
         what: String,
     },
     /// The exact step could not be prepared.

@@ -84,6 +84,8 @@ pub struct BookPlaces {
     pub tank: usize,
     /// The largest debt.
     pub debt: usize,
+    /// The largest debt beside the energies that were there then.
+    pub owed: usize,
     /// The largest energy that crossed in an interval.
     pub crossed: usize,
     /// Leaps.

@@ -1,7 +1,8 @@
 //! An interval of a sampled region: what it holds from its start on, and what is booked at its end.
 
 use super::Error;
-use super::hold::{Held, NOISE, RECURRENCE, TERMS, within_budget};
+use super::cluster::Book;
+use super::hold::{BESIDE, Held, NOISE, RECURRENCE, TERMS, within_budget};
 use super::pace::Pace;
 use super::schedule::Simulation;
 use crate::scene::Respond;
@@ -114,8 +115,21 @@ impl Simulation<'_> {
             // What was promised is not let go.
             let most = b.h_max.max(self.reserve[i] - b.h);
             b.tank = (b.tank + dissipated - leak - leap).min(most);
-            b.debt_max = b.debt_max.max(-(b.h + b.tank));
-            self.caution[i].settle(-(b.h + b.tank), crossed);
+            let debt = -(b.h + b.tank);
+            b.debt_max = b.debt_max.max(debt);
+            self.caution[i].settle(debt, crossed);
+            if debt > 0.0 {
+                self.owe(i, debt);
+            }
+        }
+    }
+
+    /// Notes what a debt is beside the energies that there were until now: what comes later excuses none.
+    fn owe(&mut self, i: usize, debt: f64) {
+        let largest = self.runs.iter().flat_map(|run| &run.books).map(Book::largest).fold(0.0, f64::max);
+        if let Some(b) = self.runs[i].books.first_mut() {
+            let own = b.h_max.max(b.supplied.value().abs()).max(b.crossed_max);
+            b.owed = b.owed.max(debt / own.max(BESIDE * largest));
         }
     }
 

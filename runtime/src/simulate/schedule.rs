@@ -209,8 +209,18 @@ impl<'a> Simulation<'a> {
     /// Runs to an instant: all samples up to it, that instant's included, are taken.
     ///
     /// # Errors
-    /// A step that fails. What was computed until then stays.
+    /// A step that fails. What was computed until then stays, and now is the end of the last good step.
     pub fn advance(&mut self, until: f64) -> Result<(), Error> {
+        let result = self.run_on(until);
+        if result.is_err() {
+            let clusters = self.scene.clusters.iter().zip(&self.runs);
+            let times = clusters.filter(|(c, _)| c.period.is_none()).map(|(_, run)| run.time());
+            self.time = self.time.max(times.min_by(f64::total_cmp).unwrap_or(self.time));
+        }
+        result
+    }
+
+    fn run_on(&mut self, until: f64) -> Result<(), Error> {
         self.leap(until);
         while let Some(at) = self.next_sample().filter(|at| *at <= until * (1.0 + 1e-12)) {
             self.meet(at)?;

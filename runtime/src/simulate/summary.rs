@@ -10,6 +10,8 @@ pub const KEPT: f64 = 1e-12;
 const FLOOR: f64 = 1e-14;
 /// What H may be above all that was given, as a part of what was held before, where another energy keeps the balance.
 const GROWN: f64 = 0.1;
+/// What a region may owe, as a part of the energies there: that much is rounding.
+const OWED: f64 = 1e-11;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
 
@@ -162,7 +164,7 @@ impl Simulation<'_> {
                 names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
             };
             let floor = b.floor().max(FLOOR * largest);
-            gained.push((b.gained.above(floor), b.giver, b.crossed_max));
+            gained.push((b.gained.above(floor), b.giver, b.owed));
             regions.push(RegionSummary {
                 name: region.name.clone(),
                 kind: if region.period.is_some() { "sampled" } else { "continuous" },
@@ -223,7 +225,7 @@ impl Simulation<'_> {
             })
             .collect();
         let mut reasons: Vec<String> = self.scene.excluded.clone();
-        for (region, (gained, (giver, least), crossed)) in regions.iter().zip(gained) {
+        for (region, (gained, (giver, least), owed)) in regions.iter().zip(gained) {
             if !region.passive_stepper {
                 reasons.push(format!(
                     "`{}` was stepped by {}, which does not keep the balance",
@@ -241,8 +243,7 @@ impl Simulation<'_> {
                     region.name, m.grown, m.grown_relative
                 ));
             }
-            let scale = region.h_max.max(region.supplied.abs()).max(crossed);
-            if region.debt_max > (1e-11 * scale).max(10.0 * FLOOR * largest) {
+            if owed > OWED {
                 reasons.push(format!(
                     "`{}` gave out up to {:.3e} J more than it had been given",
                     region.name, region.debt_max

@@ -1,10 +1,10 @@
 //! A region's ledger in the block, and what a step does to it: as `bond_runtime::simulate` keeps it, without single
 //! elements.
 
-use super::Writing;
+use super::{Writing, more};
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
-use bond_runtime::simulate::{LOSS, NOISE, WARY};
+use bond_runtime::simulate::{BESIDE, GROSS, LOSS, NOISE, WARY};
 
 /// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
 /// from the first.
@@ -183,8 +183,9 @@ impl Writing<'_> {
             let trace = w.number(1e-4);
             w.mul(trace, largest)
         };
+        let gross = (!gained && self.scene.clusters[i].step.linear.is_some()).then_some(GROSS);
         if let Some(more) = place.more.get(k) {
-            return more.worst(w, if gained { more.gained } else { more.worst }, error, scale, floor);
+            return more.worst(w, if gained { more.gained } else { more.worst }, error, scale, floor, gross);
         }
         let slot = at + if gained { GAINED } else { WORST };
         let worst = w.kept(slot);
@@ -192,6 +193,7 @@ impl Writing<'_> {
         let maybe = w.lt(allowed, error);
         w.when(maybe, |w| {
             let floor = floor(w);
+            more::fail_above(w, error, scale, floor, gross);
             let scale = w.larger(scale, floor);
             let allowed = w.mul(worst, scale);
             let more = w.lt(allowed, error);
@@ -269,6 +271,7 @@ impl Writing<'_> {
                 w.keep(trust, one);
             },
             |w| {
+                self.owe(w, i, debt);
                 let (most, left, risk) = (w.kept(peak), w.kept(trust), w.kept(risk));
                 let out = w.unary(bond_runtime::ir::Unary::Neg, crossed);
                 let all = w.lt(debt, out);
@@ -291,6 +294,29 @@ impl Writing<'_> {
                 w.keep(peak, most);
             },
         );
+    }
+
+    /// Notes what a debt is beside the energies that there were until now.
+    fn owe(&self, w: &mut Writer, i: usize, debt: Value) {
+        let place = &self.clusters[i];
+        let (Some(&at), Some(more)) = (place.books.first(), place.more.first()) else { return };
+        let mut largest = w.number(0.0);
+        for at in self.clusters.iter().flat_map(|c| &c.books) {
+            for k in [H_MAX, TURNOVER, SIZE] {
+                let x = w.kept(at + k);
+                largest = w.larger(largest, x);
+            }
+        }
+        let beside = w.number(BESIDE);
+        let mut scale = w.mul(beside, largest);
+        let (sum, rest) = (w.kept(at + SUPPLIED), w.kept(at + SUPPLIED + 1));
+        let supplied = w.add(sum, rest);
+        let supplied = w.abs(supplied);
+        for x in [w.kept(at + H_MAX), w.kept(more.crossed), supplied] {
+            scale = w.larger(scale, x);
+        }
+        let part = w.div(debt, scale);
+        w.raise(more.owed, part);
     }
 
     /// What a cluster has to give: H and the tank; 0 where it has no ledger.

@@ -1,7 +1,7 @@
 //! What a run within this program keeps of a region besides its ledger: as `bond_runtime::simulate` does.
 
 use super::block::Block;
-use crate::backend::code::{Cond, Stmt, Value};
+use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 use bond_runtime::scene::{self, Entries};
 
@@ -12,6 +12,8 @@ pub(super) struct More {
     pub(super) top: usize,
     /// The largest energy that crossed its ports in an interval.
     pub(super) crossed: usize,
+    /// The largest debt beside the energies that were there then.
+    pub(super) owed: usize,
     /// Leaps so far.
     pub(super) leaps: usize,
     /// Which resistor gave most in a step, and how much.
@@ -30,6 +32,7 @@ impl More {
         Self {
             top: block.take(1),
             crossed: block.take(1),
+            owed: block.take(1),
             leaps: block.take(1),
             giver: block.take(2),
             worst: block.take(4),
@@ -60,6 +63,7 @@ impl More {
         error: Value,
         scale: Value,
         floor: impl FnOnce(&mut Writer) -> Value,
+        gross: Option<f64>,
     ) {
         let below = |w: &mut Writer, top: usize| {
             let (e, r) = (w.kept(top), w.kept(top + 1));
@@ -81,8 +85,20 @@ impl More {
                 });
             }
             let floor = floor(w);
+            fail_above(w, error, scale, floor, gross);
             let which = w.number(at as f64);
             w.push(Stmt::Note([which, error, scale, floor]));
         });
+    }
+}
+
+/// Fails where an error is above a part of its scale.
+pub(super) fn fail_above(w: &mut Writer, error: Value, scale: Value, floor: Value, part: Option<f64>) {
+    if let Some(part) = part {
+        let scale = w.larger(scale, floor);
+        let part = w.number(part);
+        let most = w.mul(part, scale);
+        let gross = w.lt(most, error);
+        w.when(gross, |w| w.push(Stmt::Fail(Reason::NotFinite)));
     }
 }

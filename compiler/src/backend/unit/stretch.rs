@@ -124,6 +124,7 @@ fn book(at: usize, m: &super::more::More) -> BookPlaces {
         tank,
         debt,
         crossed: m.crossed,
+        owed: m.owed,
         leaps: m.leaps,
         giver: m.giver,
         sources: m.sources,
