@@ -1,16 +1,16 @@
-//! Programs that are compiled once and run by many simulations of one scene, with or without an eye on the time.
+//! Programs that are compiled once and run by many simulations, with or without an eye on the time.
 
 use super::clock;
 use bond_runtime::ir::Program;
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
 use std::cell::RefCell;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 /// Runs of a program between two looks at the clock.
 const LOOK: u32 = 256;
 
-/// The compiled programs of a scene.
+/// The compiled programs of scenes that differ in their steppers: what these have in common is compiled once.
 pub struct Kernels<'a> {
     backend: &'a dyn Backend,
     list: RefCell<Vec<Arc<dyn Kernel>>>,
@@ -58,16 +58,22 @@ impl Kernel for Shared {
 
 /// Until when a run may go on.
 pub struct Guard {
-    /// Processor time of the thread that runs, s.
-    deadline: f64,
+    /// Processor time of the thread that runs, s, as bits.
+    deadline: AtomicU64,
     calls: AtomicU32,
     late: AtomicBool,
 }
 
 impl Guard {
-    /// A run that may compute for so long from now, s.
-    pub fn new(time: f64) -> Arc<Self> {
-        Arc::new(Self { deadline: clock::now() + time, calls: AtomicU32::new(0), late: AtomicBool::new(false) })
+    /// Without end yet.
+    pub fn new() -> Arc<Self> {
+        let deadline = AtomicU64::new(f64::INFINITY.to_bits());
+        Arc::new(Self { deadline, calls: AtomicU32::new(0), late: AtomicBool::new(false) })
+    }
+
+    /// From now on the run may compute for so long, s.
+    pub fn begin(&self, time: f64) {
+        self.deadline.store((clock::now() + time).to_bits(), Ordering::Relaxed);
     }
 
     /// Whether the time is over.
@@ -78,7 +84,7 @@ impl Guard {
     fn look(&self) -> bool {
         let calls = self.calls.load(Ordering::Relaxed).wrapping_add(1);
         self.calls.store(calls, Ordering::Relaxed);
-        if calls.is_multiple_of(LOOK) && clock::now() > self.deadline {
+        if calls.is_multiple_of(LOOK) && clock::now() > f64::from_bits(self.deadline.load(Ordering::Relaxed)) {
             self.late.store(true, Ordering::Relaxed);
         }
         self.late()
@@ -110,5 +116,47 @@ impl Kernel for Watched {
 
     fn workspace(&self) -> Workspace {
         self.0.workspace()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bond_runtime::interpreter::Interpret;
+    use bond_runtime::ir::{Array, Builder};
+    use std::cell::Cell;
+
+    /// Counts what it compiles.
+    #[derive(Default)]
+    struct Counting(Cell<u32>);
+
+    impl Backend for Counting {
+        fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
+            self.0.set(self.0.get() + 1);
+            Interpret.kernel(program)
+        }
+    }
+
+    fn program(x: f64) -> Program {
+        let mut b = Builder::new("test");
+        let (to, x) = (b.slot(Array::Output), b.number(x));
+        b.store(to, x);
+        b.finish()
+    }
+
+    #[test]
+    fn each_program_is_compiled_once() {
+        let counting = Counting::default();
+        let kernels = Kernels::new(&counting);
+        // Also one that has no number in it, which is not even like itself.
+        for x in [1.0, f64::NAN, 1.0, f64::NAN] {
+            kernels.kernel(&program(x));
+            Guarded(&kernels, Guard::new()).kernel(&program(x));
+        }
+        assert_eq!(counting.0.get(), 2);
+        // 1/0 and 1/-0 are not alike.
+        kernels.kernel(&program(0.0));
+        kernels.kernel(&program(-0.0));
+        assert_eq!(counting.0.get(), 4);
     }
 }

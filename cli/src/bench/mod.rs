@@ -18,6 +18,7 @@ mod trial;
 mod way;
 
 pub use json::json;
+pub use kernels::Kernels;
 pub use norm::{Difference, Quantities};
 pub use picture::picture;
 pub use point::{Point, timed};
@@ -98,7 +99,8 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
         shows: false,
         ledger: true,
     };
-    let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, setup.backend)).collect();
+    let kernels = Kernels::new(setup.backend);
+    let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, &kernels)).collect();
     let quantities = Quantities::new(&ways.base);
     let search = Search {
         runners: &runners,

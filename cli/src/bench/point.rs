@@ -1,6 +1,6 @@
 //! A point of the comparison: a method with a setting, what it costs and how far off it is.
 
-use super::clock;
+use super::clock::median;
 use super::norm::Difference;
 use super::reference::Reference;
 use super::setting::Setting;
@@ -9,8 +9,9 @@ use bond_runtime::simulate::KEPT;
 
 /// A reading of the clock is of this much computing at least, where a run is shorter, s.
 const READING: f64 = 0.02;
-/// Runs in one reading at most.
+/// Runs in one reading at most, and so many as are set up in this time, s.
 const TIMES: usize = 256;
+const SETTING_UP: f64 = 0.1;
 /// An error is measured where it is so much larger than that of the reference.
 pub const ABOVE: f64 = 10.0;
 
@@ -83,9 +84,9 @@ pub fn measure(
     repeat: usize,
     limit: f64,
 ) -> Result<Measured, Lost> {
-    let begun = clock::now();
+    let begun = runner.spent();
     let tracked = runner.track(setting, limit)?;
-    let (first, seconds) = timed(runner, setting, repeat, limit - (clock::now() - begun))?;
+    let (first, seconds) = timed(runner, setting, repeat, limit - (runner.spent() - begun))?;
     let ends = Difference::new(&first, &reference.run, &reference.scales);
     let mut difference = Difference::new(&tracked, &reference.run, &reference.scales);
     for (along, end) in difference.along.iter_mut().zip(&ends.end) {
@@ -111,12 +112,13 @@ pub fn measure(
 /// # Errors
 /// A run that fails.
 pub fn timed(runner: &Runner, setting: Setting, repeat: usize, limit: f64) -> Result<(Run, f64), Lost> {
-    let begun = clock::now();
+    let begun = runner.spent();
     let first = runner.plain(setting, 1)?;
-    let times = ((READING / first.seconds.max(1e-9)).ceil() as usize).clamp(1, TIMES);
+    let most = ((SETTING_UP / first.made.max(1e-9)) as usize).clamp(1, TIMES);
+    let times = ((READING / first.seconds.max(1e-9)).ceil() as usize).clamp(1, most);
     let mut readings = if times == 1 { vec![first.seconds] } else { Vec::new() };
-    while readings.len() < repeat.max(1) && (readings.is_empty() || clock::now() - begun < limit) {
+    while readings.len() < repeat.max(1) && (readings.is_empty() || runner.spent() - begun < limit) {
         readings.push(runner.plain(setting, times)?.seconds);
     }
-    Ok((first, clock::median(readings)))
+    Ok((first, median(readings)))
 }

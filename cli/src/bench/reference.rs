@@ -241,9 +241,9 @@ impl Search<'_> {
         if *left <= 0.0 {
             return Err(Lost::Late);
         }
-        let begun = super::clock::now();
+        let begun = runner.spent();
         let result = runner.track(setting, *left);
-        *left -= super::clock::now() - begun;
+        *left -= runner.spent() - begun;
         result
     }
 

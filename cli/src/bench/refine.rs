@@ -49,13 +49,13 @@ pub fn refine(
                 let fine = &points[guess.before];
                 let Some(i) = of(fine) else { break };
                 let (runner, setting) = (&runners[i], guess.setting);
-                let begun = super::clock::now();
+                let begun = runner.spent();
                 let result = if takes(guess.seconds, sweep.repeat) > left[i] {
                     Err(Lost::Late)
                 } else {
                     measure(runner, setting, sweep.reference, sweep.repeat, left[i])
                 };
-                left[i] -= super::clock::now() - begun;
+                left[i] -= runner.spent() - begun;
                 let result = match result {
                     Ok(m) => Ok(m),
                     Err(Lost::Failed(why)) => Err(why),

@@ -100,9 +100,9 @@ impl Sweep<'_> {
                 skip(notes);
                 break;
             }
-            let begun = super::clock::now();
+            let begun = runner.spent();
             let result = measure(runner, setting, self.reference, self.repeat, *left);
-            took = (super::clock::now() - begun, took.0);
+            took = (runner.spent() - begun, took.0);
             *left -= took.0;
             let result = match result {
                 Ok(m) => Ok(m),

@@ -9,6 +9,7 @@ use bond_compiler::model::Settings;
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{KEPT, Options};
+use std::cell::Cell;
 
 /// What all runs of a comparison have in common.
 pub struct Task<'a> {
@@ -69,6 +70,8 @@ pub struct Run {
     pub iterations: u64,
     /// Processor time of stepping, s.
     pub seconds: f64,
+    /// Processor time of setting it up, s.
+    pub made: f64,
 }
 
 impl Run {
@@ -92,13 +95,28 @@ pub struct Runner<'a> {
     /// What runs.
     pub way: &'a Way,
     task: &'a Task<'a>,
-    kernels: Kernels<'a>,
+    kernels: &'a Kernels<'a>,
+    spent: Cell<f64>,
 }
 
 impl<'a> Runner<'a> {
-    /// Nothing is compiled yet.
-    pub fn new(way: &'a Way, task: &'a Task<'a>, backend: &'a dyn Backend) -> Self {
-        Self { way, task, kernels: Kernels::new(backend) }
+    /// What is not among the kernels is compiled for the first run.
+    pub fn new(way: &'a Way, task: &'a Task<'a>, kernels: &'a Kernels<'a>) -> Self {
+        Self { way, task, kernels, spent: Cell::new(0.0) }
+    }
+
+    /// Processor time of its runs until now, s; without that of making code and of setting them up, which is the same
+    /// for all settings.
+    pub fn spent(&self) -> f64 {
+        self.spent.get()
+    }
+
+    /// Does what runs, and counts its time.
+    fn counted<T>(&self, run: impl FnOnce() -> T) -> T {
+        let begun = clock::now();
+        let result = run();
+        self.spent.set(self.spent.get() + clock::now() - begun);
+        result
     }
 
     fn start(&self, backend: &dyn Backend, setting: Setting) -> Result<Simulation<'a>, RunError> {
@@ -112,13 +130,14 @@ impl<'a> Runner<'a> {
     /// # Errors
     /// A run that fails or takes too long.
     pub fn track(&self, setting: Setting, limit: f64) -> Result<Run, Lost> {
-        let guard = Guard::new(limit);
-        let result = self.tracked(setting, guard.clone());
+        let guard = Guard::new();
+        let result = self.start(&Guarded(self.kernels, guard.clone()), setting);
+        guard.begin(limit);
+        let result = result.and_then(|sim| self.counted(|| self.tracked(sim)));
         if guard.late() { Err(Lost::Late) } else { result.map_err(|e| Lost::Failed(e.to_string())).and_then(sound) }
     }
 
-    fn tracked(&self, setting: Setting, guard: std::sync::Arc<Guard>) -> Result<Run, RunError> {
-        let mut sim = self.start(&Guarded(&self.kernels, guard), setting)?;
+    fn tracked(&self, mut sim: Simulation<'_>) -> Result<Run, RunError> {
         let shown = self.way.scene.probes.names.len();
         let (mut rows, mut largest, mut drift) = (Vec::new(), Vec::new(), 0.0);
         let begun = clock::now();
@@ -148,7 +167,7 @@ impl<'a> Runner<'a> {
         let (steps, iterations) = counts(&summary, &self.way.scene);
         let drift = f64::max(drift, drifted(&summary));
         let ((energy, power), balance) = (turned(&summary), balance(&summary));
-        Ok(Run { end, rows, largest, drift, balance, energy, power, steps, iterations, seconds })
+        Ok(Run { end, rows, largest, drift, balance, energy, power, steps, iterations, seconds, made: 0.0 })
     }
 
     /// Runs once without a row on the way, as often as asked in one reading, and takes the time of one.
@@ -160,12 +179,12 @@ impl<'a> Runner<'a> {
     }
 
     fn plainly(&self, setting: Setting, times: usize) -> Result<Run, RunError> {
-        let sims = (0..times.max(1)).map(|_| self.start(&self.kernels, setting));
-        let mut sims = sims.collect::<Result<Vec<_>, _>>()?;
         let begun = clock::now();
-        for sim in &mut sims {
-            finish(sim, self.task.stop)?;
-        }
+        let sims = (0..times.max(1)).map(|_| self.start(self.kernels, setting));
+        let mut sims = sims.collect::<Result<Vec<_>, _>>()?;
+        let made = (clock::now() - begun) / sims.len() as f64;
+        let begun = clock::now();
+        self.counted(|| sims.iter_mut().try_for_each(|sim| finish(sim, self.task.stop)))?;
         let seconds = (clock::now() - begun) / sims.len() as f64;
         let shown = self.way.scene.probes.names.len();
         let sim = &mut sims[0];
@@ -175,7 +194,7 @@ impl<'a> Runner<'a> {
         let (steps, iterations) = counts(&summary, &self.way.scene);
         let largest = end.iter().map(|x| x.abs()).collect();
         let (drift, balance, (energy, power)) = (drifted(&summary), balance(&summary), turned(&summary));
-        Ok(Run { end, rows: Vec::new(), largest, drift, balance, energy, power, steps, iterations, seconds })
+        Ok(Run { end, rows: Vec::new(), largest, drift, balance, energy, power, steps, iterations, seconds, made })
     }
 }
 

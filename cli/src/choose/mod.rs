@@ -5,7 +5,7 @@ mod budget;
 mod error;
 mod exact;
 
-use crate::bench::{Look, Quantities, Reference, Runner, Search, Setting, Task, Way, Ways};
+use crate::bench::{Kernels, Look, Quantities, Reference, Runner, Search, Setting, Task, Way, Ways};
 use crate::progress::Progress;
 use crate::rows::Rows;
 use crate::stop::Stop;
@@ -118,15 +118,16 @@ pub fn choose(ask: &Ask, mut ways: Ways) -> Result<Chosen, Stop> {
         ledger: false,
     };
     let quantities = Quantities::new(&ways.base);
+    let kernels = Kernels::new(ask.backend);
     if let Some(way) = &without_error {
-        let runner = Runner::new(way, &task, ask.backend);
+        let runner = Runner::new(way, &task, &kernels);
         if let Some((tried, why)) = exact::choose(ask, &runner, &quantities) {
             let against = "itself with steps of half the length".to_string();
             return Ok(chosen(ask, way, &tried, why, against, begun));
         }
     }
     ways.add(ask.text, &ask.options, &|_: Method| true);
-    let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, ask.backend)).collect();
+    let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, &kernels)).collect();
     let own = |r: &&Runner| match ask.method {
         Some(name) => r.way.name == name,
         None => r.way.passive && r.way.order > 0,
@@ -161,15 +162,37 @@ pub fn choose(ask: &Ask, mut ways: Ways) -> Result<Chosen, Stop> {
 }
 
 fn chosen(ask: &Ask, way: &Way, tried: &Tried, why: String, against: String, begun: Instant) -> Chosen {
+    let setting = match tried.setting {
+        Setting::Step(h) => Setting::Step(taken(&way.scene, h)),
+        tolerance @ Setting::Tolerance(_) => tolerance,
+    };
     Chosen {
         method: tried.method,
-        setting: tried.setting,
+        setting,
         error: tried.error,
         why,
         against,
         took: begun.elapsed().as_secs_f64(),
         scene: way.scene.clone(),
         longest: ask.longest,
+    }
+}
+
+/// The fixed step that is taken where this one is asked for, s: whole steps lie between two samples, where these concern
+/// every continuous cluster.
+fn taken(scene: &Scene, h: f64) -> f64 {
+    let concerned = |i: usize| {
+        let reads = |c: usize, other: usize| scene.clusters[c].foreign.iter().any(|f| f.0 == other);
+        scene.bars.iter().any(|b| b.holder.0 == i || b.other.0 == i)
+            || !scene.clusters[i].foreign.is_empty()
+            || (0..scene.clusters.len()).any(|c| reads(c, i))
+    };
+    let mut clusters = scene.clusters.iter().enumerate();
+    let free = clusters.any(|(i, c)| c.period.is_none() && !concerned(i));
+    let mut periods = scene.clusters.iter().filter_map(|c| c.period);
+    match periods.next() {
+        Some(first) if !free && periods.all(|period| period == first) => first / (first / h - 1e-9).ceil().max(1.0),
+        Some(_) | None => h,
     }
 }
 

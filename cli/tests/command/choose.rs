@@ -154,6 +154,15 @@ fn a_budget_is_kept_or_refused() {
     here.bond(&["run", "a.bond", "--budget", "1s"]).is(0, &["exact with steps of", "fit"], &[]);
 }
 
+/// Samples cut the steps between them: what is said is what was taken.
+#[test]
+fn steps_between_samples_are_told_as_they_are() {
+    let here = Folder::new();
+    here.bond(&["new", "scene"]).is(0, &[], &[]);
+    let args = ["run", "scene/scene.bond", "--budget", "1s", "--stop", "3s"];
+    here.bond(&args).is(0, &["exact with steps of 1 ms", "3000 steps"], &[]);
+}
+
 #[test]
 fn what_does_not_go_together_is_told() {
     let here = Folder::new().with("p.bond", PENDULUM);

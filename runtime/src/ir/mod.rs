@@ -75,7 +75,7 @@ impl Slot {
 }
 
 /// How a value is computed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub enum Op {
     /// A number.
     Const(f64),
@@ -87,6 +87,21 @@ pub enum Op {
     Binary(Binary, Value, Value),
     /// The second where the first is not 0, else the third. Both are computed.
     Select(Value, Value, Value),
+}
+
+/// Numbers count by their bits, so that what is known of a program is found again though it has a NaN in it, and code
+/// for 0 is not taken for -0.
+impl PartialEq for Op {
+    fn eq(&self, other: &Self) -> bool {
+        match (*self, *other) {
+            (Op::Const(x), Op::Const(y)) => x.to_bits() == y.to_bits(),
+            (Op::Load(a), Op::Load(b)) => a == b,
+            (Op::Unary(f, a), Op::Unary(g, b)) => (f, a) == (g, b),
+            (Op::Binary(f, a, b), Op::Binary(g, c, d)) => (f, a, b) == (g, c, d),
+            (Op::Select(a, b, c), Op::Select(d, e, f)) => (a, b, c) == (d, e, f),
+            (Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..), _) => false,
+        }
+    }
 }
 
 impl Op {

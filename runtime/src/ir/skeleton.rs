@@ -99,5 +99,8 @@ mod tests {
         assert_ne!(a.skeleton(), program(3.5, 0.7, 1.0).skeleton());
         assert_ne!(a.skeleton(), program(3.5, 0.3, -1.0).skeleton());
         assert_eq!(a.skeleton().skeleton(), a.skeleton());
+        // Bits count: NaN is like itself, and 0 is not -0.
+        assert_eq!(program(f64::NAN, 0.3, 1.0).skeleton(), program(f64::NAN, 0.3, 1.0).skeleton());
+        assert_ne!(program(0.0, 0.3, 1.0).skeleton(), program(-0.0, 0.3, 1.0).skeleton());
     }
 }
