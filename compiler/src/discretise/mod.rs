@@ -117,14 +117,24 @@ impl Method {
 /// The method that the user or the model names.
 ///
 /// # Errors
-/// A name that there is not.
+/// A name that there is not, or a method for what the model has not.
 pub fn method(model: &Model, options: &Options) -> Result<Option<Method>, Vec<Diagnostic>> {
     let (name, span) = match (&options.method, &model.settings.method) {
         (Some(name), _) => (name, model.span),
         (None, Some((name, span))) => (name, *span),
         (None, None) => return Ok(None),
     };
-    Method::named(name).map(Some).ok_or_else(|| cluster::unknown_method(name, span))
+    match Method::named(name) {
+        Some(Method::Ray) if model.samplings.is_empty() => {
+            let what = "the method `ray` steps sampled regions, and there is none";
+            Err(vec![
+                Diagnostic::error("discretise::method", span, what)
+                    .help("take `gonzalez`, which steps every region, or leave the method out"),
+            ])
+        }
+        Some(method) => Ok(Some(method)),
+        None => Err(cluster::unknown_method(name, span)),
+    }
 }
 
 /// Writes the programs of a scene. `method` is for all regions that can take it; without one, the accuracy chooses.
