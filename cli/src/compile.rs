@@ -158,6 +158,11 @@ impl Text {
         Self { name: name.to_string(), sources, loaded }
     }
 
+    /// The name under which it is shown.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// The names of its functions, where it has no model: nothing to compile, but other files may use it.
     pub fn functions_alone(&self) -> Vec<&str> {
         self.loaded.functions_alone()

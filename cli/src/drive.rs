@@ -1,5 +1,6 @@
 //! Runs a simulation through the instants of its rows.
 
+use crate::blame::By;
 use crate::rows::Rows;
 use crate::stop::Stop;
 use crate::summary::short;
@@ -10,27 +11,29 @@ use bond_runtime::simulate::Options;
 /// More steps than this are refused.
 const STEPS: f64 = 1e10;
 
-/// Refuses runs that would take for ever.
+/// Refuses runs that would take for ever, of which somebody said the step or the end.
 ///
 /// # Errors
 /// A step or a period that is tiny against the run.
-pub fn possible(scene: &Scene, options: &Options, stop: f64) -> Result<(), Stop> {
-    let refuse = |steps: f64, what: String| {
+pub fn possible(scene: &Scene, options: &Options, stop: f64, by: By) -> Result<(), Stop> {
+    let refuse = |steps: f64, what: String, longer: &str| {
         // Written so that NaN is refused too.
         if steps <= STEPS {
             return Ok(());
         }
-        Err(Stop::Usage(format!(
-            "{what} would make {steps:.1e} steps in {} s, at most {STEPS:.0e} are done",
-            short(stop)
+        Err(by.refuse(format!(
+            "{what} would make {steps:.1e} steps in {} s, at most {STEPS:.0e} are done; take a longer {longer} or a shorter {}{}",
+            short(stop),
+            by.setting("stop"),
+            by.place()
         )))
     };
     if let Some(h) = options.step {
-        refuse(stop / h, format!("steps of {} s", short(h)))?;
+        refuse(stop / h, format!("steps of {} s", short(h)), &by.setting("step"))?;
     }
     for c in &scene.clusters {
         if let Some(period) = c.period {
-            refuse(stop / period, format!("the period {} s of `{}`", short(period), c.name))?;
+            refuse(stop / period, format!("the period {} s of `{}`", short(period), c.name), "period")?;
         }
     }
     Ok(())

@@ -4,6 +4,7 @@
 //! The file is the program, then the scene in its envelope, then the envelope's length (8 bytes, little-endian) and
 //! [`MARK`].
 
+use crate::blame::By;
 use crate::commands::{run, serve};
 use crate::stop::Stop;
 use bond_compiler::model::Settings;
@@ -163,7 +164,7 @@ enum Command {
 }
 
 #[derive(clap::Args)]
-#[command(after_help = serve::HELP)]
+#[command(after_help = serve::help(&format!("{} serve", called())))]
 struct Serve {
     #[command(flatten)]
     how: serve::How,
@@ -220,13 +221,18 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
     match line.command {
         Command::Run(args) => {
             args.fixed.check()?;
-            run::simulate(&e.scene, &e.settings(), &args.how)
+            run::simulate(&e.scene, &e.settings(), &args.how, By::Model(&e.scene.name))
         }
         Command::Serve(args) => {
             args.fixed.check()?;
             serve::meet(&e.scene, &e.settings(), &args.how)
         }
     }
+}
+
+/// How this program was called, for examples.
+fn called() -> String {
+    std::env::args_os().next().map_or("./environment".into(), |name| name.to_string_lossy().into_owned())
 }
 
 /// What the environment is, for `--help`.
@@ -262,7 +268,7 @@ fn tell(out: &mut String, e: &Environment) -> std::fmt::Result {
     section(out, "Where the command line says nothing", fixed)?;
     write!(
         out,
-        "Exit status: 0 done; 1 this file is damaged; 2 the command line is wrong; 3 the numerics failed; 130 a run was asked to end."
+        "Exit status: 0 done; 1 this file is damaged, or cannot be run as it was built; 2 the command line is wrong; 3 the numerics failed; 130 a run was asked to end."
     )
 }
 

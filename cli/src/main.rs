@@ -1,6 +1,7 @@
 //! The `bond` command.
 
 mod bench;
+mod blame;
 mod checkpoint;
 mod choose;
 mod commands;
@@ -17,6 +18,7 @@ mod input;
 mod output;
 #[cfg(feature = "parquet")]
 mod parquet;
+mod pending;
 mod progress;
 mod report;
 mod rows;

@@ -1,5 +1,6 @@
 //! The instants of the rows of output.
 
+use crate::blame::By;
 use crate::stop::Stop;
 
 /// More rows than this are refused.
@@ -47,11 +48,12 @@ impl Rows {
         Self { grid: Grid::None, stop, count: 0, at: Vec::new(), k: 0, i: 0 }
     }
 
-    /// The instants of a run to `stop`: those of the grid, and those given.
+    /// The instants of a run to `stop`: those of the grid, of which somebody said the distance or the end, and those
+    /// given.
     ///
     /// # Errors
     /// An instant beyond the end, or too many of them.
-    pub fn new(stop: f64, grid: Grid, at: &[f64]) -> Result<Self, Stop> {
+    pub fn new(stop: f64, grid: Grid, at: &[f64], by: By) -> Result<Self, Stop> {
         let mut at = at.to_vec();
         at.sort_by(f64::total_cmp);
         at.dedup();
@@ -66,8 +68,10 @@ impl Rows {
             Grid::Parts(n) => f64::from(n),
         };
         if points.is_nan() || points > ROWS {
-            return Err(Stop::Usage(format!(
-                "that would be {points:.1e} rows, at most {ROWS:.0e} are written; take a longer --every"
+            return Err(by.refuse(format!(
+                "that would be {points:.1e} rows, at most {ROWS:.0e} are written; take a longer {}{}",
+                by.setting("every"),
+                by.place()
             )));
         }
         Ok(Self { grid, stop, count: points as u64, at, k: 0, i: 0 })
@@ -115,22 +119,22 @@ mod tests {
 
     #[test]
     fn every_and_at_join() -> Result<(), Stop> {
-        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(0.3), &[0.5, 0.3, 0.5, 1.0])?.collect();
+        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(0.3), &[0.5, 0.3, 0.5, 1.0], By::Line)?.collect();
         assert_eq!(rows, [0.0, 0.3, 0.5, 0.6, 3.0 * 0.3, 1.0]);
-        let rows: Vec<f64> = Rows::new(0.3, Grid::Every(0.1), &[])?.collect();
+        let rows: Vec<f64> = Rows::new(0.3, Grid::Every(0.1), &[], By::Line)?.collect();
         assert_eq!(rows, [0.0, 0.1, 0.2, 0.3]);
-        let rows: Vec<f64> = Rows::new(0.3, Grid::None, &[0.2, 0.1])?.collect();
+        let rows: Vec<f64> = Rows::new(0.3, Grid::None, &[0.2, 0.1], By::Line)?.collect();
         assert_eq!(rows, [0.1, 0.2]);
-        assert_eq!(Rows::new(3.0, Grid::Parts(1000), &[])?.count(), 1001);
-        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(5.0), &[])?.collect();
+        assert_eq!(Rows::new(3.0, Grid::Parts(1000), &[], By::Line)?.count(), 1001);
+        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(5.0), &[], By::Line)?.collect();
         assert_eq!(rows, [0.0, 1.0]);
         Ok(())
     }
 
     #[test]
     fn too_many_are_refused() {
-        assert!(Rows::new(1.0, Grid::Every(1e-300), &[]).is_err());
-        assert!(Rows::new(f64::MAX, Grid::Every(5e-324), &[]).is_err());
-        assert!(Rows::new(1.0, Grid::Every(1.0), &[2.0]).is_err());
+        assert!(Rows::new(1.0, Grid::Every(1e-300), &[], By::Line).is_err());
+        assert!(Rows::new(f64::MAX, Grid::Every(5e-324), &[], By::Line).is_err());
+        assert!(Rows::new(1.0, Grid::Every(1.0), &[2.0], By::Line).is_err());
     }
 }

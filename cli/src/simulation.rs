@@ -148,6 +148,26 @@ pub enum RunError {
     },
 }
 
+impl RunError {
+    /// When the numerics failed, where that can be told, s.
+    pub fn time(&self) -> Option<f64> {
+        match self {
+            RunError::Numerics(e) => match e {
+                simulate::Error::Step { time, .. }
+                | simulate::Error::TooSmall { time, .. }
+                | simulate::Error::Energy { time, .. } => Some(*time),
+                simulate::Error::Table { .. } => None,
+            },
+            RunError::Value { .. }
+            | RunError::Tolerance(_)
+            | RunError::Instant(_)
+            | RunError::Resume(_)
+            | RunError::Save(_)
+            | RunError::Unknown { .. } => None,
+        }
+    }
+}
+
 /// A compiled model that runs.
 pub struct Simulation<'a> {
     inner: simulate::Simulation<'a>,
@@ -224,6 +244,11 @@ impl<'a> Simulation<'a> {
     /// Now, s.
     pub fn time(&self) -> f64 {
         self.inner.time()
+    }
+
+    /// Up to where steps are taken, s: what is looked at beyond lies within a fixed step, which may fail yet.
+    pub fn settled(&self) -> f64 {
+        self.inner.settled()
     }
 
     /// Runs to an instant: all samples up to it, that instant's included, are taken. An instant that is past changes

@@ -25,8 +25,12 @@ impl Early {
         }
     }
 
-    fn failed(&self) -> bool {
-        matches!(self, Early::Failed(_))
+    /// The failure, where it is one.
+    pub fn failure(&self) -> Option<&RunError> {
+        match self {
+            Early::Failed(e) => Some(e),
+            Early::Asked(_) => None,
+        }
     }
 }
 
@@ -59,6 +63,14 @@ pub struct Outcome<'a> {
     pub early: Option<&'a Early>,
 }
 
+impl Outcome<'_> {
+    /// Up to where the run got, s: not beyond a failure, though rows within the step that failed lie behind it.
+    fn reached(&self) -> f64 {
+        let failed = self.early.and_then(Early::failure).and_then(RunError::time);
+        failed.map_or(self.summary.time, |t| t.min(self.summary.time))
+    }
+}
+
 /// For people.
 pub fn text(o: &Outcome) -> String {
     let mut out = String::new();
@@ -70,7 +82,7 @@ pub fn text(o: &Outcome) -> String {
 fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
     let s = o.summary;
     writeln!(out, "{:11} {}", "scene", o.scene.name)?;
-    let reached = if o.early.is_some() { s.time } else { o.stop };
+    let reached = if o.early.is_some() { o.reached() } else { o.stop };
     let pace = if o.wall > 0.0 { (reached - o.from) / o.wall } else { f64::INFINITY };
     let early = o.early.map(|e| format!(" of {} s, {}", short(o.stop), e.words())).unwrap_or_default();
     writeln!(
@@ -110,7 +122,7 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         writeln!(out, "  {:11} {} J into the holder", "crossed", short(b.holder))?;
         writeln!(out, "  {:11} {} J between the two sides' counts", "difference", short(b.difference))?;
     }
-    let failed = o.early.is_some_and(Early::failed);
+    let failed = o.early.and_then(Early::failure).is_some();
     if !o.values.is_empty() && !(failed && o.values.iter().any(|x| x.is_nan())) {
         let instant = if failed { format!("{} s", short(reached)) } else { "the end".into() };
         writeln!(out, "\nat {instant}")?;
@@ -237,7 +249,7 @@ impl Serialize for Json<'_> {
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("model", &o.scene.name)?;
         map.serialize_entry("stop", &o.stop)?;
-        map.serialize_entry("reached", &s.time)?;
+        map.serialize_entry("reached", &o.reached())?;
         map.serialize_entry("wall_seconds", &o.wall)?;
         map.serialize_entry("passive", &s.passive)?;
         map.serialize_entry("reasons", &s.reasons)?;

@@ -1,6 +1,7 @@
 //! `bond bench`: speed against error.
 
 use crate::bench::{self, Setup, Ways};
+use crate::blame::By;
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::stop::Stop;
@@ -117,7 +118,7 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
     let setup = Setup {
         stop,
         longest: args.longest,
-        steps: args.steps.clone(),
+        steps: within(&args.steps, stop),
         tolerances: args.tolerances.clone(),
         given,
         repeat: args.repeat as usize,
@@ -125,7 +126,8 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
         backend: code.backend(),
     };
     let least = setup.steps.iter().copied().fold(stop, f64::min);
-    crate::drive::possible(scene, &Steps::fixed(least).resolve(&Settings::default(), stop, None)?, stop)?;
+    let by = By::Model(text.name()).unless(args.stop.is_some() || !args.steps.is_empty() || !args.set.set.is_empty());
+    crate::drive::possible(scene, &Steps::fixed(least).resolve(&Settings::default(), stop, None)?, stop, by)?;
     let problem = match args.file.file_stem() {
         Some(stem) if args.file != Path::new("-") => stem.to_string_lossy().into_owned(),
         Some(_) | None => scene.name.clone(),
@@ -145,6 +147,22 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
     };
     output::put(args.output.as_deref(), &text)?;
     drawn
+}
+
+/// The steps that a run takes where these are told: one that is longer than the run ends with it.
+fn within(steps: &[f64], stop: f64) -> Vec<f64> {
+    let mut list: Vec<f64> = Vec::new();
+    for h in steps {
+        if *h > stop {
+            let (told, run) = (bench::time(*h), bench::time(stop));
+            report::say(&format!("note: a step of {told} is longer than the run, and taken as one of {run}"));
+        }
+        let h = h.min(stop);
+        if !list.contains(&h) {
+            list.push(h);
+        }
+    }
+    list
 }
 
 /// Refuses places of results that cannot be.

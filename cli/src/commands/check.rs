@@ -1,10 +1,13 @@
 //! `bond check`: all that is wrong.
 
+use crate::blame::By;
+use crate::drive;
 use crate::input::{self, Which};
 use crate::output;
 use crate::report;
+use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use bond::{Compiled, Errors, Text};
+use bond::{Compiled, Errors, Steps, Text};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
 use serde::Serialize;
@@ -41,13 +44,16 @@ pub fn check(args: &Args) -> Result<(), Stop> {
         let text = match input::read(path) {
             Ok(text) => text,
             Err(stop) => {
-                status = status.max(unread(args.message_format, path, stop)?);
+                status = status.max(alone(args.message_format, path, "file::read", stop)?);
                 continue;
             }
         };
         let text = Text::new(&name, text);
         match input::options(&args.which, &input::Set::default()).compile_text(&text) {
-            Ok(compiled) => report::say(&fine(&name, &compiled)),
+            Ok(compiled) => match feasible(&name, &compiled) {
+                Ok(()) => report::say(&fine(&name, &compiled)),
+                Err(stop) => status = status.max(alone(args.message_format, path, "simulate::steps", stop)?),
+            },
             // A file that others use need not have a model.
             Err(errors) if is_empty(&errors) && !text.functions_alone().is_empty() => {
                 report::say(&format!("ok: {name} (no model; functions: {})", text.functions_alone().join(", ")));
@@ -80,8 +86,16 @@ fn fine(name: &str, compiled: &Compiled) -> String {
     format!("ok: {name} ({}: {}, {})", scene.name, count(scene.regions.len(), "region"), count(states, "state"))
 }
 
-/// Says that a file could not be read, and gives the status of that.
-fn unread(format: Format, path: &Path, stop: Stop) -> Result<u8, Stop> {
+/// Whether it can be run as it says itself.
+fn feasible(name: &str, compiled: &Compiled) -> Result<(), Stop> {
+    let (settings, by) = (&compiled.stages().model.settings, By::Model(name));
+    let stop = settings.stop.unwrap_or(1.0);
+    Rows::new(stop, Grid::asked(None, settings.every, &[]), &[], by)?;
+    drive::possible(compiled.scene(), &Steps::new().resolve(settings, stop, settings.every)?, stop, by)
+}
+
+/// Says what is wrong with a file at no place in its text, and gives the status of that.
+fn alone(format: Format, path: &Path, code: &'static str, stop: Stop) -> Result<u8, Stop> {
     let (message, status) = match stop {
         Stop::Usage(message) => (message, 2),
         Stop::Model(message) => (message, 1),
@@ -90,7 +104,7 @@ fn unread(format: Format, path: &Path, stop: Stop) -> Result<u8, Stop> {
     match format {
         Format::Text => report::error(&message),
         Format::Json => line(&Message {
-            code: "file::read",
+            code,
             severity: "error",
             message,
             place: Place { file: input::name(path), line: 1, column: 1, end_line: 1, end_column: 1 },

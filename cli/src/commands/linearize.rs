@@ -1,5 +1,6 @@
 //! `bond linearize`: the linear model around a state.
 
+use crate::blame::By;
 use crate::drive::{self, Halt, drive};
 use crate::input::{self, Set, Which};
 use crate::output;
@@ -49,14 +50,14 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
     if time > 0.0 {
         let settings = &compiled.stages().model.settings;
         let options = Steps::new().resolve(settings, time, None)?;
-        drive::possible(compiled.scene(), &options, time)?;
+        drive::possible(compiled.scene(), &options, time, By::Line)?;
         let mut sim = Simulation::new(compiled.scene(), &options)?;
         let progress = Progress::new();
         let row = &mut |_: &mut Simulation<'_>, t: f64| {
             progress.at(t / time);
             Ok(())
         };
-        drive(&mut sim, Rows::new(time, Grid::Parts(1000), &[])?, time, row).map_err(|halt| match halt {
+        drive(&mut sim, Rows::new(time, Grid::Parts(1000), &[], By::Line)?, time, row).map_err(|halt| match halt {
             Halt::Numerics(e) => Stop::from(e),
             Halt::Stop(stop) => stop,
         })?;

@@ -1,17 +1,19 @@
 //! `bond run`: simulate.
 
 use crate::bench::Ways;
+use crate::blame::By;
 use crate::checkpoint::Checkpoints;
 use crate::choose::{Ask, Chosen, Target};
 use crate::drive::{self, Halt, Watch};
 use crate::input::{self, Set, Which};
+use crate::pending::Pending;
 use crate::progress::Progress;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Early, Outcome};
-use crate::table::{self, Cell, Column, Kind, Table};
+use crate::table::{self, Column, Kind};
 use crate::{checkpoint, choose, ensemble, output, report, signal};
-use bond::{Code, Simulation, Steps, Summary, Text};
+use bond::{Code, RunError, Simulation, Steps, Summary, Text};
 use bond_compiler::discretise::{Accuracy, Method};
 use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
@@ -157,7 +159,9 @@ pub fn run(args: &Args) -> Result<(), Stop> {
         return chosen(args, ready(options, lengths(&args.how)), target);
     }
     let compiled = compile(args, options)?;
-    simulate(compiled.scene(), &compiled.stages().model.settings, &args.how)
+    let name = input::name(&args.file);
+    let by = By::Model(&name).unless(!args.set.set.is_empty());
+    simulate(compiled.scene(), &compiled.stages().model.settings, &args.how, by)
 }
 
 /// Chooses a stepper and its step, and runs with them.
@@ -167,9 +171,11 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
     let ways = Ways::base(&text, &options)?;
     let settings = ways.base.stages().model.settings.clone();
     let (_, stop, every) = asked(how, &settings);
-    let rows = Rows::new(stop, Grid::asked(how.every, settings.every, &how.at), &how.at)?;
+    let by = By::Model(text.name()).unless(!args.set.set.is_empty());
+    let rows = rows(how, &settings, stop, by)?;
     let scene = ways.base.scene();
-    drive::possible(scene, &steps(how).resolve(&Settings::default(), stop, every)?, stop)?;
+    let (options, own) = (steps(how).resolve(&Settings::default(), stop, every)?, by.unless(how.stop.is_some()));
+    drive::possible(scene, &options, stop, own)?;
     let given = match &how.input {
         Some(path) if is_dash(Some(path)) => {
             return Err(Stop::Usage("--input is read more than once to choose a stepper; give a file".into()));
@@ -192,24 +198,30 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
     };
     let chosen = choose::choose(&ask, ways)?;
     report::say(&format!("note: choosing {} took {} s", chosen.method, summary::short(chosen.took)));
-    go(&chosen.scene, &settings, how, Some(&chosen))
+    go(&chosen.scene, &settings, how, (by, Some(&chosen)))
 }
 
-/// Runs a scene whose model says `settings`.
+/// Runs a scene that says `settings`; what cannot be, and is not said by these options, `by` is to mend.
 ///
 /// # Errors
-/// A command line that is wrong, numerics that fail.
-pub fn simulate(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> {
-    go(scene, settings, args, None)
+/// A command line that is wrong, settings that cannot be, numerics that fail.
+pub fn simulate(scene: &Scene, settings: &Settings, args: &How, by: By) -> Result<(), Stop> {
+    go(scene, settings, args, (by, None))
+}
+
+/// The instants of the rows of a run to `stop`.
+fn rows(args: &How, settings: &Settings, stop: f64, by: By) -> Result<Rows, Stop> {
+    let by = by.unless(args.stop.is_some() || args.every.is_some());
+    Rows::new(stop, Grid::asked(args.every, settings.every, &args.at), &args.at, by)
 }
 
 /// Runs a scene, with steps that were chosen or that are told.
-fn go(scene: &Scene, settings: &Settings, args: &How, chosen: Option<&Chosen>) -> Result<(), Stop> {
+fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<&Chosen>)) -> Result<(), Stop> {
     places(args, None)?;
     let (steps, stop, every) = asked(args, settings);
     let steps = chosen.map_or(steps, Chosen::steps);
-    let grid = Grid::asked(args.every, settings.every, &args.at);
-    let rows = Rows::new(stop, grid, &args.at)?;
+    let rows = rows(args, settings, stop, by)?;
+    let by = by.unless(args.stop.is_some() || args.step.is_some());
     let given = match &args.input {
         Some(path) => input::table(path, scene, args.input_hold)?,
         None => Vec::new(),
@@ -219,12 +231,12 @@ fn go(scene: &Scene, settings: &Settings, args: &How, chosen: Option<&Chosen>) -
     let mut sim = match &args.resume {
         Some(path) => {
             let sim = checkpoint::resume(code, path, scene, given, stop)?;
-            drive::possible(scene, sim.options(), stop)?;
+            drive::possible(scene, sim.options(), stop, by)?;
             sim
         }
         None => {
             let options = steps.resolve(settings, stop, every)?;
-            drive::possible(scene, &options, stop)?;
+            drive::possible(scene, &options, stop, by)?;
             Simulation::on(code.backend(), scene, &options, given)?
         }
     };
@@ -245,7 +257,8 @@ fn go(scene: &Scene, settings: &Settings, args: &How, chosen: Option<&Chosen>) -
         Err(Halt::Stop(stop)) => return Err(stop),
     };
     // What was computed is kept, also of a run that failed, and whatever became of the other files.
-    let kept = unsaved.map_or(Ok(()), Err).and(files.commit());
+    let until = early.as_ref().and_then(Early::failure).and_then(RunError::time).unwrap_or(f64::INFINITY);
+    let kept = unsaved.map_or(Ok(()), Err).and(files.commit(until));
     if early.is_none() && matches!(kept, Err(Stop::Pipe)) {
         return kept;
     }
@@ -379,10 +392,25 @@ fn tell(
     } else {
         output::print(&text)
     };
+    if early.as_ref().and_then(Early::failure).is_none() {
+        undefined(&scene.probes.names, &values);
+    }
     match early {
         None => printed,
         Some(Early::Failed(e)) => Err(e.into()),
         Some(Early::Asked(_)) => Err(Stop::Said(signal::ASKED)),
+    }
+}
+
+/// Says which probes have no finite value at the end.
+fn undefined(names: &[String], values: &[f64]) {
+    let list: Vec<String> =
+        names.iter().zip(values).filter(|(_, x)| !x.is_finite()).map(|(name, x)| format!("`{name}` is {x}")).collect();
+    if !list.is_empty() {
+        report::say(&format!(
+            "note: at the end {}: a root, logarithm, power or quotient in what is probed has no finite value there",
+            list.join(", ")
+        ));
     }
 }
 
@@ -485,8 +513,8 @@ fn steps(args: &How) -> Steps {
 
 /// The tables that a run writes.
 struct Files {
-    rows: Option<Table>,
-    ledger: Option<Table>,
+    rows: Option<Pending>,
+    ledger: Option<Pending>,
     shown: usize,
     /// The instant of a run that goes on from there: its row was written before.
     resumed: Option<f64>,
@@ -498,10 +526,10 @@ impl Files {
             std::iter::once("t").chain(names).map(|name| Column::new(name, Kind::Number)).collect()
         };
         let probes = columns(&mut scene.probes.names.iter().map(String::as_str));
-        let rows = args.output.as_deref().map(|path| Table::new(path, &probes)).transpose()?;
+        let rows = args.output.as_deref().map(|path| Pending::new(path, &probes)).transpose()?;
         let names = ledger_names(&sim.summary());
         let names = columns(&mut names.iter().map(String::as_str));
-        let ledger = args.ledger.as_deref().map(|path| Table::new(path, &names)).transpose()?;
+        let ledger = args.ledger.as_deref().map(|path| Pending::new(path, &names)).transpose()?;
         Ok(Self { rows, ledger, shown: scene.probes.names.len(), resumed })
     }
 
@@ -513,20 +541,20 @@ impl Files {
             }
             return Ok(());
         }
+        let sure = sim.settled();
         if let Some(table) = &mut self.rows {
             let values = sim.probes().map_err(Halt::Numerics)?;
-            let values = values.iter().copied().take(self.shown);
-            table.row(std::iter::once(t).chain(values).map(Cell::Number)).map_err(Halt::Stop)?;
+            table.row(t, values.iter().copied().take(self.shown), sure).map_err(Halt::Stop)?;
         }
         if let Some(table) = &mut self.ledger {
-            let values = ledger_values(&sim.summary());
-            table.row(std::iter::once(t).chain(values).map(Cell::Number)).map_err(Halt::Stop)?;
+            table.row(t, ledger_values(&sim.summary()), sure).map_err(Halt::Stop)?;
         }
         Ok(())
     }
 
-    fn commit(self) -> Result<(), Stop> {
-        let both = [self.rows, self.ledger].map(|table| table.map_or(Ok(()), Table::commit));
+    /// Ends the tables, with the rows up to an instant, s.
+    fn commit(self, until: f64) -> Result<(), Stop> {
+        let both = [self.rows, self.ledger].map(|table| table.map_or(Ok(()), |table| table.commit(until)));
         both.into_iter().collect()
     }
 }

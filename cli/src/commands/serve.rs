@@ -19,16 +19,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// What is told below the options.
-pub const HELP: &str = "Examples:\n  serve --udp 127.0.0.1:7000 --duration 60s --report json\n  serve --udp 0.0.0.0:7000 --priority 80 --core 1 \
---lock-memory --ledger wall.csv\n  serve --stdio --lockstep < moves.csv\n  serve --shm wall\n\nThe period of the sampled region behind the open \
+/// What is told below the options of what is called so.
+pub fn help(called: &str) -> String {
+    format!(
+        "Examples:\n  {called} --udp 127.0.0.1:7000 --duration 60s --report json\n  {called} --udp 0.0.0.0:7000 --priority 80 --core 1 \
+--lock-memory --ledger wall.csv\n  {called} --stdio --lockstep < moves.csv\n  {called} --shm wall\n\nThe period of the sampled region behind the open \
 ports is the rate. The clock starts with the first measurement.\n\nLines: for each line out (what each port holds, then the energy that may be drawn, in \
 J) one line in (how far each port\nmoved under it). Packets, and what a device must do so that it stays passive over a line that loses: docs/serve.md;\n\
-models/embed/device.py is a device in Python.\n\nIt ends after --duration, at the end of standard input, or with Ctrl-C, and then reports.";
+models/embed/device.py is a device in Python.\n\nIt ends after --duration, at the end of standard input, or with Ctrl-C, and then reports."
+    )
+}
 
 /// Meet a real outside at a scene's open ports, in real time
 #[derive(clap::Args)]
-#[command(after_help = format!("{}\nFrom a model: bond serve FILE ...; built into one file: bond build FILE, then ./FILE serve ...", HELP))]
+#[command(after_help = help("bond serve wall.bond") + "\nBuilt into one file: bond build wall.bond -o wall, then ./wall serve ...")]
 pub struct Args {
     /// A model
     #[arg(value_name = "FILE")]

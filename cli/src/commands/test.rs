@@ -1,5 +1,6 @@
 //! `bond test`: what models expect of themselves, and snapshots of their structure.
 
+use crate::blame::By;
 use crate::diff;
 use crate::drive::{self, Halt, drive};
 use crate::expectation::{Outcome, Watch};
@@ -33,6 +34,9 @@ pub struct Args {
     #[command(flatten)]
     which: Which,
 }
+
+/// What is said of a scene that does not run.
+const UNRUN: &str = "cannot run";
 
 /// How many checks held.
 #[derive(Default)]
@@ -167,11 +171,11 @@ fn scene(title: &str, compiled: &Compiled, count: &mut Count) -> Result<(), Stop
     if expectations.is_empty() {
         return count.add(true, &format!("{title}: compiles"));
     }
-    let outcomes = match watched(compiled) {
+    let outcomes = match watched(title, compiled) {
         Ok(outcomes) => outcomes,
-        Err(Stop::Usage(why) | Stop::Numerics(why) | Stop::Model(why)) => {
-            return count.add(false, &format!("{title}: cannot run: {why}"));
-        }
+        Err(Stop::Usage(why) | Stop::Numerics(why)) => return count.add(false, &format!("{title}: {UNRUN}: {why}")),
+        // It names what is wrong.
+        Err(Stop::Model(why)) => return count.add(false, &why),
         Err(other) => return Err(other),
     };
     for (expectation, outcome) in expectations.iter().zip(outcomes) {
@@ -190,9 +194,11 @@ fn told(what: &str) -> String {
 }
 
 /// Runs a scene as `bond run` would, and watches its expectations.
-fn watched(compiled: &Compiled) -> Result<Vec<Outcome>, Stop> {
+fn watched(title: &str, compiled: &Compiled) -> Result<Vec<Outcome>, Stop> {
     let scene = compiled.scene();
     let settings = &compiled.stages().model.settings;
+    let named = format!("{title}: {UNRUN}");
+    let by = By::Model(&named);
     let stop = settings.stop.unwrap_or(1.0);
     let instants: Vec<f64> = scene
         .probes
@@ -203,9 +209,9 @@ fn watched(compiled: &Compiled) -> Result<Vec<Outcome>, Stop> {
             ExpectationKind::Passive | ExpectationKind::Holds { .. } => None,
         })
         .collect();
-    let rows = Rows::new(stop, settings.every.map_or(Grid::Parts(1000), Grid::Every), &instants)?;
+    let rows = Rows::new(stop, settings.every.map_or(Grid::Parts(1000), Grid::Every), &instants, by)?;
     let options = Steps::new().resolve(settings, stop, settings.every)?;
-    drive::possible(scene, &options, stop)?;
+    drive::possible(scene, &options, stop, by)?;
     let mut sim = Simulation::new(scene, &options)?;
     let mut watch = Watch::new(scene, stop);
     let progress = Progress::new();

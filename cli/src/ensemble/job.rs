@@ -3,7 +3,9 @@
 use super::choice::Choice;
 use super::outcome::Outcome;
 use super::plan::Plan;
+use crate::blame::By;
 use crate::drive::{self, Halt, Walk, Watch};
+use crate::pending::reached;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use bond::{Abreast, Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
@@ -56,9 +58,10 @@ impl Job {
     pub fn course(&self, compiled: &Compiled) -> Result<(Rows, bond_runtime::simulate::Options, f64), Stop> {
         let settings = &compiled.stages().model.settings;
         let stop = self.stop.or(settings.stop).unwrap_or(1.0);
-        let rows = Rows::new(stop, Grid::asked(self.every, settings.every, &self.at), &self.at)?;
+        // The command line has a hand in all instances, and may mend them.
+        let rows = Rows::new(stop, Grid::asked(self.every, settings.every, &self.at), &self.at, By::Line)?;
         let steps = self.steps.resolve(settings, stop, self.every.or(settings.every))?;
-        drive::possible(compiled.scene(), &steps, stop)?;
+        drive::possible(compiled.scene(), &steps, stop, By::Line)?;
         Ok((rows, steps, stop))
     }
 
@@ -148,13 +151,15 @@ impl Job {
         let width = self.probes.len();
         let end = sim.probes().map(|v| v[..width.min(v.len())].to_vec());
         let summary = sim.summary();
-        let (last, failure) = match (run.halted, end) {
-            (None, Ok(values)) => (values, None),
-            (None, Err(e)) | (Some(Halt::Numerics(e)), _) => (vec![f64::NAN; width], Some(e.to_string())),
-            (Some(Halt::Stop(stop)), _) => (vec![f64::NAN; width], Some(words(&stop))),
+        let nothing = || vec![f64::NAN; width];
+        let (last, failure, until) = match (run.halted, end) {
+            (None, Ok(values)) => (values, None, None),
+            (None, Err(e)) | (Some(Halt::Numerics(e)), _) => (nothing(), Some(e.to_string()), e.time()),
+            (Some(Halt::Stop(stop)), _) => (nothing(), Some(words(&stop)), None),
         };
         let passive = summary.passive && failure.is_none();
-        Outcome { last, rows: run.list, passive, worst: summary.worst_step, failure }
+        let rows = reached(&run.list, 1 + width, until.unwrap_or(f64::INFINITY)).to_vec();
+        Outcome { last, rows, passive, worst: summary.worst_step, failure }
     }
 }
 

@@ -285,3 +285,34 @@ fn rows_go_on_beyond_a_plateau() {
     }
     assert!(checked >= 4, "{table}");
 }
+
+/// Its step has an exponential of a difference that is undefined at a point, so that its programs have a NaN in them.
+const SOFT: &str = "\
+model Soft {
+  I:m = 1 kg
+  C:s { e = (1 N/m)*q/(1 + 0.3*tanh(q/(1 m))^2); q0 = 1 m }
+  1:v -> m, s
+  probe x = s.q
+  simulate { stop = 10 s }
+}
+";
+
+#[test]
+fn making_code_does_not_count() {
+    let here = Folder::new().with("soft.bond", SOFT);
+    // The runs themselves take some milliseconds, and 20 with their repetitions; making code anew for each of those takes
+    // seconds.
+    let args = ["bench", "soft.bond", "--methods", "gonzalez", "--steps", "1s,500ms,250ms,125ms", "--as", "json"];
+    let done = here.bond(&[&args[..], &["--limit", "500ms", "--repeat", "1"]].concat()).is(0, &[], &[]);
+    assert!(!done.err.contains("skipped"), "{}", done.err);
+    assert_eq!(points(&done).len(), 4);
+}
+
+#[test]
+fn no_step_is_longer_than_the_run() {
+    let here = Folder::new().with("pendulum.bond", PENDULUM);
+    let args = ["bench", "pendulum.bond", "--methods", "gonzalez", "--steps", "100s,3s,1s", "--as", "json"];
+    let done = here.bond(&args).is(0, &[], &["note: a step of 100 s is longer than the run, and taken as one of 2 s"]);
+    let steps: Vec<Option<f64>> = points(&done).iter().map(|p| p["step"].as_f64()).collect();
+    assert_eq!(steps, [Some(2.0), Some(1.0)]);
+}

@@ -131,6 +131,37 @@ fn work_without_end_is_refused() {
     here.bond(&["run", "a.bond", "--stop", "1 h"]).is(2, &[], &["steps"]);
 }
 
+/// What the model says is mended in the model; what an option says goes before it.
+#[test]
+fn work_without_end_that_the_model_asks_for() {
+    let model = |settings: &str| OSCILLATOR.replace("stop = 1 s", settings);
+    let sampled =
+        "model A { I:m = 1 kg\n sampled every 1e-12 s { R:r = 1 N*s/m }\n m ||> r\n simulate { stop = 10 s } }\n";
+    let here = Folder::new()
+        .with("step.bond", model("stop = 10 s; step = 1e-12 s"))
+        .with("every.bond", model("stop = 10 s; every = 1e-15 s"))
+        .with("sampled.bond", sampled);
+    for (name, what, mend) in [
+        ("step", "steps of 1e-12 s", "`step` or a shorter `stop` in `simulate`"),
+        ("every", "rows", "`every` in `simulate`"),
+        ("sampled", "the period 1e-12 s of `r`", "a longer period"),
+    ] {
+        let file = format!("{name}.bond");
+        let told = [&format!("{file}: "), what, mend];
+        here.bond(&["run", &file]).is(1, &[], &told);
+        here.bond(&["check", &file]).is(1, &[], &told);
+        here.bond(&["bench", &file, "--stop", "1h", "--steps", "1e-12"]).is(2, &[], &["at most"]);
+    }
+    for file in ["step.bond", "every.bond"] {
+        here.bond(&["test", file]).is(1, &["cannot run: "], &[]);
+    }
+    here.bond(&["check", "step.bond", "--message-format", "json"]).is(1, &["\"code\":\"simulate::steps\""], &[]);
+    here.bond(&["run", "step.bond", "--step", "1ms", "--stop", "1s"]).is(0, &[], &[]);
+    here.bond(&["run", "every.bond", "--every", "1ms", "--stop", "1s"]).is(0, &[], &[]);
+    here.bond(&["run", "step.bond", "--set", "k=1"]).is(2, &[], &["--step"]);
+    here.bond(&["run", "step.bond", "--stop", "1h"]).is(2, &[], &["--stop"]);
+}
+
 #[test]
 fn files_that_are_no_models() {
     let here = Folder::new()

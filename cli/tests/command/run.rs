@@ -301,6 +301,45 @@ fn failed_numerics_keep_what_was_computed() {
     assert_eq!(done.table().1.len(), rows.len());
 }
 
+/// Rows within a fixed step are looked at before it is taken: of one that fails, those up to the failure are kept.
+#[test]
+fn no_row_lies_behind_a_failure() {
+    let steep = "\
+model Steep(q = 3 m) {
+  I:m = 1 kg
+  C:s { H = (1 J)*(exp((q/(1 m))^2) - 1); q0 = 3 m }
+  1:v -> m, s
+  probe x = s.q
+  simulate { stop = 1 s }
+}
+";
+    let here = Folder::new().with("a.bond", steep);
+    for method in ["radau", "rk4"] {
+        let args = ["run", "a.bond", "--method", method, "--step", "0.1", "--every", "0.001"];
+        let files = ["-o", "a.csv", "--ledger", "l.csv", "--summary", "json"];
+        let done = here.bond(&[&args[..], &files].concat()).is(3, &[], &["error: at t = "]);
+        let failed = done.err.split_once("at t = ").unwrap().1.split_once(" s,").unwrap().0.parse::<f64>().unwrap();
+        let json: Value = serde_json::from_str(&done.out).unwrap();
+        assert!(json["reached"].as_f64().unwrap() <= failed, "{json}");
+        for name in ["a.csv", "l.csv"] {
+            let rows = table(&here.read(name)).1;
+            let last = rows.last().unwrap()[0];
+            assert!((failed - 0.001..=failed).contains(&last), "{method}, {name}: {last} against {failed}");
+        }
+        let done = here.bond(&[&args[..], &["--sweep", "q=1,2", "-o", "e.csv"]].concat()).is(3, &[], &["failed"]);
+        let rows = here.read("e.csv").lines().filter(|l| l.starts_with("0,")).count();
+        assert!(rows as f64 <= failed / 0.001 + 1.0, "{done:?}");
+    }
+}
+
+#[test]
+fn what_has_no_value_at_the_end_is_told() {
+    let here = Folder::new().with("a.bond", OSCILLATOR.replace("probe v", "probe y = sqrt(-1)\n  probe v"));
+    here.bond(&["run", "a.bond"]).is(0, &["NaN"], &["note: at the end `y` is NaN"]);
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    assert!(!here.bond(&["run", "a.bond"]).is(0, &[], &[]).err.contains("note"));
+}
+
 #[test]
 fn a_model_that_is_not_passive_says_why() {
     let here = Folder::new().with("a.bond", BLOWS_UP);

@@ -184,6 +184,14 @@ impl<'a> Simulation<'a> {
         self.time
     }
 
+    /// Up to where steps are taken, s: what is looked at beyond lies within a fixed step, which may fail yet. Fitted
+    /// steps are tried before.
+    pub fn settled(&self) -> f64 {
+        let runs = self.scene.clusters.iter().zip(&self.runs);
+        let fixed = runs.filter(|(c, run)| c.period.is_none() && run.fit.is_none());
+        fixed.map(|(_, run)| run.time()).fold(self.time, f64::min)
+    }
+
     /// The state of a cluster.
     pub fn state(&self, cluster: usize) -> &[f64] {
         self.runs[cluster].state_at(self.time)

@@ -1,0 +1,60 @@
+//! A table whose rows wait until the run has got there.
+
+use crate::stop::Stop;
+use crate::table::{Cell, Column, Table};
+use std::path::Path;
+
+/// A table of numbers over time. A row within a fixed step is looked at before that step is taken, which may fail
+/// earlier than the row: it waits for the end of the step.
+pub struct Pending {
+    table: Table,
+    /// Numbers in a row.
+    width: usize,
+    /// The rows that wait, one after the other, each with its instant first.
+    rows: Vec<f64>,
+}
+
+impl Pending {
+    /// A table with these columns, of which the first is the time.
+    ///
+    /// # Errors
+    /// A file that cannot be made.
+    pub fn new(path: &Path, columns: &[Column]) -> Result<Self, Stop> {
+        Ok(Self { table: Table::new(path, columns)?, width: columns.len(), rows: Vec::new() })
+    }
+
+    /// Adds a row of a run that is sure up to an instant, s.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn row(&mut self, t: f64, values: impl IntoIterator<Item = f64>, sure: f64) -> Result<(), Stop> {
+        self.rows.push(t);
+        self.rows.extend(values);
+        self.write(sure)
+    }
+
+    /// Ends it with the rows up to an instant, s: the file is there now.
+    ///
+    /// # Errors
+    /// What is left cannot be written.
+    pub fn commit(mut self, until: f64) -> Result<(), Stop> {
+        self.write(until)?;
+        self.table.commit()
+    }
+
+    fn write(&mut self, until: f64) -> Result<(), Stop> {
+        let sure = reached(&self.rows, self.width, until);
+        for row in sure.chunks_exact(self.width) {
+            self.table.row(row.iter().copied().map(Cell::Number))?;
+        }
+        let count = sure.len();
+        self.rows.drain(..count);
+        Ok(())
+    }
+}
+
+/// The first of some rows, those up to an instant, s.
+pub fn reached(rows: &[f64], width: usize, until: f64) -> &[f64] {
+    let count = rows.chunks_exact(width).take_while(|row| row[0] <= until * (1.0 + 1e-12)).count();
+    &rows[..count * width]
+}
