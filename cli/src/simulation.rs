@@ -155,6 +155,7 @@ impl RunError {
             RunError::Numerics(e) => match e {
                 simulate::Error::Step { time, .. }
                 | simulate::Error::TooSmall { time, .. }
+                | simulate::Error::Endless { time, .. }
                 | simulate::Error::Energy { time, .. } => Some(*time),
                 simulate::Error::Table { .. } => None,
             },

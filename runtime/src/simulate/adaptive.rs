@@ -261,8 +261,9 @@ impl Run {
         Ok(())
     }
 
-    /// Keeps the planned step.
+    /// Keeps the planned step; of one whose ledger fails, what comes before that.
     fn keep(&mut self, c: &Cluster, names: &[String], moved: &mut Vec<f64>) -> Result<(), Error> {
+        let mut end = self.time();
         let Some(fit) = &mut self.fit else { return Ok(()) };
         let Some(plan) = fit.plan.take() else { return Ok(()) };
         fit.control = plan.control;
@@ -273,7 +274,11 @@ impl Run {
         let mut failed = None;
         let at = c.states..c.states + c.integrals;
         for part in parts {
-            failed = failed.or(book(&mut self.books, c, &part.output).err());
+            if let Err(what) = book(&mut self.books, c, &part.output) {
+                failed = Some((what, end + part.h, part.next.clone()));
+                break;
+            }
+            end += part.h;
             advance_ports(c, &part.output, part.h, moved);
             for ((m, x), before) in fit.moved.iter_mut().zip(&part.next[at.clone()]).zip(&self.state[at.clone()]) {
                 *m += (x - before).abs();
@@ -281,10 +286,10 @@ impl Run {
             self.state.copy_from_slice(&part.next);
             self.steps += 1;
         }
-        self.base = plan.end;
+        self.base = if failed.is_none() { plan.end } else { end };
         self.count = 0;
         self.track(c);
-        failed.map_or(Ok(()), |what| Err(self.unsound(c, names, plan.end, &what)))
+        failed.map_or(Ok(()), |(what, at, next)| Err(self.unsound(c, names, (at, &next), &what)))
     }
 
     /// Finds the next step: one that meets `end`, where one is given, if it comes so far. Gives where it ends.

@@ -313,19 +313,18 @@ impl Run {
         Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why }
     }
 
-    /// The failure of a step after which an energy is no number; of what is stored, with the state at fault.
-    pub(super) fn unsound(&self, c: &Cluster, names: &[String], time: f64, what: &str) -> Error {
-        let state = if what == STORED { self.beyond(c) } else { None };
+    /// The failure of a step to a state in which an energy is no number; of what is stored, with the one at fault.
+    pub(super) fn unsound(&self, c: &Cluster, names: &[String], (time, next): (f64, &[f64]), what: &str) -> Error {
+        let state = if what == STORED { self.beyond(c, next) } else { None };
         let what = state.map_or(what.to_string(), |state| format!("{what} (`{state}`)"));
         Error::Energy { time, region: names.get(self.index).cloned().unwrap_or_default(), what }
     }
 
     /// A state that is no number, or at which the energy bends by none.
-    fn beyond<'c>(&self, c: &'c Cluster) -> Option<&'c String> {
+    fn beyond<'c>(&self, c: &'c Cluster, next: &[f64]) -> Option<&'c String> {
         let mut stored = Look::new(&c.stored, &Interpret);
-        let bends = stored.run(&self.state, &self.input).ok()?;
-        let sound =
-            |k: usize| self.state[k].is_finite() && c.curvatures.get(k).is_none_or(|out| bends[*out].is_finite());
+        let bends = stored.run(next, &self.input).ok()?;
+        let sound = |k: usize| next[k].is_finite() && c.curvatures.get(k).is_none_or(|out| bends[*out].is_finite());
         (0..c.states).find(|k| !sound(*k)).and_then(|k| c.names.get(k))
     }
 
@@ -539,10 +538,12 @@ impl Run {
             self.split(c, names, t, half, moved, depth + 1)?;
             return self.split(c, names, t + half, half, moved, depth + 1);
         }
+        if let Err(what) = book(&mut self.books, c, &self.step.work.output) {
+            return Err(self.unsound(c, names, (t + h, &self.step.work.next), &what));
+        }
         // The workspace's numbers mean nothing to the next step.
         std::mem::swap(&mut self.state, &mut self.step.work.next);
         self.steps += 1;
-        book(&mut self.books, c, &self.step.work.output).map_err(|what| self.unsound(c, names, t + h, &what))?;
         advance_ports(c, &self.step.work.output, h, moved);
         self.track(c);
         Ok(())
