@@ -195,6 +195,13 @@ pub struct Field {
     pub span: Span,
 }
 
+impl Field {
+    /// The path as it is written.
+    pub fn name(&self) -> String {
+        self.path.iter().map(|n| n.text.as_str()).collect::<Vec<_>>().join(".")
+    }
+}
+
 /// Bonds in a row: at least two groups of ends, an arrow between each two neighbours.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chain {

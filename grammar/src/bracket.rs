@@ -145,6 +145,11 @@ impl Brackets {
         errors
     }
 
+    /// The bracket closes what nobody opened.
+    pub fn is_stray(&self, token: usize) -> bool {
+        self.stray.binary_search(&token).is_ok()
+    }
+
     /// Some bracket among these tokens has no partner.
     pub fn broken(&self, range: Range<usize>) -> bool {
         let among = |list: &[usize]| {

@@ -85,6 +85,7 @@ pub(crate) fn refused(scan: &Scan, piece: Piece, range: Range<usize>, refused: R
         Wreck::operator,
         Wreck::colon,
         Wreck::spaced_unit,
+        Wreck::exponent,
         Wreck::equals,
         Wreck::chain_value,
         Wreck::positional,
@@ -231,6 +232,13 @@ impl<'a> Wreck<'a> {
         }
         error
     }
+}
+
+/// A unit with an exponent that is written in decimals, as it is to be written: `m^(1/2)` for `m` and `0.5`.
+pub(crate) fn exponent(unit: &str, decimals: &str) -> Option<String> {
+    let x: f64 = decimals.parse().ok().filter(|x: &f64| x.fract() != 0.0 && x.abs() < 100.0)?;
+    let below = (2..=9).find(|below| (x * f64::from(*below)).fract() == 0.0)?;
+    Some(format!("{unit}^({}/{below})", (x * f64::from(below)) as i32))
 }
 
 /// The word of a list that differs from this one by one letter added, dropped, changed or swapped.

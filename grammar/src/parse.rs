@@ -161,6 +161,13 @@ impl<'a> Reader<'a> {
         Ok(self.statement(inner(pair)))
     }
 
+    /// Reads a row of statements from a slice.
+    pub fn statements(&mut self, start: usize, end: usize) -> Result<Vec<Statement>, Refused> {
+        let pair = self.read(Rule::statements, start, end)?;
+        let rows = children(pair).filter(|pair| pair.as_rule() == Rule::statement);
+        Ok(rows.map(|pair| self.statement(pair)).collect())
+    }
+
     /// Reads the part before the `{` of a `for`; its body is empty.
     pub fn one_for_head(&mut self, start: usize, end: usize) -> Result<For, Refused> {
         let pair = self.read(Rule::one_for_head, start, end)?;

@@ -185,17 +185,13 @@ fn chain(chain: &Chain, source: &str) -> String {
 }
 
 fn arrow(arrow: &Arrow, source: &str) -> String {
-    if arrow.sampled {
-        return "||>".to_string();
-    }
-    let (tail, head) = match arrow.stroke {
-        Some(Stroke::Tail) => ("|", ""),
-        Some(Stroke::Head) => ("", "|"),
-        None => ("", ""),
-    };
-    match &arrow.name {
-        Some((name, entries)) => format!("{tail}-[{}{}]->{head}", name.text, index(entries, source)),
-        None => format!("{tail}->{head}"),
+    let name = arrow.name.as_ref().map(|(name, entries)| format!("-[{}{}]", name.text, index(entries, source)));
+    let name = name.unwrap_or_default();
+    match (arrow.sampled, arrow.stroke) {
+        (true, _) => format!("{name}||>"),
+        (false, Some(Stroke::Tail)) => format!("|{name}->"),
+        (false, Some(Stroke::Head)) => format!("{name}->|"),
+        (false, None) => format!("{name}->"),
     }
 }
 

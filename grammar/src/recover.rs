@@ -1,7 +1,8 @@
 //! Reads a text that the grammar refused: item by item, statement by statement.
 //!
 //! Cutting goes by brackets, by words that only begin statements, and by line starts. Each slice is then read by the
-//! strict grammar, so a text is never accepted here that the grammar would refuse.
+//! strict grammar, so a text is never accepted here that the grammar would refuse; and it is read as a row of statements
+//! first, so that where a cut is missing or too many, what the grammar would accept is not refused.
 
 use crate::ast::{If, Item, Sampled, Statement, StatementKind};
 use crate::bracket::{Brackets, is_strong_start};
@@ -13,6 +14,9 @@ use std::ops::Range;
 
 /// At most this many errors of one text are told.
 const MANY: usize = 100;
+
+/// One statement is looked for in at most so many pieces that look like statements.
+const CUTS: usize = 4;
 
 /// Reads the items of a file; and whether some of them could not be read.
 pub(crate) fn file(reader: &mut Reader) -> (Vec<Item>, bool) {
@@ -153,16 +157,16 @@ impl Recovery<'_, '_> {
         let mut statements = Vec::new();
         let mut start = range.start;
         while start < range.end {
-            if self.scan.word(start) == ";" {
+            if self.scan.word(start) == ";" || self.brackets.is_stray(start) {
                 start += 1;
                 continue;
             }
-            let mut end = self.step(start, range.end);
-            let mut valued = self.scan.starts_element(start);
-            while end < range.end && self.scan.word(end) != ";" && !self.starts_statement(end, valued) {
-                valued |= self.scan.word(end) == "=";
-                end = self.step(end, range.end);
+            if let Some((row, end)) = self.row(start, range.end) {
+                statements.extend(row);
+                start = end;
+                continue;
             }
+            let end = self.cut(start, range.end);
             match self.statement(start..end) {
                 Some(statement) => statements.push(statement),
                 None => self.lose(start..end),
@@ -172,12 +176,42 @@ impl Recovery<'_, '_> {
         statements
     }
 
+    /// Where the statement that begins here seems to end.
+    fn cut(&self, start: usize, limit: usize) -> usize {
+        let mut end = self.step(start, limit);
+        let mut valued = self.scan.starts_element(start);
+        while end < limit && self.scan.word(end) != ";" && !self.starts_statement(end, valued) {
+            valued |= self.scan.word(end) == "=";
+            end = self.step(end, limit);
+        }
+        end
+    }
+
+    /// The statements that begin here, if the grammar takes all up to a cut, and that cut. What looks like one
+    /// statement may be several; and where the text breaks off at the first cut, this may stand within a statement.
+    fn row(&mut self, start: usize, limit: usize) -> Option<(Vec<Statement>, usize)> {
+        let mut end = start;
+        for _ in 0..CUTS {
+            end = self.cut(end, limit);
+            if self.brackets.broken(start..end) {
+                return None;
+            }
+            let (from, to) = self.bytes(&(start..end));
+            match self.reader.statements(from, to) {
+                Ok(row) => return Some((row, end)),
+                Err(refused) if refused.at < to || end == limit || self.scan.word(end) == ";" => return None,
+                Err(_) => {}
+            }
+        }
+        None
+    }
+
     /// Keeps in mind what a statement that could not be read seems to declare.
     fn lose(&mut self, range: Range<usize>) {
         let scan = self.scan;
         for index in range.clone().skip(1).filter(|index| scan.is_name(*index)) {
             let before = scan.word(index - 1);
-            let declared = matches!(before, ":" | "let" | "probe" | "input" | "state" | "port");
+            let declared = matches!(before, ":" | "let" | "probe" | "input" | "state" | "port" | "for");
             // `R drag = ...`, `1 v -> ...`, without the colon
             let follows = matches!(scan.word(index + 1), "=" | "{" | "[") || is_arrow(scan.word(index + 1));
             let kind = index == range.start + 1 && follows || matches!(before, "0" | "1");
@@ -229,7 +263,8 @@ impl Recovery<'_, '_> {
             return false;
         }
         if word == "if" {
-            return operand && !matches!(before, "let" | "probe" | "input" | "state" | "port");
+            return operand
+                && !matches!(before, "let" | "probe" | "input" | "state" | "port" | "expect" | "every" | "at" | "in");
         }
         let arrow = is_arrow(scan.word(index + 1)) || scan.word(index + 1) == "|-";
         // `Se:F = 1 N F -> m`; but `I mass -> v` lacks a colon, and `1 kg -> m` begins with a unit.

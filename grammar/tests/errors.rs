@@ -56,6 +56,8 @@ fn elements_and_bonds() {
     check("a <- b", "arrow", "`b -> a`");
     check("a → b", "character", "`->`");
     check("a |->| b", "two_strokes", "`|->`");
+    check("a |-[n]->| b", "two_strokes", "`|->`");
+    check("a -[n]|->| b", "two_strokes", "`|->`");
     check("a -> R:r = 5 Ohm", "chain", "write `r` here");
     check("a -> R:r { e = f }", "chain", "write `r` here");
     check("Se:u = x -> R:r", "chain", "line of its own");
@@ -71,6 +73,11 @@ fn quantities() {
     check("let x = 5 kg m", "unit", "`5 kg*m`");
     check("let x = 5 m^(1/0)", "exponent", "fraction");
     check("let x = 5 m^99999999999", "exponent", "fraction");
+    check("let x = 5 m^0.5", "exponent", "`m^(1/2)`");
+    check("let x = 5 kg*m^1.5/s", "exponent", "`m^(3/2)`");
+    check("let x = 5 m^(0.5)", "exponent", "`m^(1/2)`");
+    check("let x = 5 m^-1^2", "exponent", "`(5 m^-1)^2`");
+    check("let x = 5 m^2^2", "exponent", "`(5 m^2)^2`");
 }
 
 #[test]
@@ -168,9 +175,20 @@ fn right_statements_on_one_line_are_kept() {
         "Se:F = 1 N a, b[2] -> 0:p",
         "P:p(k = 1 N) p.a -> m",
         "Se:F = x w.tip -[n]-> m",
+        "u -> 1:a -> r  a -> c",
+        "expect if t > 5 s then r.f < 2 A else r.f < 3 A",
+        "1:hold u -> hold hold -> r",
+        "probe in = k.f expect in < 3 A",
+        "let every = 1 s sampled every every { state z = 0 { next = 1 } }",
+        "sampled every if 1 then 1 s else 2 s { Wall:w }",
+        "for i in if 1 then 1 else 2..3 { let x = i }",
+        "R:for = 1 Ohm u -> for for -> r",
+        "let at = 3 let hold = at a -> b, c  d -> a |-> e",
+        "let x = 1 )",
     ] {
+        let stray = usize::from(line.ends_with(')'));
         let text = format!("model M {{ {line}\nprobe x = }}");
-        assert_eq!(places(&text), ["2:9 syntax::value"], "{line}");
+        assert_eq!(places(&text)[stray..], ["2:9 syntax::value"], "{line}");
     }
 }
 

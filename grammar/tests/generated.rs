@@ -77,7 +77,7 @@ fn function() -> BoxedStrategy<String> {
 }
 
 fn statement() -> BoxedStrategy<String> {
-    let arrows = ["->", "||>", "->|", "|->", "-[n]->", "|-[n[i]]->", "-[ n ]->|"];
+    let arrows = ["->", "||>", "->|", "|->", "-[n]->", "|-[n[i]]->", "-[ n ]->|", "-[n]|->", "-[n]||>"];
     let end = prop_oneof![head(), name(), Just("w[1].tip".to_string())].boxed();
     let words = ["let", "probe", "input"];
     let simple = prop_oneof![

@@ -121,14 +121,7 @@ impl Wreck<'_> {
             let help = format!("write `{} {word}`", self.word(before));
             return Some(self.error("syntax::unit", self.at, message).help(help));
         }
-        // a unit's symbols reach back to a number
-        let mut start = before;
-        while start > self.range.start
-            && (self.kind(start) == Some(Kind::Word) || matches!(self.word(start), "*" | "/" | "^"))
-            && !crate::limit::is_keyword(self.word(start))
-        {
-            start -= 1;
-        }
+        let start = self.number_before(before);
         let unit = self.kind(start) == Some(Kind::Number) && start < before && self.kind(before) == Some(Kind::Word);
         unit.then(|| {
             let span = self.scan.span_of(start).to(self.scan.span_of(self.at));
@@ -137,5 +130,29 @@ impl Wreck<'_> {
             let help = format!("join its symbols with `*` or `/`: `{} {left}*{word}`", self.word(start));
             Diagnostic::error("syntax::unit", span, message).help(help)
         })
+    }
+
+    /// `5 m^0.5`.
+    pub(super) fn exponent(&self) -> Option<Diagnostic> {
+        let symbol = self.at.checked_sub(2)?;
+        let start = self.number_before(symbol);
+        if self.word(self.at - 1) != "^" || self.kind(start) != Some(Kind::Number) || start == symbol {
+            return None;
+        }
+        let power = self.word(self.at);
+        let help = super::exponent(self.word(symbol), power)?;
+        let message = format!("`{power}` is no exponent of a unit: a fraction is written in parentheses");
+        Some(self.error("syntax::exponent", self.at, message).help(format!("write `{help}`")))
+    }
+
+    /// Back from a token over the symbols and operators of a unit: its number, if it is one.
+    fn number_before(&self, mut index: usize) -> usize {
+        while index > self.range.start
+            && (self.kind(index) == Some(Kind::Word) || matches!(self.word(index), "*" | "/" | "^"))
+            && !crate::limit::is_keyword(self.word(index))
+        {
+            index -= 1;
+        }
+        index
     }
 }

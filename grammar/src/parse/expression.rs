@@ -3,6 +3,7 @@
 use super::{Reader, Rule, children, inner, next};
 use crate::ast::*;
 use crate::diagnostic::Diagnostic;
+use crate::explain;
 use crate::source::Span;
 use pest::iterators::Pair;
 use pest::pratt_parser::{Assoc, Op, PrattParser};
@@ -76,7 +77,36 @@ impl Reader<'_> {
         if matches!(operator, Binary::Mul | Binary::Div) {
             self.check_unit_end(&left, self.span(&sign), &right);
         }
+        if operator == Binary::Pow {
+            self.check_unit_power(&left, self.span(&sign), &right);
+        }
         Expr { kind: ExprKind::Binary(operator, Box::new(left), Box::new(right)), span }
+    }
+
+    /// Refuses `2 m^2^2` and `2 m^(0.5)`: a `^` that touches a unit looks like the unit's, and would be that of number and
+    /// unit together.
+    fn check_unit_power(&mut self, left: &Expr, sign: Span, right: &Expr) {
+        let ExprKind::Number { unit: Some(unit), .. } = &left.kind else { return };
+        if unit.span.end != sign.start {
+            return;
+        }
+        let [number, power, both] =
+            [left.span, right.span, unit.span.to(right.span)].map(|s| self.scan.slice(s).to_string());
+        let raised = format!("`({number})^{power}`");
+        let bare = unit.factors.last().is_some_and(|factor| factor.2.end == unit.span.end);
+        let exponent = explain::exponent(self.scan.slice(unit.span), power.trim_matches(['(', ')']));
+        let (message, help) = match (bare, exponent) {
+            (true, Some(exponent)) => (
+                format!("`{power}` is no exponent of a unit: a fraction is written with `/`, in parentheses"),
+                format!("write `{exponent}`, or for a power of number and unit together {raised}"),
+            ),
+            (false, _) => (
+                format!("the second `^` of `{both}` is read as that of number and unit together"),
+                format!("write {raised} if that is meant; a unit has one exponent"),
+            ),
+            (true, None) => return,
+        };
+        self.errors.push(Diagnostic::error("syntax::exponent", sign.to(right.span), message).help(help));
     }
 
     /// A unit ends at the first space, so that what follows its operator without one would belong to it.
