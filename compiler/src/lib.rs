@@ -22,7 +22,7 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources};
 use bond_runtime::scene::Scene;
 use causality::Causality;
-use elaborate::Loader;
+use elaborate::{Broken, Loader};
 use graph::BondGraph;
 use model::Model;
 use structure::Form;
@@ -116,28 +116,52 @@ pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader) -> L
 /// # Errors
 /// All that is wrong with it, in order of place.
 pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> Result<Compiled, Vec<Diagnostic>> {
-    let mut model = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone())?;
+    let elaborated = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone());
+    let mut model = elaborated.map_err(|broken| all_errors(broken, options))?;
     model.settings.pace = options.pace(&model.settings);
+    let method = discretise::method(&model, options);
+    let (made, method) = match (structured(model), method) {
+        (Ok(made), Ok(method)) => (made, method),
+        (made, method) => return Err([made.err(), method.err()].into_iter().flatten().flatten().collect()),
+    };
+    let (mut model, graph, causality, form) = made;
+    let scene = discretise::discretise(&mut model, &form, method, options.accuracy)?;
+    Ok(Compiled { model, graph, causality, form, scene })
+}
+
+/// What is made of a model before its step programs.
+type Structured = (Model, BondGraph, Causality, Form);
+
+/// The graph, the strokes and the form.
+fn structured(mut model: Model) -> Result<Structured, Vec<Diagnostic>> {
     let graph = graph::build(&model);
     let within = graph.bars_within(&model);
     if !within.is_empty() {
         return Err(within);
     }
     let causality = causality::assign(&mut model, &graph)?;
-    let (model, graph, causality, form) = form(model, graph, causality)?;
-    let mut model = model;
-    let method = discretise::method(&model, options)?;
-    let scene = discretise::discretise(&mut model, &form, method, options.accuracy)?;
-    Ok(Compiled { model, graph, causality, form, scene })
+    form(model, graph, causality)
+}
+
+/// What is wrong with a model: what its elaboration says, and what the later stages say where all but outputs and units
+/// is right.
+fn all_errors(Broken { mut errors, model }: Broken, options: &Options) -> Vec<Diagnostic> {
+    let Some(mut model) = model else { return errors };
+    errors.extend(discretise::method(&model, options).err().unwrap_or_default());
+    // Where a unit is wrong, so may be the number, and by numbers goes the form.
+    let later = if errors.iter().any(|e| e.code.starts_with("units::")) {
+        let graph = graph::build(&model);
+        causality::assign(&mut model, &graph).err()
+    } else {
+        structured(*model).err()
+    };
+    errors.extend(later.unwrap_or_default());
+    errors
 }
 
 /// The form. Where several storages are tied together by ratios that are divided by, and may pass 0, the junctions that
 /// drive them get speeds of their own first.
-fn form(
-    mut model: Model,
-    graph: BondGraph,
-    causality: Causality,
-) -> Result<(Model, BondGraph, Causality, Form), Vec<Diagnostic>> {
+fn form(mut model: Model, graph: BondGraph, causality: Causality) -> Result<Structured, Vec<Diagnostic>> {
     let speeds = causality::speeds(&model, &graph, &causality);
     let with = (!speeds.is_empty()).then(|| model.clone());
     let plain = structure::build(&mut model, &graph, &causality);

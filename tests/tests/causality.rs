@@ -42,7 +42,9 @@ fn asserted_strokes_are_kept() {
     let free = text("model M { Se:u = 1 V R:a = 1 Ohm R:b = 2 Ohm u -> 1:i -> a, b }");
     let held = text("model M { Se:u = 1 V R:a = 1 Ohm R:b = 2 Ohm u -> 1:i i ->| a i -> b }");
     let other = text("model M { Se:u = 1 V R:a = 1 Ohm R:b = 2 Ohm u -> 1:i i |-> a i -> b }");
-    for c in [&free, &held, &other] {
+    let named = text("model M { Se:u = 1 V R:a = 1 Ohm R:b = 2 Ohm u -> 1:i i -[x]|-> a i -> b probe p = x.P }");
+    assert_eq!(other.stages().causality.strokes, named.stages().causality.strokes);
+    for c in [&free, &held, &other, &named] {
         let summary = crate::common::run(c).unwrap_or_else(|e| panic!("{e}"));
         crate::common::close(summary.regions[0].dissipated, 1.0 / 3.0, 1e-12, "energy");
     }

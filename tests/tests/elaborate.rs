@@ -2,7 +2,9 @@
 
 use crate::common::{example, text, with};
 use bond::{As, Options, What};
+use bond_compiler::elaborate::Loader;
 use bond_compiler::model::ExpectationKind;
+use bond_grammar::source::Sources;
 
 #[test]
 fn graphs() {
@@ -158,4 +160,47 @@ fn instants_are_expressions() {
         })
         .collect();
     assert_eq!(times, [0.7, 1.0, 0.5]);
+}
+
+/// Files that need no folder.
+struct Texts(&'static [(&'static str, &'static str)]);
+
+impl Loader for Texts {
+    fn load(&mut self, _: &str, path: &str) -> Result<(String, String), String> {
+        let found = self.0.iter().find(|(name, _)| *name == path).ok_or("there is no such file")?;
+        Ok((path.to_string(), found.1.to_string()))
+    }
+}
+
+/// A name that two used files declare is wrong where it is used; what the file itself declares comes before, and a file
+/// that is used on two ways is one file.
+#[test]
+fn names_of_several_files() {
+    let files = &[
+        ("a", "let f(x) = x let g(x) = x model P { port p R:r = 1 Ohm p -> r } model Q { port p R:r = 1 Ohm p -> r }"),
+        ("b", "use \"a\" let f(x) = 2*x model P { port p R:r = 2 Ohm p -> r }"),
+    ];
+    let said = |text: &str| {
+        let mut sources = Sources::new();
+        let main = sources.add("main", text);
+        let errors = bond_compiler::compile(&mut sources, main, &mut Texts(files), &bond_compiler::Options::default());
+        errors.err().map_or(String::new(), |list| list.iter().map(|e| e.render(&sources)).collect())
+    };
+    let uses = "use \"a\" use \"b\" use \"a\"";
+    for (own, body) in [
+        ("", "Q:k"),
+        ("model P { port p R:r = 3 Ohm p -> r }", "P:k"),
+        ("let f(x) = 3*x", "Q:k let y = f(2)"),
+        ("", "Q:k let f(x) = 4*x let y = f(2) + g(2)"),
+    ] {
+        let text = format!("{uses} {own} model M {{ Se:u = 1 V u -> k.p {body} }}");
+        assert_eq!(said(&text), "", "{text}");
+    }
+    for (what, body) in [("`P` is a model", "P:k"), ("`f` is a function", "Q:k let y = f(2)")] {
+        let text = said(&format!("{uses} model M {{ Se:u = 1 V u -> k.p {body} }}"));
+        assert!(
+            text.contains(what) && text.contains("\"a\" and \"b\"") && text.matches("error[").count() == 1,
+            "{text}"
+        );
+    }
 }

@@ -15,6 +15,9 @@ use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
 use propagate::Assignment;
 
+/// So many asserted strokes are taken off one by one, to see which of them does it.
+const MOST_TRIED: usize = 100;
+
 /// Why a bond has its stroke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
@@ -265,6 +268,25 @@ pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Dia
         .collect();
     let strokes = a.strokes.iter().map(|s| s.unwrap_or(Stroke::Head)).collect();
     Ok(Causality { strokes, causes: a.causes, dependent, implicit })
+}
+
+/// The asserted strokes without which a dependent storage would not be one: the first that does it alone, or all of
+/// them; none where it would be one all the same.
+pub fn holding(model: &Model, graph: &BondGraph, storage: ElementId) -> Vec<BondId> {
+    let asserted: Vec<BondId> =
+        (0..model.bonds.len() as u32).map(BondId).filter(|b| model.bond(*b).stroke.is_some()).collect();
+    let free = |without: &[BondId]| {
+        let mut model = model.clone();
+        for b in without {
+            model.bonds[b.at()].stroke = None;
+        }
+        assign(&mut model, graph).is_ok_and(|c| !c.dependent.contains(&storage))
+    };
+    if asserted.is_empty() || !free(&asserted) {
+        return Vec::new();
+    }
+    let alone = asserted.iter().take(MOST_TRIED).find(|b| free(&[**b]));
+    alone.map_or(asserted.clone(), |b| vec![*b])
 }
 
 /// The 1-junctions that drive others through ratios which change with states, where storages are tied together by those

@@ -237,6 +237,7 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
 fn complain(c: &Cluster, model: &Model, form: &Form, what: &str, help: &str) -> Diagnostic {
     let mut names: Vec<String> = Vec::new();
     let mut bonds = Vec::new();
+    let mut elements = Vec::new();
     for node in c.loop_nodes() {
         let bond = match node.resistor() {
             Some(column) => {
@@ -245,12 +246,16 @@ fn complain(c: &Cluster, model: &Model, form: &Form, what: &str, help: &str) -> 
             }
             None => {
                 names.push(format!("`{}`", model.pool.name(node.out)));
-                form.loops.iter().find(|l| l.unknown == node.out).map(|l| l.bond)
+                let found = form.loops.iter().find(|l| l.unknown == node.out).map(|l| l.bond);
+                let column = form.column_of.get(&node.out).filter(|_| found.is_none());
+                elements.extend(column.map(|c| form.column(*c).element));
+                found
             }
         };
         bonds.extend(bond);
     }
-    let span = bonds.first().map_or(model.span, |b| model.bond(*b).span);
+    let element = elements.first().map(|id| model.element(*id).span);
+    let span = bonds.first().map(|b| model.bond(*b).span).or(element).unwrap_or(model.span);
     let mut error =
         Diagnostic::error("discretise::loop", span, format!("an algebraic loop through {}: {what}", names.join(", ")));
     for b in bonds.iter().take(16) {

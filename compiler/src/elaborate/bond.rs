@@ -17,6 +17,10 @@ impl<'a> Elaborator<'a> {
                     Diagnostic::error("elaborate::fan", arrow.span, "this arrow joins several ends with several ends")
                         .help("write the bonds one by one, or put a junction between"),
                 );
+                self.fray(scope);
+                if let Some((name, _)) = &arrow.name {
+                    self.lose_name(&name.text, scope);
+                }
                 continue;
             }
             let name = match &arrow.name {
@@ -31,14 +35,26 @@ impl<'a> Elaborator<'a> {
                             .help("name a bond that has one tail and one head"),
                         );
                     }
-                    self.key(&n.text, index, scope).map(|k| (k, n.span))
+                    let key = self.key(&n.text, index, scope);
+                    if key.is_none() {
+                        self.lose_name(&n.text, scope);
+                    }
+                    key.map(|k| (k, n.span))
                 }
                 None => None,
             };
             let mut declared = false;
             for tail in tails {
                 for head in heads {
-                    let (Some((tail, tail_name)), Some((head, head_name))) = (tail, head) else { continue };
+                    let (Some((tail, tail_name)), Some((head, head_name))) = (tail, head) else {
+                        self.fray(scope);
+                        if let Some((key, span)) = &name
+                            && !std::mem::replace(&mut declared, true)
+                        {
+                            self.declare(scope, key.clone(), Entity::Missing, *span);
+                        }
+                        continue;
+                    };
                     let index = self.raw_bonds.len();
                     let instance = self.scopes[scope].instance;
                     let mut shown = format!("{tail_name} -> {head_name}");
@@ -175,21 +191,26 @@ impl<'a> Elaborator<'a> {
                 Entity::Missing => return None,
                 Entity::Field(f) => {
                     let next = &path.segments[i + 1];
+                    let port = format!("{key}.{}", next.name.text);
                     let place = self.fields[f].ports.iter().position(|p| *p == next.name.text);
-                    if let (Some(place), true) = (place, i + 2 == path.segments.len() && next.index.is_empty()) {
-                        let key = format!("{key}.{}", next.name.text);
-                        return Some((at, key, Entity::Element(self.fields[f].members[place]), span));
-                    }
-                    let list = self.fields[f].ports.join(", ");
-                    self.errors.push(
-                        Diagnostic::error(
-                            "elaborate::end",
-                            path.span,
+                    let last = i + 2 == path.segments.len();
+                    let (what, help) = match place {
+                        Some(place) if last && next.index.is_empty() => {
+                            return Some((at, port, Entity::Element(self.fields[f].members[place]), span));
+                        }
+                        Some(_) if last => {
+                            (format!("`{port}` is one port, and has no entries"), "take the index away".to_string())
+                        }
+                        Some(_) => {
+                            (format!("`{port}` is a port, and has no parts"), format!("bond to `{port}` itself"))
+                        }
+                        None => (
                             format!("`{key}` has no port `{}`", next.name.text),
-                        )
-                        .label(span, "is declared here")
-                        .help(format!("its ports are {list}")),
-                    );
+                            format!("its ports are {}", self.fields[f].ports.join(", ")),
+                        ),
+                    };
+                    let error = Diagnostic::error("elaborate::end", path.span, what).label(span, "is declared here");
+                    self.errors.push(error.help(help));
                     return None;
                 }
                 Entity::Element(_)
@@ -213,9 +234,11 @@ impl<'a> Elaborator<'a> {
         None
     }
 
-    /// Whether a name's declaration could not be read, which is said.
+    /// Whether a name's declaration could not be read or made, which is said.
     pub(super) fn is_lost(&self, instance: usize, name: &String) -> bool {
-        self.files.model(self.instances[instance].model).is_some_and(|m| m.lost.binary_search(name).is_ok())
+        let instance = &self.instances[instance];
+        instance.lost.contains(name)
+            || self.files.model(instance.model).is_some_and(|m| m.lost.binary_search(name).is_ok())
     }
 
     /// Looks a segment up in an instance.

@@ -62,7 +62,8 @@ impl<'a> Elaborator<'a> {
         self.stack.push(model);
         let instance = self.instances.len();
         let scope = self.new_scope(instance, None, None);
-        self.instances.push(super::Instance { model, path, scope, names: Default::default() });
+        let outer = args.map_or(instance, |(_, caller)| self.scopes[caller].instance);
+        self.instances.push(super::Instance::new(model, path, scope, outer));
         self.declare_params(instance, decl, args);
         if instance == 0 {
             self.file_functions();
@@ -87,6 +88,7 @@ impl<'a> Elaborator<'a> {
     fn declare_params(&mut self, instance: usize, decl: &'a ModelDecl, args: Option<(&'a [Field], ScopeId)>) {
         let (args, caller) = args.unwrap_or((&[], 0));
         let scope = self.instances[instance].scope;
+        let mut strange = false;
         for arg in args {
             let name = &arg.path[0];
             if arg.path.len() != 1 || !decl.params.iter().any(|p| p.name.text == name.text) {
@@ -94,7 +96,7 @@ impl<'a> Elaborator<'a> {
                 let mut error = Diagnostic::error(
                     "elaborate::parameter",
                     arg.span,
-                    format!("`{}` has no parameter `{}`", decl.name.text, join(&arg.path)),
+                    format!("`{}` has no parameter `{}`", decl.name.text, arg.name()),
                 )
                 .label(decl.name.span, "is the model");
                 error = match nearest(&name.text, known.iter().copied()) {
@@ -103,6 +105,7 @@ impl<'a> Elaborator<'a> {
                     None => error.help(format!("its parameters are {}", known.join(", "))),
                 };
                 self.errors.push(error);
+                strange = true;
             }
         }
         for p in &decl.params {
@@ -126,7 +129,10 @@ impl<'a> Elaborator<'a> {
             };
             let index = self.params.len();
             let overridden = self.overrides.get(&full).copied();
-            self.params.push(Param { name: full, span: p.name.span, value, state: ParamState::New, overridden });
+            // What has no value may have been meant by the argument that fits no parameter.
+            let meant = strange && value.is_none() && overridden.is_none();
+            let state = if meant { ParamState::Done(None) } else { ParamState::New };
+            self.params.push(Param { name: full, span: p.name.span, value, state, overridden });
             self.declare(scope, p.name.text.clone(), Entity::Param(index), p.name.span);
         }
     }
@@ -152,7 +158,7 @@ impl<'a> Elaborator<'a> {
         }
         // A `let` is declared before what stands above it.
         let (first, second) = if span.start < known.1.start { (span, known.1) } else { (known.1, span) };
-        known.1 = first;
+        *known = (Entity::Missing, first);
         self.errors.push(twice(&key, first, second));
         false
     }
@@ -227,7 +233,9 @@ impl<'a> Elaborator<'a> {
                 StatementKind::Port(name, fields) => self.port(name, fields, scope, sampling),
                 StatementKind::Sampled(block) => self.sampled(block, s.span, scope, sampling, chains),
                 StatementKind::For(f) => {
-                    let Some((from, to)) = self.integer(&f.from, scope).zip(self.integer(&f.to, scope)) else {
+                    let (from, to) = (self.integer(&f.from, scope), self.integer(&f.to, scope));
+                    let Some((from, to)) = from.zip(to) else {
+                        self.lose(&f.body, scope);
                         continue;
                     };
                     if self.rounds > MOST_ROUNDS {
@@ -251,7 +259,11 @@ impl<'a> Elaborator<'a> {
                     }
                     self.rounds += rounds as u64;
                     for i in from..=to {
-                        if self.rounds > MOST_ROUNDS || self.too_big(s.span) || self.errors.len() > 200 {
+                        if self.rounds > MOST_ROUNDS || self.too_big(s.span) {
+                            break;
+                        }
+                        if self.errors.len() > 200 {
+                            self.lose(&f.body, scope);
                             break;
                         }
                         let inner_scope = self.new_scope(instance, Some(scope), Some((f.variable.text.clone(), i)));
@@ -261,7 +273,10 @@ impl<'a> Elaborator<'a> {
                 StatementKind::If(c) => match self.truth(&c.condition, scope) {
                     Some(true) => self.block(&c.body, scope, sampling, true, chains),
                     Some(false) => self.block(c.otherwise.as_deref().unwrap_or(&[]), scope, sampling, true, chains),
-                    None => {}
+                    None => {
+                        self.lose(&c.body, scope);
+                        self.lose(c.otherwise.as_deref().unwrap_or(&[]), scope);
+                    }
                 },
                 StatementKind::Input(name, value) => self.input(name, value, scope),
                 StatementKind::State(name, start, fields) => self.memory(name, start, fields, scope, sampling),
@@ -296,6 +311,49 @@ impl<'a> Elaborator<'a> {
                 }
             }
         }
+    }
+
+    /// Keeps in mind what statements declare and bond that cannot be made, which is said.
+    fn lose(&mut self, body: &[Statement], scope: ScopeId) {
+        for s in body {
+            match &s.kind {
+                StatementKind::Element(e) => self.lose_name(&e.name.text, scope),
+                StatementKind::Chain(c) => {
+                    self.fray(scope);
+                    for end in c.groups.iter().flatten() {
+                        match end {
+                            End::Declare(e) => self.lose_name(&e.name.text, scope),
+                            End::Path(_) => {}
+                        }
+                    }
+                    for (name, _) in c.arrows.iter().filter_map(|arrow| arrow.name.as_ref()) {
+                        self.lose_name(&name.text, scope);
+                    }
+                }
+                StatementKind::Port(name, _)
+                | StatementKind::Let(name, _)
+                | StatementKind::Probe(name, _)
+                | StatementKind::Input(name, _)
+                | StatementKind::State(name, ..) => self.lose_name(&name.text, scope),
+                StatementKind::Function(f) => self.lose_name(&f.name.text, scope),
+                StatementKind::Sampled(block) => self.lose(&block.body, scope),
+                StatementKind::For(f) => self.lose(&f.body, scope),
+                StatementKind::If(c) => {
+                    self.lose(&c.body, scope);
+                    self.lose(c.otherwise.as_deref().unwrap_or(&[]), scope);
+                }
+                StatementKind::Simulate(_) | StatementKind::Expect(_) => {}
+            }
+        }
+    }
+
+    pub(super) fn lose_name(&mut self, name: &str, scope: ScopeId) {
+        self.instances[self.scopes[scope].instance].lost.insert(name.to_string());
+    }
+
+    /// Keeps in mind that bonds of a scope's model could not be made.
+    pub(super) fn fray(&mut self, scope: ScopeId) {
+        self.instances[self.scopes[scope].instance].frayed = true;
     }
 
     /// A probe in a loop carries the loop's numbers: `x[3]`.
@@ -338,7 +396,10 @@ impl<'a> Elaborator<'a> {
 
     fn element(&mut self, e: &'a Decl_, scope: ScopeId, sampling: Option<usize>) {
         let instance = self.scopes[scope].instance;
-        let Some(key) = self.key(&e.name.text, &e.index, scope) else { return };
+        let Some(key) = self.key(&e.name.text, &e.index, scope) else {
+            self.lose_name(&e.name.text, scope);
+            return;
+        };
         let name = self.full_name(instance, &key);
         if !e.ports.is_empty() || matches!(e.kind.text.as_str(), "RS" | "IC") {
             self.field(e, key, name, scope, sampling);
@@ -470,7 +531,13 @@ impl<'a> Elaborator<'a> {
     ) {
         let instance = self.scopes[scope].instance;
         let file = self.instances[instance].model.0;
-        let Some(&model) = self.files.visible[file].get(kind) else {
+        let meant = self.files.visible[file].get(kind).map_or(&[][..], Vec::as_slice);
+        if meant.len() > 1 {
+            self.errors.push(self.files.ambiguous(self.sources, "model", &e.kind, meant));
+            self.declare(scope, key, Entity::Missing, e.name.span);
+            return;
+        }
+        let Some(&model) = meant.first() else {
             self.declare(scope, key, Entity::Missing, e.name.span);
             if self.files.gaps[file] {
                 return;
@@ -542,7 +609,13 @@ impl<'a> Elaborator<'a> {
         }
         let port = self.ports.len();
         if self.declare(scope, name.text.clone(), Entity::Port(port), name.span) {
-            self.ports.push(PortDecl { name: full, span: name.span, inside: Vec::new(), outside: Vec::new() });
+            self.ports.push(PortDecl {
+                name: full,
+                span: name.span,
+                inside: Vec::new(),
+                outside: Vec::new(),
+                instance,
+            });
         }
     }
 
@@ -560,6 +633,7 @@ impl<'a> Elaborator<'a> {
                     .label(self.samplings[outer].span, "is the outer one")
                     .help("place them beside each other and join them by `||>`"),
             );
+            self.block(&block.body, scope, Some(outer), true, chains);
             return;
         }
         let period = match &block.clock {
@@ -634,8 +708,4 @@ fn twice(key: &str, first: Span, second: Span) -> Diagnostic {
     Diagnostic::error("elaborate::twice", second, format!("`{key}` is declared twice"))
         .label(first, "is the first declaration")
         .help("a name is declared once in its model; rename one of them")
-}
-
-fn join(path: &[Name]) -> String {
-    path.iter().map(|n| n.text.as_str()).collect::<Vec<_>>().join(".")
 }

@@ -335,6 +335,7 @@ impl<'a> Elaborator<'a> {
     ) -> Option<Value> {
         let f = name.text.as_str();
         if let Some(function) = self.function(f, scope) {
+            self.is_one(function, name, scope)?;
             return self.apply(function, args, span, scope);
         }
         if f == "integral" {

@@ -1,6 +1,6 @@
 //! Second walk: laws, outputs, settings, units.
 
-use super::{Elaborator, Inference, Mode, Typed, Unit};
+use super::{Broken, Elaborator, Entity, Inference, Mode, Typed, Unit};
 use crate::Options;
 use crate::expression::Expr;
 use crate::model::{BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, Parameter, Probe, Signal};
@@ -14,26 +14,24 @@ use rustc_hash::FxHashSet;
 const MOST_UNUSED: usize = 1_000_000;
 
 impl<'a> Elaborator<'a> {
-    pub(super) fn finish(mut self, decl: &'a ast::Model) -> Result<Model, Vec<Diagnostic>> {
-        let joined = self.errors.is_empty();
+    pub(super) fn finish(mut self, decl: &'a ast::Model) -> Result<Model, Broken> {
         self.domain_of = self.domains();
         let domains = self.domain_of.iter().max().map_or(0, |d| d + 1);
         self.energies = vec![None; self.elements.len()];
         self.mode = Mode::Signals;
-        // A wrong value is worth saying even where bonds are missing; but signals of such bonds are not.
         let laws = self.laws();
-        if !joined {
-            return Err(self.errors);
-        }
         let memories = self.make_memories();
         let inputs = self.make_inputs();
+        let mut whole = self.errors.is_empty();
         let probes = self.make_probes();
         let expectations = self.make_expectations();
         let settings = self.make_settings();
+        let said = self.errors.len();
         for p in 0..self.params.len() {
             let span = self.params[p].span;
             self.param_value(p, span);
         }
+        whole &= self.errors.len() == said;
         self.check_unused();
         let mut inference = Inference::new(domains);
         for e in std::mem::take(&mut self.equations) {
@@ -47,8 +45,9 @@ impl<'a> Elaborator<'a> {
                 function: &|f| functions.name(f),
             },
         );
-        if !self.errors.is_empty() {
-            return Err(self.errors);
+        self.forget_misread();
+        if !whole {
+            return Err(Broken { errors: self.errors, model: None });
         }
         let known = |u: &Unit| units.system.known(u);
         let parameters = self
@@ -69,7 +68,7 @@ impl<'a> Elaborator<'a> {
         let bond_units =
             self.domain_of.iter().map(|&d| (known(&Inference::effort(d)), known(&Inference::flow(d)))).collect();
         let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
-        Ok(Model {
+        let model = Model {
             name: decl.name.text.clone(),
             docs: decl.docs.clone(),
             span: decl.span,
@@ -97,7 +96,22 @@ impl<'a> Elaborator<'a> {
             signals: self.signals,
             units: bond_units,
             pseudo,
-        })
+        };
+        if self.errors.is_empty() {
+            return Ok(model);
+        }
+        Err(Broken { errors: self.errors, model: Some(Box::new(model)) })
+    }
+
+    /// Takes the errors of units out where the grammar refused what is written: it may not be what was meant.
+    fn forget_misread(&mut self) {
+        let place = |e: &Diagnostic| e.labels.first().map(|l| l.span);
+        let refused: Vec<Span> =
+            self.errors.iter().filter(|e| e.code.starts_with("syntax::")).filter_map(place).collect();
+        let meet = |a: Span, b: Span| a.source == b.source && a.start < b.end && b.start < a.end;
+        self.errors.retain(|e| {
+            !e.code.starts_with("units::") || !e.labels.iter().any(|l| refused.iter().any(|part| meet(l.span, *part)))
+        });
     }
 
     /// Bonds that meet at junctions share their units: the domain of each bond.
@@ -255,7 +269,9 @@ impl<'a> Elaborator<'a> {
     /// Says which `--set` met no parameter.
     pub(super) fn unknown_overrides(&mut self, options: &Options, at: Span) {
         for (path, ..) in &options.set {
-            if self.params.iter().any(|p| p.name == *path) {
+            let part = path.split(['.', '[']).next().unwrap_or(path).to_string();
+            let wrong = matches!(self.instances[0].names.get(&part), Some((Entity::Missing, _)));
+            if wrong || self.is_lost(0, &part) || self.params.iter().any(|p| p.name == *path) {
                 continue;
             }
             if let Some((array, _)) =

@@ -62,7 +62,7 @@ impl<'a> Elaborator<'a> {
             let scope = self.new_scope(instance, None, None);
             // No item has this number, so that this is an instance of no model.
             let model = (file, usize::MAX);
-            self.instances.push(super::Instance { model, path: String::new(), scope, names: Default::default() });
+            self.instances.push(super::Instance::new(model, String::new(), scope, instance));
             for (item, f) in files.functions_of(file) {
                 self.check_arguments(f);
                 self.functions.of_files.insert((file, item), self.functions.list.len());
@@ -104,8 +104,20 @@ impl<'a> Elaborator<'a> {
         if let Some((Entity::Function(f), _)) = instance.names.get(name) {
             return Some(*f);
         }
-        let of_file = self.files.functions.get(instance.model.0)?.get(name)?;
+        let of_file = self.files.functions.get(instance.model.0)?.get(name)?.first()?;
         self.functions.of_files.get(of_file).copied()
+    }
+
+    /// Refuses to call a function whose name several used files declare.
+    pub(super) fn is_one(&mut self, f: usize, name: &ast::Name, scope: ScopeId) -> Option<()> {
+        let file = self.instances[self.scopes[scope].instance].model.0;
+        let all = self.files.functions.get(file).and_then(|names| names.get(&name.text)).map_or(&[][..], Vec::as_slice);
+        let [first, _, ..] = all else { return Some(()) };
+        if self.functions.of_files.get(first) != Some(&f) {
+            return Some(()); // one of the model's own
+        }
+        self.errors.push(self.files.ambiguous(self.sources, "function", name, all));
+        None
     }
 
     /// Whether a function that can be called at a place may be one of those that could not be read.

@@ -1,16 +1,16 @@
 //! Takes the ports of instances out: the bond inside and the bond outside become one.
 
-use super::{Elaborator, RawEnd};
+use super::{Decl, Elaborator, RawEnd};
 use crate::model::{Bond, BondId, ElementId, Kind};
 use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
 
 impl Elaborator<'_> {
     /// Makes the flat bonds, and checks that everything is bonded as its kind asks for.
     pub(super) fn join_ports(&mut self) {
-        let whole = self.errors.is_empty();
         let mut sound = vec![true; self.ports.len()];
         for (p, sound) in sound.iter_mut().enumerate() {
-            *sound = self.port_is_sound(p, whole);
+            *sound = self.port_is_sound(p);
         }
         // Follow each chain of ports from its tail element to its head element.
         self.merged = vec![None; self.raw_bonds.len()];
@@ -45,9 +45,6 @@ impl Elaborator<'_> {
                     .help("write `||>` on one side of the port and `->` on the other"),
                 );
             }
-            for &m in &members {
-                self.merged[m] = Some(id);
-            }
             let raw = |m: &usize| &self.raw_bonds[*m];
             let named = members.iter().map(raw).find(|b| !b.name.contains("->"));
             let name = match named {
@@ -57,6 +54,15 @@ impl Elaborator<'_> {
             // The outermost arrow is the one that a reader of the scene sees.
             let span = members.iter().map(raw).map(|b| b.span).next_back().unwrap_or(self.raw_bonds[start].span);
             let span = bars.first().map(|&m| self.raw_bonds[m].span).unwrap_or(span);
+            if tail == head {
+                let message = format!("the bond `{name}` joins `{}` with itself", self.elements[tail.at()].name);
+                let error = Diagnostic::error("elaborate::end", span, message);
+                self.errors.push(error.help("a bond joins two elements: take it out, or lead one end of it elsewhere"));
+                continue;
+            }
+            for &m in &members {
+                self.merged[m] = Some(id);
+            }
             self.bonds.push(Bond {
                 tail,
                 head,
@@ -72,14 +78,60 @@ impl Elaborator<'_> {
             self.bonds_of[bond.tail.at()].push(BondId(i as u32));
             self.bonds_of[bond.head.at()].push(BondId(i as u32));
         }
-        if !self.errors.is_empty() {
-            // Complaints about missing bonds would only repeat what was said of the bonds that could not be made.
-            return;
+        self.torn = vec![false; self.elements.len()];
+        for (raw, _) in self.raw_bonds.iter().zip(&self.merged).filter(|(_, merged)| merged.is_none()) {
+            for end in [raw.tail, raw.head] {
+                if let RawEnd::Element(id) = end {
+                    self.torn[id.at()] = true;
+                }
+            }
         }
         for i in 0..self.elements.len() {
             self.check_bonds(ElementId(i as u32));
         }
         self.check_borders();
+        self.stand_in();
+    }
+
+    /// Whether all bonds that are written in an instance were made, so that it is worth saying what lacks one.
+    fn is_whole(&self, instance: usize) -> bool {
+        !self.ruined && !self.instances[instance].frayed
+    }
+
+    /// Gives each element that lacks a bond, which is said, one that leads nowhere, so that its value is looked at too.
+    fn stand_in(&mut self) {
+        let nowhere = ElementId(self.elements.len() as u32);
+        for i in 0..self.elements.len() {
+            let id = ElementId(i as u32);
+            let has = |tail: bool| self.bonds_of[i].iter().any(|b| (self.bonds[b.at()].tail == id) == tail);
+            let lacking: &[bool] = match self.elements[i].kind {
+                Kind::Zero | Kind::One => &[],
+                Kind::Tf | Kind::Gy => match (has(true), has(false)) {
+                    (true, true) => &[],
+                    (true, false) => &[false],
+                    (false, true) => &[true],
+                    (false, false) => &[true, false],
+                },
+                Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port => {
+                    if self.bonds_of[i].is_empty() { &[false] } else { &[] }
+                }
+            };
+            for out in lacking {
+                let (tail, head) = if *out { (id, nowhere) } else { (nowhere, id) };
+                let (name, span) = (self.elements[i].name.clone(), self.elements[i].span);
+                self.bonds_of[i].push(BondId(self.bonds.len() as u32));
+                self.bonds.push(Bond { tail, head, sampled: false, stroke: None, name, span });
+            }
+        }
+        let missing = self.bonds.last().filter(|b| b.tail == nowhere || b.head == nowhere);
+        if let Some((name, span)) = missing.map(|b| (b.name.clone(), b.span)) {
+            if self.errors.is_empty() {
+                self.errors.push(unconnected(&name, span));
+            }
+            let kind = Kind::One; // of no domain: it has no bonds of its own
+            self.elements.push(Decl { name, kind, ast: None, scope: 0, sampling: None, span, field: None });
+            self.bonds_of.push(Vec::new());
+        }
     }
 
     /// A double bar to an open port of the scene has the outside on its far side: the port is the sampled region's own.
@@ -97,8 +149,9 @@ impl Elaborator<'_> {
     }
 
     /// Whether a port has its two bonds. What is missing is said only where all bonds that are written could be made.
-    fn port_is_sound(&mut self, p: usize, whole: bool) -> bool {
+    fn port_is_sound(&mut self, p: usize) -> bool {
         let port = &self.ports[p];
+        let (inside, outside) = (self.is_whole(port.instance), self.is_whole(self.instances[port.instance].outer));
         let (name, span) = (&port.name, port.span);
         for (side, bonds) in [("inside its model", &port.inside), ("outside", &port.outside)] {
             if let [first, second, ..] = bonds[..] {
@@ -134,7 +187,8 @@ impl Elaborator<'_> {
                 }
                 true
             }
-            ([], _) | (_, []) if !whole => false,
+            ([], _) if !inside => false,
+            (_, []) if !outside => false,
             ([], _) => {
                 self.errors.push(
                     Diagnostic::error(
@@ -163,16 +217,15 @@ impl Elaborator<'_> {
         let (name, span) = (&decl.name, decl.span);
         let arrows =
             |error: Diagnostic| bonds.iter().fold(error, |e, b| e.label(self.bonds[b.at()].span, "is a bond of it"));
+        // A bond that was not made may be the one that seems to be missing.
+        let whole = !self.torn[id.at()] && self.is_whole(self.scopes[decl.scope].instance);
         let error = match (decl.kind, bonds.len()) {
-            (_, 0) => Some(
-                Diagnostic::error("elaborate::unconnected", span, format!("`{name}` is not connected to anything"))
-                    .help(format!("bond it, as in `1:v -> {name}`, or take it out")),
-            ),
+            (_, 0) => whole.then(|| unconnected(name, span)),
             (Kind::Zero | Kind::One, _) => None,
             (Kind::Tf | Kind::Gy, _) => {
                 let into = bonds.iter().filter(|b| self.bonds[b.at()].head == id).count();
-                (bonds.len() != 2 || into != 1).then(|| {
-                    let out = bonds.len() - into;
+                let out = bonds.len() - into;
+                (into > 1 || out > 1 || whole && bonds.len() != 2).then(|| {
                     arrows(Diagnostic::error(
                         "elaborate::two_port",
                         span,
@@ -198,7 +251,7 @@ impl Elaborator<'_> {
     fn check_borders(&mut self) {
         for bond in &self.bonds {
             let (tail, head) = (&self.elements[bond.tail.at()], &self.elements[bond.head.at()]);
-            let side = |d: &super::Decl| match d.sampling {
+            let side = |d: &Decl| match d.sampling {
                 Some(s) => format!("sampled every {} s", self.samplings[s].period),
                 None => "continuous".to_string(),
             };
@@ -234,4 +287,9 @@ impl Elaborator<'_> {
             }
         }
     }
+}
+
+fn unconnected(name: &str, span: Span) -> Diagnostic {
+    Diagnostic::error("elaborate::unconnected", span, format!("`{name}` is not connected to anything"))
+        .help(format!("bond it, as in `1:v -> {name}`, or take it out"))
 }

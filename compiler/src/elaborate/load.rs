@@ -28,15 +28,18 @@ impl Loader for NoFiles {
 /// A model, by its file and its place among the file's items.
 pub type ModelRef = (usize, usize);
 
+/// What a name of a file means: what the file itself declares by it, or else what the files declare that it uses.
+pub type Named = FxHashMap<String, Vec<ModelRef>>;
+
 /// All files of a compilation; the first is the one asked for.
 #[derive(Debug, Default)]
 pub struct Files {
     /// Their trees.
     pub list: Vec<File>,
     /// For each file the models that can be named in it: its own and those of the files it uses.
-    pub visible: Vec<FxHashMap<String, ModelRef>>,
+    pub visible: Vec<Named>,
     /// The same of functions.
-    pub functions: Vec<FxHashMap<String, ModelRef>>,
+    pub functions: Vec<Named>,
     /// Whether some of what could be named in a file could not be read, which is said.
     pub gaps: Vec<bool>,
 }
@@ -48,6 +51,25 @@ impl Files {
             Item::Model(m) => Some(m),
             Item::Use(_) | Item::Function(_) => None,
         }
+    }
+
+    /// The name of an item, where it is declared.
+    fn name(&self, (file, item): ModelRef) -> Option<&Name> {
+        match self.list.get(file)?.items.get(item)? {
+            Item::Model(m) => Some(&m.name),
+            Item::Function(f) => Some(&f.name),
+            Item::Use(_) => None,
+        }
+    }
+
+    /// That a name means what several used files declare.
+    pub(super) fn ambiguous(&self, sources: &Sources, what: &str, name: &Name, all: &[ModelRef]) -> Diagnostic {
+        let places: Vec<Span> = all.iter().filter_map(|item| Some(self.name(*item)?.span)).collect();
+        let files: Vec<String> = places.iter().map(|p| format!("\"{}\"", sources.get(p.source).name)).collect();
+        let message = format!("`{}` is a {what} of several used files: {}", name.text, files.join(" and "));
+        let error = Diagnostic::error("elaborate::ambiguous", name.span, message);
+        let error = places.into_iter().fold(error, |error, place| error.label(place, "is one of them"));
+        error.help("rename one of them, or use one of the files only; what this file declares itself would come first")
     }
 
     /// The functions of a file, with their places.
@@ -89,8 +111,7 @@ impl Loading<'_> {
         self.files.functions.push(FxHashMap::default());
         self.files.gaps.push(file.gaps);
         self.open.push(name);
-        let mut visible: FxHashMap<String, ModelRef> = FxHashMap::default();
-        let mut functions: FxHashMap<String, ModelRef> = FxHashMap::default();
+        let (mut visible, mut functions) = (Named::default(), Named::default());
         for item in &file.items {
             let Item::Use(u) = item else { continue };
             let Some(used) = self.used(id, &u.target, u.span) else {
@@ -100,10 +121,12 @@ impl Loading<'_> {
             self.files.gaps[at] |= self.files.list[used].gaps;
             for (i, item) in self.files.list[used].items.iter().enumerate() {
                 if let Item::Model(m) = item {
-                    visible.insert(m.name.text.clone(), (used, i));
+                    known(&mut visible, &m.name.text, (used, i));
                 }
             }
-            functions.extend(self.files.functions_of(used).map(|(i, f)| (f.name.text.clone(), (used, i))));
+            for (i, f) in self.files.functions_of(used) {
+                known(&mut functions, &f.name.text, (used, i));
+            }
         }
         let mut own: FxHashMap<&str, Span> = FxHashMap::default();
         for (i, item) in file.items.iter().enumerate() {
@@ -119,14 +142,14 @@ impl Loading<'_> {
                         .help(format!("`{name}:x` would be that element: choose another name, such as `My{name}`")),
                 );
             }
-            visible.insert(m.name.text.clone(), (at, i));
+            visible.insert(m.name.text.clone(), vec![(at, i)]);
         }
         let mut own: FxHashMap<&str, Span> = FxHashMap::default();
         for (i, f) in self.files.functions_of(at) {
             if let Some(first) = own.insert(&f.name.text, f.name.span) {
                 self.errors.push(twice("function", &f.name, first));
             }
-            functions.insert(f.name.text.clone(), (at, i));
+            functions.insert(f.name.text.clone(), vec![(at, i)]);
         }
         self.files.visible[at] = visible;
         self.files.functions[at] = functions;
@@ -186,6 +209,16 @@ fn library(path: &[Name], span: Span) -> Result<(String, String), Diagnostic> {
             None => format!("the bundled ones are {}; a file is used by its path in quotes", known()),
         },
     ))
+}
+
+/// Makes an item of a used file known by its name. A file that is used twice is one file, and of two items of one file
+/// that have one name, which is said, the last is meant.
+fn known(names: &mut Named, name: &str, item: ModelRef) {
+    let all = names.entry(name.to_string()).or_default();
+    match all.iter_mut().find(|other| other.0 == item.0) {
+        Some(same) => *same = item,
+        None => all.push(item),
+    }
 }
 
 fn twice(what: &str, name: &Name, first: Span) -> Diagnostic {

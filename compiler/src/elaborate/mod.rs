@@ -77,6 +77,18 @@ struct Instance {
     path: String,
     scope: ScopeId,
     names: FxHashMap<String, (Entity, Span)>,
+    /// The instance that it stands in; the scene's own is the scene.
+    outer: usize,
+    /// Names whose declarations could not be made, which is said; without indices.
+    lost: FxHashSet<String>,
+    /// Bonds of it could not be made, which is said: what seems to lack one may have been meant.
+    frayed: bool,
+}
+
+impl Instance {
+    fn new(model: load::ModelRef, path: String, scope: ScopeId, outer: usize) -> Self {
+        Self { model, path, scope, names: FxHashMap::default(), outer, lost: FxHashSet::default(), frayed: false }
+    }
 }
 
 struct Scope {
@@ -158,6 +170,8 @@ struct PortDecl {
     inside: Vec<(usize, bool)>,
     /// The same on the outside.
     outside: Vec<(usize, bool)>,
+    /// The instance that it is a port of.
+    instance: usize,
 }
 
 /// The elaboration in progress.
@@ -183,11 +197,15 @@ pub(crate) struct Elaborator<'a> {
     simulate: Vec<(&'a [ast::Field], ScopeId)>,
     expects: Vec<(&'a ast::Expect, Span, ScopeId)>,
     rounds: u64,
+    /// The texts have errors of their own: what they lack may be what could not be read.
+    ruined: bool,
     // known after the bonds are joined
     bonds: Vec<Bond>,
     /// The flat bond of each raw one.
     merged: Vec<Option<BondId>>,
     pub(crate) bonds_of: Vec<Vec<BondId>>,
+    /// By element: a bond of it could not be made, which is said.
+    torn: Vec<bool>,
     domain_of: Vec<usize>,
     pub(crate) equations: Vec<Equation>,
     /// The element whose law is being made.
@@ -219,6 +237,15 @@ enum Mode {
     Expect,
 }
 
+/// A model with errors.
+#[derive(Debug)]
+pub struct Broken {
+    /// All that is wrong with it.
+    pub errors: Vec<Diagnostic>,
+    /// What it is apart from its outputs and units, where nothing else is wrong: more can be said of that.
+    pub model: Option<Box<Model>>,
+}
+
 /// Elaborates the scene of a source.
 ///
 /// # Errors
@@ -229,7 +256,7 @@ pub fn elaborate(
     files: &Files,
     options: &Options,
     mut errors: Vec<Diagnostic>,
-) -> Result<Model, Vec<Diagnostic>> {
+) -> Result<Model, Broken> {
     let at = Span { source: main, start: 0, end: 0 };
     let scene = match scene(files, options, at) {
         Ok(scene) => scene,
@@ -238,13 +265,14 @@ pub fn elaborate(
             if errors.is_empty() {
                 errors.push(e);
             }
-            return Err(errors);
+            return Err(Broken { errors, model: None });
         }
     };
     let e = Elaborator {
         files,
         sources,
         pool: Pool::new(),
+        ruined: !errors.is_empty(),
         errors,
         stack: vec![],
         instances: vec![],
@@ -265,6 +293,7 @@ pub fn elaborate(
         bonds: vec![],
         merged: vec![],
         bonds_of: vec![],
+        torn: vec![],
         domain_of: vec![],
         equations: vec![],
         owner: None,
@@ -279,7 +308,7 @@ pub fn elaborate(
         energies: vec![],
         overrides: FxHashMap::default(),
     };
-    e.scene(scene, options).map_err(once)
+    e.scene(scene, options).map_err(|broken| Broken { errors: once(broken.errors), ..broken })
 }
 
 /// The first error of each code at each place: rounds of a loop and instances of a model would only repeat it.
@@ -317,10 +346,14 @@ impl<'a> Elaborator<'a> {
         self.scopes.len() - 1
     }
 
-    fn scene(mut self, scene: load::ModelRef, options: &Options) -> Result<Model, Vec<Diagnostic>> {
-        let Some(decl) = self.files.model(scene) else { return Err(self.errors) };
+    fn scene(mut self, scene: load::ModelRef, options: &Options) -> Result<Model, Broken> {
+        let Some(decl) = self.files.model(scene) else { return Err(Broken { errors: self.errors, model: None }) };
         self.pending_overrides(options);
         self.instantiate(scene, String::new(), None, None, decl.name.span);
+        if self.errors.iter().any(|e| e.code == "elaborate::limit") {
+            // Most of the model may not have been made.
+            return Err(Broken { errors: self.errors, model: None });
+        }
         self.unknown_overrides(options, decl.name.span);
         self.join_ports();
         self.finish(decl)

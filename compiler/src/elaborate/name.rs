@@ -12,13 +12,15 @@ impl<'a> Elaborator<'a> {
         let first = &path.segments[0];
         // The pair of a port, in the law of a field: `a.f`.
         if let [port, variable] = &path.segments[..]
+            && port.index.is_empty()
             && let Some((_, t)) = self
                 .locals
                 .iter()
                 .rev()
                 .find(|(n, _)| n.split_once('.') == Some((port.name.text.as_str(), variable.name.text.as_str())))
         {
-            return Some(Value::Scalar(t.clone()));
+            let found = t.clone();
+            return self.no_entries(&path.segments[1..], path.span, found);
         }
         if path.segments.len() == 1 {
             let plain = first.index.is_empty();
@@ -108,24 +110,42 @@ impl<'a> Elaborator<'a> {
                     );
                 }
                 Entity::Function(_) => return self.no_call(&key, path.span),
-                Entity::Element(id) => return self.element_signal(id, rest, path.span).map(Value::Scalar),
-                Entity::Field(f) => return self.field_signal(f, rest, path.span).map(Value::Scalar),
+                Entity::Element(id) => {
+                    let found = self.element_signal(id, rest, path.span)?;
+                    return self.no_entries(rest, path.span, found);
+                }
+                Entity::Field(f) => {
+                    let found = self.field_signal(f, rest, path.span)?;
+                    return self.no_entries(rest, path.span, found);
+                }
                 Entity::Port(p) => {
                     let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
                     let shown = self.ports[p].name.clone();
-                    return self
-                        .bond_signal(raw.and_then(|r| self.merged.get(r).copied().flatten()), &shown, rest, path.span)
-                        .map(Value::Scalar);
+                    let bond = raw.and_then(|r| self.merged.get(r).copied().flatten());
+                    let found = self.bond_signal(bond, &shown, rest, path.span)?;
+                    return self.no_entries(rest, path.span, found);
                 }
                 Entity::Bond(b) => {
                     let shown = self.raw_bonds[b].name.clone();
-                    return self
-                        .bond_signal(self.merged.get(b).copied().flatten(), &shown, rest, path.span)
-                        .map(Value::Scalar);
+                    let found = self.bond_signal(self.merged.get(b).copied().flatten(), &shown, rest, path.span)?;
+                    return self.no_entries(rest, path.span, found);
                 }
             }
         }
         None
+    }
+
+    /// The signal that a path leads to, unless a part of it has an index: elements have no arrays of signals.
+    fn no_entries(&mut self, rest: &'a [ast::Segment], whole: Span, found: Typed) -> Option<Value> {
+        let Some(at) = rest.iter().position(|s| !s.index.is_empty()) else { return Some(Value::Scalar(found)) };
+        let part = &rest[at];
+        let name = self.sources.slice(Span { end: part.name.span.end, ..whole });
+        let message = if at + 1 == rest.len() {
+            format!("`{name}` is a number, and has no entries")
+        } else {
+            format!("`{name}` is one port, and has no entries")
+        };
+        self.wrong("elaborate::index", part.index[0].span, message, "take the index away")
     }
 
     pub(super) fn no_call<T>(&mut self, function: &str, span: Span) -> Option<T> {

@@ -26,9 +26,17 @@ impl<'a> Elaborator<'a> {
             );
         }
         for (fields, scope) in all {
-            for field in fields {
-                let name = field.path.first().map(|n| n.text.as_str()).unwrap_or("");
-                match name {
+            for (i, field) in fields.iter().enumerate() {
+                let name = &field.name();
+                if let Some(first) = fields[..i].iter().find(|f| f.name() == *name) {
+                    self.errors.push(
+                        Diagnostic::error("elaborate::twice", field.span, format!("`{name}` is set twice"))
+                            .label(first.span, "is the first")
+                            .help("keep one"),
+                    );
+                    continue;
+                }
+                match name.as_str() {
                     "stop" => settings.stop = self.positive(&field.value, scope, "stop"),
                     "step" => settings.step = self.positive(&field.value, scope, "step"),
                     "every" => settings.every = self.positive(&field.value, scope, "every"),
@@ -47,7 +55,7 @@ impl<'a> Elaborator<'a> {
                         }
                     }
                     "method" => match &field.value.kind {
-                        ExprKind::Path(p) if p.segments.len() == 1 => {
+                        ExprKind::Path(p) if p.segments.len() == 1 && p.segments[0].index.is_empty() => {
                             settings.method = Some((p.segments[0].name.text.clone(), p.span));
                         }
                         _ => {
@@ -147,8 +155,16 @@ impl<'a> Elaborator<'a> {
         bond: crate::model::BondId,
     ) -> Option<Option<f64>> {
         let mut inertia = None;
-        for field in fields {
-            let name = field.path.first().map(|n| n.text.as_str()).unwrap_or("");
+        for (i, field) in fields.iter().enumerate() {
+            let name = field.name();
+            if let Some(first) = fields[..i].iter().find(|f| f.name() == name) {
+                self.errors.push(
+                    Diagnostic::error("elaborate::twice", field.span, format!("`{name}` of the port is given twice"))
+                        .label(first.span, "is the first")
+                        .help("keep one"),
+                );
+                continue;
+            }
             if name != "inertia" {
                 self.errors.push(
                     Diagnostic::error("elaborate::field", field.span, format!("a port has no field `{name}`"))
@@ -161,7 +177,8 @@ impl<'a> Elaborator<'a> {
             let d = self.bond_domain(bond);
             let needed =
                 super::Inference::effort(d).div(&super::Inference::flow(d)).mul(&Unit::known(Dimension::SECOND));
-            self.require((&typed.unit, field.value.span), needed, None, "the inertia of the port", 1);
+            // What the elements say of the domain is believed before what is said of the outside.
+            self.require((&typed.unit, field.value.span), needed, None, "the inertia of the port", 3);
             let x = self.number(&typed, &field.value)?;
             if !(x > 0.0 && x.is_finite()) {
                 self.errors.push(

@@ -166,7 +166,7 @@ impl<'a> Elaborator<'a> {
         let is_rate = |text: &str| text == own || text == "dz";
         let mut found: Option<&'a Field> = None;
         for field in fields {
-            let path = field.path.iter().map(|n| n.text.as_str()).collect::<Vec<_>>().join(".");
+            let path = field.name();
             let fits = if sampling.is_none() { is_rate(&path) } else { path == "next" };
             let said = match (fits, found) {
                 (true, None) => {

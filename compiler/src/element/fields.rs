@@ -24,7 +24,7 @@ impl<'a> Fields<'a> {
         let known: Vec<&str> = laws.iter().chain(others).copied().collect();
         let mut sound = true;
         for f in ast.fields.iter().flat_map(|f| &f.0) {
-            let path = f.path.iter().map(|n| n.text.as_str()).collect::<Vec<_>>().join(".");
+            let path = f.name();
             if !known.contains(&path.as_str()) {
                 let mut error = Diagnostic::error(
                     "elaborate::field",

@@ -20,7 +20,7 @@ fn compiled(text: &str) -> Compiled {
         e.iter().map(|d| d.render(&sources)).collect::<Vec<_>>().join("\n")
     };
     let mut model = elaborate::elaborate(&sources, id, &files, &crate::Options::default(), errors)
-        .map_err(tell)
+        .map_err(|broken| tell(broken.errors))
         .unwrap_or_else(|e| panic!("{e}"));
     let graph = graph::build(&model);
     let causality = causality::assign(&mut model, &graph).map_err(tell).unwrap_or_else(|e| panic!("{e}"));

@@ -16,7 +16,7 @@ mod tied;
 
 pub use explicit::{Explicit, explicit, inverse};
 
-use crate::causality::{Causality, holder};
+use crate::causality::{self, Causality, holder};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
@@ -317,12 +317,32 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         expectations: Vec::new(),
     };
     resolve::rows(model, graph, &rows, &mut form)?;
-    let eliminated = dependent::eliminate(model, causality, &mut form)?;
+    let eliminated = dependent::eliminate(model, causality, &mut form)
+        .map_err(|errors| errors.into_iter().map(|e| held(model, graph, causality, e)).collect::<Vec<_>>())?;
     form.divided = eliminated.divided;
     resolve::outputs(model, graph, &rows, &eliminated, &mut form)?;
     form.bars = bars(model, &form);
     form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;
     Ok(form)
+}
+
+/// An error of a dependent storage; where that is one only by strokes that the user asserted, it is theirs.
+fn held(model: &Model, graph: &BondGraph, causality: &Causality, error: Diagnostic) -> Diagnostic {
+    let at = |id: &ElementId| error.labels.first().is_some_and(|l| l.span == model.element(*id).span);
+    let Some(storage) = causality.dependent.iter().copied().find(at) else { return error };
+    let strokes = causality::holding(model, graph, storage);
+    let Some((first, others)) = strokes.split_first() else { return error };
+    let (name, bond) = (&model.element(storage).name, model.bond(*first));
+    let message = format!(
+        "the stroke of the bond {} cannot hold: it puts `{name}` in derivative causality, which cannot be taken there",
+        bond.name
+    );
+    let mut error = Diagnostic::error("causality::stroke", bond.span, message)
+        .label(model.element(storage).span, "is in integral causality without the stroke");
+    for b in others.iter().take(16) {
+        error = error.label(model.bond(*b).span, "is asserted too");
+    }
+    error.help("turn the stroke, or take it off: `->`")
 }
 
 /// Which variable of an element takes the sign of a half arrow that points away from it: not the one that the user
