@@ -18,12 +18,15 @@ const MANY: usize = 100;
 /// One statement is looked for in at most so many pieces that look like statements.
 const CUTS: usize = 4;
 
+/// So many tokens may be read in vain as rows of statements: blocks within blocks are read again at each depth.
+const IN_VAIN: usize = 1_000_000;
+
 /// Reads the items of a file; and whether some of them could not be read.
 pub(crate) fn file(reader: &mut Reader) -> (Vec<Item>, bool) {
     let brackets = Brackets::guess(reader.scan);
     let count = reader.scan.tokens.len();
     reader.errors.extend(brackets.errors(reader.scan, 0..count));
-    let mut recovery = Recovery { scan: reader.scan, reader, brackets, lost: Vec::new(), gaps: false };
+    let mut recovery = Recovery { scan: reader.scan, reader, brackets, lost: Vec::new(), gaps: false, vain: 0 };
     let items = recovery.items(count);
     let gaps = recovery.gaps;
     let errors = &mut reader.errors;
@@ -45,6 +48,8 @@ struct Recovery<'r, 'a> {
     lost: Vec<String>,
     /// An item could not be read.
     gaps: bool,
+    /// Tokens that were read in vain.
+    vain: usize,
 }
 
 impl Recovery<'_, '_> {
@@ -193,14 +198,18 @@ impl Recovery<'_, '_> {
         let mut end = start;
         for _ in 0..CUTS {
             end = self.cut(end, limit);
-            if self.brackets.broken(start..end) {
+            if self.vain > IN_VAIN || self.brackets.broken(start..end) {
                 return None;
             }
             let (from, to) = self.bytes(&(start..end));
             match self.reader.statements(from, to) {
                 Ok(row) => return Some((row, end)),
-                Err(refused) if refused.at < to || end == limit || self.scan.word(end) == ";" => return None,
-                Err(_) => {}
+                Err(refused) => {
+                    self.vain += end - start;
+                    if refused.at < to || end == limit || self.scan.word(end) == ";" {
+                        return None;
+                    }
+                }
             }
         }
         None

@@ -96,6 +96,8 @@ fn large_files_are_read_in_time() {
     assert_eq!(codes(model(&good.repeat(5000))), Vec::<&str>::new());
     assert!(codes(model(&format!("{}let = 3\n{}", good.repeat(2500), good.repeat(2500)))).len() == 1);
     assert_eq!(codes(model(&"let a = 2 * * 3\n".repeat(10_000))).len(), 100);
+    let deep = format!("{}{}let x = 3 +\n{}", "for i in 1..1 {\n".repeat(60), good.repeat(2500), "}\n".repeat(60));
+    assert_eq!(codes(model(&deep)), ["syntax::value"]);
     codes("/// a\n".repeat(100_000));
     codes(model(&"// a comment\n".repeat(50_000)));
     codes(model(&format!("let x = 5 N{}", " // a comment\n".repeat(50_000))));
