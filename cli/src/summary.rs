@@ -123,7 +123,8 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         writeln!(out, "  {:11} {} J between the two sides' counts", "difference", short(b.difference))?;
     }
     let failed = o.early.and_then(Early::failure).is_some();
-    if !o.values.is_empty() && !(failed && o.values.iter().any(|x| x.is_nan())) {
+    let untold = failed && o.values.iter().any(|x| x.is_nan());
+    if !o.values.is_empty() && !untold {
         let instant = if failed { format!("{} s", short(reached)) } else { "the end".into() };
         writeln!(out, "\nat {instant}")?;
         let width = o.scene.probes.names.iter().map(|n| n.chars().count()).max().unwrap_or(0).clamp(11, 40);
