@@ -271,7 +271,7 @@ pub(super) fn scales(
     let lower = |model: &Model, b: &mut Builder, lowering: &mut Lowering, e: Expr| {
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
     };
-    let (start, mut laws) = (c.start(model), Vec::with_capacity(c.loops.len()));
+    let mut laws = Vec::with_capacity(c.loops.len());
     for node in c.loop_nodes() {
         if let Output::Curve { bends, .. } = node.how {
             // The argument of an exponential is what it is given, and so known to the rounding of that. What resistors
@@ -286,7 +286,8 @@ pub(super) fn scales(
             });
             continue;
         }
-        let law = node.resistor().and_then(|column| Some((column, slope(model, form, &flat, node)?)));
+        let column = node.resistor().filter(|column| !is_steep(model, form, *column));
+        let law = column.and_then(|column| Some((column, slope(model, form, &flat, node)?)));
         laws.push(match law {
             Some((column, (k, forward))) => {
                 let k = lower(model, b, &mut at_start, k)?;
@@ -299,10 +300,6 @@ pub(super) fn scales(
                         let held = model.pool.add(one, turns);
                         let held = lower(model, b, &mut at_start, held)?;
                         if forward { b.div(k, held) } else { b.mul(k, held) }
-                    }
-                    _ if is_steep(model, form, column) => {
-                        let rest = slope_at_rest(model, form, column, &start);
-                        cautious(b, k, rest, forward)
                     }
                     _ => k,
                 };
@@ -321,11 +318,7 @@ pub(super) fn scales(
                 Size::Known(x) => x,
                 Size::Law { terms, slope, forward } => {
                     let t = lower(model, b, &mut among, terms)?;
-                    let size = if forward { b.mul(t, slope) } else { b.div(t, slope) };
-                    // Where a law rises like a root its slope says nothing.
-                    let (most, none) = (b.number(RANGE), b.number(0.0));
-                    let told = b.binary(Binary::Lt, size, most);
-                    b.select(told, size, none)
+                    if forward { b.mul(t, slope) } else { b.div(t, slope) }
                 }
             };
             *size = b.add(*start, more);
@@ -354,7 +347,30 @@ pub(super) fn scales(
             scales.push(b.add(x, t));
         }
     }
-    scales.extend(sizes);
+    // Of a law that is not linear what it is given counts for itself alone: through the others it would come to powers of
+    // what is far from it.
+    let start = c.start(model);
+    for (node, size) in c.loop_nodes().into_iter().zip(sizes) {
+        let steep = node.resistor().filter(|column| is_steep(model, form, *column));
+        let steep = steep.filter(|_| !matches!(node.how, Output::Curve { .. }));
+        let law = steep.and_then(|column| Some((column, slope(model, form, &flat, node)?)));
+        let Some((column, (slope, forward))) = law else {
+            scales.push(size);
+            continue;
+        };
+        let given = imposed(model, form, &flat, column, THROUGH);
+        let given = lower(model, b, &mut at_start, given)?;
+        let slope = lower(model, b, &mut at_start, slope)?;
+        let slope = b.unary(Unary::Abs, slope);
+        let rest = slope_at_rest(model, form, column, &start);
+        let slope = cautious(b, slope, rest, forward);
+        let more = if forward { b.mul(given, slope) } else { b.div(given, slope) };
+        // Where a law rises like a root its slope says nothing.
+        let (most, none) = (b.number(RANGE), b.number(0.0));
+        let told = b.binary(Binary::Lt, more, most);
+        let more = b.select(told, more, none);
+        scales.push(b.add(size, more));
+    }
     Ok(scales)
 }
 
