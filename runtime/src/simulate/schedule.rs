@@ -219,11 +219,18 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A step that fails. What was computed until then stays, and now is the end of the last good step.
     pub fn advance(&mut self, until: f64) -> Result<(), Error> {
+        let since = self.time;
         let result = self.run_on(until);
+        self.ended(since, result)
+    }
+
+    /// After a failure the time is how far all clusters came, and no earlier than it was.
+    fn ended(&mut self, since: f64, result: Result<(), Error>) -> Result<(), Error> {
         if result.is_err() {
             let clusters = self.scene.clusters.iter().zip(&self.runs);
             let times = clusters.filter(|(c, _)| c.period.is_none()).map(|(_, run)| run.time());
-            self.time = self.time.max(times.min_by(f64::total_cmp).unwrap_or(self.time));
+            let so_far = since.max(self.last_sample);
+            self.time = times.min_by(f64::total_cmp).map_or(so_far, |all| so_far.max(all));
         }
         result
     }
@@ -391,6 +398,7 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// A step that fails.
     pub fn finish(&mut self, at: f64) -> Result<(), Error> {
+        let since = self.time;
         self.advance(at)?;
         for i in 0..self.runs.len() {
             let c = &self.scene.clusters[i];
@@ -398,7 +406,9 @@ impl<'a> Simulation<'a> {
                 let mut moved = std::mem::take(&mut self.moved[i]);
                 let result = self.runs[i].run_to(c, &self.names, at, &mut moved);
                 self.moved[i] = moved;
-                result?;
+                if result.is_err() {
+                    return self.ended(since, result);
+                }
             }
         }
         self.time = at;
