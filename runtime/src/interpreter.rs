@@ -209,8 +209,19 @@ impl newton::System for Body<'_, '_> {
         Ok(())
     }
 
-    fn unknowns(&mut self) -> &mut [f64] {
-        &mut self.machine.work.local[self.plan.unknowns..self.plan.unknowns + self.plan.n]
+    fn pairs(&mut self) -> (&mut [f64], &mut [f64]) {
+        let (local, n, unknowns) = (&mut self.machine.work.local, self.plan.n, self.plan.unknowns);
+        match self.plan.rests {
+            None => (&mut local[unknowns..unknowns + n], &mut []),
+            Some(rests) if rests < unknowns => {
+                let (before, from) = local.split_at_mut(unknowns);
+                (&mut from[..n], &mut before[rests..rests + n])
+            }
+            Some(rests) => {
+                let (before, from) = local.split_at_mut(rests);
+                (&mut before[unknowns..unknowns + n], &mut from[..n])
+            }
+        }
     }
 }
 

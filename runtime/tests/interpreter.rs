@@ -20,6 +20,7 @@ fn root(flag: bool) -> Program {
     let j = b.mul(two, v);
     b.close(Newton {
         unknowns: u.index,
+        rests: None,
         body: Vec::new(),
         residual: vec![r],
         jacobian: vec![(0, 0, j)],
@@ -66,6 +67,7 @@ fn iterations_nest() {
     let (one, two, six) = (b.number(1.0), b.number(2.0), b.number(6.0));
     let shape = |u: Slot, r: Value, j: Value| Newton {
         unknowns: u.index,
+        rests: None,
         body: Vec::new(),
         residual: vec![r],
         jacobian: vec![(0, 0, j)],

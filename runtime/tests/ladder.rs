@@ -41,6 +41,7 @@ fn ladder(n: usize) -> Program {
     }
     b.close(Newton {
         unknowns: unknowns.index,
+        rests: None,
         body: Vec::new(),
         residual,
         jacobian,

@@ -280,7 +280,7 @@ fn whole_stretches_give_the_interpreters_bits() {
         }
     }
     let (gone, failed) = (GONE.load(Ordering::Relaxed), FAILED.load(Ordering::Relaxed));
-    assert!(stretches > 100 && gone > 20_000 && failed > 2, "{stretches} runs, {gone} intervals, {failed} failures");
+    assert!(stretches > 100 && gone > 20_000 && failed > 1, "{stretches} runs, {gone} intervals, {failed} failures");
 }
 
 #[test]
@@ -453,6 +453,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
     let bends = if n <= BENT { picks.iter().take(picks.len() % 4).map(bend).collect() } else { Vec::new() };
     b.close(Newton {
         unknowns: unknowns.index,
+        rests: None,
         body: Vec::new(),
         residual,
         jacobian: if own { Vec::new() } else { jacobian },

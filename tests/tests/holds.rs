@@ -254,21 +254,37 @@ fn an_open_port_answers_to_what_it_is_told() {
     close(work.abs(), 0.2 + 30.0 * 0.03 * 0.02, 0.01, "work");
 }
 
-/// A debt is measured against what there was until then: what comes later excuses none.
+/// A debt is measured against what there was until then: what comes later excuses none. Nothing bounds it where the
+/// other side is as far from linear as this; sampled faster there is none.
 #[test]
 fn a_debt_is_not_forgotten() {
-    let compiled = text(
-        "model M {
-  I:m { H = 0.5 kg^-1 * p^2 + 0.25 s^2/(kg^3*m^2) * p^4; p0 = 0.67 N*s }
-  sampled every 1 s { C:k { H = 1 N/m * q^2 + 0.25 N/m^3 * q^4; q0 = -1.5 m } }
+    let every = |period: &str| {
+        text(&format!(
+            "model M {{
+  I:m {{ H = 0.5 kg^-1 * p^2 + 0.25 s^2/(kg^3*m^2) * p^4; p0 = 0.67 N*s }}
+  sampled every {period} {{ C:k {{ H = 1 N/m * q^2 + 0.25 N/m^3 * q^4; q0 = -1.5 m }} }}
   1:v -> m
   v ||> k
-}",
-    );
-    let mut sim = start(&compiled, Steps::new());
-    for end in [3.0, 4.0, 20.0, 200.0] {
-        advance(&mut sim, end);
-        let summary = sim.summary();
-        assert!(summary.reasons.iter().any(|why| why.starts_with("`k` gave out")), "{end}: {summary:?}");
+}}"
+        ))
+    };
+    for (period, debt) in [("1 s", 1000.0..2000.0), ("0.25 s", 1.3..1.4)] {
+        let compiled = every(period);
+        let mut sim = start(&compiled, Steps::new());
+        for end in [4.0, 20.0, 200.0] {
+            advance(&mut sim, end);
+            let summary = sim.summary();
+            let most = summary.regions.iter().map(|r| r.debt_max).fold(0.0, f64::max);
+            assert!(debt.contains(&most), "{period}, {end}: {most}");
+            assert!(summary.reasons.iter().any(|why| why.starts_with("`k` gave out")), "{end}: {summary:?}");
+            let stored: f64 = summary.regions.iter().map(|r| r.h_final).sum();
+            assert_eq!(stored > 1e9, period == "1 s" && end == 4.0, "{period}, {end}: {stored} J of 3.8 J");
+        }
+    }
+    for period in ["0.1 s", "0.05 s"] {
+        let compiled = every(period);
+        let mut sim = start(&compiled, Steps::new());
+        advance(&mut sim, 200.0);
+        assert!(sim.summary().passive, "{period}: {:?}", sim.summary().reasons);
     }
 }

@@ -61,6 +61,37 @@ fn what_is_resumed_is_as_if_it_had_never_stopped() {
     }
 }
 
+/// What a step goes over decides how tight resistors are solved: a run goes on as it began, to whatever end.
+#[test]
+fn tight_resistors_go_on_as_they_began() {
+    let text = "\
+model Tight {
+  C:c1 { compliance = 1 uF; q0 = 1e-6 C }
+  C:c2 = 2 uF
+  R:r = 1e-3 Ohm
+  I:l = 1 H
+  R:d { e = 1 Ohm * f + 0.1 Ohm/A^2 * f^3 }
+  0:a -> c1
+  1:m -> r
+  a -> m -> 0:b
+  b -> c2
+  1:n -> l, d
+  b -> n
+  probe u = c1.e
+  simulate { stop = 5 ms; step = 10 us; method = gonzalez }
+}
+";
+    let here = Folder::new().with("a.bond", text);
+    let run = |args: &[&str]| here.bond(&[&["run", "a.bond", "--summary", "json"], args].concat()).is(0, &[], &[]).out;
+    for step in [&[][..], &["--step", "1us"], &["--step", "1ms"]] {
+        run(&[step, &["--checkpoint", "s"]].concat());
+        for stop in ["10ms", "1s"] {
+            let whole = run(&[step, &["--stop", stop]].concat());
+            assert_eq!(steady(&whole), steady(&run(&["--stop", stop, "--resume", "s"])), "{step:?} to {stop}");
+        }
+    }
+}
+
 #[test]
 fn states_are_saved_on_the_way() {
     let here = Folder::new().with("b.bond", NONLINEAR);

@@ -231,15 +231,30 @@ pub(super) fn write(
         None => (rest, Vec::new()),
     };
     let (flag, bends) = (None, c.bends());
-    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag, once: false, whole: false, bends };
+    let carries = inputs.carries.iter().map(|slot| Some(b.load(*slot)));
+    let states = c.states.iter().map(|s| s.symbol).zip(carries).collect();
+    let system = System {
+        unknowns,
+        h: c.h,
+        start,
+        residuals,
+        weight,
+        scale,
+        flag,
+        once: false,
+        whole: false,
+        rests: true,
+        states,
+        bends,
+    };
     let apart = !is_stiff(c, model, form);
-    write::solve_from(model, &mut b, &mut lowering, (system, apart), cold)?;
+    let lows = write::solve_from(model, &mut b, &mut lowering, (system, apart), cold)?;
     let (mut next, mut rests, mut changes) = (Vec::new(), Vec::new(), Vec::new());
-    for (x, d) in inputs.states.iter().zip(&c.delta) {
-        let d = model.pool.var(*d);
+    for (x, change) in inputs.states.iter().zip(&c.delta) {
+        let d = model.pool.var(*change);
         let d = lowering.lower(&model.pool, &mut b, d).map_err(|s| missing(model, s))?;
         let carry = b.load(inputs.carries[next.len()]);
-        let (v, rest) = write::advance(&mut b, *x, d, carry);
+        let (v, rest) = write::advance(&mut b, *x, (d, lows.get(change).copied()), carry);
         next.push(v);
         rests.push(rest);
         changes.push(d);

@@ -128,7 +128,20 @@ fn respond(
         model,
         &mut b,
         &mut lowering,
-        System { unknowns, h: c.h, start, residuals, weight, scale, flag, once: false, whole: false, bends: c.bends() },
+        System {
+            unknowns,
+            h: c.h,
+            start,
+            residuals,
+            weight,
+            scale,
+            flag,
+            once: false,
+            whole: false,
+            rests: false,
+            states: Vec::new(),
+            bends: c.bends(),
+        },
     )?;
     for (i, e) in outs.iter().enumerate() {
         let e = model.pool.substitute(*e, &flat);

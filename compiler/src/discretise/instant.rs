@@ -67,6 +67,8 @@ pub(super) fn outputs(
         flag: None,
         once: false,
         whole: false,
+        rests: false,
+        states: Vec::new(),
         bends: c.bends(),
     };
     write::solve(model, b, lowering, system)?;

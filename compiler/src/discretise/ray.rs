@@ -88,6 +88,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         flag: Some(flag),
         once: false,
         whole: false,
+        rests: false,
+        states: Vec::new(),
         bends: Vec::new(),
     };
     write::solve(model, &mut b, &mut lowering, system)?;
@@ -135,6 +137,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         flag: Some(mirror_flag),
         once: false,
         whole: false,
+        rests: false,
+        states: Vec::new(),
         bends: Vec::new(),
     };
     write::solve(model, &mut b, &mut lowering, system)?;

@@ -54,7 +54,7 @@ pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> T
         if taken.iter().any(|(k, of, _)| others.contains(k) || of.contains(&i)) || (is_last && !is_given) {
             continue;
         }
-        let rest = if system.whole {
+        let rest = if system.whole || pool.constant(own).is_some() {
             let none = FxHashMap::from_iter([(unknowns[i], pool.zero())]);
             pool.substitute(system.residuals[i], &none)
         } else {

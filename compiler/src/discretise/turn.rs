@@ -4,7 +4,8 @@
 //! are at the start, which an iteration does not change, and of multiples of half their changes. So sine and cosine of
 //! each part are had once, and those of the sums are products of them. These are off by rounding of 1, where the sum
 //! itself is by rounding of the angle, which may have grown to many turns; the sine of a sum of small angles keeps its
-//! digits, as that sum does.
+//! digits, as that sum does. What rounding took from an angle counts to first order: of one that has grown to many turns
+//! it is many roundings of 1.
 
 use super::cluster::missing;
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
@@ -19,6 +20,9 @@ const MULTIPLE: i64 = 4;
 /// Sine and cosine.
 type Pair = (Value, Value);
 
+/// The states, with what rounding took from each where equations leave that out.
+pub(super) type Carries = [(Symbol, Option<Value>)];
+
 /// Angles as sums of multiples of parts.
 pub(super) struct Turns {
     /// The parts; those that change in the iteration come last.
@@ -32,10 +36,47 @@ pub(super) struct Turns {
 
 impl Turns {
     /// Those of some expressions; None where none is a sum of what changes and what does not.
-    pub(super) fn of(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Option<Self> {
+    pub(super) fn of(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>, states: &Carries) -> Option<Self> {
         let asked = asked(pool, all, unknown);
+        Self::multiples(pool, &asked, unknown).or_else(|| Self::apart(pool, &asked, states))
+    }
+
+    /// Each angle as what its states make of it, and all the rest.
+    fn apart(pool: &mut Pool, asked: &[(Unary, Expr, Expr)], states: &Carries) -> Option<Self> {
+        let mut pairs = Vec::new();
+        for (f, e, argument) in asked {
+            let (constant, terms) = terms(pool, *argument);
+            let of_states = |t: &(Expr, Number)| pool.contains_any(t.0, &|s| states.iter().any(|x| x.0 == s));
+            let (still, moving): (Vec<_>, Vec<_>) = terms.into_iter().partition(of_states);
+            if still.is_empty() || moving.is_empty() {
+                return None;
+            }
+            let (constant, still, moving) = (pool.numeral(constant), pool.combine(&still), pool.combine(&moving));
+            pairs.push((*f, *e, pool.add(constant, still), moving));
+        }
+        let list = |pick: &dyn Fn(&(Unary, Expr, Expr, Expr)) -> Expr| {
+            let mut list: Vec<Expr> = pairs.iter().map(pick).collect();
+            list.sort_unstable();
+            list.dedup();
+            list
+        };
+        let (still, moving) = (list(&|p| p.2), list(&|p| p.3));
+        let fixed = still.len();
+        let parts: Vec<Expr> = still.into_iter().chain(moving).collect();
+        let place: FxHashMap<Expr, usize> = parts.iter().enumerate().map(|(i, e)| (*e, i)).collect();
+        let times = |a: &Expr, b: &Expr| {
+            let mut times = vec![0; parts.len()];
+            [a, b].into_iter().for_each(|e| times[place[e]] = 1);
+            times
+        };
+        let asked = pairs.iter().map(|(f, e, a, b)| (*f, *e, times(a, b))).collect();
+        Some(Self { parts, fixed, asked })
+    }
+
+    /// Angles as sums of multiples of few parts; None where they are not.
+    fn multiples(pool: &mut Pool, asked: &[(Unary, Expr, Expr)], unknown: &FxHashSet<Symbol>) -> Option<Self> {
         let mut sums = Vec::new();
-        for (f, e, argument) in &asked {
+        for (f, e, argument) in asked {
             let (constant, terms) = terms(pool, *argument);
             let (moving, fixed): (Vec<_>, Vec<_>) =
                 terms.into_iter().partition(|(t, _)| pool.contains_any(*t, &|s| unknown.contains(&s)));
@@ -79,8 +120,28 @@ impl Turns {
         model: &mut Model,
         b: &mut Builder,
         lowering: &mut Lowering,
+        states: &Carries,
     ) -> Result<Vec<Pair>, Vec<Diagnostic>> {
-        self.parts[..self.fixed].iter().map(|e| pair(model, b, lowering, *e)).collect()
+        let mut pairs = Vec::with_capacity(self.fixed);
+        for e in &self.parts[..self.fixed] {
+            let (sine, cosine) = pair(model, b, lowering, *e)?;
+            let mut low = None;
+            for (s, carry) in states {
+                let (Some(carry), true) = (carry, model.pool.contains_any(*e, &|t| t == *s)) else { continue };
+                let slope = model.pool.derivative(*e, *s);
+                let slope = lowering.lower(&model.pool, b, slope).map_err(|s| missing(model, s))?;
+                let term = b.mul(slope, *carry);
+                low = Some(low.map_or(term, |low| b.add(low, term)));
+            }
+            pairs.push(match low {
+                None => (sine, cosine),
+                Some(low) => {
+                    let (more, less) = (b.mul(low, cosine), b.mul(low, sine));
+                    (b.add(sine, more), b.sub(cosine, less))
+                }
+            });
+        }
+        Ok(pairs)
     }
 
     /// Writes the others, and what they come to.

@@ -79,7 +79,14 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
 /// rest under a flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A
 /// carry from when the state was much larger than it is now is dropped, since the change takes no account of it: a
 /// contact that begins after a long way has next to no energy, and what is no rounding beside it.
-pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) -> (Value, Value) {
+///
+/// Where the change is known but for `low`, that and what of the carry has no place beside the change are kept too.
+pub(super) fn advance(
+    b: &mut Builder,
+    x: Value,
+    (change, low): (Value, Option<Value>),
+    carry: Value,
+) -> (Value, Value) {
     let sum = b.add(x, change);
     let (plain, size) = (b.unary(Unary::Abs, sum), b.unary(Unary::Abs, carry));
     let epsilon = b.number(f64::EPSILON);
@@ -87,8 +94,14 @@ pub(super) fn advance(b: &mut Builder, x: Value, change: Value, carry: Value) ->
     let fits = b.binary(ir::Binary::Le, size, most);
     // Both ways at once, so that the next step waits for the choice alone.
     let done = b.sub(sum, x);
-    let without = b.sub(change, done);
-    let (_, next, rest) = added(b, x, change, carry);
+    let mut without = b.sub(change, done);
+    let (y, next, mut rest) = added(b, x, change, carry);
+    if let Some(low) = low {
+        let kept = b.sub(y, change);
+        let left = b.sub(carry, kept);
+        let more = b.add(left, low);
+        (without, rest) = (b.add(without, low), b.add(rest, more));
+    }
     (b.select(fits, next, sum), b.select(fits, rest, without))
 }
 
@@ -188,6 +201,10 @@ pub(super) struct System {
     pub(super) once: bool,
     /// Whether its coefficients are to be taken as they stand: what their products would be rounded by counts.
     pub(super) whole: bool,
+    /// Whether what rounding took from the unknowns is asked for.
+    pub(super) rests: bool,
+    /// The states that the unknowns move, where these may be angles.
+    pub(super) states: Vec<(Symbol, Option<Value>)>,
     /// Unknowns that exponentials are of, and where these grow.
     pub(super) bends: Vec<(Symbol, Bends)>,
 }
@@ -199,18 +216,20 @@ pub(super) fn solve(
     lowering: &mut Lowering,
     system: System,
 ) -> Result<(), Vec<Diagnostic>> {
-    solve_from(model, b, lowering, (system, true), Vec::new())
+    solve_from(model, b, lowering, (system, true), Vec::new())?;
+    Ok(())
 }
 
 /// Solves a system whose start is foretold: `cold` is where else it starts, empty where it is not. Unknowns that follow
-/// linearly from the others are taken out where it says so.
+/// linearly from the others are taken out where it says so. What rounding took from unknowns, where that is asked for and
+/// known.
 pub(super) fn solve_from(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
     (mut system, apart): (System, bool),
     mut cold: Vec<Value>,
-) -> Result<(), Vec<Diagnostic>> {
+) -> Result<FxHashMap<Symbol, Value>, Vec<Diagnostic>> {
     let h = system.h;
     let roots = Roots::of(model, b, lowering, &mut system, &mut cold)?;
     let all = system.unknowns.clone();
@@ -221,9 +240,23 @@ pub(super) fn solve_from(
         let by: FxHashMap<Symbol, Value> = all.into_iter().zip(cold).collect();
         cold = system.unknowns.iter().filter_map(|s| by.get(s).copied()).collect();
     }
-    iterate(model, b, lowering, (system, inside), cold)?;
+    let mut rests = iterate(model, b, lowering, (system, inside), cold)?;
     bind(model, b, lowering, &torn)?;
-    roots.bind(&mut model.pool, b, lowering).map_err(|s| missing(model, s))
+    roots.bind(&mut model.pool, b, lowering).map_err(|s| missing(model, s))?;
+    // Of what was taken out, by its slopes.
+    let mut more = Vec::new();
+    for (s, e) in torn.iter().filter(|_| !rests.is_empty()) {
+        let by: Vec<Symbol> = model.pool.symbols(*e).into_iter().filter(|s| rests.contains_key(s)).collect();
+        let mut sum = None;
+        for (slope, u) in model.pool.derivatives(*e, &by).into_iter().zip(by) {
+            let slope = lowering.lower(&model.pool, b, slope).map_err(|s| missing(model, s))?;
+            let term = b.mul(slope, rests[&u]);
+            sum = Some(sum.map_or(term, |sum| b.add(sum, term)));
+        }
+        more.extend(sum.map(|sum| (*s, sum)));
+    }
+    rests.extend(more);
+    Ok(rests)
 }
 
 /// Where an iteration starts: arguments of exponentials at what changes of the states alone, which `known` are, make of
@@ -252,17 +285,18 @@ pub(super) fn foretold(
     Ok(start)
 }
 
-/// Newton's method on a system, with what was taken out of it as variables that follow from its unknowns.
+/// Newton's method on a system, with what was taken out of it as variables that follow from its unknowns. What rounding
+/// took from these, where that is asked for and known.
 fn iterate(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
     (mut system, torn): (System, &[(Symbol, Expr)]),
     mut cold: Vec<Value>,
-) -> Result<(), Vec<Diagnostic>> {
+) -> Result<FxHashMap<Symbol, Value>, Vec<Diagnostic>> {
     let n = system.unknowns.len();
     if n == 0 {
-        return Ok(());
+        return Ok(FxHashMap::default());
     }
     let slots = b.slots(Array::Local, n);
     for (i, s) in system.unknowns.iter().enumerate() {
@@ -299,8 +333,10 @@ fn iterate(
     // Few unknowns are cheap to look at again, which takes the rounding of the solution off.
     let affine = (n > LARGE || system.once) && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
     if affine && !system.once {
-        return at_once(model, b, lowering, &system, slots, &jacobian);
+        at_once(model, b, lowering, &system, slots, &jacobian)?;
+        return Ok(FxHashMap::default());
     }
+    let rests = (system.rests && !affine).then(|| b.slots(Array::Local, n));
     let bends = if n <= BENT { bends(&system) } else { Vec::new() };
     for list in [&mut system.start, &mut cold] {
         for bend in &bends {
@@ -317,8 +353,8 @@ fn iterate(
     for e in fixed_parts(&model.pool, torn.iter().map(|t| t.1).chain(all.iter().copied()), &unknown) {
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
     }
-    let turns = Turns::of(&mut model.pool, &all, &unknown);
-    let before = turns.as_ref().map(|t| t.before(model, b, lowering)).transpose()?;
+    let turns = Turns::of(&mut model.pool, &all, &unknown, &system.states);
+    let before = turns.as_ref().map(|t| t.before(model, b, lowering, &system.states)).transpose()?;
     let shared = shared(&mut model.pool, &all, &unknown);
     let mut shares = Vec::with_capacity(shared.len());
     for (below, outside) in shared {
@@ -350,6 +386,7 @@ fn iterate(
     }
     b.close(Newton {
         unknowns: slots.index,
+        rests: rests.map(|r| r.index),
         body: Vec::new(),
         residual,
         jacobian: entries,
@@ -366,7 +403,14 @@ fn iterate(
         let v = b.load(slot(i));
         lowering.bind(*s, v);
     }
-    Ok(())
+    Ok(taken(b, &system.unknowns, rests))
+}
+
+/// What rounding took from unknowns, from where an iteration leaves it.
+pub(super) fn taken(b: &mut Builder, unknowns: &[Symbol], rests: Option<Slot>) -> FxHashMap<Symbol, Value> {
+    let Some(first) = rests else { return FxHashMap::default() };
+    let slot = |i: usize| Slot { array: Array::Local, index: first.index + i as u32 };
+    unknowns.iter().enumerate().map(|(i, s)| (*s, b.load(slot(i)))).collect()
 }
 
 /// The bends of a system's unknowns, by their numbers.

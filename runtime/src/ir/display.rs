@@ -109,6 +109,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     if newton.affine {
         write!(f, " affine")?;
     }
+    if let Some(index) = newton.rests {
+        write!(f, " rests {}", Slot { array: Array::Local, index })?;
+    }
     if let Some(flag) = newton.flag {
         write!(f, " flag {flag}")?;
     }
@@ -159,6 +162,7 @@ mod tests {
         let r = b.sub(u, one);
         b.close(Newton {
             unknowns: w.index,
+            rests: None,
             body: Vec::new(),
             residual: vec![r],
             jacobian: vec![(0, 0, one)],

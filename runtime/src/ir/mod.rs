@@ -214,6 +214,9 @@ impl Solve {
 pub struct Newton {
     /// First slot of the unknowns, in `Local`.
     pub unknowns: u32,
+    /// First slot, in `Local`, of what rounding took from each unknown in the update made last (see
+    /// [`newton`](crate::solve::newton)), where that is asked for; of affine residuals it is not.
+    pub rests: Option<u32>,
     /// Instructions that compute residual and Jacobian.
     #[serde(deserialize_with = "nested")]
     pub body: Vec<Inst>,

@@ -130,6 +130,14 @@ impl Check<'_> {
         }
         let size = n as u32;
         self.unknowns(first, size, newton.flag)?;
+        if let Some(rests) = newton.rests {
+            let rests = Slot { array: Array::Local, index: rests };
+            self.write(rests, size)?;
+            apart(rests, size, first, size)?;
+            if newton.affine || newton.flag.is_some_and(|f| (rests.index..rests.index + size).contains(&f.index)) {
+                return Err(Invalid::Lengths(first));
+            }
+        }
         self.all(newton.weight.iter().chain(&newton.scale).chain(&newton.cold).copied())?;
         let own = newton.update.is_empty() || (newton.jacobian.is_empty() && !newton.affine);
         if !own || ![0, n].contains(&newton.update.len()) {
@@ -285,6 +293,7 @@ mod tests {
         let j = b.mul(two, v);
         b.close(Newton {
             unknowns: u.index,
+            rests: None,
             body: Vec::new(),
             residual: vec![r],
             jacobian: vec![(0, 0, j)],

@@ -221,11 +221,11 @@ impl<'a> Simulation<'a> {
     pub fn advance(&mut self, until: f64) -> Result<(), Error> {
         let since = self.time;
         let result = self.run_on(until);
-        self.ended(since, result)
+        self.reached(since, result)
     }
 
     /// After a failure the time is how far all clusters came, and no earlier than it was.
-    fn ended(&mut self, since: f64, result: Result<(), Error>) -> Result<(), Error> {
+    fn reached(&mut self, since: f64, result: Result<(), Error>) -> Result<(), Error> {
         if result.is_err() {
             let clusters = self.scene.clusters.iter().zip(&self.runs);
             let times = clusters.filter(|(c, _)| c.period.is_none()).map(|(_, run)| run.time());
@@ -407,7 +407,7 @@ impl<'a> Simulation<'a> {
                 let result = self.runs[i].run_to(c, &self.names, at, &mut moved);
                 self.moved[i] = moved;
                 if result.is_err() {
-                    return self.ended(since, result);
+                    return self.reached(since, result);
                 }
             }
         }

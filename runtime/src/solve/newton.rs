@@ -7,10 +7,11 @@
 //!   mean of the other `w_j s_j²` over `s_i²`, so that no equation goes unseen, and in sums of `u_i² + s_i²` counts
 //!   `s_i²` alone; where there is no weight at all, all are 1.
 //! - Up to `limit` times: compute `r`, `J`.
-//!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far and
-//!      above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the
-//!      last update was halved fewer than [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start
-//!      over.
+//!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far (from
+//!      the iteration [`PATIENT`] on and before [`STRICT`], where the update's `|d|²` was above [`TELLING`] `Σ w_i (u_i² + s_i²)`, above `1 - FALL /
+//!      2^halvings` times that before the update) and above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in
+//!      the first [`DAMPED`] iterations, and the last update was halved fewer than [`HALVINGS`] times: take half of it
+//!      back (`d = d / 2`, `u = u + d`) and start over.
 //!   2. Where all of `r` is 0, or after [`DAMPED`] iterations `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where
 //!      a body that all but rests sticks, rounding leaves open what holds it.
 //!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the
@@ -42,6 +43,11 @@
 //! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 1e-18 (1/θ - 1))`, or
 //! small(1e-14) where θ is at least a half.
 //!
+//! Where it is asked for, the rest of each unknown `u = v - d` after an update is what rounding took from it, `(v - u) -
+//! d`: the solution is nearer to `u` and its rest than to `u`. Such a `d` is a residual, some units in the last place of
+//! the unknown, over a slope that may be near 1: rounding it goes to the side that the iteration came from, and so
+//! does not cancel over many steps. Rests are 0 where the residual is.
+//!
 //! What the body wrote to slots other than the unknowns belongs to the iterate before the last update.
 
 use super::linear;
@@ -57,6 +63,19 @@ pub const STRETCHES: u32 = 6;
 /// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly
 /// tell.
 pub const STALLS: u32 = 6;
+/// So many iterations may go by without a residual that falls. Then each update has to make it smaller: about a steep
+/// law that saturates, as friction does, updates may else go from one side to the other for ever, at the same residual.
+/// Of equations that only take power the square of the residual falls along the update.
+pub const PATIENT: u32 = 12;
+/// After so many it need not any more: of an energy that is not convex, over steps of many turns, the way to a solution
+/// may lead over larger ones.
+pub const STRICT: u32 = 60;
+/// The part of the residual's square that a whole update has to take off then; a half one half of it, and so on (Armijo,
+/// Pacific J. Math. 16, 1966).
+pub const FALL: f64 = 0.1;
+/// An update whose square is a smaller part of that of unknowns and scales is let be: rounding may keep the residual from
+/// falling.
+pub const TELLING: f64 = 1e-12;
 /// How often one update is halved at most.
 pub const HALVINGS: u32 = 30;
 /// After so many iterations updates are no longer halved for what the residual becomes: beyond the corner of a law it
@@ -77,6 +96,8 @@ pub struct Plan {
     pub unknowns: usize,
     /// How many there are.
     pub n: usize,
+    /// First slot of their rests, in `Local`, where these are asked for.
+    pub rests: Option<usize>,
     /// Rows and columns of the Jacobian's entries, in the order in which they are computed.
     pub pattern: Vec<(u32, u32)>,
     /// Iterations at most.
@@ -105,6 +126,7 @@ impl Plan {
         Self {
             affine: newton.affine,
             given: !newton.update.is_empty(),
+            rests: newton.rests.map(|r| r as usize),
             foretold: !newton.cold.is_empty(),
             bends: newton.bends.clone(),
             quick: quick::Pattern::of(newton),
@@ -118,8 +140,8 @@ impl Plan {
     /// Where the pattern is not within `n` rows and columns.
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
         let linear = linear::Plan::new(n, &pattern);
-        let (quick, foretold, bends) = (None, false, Vec::new());
-        Self { unknowns, n, pattern, limit, affine: false, given: false, flag, foretold, bends, quick, linear }
+        let (quick, foretold, bends, rests) = (None, false, Vec::new(), None);
+        Self { unknowns, n, rests, pattern, limit, affine: false, given: false, flag, foretold, bends, quick, linear }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -187,8 +209,26 @@ pub trait System {
     /// Where an iteration inside this one fails.
     fn evaluate(&mut self, residual: &mut [f64], jacobian: &mut [f64]) -> Result<(), Failure>;
 
+    /// The unknowns and their rests; of these there are none where nobody asks for them.
+    fn pairs(&mut self) -> (&mut [f64], &mut [f64]);
+
     /// The unknowns.
-    fn unknowns(&mut self) -> &mut [f64];
+    fn unknowns(&mut self) -> &mut [f64] {
+        self.pairs().0
+    }
+}
+
+/// Takes an update off the unknowns.
+pub(super) fn take<S: System>(system: &mut S, update: &[f64]) {
+    let (unknowns, rests) = system.pairs();
+    if rests.is_empty() {
+        unknowns.iter_mut().zip(update).for_each(|(u, d)| *u -= *d);
+        return;
+    }
+    for ((u, d), rest) in unknowns.iter_mut().zip(update).zip(rests) {
+        let next = *u - *d;
+        (*rest, *u) = ((*u - next) - *d, next);
+    }
 }
 
 /// Brings the residual to 0, starting from the unknowns as they are; adds the iterations done to `count`.
@@ -216,6 +256,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     }
     // Where no update is made at all, a failure tells none, rather than that of an earlier step.
     scratch.update[..n].fill(0.0);
+    system.pairs().1.fill(0.0);
     let (mut way, mut again) = (Way { done: 0, before: None, best: f64::INFINITY }, plan.foretold);
     if let Some(pattern) = &plan.quick {
         way.done = 1;
@@ -268,18 +309,25 @@ fn iterate<S: System>(
     let mut stretches = 0; // the same, doubled
     let mut nudges = 0;
     let mut stalls = 0; // updates in a row that were not much smaller than the one before
+    let (mut from, mut reach) = (f64::INFINITY, 1.0 - FALL); // `|r|²` before the update made last, and the part allowed
     for k in done..plan.limit {
         *count += 1;
         let residual = &mut scratch.residual[..n];
         system.evaluate(residual, &mut scratch.jacobian)?;
         let size = measure.square(residual);
         let may_halve = before.is_some() && halvings < HALVINGS;
-        let worse =
-            before.is_some() && k < DAMPED && size > 4.0 * best && size > 1e-26 * measure.energy(system.unknowns());
+        let late = !plan.given && (PATIENT..STRICT).contains(&k) && size > reach * from;
+        let up = size > 4.0 * best;
+        let worse = (up || late)
+            && before.is_some_and(|last| {
+                let energy = measure.energy(system.unknowns());
+                k < DAMPED && (up || last > TELLING * energy) && size > 1e-26 * energy
+            });
         if !size.is_finite() || worse {
             if may_halve {
                 halve(&mut scratch.update, system.unknowns());
                 halvings += 1;
+                reach = 0.5 * reach + 0.5;
                 continue;
             }
             if !size.is_finite() {
@@ -287,7 +335,9 @@ fn iterate<S: System>(
             }
         }
         best = best.min(size);
+        from = size;
         if residual.iter().all(|&r| r == 0.0) || (k >= DAMPED && size <= 1e-32 * measure.energy(system.unknowns())) {
+            system.pairs().1.fill(0.0);
             return Ok(());
         }
         let trial = &mut scratch.trial[..n];
@@ -307,7 +357,7 @@ fn iterate<S: System>(
                     *d *= 2.0;
                     *u -= *d;
                 }
-                best = f64::INFINITY;
+                (best, from) = (f64::INFINITY, f64::INFINITY);
                 continue;
             }
             if stretches == STRETCHES {
@@ -322,6 +372,7 @@ fn iterate<S: System>(
             if may_halve {
                 halve(&mut scratch.update, system.unknowns());
                 halvings += 1;
+                reach = 0.5 * reach + 0.5;
                 continue;
             }
             if plan.given {
@@ -334,7 +385,7 @@ fn iterate<S: System>(
                 for (u, s) in system.unknowns().iter_mut().zip(&scratch.scale) {
                     *u += side * if *s > 0.0 { *s } else { 1.0 };
                 }
-                best = f64::INFINITY;
+                (best, from) = (f64::INFINITY, f64::INFINITY);
                 continue;
             }
             return Err(Failure::Singular { row: solved.err().unwrap_or(0) });
@@ -356,10 +407,9 @@ fn iterate<S: System>(
             square *= 0.25;
         }
         std::mem::swap(&mut scratch.update, &mut scratch.trial);
-        let (u, d) = (system.unknowns(), &scratch.update[..n]);
-        for (u, d) in u.iter_mut().zip(d) {
-            *u -= d;
-        }
+        let d = &scratch.update[..n];
+        take(system, d);
+        let u = system.unknowns();
         let small = |t: f64| measure.small(t, u, d, size);
         let quick = |last: f64| halvings == 0 && square <= 1e-6 * last;
         let t = match before {
@@ -382,6 +432,7 @@ fn iterate<S: System>(
         }
         before = Some(square);
         halvings = 0;
+        reach = 1.0 - FALL;
         stretches = 0;
     }
     let (worst, change) = measure.worst(system.unknowns(), &scratch.update);
@@ -535,8 +586,8 @@ mod tests {
             Ok(())
         }
 
-        fn unknowns(&mut self) -> &mut [f64] {
-            &mut self.u
+        fn pairs(&mut self) -> (&mut [f64], &mut [f64]) {
+            (&mut self.u, &mut [])
         }
     }
 

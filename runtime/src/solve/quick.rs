@@ -25,7 +25,7 @@
 //!
 //! Counted is one iteration.
 
-use super::newton::{Measure, Scratch, System};
+use super::newton::{self, Measure, Scratch, System};
 use crate::ir;
 use crate::kernel::Failure;
 
@@ -214,9 +214,7 @@ pub(super) fn begin<S: System>(
     room.first.copy_from_slice(residual);
     update.copy_from_slice(residual);
     pattern.solve(&room.matrix, update);
-    for (u, d) in system.unknowns().iter_mut().zip(update.iter()) {
-        *u -= *d;
-    }
+    newton::take(system, update);
     for ((z, u), s) in room.size.iter_mut().zip(system.unknowns().iter()).zip(scale.iter()) {
         *z = u.abs() + s;
     }
@@ -246,9 +244,7 @@ pub(super) fn begin<S: System>(
     let (first, second) = (part(update, z), part(trial, z));
     let good = (second <= GOOD * first || second <= STALLED) && first.is_finite();
     if !unseen && (done || good) {
-        for (u, d) in system.unknowns().iter_mut().zip(trial.iter()) {
-            *u -= *d;
-        }
+        newton::take(system, trial);
     }
     if done {
         return Ok(Begun::Done);

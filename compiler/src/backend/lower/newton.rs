@@ -4,7 +4,9 @@ use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Bend, Slot};
-use bond_runtime::solve::newton::{DAMPED, FAR, HALVINGS, NUDGES, STALLS, STRAIGHT, STRETCHES};
+use bond_runtime::solve::newton::{
+    DAMPED, FALL, FAR, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCHES, STRICT, TELLING,
+};
 use bond_runtime::solve::quick::{LAST, Pattern};
 
 /// How an iteration ended.
@@ -16,6 +18,8 @@ const SINGULAR: f64 = 3.0;
 pub(super) struct Iteration {
     pub(super) n: usize,
     pub(super) unknowns: Vector,
+    /// What rounding took from them in the update made last, where that is asked for.
+    rests: Option<Vector>,
     /// Where the solution of a large system is.
     trial: u32,
     /// Iterations so far.
@@ -31,6 +35,9 @@ pub(super) struct Iteration {
     /// `|r|²`: of the last residual, and the least.
     size: Var,
     pub(super) best: Var,
+    /// `|r|²` before the update made last, and the part of it that is allowed.
+    from: Var,
+    reach: Var,
     /// Whether an update was made, and its square.
     pub(super) made: Var,
     pub(super) before: Var,
@@ -55,6 +62,7 @@ fn counts(w: &mut Writer, x: Value) -> Cond {
 /// What an iteration works on.
 pub(super) struct Numbers {
     pub(super) unknowns: Vector,
+    pub(super) rests: Option<Vector>,
     pub(super) weight: Values,
     pub(super) scale: Values,
 }
@@ -62,18 +70,19 @@ pub(super) struct Numbers {
 impl Lower {
     pub(super) fn newton(&mut self, newton: &ir::Newton) {
         let n = newton.residual.len();
-        let first = newton.unknowns;
-        let unknowns = match &self.local {
+        let places = |first: u32| match &self.local {
             Local::Vars(vars) => Vector::Vars(vars[first as usize..first as usize + n].to_vec()),
             Local::Memory(base) => Vector::Memory(base + first),
         };
+        let (unknowns, rests) = (places(newton.unknowns), newton.rests.map(places));
         let (raw, scale) = (self.all(&newton.weight), self.all(&newton.scale));
         let numbers = if newton.affine {
-            Numbers { unknowns, weight: Values::List(Vec::new()), scale: Values::List(Vec::new()) }
+            Numbers { unknowns, rests, weight: Values::List(Vec::new()), scale: Values::List(Vec::new()) }
         } else {
-            Numbers { unknowns, weight: self.w.values(raw), scale: self.w.values(scale) }
+            Numbers { unknowns, rests, weight: self.w.values(raw), scale: self.w.values(scale) }
         };
         let mut it = Iteration::new(&mut self.w, newton, numbers);
+        it.no_rests(&mut self.w);
         match Pattern::of(newton) {
             Some(pattern) => {
                 let begun = self.begin(newton, &pattern, &it);
@@ -211,6 +220,7 @@ pub(super) fn ended(w: &mut Writer, solve: &ir::Solve, row: Var) -> Option<Value
 /// What comes before the loop.
 pub(super) fn begin(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> Iteration {
     let mut it = Iteration::new(w, newton, numbers);
+    it.no_rests(w);
     it.prepare(w);
     it
 }
@@ -218,7 +228,7 @@ pub(super) fn begin(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> It
 impl Iteration {
     fn new(w: &mut Writer, newton: &ir::Newton, numbers: Numbers) -> Self {
         let (n, affine) = (newton.residual.len(), newton.affine);
-        let Numbers { unknowns, weight, scale } = numbers;
+        let Numbers { unknowns, rests, weight, scale } = numbers;
         let plain = match &weight {
             Values::List(list) if list.iter().all(|x| w.is_positive(*x)) => Some(list.clone()),
             Values::List(_) | Values::Memory(_) => None,
@@ -227,6 +237,7 @@ impl Iteration {
         Self {
             n,
             unknowns,
+            rests,
             trial,
             update: if affine { Vector::Vars(Vec::new()) } else { w.vector(n) },
             weight: if affine { Vector::Vars(Vec::new()) } else { w.vector(n) },
@@ -237,6 +248,8 @@ impl Iteration {
             count: w.var(),
             size: w.var(),
             best: w.var(),
+            from: w.var(),
+            reach: w.var(),
             made: w.var(),
             before: w.var(),
             halvings: w.var(),
@@ -266,6 +279,8 @@ impl Iteration {
             [self.count, self.made, self.before, self.halvings, self.stretches, self.nudges, self.stalls, self.end];
         clear.into_iter().for_each(|v| w.set(v, zero));
         w.set(self.best, infinite);
+        w.set(self.from, infinite);
+        self.hope(w);
         w.set(self.row, none);
         if !self.affine {
             w.each(self.n, |w, at| w.put(&self.update, at, zero));
@@ -293,6 +308,22 @@ impl Iteration {
             self.reset(w);
             anew(w);
         });
+    }
+
+    fn no_rests(&self, w: &mut Writer) {
+        let Some(rests) = &self.rests else { return };
+        let zero = w.number(0.0);
+        w.each(self.n, |w, at| w.put(rests, at, zero));
+    }
+
+    /// Takes an update off an unknown: what it was, the update, and what it is then.
+    pub(super) fn put(&self, w: &mut Writer, at: At, (before, d, after): (Value, Value, Value)) {
+        if let Some(rests) = &self.rests {
+            let made = w.sub(before, after);
+            let rest = w.sub(made, d);
+            w.put(rests, at, rest);
+        }
+        w.put(&self.unknowns, at, after);
     }
 
     fn put_values(&self, w: &mut Writer, list: &Values) {
@@ -476,9 +507,19 @@ impl Iteration {
         Cond::all([Cond::True(made), w.lt(halvings, most)])
     }
 
+    /// What a whole update has to come to.
+    fn hope(&self, w: &mut Writer) {
+        let reach = w.number(1.0 - FALL);
+        w.set(self.reach, reach);
+    }
+
     /// Takes back half of the update, and begins anew.
     fn halve(&self, w: &mut Writer) {
         let half = w.number(0.5);
+        let reach = w.get(self.reach);
+        let part = w.mul(half, reach);
+        let reach = w.add(part, half);
+        w.set(self.reach, reach);
         w.each(self.n, |w, at| {
             let d = w.at(&self.update, at);
             let d = w.mul(d, half);
@@ -500,11 +541,24 @@ impl Iteration {
         let (best, four, zero) = (w.get(self.best), w.number(4.0), w.number(0.0));
         let allowed = w.mul(four, best);
         let (finite, above) = (w.finite(size), w.lt(allowed, size));
-        w.when(Cond::any([finite.clone().not(), above.clone()]), |w| {
+        let late = match self.given {
+            true => Cond::any([]),
+            false => {
+                let (patient, strict) = (w.number(f64::from(PATIENT)), w.number(f64::from(STRICT)));
+                let so_far = w.get(self.count);
+                let (from, reach) = (w.get(self.from), w.get(self.reach));
+                let fallen = w.mul(reach, from);
+                Cond::all([w.lt(patient, so_far), w.le(so_far, strict), w.lt(fallen, size)])
+            }
+        };
+        w.when(Cond::any([finite.clone().not(), above.clone(), late.clone()]), |w| {
             let made = w.get(self.made);
-            let noise = self.energy(w);
+            let energy = self.energy(w);
             let part = w.tolerance(1e-26);
-            let noise = w.mul(part, noise);
+            let noise = w.mul(part, energy);
+            let (part, last) = (w.tolerance(TELLING), w.get(self.before));
+            let telling = w.mul(part, energy);
+            let above = Cond::any([above, Cond::all([late, w.lt(telling, last)])]);
             let (so_far, damped) = (w.get(self.count), w.number(f64::from(DAMPED)));
             let worse = Cond::all([Cond::True(made), above, w.lt(noise, size), w.le(so_far, damped)]);
             w.when(Cond::any([finite.clone().not(), worse]), |w| {
@@ -516,13 +570,17 @@ impl Iteration {
         let smaller = w.lt(size, best);
         let least = w.select(smaller, size, best);
         w.set(self.best, least);
+        w.set(self.from, size);
         let none = w.le(size, zero);
         w.when(none, |w| {
             let all = w.holds(self.n, |w, at| {
                 let r = w.value(residual, at);
                 w.eq(r, zero)
             });
-            w.when(all, |w| self.finish(w, DONE));
+            w.when(all, |w| {
+                self.no_rests(w);
+                self.finish(w, DONE);
+            });
         });
         let (so_far, long) = (w.get(self.count), w.number(f64::from(DAMPED)));
         let many = w.lt(long, so_far);
@@ -530,7 +588,10 @@ impl Iteration {
             let (told, part) = (self.energy(w), w.tolerance(1e-32));
             let allowed = w.mul(part, told);
             let rounding = w.le(size, allowed);
-            w.when(rounding, |w| self.finish(w, DONE));
+            w.when(rounding, |w| {
+                self.no_rests(w);
+                self.finish(w, DONE);
+            });
         });
     }
 
@@ -569,8 +630,8 @@ impl Iteration {
             let (d, u) = (w.at(solution, at), w.at(&self.unknowns, at));
             let d = w.mul(part, d);
             w.put(&self.update, at, d);
-            let u = w.sub(u, d);
-            w.put(&self.unknowns, at, u);
+            let after = w.sub(u, d);
+            self.put(w, at, (u, d, after));
         });
         let (quick, slow) = (w.number(1e-6), w.number(0.25));
         let (quick, slow) = (w.mul(quick, last), w.mul(slow, last));
@@ -611,6 +672,7 @@ impl Iteration {
         w.set(self.before, square);
         w.set(self.made, one);
         w.set(self.halvings, zero);
+        self.hope(w);
         w.set(self.stretches, zero);
     }
 
@@ -704,6 +766,7 @@ impl Iteration {
                 w.put(&self.unknowns, at, u);
             });
             w.set(self.best, infinite);
+            w.set(self.from, infinite);
             w.push(Stmt::Continue);
         });
         let back = w.eq(stretches, limit);
@@ -748,6 +811,7 @@ impl Iteration {
                 w.put(&self.unknowns, at, u);
             });
             w.set(self.best, infinite);
+            w.set(self.from, infinite);
             w.push(Stmt::Continue);
         });
         let first = w.number(0.0);

@@ -189,7 +189,7 @@ impl Lower {
             let update = matrix.solve(w, &residual);
             let before = it.get_all(w);
             let next: Vec<Value> = before.iter().zip(&update).map(|(u, d)| w.sub(*u, *d)).collect();
-            it.put_all(w, &next);
+            it.take(w, (&before, &update, &next));
             let z: Vec<Value> = (0..n)
                 .map(|i| {
                     let (u, s) = (w.abs(next[i]), it.scale(w, At::One(i)));
@@ -214,12 +214,12 @@ impl Lower {
             let near = Cond::all(at_most(w, &first, nearest, &z));
             let sizes: Vec<Value> = next.iter().map(|u| w.abs(*u)).collect();
             let unseen = at_most(w, &second, rounding, &sizes);
-            let done = |w: &mut Writer, after: Option<&[Value]>| {
+            let done = |w: &mut Writer, last: Option<(&[Value], &[Value], &[Value])>| {
                 let explained = explained(w, &entries, &left, &second, &z);
                 w.branch(
                     explained,
                     |w| {
-                        after.into_iter().for_each(|after| it.put_all(w, after));
+                        last.into_iter().for_each(|last| it.take(w, last));
                         it.finish(w, DONE);
                     },
                     |w| w.push(Stmt::Break),
@@ -227,6 +227,7 @@ impl Lower {
             };
             w.when(Cond::all(unseen.into_iter().chain([near.clone()])), |w| done(w, None));
             let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
+            let last = (&next[..], &more[..], &after[..]);
             w.when(near.clone().not(), |w| {
                 let alike = w.number(ALIKE);
                 let changes = there.iter().zip(&entries).map(|((_, _, a), (_, _, b))| {
@@ -236,10 +237,10 @@ impl Lower {
                 let (off, sizes): (Vec<Value>, Vec<Value>) = changes.unzip();
                 let mut settled = at_most(w, &off, alike, &sizes);
                 settled.extend(at_most(w, &second, rounding, &z));
-                w.when(Cond::all(settled), |w| done(w, Some(&after)));
+                w.when(Cond::all(settled), |w| done(w, Some(last)));
             });
-            let last: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i])).collect();
-            w.when(Cond::all(last.into_iter().chain([near])), |w| done(w, Some(&after)));
+            let small: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i])).collect();
+            w.when(Cond::all(small.into_iter().chain([near])), |w| done(w, Some(last)));
             let (first, second) = (part(w, &first, &z), part(w, &second, &z));
             let finite = w.finite(first);
             w.when(finite.not(), |w| w.push(Stmt::Break));
@@ -250,7 +251,7 @@ impl Lower {
             w.branch(
                 good,
                 |w| {
-                    it.put_all(w, &after);
+                    it.take(w, last);
                     keep(w, &more, &left);
                     w.set(begun.again, one);
                 },
@@ -278,6 +279,12 @@ impl Lower {
 impl Iteration {
     fn get_all(&self, w: &mut Writer) -> Vec<Value> {
         (0..self.n).map(|i| w.at(&self.unknowns, At::One(i))).collect()
+    }
+
+    /// Takes an update off the unknowns: what they were, the update, and what they are then.
+    fn take(&self, w: &mut Writer, (before, update, after): (&[Value], &[Value], &[Value])) {
+        let all = before.iter().zip(update).zip(after).enumerate();
+        all.for_each(|(i, ((u, d), v))| self.put(w, At::One(i), (*u, *d, *v)));
     }
 
     fn put_all(&self, w: &mut Writer, list: &[Value]) {

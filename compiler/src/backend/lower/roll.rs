@@ -376,6 +376,7 @@ impl<'p> Roll<'p> {
         let first = self.places[Array::Local as usize].1;
         let numbers = Numbers {
             unknowns: Vector::Memory(first + newton.unknowns),
+            rests: newton.rests.map(|rests| Vector::Memory(first + rests)),
             weight: Values::Memory(weight),
             scale: Values::Memory(scale),
         };

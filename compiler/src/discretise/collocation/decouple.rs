@@ -8,7 +8,8 @@ use super::modes::{Mode, Pair, modes};
 use super::tableau::Tableau;
 use super::{BENT, COUPLED, Nodes, is_quadratic};
 use crate::discretise::cluster::{Cluster, missing};
-use crate::discretise::write::{Inputs, System, fixed_parts, opposite};
+use crate::discretise::turn::Turns;
+use crate::discretise::write::{Inputs, System, fixed_parts, opposite, taken};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Form, Output};
@@ -133,7 +134,7 @@ impl Apart {
         b: &mut Builder,
         lowering: &mut Lowering,
         (system, inputs): (&System, &Inputs),
-    ) -> Result<(), Vec<Diagnostic>> {
+    ) -> Result<FxHashMap<Symbol, Value>, Vec<Diagnostic>> {
         let matrices = self.matrices(c, model, b, inputs, Some(&system.start))?;
         let n = self.n;
         let size = system.unknowns.len();
@@ -142,6 +143,7 @@ impl Apart {
             self.modes.iter().map(|m| Factors::new(&mut algebra, n, &matrices.p, &matrices.q, m.value)).collect()
         });
         let slots = b.slots(Array::Local, size);
+        let rests = system.rests.then(|| b.slots(Array::Local, size));
         let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
         for (i, (s, v)) in system.unknowns.iter().zip(&system.start).enumerate() {
             b.name(slot(i), model.pool.name(*s));
@@ -151,11 +153,16 @@ impl Apart {
         for e in fixed_parts(&model.pool, system.residuals.iter().copied(), &unknown) {
             lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))?;
         }
+        let turns = Turns::of(&mut model.pool, &system.residuals, &unknown, &system.states);
+        let before = turns.as_ref().map(|t| t.before(model, b, lowering, &system.states)).transpose()?;
         let mut inside = lowering.clone();
         b.open(slots, size);
         for (i, s) in system.unknowns.iter().enumerate() {
             let v = b.load(slot(i));
             inside.bind(*s, v);
+        }
+        if let (Some(turns), Some(before)) = (&turns, &before) {
+            turns.write(model, b, &mut inside, before)?;
         }
         let mut residual = Vec::with_capacity(size);
         for r in &system.residuals {
@@ -165,6 +172,7 @@ impl Apart {
         let update = stages(b, &self.modes, &along, size);
         b.close(Newton {
             unknowns: slots.index,
+            rests: rests.map(|r| r.index),
             body: Vec::new(),
             residual,
             jacobian: Vec::new(),
@@ -181,7 +189,7 @@ impl Apart {
             let v = b.load(slot(i));
             lowering.bind(*s, v);
         }
-        Ok(())
+        Ok(taken(b, &system.unknowns, rests))
     }
 
     /// P and Q at the middle of the step that the guesses foretell, if there are any.

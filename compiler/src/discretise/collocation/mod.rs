@@ -143,6 +143,25 @@ fn lows(b: &mut Builder, weights: &[Twice], changes: &[Value]) -> Value {
     sum.unwrap_or_else(|| b.number(0.0))
 }
 
+/// The same of changes that are known but for what rounding took from them.
+fn low(
+    b: &mut Builder,
+    weights: &[Twice],
+    changes: &[Value],
+    names: &[Symbol],
+    taken: &FxHashMap<Symbol, Value>,
+) -> Value {
+    let mut sum = lows(b, weights, changes);
+    for (w, s) in weights.iter().zip(names) {
+        if let Some(rest) = taken.get(s) {
+            let w = b.number(w.high);
+            let term = b.mul(w, *rest);
+            sum = b.add(sum, term);
+        }
+    }
+    sum
+}
+
 impl Plan {
     /// The unknowns that exponentials are of, and where these grow.
     fn bends(&self, c: &Cluster) -> Vec<(Symbol, Bends)> {
@@ -458,7 +477,7 @@ pub(super) fn write(
     let tableau = &plan.tableau;
     let s = tableau.stages();
     let (unknowns, residuals) = plan.system(c, &mut model.pool);
-    let mut known = Vec::new();
+    let (mut known, mut taken) = (Vec::new(), FxHashMap::default());
     if let Some(apart) = linear {
         known = apart.at_once(c, model, &mut b, &mut lowering, (&unknowns, &residuals), &inputs)?;
     } else {
@@ -468,15 +487,29 @@ pub(super) fn write(
         lowering.last(c.states.iter().map(|s| s.symbol));
         let (weight, scale) = (weight.repeat(s), scale.repeat(s));
         let unknowns = unknowns.clone();
+        let carries = inputs.carries.iter().map(|slot| (!whole).then(|| b.load(*slot)));
+        let states = c.states.iter().map(|s| s.symbol).zip(carries).collect();
         let bends = plan.bends(c);
         let known = plan.stages.iter().flat_map(|stage| stage.change.iter().copied()).collect();
         let start = write::foretold(model, &mut b, &lowering, (&unknowns, &residuals), &bends, &known, start)?;
-        let system =
-            System { unknowns, h: c.h, start, residuals, weight, scale, flag: None, once: false, whole, bends };
-        match apart {
+        let system = System {
+            unknowns,
+            h: c.h,
+            start,
+            residuals,
+            weight,
+            scale,
+            flag: None,
+            once: false,
+            whole,
+            rests: whole,
+            states,
+            bends,
+        };
+        taken = match apart {
             Some(apart) => apart.iterate(c, model, &mut b, &mut lowering, (&system, &inputs))?,
-            None => write::solve(model, &mut b, &mut lowering, system)?,
-        }
+            None => write::solve_from(model, &mut b, &mut lowering, (system, true), Vec::new())?,
+        };
     }
     let mut value =
         |model: &mut Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
@@ -489,16 +522,17 @@ pub(super) fn write(
                 let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();
                 let d = weighted(&mut model.pool, &tableau.weights, &changes);
                 let mut found = Vec::with_capacity(s);
-                for u in changes {
-                    let u = model.pool.var(u);
+                for u in &changes {
+                    let u = model.pool.var(*u);
                     found.push(value(model, &mut b, u)?);
                 }
-                (value(model, &mut b, d)?, whole.then(|| lows(&mut b, &tableau.weights, &found)))
+                let d = value(model, &mut b, d)?;
+                (d, whole.then(|| low(&mut b, &tableau.weights, &found, &changes, &taken)))
             }
         };
         steps.push(d);
         let (v, rest) = match low {
-            None => write::advance(&mut b, *x, d, carry),
+            None => write::advance(&mut b, *x, (d, None), carry),
             Some(low) => write::advance_whole(&mut b, *x, (d, low), carry),
         };
         next.push(v);

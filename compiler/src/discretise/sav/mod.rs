@@ -551,7 +551,20 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
     let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
     let (unknowns, residuals, start) = (plan.unknowns.clone(), plan.residuals.clone(), plan.start.clone());
     let (flag, bends) = (None, Vec::new());
-    let system = System { unknowns, h: c.h, start, residuals, weight, scale, flag, once: true, whole: false, bends };
+    let system = System {
+        unknowns,
+        h: c.h,
+        start,
+        residuals,
+        weight,
+        scale,
+        flag,
+        once: true,
+        whole: false,
+        rests: false,
+        states: Vec::new(),
+        bends,
+    };
     write::solve(model, &mut b, &mut lowering, system)?;
     let mut value =
         |model: &Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
@@ -560,7 +573,7 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
         let d = model.pool.var(*d);
         let d = value(model, &mut b, d)?;
         let carry = b.load(inputs.carries[i]);
-        let (v, rest) = write::advance(&mut b, *x, d, carry);
+        let (v, rest) = write::advance(&mut b, *x, (d, None), carry);
         next.push(v);
         rests.push(rest);
         rates.push(b.div(d, inputs.h));
@@ -572,7 +585,7 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
         let (rbar, moved) = (value(model, &mut b, *rbar)?, value(model, &mut b, *moved)?);
         let work = b.mul(rbar, moved);
         let [w, carry] = [0, 1].map(|k| plan.memory[layout.vaults + 2 * i + k]);
-        kept.push(write::advance(&mut b, w, work, carry));
+        kept.push(write::advance(&mut b, w, (work, None), carry));
     }
     let mut loops = Vec::new();
     for z in &c.loops {
