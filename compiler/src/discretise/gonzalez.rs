@@ -182,7 +182,7 @@ const LONG: f64 = 1e4;
 /// start. How far a stiff spring between two bodies is drawn out is a small difference of how far these go in a step:
 /// where it follows from their momenta, the rounding of that is a force that the iteration cannot take back; as an
 /// unknown of its own it has its own digits.
-fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+pub(super) fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     let start = c.start(model);
     // Stiffnesses and inverse inertias: the least and the largest.
     let mut bends = [(f64::INFINITY, 0.0f64); 2];

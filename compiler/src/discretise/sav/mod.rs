@@ -565,7 +565,8 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
         states: Vec::new(),
         bends,
     };
-    write::solve(model, &mut b, &mut lowering, system)?;
+    let apart = !gonzalez::is_stiff(c, model, form);
+    write::solve_from(model, &mut b, &mut lowering, (system, apart), Vec::new())?;
     let mut value =
         |model: &Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
     let (mut next, mut rests, mut rates) = (Vec::new(), Vec::new(), Vec::new());
