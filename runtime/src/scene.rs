@@ -235,6 +235,8 @@ pub struct Cluster {
     /// Indices into the state and what they are called where the clusters' steps cannot reach: linear continuous
     /// clusters only.
     pub is_linear: bool,
+    /// Resistors whose laws jump where what they are given changes its sign: what they hold still has no solution.
+    pub jumps: Vec<String>,
 }
 
 impl Cluster {

@@ -1,7 +1,7 @@
 //! Laws that switch on what only a step tells: dry friction, diodes. Against closed forms, with the steps of every
 //! tolerance.
 
-use crate::common::{advance, end, finish, probe, start, with};
+use crate::common::{advance, end, finish, probe, start, text, with};
 use bond::{Options, Steps};
 
 /// Steppers that keep the balance, and one that damps.
@@ -330,5 +330,33 @@ fn a_short_stop_is_not_stepped_over() {
             // With an energy that is not quadratic it does not claim to be.
             assert_eq!(sim.summary().passive, method != "radau", "{title}: {:?}", sim.summary().reasons);
         }
+    }
+}
+
+/// A law that jumps where a body would stick has no solution there, and is named; one that is steep has.
+#[test]
+fn laws_that_jump_are_named() {
+    let run = |law: &str| {
+        let compiled = text(&format!(
+            "model M {{ I:m = 0.1 kg  C:k {{ stiffness = 100 N/m; q0 = 1 m }}  R:dry {{ {law} }}  1:v -> m, k, dry }}"
+        ));
+        let mut sim = start(&compiled, Steps::fixed(1e-3));
+        (compiled.scene().clusters[0].jumps.clone(), sim.finish(5.0))
+    };
+    for law in ["e = 2 N * sign(f)", "e = if f > 0 then 2 N else -2 N", "e = 2 N * sign(f) + 0.1 N*s/m * f"] {
+        let (jumps, result) = run(law);
+        assert_eq!(jumps, ["dry"], "{law}");
+        let why = result.expect_err(law).to_string();
+        assert!(why.contains("the law of `dry` jumps") && why.contains("R:dry { e = ...; f = ... } in `s`"), "{why}");
+    }
+    for law in [
+        "e = 1 N * sign(f)*sqrt(abs(f)/(1 m/s))",
+        "e = 2 N * tanh(f/(1 um/s))",
+        "e = 1 N*s^2/m^2 * f*abs(f)",
+        "e = 2 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s",
+    ] {
+        let (jumps, result) = run(law);
+        assert!(jumps.is_empty(), "{law}");
+        result.unwrap_or_else(|e| panic!("{law}: {e}"));
     }
 }

@@ -523,6 +523,7 @@ impl Cluster {
             inputs: self.inputs.iter().map(|i| i.0).collect(),
             entries,
             is_linear,
+            jumps: self.jumps(model, form),
         })
     }
 

@@ -23,6 +23,7 @@ mod start;
 mod tear;
 mod tight;
 mod turn;
+mod upright;
 mod write;
 
 use crate::Options;

@@ -59,8 +59,8 @@ impl System<'_> {
     /// Newton's method, halved while that does not make the residual less; whether it got there.
     fn newton(&self, z: &mut DVector<f64>, off: &DVector<f64>, rounds: usize) -> bool {
         let mut r = self.residual(z) - off;
-        // The largest that each unknown was, the update before, and how many in a row did not shrink.
-        let (mut most, mut before, mut stalls) = (z.abs(), f64::INFINITY, 0);
+        // The least update, beside the unknowns, and how many since have not been much less.
+        let (mut least, mut stalls) = (f64::INFINITY, 0);
         for _ in 0..rounds {
             if r.iter().all(|x| x.abs() < NOTHING) {
                 return true;
@@ -77,12 +77,10 @@ impl System<'_> {
                 *z -= d;
                 return true;
             }
-            most.zip_apply(z, |m, x| *m = m.max(x.abs()));
-            let beside = d.iter().zip(most.iter()).filter(|(d, _)| **d != 0.0).map(|(d, m)| (d / m).abs());
+            let beside = d.iter().zip(z.iter()).filter(|(d, _)| **d != 0.0).map(|(d, z)| (d / z).abs());
             let step = beside.fold(0.0, f64::max);
-            stalls = if step > 0.5 * before { stalls + 1 } else { 0 };
-            before = step;
-            if told && stalls >= STALLS && step <= 1e-9 {
+            (least, stalls) = if step < 0.5 * least { (step, 0) } else { (least, stalls + 1) };
+            if told && stalls >= STALLS && step <= 1e-9 && self.isolated(z) {
                 // What is left of an unknown may be no more than the rounding of what it is a difference of.
                 return true;
             }

@@ -229,6 +229,7 @@ impl Run {
             region: c.name.clone(),
             state: None,
             why,
+            jumps: Vec::new(),
         })?;
         let out = out.to_vec();
         let books = c
@@ -310,7 +311,8 @@ impl Run {
             }
             Failure::Singular { .. } | Failure::Balance => None,
         };
-        Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why }
+        let jumps = if matches!(why, Failure::NoConvergence { .. }) { c.jumps.clone() } else { Vec::new() };
+        Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why, jumps }
     }
 
     /// The failure of a step to a state in which an energy is no number; of what is stored, with the one at fault.

@@ -46,11 +46,26 @@ pub struct Options {
     pub longest: Option<f64>,
 }
 
+/// What to do about laws that jump.
+fn mend(jumps: &[String]) -> String {
+    let Some(first) = jumps.first() else { return String::new() };
+    let name = first.rsplit('.').next().unwrap_or(first);
+    let names: Vec<String> = jumps.iter().map(|j| format!("`{j}`")).collect();
+    format!(
+        "; the law of {} jumps, and what it holds still has no solution: give it as a curve, as R:{name} {{ e = ...; f = ... }} in `s`",
+        names.join(", ")
+    )
+}
+
 /// Why a run stopped early.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum Error {
     /// A step failed.
-    #[error("at t = {time} s, a step of `{region}` failed: {why}{}", state.as_ref().map(|s| format!(" (`{s}`)")).unwrap_or_default())]
+    #[error(
+        "at t = {time} s, a step of `{region}` failed: {why}{}{}",
+        state.as_ref().map(|s| format!(" (`{s}`)")).unwrap_or_default(),
+        mend(jumps)
+    )]
     Step {
         /// When.
         time: f64,
@@ -60,6 +75,8 @@ pub enum Error {
         state: Option<String>,
         /// Why.
         why: Failure,
+        /// Resistors whose laws jump, where that may be why.
+        jumps: Vec<String>,
     },
     /// An adaptive step became too small.
     #[error(

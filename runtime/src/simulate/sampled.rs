@@ -192,6 +192,7 @@ impl Simulation<'_> {
                     region: self.names.get(i).cloned().unwrap_or_default(),
                     state: None,
                     why,
+                    jumps: Vec::new(),
                 })?;
                 values.copy_from_slice(&out[..n]);
                 foreseen = out[n + usize::from(matched)];
@@ -206,6 +207,7 @@ impl Simulation<'_> {
                 region: self.names.get(i).cloned().unwrap_or_default(),
                 state: Some("what it holds".into()),
                 why: crate::kernel::Failure::NotFinite { slot: crate::ir::Slot::new(crate::ir::Array::Output, 0) },
+                jumps: Vec::new(),
             });
         }
         if c.budget {
@@ -266,6 +268,7 @@ impl Simulation<'_> {
                     region: this.names.get(i).cloned().unwrap_or_default(),
                     state: None,
                     why,
+                    jumps: Vec::new(),
                 })
             };
             q[k] = free;

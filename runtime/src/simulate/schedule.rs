@@ -389,6 +389,7 @@ impl<'a> Simulation<'a> {
                 region: "the probes".into(),
                 state: None,
                 why,
+                jumps: Vec::new(),
             }),
         }
     }

@@ -1,0 +1,33 @@
+//! Laws that jump, as friction written with `sign` does: they stand upright there, and give no value between.
+
+use super::cluster::{Cluster, Node};
+use crate::model::Model;
+use crate::structure::{ColumnId, Form};
+use rustc_hash::FxHashMap;
+
+/// So near to 0 a law is looked at on both sides.
+const NEAR: f64 = 1e-30;
+/// It jumps where the two differ by more than this part of what it is at 1.
+const PART: f64 = 1e-6;
+
+impl Cluster {
+    /// Resistors whose laws jump where their argument passes 0.
+    pub(super) fn jumps(&self, model: &mut Model, form: &Form) -> Vec<String> {
+        let start = self.start(model);
+        let columns = self.nodes.iter().filter_map(Node::resistor);
+        let law = |c: ColumnId| Some((c, *form.regions[form.column(c).region.at()].laws.get(&c)?));
+        let mut jumps = Vec::new();
+        for (column, (argument, law)) in columns.filter_map(law) {
+            let mut at = |x: f64| {
+                let x = model.pool.float(x);
+                let law = model.pool.substitute(law, &FxHashMap::from_iter([(argument, x)]));
+                start.eval(&model.pool, law)
+            };
+            let (least, usual) = ([at(NEAR), at(-NEAR)], [at(1.0), at(-1.0)]);
+            if (least[0] - least[1]).abs() > PART * usual[0].abs().max(usual[1].abs()) {
+                jumps.push(form.column(column).name.clone());
+            }
+        }
+        jumps
+    }
+}
