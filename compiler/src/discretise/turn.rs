@@ -54,13 +54,13 @@ impl Turns {
             let (constant, still, moving) = (pool.numeral(constant), pool.combine(&still), pool.combine(&moving));
             pairs.push((*f, *e, pool.add(constant, still), moving));
         }
-        let list = |pick: &dyn Fn(&(Unary, Expr, Expr, Expr)) -> Expr| {
-            let mut list: Vec<Expr> = pairs.iter().map(pick).collect();
+        let once = |mut list: Vec<Expr>| {
             list.sort_unstable();
             list.dedup();
             list
         };
-        let (still, moving) = (list(&|p| p.2), list(&|p| p.3));
+        let still = once(pairs.iter().map(|p| p.2).collect());
+        let moving = once(pairs.iter().map(|p| p.3).collect());
         let fixed = still.len();
         let parts: Vec<Expr> = still.into_iter().chain(moving).collect();
         let place: FxHashMap<Expr, usize> = parts.iter().enumerate().map(|(i, e)| (*e, i)).collect();
