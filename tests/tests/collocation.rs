@@ -190,3 +190,24 @@ fn every_scene_takes_it() {
         }
     }
 }
+
+/// An angle with a product of states in it moves in more than its changes.
+#[test]
+fn angles_may_be_products() {
+    let text = "model P {
+      IC(I p1, I p2, C q1, C q2):arm {
+        H = (p1^2 + p2^2)/(2 kg*m^2) + 3 J * (1 - cos(q1 + 0.3*q1*q2)) + 2 J * (1 - cos(q2))
+        q1_0 = 90 deg;  q2_0 = 60 deg
+      }
+      1:w1 -> arm.p1, arm.q1
+      1:w2 -> arm.p2, arm.q2
+      probe a = arm.q1
+    }";
+    for (method, _) in GAUSS {
+        let compiled = with(Options::new().method(method), text);
+        let mut sim = start(&compiled, Steps::fixed(0.01));
+        finish(&mut sim, 10.0);
+        let summary = sim.summary();
+        assert!(summary.passive && summary.worst_step < 1e-14, "{method}: {}", summary.worst_step);
+    }
+}

@@ -38,15 +38,23 @@ impl Turns {
     /// Those of some expressions; None where none is a sum of what changes and what does not.
     pub(super) fn of(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>, states: &Carries) -> Option<Self> {
         let asked = asked(pool, all, unknown);
-        Self::multiples(pool, &asked, unknown).or_else(|| Self::apart(pool, &asked, states))
+        Self::multiples(pool, &asked, unknown).or_else(|| Self::apart(pool, &asked, unknown, states))
     }
 
     /// Each angle as what its states make of it, and all the rest.
-    fn apart(pool: &mut Pool, asked: &[(Unary, Expr, Expr)], states: &Carries) -> Option<Self> {
+    fn apart(
+        pool: &mut Pool,
+        asked: &[(Unary, Expr, Expr)],
+        unknown: &FxHashSet<Symbol>,
+        states: &Carries,
+    ) -> Option<Self> {
         let mut pairs = Vec::new();
         for (f, e, argument) in asked {
             let (constant, terms) = terms(pool, *argument);
-            let of_states = |t: &(Expr, Number)| pool.contains_any(t.0, &|s| states.iter().any(|x| x.0 == s));
+            let of_states = |t: &(Expr, Number)| {
+                let has = |test: &dyn Fn(Symbol) -> bool| pool.contains_any(t.0, test);
+                has(&|s| states.iter().any(|x| x.0 == s)) && !has(&|s| unknown.contains(&s))
+            };
             let (still, moving): (Vec<_>, Vec<_>) = terms.into_iter().partition(of_states);
             if still.is_empty() || moving.is_empty() {
                 return None;
