@@ -408,6 +408,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
     }
     let unknowns = b.slots(Array::Local, n);
     let flag = b.slot(Array::Local);
+    let rests = picks.len().is_multiple_of(2).then(|| b.slots(Array::Local, n));
     let slot = |i: usize| Slot::new(Array::Local, unknowns.index as usize + i);
     for i in 0..n {
         b.store(slot(i), pool[i % pool.len()]);
@@ -453,7 +454,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
     let bends = if n <= BENT { picks.iter().take(picks.len() % 4).map(bend).collect() } else { Vec::new() };
     b.close(Newton {
         unknowns: unknowns.index,
-        rests: None,
+        rests: rests.map(|r| r.index),
         body: Vec::new(),
         residual,
         jacobian: if own { Vec::new() } else { jacobian },
@@ -477,6 +478,10 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
     for v in pool.iter().rev().take(6) {
         let slot = b.slot(Array::Output);
         b.store(slot, *v);
+    }
+    for rest in rests.into_iter().flat_map(|r| (0..n).map(move |i| Slot::new(Array::Local, r.index as usize + i))) {
+        let (v, slot) = (b.load(rest), b.slot(Array::Output));
+        b.store(slot, v);
     }
     b.finish()
 }
