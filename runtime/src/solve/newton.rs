@@ -40,7 +40,7 @@
 //!
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what
 //! it gave, and fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what
-//! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 1e-20 (1/θ - 1))`, or
+//! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 1e-18 (1/θ - 1))`, or
 //! small(1e-14) where θ is at least a half.
 //!
 //! Where it is asked for, the rest of each unknown `u = v - d` after an update is what rounding took from it, `(v - u) -
@@ -445,7 +445,7 @@ fn geometric(square: f64, last: f64) -> f64 {
     if 0.25 * last <= square {
         return 1e-14;
     }
-    let t = 1e-20 * ((last / square).sqrt() - 1.0);
+    let t = 1e-18 * ((last / square).sqrt() - 1.0);
     if t < 1e-12 { t } else { 1e-12 }
 }
 

@@ -730,7 +730,7 @@ impl Iteration {
 
     /// The test of an iteration that converges linearly, after its update.
     fn geometric(&self, w: &mut Writer, square: Value, ratio: Value, slow: Cond) {
-        let (first, least) = (w.tolerance(4e-16), w.tolerance(1e-20));
+        let (first, least) = (w.tolerance(4e-16), w.tolerance(1e-18));
         let (most, stalled) = (w.tolerance(1e-12), w.tolerance(1e-14));
         let (zero, one) = (w.number(0.0), w.number(1.0));
         let root = w.unary(ir::Unary::Sqrt, ratio);
