@@ -230,7 +230,6 @@ pub(super) fn write(
         }
         None => (rest, Vec::new()),
     };
-    let (flag, bends) = (None, c.bends());
     let carries = inputs.carries.iter().map(|slot| Some(b.load(*slot)));
     let states = c.states.iter().map(|s| s.symbol).zip(carries).collect();
     let system = System {
@@ -240,12 +239,10 @@ pub(super) fn write(
         residuals,
         weight,
         scale,
-        flag,
-        once: false,
-        whole: false,
         rests: true,
         states,
-        bends,
+        bends: c.bends(),
+        ..System::default()
     };
     let apart = !is_stiff(c, model, form);
     let lows = write::solve_from(model, &mut b, &mut lowering, (system, apart), cold)?;

@@ -128,20 +128,7 @@ fn respond(
         model,
         &mut b,
         &mut lowering,
-        System {
-            unknowns,
-            h: c.h,
-            start,
-            residuals,
-            weight,
-            scale,
-            flag,
-            once: false,
-            whole: false,
-            rests: false,
-            states: Vec::new(),
-            bends: c.bends(),
-        },
+        System { unknowns, h: c.h, start, residuals, weight, scale, flag, bends: c.bends(), ..System::default() },
     )?;
     for (i, e) in outs.iter().enumerate() {
         let e = model.pool.substitute(*e, &flat);

@@ -59,17 +59,12 @@ pub(super) fn outputs(
     let scale = measure::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
     let system = System {
         unknowns: c.loops.clone(),
-        h: None,
         start: guesses.to_vec(),
         residuals,
         weight,
         scale,
-        flag: None,
-        once: false,
-        whole: false,
-        rests: false,
-        states: Vec::new(),
         bends: c.bends(),
+        ..System::default()
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)

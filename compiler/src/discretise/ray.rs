@@ -80,17 +80,12 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let unit = b.number(1.0);
     let system = System {
         unknowns: vec![r],
-        h: None,
         start: vec![zero],
         residuals: vec![residual],
         weight: vec![unit],
         scale: vec![unit],
         flag: Some(flag),
-        once: false,
-        whole: false,
-        rests: false,
-        states: Vec::new(),
-        bends: Vec::new(),
+        ..System::default()
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let met = b.load(flag);
@@ -129,17 +124,12 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let mirror_flag = b.slot(Array::Local);
     let system = System {
         unknowns: vec![m],
-        h: None,
         start: vec![unit],
         residuals: vec![residual],
         weight: vec![unit],
         scale: vec![unit],
         flag: Some(mirror_flag),
-        once: false,
-        whole: false,
-        rests: false,
-        states: Vec::new(),
-        bends: Vec::new(),
+        ..System::default()
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let found = b.load(mirror_flag);

@@ -187,7 +187,8 @@ const STEEP: f64 = 80.0;
 /// Of more unknowns than this an affine system is solved once.
 const LARGE: usize = 64;
 
-/// A system of equations to be solved in a program.
+/// A system of equations to be solved in a program; what is not asked for is left as it is by default.
+#[derive(Default)]
 pub(super) struct System {
     pub(super) unknowns: Vec<Symbol>,
     /// The symbol of the step's length, which is above 0.
@@ -209,15 +210,15 @@ pub(super) struct System {
     pub(super) bends: Vec<(Symbol, Bends)>,
 }
 
-/// Solves a system; afterwards `lowering` has the values of the unknowns.
+/// Solves a system; afterwards `lowering` has the values of the unknowns. What rounding took from these, where that is
+/// asked for and known.
 pub(super) fn solve(
     model: &mut Model,
     b: &mut Builder,
     lowering: &mut Lowering,
     system: System,
-) -> Result<(), Vec<Diagnostic>> {
-    solve_from(model, b, lowering, (system, true), Vec::new())?;
-    Ok(())
+) -> Result<FxHashMap<Symbol, Value>, Vec<Diagnostic>> {
+    solve_from(model, b, lowering, (system, true), Vec::new())
 }
 
 /// Solves a system whose start is foretold: `cold` is where else it starts, empty where it is not. Unknowns that follow

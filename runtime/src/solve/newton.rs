@@ -7,11 +7,12 @@
 //!   mean of the other `w_j s_j²` over `s_i²`, so that no equation goes unseen, and in sums of `u_i² + s_i²` counts
 //!   `s_i²` alone; where there is no weight at all, all are 1.
 //! - Up to `limit` times: compute `r`, `J`.
-//!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far (from
-//!      the iteration [`PATIENT`] on and before [`STRICT`], where the update's `|d|²` was above [`TELLING`] `Σ w_i (u_i² + s_i²)`, above `1 - FALL /
-//!      2^halvings` times that before the update) and above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in
-//!      the first [`DAMPED`] iterations, and the last update was halved fewer than [`HALVINGS`] times: take half of it
-//!      back (`d = d / 2`, `u = u + d`) and start over.
+//!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far
+//!      (from the iteration [`PATIENT`] on and before [`STRICT`], where the update's `|d|²` was above [`TELLING`] times
+//!      `Σ w_i (u_i² + s_i²)`, above `1 - FALL / 2^halvings` times that before the update; not where the update is given)
+//!      and above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the
+//!      last update was halved fewer than [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start
+//!      over.
 //!   2. Where all of `r` is 0, or after [`DAMPED`] iterations `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where
 //!      a body that all but rests sticks, rounding leaves open what holds it.
 //!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the

@@ -499,16 +499,15 @@ pub(super) fn write(
             residuals,
             weight,
             scale,
-            flag: None,
-            once: false,
             whole,
             rests: whole,
             states,
             bends,
+            ..System::default()
         };
         taken = match apart {
             Some(apart) => apart.iterate(c, model, &mut b, &mut lowering, (&system, &inputs))?,
-            None => write::solve_from(model, &mut b, &mut lowering, (system, true), Vec::new())?,
+            None => write::solve(model, &mut b, &mut lowering, system)?,
         };
     }
     let mut value =

@@ -550,21 +550,7 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
     let plan = plan(c, model, form, &mut b, &mut lowering, &inputs, &[])?;
     let (weight, scale) = gonzalez::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
     let (unknowns, residuals, start) = (plan.unknowns.clone(), plan.residuals.clone(), plan.start.clone());
-    let (flag, bends) = (None, Vec::new());
-    let system = System {
-        unknowns,
-        h: c.h,
-        start,
-        residuals,
-        weight,
-        scale,
-        flag,
-        once: true,
-        whole: false,
-        rests: false,
-        states: Vec::new(),
-        bends,
-    };
+    let system = System { unknowns, h: c.h, start, residuals, weight, scale, once: true, ..System::default() };
     let apart = !gonzalez::is_stiff(c, model, form);
     write::solve_from(model, &mut b, &mut lowering, (system, apart), Vec::new())?;
     let mut value =
