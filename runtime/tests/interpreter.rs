@@ -1,6 +1,7 @@
 //! The interpreter against a direct reading of the program, and what it promises of its runs.
 
 use bond_runtime::ir::{Array, Binary, Builder, Inst, Newton, Program, Slot, Unary, Value};
+use bond_runtime::solve::quick::ROUNDING;
 use bond_runtime::{Failure, Interpreter, Kernel};
 
 /// `n[0] = sqrt(x[0])` by Newton's method, from 1.
@@ -30,6 +31,7 @@ fn root(flag: bool) -> Program {
         bends: Vec::new(),
         limit: 50,
         update: Vec::new(),
+        left: ROUNDING,
         affine: false,
         flag: flag.then_some(flag_slot),
     });
@@ -77,6 +79,7 @@ fn iterations_nest() {
         bends: Vec::new(),
         limit: 50,
         update: Vec::new(),
+        left: ROUNDING,
         affine: false,
         flag: None,
     };

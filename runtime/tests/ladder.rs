@@ -51,6 +51,7 @@ fn ladder(n: usize) -> Program {
         bends: Vec::new(),
         limit: 50,
         update: Vec::new(),
+        left: 0.0,
         affine: false,
         flag: None,
     });

@@ -11,6 +11,7 @@ use bond_runtime::kernel::{Backend, Kernel};
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{self, Abreast, Maker, Places, Start, Stretch};
 use bond_runtime::solve::newton::BENT;
+use bond_runtime::solve::quick::ROUNDING;
 use proptest::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
@@ -464,6 +465,13 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         bends,
         limit: 40,
         update: if own { update } else { Vec::new() },
+        left: if own {
+            1e-18
+        } else if weight {
+            ROUNDING
+        } else {
+            1e-20
+        },
         affine: false,
         flag: Some(flag),
     });

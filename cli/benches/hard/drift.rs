@@ -4,7 +4,7 @@ use super::case::path;
 use super::ours::compile;
 use super::table::{short, table};
 use bond::{Code, Compiled, Options, Simulation, Steps};
-use bond_compiler::discretise::Method;
+use bond_compiler::discretise::{Accuracy, Method};
 use std::time::Instant;
 
 /// Instants at which the energy is looked at.
@@ -58,11 +58,11 @@ pub fn drift(compiled: &Compiled, h: f64, steps: u64) -> Result<Drift, String> {
     })
 }
 
-/// A scene by each stepper that takes it, the passive ones first; `explicit` are only told of.
-fn steppers(options: &Options, file: &str) -> Vec<(&'static str, Compiled)> {
+/// A scene by each stepper that takes it, the passive ones first; by one alone where it is named.
+fn steppers(options: &Options, file: &str, only: Option<&str>) -> Vec<(&'static str, Compiled)> {
     let mut list = Vec::new();
-    for method in Method::ALL {
-        if let Ok(compiled) = compile(&options.clone().method(method.name()), &path(file))
+    for method in Method::ALL.into_iter().filter(|m| only.is_none_or(|o| o == m.name())) {
+        if let Ok(compiled) = compile(&options.clone().accuracy(Accuracy::Fixed).method(method.name()), &path(file))
             && compiled.scene().clusters.iter().all(|c| c.step.name == method.name())
         {
             list.push((method.name(), compiled));
@@ -105,12 +105,12 @@ fn tidy(mut rows: Vec<Vec<String>>) -> String {
 }
 
 /// The undamped oscillator, h omega from 1e-3 to 1e3.
-pub fn oscillator(steps: u64) -> String {
+pub fn oscillator(steps: u64, only: Option<&str>) -> String {
     let mut rows = Vec::new();
     for exponent in -3..=3 {
         let w = 10f64.powi(exponent);
         let options = Options::new().model("Undamped").set("w", &format!("{w:e} rad/s"));
-        for (name, compiled) in steppers(&options, "undamped") {
+        for (name, compiled) in steppers(&options, "undamped", only) {
             eprintln!("undamped, h w = 1e{exponent}, {name}");
             rows.push(row(name, &format!("h w = 1e{exponent}"), drift(&compiled, 1.0, steps)));
         }
@@ -122,7 +122,7 @@ pub fn oscillator(steps: u64) -> String {
 ///
 /// # Errors
 /// A name that there is not.
-pub fn chain(mark: &str, steps: u64, slow: u64) -> Result<String, String> {
+pub fn chain(mark: &str, steps: u64, slow: u64, only: Option<&str>) -> Result<String, String> {
     let (file, options, h, n) = match mark {
         "swing" => ("pendulum_over", Options::new().set("excess", "-0.05"), 0.02, steps),
         "pendulum" => ("pendulum_over", Options::new(), 0.02, steps),
@@ -133,13 +133,9 @@ pub fn chain(mark: &str, steps: u64, slow: u64) -> Result<String, String> {
         other => return Err(format!("there is no long run `{other}`")),
     };
     let mut rows = Vec::new();
-    for (name, compiled) in steppers(&options, file) {
-        // Of the chains' 32 springs, steppers of high order would take hours.
-        let high = matches!(mark, "alpha" | "beta")
-            && compiled.scene().clusters.iter().any(|c| c.step.order > 6 || name == "radau");
-        let (n, note) = if high { (n / 10, format!(", {} steps", n / 10)) } else { (n, String::new()) };
+    for (name, compiled) in steppers(&options, file, only) {
         eprintln!("{file}, {n} steps, {name}");
-        rows.push(row(name, &format!("{h} s{note}"), drift(&compiled, h, n)));
+        rows.push(row(name, &format!("{h} s"), drift(&compiled, h, n)));
     }
     Ok(format!("{n} steps.\n\n{}", tidy(rows)))
 }
@@ -163,7 +159,7 @@ pub fn stiffness(steps: u64) -> String {
     ];
     for (file, model, fastest) in list {
         let options = model.map_or(Options::new(), |m| Options::new().model(m));
-        for (name, compiled) in steppers(&options, file) {
+        for (name, compiled) in steppers(&options, file, None) {
             for exponent in -3..=3 {
                 let h = fastest * 10f64.powi(exponent);
                 eprintln!("{file} {}, {name}, 1e{exponent}", model.unwrap_or(""));

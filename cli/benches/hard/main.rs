@@ -3,7 +3,8 @@
 //!
 //! `cargo bench -p bond --bench hard` prints the tables; with `-- --page` it writes those of `docs/hard-cases.md` anew,
 //! of which the runs without loss, 1e7 steps each, only with `--long`; printed, and without it, they take 1e5.
-//! `--only NAME` does one table alone, `--case FILE` prints the comparison of one file.
+//! `--only NAME` does one table alone, `--stepper NAME` prints those of long runs by one stepper, `--case FILE` prints the
+//! comparison of one file.
 
 mod case;
 mod compared;
@@ -19,13 +20,13 @@ mod table;
 use std::path::Path;
 
 /// A table by its mark, and whether it takes long; None for a mark that there is not.
-fn section(name: &str, long: bool) -> Option<Result<String, String>> {
+fn section(name: &str, long: bool, stepper: Option<&str>) -> Option<Result<String, String>> {
     let (steps, slow) = if long { (10_000_000, 10_000_000) } else { (100_000, 10_000) };
     Some(match name {
         "machine" => Ok(machine()),
         "failures" => hostile::failures(),
-        "oscillator" => Ok(format!("{steps} steps.\n\n{}", drift::oscillator(steps))),
-        "pendulum" | "swing" | "alpha" | "beta" | "rigid" | "henon" => drift::chain(name, steps, slow),
+        "oscillator" => Ok(format!("{steps} steps.\n\n{}", drift::oscillator(steps, stepper))),
+        "pendulum" | "swing" | "alpha" | "beta" | "rigid" | "henon" => drift::chain(name, steps, slow, stepper),
         "stiffness" => Ok(drift::stiffness(10_000)),
         "sampled" => Ok(hostile::sampled()),
         "hostile" => hostile::parameters(),
@@ -38,11 +39,11 @@ const QUICK: [&str; 6] = ["here", "failures", "stiffness", "sampled", "hostile",
 const LONG: [&str; 7] = ["oscillator", "swing", "pendulum", "alpha", "beta", "rigid", "henon"];
 
 /// Tables by their marks.
-fn tables(page: bool, long: bool, only: Option<&str>) -> Result<Vec<(String, String)>, String> {
+fn tables(page: bool, long: bool, only: Option<&str>, stepper: Option<&str>) -> Result<Vec<(String, String)>, String> {
     let runs = QUICK.iter().chain(LONG.iter().filter(|_| long || !page || only.is_some()));
     let mut list = Vec::new();
     for name in runs.filter(|n| only.is_none_or(|o| o == **n)) {
-        match section(name, long) {
+        match section(name, long, stepper) {
             Some(text) => list.push(((*name).to_string(), text?)),
             None => {
                 let (here, others) = compared::tables(None)?;
@@ -69,7 +70,7 @@ fn machine() -> String {
 fn write(long: bool, only: Option<&str>) -> Result<(), String> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/hard-cases.md");
     let mut page = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    for (name, text) in tables(true, long, only)? {
+    for (name, text) in tables(true, long, only, None)? {
         page = table::replaced(&page, &path, &name, &text)?;
     }
     let beside = path.with_extension("md.part");
@@ -89,7 +90,7 @@ fn main() {
     } else if let Some(file) = value("--case") {
         compared::tables(Some(file)).map(|(here, others)| println!("{here}\n{others}"))
     } else {
-        tables(false, has("--long"), value("--only"))
+        tables(false, has("--long"), value("--only"), value("--stepper"))
             .map(|list| list.iter().for_each(|(name, text)| println!("## {name}\n\n{text}")))
     };
     if let Err(e) = done {

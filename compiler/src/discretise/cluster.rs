@@ -130,6 +130,8 @@ pub(super) struct Cluster {
     pub(super) kept: Vec<f64>,
     /// Whether each step's balance is looked at before it counts.
     pub(super) watched: bool,
+    /// Whether steps are fitted to a tolerance.
+    pub(super) fitted: bool,
 }
 
 impl Cluster {
@@ -278,6 +280,11 @@ impl Cluster {
             }
         }
         map
+    }
+
+    /// Whether nothing takes energy out.
+    pub(super) fn is_lossless(&self) -> bool {
+        self.nodes.iter().all(|n| !matches!(n.part, Part::Resistor(_)))
     }
 
     /// The nodes that are solved for, in the order of the loops' unknowns.

@@ -169,6 +169,7 @@ pub fn discretise(
     for (i, c) in clusters.iter_mut().enumerate() {
         let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
         let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
+        c.fitted = tolerance.is_some();
         scene.clusters.push(c.build(model, form, (method, tolerance), &shows[i], foreign)?);
     }
     for i in &model.inputs {

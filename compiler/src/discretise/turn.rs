@@ -122,6 +122,23 @@ impl Turns {
         Some(Self { parts, fixed, asked: list })
     }
 
+    /// The symbols that some expressions have within these sines and cosines alone.
+    pub(super) fn only(&self, pool: &Pool, all: &[Expr]) -> FxHashSet<Symbol> {
+        let known: FxHashSet<Expr> = self.asked.iter().map(|a| a.1).collect();
+        let (mut seen, mut stack, mut outside) = (FxHashSet::default(), all.to_vec(), FxHashSet::default());
+        while let Some(e) = stack.pop() {
+            if known.contains(&e) || !seen.insert(e) {
+                continue;
+            }
+            if let Node::Symbol(s) = pool.node(e) {
+                outside.insert(*s);
+            }
+            pool.node(e).each_child(&mut |c| stack.push(c));
+        }
+        let within = self.asked.iter().flat_map(|a| pool.symbols(a.1));
+        within.filter(|s| !outside.contains(s)).collect()
+    }
+
     /// Writes what an iteration does not change.
     pub(super) fn before(
         &self,

@@ -11,6 +11,7 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{self, Array, Bend, Builder, Newton, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, GIVEN};
 use bond_runtime::solve::newton::BENT;
+use bond_runtime::solve::quick::ROUNDING;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// The values that a program starts from.
@@ -187,6 +188,10 @@ const STEEP: f64 = 80.0;
 /// Of more unknowns than this an affine system is solved once.
 const LARGE: usize = 64;
 
+/// What is left of the unknowns of a step where nothing takes energy out of it: it is always on the same side, so that it
+/// adds up, and where steps are not fitted there may be 1e7 of them.
+const LEAST: f64 = 1e-20;
+
 /// A system of equations to be solved in a program; what is not asked for is left as it is by default.
 #[derive(Default)]
 pub(super) struct System {
@@ -204,10 +209,17 @@ pub(super) struct System {
     pub(super) whole: bool,
     /// Whether what rounding took from the unknowns is asked for.
     pub(super) rests: bool,
+    /// The part of the unknowns that the iteration may leave, where that is less than usual.
+    pub(super) left: Option<f64>,
     /// The states that the unknowns move, where these may be angles.
     pub(super) states: Vec<(Symbol, Option<Value>)>,
     /// Unknowns that exponentials are of, and where these grow.
     pub(super) bends: Vec<(Symbol, Bends)>,
+}
+
+/// The part of the unknowns of a step that its iteration may leave.
+pub(super) fn left(c: &Cluster) -> Option<f64> {
+    (c.is_lossless() && !c.fitted).then_some(LEAST)
 }
 
 /// Solves a system; afterwards `lowering` has the values of the unknowns. What rounding took from these, where that is
@@ -365,9 +377,11 @@ fn iterate(
         };
         shares.push((below, value));
     }
+    // What was taken out is computed in and after the iteration, and has to be the same to the last digit: by a rounding
+    // between the two the energy goes one way.
+    lowering.share(shares);
+    lowering.begin(b);
     let mut inside = lowering.clone();
-    inside.share(shares);
-    inside.begin(b);
     b.open(slots, n);
     for (i, s) in system.unknowns.iter().enumerate() {
         let v = b.load(slot(i));
@@ -392,6 +406,7 @@ fn iterate(
         residual,
         jacobian: entries,
         update: Vec::new(),
+        left: system.left.unwrap_or(ROUNDING),
         weight: system.weight,
         scale: system.scale,
         cold,

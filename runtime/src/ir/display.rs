@@ -109,6 +109,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     if newton.affine {
         write!(f, " affine")?;
     }
+    if !newton.update.is_empty() {
+        write!(f, " left {:e}", newton.left)?;
+    }
     if let Some(index) = newton.rests {
         write!(f, " rests {}", Slot { array: Array::Local, index })?;
     }
@@ -172,6 +175,7 @@ mod tests {
             bends: Vec::new(),
             limit: 9,
             update: Vec::new(),
+            left: 0.0,
             affine: false,
             flag: Some(flag),
         });

@@ -227,6 +227,9 @@ pub struct Newton {
     /// The update itself, one value an unknown, where the body solves with a matrix of its own that is near the
     /// Jacobian (a simplified Newton method); then there is no `jacobian`. Empty else.
     pub update: Vec<Value>,
+    /// The part of the unknowns that the iteration may leave; [`ROUNDING`](crate::solve::quick::ROUNDING) of what
+    /// nobody adds up.
+    pub left: f64,
     /// One an unknown: energy per square of the unknown; 0 where nothing is known.
     pub weight: Vec<Value>,
     /// One an unknown: size against which a relative change is measured besides the unknown itself.

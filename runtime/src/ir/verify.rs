@@ -140,7 +140,7 @@ impl Check<'_> {
         }
         self.all(newton.weight.iter().chain(&newton.scale).chain(&newton.cold).copied())?;
         let own = newton.update.is_empty() || (newton.jacobian.is_empty() && !newton.affine);
-        if !own || ![0, n].contains(&newton.update.len()) {
+        if !own || ![0, n].contains(&newton.update.len()) || !(0.0..1.0).contains(&newton.left) {
             return Err(Invalid::Lengths(first));
         }
         let sound = |b: &Bend| b.unknown < size && b.knee.is_finite() && b.rate.is_finite() && b.rate != 0.0;
@@ -303,6 +303,7 @@ mod tests {
             bends: Vec::new(),
             limit: 50,
             update: Vec::new(),
+            left: 0.0,
             affine: false,
             flag: None,
         });

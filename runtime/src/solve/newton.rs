@@ -30,8 +30,9 @@
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`, where `|r|²` is no more than that sum: far out on an exponential one unknown
 //!   is too large for another to show.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
-//!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-11, 4e-16 |e|² / |d|²)`:
-//!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below rounding; or small(1e-12), where
+//!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-11, left |e|² / |d|²)`:
+//!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below what may be left (`left`, 4e-16 as a
+//!   rule); or small(1e-12), where
 //!   `|d|` is at least half of `|e|`: rounding keeps it from falling; or small(1e-10), where that was so [`STALLS`]
 //!   times in a row: the equations hardly tell that unknown; or small(1e-6) then, where besides the smallest `|r|²` so
 //!   far is at most `1e-20 Σ w_i (u_i² + s_i²)`, which is rounding.
@@ -41,7 +42,7 @@
 //!
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what
 //! it gave, and fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what
-//! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, 1e-18 (1/θ - 1))`, or
+//! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, left (1/θ - 1))`, or
 //! small(1e-14) where θ is at least a half.
 //!
 //! Where it is asked for, the rest of each unknown `u = v - d` after an update is what rounding took from it, `(v - u) -
@@ -107,6 +108,8 @@ pub struct Plan {
     pub affine: bool,
     /// Whether the body gives the update itself.
     pub given: bool,
+    /// The part of the unknowns that may be left.
+    pub left: f64,
     /// The slot of `Local` that gets 1 or 0 instead of a failure.
     pub flag: Option<usize>,
     /// Whether the start is foretold, and another one given besides.
@@ -127,6 +130,7 @@ impl Plan {
         Self {
             affine: newton.affine,
             given: !newton.update.is_empty(),
+            left: newton.left,
             rests: newton.rests.map(|r| r as usize),
             foretold: !newton.cold.is_empty(),
             bends: newton.bends.clone(),
@@ -142,7 +146,8 @@ impl Plan {
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
         let linear = linear::Plan::new(n, &pattern);
         let (quick, foretold, bends, rests) = (None, false, Vec::new(), None);
-        Self { unknowns, n, rests, pattern, limit, affine: false, given: false, flag, foretold, bends, quick, linear }
+        let (affine, given, left) = (false, false, quick::ROUNDING);
+        Self { unknowns, n, rests, pattern, limit, affine, given, left, flag, foretold, bends, quick, linear }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -262,7 +267,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     if let Some(pattern) = &plan.quick {
         way.done = 1;
         *count += 1;
-        match quick::begin(pattern, &plan.pattern, scratch, system)? {
+        match quick::begin(pattern, (&plan.pattern, plan.left), scratch, system)? {
             Begun::Done => return Ok(()),
             Begun::Anew => {
                 again = false;
@@ -414,10 +419,10 @@ fn iterate<S: System>(
         let small = |t: f64| measure.small(t, u, d, size);
         let quick = |last: f64| halvings == 0 && square <= 1e-6 * last;
         let t = match before {
-            Some(last) if plan.given => geometric(square, last),
+            Some(last) if plan.given => geometric(square, last, plan.left),
             Some(last) if 0.25 * last <= square => 1e-12,
             Some(last) if quick(last) => {
-                let t = 4e-16 * (last / square);
+                let t = plan.left * (last / square);
                 if t < quick::LAST { t } else { quick::LAST }
             }
             Some(_) | None => 4e-16,
@@ -440,13 +445,13 @@ fn iterate<S: System>(
     Err(Failure::NoConvergence { iterations: plan.limit, unknown: plan.unknowns + worst, change })
 }
 
-/// The part of the unknowns that the last update may be, of an iteration that converges linearly: `square` is its
-/// square, `last` that of the one before.
-fn geometric(square: f64, last: f64) -> f64 {
+/// The part of the unknowns that the last update may be, of an iteration that converges linearly and may leave a part
+/// of them: `square` is its square, `last` that of the one before.
+fn geometric(square: f64, last: f64, left: f64) -> f64 {
     if 0.25 * last <= square {
         return 1e-14;
     }
-    let t = 1e-18 * ((last / square).sqrt() - 1.0);
+    let t = left * ((last / square).sqrt() - 1.0);
     if t < 1e-12 { t } else { 1e-12 }
 }
 

@@ -8,8 +8,8 @@
 //!    `|d_i| <= 4e-16 z_i`.
 //! 3. The residual there with the same elimination gives `e`. Where a `|d_i|` is above 1e-2 `z_i`: done where no entry
 //!    of `J` there is off by more than a tenth, and `|e_i| <= 4e-16 z_i`. Else done where each `|e_i| <= 4e-16 |u_i|`,
-//!    which the unknowns hardly show. The next such update would be near `2 e_i² / d_i`: so it is done, with
-//!    `u = u - e`, where for each unknown that is at most a quarter of `4e-16 z_i`, and `|e_i| <= 1e-11 z_i`; or
+//!    which the unknowns hardly show: it goes to the rests. The next such update would be near `2 e_i² / d_i`: so it is
+//!    done, with `u = u - e`, where for each unknown that is at most a quarter of `left z_i`, and `|e_i| <= 1e-11 z_i`; or
 //!    `|e_i| <= 4e-16 z_i`. Each unknown counts by itself, since those that converge at once say nothing of the others.
 //! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the
 //!    iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
@@ -195,7 +195,7 @@ pub(super) enum Begun {
 /// Begins an iteration.
 pub(super) fn begin<S: System>(
     pattern: &Pattern,
-    entries: &[(u32, u32)],
+    (entries, left): (&[(u32, u32)], f64),
     scratch: &mut Scratch,
     system: &mut S,
 ) -> Result<Begun, Failure> {
@@ -236,14 +236,16 @@ pub(super) fn begin<S: System>(
     let alike = |(a, b): (&f64, &f64)| (a - b).abs() <= ALIKE * b.abs();
     let settled =
         || jacobian.iter().zip(&room.entries).all(alike) && trial.iter().zip(z).all(|(e, z)| e.abs() <= ROUNDING * z);
-    let last = || update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z));
+    let last = || update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z, left));
     let done = unseen || if near { last() } else { settled() };
     if done && !explained(entries, &room.entries, residual, trial, z, &mut room.told) {
         return Ok(Begun::Anew);
     }
     let (first, second) = (part(update, z), part(trial, z));
     let good = (second <= GOOD * first || second <= STALLED) && first.is_finite();
-    if !unseen && (done || good) {
+    if unseen {
+        system.pairs().1.iter_mut().zip(trial.iter()).for_each(|(rest, e)| *rest -= e);
+    } else if done || good {
         newton::take(system, trial);
     }
     if done {
@@ -289,10 +291,9 @@ fn part(v: &[f64], z: &[f64]) -> f64 {
     v.iter().zip(z).fold(0.0, |sum, (v, z)| sum + v.abs() / z)
 }
 
-/// Whether a second update of an unknown is its last, after the first and beside its size.
-fn is_last(first: f64, second: f64, z: f64) -> bool {
-    let allowed = ROUNDING * z;
-    second <= allowed || (NEXT * second * second <= allowed * first && second <= LAST * z)
+/// Whether a second update of an unknown is its last, after the first and beside its size, of which a part may be left.
+fn is_last(first: f64, second: f64, z: f64, left: f64) -> bool {
+    second <= ROUNDING * z || (NEXT * second * second <= left * z * first && second <= LAST * z)
 }
 
 #[cfg(test)]
@@ -337,8 +338,11 @@ mod tests {
 
     #[test]
     fn last_updates() {
+        let is_last = |first, second, z| is_last(first, second, z, ROUNDING);
         assert!(is_last(1e-4, 1e-11, 1.0) && is_last(1.0, 1e-16, 1.0) && is_last(0.0, 1e-17, 0.1));
         assert!(!is_last(1e-4, 1e-9, 1.0) && !is_last(1e-9, 9e-10, 1.0) && !is_last(0.0, 1e-12, 1.0));
         assert!(!is_last(f64::NAN, 0.1, 1.0) && !is_last(1.0, f64::NAN, 1.0) && !is_last(1.0, 1e-20, f64::NAN));
+        // Less may be left of what adds up.
+        assert!(!super::is_last(1e-4, 1e-11, 1.0, 1e-20) && super::is_last(1e-4, 1e-13, 1.0, 1e-20));
     }
 }

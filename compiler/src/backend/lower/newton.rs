@@ -51,6 +51,8 @@ pub(super) struct Iteration {
     /// Whether the update is given, and whether the first one is all.
     given: bool,
     affine: bool,
+    /// The part of the unknowns that may be left.
+    pub(super) left: f64,
 }
 
 /// Whether a weight counts.
@@ -261,6 +263,7 @@ impl Iteration {
             bends: newton.bends.clone(),
             given: !newton.update.is_empty(),
             affine,
+            left: newton.left,
         }
     }
 
@@ -314,6 +317,16 @@ impl Iteration {
         let Some(rests) = &self.rests else { return };
         let zero = w.number(0.0);
         w.each(self.n, |w, at| w.put(rests, at, zero));
+    }
+
+    /// Takes an update off the rests, where the unknowns do not show it.
+    pub(super) fn leave(&self, w: &mut Writer, update: &[Value]) {
+        let Some(rests) = &self.rests else { return };
+        for (i, d) in update.iter().enumerate() {
+            let rest = w.at(rests, At::One(i));
+            let rest = w.sub(rest, *d);
+            w.put(rests, At::One(i), rest);
+        }
     }
 
     /// Takes an update off an unknown: what it was, the update, and what it is then.
@@ -638,11 +651,12 @@ impl Iteration {
         let quick = Cond::all([Cond::True(made), w.eq(halvings, zero), w.le(square, quick)]);
         let slow = Cond::all([Cond::True(made), w.le(slow, square)]);
         let (least, most, stalled) = (w.tolerance(4e-16), w.tolerance(LAST), w.tolerance(1e-12));
+        let allowed = w.tolerance(self.left);
         let ratio = w.div(last, square);
         if self.given {
             return self.geometric(w, square, ratio, slow);
         }
-        let t = w.mul(least, ratio);
+        let t = w.mul(allowed, ratio);
         let under = w.lt(t, most);
         let t = w.select(under, t, most);
         let t = w.select(quick, t, least);
@@ -730,7 +744,7 @@ impl Iteration {
 
     /// The test of an iteration that converges linearly, after its update.
     fn geometric(&self, w: &mut Writer, square: Value, ratio: Value, slow: Cond) {
-        let (first, least) = (w.tolerance(4e-16), w.tolerance(1e-18));
+        let (first, least) = (w.tolerance(4e-16), w.tolerance(self.left));
         let (most, stalled) = (w.tolerance(1e-12), w.tolerance(1e-14));
         let (zero, one) = (w.number(0.0), w.number(1.0));
         let root = w.unary(ir::Unary::Sqrt, ratio);

@@ -152,12 +152,13 @@ fn explained(w: &mut Writer, entries: &[(u32, u32, Value)], residual: &[Value], 
     Cond::all(all)
 }
 
-/// Whether a second update of an unknown is its last, after the first and beside its size.
-fn is_last(w: &mut Writer, first: Value, second: Value, z: Value) -> Cond {
+/// Whether a second update of an unknown is its last, after the first and beside its size, of which a part may be left.
+fn is_last(w: &mut Writer, first: Value, second: Value, z: Value, left: f64) -> Cond {
     let (rounding, last, next) = (w.tolerance(ROUNDING), w.tolerance(LAST), w.number(NEXT));
-    let allowed = w.mul(rounding, z);
+    let left = w.tolerance(left);
+    let (allowed, left) = (w.mul(rounding, z), w.mul(left, z));
     let times = w.mul(next, second);
-    let (square, most, largest) = (w.mul(times, second), w.mul(allowed, first), w.mul(last, z));
+    let (square, most, largest) = (w.mul(times, second), w.mul(left, first), w.mul(last, z));
     let near = Cond::all([w.le(square, most), w.le(second, largest)]);
     Cond::any([w.le(second, allowed), near])
 }
@@ -219,7 +220,10 @@ impl Lower {
                 w.branch(
                     explained,
                     |w| {
-                        last.into_iter().for_each(|last| it.take(w, last));
+                        match last {
+                            Some(last) => it.take(w, last),
+                            None => it.leave(w, &more),
+                        }
                         it.finish(w, DONE);
                     },
                     |w| w.push(Stmt::Break),
@@ -239,7 +243,7 @@ impl Lower {
                 settled.extend(at_most(w, &second, rounding, &z));
                 w.when(Cond::all(settled), |w| done(w, Some(last)));
             });
-            let small: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i])).collect();
+            let small: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i], newton.left)).collect();
             w.when(Cond::all(small.into_iter().chain([near])), |w| done(w, Some(last)));
             let (first, second) = (part(w, &first, &z), part(w, &second, &z));
             let finite = w.finite(first);

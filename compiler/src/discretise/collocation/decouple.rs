@@ -14,15 +14,18 @@ use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Newton, Slot, Solve, Unary, Value};
+use bond_runtime::ir::{Array, Binary, Builder, Newton, Slot, Solve, Unary, Value};
 use bond_runtime::twice::Twice;
 use rustc_hash::{FxHashMap, FxHashSet};
+use std::f64::consts::TAU;
 
 /// Systems of so many unknowns are eliminated in straight code; larger ones by a pattern.
 const STRAIGHT: usize = 8;
 /// Up to so many unknowns of a stage a complex system is a real one of twice as many, in which rows are exchanged where
 /// a pivot is bad.
 const REAL: usize = 32;
+/// The part of the unknowns that an iteration may leave.
+const LEFT: f64 = 1e-18;
 /// Iterations at most: one that needs more is better off with a shorter step.
 const LIMIT: u32 = 20;
 
@@ -155,6 +158,16 @@ impl Apart {
         }
         let turns = Turns::of(&mut model.pool, &system.residuals, &unknown, &system.states);
         let before = turns.as_ref().map(|t| t.before(model, b, lowering, &system.states)).transpose()?;
+        // Of what counts by its sine and cosine alone, however many turns it has made, one is its size.
+        let mut scale = system.scale.clone();
+        let only = turns.as_ref().map(|t| t.only(&model.pool, &system.residuals)).unwrap_or_default();
+        for (k, _) in system.states.iter().enumerate().filter(|(_, (s, _))| only.contains(s)) {
+            let turn = b.number(TAU);
+            for x in scale.iter_mut().skip(k).step_by(n) {
+                let small = b.binary(Binary::Lt, *x, turn);
+                *x = b.select(small, *x, turn);
+            }
+        }
         let mut inside = lowering.clone();
         b.open(slots, size);
         for (i, s) in system.unknowns.iter().enumerate() {
@@ -177,8 +190,9 @@ impl Apart {
             residual,
             jacobian: Vec::new(),
             update,
+            left: system.left.unwrap_or(LEFT),
             weight: system.weight.clone(),
-            scale: system.scale.clone(),
+            scale,
             cold: Vec::new(),
             bends: Vec::new(),
             limit: LIMIT,

@@ -182,7 +182,7 @@ impl Plan {
         let mut points: Vec<Point> = tableau.nodes().map(|node| Point::new(c, pool, &tableau, node, whole)).collect();
         let mut at_nodes: Vec<FxHashMap<Symbol, Expr>> = points.iter().map(|p| p.states(c, pool, &stages)).collect();
         follow(c, pool, form, (&tableau, &stages), &mut at_nodes);
-        let gradients = gradients(c, pool, (&tableau, &stages, &at_nodes), nodes, |pool, node| {
+        let gradients = gradients(c, pool, (&tableau, &stages, &at_nodes), (nodes, whole), |pool, node| {
             let point = Point::new(c, pool, &tableau, node, whole);
             let map = point.states(c, pool, &stages);
             points.push(point);
@@ -328,27 +328,36 @@ fn gradients(
     c: &Cluster,
     pool: &mut Pool,
     (tableau, stages, at_nodes): (&Tableau, &[Stage], &[FxHashMap<Symbol, Expr>]),
-    nodes: Nodes,
+    (nodes, whole): (Nodes, bool),
     mut states: impl FnMut(&mut Pool, Twice) -> FxHashMap<Symbol, Expr>,
 ) -> Vec<Vec<Vec<Expr>>> {
     let s = stages.len();
     let mut list = Vec::new();
+    let mut slopes = FxHashMap::default();
     let mut at_rules: FxHashMap<usize, Vec<FxHashMap<Symbol, Expr>>> = FxHashMap::default();
     for g in &c.groups {
-        if nodes == Nodes::Radau || is_quadratic(c, pool, g) {
-            let at = at_nodes.iter().map(|map| g.coenergy.iter().map(|z| pool.substitute(*z, map)).collect());
-            list.push(at.collect());
+        let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
+        let (mut straight, bent): (Vec<Expr>, Vec<Expr>) = match nodes == Nodes::Radau || is_quadratic(c, pool, g) {
+            true => (g.coenergy.clone(), Vec::new()),
+            false => g.coenergy.iter().map(|z| apart(pool, *z, &symbols)).unzip(),
+        };
+        if whole {
+            straight.iter_mut().for_each(|z| *z = kept(pool, *z, &symbols, &mut slopes));
+        }
+        let straight: Vec<Vec<Expr>> =
+            at_nodes.iter().map(|map| straight.iter().map(|z| pool.substitute(*z, map)).collect()).collect();
+        if bent.is_empty() {
+            list.push(straight);
             continue;
         }
-        let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
-        let degree = g.coenergy.iter().map(|z| degree(pool, *z, &symbols)).try_fold(0, |most, d| Some(most.max(d?)));
+        let degree = bent.iter().map(|z| degree(pool, *z, &symbols)).try_fold(0, |most, d| Some(most.max(d?)));
         // The integrand has the degree of the gradient along the polynomial, and that of l_i.
         let count = degree.map_or(s + QUADRATURE, |d| (d as usize * s + s).div_ceil(2));
         let count = count.min(NODES);
         let rule = quadrature(count);
         let maps = at_rules.entry(count).or_insert_with(|| rule.iter().map(|(node, _)| states(pool, *node)).collect());
         let along: Vec<Vec<Expr>> =
-            maps.iter().map(|map| g.coenergy.iter().map(|z| pool.substitute(*z, map)).collect()).collect();
+            maps.iter().map(|map| bent.iter().map(|z| pool.substitute(*z, map)).collect()).collect();
         let values: Vec<Vec<Twice>> = rule.iter().map(|(node, _)| tableau.values(*node)).collect();
         let at = (0..s).map(|i| {
             (0..g.states.len())
@@ -358,13 +367,48 @@ fn gradients(
                             (z[k], Number::float((*w * l[i]).divided(tableau.weights[i]).high))
                         });
                     let terms: Vec<(Expr, Number)> = terms.collect();
-                    pool.combine(&terms)
+                    let bent = pool.combine(&terms);
+                    pool.add(straight[i][k], bent)
                 })
                 .collect()
         });
         list.push(at.collect());
     }
     list
+}
+
+/// A gradient as what of it is linear in the symbols, and what is not. The quadrature of the linear part is its value at
+/// the node, so that no product of coefficients, which would be rounded, stands for it.
+fn apart(pool: &mut Pool, e: Expr, symbols: &[Symbol]) -> (Expr, Expr) {
+    let free = |pool: &Pool, k: Expr| !pool.contains_any(k, &|s| symbols.contains(&s));
+    let is_straight =
+        |pool: &mut Pool, e| pool.affine(e, symbols).is_some_and(|(l, _)| l.iter().all(|t| free(pool, t.1)));
+    if is_straight(pool, e) {
+        return (e, pool.zero());
+    }
+    let Node::Sum(constant, terms) = pool.node(e).clone() else { return (pool.zero(), e) };
+    let (straight, bent): (Vec<_>, Vec<_>) = terms.iter().partition(|t| is_straight(pool, t.0));
+    let (constant, straight) = (pool.numeral(constant), pool.combine(&straight));
+    (pool.add(constant, straight), pool.combine(&bent))
+}
+
+/// What is linear in the symbols with its slopes as parameters, one a number: they are multiplied with what a state is at
+/// a node, and not with each of the coefficients that make it up.
+fn kept(pool: &mut Pool, e: Expr, symbols: &[Symbol], slopes: &mut FxHashMap<u64, Symbol>) -> Expr {
+    let Some((linear, constant)) = pool.affine(e, symbols) else { return e };
+    let mut terms = vec![constant];
+    for (i, slope) in linear {
+        let slope = match pool.constant(slope) {
+            Some(x) => {
+                let s = *slopes.entry(x.to_bits()).or_insert_with(|| pool.parameter(&format!("{x}"), x));
+                pool.var(s)
+            }
+            None => slope,
+        };
+        let state = pool.var(symbols[i]);
+        terms.push(pool.mul(slope, state));
+    }
+    pool.sum(&terms)
 }
 
 /// The degree of a polynomial in the symbols; `None` where it is not seen to be one.
@@ -470,8 +514,7 @@ pub(super) fn write(
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     let linear = apart.filter(|a| a.is_linear());
     // What rounding takes from the coefficients is seen where nothing else takes energy.
-    let lossless = nodes != Nodes::Radau && c.nodes.iter().all(|n| !matches!(n.part, Part::Resistor(_)));
-    let whole = lossless && linear.is_none();
+    let whole = nodes != Nodes::Radau && c.is_lossless() && linear.is_none();
     let plan = Plan::new(c, &mut model.pool, form, nodes, whole);
     write::bind(model, &mut b, &mut lowering, &plan.sources)?;
     let tableau = &plan.tableau;
@@ -501,6 +544,7 @@ pub(super) fn write(
             scale,
             whole,
             rests: whole,
+            left: write::left(c).filter(|_| whole),
             states,
             bends,
             ..System::default()
