@@ -8,15 +8,15 @@ use super::ahead::Ahead;
 use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::measure;
 use super::turn;
+use super::whole;
 use super::write::{self, System};
-use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
+use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::{Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Slot, Unary, Value};
+use bond_runtime::ir::{Array, Builder, Slot, Value};
 use bond_runtime::scene::{Entries, Stepper};
 use rustc_hash::{FxHashMap, FxHashSet};
-use std::collections::BTreeMap;
 
 /// States at the midpoint, storages' outputs as discrete gradients, time at the midpoint (of what is sampled, at its
 /// sample).
@@ -72,10 +72,7 @@ pub(super) fn gradient(
         let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
         return vec![pool.difference(g.energy, *s, x, d)];
     }
-    if g.coenergy.iter().all(|z| {
-        pool.affine(*z, &symbols)
-            .is_some_and(|(linear, _)| linear.iter().all(|(_, k)| !pool.contains_any(*k, &|s| symbols.contains(&s))))
-    }) {
+    if g.coenergy.iter().all(|z| whole::is_straight(pool, *z, &symbols)) {
         return g.coenergy.iter().map(|z| pool.substitute(*z, middle)).collect();
     }
     let half = pool.ratio(1, 2);
@@ -152,102 +149,6 @@ pub(super) fn system(c: &Cluster, pool: &mut Pool, flat: &FxHashMap<Symbol, Expr
     (unknowns, residuals)
 }
 
-/// Has the states of some expressions with what rounding took from them, but for angles (see [`turn`]): a half change
-/// beside a state is rounded as its last digits say, and these follow from the step's length, which may be a number such
-/// as 0.1 whose products end alike. For the same reason what a state is multiplied with is multiplied with what it is in
-/// the middle of the step, and not with the state and its change apart.
-fn carried(
-    c: &Cluster,
-    model: &mut Model,
-    b: &mut Builder,
-    lowering: &mut Lowering,
-    inputs: &write::Inputs,
-    all: &mut [Expr],
-) {
-    let mut whole = FxHashMap::default();
-    for (s, slot) in c.states.iter().zip(&inputs.carries) {
-        let carry = model.pool.symbol(&format!("carry({})", s.name));
-        let value = b.load(*slot);
-        lowering.bind(carry, value);
-        let (x, carry) = (model.pool.var(s.symbol), model.pool.var(carry));
-        whole.insert(x, model.pool.add(x, carry));
-    }
-    lowering.last(c.states.iter().map(|s| s.symbol));
-    let pool = &mut model.pool;
-    let mut slopes = FxHashMap::default();
-    let symbols = c.states.iter().map(|s| s.symbol).chain(c.delta.iter().copied());
-    let places: FxHashMap<Symbol, usize> = symbols.zip(0..).collect();
-    for e in pool.ascending(all, &|e| !matches!(pool.node(e), Node::Unary(Unary::Sin | Unary::Cos, _))) {
-        let new = match whole.get(&e) {
-            Some(new) => *new,
-            None => {
-                let gathered = middles(c, pool, e, (&places, &whole), &mut slopes);
-                gathered.unwrap_or_else(|| pool.rebuild(e, &|c| whole.get(&c).copied().unwrap_or(c)))
-            }
-        };
-        whole.insert(e, new);
-    }
-    all.iter_mut().for_each(|e| *e = whole.get(e).copied().unwrap_or(*e));
-}
-
-/// A sum with numbers times states and half their changes as these times what the states are in the middle; None of
-/// others.
-fn middles(
-    c: &Cluster,
-    pool: &mut Pool,
-    e: Expr,
-    (places, whole): (&FxHashMap<Symbol, usize>, &FxHashMap<Expr, Expr>),
-    slopes: &mut FxHashMap<u64, Symbol>,
-) -> Option<Expr> {
-    let Node::Sum(constant, terms) = pool.node(e).clone() else { return None };
-    // Where numbers times symbols stand, by the places of these: states first, then changes.
-    let mut of: BTreeMap<usize, (usize, f64)> = BTreeMap::new();
-    for (at, (t, n)) in terms.iter().enumerate() {
-        if let Some((place, slope)) = number_of(pool, *t, places) {
-            of.insert(place, (at, slope * n.to_f64()));
-        }
-    }
-    let mut taken = vec![false; terms.len()];
-    let mut parts = vec![pool.numeral(constant)];
-    for (&k, &(at, slope)) in of.range(..c.states.len()) {
-        let Some(&(by, half)) = of.get(&(c.states.len() + k)) else { continue };
-        if half + half != slope || slope.abs() == 1.0 {
-            continue;
-        }
-        (taken[at], taken[by]) = (true, true);
-        let (x, d, two) = (pool.var(c.states[k].symbol), pool.var(c.delta[k]), pool.ratio(1, 2));
-        let (x, d) = (whole.get(&x).copied().unwrap_or(x), pool.mul(two, d));
-        let middle = pool.add(x, d);
-        let slope = *slopes.entry(slope.to_bits()).or_insert_with(|| pool.parameter(&format!("{slope}"), slope));
-        let slope = pool.var(slope);
-        parts.push(pool.mul(slope, middle));
-    }
-    if taken.iter().all(|taken| !taken) {
-        return None;
-    }
-    for ((t, n), _) in terms.iter().zip(&taken).filter(|(_, taken)| !**taken) {
-        let t = whole.get(t).copied().unwrap_or(*t);
-        parts.push(pool.scale(t, *n));
-    }
-    Some(pool.sum(&parts))
-}
-
-/// The place of the one symbol that an expression is a number of, and the number.
-fn number_of(pool: &mut Pool, e: Expr, places: &FxHashMap<Symbol, usize>) -> Option<(usize, f64)> {
-    let symbol = match pool.node(e) {
-        Node::Symbol(s) => *s,
-        Node::Product(_, factors) => factors.iter().find_map(|(f, _)| match pool.node(*f) {
-            Node::Symbol(s) if places.contains_key(s) => Some(*s),
-            _ => None,
-        })?,
-        _ => return None,
-    };
-    let place = *places.get(&symbol)?;
-    let (slope, rest) = pool.linear(e, symbol)?;
-    let slope = pool.constant(slope)?;
-    pool.is_zero(rest).then_some((place, slope))
-}
-
 /// Weights and scales of the step's unknowns.
 pub(super) fn measures(
     c: &Cluster,
@@ -320,7 +221,7 @@ pub(super) fn write(
     // linear it is not worth its time.
     let whole = c.is_lossless() && (c.states.len() <= MANY || !super::collocation::all_quadratic(c, &mut model.pool));
     if whole {
-        carried(c, model, &mut b, &mut lowering, &inputs, &mut residuals);
+        whole::carried(c, model, &mut b, &mut lowering, &inputs, &mut residuals);
     }
     let (weight, scale) = measures(c, model, form, &mut b, &mut lowering, &inputs)?;
     let zero = b.number(0.0);

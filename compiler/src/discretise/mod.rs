@@ -24,6 +24,7 @@ mod tear;
 mod tight;
 mod turn;
 mod upright;
+mod whole;
 mod write;
 
 use crate::Options;

@@ -52,7 +52,7 @@ pub(super) struct Iteration {
     given: bool,
     affine: bool,
     /// The part of the unknowns that may be left.
-    pub(super) left: f64,
+    left: f64,
 }
 
 /// Whether a weight counts.

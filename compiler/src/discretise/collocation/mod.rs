@@ -31,6 +31,7 @@ pub(super) use decouple::Apart;
 
 use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::gonzalez;
+use super::whole::{self, Slopes};
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::Model;
@@ -314,8 +315,7 @@ fn follow(
 /// Whether an energy is quadratic in its states.
 pub(super) fn is_quadratic(c: &Cluster, pool: &mut Pool, g: &Group) -> bool {
     let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
-    let free = |pool: &Pool, k: Expr| !pool.contains_any(k, &|s| symbols.contains(&s));
-    g.coenergy.iter().all(|z| pool.affine(*z, &symbols).is_some_and(|(l, _)| l.iter().all(|t| free(pool, t.1))))
+    g.coenergy.iter().all(|z| whole::is_straight(pool, *z, &symbols))
 }
 
 /// Whether all energies are.
@@ -333,16 +333,16 @@ fn gradients(
 ) -> Vec<Vec<Vec<Expr>>> {
     let s = stages.len();
     let mut list = Vec::new();
-    let mut slopes = FxHashMap::default();
+    let mut slopes = Slopes::default();
     let mut at_rules: FxHashMap<usize, Vec<FxHashMap<Symbol, Expr>>> = FxHashMap::default();
     for g in &c.groups {
         let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
         let (mut straight, bent): (Vec<Expr>, Vec<Expr>) = match nodes == Nodes::Radau || is_quadratic(c, pool, g) {
             true => (g.coenergy.clone(), Vec::new()),
-            false => g.coenergy.iter().map(|z| apart(pool, *z, &symbols)).unzip(),
+            false => g.coenergy.iter().map(|z| whole::apart(pool, *z, &symbols)).unzip(),
         };
         if whole {
-            straight.iter_mut().for_each(|z| *z = kept(pool, *z, &symbols, &mut slopes));
+            straight.iter_mut().for_each(|z| *z = whole::kept(pool, *z, &symbols, &mut slopes));
         }
         let straight: Vec<Vec<Expr>> =
             at_nodes.iter().map(|map| straight.iter().map(|z| pool.substitute(*z, map)).collect()).collect();
@@ -375,40 +375,6 @@ fn gradients(
         list.push(at.collect());
     }
     list
-}
-
-/// A gradient as what of it is linear in the symbols, and what is not. The quadrature of the linear part is its value at
-/// the node, so that no product of coefficients, which would be rounded, stands for it.
-fn apart(pool: &mut Pool, e: Expr, symbols: &[Symbol]) -> (Expr, Expr) {
-    let free = |pool: &Pool, k: Expr| !pool.contains_any(k, &|s| symbols.contains(&s));
-    let is_straight =
-        |pool: &mut Pool, e| pool.affine(e, symbols).is_some_and(|(l, _)| l.iter().all(|t| free(pool, t.1)));
-    if is_straight(pool, e) {
-        return (e, pool.zero());
-    }
-    let Node::Sum(constant, terms) = pool.node(e).clone() else { return (pool.zero(), e) };
-    let (straight, bent): (Vec<_>, Vec<_>) = terms.iter().partition(|t| is_straight(pool, t.0));
-    let (constant, straight) = (pool.numeral(constant), pool.combine(&straight));
-    (pool.add(constant, straight), pool.combine(&bent))
-}
-
-/// What is linear in the symbols with its slopes as parameters, one a number: they are multiplied with what a state is at
-/// a node, and not with each of the coefficients that make it up.
-fn kept(pool: &mut Pool, e: Expr, symbols: &[Symbol], slopes: &mut FxHashMap<u64, Symbol>) -> Expr {
-    let Some((linear, constant)) = pool.affine(e, symbols) else { return e };
-    let mut terms = vec![constant];
-    for (i, slope) in linear {
-        let slope = match pool.constant(slope) {
-            Some(x) => {
-                let s = *slopes.entry(x.to_bits()).or_insert_with(|| pool.parameter(&format!("{x}"), x));
-                pool.var(s)
-            }
-            None => slope,
-        };
-        let state = pool.var(symbols[i]);
-        terms.push(pool.mul(slope, state));
-    }
-    pool.sum(&terms)
 }
 
 /// The degree of a polynomial in the symbols; `None` where it is not seen to be one.
