@@ -4,7 +4,7 @@
 //! A *cluster* is what steps as one: a sampled region, or the continuous regions that read each other's signals.
 
 use crate::exponential::Linear;
-use crate::ir::Program;
+use crate::ir::{Array, Program};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -248,6 +248,24 @@ impl Cluster {
     /// First input slot of the traces.
     pub fn traces_at(&self) -> usize {
         self.given_at() + GIVEN * self.inputs.len()
+    }
+
+    /// Whether one of its programs looks at a trace: where none does, fixed steps need not keep the largest values.
+    pub fn is_traced(&self) -> bool {
+        let stepper = |s: &Stepper| self.looks(&s.program);
+        let beside = [&self.step.glance, &self.step.fallback];
+        stepper(&self.step)
+            || beside.into_iter().flatten().any(|s| stepper(s))
+            || self.looks(&self.instant)
+            || self.respond.iter().any(|r| match r {
+                Respond::Last(p) => self.looks(p),
+                Respond::Matched(p, q) => self.looks(p) || self.looks(q),
+            })
+    }
+
+    fn looks(&self, program: &Program) -> bool {
+        let at = self.traces_at();
+        program.reads(Array::Input, at..at + self.states)
     }
 }
 

@@ -8,11 +8,18 @@ use rustc_hash::FxHashMap;
 
 /// H of a group as it is to be computed. Of one state it is H(0) and the change from there, written without
 /// cancellation: as in `1 - cos q` near 0, else what H is near its least would be rounding of its largest term. Where H
-/// is a polynomial, has a choice in it or no value at 0, as it stands.
+/// is a polynomial, has a choice in it that is not of the whole, or no value at 0, as it stands; of pieces that is so for
+/// the one at 0.
 pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> Expr {
-    let Some(s) = symbol.filter(|s| pool.symbols(energy).contains(s) && is_smooth(pool, energy)) else {
+    let Some(s) = symbol.filter(|s| pool.symbols(energy).contains(s)) else { return energy };
+    if let Node::Select(c, a, b) = *pool.node(energy) {
+        let here = pool.eval(c, &|_| 0.0) != 0.0;
+        let (a, b) = if here { (self::energy(pool, symbol, a), b) } else { (a, self::energy(pool, symbol, b)) };
+        return pool.select(c, a, b);
+    }
+    if !is_smooth(pool, energy) {
         return energy;
-    };
+    }
     let zero = pool.int(0);
     let map: FxHashMap<Symbol, Expr> = std::iter::once((s, zero)).collect();
     let base = pool.substitute(energy, &map);

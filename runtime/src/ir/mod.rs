@@ -19,6 +19,7 @@ pub use verify::Invalid;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::cell::Cell;
+use std::ops::Range;
 
 /// The result of an instruction, numbered through the whole program in order of making.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -297,6 +298,23 @@ impl Program {
     /// Size of an array.
     pub fn size(&self, array: Array) -> usize {
         self.sizes[array as usize] as usize
+    }
+
+    /// Whether it looks at one of these slots of an array.
+    pub fn reads(&self, array: Array, slots: Range<usize>) -> bool {
+        fn any(body: &[Inst], within: &impl Fn(Slot, u32) -> bool) -> bool {
+            body.iter().any(|inst| match inst {
+                Inst::Let(_, Op::Load(slot)) => within(*slot, 1),
+                Inst::MatVec { from, cols, .. } => within(*from, *cols),
+                Inst::Quad { from, n, .. } => within(*from, *n),
+                Inst::Newton(newton) => any(&newton.body, within),
+                Inst::Let(..) | Inst::Store(..) | Inst::Solve(_) => false,
+            })
+        }
+        let Range { start, end } = slots;
+        any(&self.body, &|slot, n| {
+            slot.array == array && (slot.index as usize) < end && slot.index as usize + n as usize > start
+        })
     }
 
     /// The name of a slot, where it has one.

@@ -198,7 +198,9 @@ pub(super) struct Run {
     pub(super) base: f64,
     pub(super) count: u64,
     pub(super) h: f64,
+    /// The largest value that each state had, where somebody looks at it.
     pub(super) largest: Vec<f64>,
+    traced: bool,
     pub(super) curvature: Vec<f64>,
     pub(super) grain: Vec<f64>,
     /// What fits its steps to a tolerance, where it is run so.
@@ -268,6 +270,7 @@ impl Run {
                 Respond::Matched(_, p) => Some(Look::new(p, backend)),
             }),
             largest: state[..n].iter().map(|x| x.abs()).collect(),
+            traced: fit.is_some() || c.is_traced(),
             curvature: c.curvatures.iter().map(|k| out[*k]).collect(),
             grain: c.grains.iter().map(|k| out[*k]).collect(),
             glanced: state.clone(),
@@ -547,7 +550,9 @@ impl Run {
         std::mem::swap(&mut self.state, &mut self.step.work.next);
         self.steps += 1;
         advance_ports(c, &self.step.work.output, h, moved);
-        self.track(c);
+        if self.traced {
+            self.track(c);
+        }
         Ok(())
     }
 

@@ -235,7 +235,7 @@ pub(super) fn begin<S: System>(
     // Far from the start it ends where the matrix is still the same, and rounding is left.
     let alike = |(a, b): (&f64, &f64)| (a - b).abs() <= ALIKE * b.abs();
     let settled =
-        || jacobian.iter().zip(&room.entries).all(alike) && trial.iter().zip(z).all(|(e, z)| e.abs() <= ROUNDING * z);
+        || trial.iter().zip(z).all(|(e, z)| e.abs() <= ROUNDING * z) && jacobian.iter().zip(&room.entries).all(alike);
     let last = || update.iter().zip(trial.iter()).zip(z).all(|((d, e), z)| is_last(d.abs(), e.abs(), *z, left));
     let done = unseen || if near { last() } else { settled() };
     if done && !explained(entries, &room.entries, residual, trial, z, &mut room.told) {

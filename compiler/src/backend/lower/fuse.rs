@@ -206,6 +206,18 @@ impl Access {
     }
 }
 
+/// Whether any two turns of a loop in a row may go side by side, statement by statement: neither stores what the other
+/// looks at or stores, and there are no branches.
+pub(in crate::backend) fn may_pair(body: &[Stmt], (index, from, to): (Index, u32, u32), tables: &[u32]) -> bool {
+    let Some(effects) = Effects::of(body, (Some(index), from, to), tables) else { return false };
+    let meet = |a: &Access, b: &Access| match (a.even, b.even) {
+        (Some((x, s)), Some((y, t))) if s == t => (x - y).abs() == s,
+        _ => a.overlaps(b),
+    };
+    let mut writes = effects.memory.iter().filter(|a| a.write);
+    !writes.any(|a| effects.memory.iter().any(|b| a.memory == b.memory && meet(a, b)))
+}
+
 /// Where a place is in turns of a loop; None where it depends on another one's counter.
 fn access(p: &Place, write: bool, (index, from, to): (Option<Index>, u32, u32), tables: &[u32]) -> Option<Access> {
     let mut stride = 0;

@@ -11,6 +11,8 @@ mod roll;
 mod tidy;
 pub(super) mod writer;
 
+pub(super) use fuse::may_pair;
+
 use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Inst, Op, Program, Slot};
 use rustc_hash::{FxHashMap, FxHashSet};

@@ -232,15 +232,15 @@ impl Lower {
             w.when(Cond::all(unseen.into_iter().chain([near.clone()])), |w| done(w, None));
             let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
             let last = (&next[..], &more[..], &after[..]);
-            w.when(near.clone().not(), |w| {
+            let rounded = Cond::all(at_most(w, &second, rounding, &z));
+            w.when(Cond::all([near.clone().not(), rounded]), |w| {
                 let alike = w.number(ALIKE);
                 let changes = there.iter().zip(&entries).map(|((_, _, a), (_, _, b))| {
                     let (off, size) = (w.sub(*a, *b), w.abs(*b));
                     (w.abs(off), size)
                 });
                 let (off, sizes): (Vec<Value>, Vec<Value>) = changes.unzip();
-                let mut settled = at_most(w, &off, alike, &sizes);
-                settled.extend(at_most(w, &second, rounding, &z));
+                let settled = at_most(w, &off, alike, &sizes);
                 w.when(Cond::all(settled), |w| done(w, Some(last)));
             });
             let small: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i], newton.left)).collect();

@@ -1,5 +1,6 @@
 //! Machine code by Cranelift: in memory, for this machine ([`jit`]), or as an object file.
 
+mod double;
 mod functions;
 pub mod jit;
 mod lanes;

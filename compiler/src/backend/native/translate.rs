@@ -99,16 +99,16 @@ fn flags(memory: Memory) -> MemFlagsData {
 }
 
 /// A routine on its way.
-struct Translate<'a, 'f, M> {
+pub(super) struct Translate<'a, 'f, M> {
     module: &'a mut M,
-    b: FunctionBuilder<'f>,
+    pub(super) b: FunctionBuilder<'f>,
     names: fn(&'static str) -> &'static str,
-    routine: &'a Routine,
+    pub(super) routine: &'a Routine,
     params: Vec<ir::Value>,
     pointer: ir::Type,
-    vars: Vec<Variable>,
-    indices: Vec<Variable>,
-    values: Vec<Option<ir::Value>>,
+    pub(super) vars: Vec<Variable>,
+    pub(super) indices: Vec<Variable>,
+    pub(super) values: Vec<Option<ir::Value>>,
     /// Comparisons as flags.
     flags: FxHashMap<Value, ir::Value>,
     functions: FxHashMap<&'static str, ir::FuncRef>,
@@ -141,14 +141,14 @@ pub(super) fn turns(body: &[Stmt]) -> FxHashSet<Value> {
 
 impl<M: Module> Translate<'_, '_, M> {
     /// Writes a block; true where its end is not reached.
-    fn block(&mut self, body: &[Stmt]) -> bool {
+    pub(super) fn block(&mut self, body: &[Stmt]) -> bool {
         let known = self.turned.len();
         let ended = self.statements(body);
         self.turned.truncate(known);
         ended
     }
 
-    fn statements(&mut self, body: &[Stmt]) -> bool {
+    pub(super) fn statements(&mut self, body: &[Stmt]) -> bool {
         for s in body {
             match s {
                 Stmt::Let(v, op) => {
@@ -187,6 +187,7 @@ impl<M: Module> Translate<'_, '_, M> {
                     }
                     return true;
                 }
+                Stmt::For(index, from, to, body) if self.double(*index, (*from, *to), body) => {}
                 Stmt::For(index, from, to, body) => {
                     let var = self.indices[index.0 as usize];
                     let start = self.b.ins().iconst(types::I64, i64::from(*from));
@@ -293,7 +294,7 @@ impl<M: Module> Translate<'_, '_, M> {
         self.b.ins().f64const(x)
     }
 
-    fn address(&mut self, place: &Place) -> (ir::Value, i32) {
+    pub(super) fn address(&mut self, place: &Place) -> (ir::Value, i32) {
         let at = Memory::ALL.iter().position(|m| *m == place.memory).unwrap_or(0);
         let mut address = self.params[at];
         for (index, stride) in &place.along {

@@ -67,7 +67,8 @@ impl Writing<'_> {
             let sum = w.add(before, more);
             w.keep(place.moved + k, sum);
         }
-        some(&mut w, c.states, |w, at| {
+        let traced = if c.is_traced() { c.states } else { 0 };
+        some(&mut w, traced, |w, at| {
             let (x, most) = (w.read(place.state, at), w.read(place.largest, at));
             let size = w.abs(x);
             let most = w.larger(most, size);
