@@ -27,6 +27,7 @@ impl Emission<'_> {
     pub fn c(&self, compiled: &Compiled) -> Result<(), Stop> {
         let (source, header) = self.places("c")?;
         let unit = self.unit(compiled)?;
+        not_of_another(&header, false)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: true };
         output::put_both(
             (&header, c::header(&unit, &options).as_bytes()),
@@ -45,6 +46,7 @@ impl Emission<'_> {
         let (object, header) = self.places("o")?;
         let unit = self.unit(compiled)?;
         let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(Stop::Model)?;
+        not_of_another(&header, true)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: false };
         output::put_both((&header, c::header(&unit, &options).as_bytes()), (&object, &code))?;
         tell(&unit, &object, &header);
@@ -93,6 +95,20 @@ impl Emission<'_> {
             output::not_over(path, &[(self.file, "the model")])?;
         }
         Ok((path, header))
+    }
+}
+
+/// Refuses to put a header over one that goes with C where this one goes with an object, or the other way about: the
+/// numbers of an object are double and it has no lanes, and who compiled against the other one would not be told.
+fn not_of_another(header: &Path, object: bool) -> Result<(), Stop> {
+    let Ok(text) = std::fs::read_to_string(header) else { return Ok(()) };
+    match c::goes_with_object(&text) {
+        Some(other) if other != object => {
+            let (this, that) = if object { ("an object", "C") } else { ("C", "an object") };
+            let shown = header.display();
+            Err(Stop::Usage(format!("{shown} goes with {that}: name {this} otherwise with -o, or take {shown} away")))
+        }
+        Some(_) | None => Ok(()),
     }
 }
 

@@ -11,9 +11,9 @@ pub const ASKED: u8 = 130;
 /// What comes this soon after the first time is the same wish: `timeout` sends it to a process and to its group.
 const SAME: Duration = Duration::from_millis(500);
 
-/// From now on a wish for the end is noted in what this gives, so that what is done can be kept; one more ends it at
-/// once. Who is to outlive the terminal, as `nohup` wants it, is left as it is: hanging up must not be taken for a wish.
-pub fn watch() -> Arc<AtomicBool> {
+/// From now on a wish for the end is noted in what this gives, so that what is done can be kept, and `end` says when it
+/// is met; one more ends it at once. Who is to outlive the terminal, as `nohup` wants it, is left as it is: hanging up must not be taken for a wish.
+pub fn watch(end: &'static str) -> Arc<AtomicBool> {
     let asked = Arc::new(AtomicBool::new(false));
     let flag = asked.clone();
     let mut first: Option<Instant> = None;
@@ -21,7 +21,7 @@ pub fn watch() -> Arc<AtomicBool> {
         None => {
             first = Some(Instant::now());
             flag.store(true, Ordering::Relaxed);
-            report::say("note: asked to end, it does so at the next row; once more, and it ends at once");
+            report::say(&format!("note: asked to end, it does so {end}; once more, and it ends at once"));
         }
         Some(t) if t.elapsed() < SAME => {}
         Some(_) => {

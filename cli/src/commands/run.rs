@@ -242,7 +242,7 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
     };
     let from = sim.time();
     let resumed = args.resume.is_some().then_some(from);
-    let asked = signal::watch();
+    let asked = signal::watch("at the next row");
     let files = Files::open(args, scene, &sim, resumed)?;
     let checkpoints = args.checkpoint.as_deref().map(|path| Checkpoints::new(path, args.checkpoint_every, from));
     let progress = Progress::new();

@@ -3,14 +3,19 @@
 use super::collect::Collect;
 use super::job::Job;
 use crate::progress::Progress;
+use crate::signal::ASKED;
 use crate::stop::Stop;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// Bytes that may wait to be collected.
 const WAITING: usize = 64 << 20;
 /// Models may be deep; what is not touched of a stack costs nothing.
 const STACK: usize = 256 << 20;
+/// So often it is looked whether the end is wished for.
+const LOOK: Duration = Duration::from_millis(100);
 /// Most chunks of an ensemble.
 const CHUNKS: u64 = 1 << 20;
 
@@ -130,8 +135,15 @@ impl Drop for Witness {
 /// The threads are left to themselves when this ends early: what they compute then is lost.
 ///
 /// # Errors
-/// What is done cannot be collected, a thread cannot be started, or one died of a defect.
-pub fn run(job: &Arc<Job>, chunks: Chunks, threads: u64, collect: &mut dyn Collect) -> Result<(), Stop> {
+/// What is done cannot be collected, a thread cannot be started, or one died of a defect; [`ASKED`] where it was
+/// `asked` to end.
+pub fn run(
+    job: &Arc<Job>,
+    chunks: Chunks,
+    threads: u64,
+    asked: &AtomicBool,
+    collect: &mut dyn Collect,
+) -> Result<(), Stop> {
     let had: Arc<[bool]> = (0..chunks.count()).map(|c| collect.has(c)).collect();
     let mut left = had.iter().filter(|h| !**h).count() as u64;
     let next = (0..chunks.count()).filter(move |c| !had[*c as usize]);
@@ -148,7 +160,16 @@ pub fn run(job: &Arc<Job>, chunks: Chunks, threads: u64, collect: &mut dyn Colle
     drop(send);
     let progress = Progress::new();
     while left > 0 {
-        let mut report = receive.recv().unwrap_or(Err(Died));
+        let mut report = loop {
+            if asked.load(Ordering::Relaxed) {
+                return Err(Stop::Said(ASKED));
+            }
+            match receive.recv_timeout(LOOK) {
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break Err(Died),
+                Ok(report) => break report,
+            }
+        };
         // All that is there is collected at once.
         loop {
             // The thread has told what went wrong.

@@ -11,11 +11,13 @@ use super::sheet::Sheet;
 use super::side::Side;
 use super::statistics::Statistics;
 use super::summary::Told;
+use crate::signal::{self, ASKED};
 use crate::stop::Stop;
 use crate::{input, output, report};
 use bond::{Compiled, Options, Quantity, Steps, Text};
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// What the command line says of all instances.
@@ -90,11 +92,13 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
     let print = Fingerprint::new(&setup, &job, &sample.scene().name);
     let (job, started) = (Arc::new(job), Instant::now());
     let chunks = Chunks::new(job.plan.total());
+    let asked = signal::watch("now, and what is done of a table in a file is kept");
+    let crew = Crew { job: &job, chunks, threads, asked: &asked };
     let (statistics, ran) = match setup.output {
-        Some(path) if output::whole(path)? => kept(&job, chunks, threads, path, &print, args.restart)?,
+        Some(path) if output::whole(path)? => kept(&crew, path, &print, args.restart)?,
         Some(_) | None => {
             let mut sheet = Sheet::new(&job, chunks, setup.output)?;
-            pool::run(&job, chunks, threads, &mut InOrder::new(&mut sheet))?;
+            crew.run(&mut InOrder::new(&mut sheet))?;
             (sheet.commit()?, job.plan.total())
         }
     };
@@ -109,18 +113,28 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
     told.failure().map_or(Ok(()), |why| Err(Stop::Numerics(why)))
 }
 
-/// Runs what the side file does not have, and makes the table of it. Gives how many instances were run.
-fn kept(
-    job: &Arc<Job>,
+/// What runs, and who.
+struct Crew<'a> {
+    job: &'a Arc<Job>,
     chunks: Chunks,
     threads: u64,
-    path: &Path,
-    print: &Fingerprint,
-    restart: bool,
-) -> Result<(Statistics, u64), Stop> {
+    /// Whether it is asked to end.
+    asked: &'a AtomicBool,
+}
+
+impl Crew<'_> {
+    fn run(&self, collect: &mut dyn Collect) -> Result<(), Stop> {
+        pool::run(self.job, self.chunks, self.threads, self.asked, collect)
+    }
+}
+
+/// Runs what the side file does not have, and makes the table of it. Gives how many instances were run.
+fn kept(crew: &Crew, path: &Path, print: &Fingerprint, restart: bool) -> Result<(Statistics, u64), Stop> {
+    let chunks = crew.chunks;
     let mut side = Side::open(path, print, chunks, restart)?;
-    let total = job.plan.total();
-    let left: u64 = (0..chunks.count()).filter(|c| !side.has(*c)).map(|c| chunks.size(c)).sum();
+    let total = crew.job.plan.total();
+    let missing = |side: &Side| (0..chunks.count()).filter(|c| !side.has(*c)).map(|c| chunks.size(c)).sum::<u64>();
+    let left = missing(&side);
     if left < total {
         report::say(&format!(
             "note: {} of {total} instances are in {} already; --restart begins anew",
@@ -128,8 +142,17 @@ fn kept(
             side.path().display()
         ));
     }
-    pool::run(job, chunks, threads, &mut side)?;
-    let mut sheet = Sheet::new(job, chunks, Some(path))?;
+    let ran = crew.run(&mut side);
+    if let Err(Stop::Said(ASKED)) = ran {
+        side.pause()?;
+        report::say(&format!(
+            "asked to end: {} of {total} instances are in {}; the same command goes on from there",
+            total - missing(&side),
+            side.path().display()
+        ));
+    }
+    ran?;
+    let mut sheet = Sheet::new(crew.job, chunks, Some(path))?;
     side.copy(&mut sheet)?;
     let statistics = sheet.commit()?;
     side.remove()?;

@@ -17,6 +17,7 @@ pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> E
         let (a, b) = if here { (self::energy(pool, symbol, a), b) } else { (a, self::energy(pool, symbol, b)) };
         return pool.select(c, a, b);
     }
+    let energy = without_sizes(pool, energy);
     if !is_smooth(pool, energy) {
         return energy;
     }
@@ -36,6 +37,31 @@ pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> E
         !a.is_finite() || (a - b).abs() <= 1e-9 * (a.abs() + c.abs())
     });
     if same { level } else { energy }
+}
+
+/// With `log(u^2)/2` in the place of `log(abs(u))`, as integrals of slopes over what they are of have it.
+fn without_sizes(pool: &mut Pool, energy: Expr) -> Expr {
+    let mut new: FxHashMap<Expr, Expr> = FxHashMap::default();
+    for e in pool.ascending(&[energy], &|_| true) {
+        let size = match pool.node(e) {
+            Node::Unary(Unary::Log, a) => match pool.node(*a) {
+                Node::Unary(Unary::Abs, u) => Some(*u),
+                _ => None,
+            },
+            _ => None,
+        };
+        let made = match size {
+            Some(u) => {
+                let u = new.get(&u).copied().unwrap_or(u);
+                let square = pool.mul(u, u);
+                let (log, half) = (pool.unary(Unary::Log, square), pool.ratio(1, 2));
+                pool.mul(half, log)
+            }
+            None => pool.rebuild(e, &|c| new.get(&c).copied().unwrap_or(c)),
+        };
+        new.insert(e, made);
+    }
+    new.get(&energy).copied().unwrap_or(energy)
 }
 
 /// Whether an expression has a function or a root in it, and no choice.

@@ -19,6 +19,9 @@ const AGREES: f64 = 1e-11;
 /// States times steps that a measurement may take: some milliseconds.
 const EFFORT: usize = 400_000;
 
+/// The same of a sampled side, whose steps are given: some tenths of a second.
+const SAMPLES: usize = 10_000_000;
+
 /// By interval, a matrix of the ports.
 type Answers = Vec<Vec<f64>>;
 
@@ -95,7 +98,11 @@ impl Run {
         let later = if EFFORT / (LATER * STEPS * ports.len()) < self.state.len() { 2 } else { LATER };
         if let Some(own) = c.period {
             let steps = (period / own).round().max(1.0);
-            return self.answers(c, (period, own, steps as usize), ports, later).unwrap_or_default();
+            let most =
+                |later: usize| (SAMPLES / (2 * (later + 1) * ports.len() * self.state.len().max(1))).max(1) as f64;
+            let later = if steps > most(later) { 2 } else { later };
+            // Of an interval of more samples than that the begin has to tell.
+            return self.answers(c, (period, own, steps.min(most(later)) as usize), ports, later).unwrap_or_default();
         }
         if c.step.linear.is_some() && c.step.order == 0 {
             return self.answers(c, (period, period, 1), ports, later).unwrap_or_default();

@@ -232,6 +232,9 @@ impl Simulation<'_> {
                     region.name, region.stepper
                 ));
             }
+            if !(region.h_initial.is_finite() && region.h_final.is_finite()) {
+                reasons.push(format!("H of `{}` is no finite number", region.name));
+            }
             if region.passive_stepper && (region.worst_step > KEPT || region.worst_step.is_nan()) {
                 reasons
                     .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));

@@ -4,6 +4,17 @@ use super::{Options, comment, constants};
 use crate::backend::unit::{NAMES, Unit};
 use std::fmt::Write;
 
+/// Of a header for C, and of one for an object.
+const MARKS: [&str; 2] = [
+    "define BOND_FLOAT for both files to have them single",
+    "the numbers of an object file are double; emit C to have them single",
+];
+
+/// Whether a text is the header that goes with an object, and not with C; None of others.
+pub fn goes_with_object(text: &str) -> Option<bool> {
+    MARKS.iter().position(|mark| text.contains(mark)).map(|k| k == 1)
+}
+
 /// The text of the `.h`.
 pub fn header(unit: &Unit, options: &Options) -> String {
     let p = &options.prefix;
@@ -17,13 +28,11 @@ pub fn header(unit: &Unit, options: &Options) -> String {
     out.push_str("#ifdef __cplusplus\nextern \"C\" {\n#endif\n\n");
     let numbers = match options.single {
         true => format!(
-            "/* What numbers are; define BOND_FLOAT for both files to have them single. */\n#ifdef BOND_FLOAT\n\
-             typedef float {p}_real;\n#else\ntypedef double {p}_real;\n#endif\n"
+            "/* What numbers are; {}. */\n#ifdef BOND_FLOAT\n\
+             typedef float {p}_real;\n#else\ntypedef double {p}_real;\n#endif\n",
+            MARKS[0]
         ),
-        false => format!(
-            "#ifdef BOND_FLOAT\n#error \"the numbers of an object file are double; emit C to have them single\"\n#endif\n\
-             typedef double {p}_real;\n"
-        ),
+        false => format!("#ifdef BOND_FLOAT\n#error \"{}\"\n#endif\ntypedef double {p}_real;\n", MARKS[1]),
     };
     let _ = write!(
         out,

@@ -6,7 +6,7 @@ mod print;
 mod solve;
 mod source;
 
-pub use header::header;
+pub use header::{goes_with_object, header};
 pub use source::source;
 
 use super::unit::Unit;
