@@ -139,8 +139,24 @@ fn structured(mut model: Model) -> Result<Structured, Vec<Diagnostic>> {
     if !within.is_empty() {
         return Err(within);
     }
-    let causality = causality::assign(&mut model, &graph)?;
-    form(model, graph, causality)
+    let causality = causality::assign(&mut model, &graph, &[])?;
+    // Where junctions stand in rings, strokes may tie together what is free, or leave free what is tied.
+    let again = causality::has_rings(&model, &graph).then(|| (model.clone(), graph.clone(), causality.clone()));
+    let errors = match form(model, graph, causality) {
+        Ok(made) => return Ok(made),
+        Err(errors) => errors,
+    };
+    let ring = |e: &Diagnostic| matches!(e.code, "structure::loop" | "structure::not_yet");
+    if let Some((mut model, graph, causality)) = again.filter(|_| errors.iter().all(ring))
+        && let Some(given) = causality::by_rank(&mut model, &graph, &causality)
+        && let Ok(causality) = causality::assign(&mut model, &graph, &given)
+    {
+        match form(model, graph, causality) {
+            Err(later) if later.iter().any(|e| e.code == "structure::loop") => {}
+            made => return made,
+        }
+    }
+    Err(errors)
 }
 
 /// What is wrong with a model: what its elaboration says, and what the later stages say where all but outputs and units
@@ -151,7 +167,7 @@ fn all_errors(Broken { mut errors, model }: Broken, options: &Options) -> Vec<Di
     // Where a unit is wrong, so may be the number, and by numbers goes the form.
     let later = if errors.iter().any(|e| e.code.starts_with("units::")) {
         let graph = graph::build(&model);
-        causality::assign(&mut model, &graph).err()
+        causality::assign(&mut model, &graph, &[]).err()
     } else {
         structured(*model).err()
     };
@@ -170,7 +186,7 @@ fn form(mut model: Model, graph: BondGraph, causality: Causality) -> Result<Stru
             with.add_massless(j);
         }
         let graph = graph::build(&with);
-        if let Ok(causality) = causality::assign(&mut with, &graph)
+        if let Ok(causality) = causality::assign(&mut with, &graph, &[])
             && causality.dependent.iter().all(|d| !with.element(*d).is_massless())
             && let Ok(form) = structure::build(&mut with, &graph, &causality)
         {

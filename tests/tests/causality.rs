@@ -51,6 +51,37 @@ fn asserted_strokes_are_kept() {
     assert_ne!(held.show("causality"), other.show("causality"));
 }
 
+/// Two junctions side by side between the same two are what one is with both elements on it, though in their ring strokes
+/// do not show that the elements are tied together.
+#[test]
+fn what_stands_side_by_side_in_a_ring_is_as_on_one_junction() {
+    let (c, i, r, v) = ("C:NAME = 1 F", "I:NAME = 2 H", "R:NAME = 3 Ohm", "Se:NAME = 1 V");
+    let grounds = [("R:g1 = 1 Ohm R:g2 = 2 Ohm", [c, v]), ("I:g1 = 1 H I:g2 = 2 H", [r, i])];
+    for (ground, pair) in grounds {
+        for (x, y) in [(c, pair[0]), (pair[0], pair[1]), (pair[1], pair[0]), (r, pair[0])] {
+            let elements = format!(
+                "C:c0 {{ compliance = 1 F; q0 = 1 C }} R:r0 = 5 Ohm {ground} {} {} 0:n1 0:n2 n1 -> g1 n2 -> g2 c0 -> 1:a0 -> n1, r0",
+                x.replace("NAME", "x"),
+                y.replace("NAME", "y"),
+            );
+            let scene =
+                |way: &str| text(&format!("model M {{ {elements} {way} probe u = n1.e - n2.e probe f = y.f }}"));
+            let ring = scene("n1 -> 1:a -> n2 n1 -> 1:b -> n2 a -> x b -> y");
+            let plain = scene("n1 -> 1:a -> n2 a -> 0:p -> x, y");
+            for name in ["u", "f"] {
+                let [a, b] = [&ring, &plain].map(|s| crate::common::end(s, bond::Steps::new(), 1.0, name));
+                assert!((a - b).abs() <= 1e-7 * (1.0 + b.abs()), "{elements}: {name} is {a}, not {b}");
+            }
+            assert!(crate::common::run(&ring).is_ok_and(|s| s.passive), "{elements}");
+        }
+    }
+    // Three in a triangle, and around each of its corners: one is tied to the others.
+    let delta = "for k in 1..3 { 0:n[k] R:r[k] = 1 Ohm * k C:c[k] = 1 F * k n[k] -> r[k] n[k] -> 1:d[k] -> c[k] }
+        d[1] -> n[2] d[2] -> n[3] d[3] -> n[1]";
+    assert_eq!(counts(&format!("model M {{ {delta} }}")), (1, 2));
+    assert_eq!(counts(&format!("model M {{ {} }}", delta.replace("C:c[k] = 1 F", "I:c[k] = 1 H"))), (0, 3));
+}
+
 /// The bridge with four resistors meeting is a loop, not a conflict.
 #[test]
 fn resistors_that_meet_are_a_loop() {

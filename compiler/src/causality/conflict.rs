@@ -88,7 +88,10 @@ impl Conflict {
                 Cause::Source(e) | Cause::Law(e) | Cause::Storage(e) => {
                     (format!("`{}`", model.element(*e).name), Some(*e))
                 }
-                Cause::Asserted => ("an asserted stroke".into(), None),
+                Cause::Asserted => {
+                    let of = bonds.last().map(|b| format!(" of the bond {}", model.bond(*b).name)).unwrap_or_default();
+                    (format!("the asserted stroke{of}"), None)
+                }
                 Cause::Hold => ("a double bar".into(), None),
                 Cause::Free | Cause::Rule(..) => {
                     (bonds.last().map(|b| format!("the bond {}", model.bond(*b).name)).unwrap_or_default(), None)
@@ -121,12 +124,7 @@ impl Conflict {
             // The bond where they met says nothing of the way there.
             let way = if bonds.len() > 1 && Some(&bonds[0]) == self.met.as_ref() { &bonds[1..] } else { &bonds[..] };
             for b in way.iter().rev() {
-                let stroke =
-                    if *cause == Cause::Asserted && Some(b) == bonds.last() { " (its stroke is asserted)" } else { "" };
-                d = d.label(
-                    model.bond(*b).span,
-                    format!("carries what {name} gives, along {}{stroke}", model.bond(*b).name),
-                );
+                d = d.label(model.bond(*b).span, format!("carries what {name} gives, along {}", model.bond(*b).name));
             }
         }
         if self.what == NO_EFFORT {

@@ -7,6 +7,7 @@
 mod complete;
 mod conflict;
 mod propagate;
+mod rank;
 
 use crate::expression::{Pool, Sign};
 use crate::graph::BondGraph;
@@ -14,6 +15,7 @@ use crate::model::{BondId, ElementId, Kind, Law, Model, Resistor, Signal, Variab
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
 use propagate::Assignment;
+pub use rank::{by_rank, has_rings};
 
 /// So many asserted strokes are taken off one by one, to see which of them does it.
 const MOST_TRIED: usize = 100;
@@ -140,12 +142,18 @@ fn law(model: &Model, id: ElementId) -> Option<&Resistor> {
     }
 }
 
+/// What is known of laws: which cannot be run backwards, and which are of quadratic energies.
+struct Laws {
+    one_way: Vec<bool>,
+    quadratic: Vec<bool>,
+}
+
 /// Gives every bond its stroke, choice by choice; `thorough` takes only those that leave the rest a completion.
 fn strokes<'a>(
     model: &'a Model,
     graph: &'a BondGraph,
-    one_way: &[bool],
-    quadratic: &[bool],
+    Laws { one_way, quadratic }: &Laws,
+    given: &[(ElementId, Variable)],
     thorough: bool,
 ) -> Result<Assignment<'a>, Vec<Diagnostic>> {
     let mut a = Assignment::new(model, graph);
@@ -165,6 +173,13 @@ fn strokes<'a>(
     for (i, bond) in model.bonds.iter().enumerate() {
         let Some(stroke) = bond.stroke else { continue };
         if let Err(c) = a.attempt(BondId(i as u32), stroke, Cause::Asserted) {
+            errors.push(c.diagnose(&a));
+        }
+    }
+    for &(id, gives) in given {
+        let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
+        let cause = if integral(model.element(id).kind).is_some() { Cause::Storage(id) } else { Cause::Free };
+        if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), cause) {
             errors.push(c.diagnose(&a));
         }
     }
@@ -236,21 +251,26 @@ fn strokes<'a>(
     Ok(a)
 }
 
-/// Assigns causality to every bond.
+/// Assigns causality to every bond; these storages and resistors give what is said (see [`by_rank`]).
 ///
 /// # Errors
 /// Conflicts, with the chain of bonds, and junctions that nothing determines.
-pub fn assign(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Diagnostic>> {
+pub fn assign(
+    model: &mut Model,
+    graph: &BondGraph,
+    given: &[(ElementId, Variable)],
+) -> Result<Causality, Vec<Diagnostic>> {
     let mut pool = std::mem::take(&mut model.pool);
     let one_way: Vec<bool> =
         model.elements.iter().map(|e| matches!(&e.law, Law::Resistor(r) if one_way(&mut pool, r))).collect();
     let quadratic: Vec<bool> = model.elements.iter().map(|e| quadratic(&mut pool, &e.law)).collect();
     model.pool = pool;
+    let laws = Laws { one_way, quadratic };
     let model = &*model;
     // A choice shows only later that it cannot be completed where junctions stand in rings: then each is looked at more
     // closely.
-    let a = strokes(model, graph, &one_way, &quadratic, false)
-        .or_else(|errors| strokes(model, graph, &one_way, &quadratic, true).map_err(|_| errors))?;
+    let a = strokes(model, graph, &laws, given, false)
+        .or_else(|errors| strokes(model, graph, &laws, given, true).map_err(|_| errors))?;
     let one_ports = |kinds: &[Kind]| one_ports(model, graph, kinds);
     let (resistors, storages) = (one_ports(&[Kind::R]), one_ports(&[Kind::C, Kind::I]));
     let given = |a: &Assignment, id: ElementId, bond: BondId, gives: Variable| {
@@ -280,7 +300,7 @@ pub fn holding(model: &Model, graph: &BondGraph, storage: ElementId) -> Vec<Bond
         for b in without {
             model.bonds[b.at()].stroke = None;
         }
-        assign(&mut model, graph).is_ok_and(|c| !c.dependent.contains(&storage))
+        assign(&mut model, graph, &[]).is_ok_and(|c| !c.dependent.contains(&storage))
     };
     if asserted.is_empty() || !free(&asserted) {
         return Vec::new();
