@@ -8,6 +8,11 @@ use crate::units::Dimension;
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 
+/// An energy is looked at up to this power of two, in strides of so many.
+const POWERS: u32 = 1000;
+/// See [`POWERS`].
+const STRIDE: u32 = 32;
+
 impl<'a> Elaborator<'a> {
     /// A storage's energy and initial state.
     pub(crate) fn storage(
@@ -190,11 +195,14 @@ impl<'a> Elaborator<'a> {
         // Where it falls without end, its fall from one power of 2 to the next does not shrink: -log(x) has falls that
         // are alike.
         let falls = |along: &[f64], sign: f64| {
-            let values: Vec<f64> =
-                (0..1000).map(|k| at(sign * f64::from(k).exp2(), along)).take_while(|h| h.is_finite()).collect();
+            let level = |k: u32| at(sign * f64::from(k).exp2(), along);
+            // Up to where it has values: looked for in strides, the last of which is gone through.
+            let end = (0..POWERS).step_by(STRIDE as usize).find(|k| !level(*k).is_finite()).unwrap_or(POWERS);
+            let last = end.saturating_sub(STRIDE);
+            let end = (last..end).find(|k| !level(*k).is_finite()).unwrap_or(end);
+            let values: Vec<f64> = (end.saturating_sub(8)..end).map(level).collect();
             let drops: Vec<f64> = values.windows(2).map(|w| w[0] - w[1]).collect();
-            let last = drops.len().checked_sub(7).map_or(&[][..], |n| &drops[n..]);
-            !last.is_empty() && last[0] > 1e-9 * values[0].abs() && last.windows(2).all(|w| w[1] >= 0.5 * w[0])
+            drops.len() == 7 && drops[0] > 1e-9 * level(0).abs() && drops.windows(2).all(|w| w[1] >= 0.5 * w[0])
         };
         if directions.iter().any(|d| falls(d, 1.0) || falls(d, -1.0)) {
             return false;
