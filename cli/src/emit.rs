@@ -5,6 +5,7 @@ use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
 use bond_compiler::backend::{c, unit};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// How it is written.
@@ -25,7 +26,7 @@ impl Emission<'_> {
     /// # Errors
     /// A scene that has no compiled form, a file that cannot be written.
     pub fn c(&self, compiled: &Compiled) -> Result<(), Stop> {
-        let (source, header) = self.places("c")?;
+        let (source, header) = self.places("c", &compiled.scene().name)?;
         let unit = self.unit(compiled)?;
         not_of_another(&header, false)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: true };
@@ -43,7 +44,7 @@ impl Emission<'_> {
     /// A scene that has no compiled form, a file that cannot be written.
     #[cfg(feature = "native")]
     pub fn object(&self, compiled: &Compiled) -> Result<(), Stop> {
-        let (object, header) = self.places("o")?;
+        let (object, header) = self.places("o", &compiled.scene().name)?;
         let unit = self.unit(compiled)?;
         let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(Stop::Model)?;
         not_of_another(&header, true)?;
@@ -61,13 +62,13 @@ impl Emission<'_> {
         unit::unit(compiled.scene(), &options).map_err(Stop::Model)
     }
 
-    /// The file and its header.
-    fn places(&self, ending: &str) -> Result<(PathBuf, PathBuf), Stop> {
+    /// The file and its header; what comes from standard input has the scene's name.
+    fn places(&self, ending: &str, scene: &str) -> Result<(PathBuf, PathBuf), Stop> {
         if !c::is_prefix(self.prefix) {
             let why = "it must be a name in C: a letter, then letters, digits and `_`";
             return Err(Stop::Usage(format!("--prefix {}: {why}", self.prefix)));
         }
-        let stem = self.file.file_stem().filter(|_| self.file != Path::new("-"));
+        let stem = if self.file == Path::new("-") { Some(OsStr::new(scene)) } else { self.file.file_stem() };
         let path = match (self.output, stem) {
             (Some(path), _) if path == Path::new("-") => {
                 return Err(Stop::Usage("two files are written: give a name with -o".into()));

@@ -94,6 +94,36 @@ fn small_energies_of_quotients_are_exact() {
     }
 }
 
+/// An energy in pieces, or of `log(abs(..))`, is as exact near rest as a polynomial: a motion that dies away keeps its
+/// balance.
+#[test]
+fn energies_of_laws_are_exact_near_rest() {
+    let (lncosh, half) = (|z: f64| z * z / 2.0 - z.powi(4) / 12.0, |z: f64| z * z / 2.0);
+    let cases: [(&str, &dyn Fn(f64) -> f64); 6] = [
+        ("tanh(z)", &lncosh),
+        ("z/(1 + z^2)", &|z| half(z) - z.powi(4) / 4.0),
+        ("2*tan(z/2)", &|z| half(z) + z.powi(4) / 48.0),
+        ("2*sinh(z)/(1 + cosh(z))", &|z| half(z) - z.powi(4) / 48.0),
+        ("atan(z)", &|z| half(z) - z.powi(4) / 12.0),
+        ("z*exp(-z^2)", &|z| half(z) - z.powi(4) / 4.0),
+    ];
+    for (law, energy) in cases {
+        for q in [1e-6, 1e-3, 0.02] {
+            let law = law.replace('z', "(q/(1 m))");
+            let text = format!(
+                "model M {{ C:c {{ e = 1 N * ({law}); q0 = {q} m }} I:m = 1 kg  R:r = 0.5 N*s/m  1:v -> c, m, r }}"
+            );
+            let compiled = with(Options::new(), &text);
+            let mut sim = start(&compiled, Steps::tolerance(1e-6));
+            let h = sim.summary().regions[0].h_initial;
+            assert!((h / energy(q) - 1.0).abs() < 1e-7, "{law}: {h:e} beside {:e}", energy(q));
+            finish(&mut sim, 20.0);
+            let summary = sim.summary();
+            assert!(summary.passive && summary.worst_step < 1e-13, "{law} from {q}: {:e}", summary.worst_step);
+        }
+    }
+}
+
 /// Beyond the reach of the rule for a law without closed form a run stops.
 #[test]
 fn beyond_its_reach_a_law_stops_the_run() {

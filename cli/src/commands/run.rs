@@ -226,6 +226,15 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
         Some(path) => input::table(path, scene, args.input_hold)?,
         None => Vec::new(),
     };
+    for (holder, other) in bond_runtime::simulate::uneven(scene) {
+        let name = |c: usize| &scene.clusters[c].name;
+        report::say(&format!(
+            "note: `{}` holds for `{}`, whose period is in no whole ratio to its own, and for others besides: what it \
+             foretells is poor, and the motion may be wrong; give it periods in whole ratios",
+            name(holder),
+            name(other)
+        ));
+    }
     let started = Instant::now();
     let code = if args.interpret { Code::Interpreted } else { Code::Native };
     let mut sim = match &args.resume {

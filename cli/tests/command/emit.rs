@@ -67,6 +67,7 @@ fn the_haptic_loop_runs_around_both() {
     #[cfg(feature = "native")]
     {
         let emit = ["build", "models/examples/open_port.bond", "--emit", "object", "-o", "wall.o"];
+        std::fs::remove_file(here.0.join("wall.h")).unwrap();
         here.bond(&emit).is(0, &[], &["built wall.o and wall.h"]);
         let object = ["-std=c99", "-O2", "-I.", "wall.o", "models/embed/haptic.c", "-lm", "-o", "object"];
         ran(&here, "cc", &object);
@@ -121,8 +122,26 @@ fn files_go_where_they_are_told() {
     }
     here.bond(&["build", "a.h", "--emit", "c"]).is(2, &[], &["a.h: it is the model itself"]);
     assert_eq!(here.read("a.h"), OSCILLATOR);
-    here.fed(&["build", "-", "--emit", "c"], OSCILLATOR).is(2, &[], &["-o NAME.c"]);
+    here.fed(&["build", "-", "--emit", "c", "--step", "1ms"], OSCILLATOR).is(
+        0,
+        &[],
+        &["built Oscillator.c and Oscillator.h"],
+    );
     here.bond(&["build", file, "--step", "1ms"]).is(2, &[], &["--step and --prefix are for --emit c and object"]);
+}
+
+/// The header of C and that of an object differ: who compiled against the wrong one would not be told.
+#[test]
+fn a_header_goes_with_its_kind() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let build = |kind: &str, to: &str| here.bond(&["build", "a.bond", "--emit", kind, "--step", "1ms", "-o", to]);
+    build("c", "a.c").is(0, &[], &[]);
+    build("c", "a.c").is(0, &[], &[]);
+    let header = here.read("a.h");
+    build("object", "a.o").is(2, &[], &["a.h goes with C: name an object otherwise with -o"]);
+    assert_eq!((here.read("a.h"), here.list().len()), (header, 3));
+    build("object", "b.o").is(0, &[], &[]);
+    build("c", "b.c").is(2, &[], &["b.h goes with an object: name C otherwise with -o"]);
 }
 
 #[test]

@@ -274,6 +274,57 @@ fn a_run_that_is_asked_again_ends_at_once() {
     assert_eq!(here.list(), ["a.bond"]);
 }
 
+/// What is done of an ensemble is kept, and the same command goes on from there.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_ensemble_that_is_asked_to_end_says_what_it_has() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let many = |n: &str| {
+        let draw = ["--monte-carlo", n, "--draw", "m=uniform(1,2)", "-o", "a.csv"];
+        [&["run", "a.bond", "--stop", "1", "--step", "1ms", "--method", "gonzalez"][..], &draw].concat().join(" ")
+    };
+    let long = many("1000000");
+    let long: Vec<&str> = long.split(' ').collect();
+    let Some((status, out, err)) = asked_to_end(&here, &long, "a.csv.part", [300, 0]) else { return };
+    assert_eq!((status, out.as_str()), (Some(130), ""), "{err}");
+    assert!(err.contains("instances are in a.csv.part; the same command goes on from there"), "{err}");
+    assert_eq!(here.list(), ["a.bond", "a.csv.part"]);
+}
+
+/// What cannot be told is not claimed.
+#[test]
+fn a_run_without_a_number_for_its_energy_is_not_passive() {
+    let text = "model M { C:c { H = 0.5 N/m * q^2; q0 = 1e200 m }\n I:i = 1 kg\n c -> i }";
+    let here = Folder::new().with("a.bond", text);
+    here.bond(&["run", "a.bond", "--stop", "1"]).is(3, &["passive     NO: H of `c` is no finite number"], &[]);
+}
+
+/// A holder that cannot foretell says so; and periods that are far apart do not keep a short run from its begin.
+#[test]
+fn periods_that_do_not_go_together() {
+    let uneven = "
+model M {
+  I:m0 { inertia = 1 kg; f0 = 0.3 m/s }
+  sampled every 7 ms { 0:n1; C:k1 { stiffness = 100 N/m }; n1 -> k1 }
+  sampled every 5 ms { I:m1 = 0.5 kg }
+  1:v -> m0
+  v ||> n1
+  n1 ||> m1
+}";
+    let here = Folder::new().with("a.bond", uneven).with("b.bond", &uneven.replace("5 ms", "3.5 ms"));
+    let said = "note: `n1` holds for `m1`, whose period is in no whole ratio to its own";
+    here.bond(&["run", "a.bond", "--stop", "0.1"]).is(0, &[], &[said]);
+    let done = here.bond(&["run", "b.bond", "--stop", "0.1"]).is(0, &[], &[]);
+    assert!(!done.err.contains("ratio"), "{}", done.err);
+    let far = "
+model M {
+  sampled every 1e9 s { I:mass { inertia = 1 kg; f0 = 1 m/s } }
+  sampled every 10 ms { C:spring = 1 m/N }
+  mass ||> spring
+}";
+    here.with("c.bond", far).bond(&["run", "c.bond", "--stop", "20ms"]).is(0, &[], &[]);
+}
+
 #[test]
 fn a_wrong_model_writes_nothing() {
     let here = Folder::new().with("a.bond", WRONG);

@@ -14,6 +14,7 @@ use super::hold::{Held, RECURRENCE, TERMS};
 use super::schedule::Simulation;
 use crate::scene::Scene;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Instants so close, as a part of themselves, are one.
 const SAME: f64 = 1e-12;
@@ -90,6 +91,26 @@ impl Pace {
             }
         }
     }
+}
+
+/// Sampled clusters that hold for a faster sampled side in no whole ratio to them, and for others besides, each with that
+/// side: what they foretell of it is poor.
+pub fn uneven(scene: &Scene) -> Vec<(usize, usize)> {
+    let mut list = Vec::new();
+    for (i, c) in scene.clusters.iter().enumerate() {
+        let Some(period) = c.period else { continue };
+        let others: BTreeSet<Option<usize>> = (c.holds.iter())
+            .map(|port| scene.bars.iter().find(|b| b.holder == (i, *port)).map(|b| b.other.0))
+            .collect();
+        let faster = others.iter().flatten().filter(|o| {
+            let ratio = scene.clusters[**o].period.map_or(1.0, |step| period / step);
+            ratio > 1.0 && (ratio - ratio.round()).abs() > SAME * ratio
+        });
+        if others.len() > 1 {
+            list.extend(faster.map(|o| (i, *o)));
+        }
+    }
+    list
 }
 
 impl Simulation<'_> {
