@@ -384,6 +384,47 @@ fn each_op_means_the_same_at_special_values() {
     }
 }
 
+/// One of all ops, by a pick.
+fn op(b: &mut Builder, pool: &[Value], (f, i, j, k): (u8, u8, u8, u8)) -> Value {
+    let at = |i: u8| pool[usize::from(i) % pool.len()];
+    match usize::from(f) % (Unary::ALL.len() + 2 * Binary::ALL.len() + 1) {
+        f if f < Unary::ALL.len() => b.unary(Unary::ALL[f], at(i)),
+        f if f < Unary::ALL.len() + 2 * Binary::ALL.len() => {
+            b.binary(Binary::ALL[(f - Unary::ALL.len()) / 2], at(i), at(j))
+        }
+        _ => b.select(at(i), at(j), at(k)),
+    }
+}
+
+/// A line of cells, each of which does the same with its two states, its neighbour's and an input, and adds something to
+/// a sum: long enough to become loops. The states of a cell stand side by side, or far apart.
+fn line(cells: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], apart: bool) -> Program {
+    let mut b = Builder::new("line");
+    let [state, next] = [Array::State, Array::Next].map(|array| b.slots(array, 2 * cells));
+    let (input, output) = (b.slot(Array::Input), b.slot(Array::Output));
+    let at = |first: Slot, cell: usize, which: usize| {
+        let place = if apart { which * cells + cell } else { 2 * cell + which };
+        Slot::new(first.array, first.index as usize + place)
+    };
+    let mut sum = b.number(0.0);
+    for k in 0..cells {
+        let near = (k + 1).min(cells - 1);
+        let mut pool: Vec<Value> = [(k, 0), (k, 1), (near, 0)].map(|(k, w)| b.load(at(state, k, w))).into();
+        pool.push(b.load(input));
+        pool.extend(numbers.iter().map(|x| b.number(*x)));
+        for p in picks {
+            let v = op(&mut b, &pool, *p);
+            pool.push(v);
+        }
+        let last = pool.len();
+        b.store(at(next, k, 0), pool[last - 1]);
+        b.store(at(next, k, 1), pool[last - 2]);
+        sum = b.add(sum, pool[last - 3]);
+    }
+    b.store(output, sum);
+    b.finish()
+}
+
 /// A program of random ops over two states and an input, with an iteration on `n` unknowns; the first states get the
 /// unknowns.
 fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, own: bool) -> Program {
@@ -393,16 +434,6 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
     let mut pool: Vec<Value> = states.iter().map(|s| b.load(*s)).collect();
     pool.push(b.load(input));
     pool.extend(numbers.iter().map(|x| b.number(*x)));
-    let op = |b: &mut Builder, pool: &[Value], (f, i, j, k): (u8, u8, u8, u8)| {
-        let at = |i: u8| pool[usize::from(i) % pool.len()];
-        match usize::from(f) % (Unary::ALL.len() + 2 * Binary::ALL.len() + 1) {
-            f if f < Unary::ALL.len() => b.unary(Unary::ALL[f], at(i)),
-            f if f < Unary::ALL.len() + 2 * Binary::ALL.len() => {
-                b.binary(Binary::ALL[(f - Unary::ALL.len()) / 2], at(i), at(j))
-            }
-            _ => b.select(at(i), at(j), at(k)),
-        }
-    };
     for p in picks {
         let v = op(&mut b, &pool, *p);
         pool.push(v);
@@ -496,6 +527,29 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: cases(300), ..ProptestConfig::default() })]
+
+    /// Loops, turn by turn and two turns at a time.
+    #[test]
+    fn random_families_give_the_same_bits(
+        cells in 300usize..340,
+        picks in prop::collection::vec(any::<(u8, u8, u8, u8)>(), 10..20),
+        numbers in prop::collection::vec(prop_oneof![-3.0..3.0f64, prop::sample::select(SPECIAL.to_vec())], 1..5),
+        state in prop::collection::vec(-2.0..2.0f64, 680),
+        (plain, apart) in any::<(bool, bool)>(),
+    ) {
+        // Without functions, of which vectors have none.
+        let count = Unary::ALL.len() + 2 * Binary::ALL.len() + 1;
+        let calls = |f: usize| match Unary::ALL.get(f) {
+            Some(f) => !matches!(f, Unary::Neg | Unary::Abs | Unary::Sign | Unary::Sqrt | Unary::Not),
+            None => matches!(Binary::ALL.get((f - Unary::ALL.len()) / 2), Some(Binary::Pow | Binary::Atan2)),
+        };
+        let tamed = |p: (u8, u8, u8, u8)| if plain && calls(usize::from(p.0) % count) { (p.0 % 4, p.1, p.2, p.3) } else { p };
+        let picks: Vec<_> = picks.into_iter().map(tamed).collect();
+        let program = line(cells, &picks, &numbers, apart);
+        let [one, other, shared] = outputs(&program, &state[..2 * cells], &[0.7]);
+        prop_assert_eq!(&one, &other);
+        prop_assert_eq!(one, shared);
+    }
 
     /// Random straight code with an iteration, small enough to be written out or not.
     #[test]

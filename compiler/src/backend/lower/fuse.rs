@@ -579,6 +579,21 @@ mod tests {
     }
 
     #[test]
+    fn turns_go_side_by_side_where_neither_waits_for_the_other() {
+        // From one place of the scratch to another, so far apart.
+        let moves = |to: u32, stride: u32| {
+            let mut w = Writer::new();
+            let index = w.index();
+            let place = |base: u32| Place { along: vec![(index, stride)], ..scratch(base, At::One(0)) };
+            let x = w.load(place(40));
+            let body = vec![Stmt::Let(x, Op::Load(place(40))), Stmt::Store(place(to), x)];
+            may_pair(&body, (index, 0, 20), &[])
+        };
+        assert!(moves(40, 1) && moves(42, 1) && moves(38, 1) && moves(100, 1) && moves(41, 2) && moves(44, 2));
+        assert!(!moves(41, 1) && !moves(39, 1) && !moves(42, 2) && !moves(40, 0));
+    }
+
+    #[test]
     fn what_is_looked_at_on_the_way_keeps_its_place() {
         // Two loops that add the same variable, which is set anew between them: the first must not see that.
         for looks in [true, false] {
