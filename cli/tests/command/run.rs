@@ -311,7 +311,7 @@ model M {
   v ||> n1
   n1 ||> m1
 }";
-    let here = Folder::new().with("a.bond", uneven).with("b.bond", &uneven.replace("5 ms", "3.5 ms"));
+    let here = Folder::new().with("a.bond", uneven).with("b.bond", uneven.replace("5 ms", "3.5 ms"));
     let said = "note: `n1` holds for `m1`, whose period is in no whole ratio to its own";
     here.bond(&["run", "a.bond", "--stop", "0.1"]).is(0, &[], &[said]);
     let done = here.bond(&["run", "b.bond", "--stop", "0.1"]).is(0, &[], &[]);
