@@ -12,7 +12,8 @@ pub const ASKED: u8 = 130;
 const SAME: Duration = Duration::from_millis(500);
 
 /// From now on a wish for the end is noted in what this gives, so that what is done can be kept, and `end` says when it
-/// is met; one more ends it at once. Who is to outlive the terminal, as `nohup` wants it, is left as it is: hanging up must not be taken for a wish.
+/// is met; one more ends it at once. Who is to outlive the terminal, as `nohup` wants it, is left as it is: hanging up
+/// must not be taken for a wish.
 pub fn watch(end: &'static str) -> Arc<AtomicBool> {
     let asked = Arc::new(AtomicBool::new(false));
     let flag = asked.clone();

@@ -468,6 +468,13 @@ impl Model {
         &self.bonds[id.at()]
     }
 
+    /// The place of a bond's variable, as seen from one of its ends, among four a bond: a double bar has its pair twice, once
+    /// on each side.
+    pub fn place(&self, bond: BondId, end: ElementId, variable: Variable) -> usize {
+        let b = self.bond(bond);
+        4 * bond.at() + 2 * usize::from(b.sampled && b.head == end) + usize::from(variable == Variable::Flow)
+    }
+
     /// The bonds of each element, in order of declaration.
     pub fn bonds_of(&self) -> Vec<Vec<BondId>> {
         let mut list = vec![Vec::new(); self.elements.len()];

@@ -42,19 +42,13 @@ impl Echelon {
     }
 }
 
-/// Place of a variable of a bond as seen from one of its ends: a double bar has it twice.
-fn place(model: &Model, bond: BondId, end: ElementId, v: Variable) -> usize {
-    let b = model.bond(bond);
-    4 * bond.at() + 2 * usize::from(b.sampled && b.head == end) + usize::from(v == Variable::Flow)
-}
-
 /// What the junctions, TF and GY ask for.
 fn equations(model: &Model, graph: &BondGraph) -> Echelon {
     use Variable::{Effort, Flow};
     let mut all = Echelon { rows: Vec::new(), size: 4 * model.bonds.len() };
     for (id, e) in model.ids() {
         let bonds = &graph.bonds_of[id.at()];
-        let at = |b: BondId, v: Variable| place(model, b, id, v);
+        let at = |b: BondId, v: Variable| model.place(b, id, v);
         let sign = |b: BondId| if model.bond(b).head == id { 1.0 } else { -1.0 };
         match (e.kind, &e.law) {
             (Kind::Zero | Kind::One, _) => {
@@ -132,7 +126,7 @@ pub fn by_rank(model: &mut Model, graph: &BondGraph, causality: &Causality) -> O
         let bond = BondId(i as u32);
         for far in [b.tail, b.head] {
             let gives = causality.gives(model, bond, far);
-            if !known.take(&[(place(model, bond, b.other(far), gives), 1.0)]) {
+            if !known.take(&[(model.place(bond, b.other(far), gives), 1.0)]) {
                 return None;
             }
         }
@@ -144,9 +138,9 @@ pub fn by_rank(model: &mut Model, graph: &BondGraph, causality: &Causality) -> O
             .or_else(|| (rank == 0).then(|| causality.gives(model, bond, id)))
             .or_else(|| integral(model.element(id).kind))
             .or_else(|| law(model, id).map(|r| r.gives))?;
-        let free = known.take(&[(place(model, bond, id, wanted), 1.0)]);
+        let free = known.take(&[(model.place(bond, id, wanted), 1.0)]);
         let gives = if free { wanted } else { wanted.other() };
-        if !free && (rank == 0 || !known.take(&[(place(model, bond, id, gives), 1.0)])) {
+        if !free && (rank == 0 || !known.take(&[(model.place(bond, id, gives), 1.0)])) {
             return None;
         }
         if rank > 0 {

@@ -1,7 +1,7 @@
 //! Where energies are least, and how far they stand above 0 without cancellation.
 
 use super::cluster::{Cluster, Group};
-use crate::expression::{Expr, Node, Pool, Symbol};
+use crate::expression::{Expr, Node, Pool, Sign, Symbol};
 use crate::model::Model;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
@@ -17,18 +17,18 @@ pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> E
         let (a, b) = if here { (self::energy(pool, symbol, a), b) } else { (a, self::energy(pool, symbol, b)) };
         return pool.select(c, a, b);
     }
-    let energy = without_sizes(pool, energy);
-    if !is_smooth(pool, energy) {
+    let plain = without_sizes(pool, energy);
+    if !is_smooth(pool, plain) {
         return energy;
     }
     let zero = pool.int(0);
     let map: FxHashMap<Symbol, Expr> = std::iter::once((s, zero)).collect();
-    let base = pool.substitute(energy, &map);
+    let base = pool.substitute(plain, &map);
     if !pool.constant(base).is_some_and(f64::is_finite) {
         return energy;
     }
     let x = pool.var(s);
-    let slope = pool.difference(energy, s, zero, x);
+    let slope = pool.difference(plain, s, zero, x);
     let rise = pool.mul(x, slope);
     let level = pool.add(base, rise);
     let same = [1e-3, -0.02, 0.3, -1.7, 12.0].iter().all(|at| {
@@ -39,7 +39,8 @@ pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> E
     if same { level } else { energy }
 }
 
-/// With `log(u^2)/2` in the place of `log(abs(u))`, as integrals of slopes over what they are of have it.
+/// With `log(u)` in the place of `log(abs(u))`, as integrals of slopes over what they are of have it, where u is seen not
+/// to be negative; else with `log(u^2)/2`.
 fn without_sizes(pool: &mut Pool, energy: Expr) -> Expr {
     let mut new: FxHashMap<Expr, Expr> = FxHashMap::default();
     for e in pool.ascending(&[energy], &|_| true) {
@@ -53,9 +54,13 @@ fn without_sizes(pool: &mut Pool, energy: Expr) -> Expr {
         let made = match size {
             Some(u) => {
                 let u = new.get(&u).copied().unwrap_or(u);
-                let square = pool.mul(u, u);
-                let (log, half) = (pool.unary(Unary::Log, square), pool.ratio(1, 2));
-                pool.mul(half, log)
+                if matches!(pool.sign(u, &|_| Sign::Unknown), Sign::Positive | Sign::NonNegative) {
+                    pool.unary(Unary::Log, u)
+                } else {
+                    let square = pool.mul(u, u);
+                    let (log, half) = (pool.unary(Unary::Log, square), pool.ratio(1, 2));
+                    pool.mul(half, log)
+                }
             }
             None => pool.rebuild(e, &|c| new.get(&c).copied().unwrap_or(c)),
         };

@@ -18,21 +18,10 @@ pub(super) struct Rows {
     rows: Vec<Row>,
 }
 
-/// Index of a variable of a bond. A double bar has its pair twice, once on each side; `far` tells the side of the head.
-fn index(bond: BondId, head_side: bool, variable: Variable) -> usize {
-    4 * bond.at() + 2 * usize::from(head_side) + usize::from(variable == Variable::Flow)
-}
-
-/// Which side of a bond an end sees.
-fn side(model: &Model, bond: BondId, end: ElementId) -> bool {
-    let b = model.bond(bond);
-    b.sampled && b.head == end
-}
-
 impl Rows {
     /// The row of a bond's variable as seen from one of its ends.
     pub(super) fn get(&self, model: &Model, bond: BondId, end: ElementId, variable: Variable) -> &Row {
-        &self.rows[index(bond, side(model, bond, end), variable)]
+        &self.rows[model.place(bond, end, variable)]
     }
 }
 
@@ -82,13 +71,13 @@ fn solve(
     let one = pool.int(1);
     for (i, c) in columns.iter().enumerate() {
         let near = if c.role == Role::Bar { model.bond(c.bond).other(c.element) } else { c.element };
-        let at = index(c.bond, side(model, c.bond, near), c.gives);
+        let at = model.place(c.bond, near, c.gives);
         let k = pool.int(c.sign_of(c.gives));
         definitions[at].push((Term::Column(ColumnId(i as u32)), k));
     }
     for (id, e) in model.ids() {
         let bonds = &graph.bonds_of[id.at()];
-        let at = |b: BondId, v: Variable| index(b, side(model, b, id), v);
+        let at = |b: BondId, v: Variable| model.place(b, id, v);
         let points_in = |b: BondId| model.bond(b).head == id;
         match (e.kind, &e.law) {
             (Kind::Zero | Kind::One, _) => {

@@ -48,12 +48,17 @@ impl Pace {
         let mut others = held.iter().map(|h| h.bar.map(|b| scene.bars[b].other.0));
         let other = others.next()??;
         let step = scene.clusters[other].period?;
-        let ratio = period / step;
-        let whole = (period - ratio.round() * step).abs() <= SAME * period;
-        if whole || ratio < 1.0 || others.any(|o| o != Some(other)) {
+        if !is_uneven(period, step) || others.any(|o| o != Some(other)) {
             return None;
         }
-        Some(Self { other, step, given: vec![0.0; held.len()], last: 1, low: ratio as u64, ..Self::default() })
+        Some(Self {
+            other,
+            step,
+            given: vec![0.0; held.len()],
+            last: 1,
+            low: (period / step) as u64,
+            ..Self::default()
+        })
     }
 
     /// beta of the interval that runs.
@@ -93,6 +98,12 @@ impl Pace {
     }
 }
 
+/// Whether a period is longer than another one, and no multiple of it.
+fn is_uneven(period: f64, step: f64) -> bool {
+    let ratio = period / step;
+    ratio >= 1.0 && (period - ratio.round() * step).abs() > SAME * period
+}
+
 /// Sampled clusters that hold for a faster sampled side in no whole ratio to them, and for others besides, each with that
 /// side: what they foretell of it is poor.
 pub fn uneven(scene: &Scene) -> Vec<(usize, usize)> {
@@ -102,10 +113,8 @@ pub fn uneven(scene: &Scene) -> Vec<(usize, usize)> {
         let others: BTreeSet<Option<usize>> = (c.holds.iter())
             .map(|port| scene.bars.iter().find(|b| b.holder == (i, *port)).map(|b| b.other.0))
             .collect();
-        let faster = others.iter().flatten().filter(|o| {
-            let ratio = scene.clusters[**o].period.map_or(1.0, |step| period / step);
-            ratio > 1.0 && (ratio - ratio.round()).abs() > SAME * ratio
-        });
+        let faster =
+            others.iter().flatten().filter(|o| scene.clusters[**o].period.is_some_and(|t| is_uneven(period, t)));
         if others.len() > 1 {
             list.extend(faster.map(|o| (i, *o)));
         }

@@ -5,11 +5,12 @@
 
 use super::functions;
 use super::translate::Translate;
+use super::vector::{self, Kind};
 use crate::backend::code::{Cond, Index, Memory, Op, Place, Routine, Stmt, Value};
 use crate::backend::lower::may_pair;
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
-use cranelift_codegen::ir::{self, BlockArg, Endianness, InstBuilder, MemFlagsData, types};
+use cranelift_codegen::ir::{self, BlockArg, InstBuilder, MemFlagsData, types};
 use cranelift_module::Module;
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -44,7 +45,18 @@ fn serial(routine: &Routine, turns: (Index, u32, u32), body: &[Stmt]) -> Option<
                 }
             }
             Stmt::Store(..) if waits => return None,
-            _ => {}
+            // A loop that may be paired has no others.
+            Stmt::Store(..)
+            | Stmt::Set(..)
+            | Stmt::If(..)
+            | Stmt::Loop(_)
+            | Stmt::Break
+            | Stmt::Continue
+            | Stmt::For(..)
+            | Stmt::Solve { .. }
+            | Stmt::Count(_)
+            | Stmt::Note(_)
+            | Stmt::Fail(_) => {}
         }
     }
     (3 * steps <= body.len()).then_some(serial)
@@ -168,15 +180,8 @@ impl<M: Module> Double<'_, '_, '_, M> {
         self.second(|s| one(s, second));
     }
 
-    /// The same in both turns.
-    fn constant(&mut self, kind: ir::Type, word: u64) -> ir::Value {
-        let both = [word.to_le_bytes(), word.to_le_bytes()].concat();
-        let pool = self.t.b.func.dfg.constants.insert(ir::ConstantData::from(both));
-        self.t.b.ins().vconst(kind, pool)
-    }
-
     fn number(&mut self, x: f64) -> ir::Value {
-        self.constant(types::F64X2, x.to_bits())
+        vector::number(&mut self.t.b, x)
     }
 
     fn of(&mut self, v: Value) -> ir::Value {
@@ -212,68 +217,37 @@ impl<M: Module> Double<'_, '_, '_, M> {
     }
 
     fn unary(&mut self, v: Value, f: Unary, a: Value) -> ir::Value {
-        let x = self.of(a);
-        match f {
-            Unary::Neg => self.t.b.ins().fneg(x),
-            Unary::Abs => self.t.b.ins().fabs(x),
-            Unary::Sqrt => self.t.b.ins().sqrt(x),
-            Unary::Sign => {
-                let [zero, one, minus] = [0.0, 1.0, -1.0].map(|x| self.number(x));
-                let above = self.t.b.ins().fcmp(FloatCC::GreaterThan, x, zero);
-                let below = self.t.b.ins().fcmp(FloatCC::LessThan, x, zero);
-                let none = self.t.b.ins().fcmp(FloatCC::Equal, x, zero);
-                let rest = self.choose(none, zero, x);
-                let rest = self.choose(below, minus, rest);
-                self.choose(above, one, rest)
-            }
-            Unary::Not => {
-                let mask = self.truth(a);
-                let mask = self.t.b.ins().bnot(mask);
-                self.mask(v, mask)
-            }
-            // Loops with calls have no such form.
-            Unary::Exp
-            | Unary::Log
-            | Unary::Sin
-            | Unary::Cos
-            | Unary::Tan
-            | Unary::Asin
-            | Unary::Acos
-            | Unary::Atan
-            | Unary::Sinh
-            | Unary::Cosh
-            | Unary::Tanh => x,
+        if f == Unary::Not {
+            let mask = self.truth(a);
+            let mask = self.t.b.ins().bnot(mask);
+            return self.mask(v, mask);
         }
+        let x = self.of(a);
+        vector::unary(&mut self.t.b, f, x)
     }
 
     fn binary(&mut self, v: Value, f: Binary, a: Value, b: Value) -> ir::Value {
-        let (x, y) = (self.of(a), self.of(b));
-        let how = match f {
-            Binary::Add => return self.t.b.ins().fadd(x, y),
-            Binary::Sub => return self.t.b.ins().fsub(x, y),
-            Binary::Mul => return self.t.b.ins().fmul(x, y),
-            Binary::Div => return self.t.b.ins().fdiv(x, y),
-            Binary::Min => return self.t.b.ins().fmin(x, y),
-            Binary::Max => return self.t.b.ins().fmax(x, y),
-            // As above.
-            Binary::Pow | Binary::Atan2 => return x,
-            Binary::And | Binary::Or => {
-                let (p, q) = (self.truth(a), self.truth(b));
-                let mask = if f == Binary::And { self.t.b.ins().band(p, q) } else { self.t.b.ins().bor(p, q) };
-                return self.mask(v, mask);
+        match vector::binary(f) {
+            Kind::Number(make) => {
+                let (x, y) = (self.of(a), self.of(b));
+                make(&mut self.t.b, x, y)
             }
-            Binary::Lt => FloatCC::LessThan,
-            Binary::Le => FloatCC::LessThanOrEqual,
-            Binary::Eq => FloatCC::Equal,
-        };
-        let mask = self.t.b.ins().fcmp(how, x, y);
-        self.mask(v, mask)
+            Kind::Compared(how) => {
+                let mask = self.compare(how, a, b);
+                self.mask(v, mask)
+            }
+            Kind::Joined { both } => {
+                let (p, q) = (self.truth(a), self.truth(b));
+                let mask = if both { self.t.b.ins().band(p, q) } else { self.t.b.ins().bor(p, q) };
+                self.mask(v, mask)
+            }
+            // Loops with calls have no such form.
+            Kind::Call => self.of(a),
+        }
     }
 
     fn choose(&mut self, mask: ir::Value, a: ir::Value, b: ir::Value) -> ir::Value {
-        let endian = MemFlagsData::new().with_endianness(Endianness::Little);
-        let mask = self.t.b.ins().bitcast(types::F64X2, endian, mask);
-        self.t.b.ins().bitselect(mask, a, b)
+        vector::choose(&mut self.t.b, mask, a, b)
     }
 
     /// A mask as numbers, and kept as a mask.
@@ -294,7 +268,7 @@ impl<M: Module> Double<'_, '_, '_, M> {
 
     fn cond(&mut self, c: &Cond) -> ir::Value {
         match c {
-            Cond::Known(on) => self.constant(types::I64X2, if *on { u64::MAX } else { 0 }),
+            Cond::Known(on) => vector::constant(&mut self.t.b, types::I64X2, if *on { u64::MAX } else { 0 }),
             Cond::True(v) => self.truth(*v),
             Cond::Lt(a, b) => self.compare(FloatCC::LessThan, *a, *b),
             Cond::Le(a, b) => self.compare(FloatCC::LessThanOrEqual, *a, *b),

@@ -7,6 +7,7 @@
 
 use super::functions;
 use super::translate::{Made, SINGULAR, signature, turns};
+use super::vector::{self, Kind};
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Routine, Stmt, Value};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
@@ -245,11 +246,8 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 
     /// Two equal words as a vector.
-    fn constant(&mut self, t: ir::Type, word: u64) -> Lanes {
-        let both = [word.to_le_bytes(), word.to_le_bytes()].concat();
-        let pool = self.b.func.dfg.constants.insert(ir::ConstantData::from(both));
-        let x = self.b.ins().vconst(t, pool);
-        [x; PAIRS]
+    fn constant(&mut self, kind: ir::Type, word: u64) -> Lanes {
+        [vector::constant(&mut self.b, kind, word); PAIRS]
     }
 
     fn number(&mut self, x: f64) -> Lanes {
@@ -290,11 +288,7 @@ impl<M: Module> Translate<'_, '_, M> {
 
     /// One number where a mask has ones, another elsewhere.
     fn choose(&mut self, mask: Lanes, a: Lanes, b: Lanes) -> Lanes {
-        self.each(|t, p| {
-            let mask =
-                t.b.ins().bitcast(types::F64X2, MemFlagsData::new().with_endianness(Endianness::Little), mask[p]);
-            t.b.ins().bitselect(mask, a[p], b[p])
-        })
+        self.each(|t, p| vector::choose(&mut t.b, mask[p], a[p], b[p]))
     }
 
     fn jump(&mut self, to: ir::Block) {
@@ -624,40 +618,19 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 
     fn unary(&mut self, v: Value, f: Unary, a: Value) -> Lanes {
+        if f == Unary::Not {
+            let mask = self.truth(a);
+            let mask = self.each(|t, p| t.b.ins().bnot(mask[p]));
+            return self.mask(v, mask);
+        }
         let x = self.of(a);
-        match f {
-            Unary::Neg => self.each(|t, p| t.b.ins().fneg(x[p])),
-            Unary::Abs => self.each(|t, p| t.b.ins().fabs(x[p])),
-            Unary::Sqrt => self.each(|t, p| t.b.ins().sqrt(x[p])),
-            Unary::Sign => {
-                let [zero, one, minus] = [0.0, 1.0, -1.0].map(|x| self.number(x));
-                let above = self.compare(FloatCC::GreaterThan, x, zero);
-                let below = self.compare(FloatCC::LessThan, x, zero);
-                let none = self.compare(FloatCC::Equal, x, zero);
-                let rest = self.choose(none, zero, x);
-                let rest = self.choose(below, minus, rest);
-                self.choose(above, one, rest)
-            }
-            Unary::Not => {
-                let mask = self.truth(a);
-                let mask = self.each(|t, p| t.b.ins().bnot(mask[p]));
-                self.mask(v, mask)
-            }
-            Unary::Sin | Unary::Cos if self.turns.contains(&a) => {
-                let (sine, cosine) = self.turn(a, x);
-                if f == Unary::Sin { sine } else { cosine }
-            }
-            Unary::Exp
-            | Unary::Log
-            | Unary::Sin
-            | Unary::Cos
-            | Unary::Tan
-            | Unary::Asin
-            | Unary::Acos
-            | Unary::Atan
-            | Unary::Sinh
-            | Unary::Cosh
-            | Unary::Tanh => self.call(functions::unary(f), &[x], 1)[0],
+        if matches!(f, Unary::Sin | Unary::Cos) && self.turns.contains(&a) {
+            let (sine, cosine) = self.turn(a, x);
+            return if f == Unary::Sin { sine } else { cosine };
+        }
+        match functions::unary(f) {
+            Some(name) => self.call(Some(name), &[x], 1)[0],
+            None => self.each(|t, p| vector::unary(&mut t.b, f, x[p])),
         }
     }
 
@@ -673,28 +646,18 @@ impl<M: Module> Translate<'_, '_, M> {
 
     fn binary(&mut self, v: Value, f: Binary, a: Value, b: Value) -> Lanes {
         let (x, y) = (self.of(a), self.of(b));
-        match f {
-            Binary::Add => self.each(|t, p| t.b.ins().fadd(x[p], y[p])),
-            Binary::Sub => self.each(|t, p| t.b.ins().fsub(x[p], y[p])),
-            Binary::Mul => self.each(|t, p| t.b.ins().fmul(x[p], y[p])),
-            Binary::Div => self.each(|t, p| t.b.ins().fdiv(x[p], y[p])),
-            Binary::Min => self.each(|t, p| t.b.ins().fmin(x[p], y[p])),
-            Binary::Max => self.each(|t, p| t.b.ins().fmax(x[p], y[p])),
-            Binary::Lt | Binary::Le | Binary::Eq => {
-                let how = match f {
-                    Binary::Lt => FloatCC::LessThan,
-                    Binary::Le => FloatCC::LessThanOrEqual,
-                    _ => FloatCC::Equal,
-                };
+        match vector::binary(f) {
+            Kind::Number(make) => self.each(|t, p| make(&mut t.b, x[p], y[p])),
+            Kind::Compared(how) => {
                 let mask = self.compare(how, x, y);
                 self.mask(v, mask)
             }
-            Binary::And | Binary::Or => {
+            Kind::Joined { both } => {
                 let (p, q) = (self.truth(a), self.truth(b));
-                let mask = if f == Binary::And { self.and(p, q) } else { self.or(p, q) };
+                let mask = if both { self.and(p, q) } else { self.or(p, q) };
                 self.mask(v, mask)
             }
-            Binary::Pow | Binary::Atan2 => self.call(functions::binary(f), &[x, y], 1)[0],
+            Kind::Call => self.call(functions::binary(f), &[x, y], 1)[0],
         }
     }
 

@@ -7,6 +7,7 @@ mod lanes;
 mod object;
 mod shared;
 mod translate;
+mod vector;
 
 pub use jit::Jit;
 pub use object::object;
