@@ -124,15 +124,6 @@ fn energies_of_laws_are_exact_near_rest() {
     }
 }
 
-/// Where H has no value at 0 it stands as it is: the square of so small a charge would be 0.
-#[test]
-fn an_energy_without_a_value_at_rest_is_not_squared() {
-    let text = "model M { C:c { e = 1 N*m/q; q0 = 1e-170 m } I:m = 1 kg  c -> m }";
-    let compiled = with(Options::new(), text);
-    let h = start(&compiled, Steps::fixed(1e-200)).summary().regions[0].h_initial;
-    assert!((h / 1e-170f64.ln() - 1.0).abs() < 1e-12, "{h:e}");
-}
-
 /// Beyond the reach of the rule for a law without closed form a run stops.
 #[test]
 fn beyond_its_reach_a_law_stops_the_run() {
