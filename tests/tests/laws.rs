@@ -94,12 +94,29 @@ fn small_energies_of_quotients_are_exact() {
     }
 }
 
-/// An energy in pieces, or of `log(abs(..))`, is as exact near rest as a polynomial: a motion that dies away keeps its
-/// balance.
+/// An energy in pieces, or of `log(abs(..))`, is as exact near rest as a polynomial, and so is that of a law which is a
+/// small difference there, together with the law: a motion that dies away keeps its balance.
 #[test]
 fn energies_of_laws_are_exact_near_rest() {
     let (lncosh, half) = (|z: f64| z * z / 2.0 - z.powi(4) / 12.0, |z: f64| z * z / 2.0);
-    let cases: [(&str, &dyn Fn(f64) -> f64); 6] = [
+    let series = |of: &dyn Fn(f64) -> f64| (1..12).map(|k| of(f64::from(k))).sum::<f64>();
+    let factorial = |k: f64| (1..=k as u32).map(f64::from).product::<f64>();
+    let binomial = |n: f64, k: f64| (0..k as u32).map(|j| (n - f64::from(j)) / f64::from(j + 1)).product::<f64>();
+    let sign = |k: f64| if k % 2.0 == 0.0 { -1.0 } else { 1.0 };
+    let cases: [(&str, &dyn Fn(f64) -> f64); 15] = [
+        ("exp(z) - 1", &|z| series(&|k| z.powf(k + 1.0) / factorial(k + 1.0))),
+        ("if z > 0 then exp(z) - 1 else 0", &|z| series(&|k| z.powf(k + 1.0) / factorial(k + 1.0))),
+        ("1 - exp(-2*z)", &|z| series(&|k| sign(k) * (2.0 * z).powf(k + 1.0) / factorial(k + 1.0)) / 2.0),
+        ("log(1 + z)", &|z| series(&|k| sign(k) * z.powf(k + 1.0) / (k * (k + 1.0)))),
+        ("(1 + z)^1.4 - 1", &|z| series(&|k| binomial(1.4, k) * z.powf(k + 1.0) / (k + 1.0))),
+        ("1 - (1 + z)^(-1.4)", &|z| series(&|k| -binomial(-1.4, k) * z.powf(k + 1.0) / (k + 1.0))),
+        ("sqrt(z + 2) - sqrt(2)", &|z| {
+            series(&|k| binomial(0.5, k) * 2f64.powf(0.5 - k) * z.powf(k + 1.0) / (k + 1.0))
+        }),
+        ("z - sin(3*z)/3", &|z| {
+            series(&|k| sign(k) * 9f64.powf(k) * z.powf(2.0 * k + 2.0) / ((2.0 * k + 2.0) * factorial(2.0 * k + 1.0)))
+        }),
+        ("z*log(1 + z^2)", &|z| series(&|k| sign(k) * z.powf(2.0 * k + 2.0) / (k * (2.0 * k + 2.0)))),
         ("tanh(z)", &lncosh),
         ("z/(1 + z^2)", &|z| half(z) - z.powi(4) / 4.0),
         ("2*tan(z/2)", &|z| half(z) + z.powi(4) / 48.0),
@@ -108,7 +125,7 @@ fn energies_of_laws_are_exact_near_rest() {
         ("z*exp(-z^2)", &|z| half(z) - z.powi(4) / 4.0),
     ];
     for (law, energy) in cases {
-        for q in [1e-6, 1e-3, 0.02] {
+        for q in [1e-9, 1e-6, 1e-3, 0.02] {
             let law = law.replace('z', "(q/(1 m))");
             let text = format!(
                 "model M {{ C:c {{ e = 1 N * ({law}); q0 = {q} m }} I:m = 1 kg  R:r = 0.5 N*s/m  1:v -> c, m, r }}"
@@ -120,6 +137,27 @@ fn energies_of_laws_are_exact_near_rest() {
             finish(&mut sim, 20.0);
             let summary = sim.summary();
             assert!(summary.passive && summary.worst_step < 1e-13, "{law} from {q}: {:e}", summary.worst_step);
+        }
+    }
+}
+
+/// Near rest a law swings as its slope there tells, forwards and back, by every stepper that iterates.
+#[test]
+fn small_motions_are_those_of_the_slope_at_rest() {
+    let slope = 3.0 / 1f64.cosh().powi(2);
+    for (law, k) in [("exp(z) - 1", 1.0), ("(1 + z)^1.4 - 1", 1.4), ("tanh(3*z - 1) + tanh(1)", slope)] {
+        for method in ["gonzalez", "collocation4", "collocation8", "radau"] {
+            let law = law.replace('z', "(q/(1 m))");
+            let text = format!(
+                "model M {{ C:c {{ e = 1 N * ({law}); q0 = 1 nm }} I:m = 1 kg  1:v -> c, m  probe x = c.q / (1 nm) }}"
+            )
+            .replace("c.q", "integral(v.f, 1 nm)");
+            let compiled = with(Options::new().method(method), &text);
+            let mut sim = start(&compiled, Steps::fixed(1e-3));
+            finish(&mut sim, 5.0);
+            close(probe(&mut sim, "x"), (k.sqrt() * 5.0).cos(), 5e-6, &format!("{law}, {method}"));
+            let summary = sim.summary();
+            assert!(method == "radau" || summary.worst_step < 1e-14, "{law}, {method}: {:e}", summary.worst_step);
         }
     }
 }

@@ -1,6 +1,8 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
 use super::collocation::{self, Nodes};
+use super::level::Level;
+use super::near::Known;
 use super::{
     Method, ahead, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, sav, start,
     unfit,
@@ -13,7 +15,7 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{self};
 use rustc_hash::{FxHashMap, FxHashSet};
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
 
 /// A state: that of a storage, or a signal state.
 #[derive(Clone, Debug)]
@@ -37,7 +39,7 @@ pub(super) struct Group {
     pub(super) energy: Expr,
     pub(super) coenergy: Vec<Expr>,
     /// H as it is to be computed, once that was asked for.
-    pub(super) level: OnceCell<Expr>,
+    pub(super) level: OnceCell<Level>,
     /// Whether it was seen to have a lower bound.
     pub(super) bounded: bool,
 }
@@ -132,6 +134,8 @@ pub(super) struct Cluster {
     pub(super) watched: bool,
     /// Whether steps are fitted to a tolerance.
     pub(super) fitted: bool,
+    /// What is known of laws near rest.
+    pub(super) near: RefCell<Known>,
 }
 
 impl Cluster {
@@ -333,13 +337,20 @@ impl Cluster {
 
     /// H of a region of the cluster.
     pub(super) fn energy(&self, pool: &mut Pool, region: RegionId) -> Expr {
-        let one = |g: &Group| match g.states[..] {
-            [only] => Some(self.states[only].symbol),
-            _ => None,
-        };
         let groups = self.groups_in(region).iter();
-        let terms: Vec<Expr> = groups.map(|g| *g.level.get_or_init(|| level::energy(pool, one(g), g.energy))).collect();
+        let terms: Vec<Expr> = groups.map(|g| self.level(pool, g).energy).collect();
         pool.sum(&terms)
+    }
+
+    /// H of a group without cancellation.
+    pub(super) fn level<'g>(&self, pool: &mut Pool, g: &'g Group) -> &'g Level {
+        g.level.get_or_init(|| match (&g.states[..], &g.coenergy[..]) {
+            ([only], [law]) => {
+                let known = &mut self.near.borrow_mut();
+                Level::of(pool, known, self.states[*only].symbol, g.energy, *law)
+            }
+            _ => Level { energy: g.energy, near: None },
+        })
     }
 
     /// Slots of the state: energy states, integrals, what loops start from, what rounding took from the energy states,

@@ -70,7 +70,9 @@ pub(super) fn gradient(
     let driven = g.coenergy.iter().any(|z| pool.contains_any(*z, &|s| sources.contains(&s)));
     if let ([only], [s], false) = (&g.states[..], &symbols[..], driven) {
         let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
-        return vec![pool.difference(g.energy, *s, x, d)];
+        let slope = pool.difference(g.energy, *s, x, d);
+        let near = c.level(pool, g).near.as_ref();
+        return vec![near.map_or(slope, |near| near.slope(pool, d, slope))];
     }
     if g.coenergy.iter().all(|z| whole::is_straight(pool, *z, &symbols)) {
         return g.coenergy.iter().map(|z| pool.substitute(*z, middle)).collect();

@@ -1,20 +1,40 @@
 //! Where energies are least, and how far they stand above 0 without cancellation.
 
 use super::cluster::{Cluster, Group};
+use super::near::{Known, Near};
 use crate::expression::{Expr, Node, Pool, Sign, Symbol};
 use crate::model::Model;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 
-/// H of a group as it is to be computed. Of one state it is H(0) and the change from there, written without
+/// H of a group as it is to be computed, and where polynomials stand for it.
+#[derive(Clone, Debug)]
+pub(super) struct Level {
+    pub(super) energy: Expr,
+    pub(super) near: Option<Near>,
+}
+
+impl Level {
+    /// Of one state.
+    pub(super) fn of(pool: &mut Pool, known: &mut Known, s: Symbol, energy: Expr, law: Expr) -> Level {
+        let closed = self::energy(pool, s, energy);
+        let near = Near::of(pool, known, s, law, closed);
+        let energy = near.as_ref().map_or(closed, |near| near.energy(pool, closed));
+        Level { energy, near }
+    }
+}
+
+/// H of one state it is H(0) and the change from there, written without
 /// cancellation: as in `1 - cos q` near 0, else what H is near its least would be rounding of its largest term. Where H
 /// is a polynomial, has a choice in it that is not of the whole, or no value at 0, as it stands; of pieces that is so for
 /// the one at 0.
-pub(super) fn energy(pool: &mut Pool, symbol: Option<Symbol>, energy: Expr) -> Expr {
-    let Some(s) = symbol.filter(|s| pool.symbols(energy).contains(s)) else { return energy };
+fn energy(pool: &mut Pool, s: Symbol, energy: Expr) -> Expr {
+    if !pool.contains(energy, s) {
+        return energy;
+    }
     if let Node::Select(c, a, b) = *pool.node(energy) {
         let here = pool.eval(c, &|_| 0.0) != 0.0;
-        let (a, b) = if here { (self::energy(pool, symbol, a), b) } else { (a, self::energy(pool, symbol, b)) };
+        let (a, b) = if here { (self::energy(pool, s, a), b) } else { (a, self::energy(pool, s, b)) };
         return pool.select(c, a, b);
     }
     let plain = without_sizes(pool, energy);

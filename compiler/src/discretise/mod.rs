@@ -14,6 +14,7 @@ mod instant;
 mod jump;
 mod level;
 mod measure;
+mod near;
 mod order;
 mod probes;
 mod ray;

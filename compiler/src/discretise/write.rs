@@ -682,7 +682,8 @@ pub(super) fn energies(
             let parts = if g.states.len() > 1 {
                 super::measure::summands(model, &end, g.energy)
             } else {
-                let later = model.pool.substitute(g.energy, &end);
+                let level = c.level(&mut model.pool, g).energy;
+                let later = model.pool.substitute(level, &end);
                 model.pool.unary(Unary::Abs, later)
             };
             let v = at.lower(&model.pool, b, parts).map_err(|s| missing(model, s))?;

@@ -337,9 +337,11 @@ fn gradients(
     let mut at_rules: FxHashMap<usize, Vec<FxHashMap<Symbol, Expr>>> = FxHashMap::default();
     for g in &c.groups {
         let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
+        let near = c.level(pool, g).near.as_ref();
+        let laws: Vec<Expr> = g.coenergy.iter().map(|z| near.map_or(*z, |near| near.law(pool, *z))).collect();
         let (mut straight, bent): (Vec<Expr>, Vec<Expr>) = match nodes == Nodes::Radau || is_quadratic(c, pool, g) {
-            true => (g.coenergy.clone(), Vec::new()),
-            false => g.coenergy.iter().map(|z| whole::apart(pool, *z, &symbols)).unzip(),
+            true => (laws, Vec::new()),
+            false => laws.iter().map(|z| whole::apart(pool, *z, &symbols)).unzip(),
         };
         if whole {
             straight.iter_mut().for_each(|z| *z = whole::kept(pool, *z, &symbols, &mut slopes));

@@ -81,11 +81,7 @@ impl Stores {
 
 /// The energy of a group as it is to be computed, and what it is at the start.
 fn energy(c: &Cluster, model: &mut Model, g: &Group) -> (Expr, f64) {
-    let only = match g.states[..] {
-        [only] => Some(c.states[only].symbol),
-        _ => None,
-    };
-    let e = level::energy(&mut model.pool, only, g.energy);
+    let e = c.level(&mut model.pool, g).energy;
     let at = |s: Symbol| g.states.iter().map(|i| &c.states[*i]).find(|x| x.symbol == s).map_or(0.0, |x| x.initial);
     (e, model.pool.eval(e, &at))
 }
