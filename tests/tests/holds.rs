@@ -231,6 +231,55 @@ fn sampled_regions_joined_directly_come_to_the_continuous_solution() {
     assert!(errors[0] < 0.1 && errors[1] < errors[0] / 1.8 && errors[2] < errors[1] / 1.8, "{errors:?}");
 }
 
+/// Mass, spring and mass in three regions: in periods (ms; 0 is continuous) of no whole ratio they come to the closed
+/// form, w^2 = 300, with order 2, and what crosses is the same on both sides.
+#[test]
+fn clocks_in_no_whole_ratio() {
+    for (periods, leaks) in [
+        ([0.0, 7.0, 5.0], 1e-3),
+        ([5.0, 7.0, 0.0], 1e-3),
+        ([3.0, 7.0, 3.0], 1e-3),
+        ([1.0, 1.5, 0.0], 1e-4),
+        ([1.0, 1.5, 2.0], 1e-3),
+        ([2.0, 3.0, 7.0], 1e-2),
+    ] {
+        let end = 2.1;
+        let error = |scale: f64| {
+            let region = |k: usize, what: &str| match periods[k] {
+                0.0 => what.to_string(),
+                period => format!("sampled every {} ms {{ {what} }}", period * scale),
+            };
+            let compiled = text(&format!(
+                "model Clocks {{
+                   {}
+                   {}
+                   {}
+                   i ||> j
+                   j ||> k
+                   probe a = left.f  probe b = right.f  probe e = spring.e
+                 }}",
+                region(0, "I:left { inertia = 1 kg; f0 = 0.3 m/s }  1:i -> left"),
+                region(1, "C:spring { stiffness = 100 N/m }  0:j -> spring"),
+                region(2, "I:right = 0.5 kg  1:k -> right"),
+            ));
+            let mut sim = start(&compiled, Steps::new());
+            finish(&mut sim, end);
+            let summary = sim.summary();
+            for bar in &summary.bars {
+                assert_eq!(bar.holder.to_bits(), bar.other.to_bits(), "{periods:?} {}", bar.name);
+            }
+            let leaked: f64 = summary.regions.iter().map(|r| r.leaked.abs()).sum();
+            assert!(leaked < leaks * scale * scale * 0.045, "{periods:?}: {leaked:e} J");
+            let w = 300f64.sqrt();
+            let (c, s) = ((w * end).cos(), (w * end).sin());
+            let exact = [("a", 0.2 + 0.1 * c, 1.0), ("b", 0.2 - 0.2 * c, 1.0), ("e", 30.0 / w * s, 10.0)];
+            exact.iter().map(|(name, x, size)| (probe(&mut sim, name) - x).abs() / size).fold(0.0, f64::max)
+        };
+        let errors = [1.0, 0.5, 0.25].map(error);
+        assert!(errors[0] < 0.03 && errors.windows(2).all(|e| e[1] < e[0] / 3.0), "{periods:?}: {errors:?}");
+    }
+}
+
 /// An open port: a point that is pushed 2 cm into the wall meets k x, and what it reports is what the wall moved.
 #[test]
 fn an_open_port_answers_to_what_it_is_told() {

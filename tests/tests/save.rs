@@ -115,6 +115,27 @@ proptest! {
     }
 }
 
+/// A spring that goes by the clock of one of its sides, in the midst of an interval of the other.
+#[test]
+fn clocks_of_others_are_kept() {
+    let compiled = text(
+        "model Clocks {
+          sampled every 3 ms { I:left { inertia = 1 kg; f0 = 0.3 m/s } }
+          sampled every 7 ms { C:spring { stiffness = 100 N/m }  0:n -> spring }
+          sampled every 5 ms { I:right = 0.5 kg }
+          left ||> n
+          n ||> right
+          probe a = left.f
+          probe e = spring.e
+        }",
+    );
+    let settings = &compiled.stages().model.settings;
+    let options = Steps::new().resolve(settings, 0.5, None).unwrap_or_else(|e| panic!("{e}"));
+    for at in [5, 26, 40] {
+        splits("clocks", &compiled, &options, 0.13, at, &[]);
+    }
+}
+
 const FED: &str = "
     model Fed(r = 2 N*s/m) {
       input push = 1 N

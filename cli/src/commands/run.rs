@@ -229,8 +229,8 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
     for (holder, other) in bond_runtime::simulate::uneven(scene) {
         let name = |c: usize| &scene.clusters[c].name;
         report::say(&format!(
-            "note: `{}` holds for `{}`, whose period is in no whole ratio to its own, and for others besides: what it \
-             foretells is poor, and the motion may be wrong; give it periods in whole ratios",
+            "note: `{}` holds for `{}`, whose period goes neither into its own nor into that of what else it holds for: \
+             what it foretells is poor, and the motion may be wrong; give them periods in whole ratios",
             name(holder),
             name(other)
         ));

@@ -304,15 +304,14 @@ fn a_run_without_a_number_for_its_energy_is_not_passive() {
 fn periods_that_do_not_go_together() {
     let uneven = "
 model M {
-  I:m0 { inertia = 1 kg; f0 = 0.3 m/s }
+  sampled every 3 ms { I:m0 { inertia = 1 kg; f0 = 0.3 m/s } }
   sampled every 7 ms { 0:n1; C:k1 { stiffness = 100 N/m }; n1 -> k1 }
   sampled every 5 ms { I:m1 = 0.5 kg }
-  1:v -> m0
-  v ||> n1
+  m0 ||> n1
   n1 ||> m1
 }";
-    let here = Folder::new().with("a.bond", uneven).with("b.bond", uneven.replace("5 ms", "3.5 ms"));
-    let said = "note: `n1` holds for `m1`, whose period is in no whole ratio to its own";
+    let here = Folder::new().with("a.bond", uneven).with("b.bond", uneven.replace("3 ms", "2.5 ms"));
+    let said = "note: `n1` holds for `m0`, whose period goes neither into its own nor into that of what else";
     here.bond(&["run", "a.bond", "--stop", "0.1"]).is(0, &[], &[said]);
     let done = here.bond(&["run", "b.bond", "--stop", "0.1"]).is(0, &[], &[]);
     assert!(!done.err.contains("ratio"), "{}", done.err);

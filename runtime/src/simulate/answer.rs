@@ -79,7 +79,7 @@ impl Simulation<'_> {
             beta[k * n + k] = if beta[k * n + k].is_finite() { beta[k * n + k].max(0.0) } else { 0.0 };
         }
         if let Some(p) = &mut self.pace[i] {
-            p.find_betas(&beta, &gamma, &decay);
+            p.find_betas(n, &beta, &gamma, &decay);
         }
         self.beta[i] = beta;
         self.gamma[i] = gamma;

@@ -706,17 +706,6 @@ impl Run {
         result.map_err(|why| self.failure(c, names, t, why))
     }
 
-    /// Takes a step without keeping it, for what it gives out.
-    pub(super) fn try_on(&mut self, c: &Cluster, names: &[String], t: f64, h: f64) -> Result<(), Error> {
-        self.prepare(names, h)?;
-        self.input[0] = t;
-        self.input[1] = h;
-        let iterations = self.step.work.newton_iterations;
-        let result = self.step.run(&self.state, &self.input);
-        self.step.work.newton_iterations = iterations;
-        result.map_err(|why| self.failure(c, names, t, why))
-    }
-
     /// The output of the last step.
     pub(super) fn output(&self) -> &[f64] {
         &self.step.work.output

@@ -50,6 +50,11 @@ pub(super) struct Held {
     /// Energy that crossed since the last sample, where the other side is sampled too and may have latched earlier
     /// values.
     pub(super) w: f64,
+    /// Of a holder that goes by another clock: the answer since that one's last sample; what of it the other side, in its
+    /// interval that runs, was taken to give; and what it gave a second in the one before.
+    pub(super) got: f64,
+    pub(super) ahead: f64,
+    pub(super) rate: f64,
     /// Energy that crossed in the interval that ended last.
     pub(super) crossed: f64,
     /// The answer of the last interval.

@@ -1,75 +1,63 @@
-//! Two sampled regions whose periods are in no whole ratio, joined by double bars: the holder's interval is made of the
-//! other side's own.
+//! Sampled regions whose periods are in no whole ratio, joined by double bars: the holder goes by the other side's clock.
 //!
 //! The faster side latches what is held at instants of its own, and does what it does over whole intervals of its own.
-//! So what the holder holds from jT on is met from the first such instant t_j at or after jT, and until t_(j+1): over
-//! n_j intervals of the other side, n_j being one of two neighbours. The holder's step is over just these: of length
-//! n_j times the other's period, with what crossed in them. Then what is held is met throughout the interval that it is
-//! reckoned with, the energy that crosses is v q with both of one interval, and the leak is that of the forecast alone.
-//! An interval of the other side that still runs at (j+1)T is worked out then: all that it depends on has been latched.
-//! (Of a side that itself holds for a third one, with what that gave last; the rest is handed over when it is known.)
+//! So the holder's k-th sample is at the first such instant at or after kT, and its interval is made of whole ones of
+//! the other side: n_k of them, n_k being one of two neighbours. Then what is held is met throughout the interval that it
+//! is reckoned with, by all that it is held for, and the leak is that of the forecast alone. What the others do is told
+//! interval by interval of that clock, and foretold so. A holder of one that goes by another clock goes by it too.
 
-use super::Error;
 use super::hold::{Held, RECURRENCE, TERMS};
 use super::schedule::Simulation;
-use crate::scene::Scene;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use crate::scene::{Bar, Scene};
 
 /// Instants so close, as a part of themselves, are one.
 const SAME: f64 = 1e-12;
 
-/// A holder that goes by the intervals of its other side.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Of so many times a period one more or less is nothing.
+const MANY: f64 = 1e6;
+
+/// A holder that goes by the clock of its other side.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Pace {
-    /// The other side's cluster.
-    pub(super) other: usize,
-    /// Its period, s.
+    /// The clock's cluster.
+    clock: usize,
+    /// Its period, and the holder's own, s.
     pub(super) step: f64,
-    /// How many of its intervals have been told of, and how many of them since the holder's last sample.
-    pub(super) told: u64,
-    pub(super) count: u64,
-    /// How many the interval that runs will have.
-    pub(super) coming: u64,
-    /// Whether the other side's interval that runs was worked out ahead, and what it gave to each held port.
-    pub(super) taken: bool,
-    pub(super) given: Vec<f64>,
-    /// How many of them the holder's interval before had.
-    pub(super) last: u64,
-    /// beta of an interval of `low` of them, and of one more.
-    pub(super) low: u64,
-    pub(super) betas: [Vec<f64>; 2],
+    period: f64,
+    /// The cluster at whose samples those of the clock are, and which goes by no other clock, and its period, s.
+    root: (usize, f64),
+    /// beta of an interval of `low` of the clock's, and of one more.
+    low: u64,
+    betas: [Vec<f64>; 2],
 }
 
 impl Pace {
-    /// Of a sampled cluster, where it holds for one other sampled side alone, in no whole ratio to it.
-    pub(super) fn of(scene: &Scene, i: usize, held: &[Held]) -> Option<Self> {
-        let period = scene.clusters[i].period?;
-        let mut others = held.iter().map(|h| h.bar.map(|b| scene.bars[b].other.0));
-        let other = others.next()??;
-        let step = scene.clusters[other].period?;
-        if !is_uneven(period, step) || others.any(|o| o != Some(other)) {
-            return None;
+    /// By cluster, the clock that it goes by: of the sampled sides that it holds for, where one is in no whole ratio to it
+    /// or goes by another clock itself, the slowest at whose samples all others sample; the slowest, if there is none.
+    pub(super) fn all(scene: &Scene) -> Vec<Option<Pace>> {
+        let mut all: Vec<Option<Pace>> = vec![None; scene.clusters.len()];
+        for (period, i) in by_period((0..scene.clusters.len()).collect(), scene) {
+            let others = sides(scene, i);
+            if is_open(scene, i) || !others.iter().any(|o| strays(period, *o, &all)) {
+                continue;
+            }
+            let leads = |c: &&(f64, usize)| astray(**c, &others, &all).next().is_none();
+            let Some(&(step, clock)) = others.iter().rev().find(leads).or(others.last()) else { continue };
+            let root = all[clock].as_ref().map_or((clock, step), |p| p.root);
+            let low = (period / step * (1.0 + SAME)) as u64;
+            all[i] = Some(Pace { clock, step, period, root, low, ..Self::default() });
         }
-        Some(Self {
-            other,
-            step,
-            given: vec![0.0; held.len()],
-            last: 1,
-            low: (period / step) as u64,
-            ..Self::default()
-        })
+        all
     }
 
-    /// beta of the interval that runs.
-    pub(super) fn beta(&self) -> &[f64] {
-        &self.betas[usize::from(self.coming > self.low)]
+    /// The sample of the clock at which the holder's k-th is.
+    fn number(&self, k: u64) -> u64 {
+        (k as f64 * self.period / self.step * (1.0 - SAME)).ceil() as u64
     }
 
-    /// beta of so many intervals of the other side, from what one of them and the recurrence tell: what is held goes on
-    /// to be felt in the later ones.
-    pub(super) fn find_betas(&mut self, beta: &[f64], gamma: &[f64], decay: &[f64]) {
-        let n = self.given.len();
+    /// beta of so many intervals of the clock, from what one of them and the recurrence tell: what is held goes on to be
+    /// felt in the later ones.
+    pub(super) fn find_betas(&mut self, n: usize, beta: &[f64], gamma: &[f64], decay: &[f64]) {
         self.betas = [vec![0.0; n * n], vec![0.0; n * n]];
         for (a, b) in (0..n).flat_map(|a| (0..n).map(move |b| (a, b))) {
             let rule = &decay[a * RECURRENCE..(a + 1) * RECURRENCE];
@@ -98,150 +86,150 @@ impl Pace {
     }
 }
 
+/// beta of the interval after the k-th sample; `own` is that of one interval of the clock, or of the cluster's own.
+pub(super) fn beta_of<'a>(pace: &'a Option<Pace>, own: &'a [f64], k: u64) -> &'a [f64] {
+    pace.as_ref().map_or(own, |p| &p.betas[usize::from(p.number(k + 1) - p.number(k) > p.low)])
+}
+
 /// Whether a period is longer than another one, and no multiple of it.
 fn is_uneven(period: f64, step: f64) -> bool {
     let ratio = period / step;
-    ratio >= 1.0 && (period - ratio.round() * step).abs() > SAME * period
+    (1.0..MANY).contains(&ratio) && (period - ratio.round() * step).abs() > SAME * period
 }
 
-/// Sampled clusters that hold for a faster sampled side in no whole ratio to them, and for others besides, each with that
-/// side: what they foretell of it is poor.
+/// Whether a sampled side, by period and cluster, has no instants at all samples of this period.
+fn strays(period: f64, (step, other): (f64, usize), all: &[Option<Pace>]) -> bool {
+    is_uneven(period, step) || all[other].is_some()
+}
+
+/// Of sampled sides those that do not sample whenever this one does.
+fn astray<'a>(
+    clock: (f64, usize),
+    others: &'a [(f64, usize)],
+    all: &'a [Option<Pace>],
+) -> impl Iterator<Item = &'a (f64, usize)> {
+    let meets = move |o: &(f64, usize)| o.0 <= clock.0 && all[clock.1].is_none() && !strays(clock.0, *o, all);
+    others.iter().filter(move |o| o.1 != clock.1 && !meets(o))
+}
+
+/// Sampled clusters of a list with their periods, the shortest first, each once.
+fn by_period(mut list: Vec<usize>, scene: &Scene) -> Vec<(f64, usize)> {
+    list.sort_unstable();
+    list.dedup();
+    let mut list: Vec<(f64, usize)> = list.into_iter().filter_map(|i| Some((scene.clusters[i].period?, i))).collect();
+    list.sort_by(|a, b| a.0.total_cmp(&b.0));
+    list
+}
+
+/// The sampled sides that a cluster holds for.
+fn sides(scene: &Scene, i: usize) -> Vec<(f64, usize)> {
+    by_period(scene.bars.iter().filter(|b| b.holder.0 == i).map(|b| b.other.0).collect(), scene)
+}
+
+/// Whether a cluster holds for the outside, which goes by the cluster's own period.
+fn is_open(scene: &Scene, i: usize) -> bool {
+    scene.open.iter().any(|o| o.port.0 == i)
+}
+
+/// Sampled clusters that hold for a sampled side which does not sample whenever they do, each with that side: what they
+/// foretell of it is poor.
 pub fn uneven(scene: &Scene) -> Vec<(usize, usize)> {
+    let all = Pace::all(scene);
     let mut list = Vec::new();
     for (i, c) in scene.clusters.iter().enumerate() {
-        let Some(period) = c.period else { continue };
-        let others: BTreeSet<Option<usize>> = (c.holds.iter())
-            .map(|port| scene.bars.iter().find(|b| b.holder == (i, *port)).map(|b| b.other.0))
-            .collect();
-        let faster =
-            others.iter().flatten().filter(|o| scene.clusters[**o].period.is_some_and(|t| is_uneven(period, t)));
-        if others.len() > 1 {
-            list.extend(faster.map(|o| (i, *o)));
-        }
+        let (Some(period), others) = (c.period, sides(scene, i)) else { continue };
+        let clock = all[i].as_ref().map_or((period, i), |p| (p.step, p.clock));
+        list.extend(astray(clock, &others, &all).map(|o| (i, o.1)));
     }
     list
 }
 
 impl Simulation<'_> {
-    /// Length of the interval of a sampled cluster that runs, s.
-    pub(super) fn length(&self, i: usize) -> f64 {
-        match &self.pace[i] {
-            Some(p) => p.coming as f64 * p.step,
-            None => self.scene.clusters[i].period.unwrap_or(0.0),
+    /// The sample of the root of its clocks at which a sampled cluster's k-th is.
+    fn base(&self, i: usize, k: u64) -> u64 {
+        let (mut i, mut k) = (i, k);
+        while let Some(p) = &self.pace[i] {
+            (i, k) = (p.clock, p.number(k));
         }
+        k
     }
 
-    /// Lengths of the interval of a sampled cluster that is over, and of the one that begins, s.
-    pub(super) fn coming(&mut self, i: usize) -> (f64, f64) {
-        let period = self.scene.clusters[i].period.unwrap_or(0.0);
-        let end = (self.next[i] + 1) as f64 * period;
-        if let Some(p) = &mut self.pace[i] {
-            // Intervals of the other side that begin before the next sample.
-            let until = (end * (1.0 - SAME) / p.step).ceil() as u64;
-            p.coming = until.saturating_sub(p.told).clamp(p.low, p.low + 1);
-            let before = p.last as f64 * p.step;
-            return (before, self.length(i));
-        }
-        (period, period)
+    /// The period of that root.
+    fn root_step(&self, i: usize) -> f64 {
+        let own = self.scene.clusters[i].period.unwrap_or(0.0);
+        self.pace[i].as_ref().map_or(own, |p| p.root.1)
     }
 
-    /// Where the interval of a sampled cluster that ends now began, and how long it was, s.
-    pub(super) fn ended(&mut self, i: usize) -> Result<(f64, f64), Error> {
-        let period = self.scene.clusters[i].period.unwrap_or(0.0);
-        let now = self.next[i] as f64 * period;
-        let Some(p) = &self.pace[i] else { return Ok(((self.next[i] - 1) as f64 * period, period)) };
-        let (other, step, taken) = (p.other, p.step, p.taken);
-        if self.next[other] as f64 * step - now > SAME * now && !taken {
-            self.take_ahead(i, other)?;
-        }
-        let Some(p) = &self.pace[i] else { return Ok((now, period)) };
-        Ok(((p.told - p.count) as f64 * step, p.count.max(1) as f64 * step))
+    /// When a sampled cluster's k-th sample is, s.
+    pub(super) fn instant(&self, i: usize, k: u64) -> f64 {
+        self.base(i, k) as f64 * self.root_step(i)
     }
 
-    /// Works out what the other side does in its interval that runs.
-    fn take_ahead(&mut self, i: usize, other: usize) -> Result<(), Error> {
-        let c = &self.scene.clusters[other];
-        let step = c.period.unwrap_or(0.0);
-        let begun = (self.next[other] - 1) as f64 * step;
-        for h in &self.held[other] {
-            self.runs[other].input[c.ports[h.port].input] = -h.last_q / step;
-        }
-        self.runs[other].try_on(c, &self.names, begun, step)?;
-        for k in 0..self.held[i].len() {
-            let Some(b) = self.held[i][k].bar else { continue };
-            let bar = &self.scene.bars[b];
-            let q = bar.sign * (step * self.runs[other].output()[c.ports[bar.other.1].mean]);
-            if let Some(p) = &mut self.pace[i] {
-                p.given[k] = q;
-            }
-        }
-        self.pass(i, other, false);
-        if let Some(p) = &mut self.pace[i] {
-            p.taken = true;
-        }
-        Ok(())
+    /// Length of the interval of a sampled cluster after its k-th sample, s.
+    pub(super) fn length(&self, i: usize, k: u64) -> f64 {
+        (self.base(i, k + 1) - self.base(i, k)) as f64 * self.root_step(i)
     }
 
-    /// Hands over what a sampled cluster gave in the interval that it has just ended, to those who go by it.
-    pub(super) fn hand_over(&mut self, other: usize) {
+    /// Hands over to those who go by a clock that has just ended an interval, but for those who are due themselves.
+    pub(super) fn hand_over_to_others(&mut self, due: &[usize]) {
         for i in 0..self.pace.len() {
-            let Some(p) = self.pace[i].as_ref().filter(|p| p.other == other) else { continue };
-            let taken = p.taken;
-            for k in 0..self.held[i].len() {
-                let Some(b) = self.held[i][k].bar else { continue };
-                let bar = &self.scene.bars[b];
-                let q = bar.sign * std::mem::take(&mut self.moved[other][bar.other.1]);
-                if let Some(p) = &mut self.pace[i] {
-                    // Of what was worked out ahead, only what it was off by is new.
-                    p.given[k] = if taken { q - p.given[k] } else { q };
-                }
-            }
-            self.pass(i, other, taken);
-            if let Some(p) = &mut self.pace[i] {
-                p.taken = false;
+            if self.pace[i].as_ref().is_some_and(|p| due.contains(&p.clock)) && !due.contains(&i) {
+                self.hand_over(i);
             }
         }
     }
 
-    /// Gives a holder what is given, and lets it learn from that where it is of a whole interval.
-    fn pass(&mut self, i: usize, other: usize, rest: bool) {
-        let Some(p) = &mut self.pace[i] else { return };
-        let n = p.given.len();
-        let (scene, runs) = (self.scene, &self.runs);
-        let met = |bar: Option<usize>| {
-            let bar = bar.map(|b| &scene.bars[b]);
-            bar.map_or(0.0, |b| b.sign * runs[other].input[scene.clusters[other].ports[b.other.1].input])
-        };
-        for k in 0..n {
-            let (v, q) = (met(self.held[i][k].bar), p.given[k]);
-            let response: f64 = (0..n).map(|j| self.beta[i][k * n + j] * met(self.held[i][j].bar)).sum();
-            let h = &mut self.held[i][k];
-            h.q += q;
-            h.w += v * q;
-            if !rest {
-                h.note(q + response, v);
-            }
-        }
-        if !rest {
-            p.told += 1;
-            p.count += 1;
-        }
-    }
-
-    /// What alpha is foretold to be over all of the interval that begins: interval by interval of the other side.
-    pub(super) fn foretell_ahead(&self, i: usize, alpha: &mut Vec<f64>, ahead: &mut Vec<Held>) {
+    /// Hands over what those did that a holder holds for, in the interval of its clock that has just ended; it learns
+    /// from that.
+    pub(super) fn hand_over(&mut self, i: usize) {
+        let Some(p) = self.pace[i].as_ref().filter(|p| self.next[p.clock] > 0) else { return };
+        // An interval of a clock that goes by another one is longer than that one's period, or shorter.
+        let part = p.step / self.length(p.clock, self.next[p.clock] - 1);
         let n = self.held[i].len();
+        for a in 0..n {
+            let Some(bar) = self.held[i][a].bar.map(|b| &self.scene.bars[b]) else { continue };
+            let response: f64 = (0..n).map(|b| self.beta[i][a * n + b] * self.held[i][b].v).sum();
+            let (met, since) = (self.met(bar), self.since(bar.other.0));
+            let h = &mut self.held[i][a];
+            let ahead = h.rate * since;
+            let more = ahead - std::mem::replace(&mut h.ahead, ahead);
+            h.w += met * more;
+            let q = std::mem::take(&mut h.got) + more;
+            h.q += q;
+            h.note(part * q + response, h.v);
+        }
+    }
+
+    /// What the other side of a bar met in its interval that runs, or that has just ended.
+    pub(super) fn met(&self, bar: &Bar) -> f64 {
+        let (cluster, port) = bar.other;
+        bar.sign * self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input]
+    }
+
+    /// How long the interval of a side that runs has lasted, s; 0 where it has just ended, and of a continuous one.
+    fn since(&self, cluster: usize) -> f64 {
+        let next = self.next[cluster];
+        if next == 0 || self.instant(cluster, next) <= self.time * (1.0 + SAME) {
+            return 0.0;
+        }
+        self.time - self.instant(cluster, next - 1)
+    }
+
+    /// What alpha is foretold to be over all of the interval that begins: interval by interval of the clock.
+    pub(super) fn foretell_ahead(&self, i: usize, alpha: &mut Vec<f64>, ahead: &mut Vec<Held>) {
+        let (n, next) = (self.held[i].len(), self.next[i]);
         alpha.resize(n, 0.0);
         ahead.clear();
         ahead.extend(self.held[i].iter().cloned());
-        let coming = self.pace[i].as_ref().map_or(1, |p| p.coming);
-        for _ in 0..coming {
+        let Some(p) = &self.pace[i] else { return };
+        for number in p.number(next)..p.number(next + 1) {
+            let part = self.length(p.clock, number) / p.step;
             for k in 0..n {
                 ahead[k].forecast = self.foretold(i, k, ahead);
             }
             for (sum, h) in alpha.iter_mut().zip(ahead.iter_mut()) {
                 // What will be held is not known yet: its effect is in beta.
-                *sum += h.forecast;
+                *sum += part * h.forecast;
                 h.note(h.forecast, 0.0);
             }
         }
@@ -249,21 +237,20 @@ impl Simulation<'_> {
 
     /// Looks what the forecast of an interval that is over was off by, and begins another.
     pub(super) fn review_pace(&mut self, i: usize) {
-        let Some(p) = &mut self.pace[i] else { return };
-        let n = p.given.len();
+        let (n, last) = (self.held[i].len(), self.next[i] - 1);
+        let Some(p) = &self.pace[i] else { return };
+        let count = p.number(last + 1) - p.number(last);
         for k in 0..n {
-            let beta = p.beta();
+            let beta = beta_of(&self.pace[i], &self.beta[i], last);
             let response: f64 = (0..n).map(|j| beta[k * n + j] * self.held[i][j].v).sum();
             let rule = &self.decay[i][k * RECURRENCE..(k + 1) * RECURRENCE];
             let h = &mut self.held[i][k];
-            h.review(h.q + response, h.intervals.saturating_sub(p.count), rule);
+            h.review(h.q + response, h.intervals.saturating_sub(count), rule);
             h.last_q = h.q;
         }
         for h in &mut self.held[i] {
             h.q = 0.0;
             h.w = 0.0;
         }
-        p.last = p.count.max(1);
-        p.count = 0;
     }
 }

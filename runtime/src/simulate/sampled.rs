@@ -3,7 +3,7 @@
 use super::Error;
 use super::cluster::Book;
 use super::hold::{BESIDE, Held, NOISE, RECURRENCE, TERMS, within_budget};
-use super::pace::Pace;
+use super::pace::beta_of;
 use super::schedule::Simulation;
 use crate::scene::Respond;
 
@@ -43,7 +43,8 @@ impl Simulation<'_> {
     /// Ends the interval of a sampled cluster: its state moves with what was reported.
     pub(super) fn commit(&mut self, i: usize) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let (start, period) = self.ended(i)?;
+        let last = self.next[i] - 1;
+        let (start, period) = (self.instant(i, last), self.length(i, last));
         let (rate, mut crossed) = (1.0 / period, 0.0);
         for k in 0..self.held[i].len() {
             let latches = self.latches(&self.held[i][k]);
@@ -152,8 +153,9 @@ impl Simulation<'_> {
     /// Begins an interval: finds what to hold, and latches what others hold.
     pub(super) fn respond(&mut self, i: usize, at: f64, scratch: &mut Scratch) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let (told, period) = self.coming(i);
-        let rate = 1.0 / told;
+        let next = self.next[i];
+        let period = self.length(i, next);
+        let rate = 1.0 / self.length(i, next.saturating_sub(1));
         for bar in self.scene.bars.iter().filter(|b| b.other.0 == i) {
             let v = self.held[bar.holder.0].iter().find(|h| (bar.holder.0, h.port) == bar.holder).map_or(0.0, |h| h.v);
             self.runs[i].input[c.ports[bar.other.1].input] = bar.sign * v;
@@ -162,7 +164,7 @@ impl Simulation<'_> {
         let n = self.held[i].len();
         let Scratch { alpha, doubt, values, q, ahead, .. } = scratch;
         alpha.clear();
-        match &mut self.pace[i] {
+        match &self.pace[i] {
             None => alpha.extend((0..n).map(|k| self.foretold(i, k, &self.held[i]))),
             Some(_) => self.foretell_ahead(i, alpha, ahead),
         }
@@ -177,7 +179,7 @@ impl Simulation<'_> {
         let matched = matches!(respond, Respond::Matched(..));
         if matched {
             input[base..base + n].copy_from_slice(alpha);
-            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            let beta = beta_of(&self.pace[i], &self.beta[i], next);
             input[base + n..base + n + n * n].copy_from_slice(beta);
         }
         values.clear();
@@ -217,7 +219,7 @@ impl Simulation<'_> {
             let rules = self.decay[i].chunks(RECURRENCE);
             doubt.clear();
             doubt.extend(self.held[i].iter().zip(rules).map(|(h, r)| h.doubt(r)));
-            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            let beta = beta_of(&self.pace[i], &self.beta[i], next);
             within_budget(values, alpha, std::iter::repeat(0.0), beta, room);
             within_budget(values, alpha, doubt.iter().copied(), beta, 2.0 * room);
             self.caution[i].restrain(values, alpha, doubt.iter().copied(), beta, stored);
@@ -245,14 +247,14 @@ impl Simulation<'_> {
     /// bisection, v being monotone in q. Several: one after the other, a few times over.
     fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64], q: &mut Vec<f64>) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
-        let rate = 1.0 / self.length(i);
+        let rate = 1.0 / self.length(i, self.next[i]);
         let n = values.len();
         let base = self.runs[i].input.len();
         q.clear();
         q.extend_from_slice(alpha);
         let rounds = if n == 1 { 1 } else { 20 };
         for k in (0..rounds * n).map(|k| k % n) {
-            let beta = self.pace[i].as_ref().map_or(&self.beta[i][..], Pace::beta);
+            let beta = beta_of(&self.pace[i], &self.beta[i], self.next[i]);
             let own = beta[k * n + k];
             let pull: f64 = (0..n).filter(|j| *j != k).map(|j| beta[k * n + j] * values[j]).sum();
             let free = alpha[k] - pull;

@@ -8,7 +8,6 @@ use super::attempt::{Taken, copy};
 use super::cluster::{Book, Ready, Run};
 use super::given::{Course, Feed};
 use super::hold::{Caution, Held, Report};
-use super::pace::Pace;
 use super::{Error, Options, Simulation};
 use crate::envelope::{self, Damaged, Kind};
 use crate::kernel::Backend;
@@ -86,7 +85,6 @@ struct Part {
     gamma: Vec<f64>,
     decay: Vec<f64>,
     caution: Caution,
-    pace: Option<Pace>,
     next: u64,
     reserve: f64,
     moved: Vec<f64>,
@@ -148,7 +146,6 @@ impl Simulation<'_> {
             gamma: self.gamma[i].clone(),
             decay: self.decay[i].clone(),
             caution: self.caution[i],
-            pace: self.pace[i].clone(),
             next: self.next[i],
             reserve: self.reserve[i],
             moved: self.moved[i].clone(),
@@ -221,15 +218,6 @@ impl<'a> Simulation<'a> {
         {
             same("what is foretold", saved, own)?;
         }
-        match (&part.pace, &self.pace[i]) {
-            (None, None) => {}
-            (Some(a), Some(b)) if (a.other, a.given.len(), a.low) == (b.other, b.given.len(), b.low) => {
-                for (saved, own) in a.betas.iter().zip(&b.betas) {
-                    same("what is foretold", saved, own)?;
-                }
-            }
-            (Some(_), None) | (None, Some(_)) | (Some(_), Some(_)) => return Err(Refused::Shape("what is foretold")),
-        }
         same("the ports", &part.moved, &self.moved[i])?;
         let feed = Feed::new(c, &self.given);
         match part.feed.take() {
@@ -266,7 +254,9 @@ impl<'a> Simulation<'a> {
         self.gamma[i] = part.gamma;
         self.decay[i] = part.decay;
         self.caution[i] = part.caution;
-        self.pace[i] = part.pace;
+        if let Some(p) = &mut self.pace[i] {
+            p.find_betas(self.held[i].len(), &self.beta[i], &self.gamma[i], &self.decay[i]);
+        }
         self.next[i] = part.next;
         self.reserve[i] = part.reserve;
         self.moved[i] = part.moved;

@@ -33,7 +33,7 @@ pub struct Simulation<'a> {
     pub(super) decay: Vec<Vec<f64>>,
     /// By cluster, what it risks where it is in debt.
     pub(super) caution: Vec<Caution>,
-    /// By cluster, the other side's intervals where it goes by those.
+    /// By cluster, the clock that it goes by, if not its own.
     pub(super) pace: Vec<Option<Pace>>,
     /// By cluster, the next sample's number.
     pub(super) next: Vec<u64>,
@@ -142,7 +142,7 @@ impl<'a> Simulation<'a> {
             gamma: vec![Vec::new(); n],
             decay: vec![Vec::new(); n],
             caution: vec![Caution::default(); n],
-            pace: held.iter().enumerate().map(|(i, held)| Pace::of(scene, i, held)).collect(),
+            pace: Pace::all(scene),
             next: vec![0; n],
             order,
             reserve: vec![0.0; n],
@@ -208,10 +208,7 @@ impl<'a> Simulation<'a> {
 
     /// The next sample of any cluster.
     fn next_sample(&self) -> Option<f64> {
-        self.order
-            .iter()
-            .map(|i| self.next[*i] as f64 * self.scene.clusters[*i].period.unwrap_or(0.0))
-            .min_by(f64::total_cmp)
+        self.order.iter().map(|i| self.instant(*i, self.next[*i])).min_by(f64::total_cmp)
     }
 
     /// Runs to an instant: all samples up to it, that instant's included, are taken.
@@ -293,7 +290,7 @@ impl<'a> Simulation<'a> {
     fn sample(&mut self, at: f64) -> Result<(), Error> {
         self.time = at;
         self.last_sample = at;
-        self.collect();
+        self.collect(None);
         let mut scratch = std::mem::take(&mut self.scratch);
         let result = self.take(at, &mut scratch);
         self.scratch = scratch;
@@ -301,17 +298,19 @@ impl<'a> Simulation<'a> {
     }
 
     fn take(&mut self, at: f64, scratch: &mut Scratch) -> Result<(), Error> {
-        let instant = |s: &Self, i: usize| s.next[i] as f64 * s.scene.clusters[i].period.unwrap_or(0.0);
         scratch.due.clear();
-        scratch.due.extend(self.order.iter().filter(|i| (instant(self, **i) - at).abs() <= 1e-12 * at.abs()));
+        scratch
+            .due
+            .extend(self.order.iter().filter(|i| (self.instant(**i, self.next[**i]) - at).abs() <= 1e-12 * at.abs()));
         for k in 0..scratch.due.len() {
             let i = scratch.due[k];
             if self.next[i] > 0 {
-                self.commit(i)?;
                 self.hand_over(i);
-                self.collect();
+                self.commit(i)?;
+                self.collect(Some(i));
             }
         }
+        self.hand_over_to_others(&scratch.due);
         self.refresh_foreign(at, &scratch.due)?;
         for k in (0..scratch.due.len()).rev() {
             let i = scratch.due[k];
@@ -321,23 +320,27 @@ impl<'a> Simulation<'a> {
         self.refresh_foreign(at, &scratch.due)
     }
 
-    /// Hands what continuous and sampled clusters gave out at their ports to those who hold them.
-    fn collect(&mut self) {
+    /// Hands what continuous and sampled clusters gave out at their ports to those who hold them; of sampled ones, what
+    /// the one that has just ended an interval did.
+    fn collect(&mut self, ended: Option<usize>) {
         for (k, bar) in self.scene.bars.iter().enumerate() {
             let (cluster, port) = bar.other;
-            if self.pace[bar.holder.0].is_some() {
-                continue; // told interval by interval
-            }
             let m = std::mem::take(&mut self.moved[cluster][port]);
-            if m == 0.0 {
+            if m == 0.0 && ended != Some(cluster) {
                 continue;
             }
-            let q = bar.sign * m;
-            let input = self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input];
+            // The other side latched what it met, perhaps of an earlier sample of the holder.
+            let met = self.met(bar);
+            let rate = match ended {
+                Some(_) => bar.sign * self.runs[cluster].output()[self.scene.clusters[cluster].ports[port].mean],
+                None => 0.0,
+            };
+            let by_clock = self.pace[bar.holder.0].is_some();
             if let Some(h) = self.held[bar.holder.0].iter_mut().find(|h| h.bar == Some(k)) {
-                h.q += q;
-                // The other side latched `sign * v`, perhaps of an earlier sample of the holder.
-                h.w += bar.sign * input * q;
+                let q = bar.sign * m - std::mem::take(&mut h.ahead);
+                *(if by_clock { &mut h.got } else { &mut h.q }) += q;
+                h.rate = rate;
+                h.w += met * q;
             }
         }
     }
