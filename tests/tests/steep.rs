@@ -324,6 +324,26 @@ proptest! {
     }
 }
 
+/// Two bodies that a spring throws apart, and that come to stick one after the other: each update that is made for the
+/// one takes the other across its friction.
+#[test]
+fn bodies_come_to_stick_one_after_the_other() {
+    let friction = |force: f64| format!("{{ e = ({force:e} N)*tanh(f/(2.595143363601363e-6 m/s)) }}");
+    let text = format!(
+        "model M {{
+  I:m = 1.1744418471609683e-2 kg  I:m2 = 2.2036492476278192e-2 kg
+  C:k {{ stiffness = 6.766555360491171e1 N/m; q0 = 0.9915229095513435 m }}
+  R:fr {}  R:fr2 {}
+  1:v -> m, fr
+  v -> 0:s -> k
+  s -> 1:v2 -> m2, fr2
+}}",
+        friction(11.867352274751266),
+        friction(3.5602056824253796)
+    );
+    assert!(ran(&text, "gonzalez", 0.02, 2.0).passive);
+}
+
 /// What is left of an unknown at the start may be the rounding of what it is a difference of.
 #[test]
 fn steep_loops_find_their_start() {

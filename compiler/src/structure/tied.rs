@@ -167,6 +167,7 @@ pub(super) fn check(model: &mut Model, form: &Form, d: ColumnId) -> Option<Diagn
     let soft = if column.gives == Variable::Effort { "C" } else { "I" };
     let part = format!("put a stiff {soft} and some resistance between the two, as the real parts have");
     if column.row.is_empty() {
+        let part = "what it meets is always 0: take it out, or bond it to what is to drive it".to_string();
         return refuse("nothing drives it".into(), None, part);
     }
     if !linear {

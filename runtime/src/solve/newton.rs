@@ -8,7 +8,7 @@
 //!   `s_i²` alone; where there is no weight at all, all are 1.
 //! - Up to `limit` times: compute `r`, `J`.
 //!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far
-//!      (from the iteration [`PATIENT`] on and before [`STRICT`], where the update's `|d|²` was above [`TELLING`] times
+//!      (from the iteration [`PATIENT`] on, where the update's `|d|²` was above [`TELLING`] times
 //!      `Σ w_i (u_i² + s_i²)`, above `1 - FALL / 2^halvings` times that before the update; not where the update is given)
 //!      and above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the
 //!      last update was halved fewer than [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start
@@ -68,9 +68,6 @@ pub const STALLS: u32 = 6;
 /// law that saturates, as friction does, updates may else go from one side to the other for ever, at the same residual.
 /// Of equations that only take power the square of the residual falls along the update.
 pub const PATIENT: u32 = 12;
-/// After so many it need not any more: of an energy that is not convex, over steps of many turns, the way to a solution
-/// may lead over larger ones.
-pub const STRICT: u32 = 60;
 /// The part of the residual's square that a whole update has to take off then; a half one half of it, and so on (Armijo,
 /// Pacific J. Math. 16, 1966).
 pub const FALL: f64 = 0.1;
@@ -80,8 +77,9 @@ pub const TELLING: f64 = 1e-12;
 /// How often one update is halved at most.
 pub const HALVINGS: u32 = 30;
 /// After so many iterations updates are no longer halved for what the residual becomes: beyond the corner of a law it
-/// may have to be larger first, as where a body that slid one way is to slide the other.
-pub const DAMPED: u32 = 100;
+/// may have to be larger first, as where a body that slid one way is to slide the other, or on the way to a solution of
+/// an energy that is not convex, over steps of many turns.
+pub const DAMPED: u32 = 140;
 
 /// More unknowns than this have no bends.
 pub const BENT: usize = 24;
@@ -321,7 +319,7 @@ fn iterate<S: System>(
         system.evaluate(residual, &mut scratch.jacobian)?;
         let size = measure.square(residual);
         let may_halve = before.is_some() && halvings < HALVINGS;
-        let late = !plan.given && (PATIENT..STRICT).contains(&k) && size > reach * from;
+        let late = !plan.given && k >= PATIENT && size > reach * from;
         let up = size > 4.0 * best;
         let worse = (up || late)
             && before.is_some_and(|last| {

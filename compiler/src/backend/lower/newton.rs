@@ -4,9 +4,7 @@ use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Bend, Slot};
-use bond_runtime::solve::newton::{
-    DAMPED, FALL, FAR, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCHES, STRICT, TELLING,
-};
+use bond_runtime::solve::newton::{DAMPED, FALL, FAR, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCHES, TELLING};
 use bond_runtime::solve::quick::{LAST, Pattern};
 
 /// How an iteration ended.
@@ -557,11 +555,11 @@ impl Iteration {
         let late = match self.given {
             true => Cond::any([]),
             false => {
-                let (patient, strict) = (w.number(f64::from(PATIENT)), w.number(f64::from(STRICT)));
+                let patient = w.number(f64::from(PATIENT));
                 let so_far = w.get(self.count);
                 let (from, reach) = (w.get(self.from), w.get(self.reach));
                 let fallen = w.mul(reach, from);
-                Cond::all([w.lt(patient, so_far), w.le(so_far, strict), w.lt(fallen, size)])
+                Cond::all([w.lt(patient, so_far), w.lt(fallen, size)])
             }
         };
         w.when(Cond::any([finite.clone().not(), above.clone(), late.clone()]), |w| {
