@@ -38,8 +38,7 @@ pub fn header(unit: &Unit, options: &Options) -> String {
         out,
         "{numbers}\n/* Length of an interval, s. */\n#define {upper}_INTERVAL {:?}\n\
          /* How many numbers a saved state has. */\n#define {upper}_SAVED {}\n\n",
-        unit.interval,
-        unit.image.len(),
+        unit.interval, unit.kept,
     );
     let list = |out: &mut String, what: &str, doc: &str, names: Vec<&str>| {
         let _ = writeln!(out, "/* {doc} */\n#define {upper}_{what}S {}", names.len());
@@ -63,7 +62,7 @@ pub fn header(unit: &Unit, options: &Options) -> String {
         "
 /* A scene that runs: plain data, to be kept wherever you like. */
 typedef struct {p}_state {{
-    {p}_real x[{}]; /* all that goes from interval to interval */
+    {p}_real x[{}]; /* the first {upper}_SAVED go from interval to interval */
     {p}_real s[{}]; /* scratch: what an interval finds there it could make anew */
 {}}} {p}_state;
 
@@ -110,7 +109,7 @@ void {p}_restore({p}_state *b, const {p}_real *saved);
         if unit.whole {
             String::new()
         } else {
-            format!("    {p}_real k[{}]; /* what the interval began with, to be put back if it fails */\n", unit.image.len())
+            format!("    {p}_real k[{}]; /* what the interval began with, to be put back if it fails */\n", unit.kept)
         },
         if unit.run.is_none() {
             String::new()

@@ -29,9 +29,10 @@ pub(super) fn header(unit: &Unit, options: &Options) -> String {
                 format!("    {p}_real w[{room}][{upper}_LANES]; /* what an interval computes on its way */\n")
             };
             format!(
-                "    {p}_real x[{upper}_SAVED][{upper}_LANES]; /* all that goes from interval to interval */\n{room}    \
+                "    {p}_real x[{}][{upper}_LANES]; /* the first {upper}_SAVED go from interval to interval */\n{room}    \
                  {p}_state one; /* a scene that goes by itself for once */\n    \
-                 {p}_real slow[{upper}_LANES]; /* which ones that are */\n    int plain; /* for how many intervals all do */\n"
+                 {p}_real slow[{upper}_LANES]; /* which ones that are */\n    int plain; /* for how many intervals all do */\n",
+                unit.image.len()
             )
         }
         None => format!("    {p}_state one[{upper}_LANES]; /* one after the other: this scene has no other form */\n"),
@@ -93,7 +94,7 @@ pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> Strin
     let mut out = String::new();
     let each = format!("for (l = 0; l < {lanes}; ++l)");
     let is_lane = format!("lane >= 0 && lane < {lanes}");
-    let saved = unit.image.len();
+    let saved = unit.kept;
     let mut places = BTreeSet::new();
     touched(&unit.commit.body, &mut places);
     let count = places.len();

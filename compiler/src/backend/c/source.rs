@@ -56,7 +56,7 @@ pub fn source(unit: &Unit, options: &Options) -> String {
             out.push_str(text);
         }
     }
-    numbers(&mut out, "start", &unit.image);
+    numbers(&mut out, "start", &unit.image[..unit.kept]);
     if !unit.table.is_empty() {
         numbers(&mut out, "table", &unit.table);
     }
@@ -147,8 +147,8 @@ fn interface(unit: &Unit, p: &str) -> String {
     out.push_str(if unit.whole {
         "    return commit(b->x, moved, 0, b->s);\n}\n\n"
     } else {
-        "    int failed;\n    memcpy(b->k, b->x, sizeof b->x);\n    failed = commit(b->x, moved, 0, b->s);\n    \
-         if (failed) memcpy(b->x, b->k, sizeof b->x);\n    return failed;\n}\n\n"
+        "    int failed;\n    memcpy(b->k, b->x, sizeof b->k);\n    failed = commit(b->x, moved, 0, b->s);\n    \
+         if (failed) memcpy(b->x, b->k, sizeof b->k);\n    return failed;\n}\n\n"
     });
     if unit.run.is_some() {
         // Counters are numbers, of which single ones count not far.
@@ -194,8 +194,8 @@ fn interface(unit: &Unit, p: &str) -> String {
     }
     let _ = writeln!(
         out,
-        "unsigned long {p}_size(void) {{\n    return (unsigned long)sizeof({p}_state);\n}}\n\nvoid {p}_save(const {p}_state *b, {p}_real *saved) {{\n    memcpy(saved, b->x, sizeof b->x);\n}}\n\n\
-         void {p}_restore({p}_state *b, const {p}_real *saved) {{\n    memset(b, 0, sizeof *b);\n    memcpy(b->x, saved, sizeof b->x);\n}}"
+        "unsigned long {p}_size(void) {{\n    return (unsigned long)sizeof({p}_state);\n}}\n\nvoid {p}_save(const {p}_state *b, {p}_real *saved) {{\n    memcpy(saved, b->x, sizeof start);\n}}\n\n\
+         void {p}_restore({p}_state *b, const {p}_real *saved) {{\n    memset(b, 0, sizeof *b);\n    memcpy(b->x, saved, sizeof start);\n}}"
     );
     out
 }

@@ -55,7 +55,7 @@ impl Writer<'_> {
     fn all(&mut self) -> Made<()> {
         let own = |name: &str| format!("{}_{name}_", self.prefix);
         let (commit, observe, several) = (own("commit"), own("observe"), own("many"));
-        let start = self.numbers("start", &self.unit.image)?;
+        let start = self.numbers("start", &self.unit.image[..self.unit.kept])?;
         let table = self.numbers("table", &self.unit.table)?;
         let commit = define(&mut self.module, &commit, &self.unit.commit, Linkage::Local, functions::libm, false)?;
         let many = match &self.unit.run {
@@ -64,7 +64,7 @@ impl Writer<'_> {
         };
         let observe = define(&mut self.module, &observe, &self.unit.observe, Linkage::Local, functions::libm, false)?;
         let pointer = self.module.target_config().pointer_type();
-        let n = self.unit.image.len() as i64;
+        let n = self.unit.kept as i64;
         let face = |name, params: &[ir::Type], gives| Face { name, params: params.to_vec(), gives };
 
         self.function(face("init", &[pointer], None), |w, b, args| {

@@ -31,10 +31,8 @@ impl Block {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cluster {
     pub(super) state: usize,
-    pub(super) next: usize,
     /// The inputs of its programs, directly followed by alpha and beta of a matched hold.
     pub(super) input: usize,
-    pub(super) output: usize,
     /// What its observation and its hold give.
     pub(super) seen: usize,
     pub(super) called: usize,
@@ -56,6 +54,9 @@ pub(super) struct Cluster {
     pub(super) iterations: Option<usize>,
     /// Where its numbers are in the table.
     pub(super) table: usize,
+    /// What a step works out, and nothing reads later: the next state and what else it gives.
+    pub(super) next: usize,
+    pub(super) output: usize,
 }
 
 /// Places of a held port.
@@ -81,17 +82,16 @@ impl Cluster {
     pub(super) fn new(block: &mut Block, c: &scene::Cluster, start: &StartCluster, full: bool) -> Self {
         let n = start.held.len();
         let state = block.put(&start.state);
-        let next = block.take(start.state.len());
         let input = block.put(&start.input);
         block.take(n); // alpha
         block.put(&start.beta);
-        let output = block.take(c.step.program.size(Array::Output));
         let seen = block.take(c.instant.size(Array::Output));
         let called = block.take(c.respond.as_ref().map_or(0, |r| {
             let (p, q) = super::programs(r);
             p.size(Array::Output).max(q.map_or(0, |q| q.size(Array::Output)))
         }));
-        let sizes: Vec<f64> = start.state[..c.states].iter().map(|x| x.abs()).collect();
+        let traced = if c.is_traced() { c.states } else { 0 };
+        let sizes: Vec<f64> = start.state[..traced].iter().map(|x| x.abs()).collect();
         let largest = block.put(&sizes);
         let moved = block.take(c.ports.len());
         let count = block.put(&[if c.period.is_some() { 1.0 } else { 0.0 }]);
@@ -118,9 +118,7 @@ impl Cluster {
         let iterations = full.then(|| block.take(1));
         Self {
             state,
-            next,
             input,
-            output,
             seen,
             called,
             largest,
@@ -133,6 +131,14 @@ impl Cluster {
             more,
             iterations,
             table: 0,
+            next: 0,
+            output: 0,
         }
+    }
+
+    /// Gives what a step works out its places.
+    pub(super) fn work(&mut self, block: &mut Block, c: &scene::Cluster, start: &StartCluster) {
+        self.next = block.take(start.state.len());
+        self.output = block.take(c.step.program.size(Array::Output));
     }
 }

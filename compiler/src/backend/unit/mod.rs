@@ -38,6 +38,8 @@ pub struct Unit {
     pub interval: f64,
     /// The block at the start.
     pub image: Vec<f64>,
+    /// So many of its first numbers go from interval to interval; the others are made anew before they are read.
+    pub kept: usize,
     /// Numbers that never change.
     pub table: Vec<f64>,
     /// Ends the interval that runs, and begins the next one. [`Memory::State`] is the block; [`Memory::Input`] is, for
@@ -124,6 +126,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
         name: scene.name.clone(),
         interval: plan.interval,
         image: unit.block.image,
+        kept: unit.kept,
         table: unit.table,
         commit,
         whole,
@@ -244,6 +247,7 @@ struct Writing<'a> {
     apart: Option<Apart<'a>>,
     clusters: Vec<Cluster>,
     block: Block,
+    kept: usize,
     table: Vec<f64>,
 }
 
@@ -262,7 +266,7 @@ impl<'a> Writing<'a> {
         let given = block.put(&values);
         let means = block.take(scene.open.len());
         let (clusters, table) = (Vec::new(), Vec::new());
-        let mut unit = Self { scene, start, plan, time, given, means, full, apart, clusters, block, table };
+        let mut unit = Self { scene, start, plan, time, given, means, full, apart, clusters, block, kept: 0, table };
         unit.lay_out()?;
         Ok(unit)
     }
@@ -280,6 +284,10 @@ impl Writing<'_> {
             }
             self.block.image[place.left] = f64::from(self.plan.ratio[i] - 1);
             self.clusters.push(place);
+        }
+        self.kept = self.block.image.len();
+        for (place, (c, s)) in self.clusters.iter_mut().zip(self.scene.clusters.iter().zip(&self.start.clusters)) {
+            place.work(&mut self.block, c, s);
         }
         Ok(())
     }
