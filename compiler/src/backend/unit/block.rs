@@ -82,7 +82,9 @@ impl Cluster {
     pub(super) fn new(block: &mut Block, c: &scene::Cluster, start: &StartCluster, full: bool) -> Self {
         let n = start.held.len();
         let state = block.put(&start.state);
-        let input = block.put(&start.input);
+        // Sizes of states that nobody looks at are the last inputs; what goes by all of them has them all.
+        let looked = if full || n > 0 || c.is_traced() { start.input.len() } else { c.traces_at() };
+        let input = block.put(&start.input[..looked]);
         block.take(n); // alpha
         block.put(&start.beta);
         let seen = block.take(c.instant.size(Array::Output));
