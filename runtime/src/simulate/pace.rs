@@ -34,10 +34,15 @@ pub(super) struct Pace {
 impl Pace {
     /// By cluster, the clock that it goes by: of the sampled sides that it holds for, where one is in no whole ratio to it
     /// or goes by another clock itself, the slowest at whose samples all others sample; the slowest, if there is none.
+    /// Sides of its own period that hold for nobody sample when it does, then.
     pub(super) fn all(scene: &Scene) -> Vec<Option<Pace>> {
         let mut all: Vec<Option<Pace>> = vec![None; scene.clusters.len()];
         for (period, i) in by_period((0..scene.clusters.len()).collect(), scene) {
-            let others = sides(scene, i);
+            let follows = |o: &(f64, usize)| {
+                (o.0 - period).abs() <= SAME * period && sides(scene, o.1).is_empty() && !is_open(scene, o.1)
+            };
+            let (follow, others): (Vec<_>, Vec<_>) =
+                sides(scene, i).into_iter().partition(|o| follows(o) && all[o.1].is_none());
             if is_open(scene, i) || !others.iter().any(|o| strays(period, *o, &all)) {
                 continue;
             }
@@ -46,6 +51,9 @@ impl Pace {
             let root = all[clock].as_ref().map_or((clock, step), |p| p.root);
             let low = (period / step * (1.0 + SAME)) as u64;
             all[i] = Some(Pace { clock, step, period, root, low, ..Self::default() });
+            for (_, o) in follow {
+                all[o] = Some(Pace { clock: i, step: period, period, root, low: 1, ..Self::default() });
+            }
         }
         all
     }
@@ -139,7 +147,8 @@ pub fn uneven(scene: &Scene) -> Vec<(usize, usize)> {
     for (i, c) in scene.clusters.iter().enumerate() {
         let (Some(period), others) = (c.period, sides(scene, i)) else { continue };
         let clock = all[i].as_ref().map_or((period, i), |p| (p.step, p.clock));
-        list.extend(astray(clock, &others, &all).map(|o| (i, o.1)));
+        let follows = |o: usize| all[o].as_ref().is_some_and(|p| p.clock == i);
+        list.extend(astray(clock, &others, &all).filter(|o| !follows(o.1)).map(|o| (i, o.1)));
     }
     list
 }
