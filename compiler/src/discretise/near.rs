@@ -72,7 +72,7 @@ impl Near {
     /// The same of the law.
     pub(super) fn law(&self, pool: &mut Pool, closed: Expr) -> Expr {
         let [above, below] = [&self.series.above, &self.series.below].map(|c| horner(pool, self.at, c));
-        let (size, law) = (pool.unary(Unary::Abs, self.at), self.beside(pool, self.at, above, below));
+        let (size, law) = (pool.unary(Unary::Abs, self.at), beside(pool, self.at, above, below));
         self.select(pool, size, law, closed)
     }
 
@@ -86,8 +86,8 @@ impl Near {
             let (start, end) = (self.stored(pool, from), self.stored(pool, to));
             let rise = pool.sub(end, start);
             let across = pool.div(rise, delta);
-            let [up, down] = [(above, across), (across, below)].map(|(a, b)| self.beside(pool, to, a, b));
-            self.beside(pool, from, up, down)
+            let [up, down] = [(above, across), (across, below)].map(|(a, b)| beside(pool, to, a, b));
+            beside(pool, from, up, down)
         };
         let sizes = [from, to].map(|x| pool.unary(Unary::Abs, x));
         let size = pool.binary(Binary::Max, sizes[0], sizes[1]);
@@ -104,15 +104,9 @@ impl Near {
     /// H at a small state.
     fn stored(&self, pool: &mut Pool, at: Expr) -> Expr {
         let [above, below] = self.energies().map(|c| horner(pool, at, &c));
-        let rise = self.beside(pool, at, above, below);
+        let rise = beside(pool, at, above, below);
         let start = pool.float(self.series.start);
         pool.add(start, rise)
-    }
-
-    fn beside(&self, pool: &mut Pool, at: Expr, above: Expr, below: Expr) -> Expr {
-        let zero = pool.zero();
-        let is_above = pool.binary(Binary::Lt, zero, at);
-        pool.select(is_above, above, below)
     }
 
     fn select(&self, pool: &mut Pool, size: Expr, near: Expr, closed: Expr) -> Expr {
@@ -146,7 +140,8 @@ impl Series {
                     let rise = scale * t * sum(&|k| series[k] / (k + 1) as f64);
                     for (closed, own) in [(values[0], sum(&|k| series[k])), (values[1], start + rise)] {
                         if closed != own {
-                            worst = worst.max(((closed - own) / own).abs());
+                            let part = ((closed - own) / own).abs();
+                            worst = worst.max(if part.is_nan() { f64::INFINITY } else { part });
                         }
                     }
                 }
@@ -176,6 +171,13 @@ fn coefficients(series: &[f64], t: f64, scale: f64) -> Vec<f64> {
     let Some(m) = series.iter().position(|c| *c != 0.0) else { return Vec::new() };
     let last = (m + 1..series.len()).find(|k| rest(series, m, *k, t) <= LEFT).unwrap_or(series.len());
     series[..last].iter().enumerate().map(|(k, c)| c / scale.powi(k as i32)).collect()
+}
+
+/// One above 0, the other below.
+fn beside(pool: &mut Pool, at: Expr, above: Expr, below: Expr) -> Expr {
+    let zero = pool.zero();
+    let is_above = pool.binary(Binary::Lt, zero, at);
+    pool.select(is_above, above, below)
 }
 
 /// A polynomial by Horner's rule.

@@ -4,7 +4,10 @@
 //! So the holder's k-th sample is at the first such instant at or after kT, and its interval is made of whole ones of
 //! the other side: n_k of them, n_k being one of two neighbours. Then what is held is met throughout the interval that it
 //! is reckoned with, by all that it is held for, and the leak is that of the forecast alone. What the others do is told
-//! interval by interval of that clock, and foretold so. A holder of one that goes by another clock goes by it too.
+//! interval by interval of that clock, and foretold so. A holder of one that goes by another clock goes by it too, and so
+//! do the sides of its own period that hold for nobody.
+//!
+//! Sides that have intervals beside those of the clock are told of as if they went on as they did, until they have ended.
 
 use super::hold::{Held, RECURRENCE, TERMS};
 use super::schedule::Simulation;
