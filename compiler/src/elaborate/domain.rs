@@ -4,6 +4,7 @@ use super::infer::{Equation, Inference, System, Unit, Unknown};
 use crate::model::ElementId;
 use crate::units::Dimension;
 use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
 
 /// How elements and functions are called.
 pub struct Names<'n> {
@@ -11,6 +12,16 @@ pub struct Names<'n> {
     pub element: &'n dyn Fn(ElementId) -> &'n str,
     /// Of a function.
     pub function: &'n dyn Fn(usize) -> &'n str,
+    /// The parameters that an equation's expression names and whose values were given where its instance is made, with
+    /// the places of these values.
+    pub given: &'n dyn Fn(&Equation) -> Vec<(&'n str, Span)>,
+}
+
+impl Names<'_> {
+    /// The error, with the places where the values of what the equation reads were given.
+    pub(super) fn and_given(&self, error: Diagnostic, e: &Equation) -> Diagnostic {
+        (self.given)(e).into_iter().fold(error, |error, (name, span)| error.label(span, format!("`{name}` is given here")))
+    }
 }
 
 /// A domain, by its units of effort and flow.
@@ -162,6 +173,9 @@ impl Mixed {
             );
             let mut error = Diagnostic::error("units::domain", place, message)
                 .here(format!("this is {} ({})", these.name, these.units));
+            if let Some(e) = all.get(*first) {
+                error = names.and_given(error, e);
+            }
             for m in more {
                 if let Some(e) = all.get(*m) {
                     error = error.label(e.found.1, format!("so is `{}`", name(*m)));

@@ -132,7 +132,8 @@ impl<'a> Elaborator<'a> {
             // What has no value may have been meant by the argument that fits no parameter.
             let meant = strange && value.is_none() && overridden.is_none();
             let state = if meant { ParamState::Done(None) } else { ParamState::New };
-            self.params.push(Param { name: full, span: p.name.span, value, state, overridden });
+            let given = !given.is_empty();
+            self.params.push(Param { name: full, span: p.name.span, value, given, state, overridden });
             self.declare(scope, p.name.text.clone(), Entity::Param(index), p.name.span);
         }
     }
@@ -701,6 +702,21 @@ impl<'a> Elaborator<'a> {
             index.iter().map(|e| self.integer(e, scope).map(|i| i.to_string())).collect::<Option<Vec<_>>>()?;
         Some(format!("{name}[{}]", numbers.join(",")))
     }
+}
+
+/// The parameters of an element's instance that some text names and that were given a value where the instance is made,
+/// and where.
+pub(super) fn given<'p>(params: &'p [Param<'_>], element: &str, text: &str) -> Vec<(&'p str, Span)> {
+    let Some((instance, _)) = element.rsplit_once('.') else { return Vec::new() };
+    let words: Vec<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
+    let mut found = Vec::new();
+    for p in params.iter().filter(|p| p.given) {
+        let named = p.name.rsplit_once('.').is_some_and(|(at, name)| at == instance && words.contains(&name));
+        if let (true, Some((value, _))) = (named, p.value) {
+            found.push((p.name.as_str(), value.span));
+        }
+    }
+    found
 }
 
 /// A name that was declared before.

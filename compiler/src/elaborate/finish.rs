@@ -37,12 +37,16 @@ impl<'a> Elaborator<'a> {
         for e in std::mem::take(&mut self.equations) {
             inference.equate(e);
         }
-        let (elements, functions) = (&self.elements, &self.functions);
+        let (elements, functions, params, sources) = (&self.elements, &self.functions, &self.params, self.sources);
         let units = inference.solve(
             &mut self.errors,
             &super::domain::Names {
                 element: &|id| elements.get(id.at()).map_or("", |e| &e.name),
                 function: &|f| functions.name(f),
+                given: &|e| {
+                    let owner = e.owner.and_then(|id| elements.get(id.at()));
+                    owner.map(|o| super::expand::given(params, &o.name, sources.slice(e.found.1))).unwrap_or_default()
+                },
             },
         );
         self.forget_misread();

@@ -294,6 +294,7 @@ impl Inference {
             for call in function::each(&e.calls) {
                 error = error.label(call.span, format!("`{}` is called here", (names.function)(call.function)));
             }
+            error = names.and_given(error, e);
             if let Some(span) = e.needed.1 {
                 error = error.label(span, format!("this asks for {needed}"));
             }

@@ -109,6 +109,8 @@ struct Param<'a> {
     name: String,
     span: Span,
     value: Option<(&'a ast::Expr, ScopeId)>,
+    /// Whether the value was given where the instance is made, and is no default.
+    given: bool,
     state: ParamState,
     overridden: Option<(f64, Option<Dimension>)>,
 }
