@@ -23,6 +23,8 @@
 //! What is wrong with a model comes as [`Errors`], which display as text with file, line and column of each. In a test,
 //! `insta::assert_snapshot!(compiled.show("phs"))` keeps an eye on the generated structure.
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 mod compile;
 mod errors;
 pub mod exchange;

@@ -64,7 +64,9 @@ fn eval(e: &Expr) -> Result<Quantity, String> {
                 Binary::Add | Binary::Sub if of(dx) != of(dy) => Err("the two sides have different units".into()),
                 Binary::Add => Ok((x + y, both(of(dx)))),
                 Binary::Sub => Ok((x - y, both(of(dx)))),
-                Binary::Pow if dx.is_none() && dy.is_none() => Ok((x.powf(y), None)),
+                Binary::Pow if dx.is_none() && dy.is_none() => {
+                    Ok((bond_runtime::eval::binary(bond_runtime::ir::Binary::Pow, x, y), None))
+                }
                 Binary::Pow => Err("a power of a quantity cannot be given here; write the number and its unit".into()),
                 Binary::Lt
                 | Binary::Le

@@ -3,6 +3,8 @@
 //! [`compile`] is the whole way. The stages are the modules, in the order of its lines; each gives a type of its own
 //! that can be shown and checked.
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 pub mod backend;
 pub mod causality;
 pub mod discretise;

@@ -2,6 +2,8 @@
 //!
 //! Knows nothing of physics.
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 #[allow(clippy::large_enum_variant)] // a tree is read more often than it is moved
 pub mod ast;
 mod bracket;

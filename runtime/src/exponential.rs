@@ -393,7 +393,7 @@ fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
 
 /// The power of two below a number above 0; 0 for 0.
 fn power_of_two(x: f64) -> f64 {
-    if x > 0.0 && x.is_finite() { x.log2().floor().clamp(-1000.0, 1000.0).exp2() } else { 0.0 }
+    if x > 0.0 && x.is_finite() { libm::exp2(libm::log2(x).floor().clamp(-1000.0, 1000.0)) } else { 0.0 }
 }
 
 /// The larger of the largest sums of magnitudes in a row and in a column.

@@ -2,6 +2,8 @@
 //!
 //! Knows nothing of text, graphs or symbols. A built environment links this crate alone.
 
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 pub mod envelope;
 pub mod eval;
 pub mod exponential;

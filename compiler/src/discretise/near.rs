@@ -127,7 +127,7 @@ impl Series {
             return None;
         }
         // A power of 2, so that nothing is rounded.
-        let length = length.log2().floor().exp2();
+        let length = libm::exp2(libm::log2(length).floor());
         let sides = sides(pool, s, law, (length, TERMS))?;
         let far = reach(&sides, |c| extent(c).min(limit(c))).min(1.0);
         // What the closed forms are off by at most, going half the way from `t` to rest.
@@ -148,7 +148,7 @@ impl Series {
             }
             worst
         };
-        let halved = |k: i32| far * f64::from(-k).exp2();
+        let halved = |k: i32| far * libm::exp2(f64::from(-k));
         if !(far >= LEAST && off(far) <= SAME) || LOOKS.iter().all(|k| off(halved(*k)) <= EXACT) {
             return None;
         }

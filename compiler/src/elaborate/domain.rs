@@ -20,7 +20,9 @@ pub struct Names<'n> {
 impl Names<'_> {
     /// The error, with the places where the values of what the equation reads were given.
     pub(super) fn and_given(&self, error: Diagnostic, e: &Equation) -> Diagnostic {
-        (self.given)(e).into_iter().fold(error, |error, (name, span)| error.label(span, format!("`{name}` is given here")))
+        (self.given)(e)
+            .into_iter()
+            .fold(error, |error, (name, span)| error.label(span, format!("`{name}` is given here")))
     }
 }
 

@@ -59,7 +59,8 @@ fn joint(pool: &Pool, (closed, rule): (Expr, Expr), reach: f64) -> Option<f64> {
 /// How far from 0 the slope of the rule is the law.
 fn reach(pool: &mut Pool, law: Expr, x: Symbol) -> f64 {
     let slope = pool.derivative(law, x);
-    let mut places: Vec<f64> = OCTAVES.flat_map(|k| [1.0, 1.25, 1.5, 1.75].map(|s| s * f64::from(k).exp2())).collect();
+    let mut places: Vec<f64> =
+        OCTAVES.flat_map(|k| [1.0, 1.25, 1.5, 1.75].map(|s| s * libm::exp2(f64::from(k)))).collect();
     let turns: Vec<f64> = turns(pool, law, x).into_iter().map(f64::abs).collect();
     let first = turns.iter().copied().filter(|t| *t > 0.0).fold(f64::INFINITY, f64::min);
     places.extend(turns);

@@ -195,7 +195,7 @@ impl<'a> Elaborator<'a> {
         // Where it falls without end, its fall from one power of 2 to the next does not shrink: -log(x) has falls that
         // are alike.
         let falls = |along: &[f64], sign: f64| {
-            let level = |k: u32| at(sign * f64::from(k).exp2(), along);
+            let level = |k: u32| at(sign * libm::exp2(f64::from(k)), along);
             // Up to where it has values: looked for in strides, the last of which is gone through.
             let end = (0..POWERS).step_by(STRIDE as usize).find(|k| !level(*k).is_finite()).unwrap_or(POWERS);
             let last = end.saturating_sub(STRIDE);

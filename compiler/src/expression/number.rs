@@ -58,7 +58,7 @@ fn gcd(mut a: u128, mut b: u128) -> u128 {
 
 /// The root of a perfect power.
 fn exact_root(n: u64, degree: u32) -> Option<u64> {
-    let guess = (n as f64).powf(1.0 / f64::from(degree)).round() as u64;
+    let guess = libm::pow(n as f64, 1.0 / f64::from(degree)).round() as u64;
     (guess.saturating_sub(1)..=guess + 1).find(|r| r.checked_pow(degree) == Some(n))
 }
 

@@ -2,6 +2,7 @@
 //! (Griewank and Walther, Evaluating Derivatives, 2nd ed., ch. 13).
 
 use super::{Expr, Node, Number, Pool, Symbol};
+use bond_runtime::eval;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 
@@ -98,13 +99,15 @@ impl Pool {
                     Unary::Cosh => turned(&u, 1.0).1,
                     Unary::Tan => tangent(&u, 1.0),
                     Unary::Tanh => tangent(&u, -1.0),
-                    Unary::Asin => integral(u[0].asin(), &u, &power(&beside(&u, -1.0), Number::ratio(-1, 2))?),
+                    Unary::Asin => {
+                        integral(eval::unary(*f, u[0]), &u, &power(&beside(&u, -1.0), Number::ratio(-1, 2))?)
+                    }
                     Unary::Acos => {
                         let slope: Series =
                             power(&beside(&u, -1.0), Number::ratio(-1, 2))?.iter().map(|x| -x).collect();
-                        integral(u[0].acos(), &u, &slope)
+                        integral(eval::unary(*f, u[0]), &u, &slope)
                     }
-                    Unary::Atan => integral(u[0].atan(), &u, &power(&beside(&u, 1.0), Number::MINUS_ONE)?),
+                    Unary::Atan => integral(eval::unary(*f, u[0]), &u, &power(&beside(&u, 1.0), Number::MINUS_ONE)?),
                 }
             }
             Node::Binary(f, a, b) => {
@@ -160,7 +163,7 @@ pub(crate) fn limit(c: &[f64]) -> f64 {
 
 /// Where one of the terms from the k-th on is that part of the m-th.
 fn below(c: &[f64], m: usize, k: usize, part: f64) -> f64 {
-    let root = |k: usize| (part * (c[m] / c[k]).abs()).powf(1.0 / (k - m) as f64);
+    let root = |k: usize| libm::pow(part * (c[m] / c[k]).abs(), 1.0 / (k - m) as f64);
     (k..c.len()).map(root).fold(f64::INFINITY, f64::min)
 }
 
@@ -199,7 +202,7 @@ fn power(a: &[f64], n: Number) -> Option<Series> {
         return None;
     }
     let n = n.to_f64();
-    let mut p = constant(first.powf(n), a.len());
+    let mut p = constant(eval::binary(Binary::Pow, first, n), a.len());
     for k in 1..a.len() {
         let all = (1..=k).map(|j| (n * j as f64 - (k - j) as f64) * a[j] * p[k - j]);
         p[k] = sum(all) / (k as f64 * first);
@@ -208,7 +211,7 @@ fn power(a: &[f64], n: Number) -> Option<Series> {
 }
 
 fn exponential(u: &[f64]) -> Series {
-    let mut p = constant(u[0].exp(), u.len());
+    let mut p = constant(eval::unary(Unary::Exp, u[0]), u.len());
     for k in 1..u.len() {
         p[k] = sum((1..=k).map(|j| j as f64 * u[j] * p[k - j])) / k as f64;
     }
@@ -219,7 +222,7 @@ fn logarithm(u: &[f64]) -> Option<Series> {
     if u[0] <= 0.0 {
         return None;
     }
-    let mut p = constant(u[0].ln(), u.len());
+    let mut p = constant(eval::unary(Unary::Log, u[0]), u.len());
     for k in 1..u.len() {
         let all = (1..k).map(|j| -(j as f64) * p[j] * u[k - j] / k as f64);
         p[k] = sum(all.chain([u[k]])) / u[0];
@@ -229,7 +232,8 @@ fn logarithm(u: &[f64]) -> Option<Series> {
 
 /// Sine and cosine with the sign -1, their hyperbolic ones with 1.
 fn turned(u: &[f64], sign: f64) -> (Series, Series) {
-    let (sin, cos) = if sign < 0.0 { (u[0].sin(), u[0].cos()) } else { (u[0].sinh(), u[0].cosh()) };
+    let (sin, cos) = if sign < 0.0 { (Unary::Sin, Unary::Cos) } else { (Unary::Sinh, Unary::Cosh) };
+    let (sin, cos) = (eval::unary(sin, u[0]), eval::unary(cos, u[0]));
     let (mut s, mut c) = (constant(sin, u.len()), constant(cos, u.len()));
     for k in 1..u.len() {
         s[k] = sum((1..=k).map(|j| j as f64 * u[j] * c[k - j])) / k as f64;
@@ -240,7 +244,7 @@ fn turned(u: &[f64], sign: f64) -> (Series, Series) {
 
 /// The tangent with the sign 1, the hyperbolic one with -1: the slope is 1 + sign p^2.
 fn tangent(u: &[f64], sign: f64) -> Series {
-    let first = if sign > 0.0 { u[0].tan() } else { u[0].tanh() };
+    let first = eval::unary(if sign > 0.0 { Unary::Tan } else { Unary::Tanh }, u[0]);
     let (mut p, mut slope) = (constant(first, u.len()), constant(1.0 + sign * first * first, u.len()));
     for k in 1..u.len() {
         p[k] = sum((1..=k).map(|j| j as f64 * u[j] * slope[k - j])) / k as f64;

@@ -205,7 +205,7 @@ impl Pool {
                 let [(f, n)] = factors[..] else { return all };
                 let Some(n) = n.integer().filter(|n| *n > 0) else { return all };
                 let (a, b) = self.bounds_of_factor(f);
-                let size = a.abs().max(b.abs()).powf(n as f64);
+                let size = libm::pow(a.abs().max(b.abs()), n as f64);
                 let (low, high) = if n % 2 == 0 { (0.0, size) } else { (-size, size) };
                 let c = c.to_f64();
                 if c > 0.0 { (c * low, c * high) } else { (c * high, c * low) }

@@ -91,7 +91,7 @@ fn slopes(knots: &[(f64, f64)]) -> Vec<f64> {
             continue;
         }
         let (a, b) = (slopes[i] / d, slopes[i + 1] / d);
-        let size = a.hypot(b);
+        let size = libm::hypot(a, b);
         if size > 3.0 {
             (slopes[i], slopes[i + 1]) = (3.0 * a / size * d, 3.0 * b / size * d);
         }

@@ -36,7 +36,7 @@ impl Arrow<'_> {
     /// The elements of the picture.
     pub(super) fn svg(&self, text: &mut String) {
         let d = [self.head.0[0] - self.tail.0[0], self.head.0[1] - self.tail.0[1]];
-        let length = d[0].hypot(d[1]);
+        let length = libm::hypot(d[0], d[1]);
         if length < 1e-6 {
             return;
         }

@@ -131,7 +131,8 @@ fn scaling(distance: &[Vec<f64>]) -> Vec<Point> {
     let b = |i: usize, j: usize| -0.5 * (distance[i][j] * distance[i][j] - rows[i] - rows[j] + all);
     let mut axes: Vec<Vec<f64>> = Vec::new();
     for axis in 0..2 {
-        let mut v: Vec<f64> = (0..n).map(|i| ((i as f64 + 1.0) * (0.71 + 0.53 * axis as f64)).sin() + 0.01).collect();
+        let mut v: Vec<f64> =
+            (0..n).map(|i| libm::sin((i as f64 + 1.0) * (0.71 + 0.53 * axis as f64)) + 0.01).collect();
         let mut size = 0.0;
         for _ in 0..80 {
             for earlier in &axes {
@@ -151,7 +152,7 @@ fn scaling(distance: &[Vec<f64>]) -> Vec<Point> {
         axes.push(v.into_iter().map(|x| x * size.sqrt()).collect());
     }
     // A little of the index keeps nodes apart that have the same distances to all others.
-    (0..n).map(|i| [axes[0][i] + 0.013 * (i as f64).cos(), axes[1][i] + 0.013 * (i as f64 * 1.7).sin()]).collect()
+    (0..n).map(|i| [axes[0][i] + 0.013 * libm::cos(i as f64), axes[1][i] + 0.013 * libm::sin(i as f64 * 1.7)]).collect()
 }
 
 /// A bond that wants to lie along a vector.
@@ -169,7 +170,7 @@ fn majorise(distance: &[Vec<f64>], x: &[Point], (pulls, weight): (&[Pull], f64))
             let d = distance[i][j].max(0.1);
             let w = 1.0 / (d * d);
             let delta = [x[i][0] - x[j][0], x[i][1] - x[j][1]];
-            let length = delta[0].hypot(delta[1]).max(1e-6);
+            let length = libm::hypot(delta[0], delta[1]).max(1e-6);
             for k in 0..2 {
                 sums[i].0[k] += w * (x[j][k] + d * delta[k] / length);
             }
@@ -193,16 +194,17 @@ fn majorise(distance: &[Vec<f64>], x: &[Point], (pulls, weight): (&[Pull], f64))
 fn turn(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
     let (mut c, mut s) = (0.0, 0.0);
     for &(a, b, _) in bonds {
-        let angle = 4.0 * (x[b][1] - x[a][1]).atan2(x[b][0] - x[a][0]);
-        c += angle.cos();
-        s += angle.sin();
+        let angle = 4.0 * libm::atan2(x[b][1] - x[a][1], x[b][0] - x[a][0]);
+        c += libm::cos(angle);
+        s += libm::sin(angle);
     }
     let rotate = |x: &mut [Point], by: f64| {
+        let (sin, cos) = libm::sincos(by);
         for p in x.iter_mut() {
-            *p = [p[0] * by.cos() - p[1] * by.sin(), p[0] * by.sin() + p[1] * by.cos()];
+            *p = [p[0] * cos - p[1] * sin, p[0] * sin + p[1] * cos];
         }
     };
-    rotate(x, -s.atan2(c) / 4.0);
+    rotate(x, -libm::atan2(s, c) / 4.0);
     let extent = |x: &[Point], k: usize| {
         let (low, high) = x.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[k]), h.max(p[k])));
         high - low
@@ -226,7 +228,7 @@ fn turn(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
 /// For each bond that is the nearest of its ends' bonds to a level or upright direction, that direction.
 fn axes(x: &[Point], bonds: &[(usize, usize, f64)]) -> Vec<Pull> {
     let quarter = std::f64::consts::FRAC_PI_2;
-    let angle = |a: usize, b: usize| (x[b][1] - x[a][1]).atan2(x[b][0] - x[a][0]);
+    let angle = |a: usize, b: usize| libm::atan2(x[b][1] - x[a][1], x[b][0] - x[a][0]);
     let nearest = |angle: f64| (angle / quarter).round();
     // For each node and quarter, the deviation of the bond that is nearest to it.
     let mut best = vec![[f64::MAX; 4]; x.len()];
@@ -248,7 +250,7 @@ fn axes(x: &[Point], bonds: &[(usize, usize, f64)]) -> Vec<Pull> {
         let back = nearest(angle(b, a));
         let chosen = off <= best[a][side(q)] + 1e-12 && off <= best[b][side(back)] + 1e-12;
         if chosen && off < 0.6 {
-            pulls.push((a, b, [length * (q * quarter).cos(), length * (q * quarter).sin()]));
+            pulls.push((a, b, [length * libm::cos(q * quarter), length * libm::sin(q * quarter)]));
         }
     }
     pulls

@@ -67,7 +67,7 @@ fn stretch(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
     let mut moved = false;
     for &(a, b, length) in drawing.bonds {
         let d = [x[b][0] - x[a][0], x[b][1] - x[a][1]];
-        let full = d[0].hypot(d[1]);
+        let full = libm::hypot(d[0], d[1]);
         if full < 1e-6 {
             continue;
         }
@@ -98,7 +98,7 @@ fn clear_bonds(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
     for &(a, b, _) in drawing.bonds {
         for i in (0..x.len()).filter(|i| *i != a && *i != b) {
             let d = [x[b][0] - x[a][0], x[b][1] - x[a][1]];
-            let length = d[0].hypot(d[1]);
+            let length = libm::hypot(d[0], d[1]);
             if length < 1e-6 {
                 continue;
             }

@@ -107,7 +107,7 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> Result<String, String> {
         });
         let (count, at) = (count.count(), between.entry(pair).or_default());
         let d = [x[pair.1][0] - x[pair.0][0], x[pair.1][1] - x[pair.0][1]];
-        let length = d[0].hypot(d[1]).max(1e-6);
+        let length = libm::hypot(d[0], d[1]).max(1e-6);
         let aside = 26.0 * (*at as f64 - 0.5 * (count as f64 - 1.0)) / length;
         *at += 1;
         let end = |i: usize| ([x[i][0] - aside * d[1], x[i][1] + aside * d[0]], sizes[i]);

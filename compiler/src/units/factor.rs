@@ -18,7 +18,7 @@ impl Factor {
 
     pub(super) fn mul(self, other: Factor) -> Factor {
         let p = self.high * other.high;
-        let e = self.high.mul_add(other.high, -p) + (self.high * other.low + self.low * other.high);
+        let e = libm::fma(self.high, other.high, -p) + (self.high * other.low + self.low * other.high);
         Factor::sum(p, e)
     }
 
@@ -62,7 +62,7 @@ impl Factor {
     }
 
     fn root(self, n: i32) -> Factor {
-        let guess = self.high.powf(1.0 / f64::from(n));
+        let guess = libm::pow(self.high, 1.0 / f64::from(n));
         let start = Factor { high: guess, low: 0.0 };
         // x + x (a / x^n - 1) / n
         let ratio = self.div(start.pow(n, 1));

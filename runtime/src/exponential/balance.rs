@@ -25,11 +25,11 @@ pub(super) fn balance(n: usize, a: &[f64], rate: f64) -> Vec<f64> {
             } else {
                 1.0
             };
-            let power = factor.log2().round();
+            let power = libm::log2(factor).round();
             if !power.is_finite() || power == 0.0 {
                 continue;
             }
-            let wanted = d[i] * power.clamp(-900.0, 900.0).exp2();
+            let wanted = d[i] * libm::exp2(power.clamp(-900.0, 900.0));
             let wanted = wanted.clamp(2f64.powi(-300), 2f64.powi(300));
             if wanted != d[i] {
                 d[i] = wanted;

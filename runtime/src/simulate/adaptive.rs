@@ -7,7 +7,8 @@
 use super::attempt::{Taken, copy, is_stateless};
 use super::cluster::{Run, advance_ports, book};
 use super::{Error, Options};
-use crate::ir::Array;
+use crate::eval;
+use crate::ir::{Array, Unary};
 use crate::kernel::Failure;
 use crate::scene::Cluster;
 use serde::{Deserialize, Serialize};
@@ -51,6 +52,14 @@ const MISSED: u32 = 3;
 const BRIEF: f64 = 1e-8;
 /// Instants closer to one another than this part of themselves are one.
 const SAME: f64 = 1e-12;
+
+fn exp(x: f64) -> f64 {
+    eval::unary(Unary::Exp, x)
+}
+
+fn log(x: f64) -> f64 {
+    eval::unary(Unary::Log, x)
+}
 
 /// The controller, as it is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -385,7 +394,7 @@ impl Run {
             // A method that looks at the end of its step sees what holds beyond the switch, however near that is.
             let brief = attempt.event && attempt.h < BRIEF * usual;
             if ratio > 1.0 && !vain && !brief {
-                control.ahead = attempt.h * (SAFE * ratio.powf(-1.0 / order)).clamp(SHRINK, SAFE);
+                control.ahead = attempt.h * (SAFE * exp(-log(ratio) / order)).clamp(SHRINK, SAFE);
                 control.rejected += 1;
                 refused = Some((attempt.h, attempt.error, attempt.worst));
                 continue;
@@ -416,7 +425,8 @@ impl Run {
                 // What the other stepper took says nothing against longer steps.
                 let other = self.fit.as_ref().is_some_and(|f| f.spare);
                 let most = if refused.is_some() || (last_failure.is_some() && !other) { 1.0 } else { GROW };
-                let factor = SAFE * ratio.max(1e-10).powf(-PI.0 / order) * control.error.powf(PI.1 / order);
+                let steady = PI.1 * log(control.error) - PI.0 * log(ratio.max(1e-10));
+                let factor = SAFE * exp(steady / order);
                 let next = h * if vain { 2.0 } else { factor.clamp(2.0 * SHRINK, most) };
                 // A step that an end cut short says little of what comes.
                 let cut = h < SAFE * control.ahead;

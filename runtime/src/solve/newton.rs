@@ -366,7 +366,7 @@ fn iterate<S: System>(
             if stretches == STRETCHES {
                 // There was none: back to where the flat part was met.
                 stretches += 1;
-                let back = f64::from(STRETCHES).exp2();
+                let back = libm::exp2(f64::from(STRETCHES));
                 for (u, d) in system.unknowns().iter_mut().zip(&mut scratch.update) {
                     *u += *d * (2.0 - 2.0 / back);
                     *d /= back;

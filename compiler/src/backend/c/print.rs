@@ -125,7 +125,7 @@ pub(super) fn number(n: Number) -> String {
         Number::Tolerance(x) => {
             // What is small beside rounding of 53 bits is as small beside that of 24 where the exponents are in their
             // ratio.
-            let single = x.powf(f64::from(f32::EPSILON).ln() / f64::EPSILON.ln());
+            let single = libm::pow(x, libm::log(f64::from(f32::EPSILON)) / libm::log(f64::EPSILON));
             format!("BOND_SMALL({x:?}, {:?})", single as f32)
         }
         Number::Plain(x) if x.is_nan() => "BOND_NAN".into(),

@@ -785,7 +785,7 @@ impl Iteration {
         w.when(back, |w| {
             let k = w.add(stretches, one);
             w.set(self.stretches, k);
-            let power = f64::from(STRETCHES).exp2();
+            let power = libm::exp2(f64::from(STRETCHES));
             let (part, power) = (w.number(2.0 - 2.0 / power), w.number(power));
             w.each(self.n, |w, at| {
                 let d = w.at(&self.update, at);

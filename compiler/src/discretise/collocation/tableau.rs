@@ -96,7 +96,7 @@ pub(super) fn quadrature(n: usize) -> Vec<(Twice, Twice)> {
 fn gauss_node(n: usize, i: usize) -> (Twice, Twice) {
     let one = Twice::new(1.0);
     let whole = |k: usize| Twice::new(k as f64);
-    let mut x = Twice::new(-(std::f64::consts::PI * (i as f64 - 0.25) / (n as f64 + 0.5)).cos());
+    let mut x = Twice::new(-libm::cos(std::f64::consts::PI * (i as f64 - 0.25) / (n as f64 + 0.5)));
     // The middle one is 0, whatever rounding says.
     if 2 * i == n + 1 {
         x = Twice::default();

@@ -219,7 +219,7 @@ impl System {
 fn pool_pow(x: f64, n: Number) -> f64 {
     match n.integer() {
         Some(i) if i.unsigned_abs() < 64 => x.powi(i as i32),
-        _ => x.powf(n.to_f64()),
+        _ => libm::pow(x, n.to_f64()),
     }
 }
 
