@@ -525,6 +525,18 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
     b.finish()
 }
 
+/// Ops without functions, of which vectors have none, where they are to be so.
+fn tamed(picks: &[(u8, u8, u8, u8)], plain: bool) -> Vec<(u8, u8, u8, u8)> {
+    let count = Unary::ALL.len() + 2 * Binary::ALL.len() + 1;
+    let calls = |f: usize| match Unary::ALL.get(f) {
+        Some(f) => !matches!(f, Unary::Neg | Unary::Abs | Unary::Sign | Unary::Sqrt | Unary::Not),
+        None => matches!(Binary::ALL.get((f - Unary::ALL.len()) / 2), Some(Binary::Pow | Binary::Atan2)),
+    };
+    let tame =
+        |p: &(u8, u8, u8, u8)| if plain && calls(usize::from(p.0) % count) { (p.0 % 4, p.1, p.2, p.3) } else { *p };
+    picks.iter().map(tame).collect()
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: cases(300), ..ProptestConfig::default() })]
 
@@ -537,15 +549,23 @@ proptest! {
         state in prop::collection::vec(-2.0..2.0f64, 680),
         (plain, apart) in any::<(bool, bool)>(),
     ) {
-        // Without functions, of which vectors have none.
-        let count = Unary::ALL.len() + 2 * Binary::ALL.len() + 1;
-        let calls = |f: usize| match Unary::ALL.get(f) {
-            Some(f) => !matches!(f, Unary::Neg | Unary::Abs | Unary::Sign | Unary::Sqrt | Unary::Not),
-            None => matches!(Binary::ALL.get((f - Unary::ALL.len()) / 2), Some(Binary::Pow | Binary::Atan2)),
-        };
-        let tamed = |p: (u8, u8, u8, u8)| if plain && calls(usize::from(p.0) % count) { (p.0 % 4, p.1, p.2, p.3) } else { p };
-        let picks: Vec<_> = picks.into_iter().map(tamed).collect();
+        let picks = tamed(&picks, plain);
         let program = line(cells, &picks, &numbers, apart);
+        let [one, other, shared] = outputs(&program, &state[..2 * cells], &[0.7]);
+        prop_assert_eq!(&one, &other);
+        prop_assert_eq!(one, shared);
+    }
+
+    /// Cells so few that they stay straight code, of which much goes side by side.
+    #[test]
+    fn random_rows_give_the_same_bits(
+        cells in 2usize..14,
+        picks in prop::collection::vec(any::<(u8, u8, u8, u8)>(), 4..30),
+        numbers in prop::collection::vec(prop_oneof![-3.0..3.0f64, prop::sample::select(SPECIAL.to_vec())], 1..5),
+        state in prop::collection::vec(prop_oneof![9 => -2.0..2.0f64, 1 => prop::sample::select(SPECIAL.to_vec())], 28),
+        (plain, apart) in any::<(bool, bool)>(),
+    ) {
+        let program = line(cells, &tamed(&picks, plain), &numbers, apart);
         let [one, other, shared] = outputs(&program, &state[..2 * cells], &[0.7]);
         prop_assert_eq!(&one, &other);
         prop_assert_eq!(one, shared);

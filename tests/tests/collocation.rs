@@ -168,6 +168,22 @@ fn radau_books_its_loss() {
     close(probe(&mut sim, "e_fast"), 0.5, 1e-9, "the fast one's energy");
 }
 
+/// However stiff an oscillator is for the step, rounding is no more than that of its energy.
+#[test]
+fn stiff_linear_oscillators_keep_the_balance_to_rounding() {
+    for stiffness in ["1e4", "1e8", "1e12", "1e15"] {
+        let text =
+            format!("model Stiff {{ I:m = 1 kg  C:k {{ stiffness = {stiffness} N/m;  q0 = 1 mm }}  1:v -> m, k }}");
+        for (method, _) in GAUSS {
+            let compiled = with(Options::new().method(method), &text);
+            let mut sim = start(&compiled, Steps::fixed(0.01));
+            finish(&mut sim, 20.0);
+            let summary = sim.summary();
+            assert!(summary.passive && summary.worst_step < 1e-13, "{method}, {stiffness} N/m: {}", summary.worst_step);
+        }
+    }
+}
+
 /// Every scene that runs, runs with it: passive wherever the default stepper is.
 #[test]
 fn every_scene_takes_it() {

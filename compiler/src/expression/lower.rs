@@ -225,6 +225,8 @@ impl Lowering {
     }
 
     /// Positive terms first, then the others are taken off; all constants are one summand. Then what is to come last.
+    /// What weighs a term may be a number of a method, and so has its sign and the term its place: the sums at two nodes
+    /// are then made in the same way, whatever the signs of their weights.
     /// A variable that another term cuts off is taken with its cut: the dead zone `x - min(max(x, -1), 1)` is 0 exactly.
     fn sum(
         &mut self,
@@ -250,7 +252,7 @@ impl Lowering {
                 constant += n.to_f64() * x;
             } else if !self.last.is_empty() && pool.contains_any(t, &|s| self.last.contains(&s)) {
                 last.push((t, n));
-            } else if n.is_negative() {
+            } else if n.is_negative() && !is_weight(n) {
                 minus.push((t, n));
             } else {
                 let value = self.times(pool, builder, (t, n), folded);
@@ -266,9 +268,13 @@ impl Lowering {
         }
         for (t, n) in minus.into_iter().chain(last) {
             total = Some(match total {
-                Some(sum) => {
+                Some(sum) if n.is_negative() && !is_weight(n) => {
                     let value = self.times(pool, builder, (t, n.abs()), folded);
-                    if n.is_negative() { builder.sub(sum, value) } else { builder.add(sum, value) }
+                    builder.sub(sum, value)
+                }
+                Some(sum) => {
+                    let value = self.times(pool, builder, (t, n), folded);
+                    builder.add(sum, value)
                 }
                 None => self.times(pool, builder, (t, n), folded),
             });
@@ -396,6 +402,11 @@ fn below(factors: &[(Expr, Number)], is_number: &dyn Fn(Expr) -> bool) -> Option
         list.push((*f, (*n, *d)));
     }
     (!list.is_empty()).then_some(list)
+}
+
+/// Whether a factor is a number of a method, not of a model.
+fn is_weight(n: Number) -> bool {
+    matches!(n, Number::Float(x) if x.abs() != 1.0)
 }
 
 fn scaled(builder: &mut Builder, value: Value, by: f64) -> Value {

@@ -5,6 +5,7 @@ mod functions;
 pub mod jit;
 mod lanes;
 mod object;
+mod pairs;
 mod shared;
 mod translate;
 mod vector;

@@ -1,6 +1,8 @@
 //! From a routine to Cranelift's form, statement by statement.
 
 use super::functions;
+use super::pairs::{self, Pairs};
+use super::vector::{self, Kind};
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
@@ -69,6 +71,8 @@ pub(super) fn define<M: Module>(
         loops: Vec::new(),
         turns: if pairs { turns(&routine.body) } else { FxHashSet::default() },
         turned: Vec::new(),
+        uses: pairs::uses(routine),
+        abreast: Abreast::default(),
         names,
         routine,
         params,
@@ -118,6 +122,18 @@ pub(super) struct Translate<'a, 'f, M> {
     /// around it.
     turns: FxHashSet<Value>,
     turned: Vec<(Value, (ir::Value, ir::Value))>,
+    /// How often each value is looked at.
+    uses: Vec<u32>,
+    abreast: Abreast,
+}
+
+/// What is in vectors of two numbers, within straight code.
+#[derive(Default)]
+struct Abreast {
+    /// Values, as a number of a vector.
+    lanes: FxHashMap<Value, (ir::Value, u8)>,
+    /// Vectors of two values that were put together.
+    brought: FxHashMap<[Value; 2], ir::Value>,
 }
 
 /// The values of which both sine and cosine are asked for.
@@ -149,75 +165,181 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 
     pub(super) fn statements(&mut self, body: &[Stmt]) -> bool {
-        for s in body {
-            match s {
-                Stmt::Let(v, op) => {
-                    let x = self.op(*v, op);
-                    self.values[v.0 as usize] = Some(x);
+        let mut rest = body;
+        loop {
+            let (straight, others) = rest.split_at(pairs::straight(rest));
+            self.straight(straight);
+            let Some((s, after)) = others.split_first() else { return false };
+            if self.statement(s) {
+                return true;
+            }
+            rest = after;
+        }
+    }
+
+    /// Writes statements as [`pairs::straight`] finds them.
+    fn straight(&mut self, body: &[Stmt]) {
+        match pairs::pairs(self.routine, &self.uses, body) {
+            Some(pairs) => self.paired(body, &pairs),
+            None => body.iter().for_each(|s| {
+                self.statement(s);
+            }),
+        }
+    }
+
+    /// The same, some of them two at a time: a pair is written where the first of its values stands, and what the
+    /// second waits for before it.
+    fn paired(&mut self, body: &[Stmt], pairs: &Pairs) {
+        let mut done = vec![false; body.len()];
+        let mut open = Vec::new();
+        for i in 0..body.len() {
+            open.push(i);
+            while let Some(&i) = open.last() {
+                let waiting = open.len();
+                for j in pairs.with[i].unwrap_or([i, i]) {
+                    body[j].each_value(&mut |v| open.extend(pairs.place.get(&v).filter(|at| !done[**at])));
                 }
-                Stmt::Set(v, x) => {
-                    let x = self.of(*x);
-                    self.b.def_var(self.vars[v.0 as usize], x);
+                if open.len() > waiting && !done[i] {
+                    continue;
                 }
-                Stmt::Store(place, x) => {
-                    let x = self.of(*x);
-                    let (address, offset) = self.address(place);
-                    self.b.ins().store(MemFlagsData::trusted(), x, address, offset);
+                open.truncate(waiting - 1);
+                if done[i] {
+                    continue;
                 }
-                Stmt::If(c, yes, no) => {
-                    if self.branch(c, yes, no) {
-                        return true;
+                match pairs.with[i] {
+                    Some(both) => {
+                        self.two(both.map(|j| &body[j]));
+                        both.into_iter().for_each(|j| done[j] = true);
+                    }
+                    None => {
+                        self.statement(&body[i]);
+                        done[i] = true;
                     }
                 }
-                Stmt::Loop(body) => {
-                    let (head, end) = (self.b.create_block(), self.b.create_block());
-                    self.b.ins().jump(head, &[] as &[BlockArg]);
-                    self.b.switch_to_block(head);
-                    self.loops.push((head, end));
-                    if !self.block(body) {
-                        self.b.ins().jump(head, &[] as &[BlockArg]);
-                    }
-                    self.loops.pop();
-                    self.b.switch_to_block(end);
+            }
+        }
+        for v in &pairs.kept {
+            self.of(*v);
+        }
+        self.abreast = Abreast::default();
+    }
+
+    /// Writes two statements as one.
+    fn two(&mut self, both: [&Stmt; 2]) {
+        let [Stmt::Let(v, first), Stmt::Let(w, second)] = both else { return };
+        let made = match (first, second) {
+            (Op::Unary(f, x), Op::Unary(_, y)) => {
+                let x = self.vector([*x, *y]);
+                vector::unary(&mut self.b, *f, x)
+            }
+            (Op::Binary(f, a, b), Op::Binary(_, c, d)) => {
+                let (x, y) = (self.vector([*a, *c]), self.vector([*b, *d]));
+                match vector::binary(*f) {
+                    Kind::Number(make) => make(&mut self.b, x, y),
+                    Kind::Compared(_) | Kind::Joined { .. } | Kind::Call => return, // not paired
                 }
-                Stmt::Break | Stmt::Continue => {
-                    if let Some(&(head, end)) = self.loops.last() {
-                        let to = if *s == Stmt::Break { end } else { head };
-                        self.b.ins().jump(to, &[] as &[BlockArg]);
-                    }
+            }
+            _ => return, // not paired
+        };
+        for (v, lane) in [(v, 0), (w, 1)] {
+            self.values[v.0 as usize] = None;
+            self.abreast.lanes.insert(*v, (made, lane));
+        }
+    }
+
+    /// Two values as a vector.
+    fn vector(&mut self, [x, y]: [Value; 2]) -> ir::Value {
+        let lanes = &self.abreast.lanes;
+        if let (Some((vector, 0)), Some((other, 1))) = (lanes.get(&x), lanes.get(&y))
+            && vector == other
+        {
+            return *vector;
+        }
+        if let [Some(p), Some(q)] = [x, y].map(|v| self.routine.numbers[v.0 as usize].map(Number::value)) {
+            return vector::numbers(&mut self.b, [p, q]);
+        }
+        if let Some(&vector) = self.abreast.brought.get(&[x, y]) {
+            return vector;
+        }
+        let first = self.of(x);
+        let mut made = self.b.ins().splat(types::F64X2, first);
+        if x != y {
+            let second = self.of(y);
+            made = self.b.ins().insertlane(made, second, 1);
+        }
+        self.abreast.brought.insert([x, y], made);
+        made
+    }
+
+    /// Writes a statement; true where what follows is not reached.
+    fn statement(&mut self, s: &Stmt) -> bool {
+        match s {
+            Stmt::Let(v, op) => {
+                let x = self.op(*v, op);
+                self.values[v.0 as usize] = Some(x);
+            }
+            Stmt::Set(v, x) => {
+                let x = self.of(*x);
+                self.b.def_var(self.vars[v.0 as usize], x);
+            }
+            Stmt::Store(place, x) => {
+                let x = self.of(*x);
+                let (address, offset) = self.address(place);
+                self.b.ins().store(MemFlagsData::trusted(), x, address, offset);
+            }
+            Stmt::If(c, yes, no) => {
+                if self.branch(c, yes, no) {
                     return true;
                 }
-                Stmt::For(index, from, to, body) if self.double(*index, (*from, *to), body) => {}
-                Stmt::For(index, from, to, body) => {
-                    let var = self.indices[index.0 as usize];
-                    let start = self.b.ins().iconst(types::I64, i64::from(*from));
-                    self.b.def_var(var, start);
-                    let (head, end) = (self.b.create_block(), self.b.create_block());
+            }
+            Stmt::Loop(body) => {
+                let (head, end) = (self.b.create_block(), self.b.create_block());
+                self.b.ins().jump(head, &[] as &[BlockArg]);
+                self.b.switch_to_block(head);
+                self.loops.push((head, end));
+                if !self.block(body) {
                     self.b.ins().jump(head, &[] as &[BlockArg]);
-                    self.b.switch_to_block(head);
-                    self.block(body);
-                    let i = self.b.use_var(var);
-                    let i = self.b.ins().iadd_imm_u(i, 1);
-                    self.b.def_var(var, i);
-                    let more = self.b.ins().icmp_imm_u(IntCC::UnsignedLessThan, i, i64::from(*to));
-                    self.b.ins().brif(more, head, &[] as &[BlockArg], end, &[] as &[BlockArg]);
-                    self.b.switch_to_block(end);
                 }
-                Stmt::Solve { system, matrix, vector, row, same } => {
-                    self.solve((*system, *matrix, *vector), row.0, *same);
+                self.loops.pop();
+                self.b.switch_to_block(end);
+            }
+            Stmt::Break | Stmt::Continue => {
+                if let Some(&(head, end)) = self.loops.last() {
+                    let to = if *s == Stmt::Break { end } else { head };
+                    self.b.ins().jump(to, &[] as &[BlockArg]);
                 }
-                Stmt::Count(k) => {
-                    let k = self.of(*k);
-                    let report = self.params[Memory::ALL.len()];
-                    let before = self.b.ins().load(types::F64, MemFlagsData::trusted(), report, 0);
-                    let after = self.b.ins().fadd(before, k);
-                    self.b.ins().store(MemFlagsData::trusted(), after, report, 0);
-                }
-                Stmt::Note(list) => self.note(list),
-                Stmt::Fail(reason) => {
-                    self.fail(*reason);
-                    return true;
-                }
+                return true;
+            }
+            Stmt::For(index, from, to, body) if self.double(*index, (*from, *to), body) => {}
+            Stmt::For(index, from, to, body) => {
+                let var = self.indices[index.0 as usize];
+                let start = self.b.ins().iconst(types::I64, i64::from(*from));
+                self.b.def_var(var, start);
+                let (head, end) = (self.b.create_block(), self.b.create_block());
+                self.b.ins().jump(head, &[] as &[BlockArg]);
+                self.b.switch_to_block(head);
+                self.block(body);
+                let i = self.b.use_var(var);
+                let i = self.b.ins().iadd_imm_u(i, 1);
+                self.b.def_var(var, i);
+                let more = self.b.ins().icmp_imm_u(IntCC::UnsignedLessThan, i, i64::from(*to));
+                self.b.ins().brif(more, head, &[] as &[BlockArg], end, &[] as &[BlockArg]);
+                self.b.switch_to_block(end);
+            }
+            Stmt::Solve { system, matrix, vector, row, same } => {
+                self.solve((*system, *matrix, *vector), row.0, *same);
+            }
+            Stmt::Count(k) => {
+                let k = self.of(*k);
+                let report = self.params[Memory::ALL.len()];
+                let before = self.b.ins().load(types::F64, MemFlagsData::trusted(), report, 0);
+                let after = self.b.ins().fadd(before, k);
+                self.b.ins().store(MemFlagsData::trusted(), after, report, 0);
+            }
+            Stmt::Note(list) => self.note(list),
+            Stmt::Fail(reason) => {
+                self.fail(*reason);
+                return true;
             }
         }
         false
@@ -288,6 +410,11 @@ impl<M: Module> Translate<'_, '_, M> {
     /// The value of a value.
     fn of(&mut self, v: Value) -> ir::Value {
         if let Some(x) = self.values[v.0 as usize] {
+            return x;
+        }
+        if let Some(&(vector, lane)) = self.abreast.lanes.get(&v) {
+            let x = self.b.ins().extractlane(vector, lane);
+            self.values[v.0 as usize] = Some(x);
             return x;
         }
         let x = self.routine.numbers[v.0 as usize].map_or(0.0, Number::value);

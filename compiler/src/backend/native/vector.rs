@@ -12,6 +12,13 @@ pub(super) fn constant(b: &mut FunctionBuilder, kind: ir::Type, word: u64) -> ir
     b.ins().vconst(kind, pool)
 }
 
+/// A number in each.
+pub(super) fn numbers(b: &mut FunctionBuilder, both: [f64; 2]) -> ir::Value {
+    let both = both.map(|x| x.to_bits().to_le_bytes()).concat();
+    let pool = b.func.dfg.constants.insert(ir::ConstantData::from(both));
+    b.ins().vconst(types::F64X2, pool)
+}
+
 /// The same number in both.
 pub(super) fn number(b: &mut FunctionBuilder, x: f64) -> ir::Value {
     constant(b, types::F64X2, x.to_bits())

@@ -49,13 +49,15 @@ struct Matrices {
 }
 
 impl Apart {
-    /// None where there are few unknowns, which are solved for together.
+    /// None where there are few unknowns, which are solved for together; not where the equations are linear: taken
+    /// apart they keep the balance of a stiff oscillator a hundred times as well, nothing being eliminated by hand.
     pub(in crate::discretise) fn new(c: &Cluster, model: &mut Model, form: &Form, nodes: Nodes) -> Option<Self> {
         let tableau = nodes.tableau();
         let n = c.states.len() + c.loops.len();
         // What a curve's matrix in the middle tells is not that of its other branches.
         let bends = c.loop_nodes().iter().any(|n| matches!(n.how, Output::Curve { .. }));
-        if n * tableau.stages() <= if bends { BENT } else { COUPLED } {
+        let few = n * tableau.stages() <= if bends { BENT } else { COUPLED };
+        if few && !quadratic(c, &mut model.pool) {
             return None;
         }
         let modes = modes(&tableau.matrix())?;
@@ -82,7 +84,7 @@ impl Apart {
                 }
             }
         }
-        Some(Self { tableau, modes, n, slopes, fixed })
+        (fixed || !few).then_some(Self { tableau, modes, n, slopes, fixed })
     }
 
     /// Whether the equations are linear, and solved as such: a small system is cheap to look at again, which takes the

@@ -47,7 +47,8 @@ use tableau::{Tableau, quadrature};
 const QUADRATURE: usize = 4;
 /// Nodes of a quadrature at most.
 const NODES: usize = 18;
-/// Up to so many unknowns in all stages their equations are solved as one, by Newton's method with its whole matrix.
+/// Up to so many unknowns in all stages equations that are not linear are solved as one, by Newton's method with its
+/// whole matrix.
 const COUPLED: usize = 8;
 /// The same where a resistor is a curve.
 const BENT: usize = 48;
