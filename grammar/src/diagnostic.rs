@@ -47,9 +47,12 @@ impl Diagnostic {
         self
     }
 
-    /// Adds a further place.
+    /// Adds a further place; what a loop says again and again of the same place is said once.
     pub fn label(mut self, span: Span, text: impl Into<String>) -> Self {
-        self.labels.push(Label { span, text: text.into() });
+        let label = Label { span, text: text.into() };
+        if !self.labels.contains(&label) {
+            self.labels.push(label);
+        }
         self
     }
 

@@ -62,6 +62,11 @@ fn domains() -> [Domain; 11] {
     ]
 }
 
+/// Whether a domain of physics has these units of effort and flow.
+pub(super) fn is_physical(effort: Dimension, flow: Dimension) -> bool {
+    domains().iter().any(|d| (d.effort, d.flow) == (effort, flow))
+}
+
 /// The domain of graph whose units alone an element's equation asks about.
 fn only_domain(e: &Equation) -> Option<u32> {
     let terms = |unit: &Unit| match unit {
@@ -116,6 +121,11 @@ impl Mixed {
     /// then it is kept for [`Mixed::tell`].
     pub(super) fn takes(&mut self, all: &[Equation], i: usize, system: &System) -> bool {
         self.group(all, i, system).is_some()
+    }
+
+    /// The equations that were kept.
+    pub(super) fn members(&self) -> impl Iterator<Item = usize> {
+        self.groups.iter().flat_map(|g| g.members.iter().copied())
     }
 
     fn group(&mut self, all: &[Equation], i: usize, system: &System) -> Option<()> {

@@ -8,7 +8,7 @@ use crate::model::ElementId;
 use crate::units::Dimension;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A rational exponent, den > 0, in lowest terms.
 type Ratio = (i32, i32);
@@ -194,6 +194,9 @@ fn is_pseudo_pair(e: Dimension, f: Dimension) -> bool {
     .contains(&(e, f))
 }
 
+/// So many equations are looked at, at most, to find which of them misleads.
+const WORK: usize = 10_000_000;
+
 /// The units of a whole model.
 pub struct Inference {
     equations: Vec<Equation>,
@@ -237,32 +240,8 @@ impl Inference {
     /// Solves; contradictions become diagnostics at the place of the equation that did not fit any more.
     pub fn solve(mut self, errors: &mut Vec<Diagnostic>, names: &Names<'_>) -> Units {
         self.equations.sort_by_key(|e| e.rank);
-        // What do the elements say by themselves? Only then is a pair of units taken for a pseudo bond.
-        let mut free = System::default();
-        for e in &self.equations {
-            free.require_one(&e.found.0.div(&e.needed.0));
-        }
-        let mut system = System::default();
-        let mut pseudo = Vec::new();
-        for d in 0..self.domains as usize {
-            let (e, f) = (Self::effort(d), Self::flow(d));
-            let odd = match (free.known(&e), free.known(&f)) {
-                (Some(e), Some(f)) => is_pseudo_pair(e, f),
-                _ => false,
-            };
-            pseudo.push(odd);
-            if !odd {
-                system.require_one(&e.mul(&f).div(&Unit::known(Dimension::WATT)));
-            }
-        }
-        let mut mixed = domain::Mixed::default();
-        for (i, e) in self.equations.iter().enumerate() {
-            if system.require_one(&e.found.0.div(&e.needed.0)) {
-                continue;
-            }
-            if mixed.takes(&self.equations, i, &system) {
-                continue;
-            }
+        let Belief { system, pseudo, mixed, off, .. } = self.weigh();
+        for e in off.iter().filter_map(|i| self.equations.get(*i)) {
             let name = |u: &Unit| match system.reduce(u) {
                 Unit::Form(d, terms) if terms.is_empty() => Some(d.to_string()),
                 Unit::Form(..) | Unit::Any => None,
@@ -312,4 +291,113 @@ impl Inference {
         mixed.tell(&self.equations, errors, names);
         Units { system, pseudo }
     }
+
+    /// Believes the equations in an order that leaves the fewest that do not fit, and of such orders one in which the
+    /// domains have units of physics: a wrong unit that stands first would make all that is right look wrong. Only an
+    /// equation that told something can mislead, and so each of those is tried at the end.
+    fn weigh(&mut self) -> Belief {
+        let mut belief = self.believe();
+        let mut trials = WORK / self.equations.len().max(1);
+        while !belief.off.is_empty() {
+            let suspects = self.suspects(&belief);
+            trials = trials.saturating_sub(suspects.len());
+            if trials == 0 {
+                break;
+            }
+            let others = suspects.into_iter().map(|suspect| {
+                let last = self.doubting(suspect);
+                (last.believe(), last)
+            });
+            let best = others.min_by_key(|(other, last)| last.cost(other));
+            let Some((other, last)) = best.filter(|(other, last)| last.cost(other) < self.cost(&belief)) else { break };
+            (*self, belief) = (last, other);
+        }
+        belief
+    }
+
+    /// The equations that told units of a domain in which one does not fit.
+    fn suspects(&self, belief: &Belief) -> Vec<usize> {
+        let domains = |i: usize| {
+            let e = self.equations.get(i);
+            let units = e.into_iter().flat_map(|e| [&e.found.0, &e.needed.0]);
+            let terms = units.flat_map(|u| match u {
+                Unit::Form(_, terms) => terms.as_slice(),
+                Unit::Any => &[],
+            });
+            terms.map(|t| t.0).filter(|v| v.0 < 1 << 31).map(|v| v.0 / 2)
+        };
+        let odd: FxHashSet<u32> = belief.off.iter().flat_map(|i| domains(*i)).collect();
+        belief.told.iter().copied().filter(|i| domains(*i).any(|d| odd.contains(&d))).collect()
+    }
+
+    /// How much speaks against it: how many places of the text would have to be mended, then how many domains have a
+    /// pair of units that no physics has.
+    fn cost(&self, belief: &Belief) -> (usize, usize) {
+        let off = belief.off.iter().copied().chain(belief.mixed.members());
+        let places: FxHashSet<Span> = off.filter_map(|i| self.equations.get(i)).map(|e| e.found.1).collect();
+        (places.len(), belief.strange)
+    }
+
+    /// The same with one equation, and all of the same place, believed last.
+    fn doubting(&self, suspect: usize) -> Inference {
+        let doubted = self.equations.get(suspect).map(|e| e.found.1);
+        let (last, mut equations): (Vec<Equation>, Vec<Equation>) =
+            self.equations.iter().cloned().partition(|e| Some(e.found.1) == doubted);
+        equations.extend(last);
+        Inference { equations, domains: self.domains }
+    }
+
+    /// What follows where the equations are believed one after the other.
+    fn believe(&self) -> Belief {
+        // What do the elements say by themselves? Only then is a pair of units taken for a pseudo bond.
+        let mut free = System::default();
+        for e in &self.equations {
+            free.require_one(&e.found.0.div(&e.needed.0));
+        }
+        let mut system = System::default();
+        let mut pseudo = Vec::new();
+        for d in 0..self.domains as usize {
+            let (e, f) = (Self::effort(d), Self::flow(d));
+            let odd = match (free.known(&e), free.known(&f)) {
+                (Some(e), Some(f)) => is_pseudo_pair(e, f),
+                _ => false,
+            };
+            pseudo.push(odd);
+            if !odd {
+                system.require_one(&e.mul(&f).div(&Unit::known(Dimension::WATT)));
+            }
+        }
+        let mut mixed = domain::Mixed::default();
+        let (mut told, mut off) = (Vec::new(), Vec::new());
+        for (i, e) in self.equations.iter().enumerate() {
+            let solved = system.rows.len();
+            if system.require_one(&e.found.0.div(&e.needed.0)) {
+                if system.rows.len() > solved {
+                    told.push(i);
+                }
+            } else if !mixed.takes(&self.equations, i, &system) {
+                off.push(i);
+            }
+        }
+        let strange = (0..self.domains as usize)
+            .filter(|d| match (system.known(&Self::effort(*d)), system.known(&Self::flow(*d))) {
+                (Some(e), Some(f)) => !domain::is_physical(e, f),
+                _ => false,
+            })
+            .count();
+        Belief { system, pseudo, mixed, told, off, strange }
+    }
+}
+
+/// What follows from the equations in some order.
+struct Belief {
+    system: System,
+    pseudo: Vec<bool>,
+    mixed: domain::Mixed,
+    /// The equations that told something.
+    told: Vec<usize>,
+    /// Those that did not fit, but for elements of another domain.
+    off: Vec<usize>,
+    /// How many domains have a pair of units that no physics has.
+    strange: usize,
 }
