@@ -28,14 +28,18 @@ fn missed(method: &str, tolerance: f64) -> (f64, u64) {
 
 #[test]
 fn a_planet_returns() {
-    let (off, steps) = missed("rk45", 1e-10);
-    assert!(off <= 1e-9 && steps < 1000, "off by {off:e} after {steps} steps");
+    for (method, most) in [("rk45", 1000), ("dop853", 150)] {
+        let (off, steps) = missed(method, 1e-10);
+        assert!(off <= 1e-9 && steps < most, "{method}: off by {off:e} after {steps} steps");
+    }
 }
 
 /// With the tolerance the error of a run falls as that of a step does, each by its order.
 #[test]
 fn errors_fall_with_the_tolerance() {
-    for (method, order) in [("rk45", 5.0), ("rk4", 4.0), ("gonzalez", 2.0), ("euler", 1.0), ("symplectic_euler", 1.0)] {
+    let orders =
+        [("dop853", 8.0), ("rk45", 5.0), ("rk4", 4.0), ("gonzalez", 2.0), ("euler", 1.0), ("symplectic_euler", 1.0)];
+    for (method, order) in orders {
         let tolerances = if order > 1.0 { [1e-6, 1e-9] } else { [1e-5, 1e-7] };
         let [a, b] = tolerances.map(|x| missed(method, x));
         let found = (a.0 / b.0).ln() / (b.1 as f64 / a.1 as f64).ln();
@@ -88,7 +92,7 @@ fn bounced(method: &str, tolerance: f64) -> (f64, Summary) {
 /// The order survives contact: that of the steps, not that of stepping over a kink.
 #[test]
 fn a_ball_keeps_its_order_through_contact() {
-    for (method, order) in [("gonzalez", 2.0), ("rk4", 4.0), ("rk45", 5.0)] {
+    for (method, order) in [("gonzalez", 2.0), ("rk4", 4.0), ("rk45", 5.0), ("dop853", 8.0)] {
         let found = [1e-5, 1e-7, 1e-9].map(|x| bounced(method, x));
         for pair in found.windows(2) {
             let steps = |s: &Summary| s.regions[0].steps as f64;
@@ -246,7 +250,7 @@ const SWING: &str = "model Swing {
 /// What is looked at within a step is a step of the method to there, and looking changes no step.
 #[test]
 fn rows_within_steps() {
-    for (method, within) in [("gonzalez", 2e-4), ("rk45", 1e-6)] {
+    for (method, within) in [("gonzalez", 2e-4), ("rk45", 1e-6), ("dop853", 1e-6)] {
         let compiled = with(Options::new().method(method), SWING);
         let mut blind = start(&compiled, Steps::tolerance(1e-7));
         finish(&mut blind, 5.0);
@@ -332,7 +336,7 @@ fn a_jump_is_met_at_rest() {
       probe i = p.f
     }";
     let wanted = 5.0 * (1.0 - (-2f64).exp());
-    for method in ["gonzalez", "collocation6", "radau", "rk4", "rk45"] {
+    for method in ["gonzalez", "collocation6", "radau", "rk4", "rk45", "dop853"] {
         for tolerance in [1e-5, 1e-8, 1e-10] {
             let compiled = with(Options::new().method(method), text);
             close(end(&compiled, Steps::tolerance(tolerance), 5e-3, "i"), wanted, 1e3 * tolerance, method);
@@ -352,9 +356,14 @@ fn steep_friction_turns_over() {
       F -> 1:v -> r, m, k
       probe speed = v.f
     }";
-    for (method, most) in
-        [("gonzalez", 1e-4), ("collocation4", 1e-5), ("collocation8", 1e-5), ("radau", 1e-5), ("rk45", 1e-4)]
-    {
+    for (method, most) in [
+        ("gonzalez", 1e-4),
+        ("collocation4", 1e-5),
+        ("collocation8", 1e-5),
+        ("radau", 1e-5),
+        ("rk45", 1e-4),
+        ("dop853", 1e-4),
+    ] {
         let compiled = with(Options::new().method(method), text);
         close(end(&compiled, Steps::tolerance(1e-6), 2.0, "speed"), 0.37461563, most, method);
     }
@@ -374,7 +383,7 @@ fn energies_without_states() {
     close(found.dissipated, lost, 1e-3, "lost");
     close(found.supplied, lost + 50.0 * 10f64.sin().powi(2), 1e-3, "supplied");
     let text = "model M { Sf:u = 1 A * sin(t/1 s)  R:r { e = 3 V/A * f }  u -> r }";
-    for method in ["collocation8", "radau", "rk45"] {
+    for method in ["collocation8", "radau", "rk45", "dop853"] {
         let found = region(&with(Options::new().method(method), text));
         close(found.dissipated, 1.5 * (10.0 - 0.5 * 20f64.sin()), 1e-4, method);
     }
@@ -398,7 +407,7 @@ fn a_pulse_without_states() {
 /// A state that grows beyond all numbers ends the run by name, and what was computed stays.
 #[test]
 fn what_is_not_finite_ends_the_run() {
-    for method in ["gonzalez", "rk4", "rk45"] {
+    for method in ["gonzalez", "rk4", "rk45", "dop853"] {
         let compiled =
             with(Options::new().method(method), "model Grow { state z = 1 { dz = z^2/(1 s) }  probe y = z }");
         let mut sim = start(&compiled, Steps::tolerance(1e-6));
@@ -413,7 +422,7 @@ fn what_is_not_finite_ends_the_run() {
 /// An input that is set at a row holds from there, though the step that was planned goes further.
 #[test]
 fn inputs_end_a_planned_step() {
-    for method in ["gonzalez", "rk45"] {
+    for method in ["gonzalez", "rk45", "dop853"] {
         let compiled = with(
             Options::new().method(method),
             "model Fed { input push = 0 N  MSe:hand = push  I:mass = 1 kg  hand -> 1:v -> mass  probe speed = v.f }",
@@ -472,7 +481,7 @@ fn every_switch_of_a_wave_is_met() {
       u -> 1:i -> r, l
       probe current = i.f
     }";
-    for method in ["gonzalez", "collocation8", "radau", "rk4", "rk45"] {
+    for method in ["gonzalez", "collocation8", "radau", "rk4", "rk45", "dop853"] {
         let compiled = with(Options::new().method(method), text);
         let mut sim = start(&compiled, Steps::tolerance(1e-6));
         finish(&mut sim, 0.5);
@@ -524,6 +533,7 @@ fn rows_are_as_exact_as_step_ends() {
         ("collocation12", 1e-10),
         ("radau", 1e-10),
         ("rk45", 1e-10),
+        ("dop853", 1e-10),
     ];
     let instants: Vec<f64> = (1..=13).map(|k| f64::from(k) * 0.297).collect();
     let fine = with(Options::new().method("collocation12"), RINGING);

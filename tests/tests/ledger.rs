@@ -88,7 +88,7 @@ fn odd_steps_balance() {
 #[test]
 fn euler_and_rk4_are_not_called_passive() {
     let path = crate::common::models().join("examples/pendulum.bond");
-    for method in ["euler", "symplectic_euler", "rk4", "rk45"] {
+    for method in ["euler", "symplectic_euler", "rk4", "rk45", "dop853"] {
         let compiled = file(&path, Options::new().method(method));
         let summary = run(&compiled).unwrap_or_else(|e| panic!("{e}"));
         assert!(

@@ -104,6 +104,7 @@ fn each_method_has_its_order_against_exact() {
     assert_order("gonzalez", &swing("gonzalez", &[0.02, 0.01, 0.005]), 2.0, 0.1);
     assert_order("rk4", &swing("rk4", &[0.04, 0.02, 0.01]), 4.0, 0.15);
     assert_order("rk45", &swing("rk45", &[0.1, 0.05, 0.025]), 5.0, 0.35);
+    assert_order("dop853", &swing("dop853", &[0.4, 0.2, 0.1]), 8.0, 0.5);
     assert_order("symplectic_euler", &swing("symplectic_euler", &[0.002, 0.001, 0.0005]), 1.0, 0.1);
 }
 

@@ -338,7 +338,7 @@ fn an_integral_that_is_read_is_a_state() {
     let plant = "Se:u = 3 V - 2 Hz * sum  R:r = 1 Ohm  C:c = 0.5 F  u -> 1:i -> r, c  probe v = c.e  probe s = sum";
     let by_integral = format!("model M {{ {plant}  let sum = integral(c.e, 0.1 V*s) }}");
     let by_state = format!("model M {{ {plant}  state sum = 0.1 V*s {{ dsum = c.e }} }}");
-    for method in ["exact", "gonzalez", "euler", "symplectic_euler", "rk4", "rk45"] {
+    for method in ["exact", "gonzalez", "euler", "symplectic_euler", "rk4", "rk45", "dop853"] {
         let ends = [&by_integral, &by_state].map(|text| {
             let compiled = with(Options::new().method(method), text);
             let mut sim = start(&compiled, Steps::fixed(0.05));

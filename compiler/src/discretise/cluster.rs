@@ -415,6 +415,7 @@ impl Cluster {
                     Some(Method::SymplecticEuler) => explicit::write(self, model, form, &explicit::SYMPLECTIC)?,
                     Some(Method::Rk4) => explicit::write(self, model, form, &explicit::RK4)?,
                     Some(Method::Rk45) => explicit::write(self, model, form, &explicit::RK45)?,
+                    Some(Method::Dop853) => explicit::write(self, model, form, &explicit::DOP853)?,
                     Some(Method::Ray) => self.gonzalez(model, form)?,
                     Some(Method::Collocation4) => {
                         self.collocation(model, form, Method::Collocation4, Nodes::Gauss(2))?
@@ -465,7 +466,8 @@ impl Cluster {
                         | Method::Euler
                         | Method::SymplecticEuler
                         | Method::Rk4
-                        | Method::Rk45),
+                        | Method::Rk45
+                        | Method::Dop853),
                     ) => {
                         return Err(unfit(model, self, form, m, "a sampled region takes `gonzalez` or `ray`"));
                     }

@@ -1,5 +1,5 @@
-//! Explicit methods, to compare with: Euler's, the classical one of Runge and Kutta, that of Dormand and Prince, and
-//! the semi-implicit Euler method. Their steps do not keep the balance.
+//! Explicit methods, to compare with: Euler's, the classical one of Runge and Kutta, those of Dormand and Prince of
+//! order 5 and 8, and the semi-implicit Euler method. Their steps do not keep the balance.
 
 use super::cluster::{Cluster, missing, verified};
 use super::{instant, write};
@@ -18,14 +18,15 @@ struct Row {
     weight: f64,
 }
 
-/// A method: its stages, and the weights with which their rates estimate the error, where they do.
+/// A method: its stages, and the weights with which their rates estimate the error, where they do: one row, or a second
+/// one of lower order beside it.
 pub(super) struct Tableau {
     name: &'static str,
     order: u32,
     /// Whether the first stage moves the I storages and the second one, at which they have moved, all else.
     halved: bool,
     rows: &'static [Row],
-    error: &'static [f64],
+    error: &'static [&'static [f64]],
 }
 
 /// Explicit Euler.
@@ -73,7 +74,141 @@ pub(super) const RK45: Tableau = Tableau {
             weight: 0.0,
         },
     ],
-    error: &[71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339_200.0, 22.0 / 525.0, -1.0 / 40.0],
+    error: &[&[71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339_200.0, 22.0 / 525.0, -1.0 / 40.0]],
+};
+
+/// That of order 8 with estimates of order 5 and 3: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
+/// Equations I, 2nd ed. 1993, II.5 and II.10, after P. J. Prince, J. R. Dormand, J. Comput. Appl. Math. 7 (1981).
+pub(super) const DOP853: Tableau = Tableau {
+    name: "dop853",
+    order: 8,
+    halved: false,
+    rows: &[
+        Row { at: 0.0, from: &[], weight: 0.054293734116568765 },
+        Row { at: 0.05260015195876773, from: &[0.05260015195876773], weight: 0.0 },
+        Row { at: 0.0789002279381516, from: &[0.0197250569845379, 0.0591751709536137], weight: 0.0 },
+        Row { at: 0.1183503419072274, from: &[0.02958758547680685, 0.0, 0.08876275643042054], weight: 0.0 },
+        Row {
+            at: 0.2816496580927726,
+            from: &[0.2413651341592667, 0.0, -0.8845494793282861, 0.924834003261792],
+            weight: 0.0,
+        },
+        Row {
+            at: 1.0 / 3.0,
+            from: &[0.037037037037037035, 0.0, 0.0, 0.17082860872947386, 0.12546768756682242],
+            weight: 4.450312892752409,
+        },
+        Row {
+            at: 0.25,
+            from: &[0.037109375, 0.0, 0.0, 0.17025221101954405, 0.06021653898045596, -0.017578125],
+            weight: 1.8915178993145003,
+        },
+        Row {
+            at: 4.0 / 13.0,
+            from: &[
+                0.03709200011850479,
+                0.0,
+                0.0,
+                0.17038392571223998,
+                0.10726203044637328,
+                -0.015319437748624402,
+                0.008273789163814023,
+            ],
+            weight: -5.801203960010585,
+        },
+        Row {
+            at: 127.0 / 195.0,
+            from: &[
+                0.6241109587160757,
+                0.0,
+                0.0,
+                -3.3608926294469414,
+                -0.868219346841726,
+                27.59209969944671,
+                20.154067550477894,
+                -43.48988418106996,
+            ],
+            weight: 0.3111643669578199,
+        },
+        Row {
+            at: 0.6,
+            from: &[
+                0.47766253643826434,
+                0.0,
+                0.0,
+                -2.4881146199716677,
+                -0.590290826836843,
+                21.230051448181193,
+                15.279233632882423,
+                -33.28821096898486,
+                -0.020331201708508627,
+            ],
+            weight: -0.1521609496625161,
+        },
+        Row {
+            at: 6.0 / 7.0,
+            from: &[
+                -0.9371424300859873,
+                0.0,
+                0.0,
+                5.186372428844064,
+                1.0914373489967295,
+                -8.149787010746927,
+                -18.52006565999696,
+                22.739487099350505,
+                2.4936055526796523,
+                -3.0467644718982196,
+            ],
+            weight: 0.20136540080403034,
+        },
+        Row {
+            at: 1.0,
+            from: &[
+                2.273310147516538,
+                0.0,
+                0.0,
+                -10.53449546673725,
+                -2.0008720582248625,
+                -17.9589318631188,
+                27.94888452941996,
+                -2.8589982771350235,
+                -8.87285693353063,
+                12.360567175794303,
+                0.6433927460157636,
+            ],
+            weight: 0.04471061572777259,
+        },
+    ],
+    error: &[
+        &[
+            0.01312004499419488,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            -1.2251564463762044,
+            -0.4957589496572502,
+            1.6643771824549864,
+            -0.35032884874997366,
+            0.3341791187130175,
+            0.08192320648511571,
+            -0.022355307863886294,
+        ],
+        &[
+            -0.18980075407240762,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            4.450312892752409,
+            1.8915178993145003,
+            -5.801203960010585,
+            -0.42268232132379197,
+            -0.1521609496625161,
+            0.20136540080403034,
+            0.022651792198360825,
+        ],
+    ],
 };
 
 /// The semi-implicit method: the I storages move first. Powers are the means of both stages.
@@ -128,8 +263,7 @@ pub(super) fn write(
             if row.from.is_empty() || (halved && !kicked[i]) {
                 continue;
             }
-            let rate = sum(&mut b, &stages, row.from.iter().copied(), &|s| s.rates[i]);
-            let d = b.mul(inputs.h, rate);
+            let d = change(&mut b, inputs.h, &stages, row.from, &|s| s.rates[i]);
             let x = b.add(*x, d);
             lowering.bind(s.symbol, x);
         }
@@ -144,13 +278,14 @@ pub(super) fn write(
     let mut next = Vec::new();
     let n = c.states.len();
     let pick = |s: &Stage, i: usize| if i < n { s.rates[i] } else { s.integrals[i - n] };
+    let weights: Vec<f64> = rows.iter().map(|r| r.weight).collect();
     for (i, x) in inputs.states.iter().chain(&inputs.integrals).enumerate() {
-        let rate = match (halved, kicked.get(i)) {
-            (false, _) => weighted(&mut b, &|s| pick(s, i)),
-            (true, Some(true)) => pick(&stages[0], i),
-            (true, Some(false) | None) => pick(&stages[1], i),
+        let weights: &[f64] = match (halved, kicked.get(i)) {
+            (false, _) => &weights,
+            (true, Some(true)) => &[1.0],
+            (true, Some(false) | None) => &[0.0, 1.0],
         };
-        let d = b.mul(inputs.h, rate);
+        let d = change(&mut b, inputs.h, &stages, weights, &|s| pick(s, i));
         let v = b.add(*x, d);
         b.store(Slot::new(Array::Next, i), v);
         next.push(v);
@@ -182,14 +317,52 @@ pub(super) fn write(
         let names = c.states.iter().map(|s| s.name.clone()).chain(integrals);
         let slots: Vec<Slot> = names.map(|n| b.named(Array::Output, format!("error({n})"))).collect();
         for (i, slot) in slots.iter().enumerate() {
-            let rate = sum(&mut b, &stages, error.iter().copied(), &|s| pick(s, i));
-            let off = b.mul(inputs.h, rate);
+            let mut by = error.iter().map(|w| sum(&mut b, &stages, w.iter().copied(), &|s| pick(s, i)));
+            let (rate, coarse) = (by.next(), by.next());
+            let rate = rate.unwrap_or_else(|| b.number(0.0));
+            let mut off = b.mul(inputs.h, rate);
+            if let Some(coarse) = coarse {
+                off = sharpened(&mut b, off, rate, coarse);
+            }
             b.store(*slot, off);
         }
         slots.first().map_or(0, |s| s.index as usize)
     });
     let program = verified(model, b.finish())?;
     Ok((Stepper { estimate, ..Stepper::new(name, order, false, program) }, entries))
+}
+
+/// An estimate of an error by one of order 5 and one of order 3, each of a rate: what the first says, times how far it
+/// is below a tenth of the second, which goes down with the order of the method (Hairer, Norsett, Wanner I, II.10, with
+/// the sum of sizes for the root of the sum of squares).
+fn sharpened(b: &mut Builder, off: Value, fine: Value, coarse: Value) -> Value {
+    let (fine, coarse) = (b.unary(Unary::Abs, fine), b.unary(Unary::Abs, coarse));
+    let (tenth, least) = (b.number(0.1), b.number(f64::MIN_POSITIVE));
+    let coarse = b.mul(tenth, coarse);
+    let both = b.add(fine, coarse);
+    let both = b.add(both, least);
+    let part = b.div(fine, both);
+    b.mul(off, part)
+}
+
+/// What something changes by in a time `h`, by its rates at the stages with these weights. The last one is added last,
+/// with a weight that `h` was multiplied with before: the next stage waits for it, and for nothing else.
+fn change(b: &mut Builder, h: Value, stages: &[Stage], weights: &[f64], pick: &dyn Fn(&Stage) -> Value) -> Value {
+    let of = |b: &mut Builder, weights: &[f64]| {
+        let rate = sum(b, stages, weights.iter().copied(), pick);
+        b.mul(h, rate)
+    };
+    let last = weights.iter().rposition(|w| *w != 0.0).unwrap_or(0);
+    match weights.split_at_checked(last) {
+        Some((before, [w, ..])) if before.iter().any(|w| *w != 0.0) => {
+            let d = of(b, before);
+            let w = b.number(*w);
+            let w = b.mul(h, w);
+            let end = b.mul(w, pick(&stages[last]));
+            b.add(d, end)
+        }
+        _ => of(b, weights),
+    }
 }
 
 /// The sum of something of the stages with these weights; nothing is added where a weight is 0.

@@ -68,13 +68,15 @@ pub enum Method {
     Rk4,
     /// That of Dormand and Prince, of order 5 with an estimate of order 4.
     Rk45,
+    /// Theirs of order 8 with estimates of order 5 and 3.
+    Dop853,
     /// The semi-implicit Euler method.
     SymplecticEuler,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Method; 14] = [
+    pub const ALL: [Method; 15] = [
         Method::Exact,
         Method::Gonzalez,
         Method::Collocation4,
@@ -89,6 +91,7 @@ impl Method {
         Method::SymplecticEuler,
         Method::Rk4,
         Method::Rk45,
+        Method::Dop853,
     ];
 
     /// As it is written.
@@ -107,6 +110,7 @@ impl Method {
             Method::Euler => "euler",
             Method::Rk4 => "rk4",
             Method::Rk45 => "rk45",
+            Method::Dop853 => "dop853",
             Method::SymplecticEuler => "symplectic_euler",
         }
     }
