@@ -36,6 +36,7 @@ struct Loop {
     weight: Vec<u32>,
     scale: Vec<u32>,
     cold: Vec<u32>,
+    small: Vec<u32>,
 }
 
 /// Linear equations: where the unknowns are, and which registers the numbers come in.
@@ -179,9 +180,12 @@ impl Machine<'_> {
         gather(&mut scratch.weight, &shape.weight, &self.work.registers);
         gather(&mut scratch.scale, &shape.scale, &self.work.registers);
         gather(&mut scratch.cold, &shape.cold, &self.work.registers);
+        let mut small = std::mem::take(&mut scratch.small);
+        gather(&mut small, &shape.small, &self.work.registers);
         let mut count = 0;
-        let mut body = Body { machine: self, shape, plan };
+        let mut body = Body { machine: self, shape, plan, small: &small };
         let result = newton::solve(plan, &mut scratch, &mut count, &mut body);
+        scratch.small = small;
         self.work.newtons[k] = scratch;
         self.work.newton_iterations += count;
         match plan.flag {
@@ -199,6 +203,8 @@ struct Body<'a, 'b> {
     machine: &'a mut Machine<'b>,
     shape: &'a Loop,
     plan: &'a newton::Plan,
+    /// See [`crate::ir::Newton::small`].
+    small: &'a [f64],
 }
 
 impl newton::System for Body<'_, '_> {
@@ -207,6 +213,17 @@ impl newton::System for Body<'_, '_> {
         gather(residual, &self.shape.residual, &self.machine.work.registers);
         gather(jacobian, &self.shape.jacobian, &self.machine.work.registers);
         Ok(())
+    }
+
+    fn coarse(&mut self, residual: &mut [f64], jacobian: &mut [f64]) -> Result<bool, Failure> {
+        for k in &self.shape.small {
+            self.machine.work.registers[*k as usize] = -0.0;
+        }
+        let result = self.evaluate(residual, jacobian);
+        for (k, x) in self.shape.small.iter().zip(self.small) {
+            self.machine.work.registers[*k as usize] = *x;
+        }
+        result.map(|()| !self.small.is_empty())
     }
 
     fn pairs(&mut self) -> (&mut [f64], &mut [f64]) {

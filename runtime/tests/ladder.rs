@@ -48,6 +48,7 @@ fn ladder(n: usize) -> Program {
         weight: vec![one; n],
         scale: vec![one; n],
         cold: Vec::new(),
+        small: Vec::new(),
         bends: Vec::new(),
         limit: 50,
         update: Vec::new(),

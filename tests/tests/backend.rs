@@ -493,6 +493,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         weight: weights,
         scale: if weight { vec![small; n] } else { scales },
         cold: Vec::new(),
+        small: if picks.len().is_multiple_of(3) { vec![pool[1]] } else { Vec::new() },
         bends,
         limit: 40,
         update: if own { update } else { Vec::new() },

@@ -16,6 +16,7 @@ mod elaborate;
 mod emitted;
 mod exchange;
 mod expectations;
+mod foretold;
 mod form;
 mod hard;
 mod holds;

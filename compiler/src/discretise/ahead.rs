@@ -1,14 +1,16 @@
 //! Where the iteration of a `gonzalez` step starts: the changes of the last steps carried on.
 //!
-//! The state keeps each state's last three changes d, d', d'', and one over the length of the last step. Where all
-//! steps are of one length, the next change is foretold as 3 d - 3 d' + d'', the parabola through them; else as q d,
-//! with q the length of the step over that of the last one, and what is kept is stretched likewise.
-//! Where that is far from the last change, beside the two before, steps are too long for it, and none is made.
+//! The state keeps each state's last four changes d, d', d'', d''', and one over the length of the last step. Where all
+//! steps are of one length, the next change is foretold as 4 d - 6 d' + 4 d'' - d''', the cubic through them; else as
+//! q d, with q the length of the step over that of the last one, and what is kept is stretched likewise.
+//! Where that is far from the last change, beside the last three, steps are too long for it, or a law has switched, and
+//! none is made. A change on its way through 0 is on either side of it, and so not far.
 //! It is a guess and no more: the iteration that fails from there, or does not converge at once, starts from no change.
 
 use super::cluster::Cluster;
 use super::gonzalez;
-use crate::expression::Pool;
+use super::write::{self, System};
+use crate::model::Model;
 use crate::structure::Form;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::solve::quick::UNKNOWNS;
@@ -16,44 +18,64 @@ use bond_runtime::solve::quick::UNKNOWNS;
 /// Over so many lengths of the last step its change is carried on.
 const REACH: f64 = 2.5;
 /// Numbers that are kept of each state.
-const KEPT: usize = 3;
+const KEPT: usize = 4;
+/// The part of the last three changes that the next one is from the last at most. Of a line through 0 it is a half.
+const FAR: f64 = 0.6;
 
-/// How many numbers a cluster keeps for it: none where its equations are linear, or too many.
-pub(super) fn memory(c: &Cluster, pool: &mut Pool, form: &Form) -> usize {
+/// The states of a cluster whose changes are foretold: those that its iteration solves for, or all where arguments of
+/// exponentials start at what follows from them. None where its equations are linear, or too many.
+pub(super) fn foretold(c: &Cluster, model: &mut Model, form: &Form) -> Vec<usize> {
     let n = c.states.len();
     if n == 0 || n + c.loops.len() > UNKNOWNS {
-        return 0;
+        return Vec::new();
     }
+    let pool = &mut model.pool;
     let map = gonzalez::midpoint(c, pool, form);
     let flat = c.flat(pool, map);
     let (unknowns, residuals) = gonzalez::system(c, pool, &flat);
-    let linear = residuals.into_iter().all(|r| {
-        let slopes = pool.derivatives(r, &unknowns);
+    let linear = residuals.iter().all(|r| {
+        let slopes = pool.derivatives(*r, &unknowns);
         slopes.into_iter().all(|k| !pool.contains_any(k, &|s| unknowns.contains(&s)))
     });
-    if linear { 0 } else { KEPT * n + 1 }
+    if linear {
+        return Vec::new();
+    }
+    if !c.bends().is_empty() {
+        return (0..n).collect();
+    }
+    let whole = gonzalez::is_whole(c, pool);
+    let system = System { unknowns, residuals, h: c.h, whole, ..System::default() };
+    let apart = !gonzalez::is_stiff(c, model, form);
+    let solved = write::solved_for(&mut model.pool, system, apart);
+    (0..n).filter(|i| solved.contains(&c.delta[*i])).collect()
+}
+
+/// How many numbers are kept for so many states.
+pub(super) fn memory(states: usize) -> usize {
+    if states == 0 { 0 } else { KEPT * states + 1 }
 }
 
 /// What was kept, and what it foretells.
 pub(super) struct Ahead {
-    /// For each state its last changes, as they would be over the length of this step.
-    kept: Vec<[Value; 2]>,
+    /// For each state that is foretold its last changes, as they would be over the length of this step.
+    kept: Vec<[Value; KEPT - 1]>,
     /// One over the step's length.
     inverse: Value,
-    /// The changes.
+    /// The changes, those that are not foretold 0.
     pub(super) start: Vec<Value>,
 }
 
 impl Ahead {
     /// Reads what was kept; None where nothing is.
     pub(super) fn new(b: &mut Builder, c: &Cluster, h: Value) -> Option<Self> {
-        let n = c.states.len();
-        if c.memory != KEPT * n + 1 {
+        let n = c.foretold.len();
+        if n == 0 {
             return None;
         }
         let first = b.slots(Array::State, c.memory).index as usize;
         let slot = |i: usize| Slot::new(Array::State, first + i);
-        let (zero, one, three, reach) = (b.number(0.0), b.number(1.0), b.number(3.0), b.number(REACH));
+        let [zero, one, four, six] = [0.0, 1.0, 4.0, 6.0].map(|x| b.number(x));
+        let (reach, far) = (b.number(REACH), b.number(FAR));
         let past = b.load(slot(KEPT * n));
         let inverse = b.div(one, h);
         let same = b.binary(Binary::Eq, past, inverse);
@@ -62,35 +84,38 @@ impl Ahead {
         let ratio = b.select(near, ratio, zero);
         let ratio = b.select(same, one, ratio);
         let (mut kept, mut start) = (Vec::new(), Vec::new());
-        let (half, mut even) = (b.number(0.5), one);
+        let mut even = one;
         for i in 0..n {
-            let [d, d1, d2] = [0, 1, 2].map(|k| b.load(slot(KEPT * i + k)));
-            let (line, before) = (b.mul(ratio, d), b.mul(ratio, d1));
+            let d: [Value; KEPT] = std::array::from_fn(|k| b.load(slot(KEPT * i + k)));
+            let stretched = [0, 1, 2].map(|k| b.mul(ratio, d[k]));
             // Of the last change as little as can be waits for it.
-            let (thrice, bend) = (b.mul(three, d), b.mul(three, d1));
-            let bend = b.sub(d2, bend);
-            let curve = b.add(thrice, bend);
+            let (first, third, second) = (b.mul(four, d[0]), b.mul(four, d[2]), b.mul(six, d[1]));
+            let before = b.sub(third, second);
+            let before = b.sub(before, d[3]);
+            let curve = b.add(first, before);
             // Steps far longer than what they go through change from one to the next as they like.
-            let bent = b.select(same, curve, line);
-            let last = b.select(same, d, before);
-            let off = b.sub(bent, last);
-            let (off, x, y) = (b.unary(Unary::Abs, off), b.unary(Unary::Abs, d1), b.unary(Unary::Abs, d2));
-            let sum = b.add(x, y);
-            let most = b.mul(half, sum);
+            let off = b.sub(curve, d[0]);
+            let [off, last, second, third] = [off, d[0], d[1], d[2]].map(|x| b.unary(Unary::Abs, x));
+            let size = b.add(second, third);
+            let size = b.add(last, size);
+            let most = b.mul(far, size);
             let within = b.binary(Binary::Le, off, most);
             even = b.mul(even, within);
-            start.push(bent);
-            kept.push([line, before]);
+            start.push(b.select(same, curve, stretched[0]));
+            kept.push(stretched);
         }
-        let start = start.into_iter().map(|x| b.select(even, x, zero)).collect();
-        Some(Self { kept, inverse, start })
+        let mut all = vec![zero; c.states.len()];
+        for (i, x) in c.foretold.iter().zip(start) {
+            all[*i] = b.select(even, x, zero);
+        }
+        Some(Self { kept, inverse, start: all })
     }
 
     /// Keeps the changes of this step.
     pub(super) fn keep(&self, b: &mut Builder, c: &Cluster, changes: &[Value]) {
         let at = c.memory_at();
-        for (i, (change, [d, d1])) in changes.iter().zip(&self.kept).enumerate() {
-            for (k, v) in [change, d, d1].into_iter().enumerate() {
+        for (i, (state, before)) in c.foretold.iter().zip(&self.kept).enumerate() {
+            for (k, v) in std::iter::once(&changes[*state]).chain(before).enumerate() {
                 b.store(Slot::new(Array::Next, at + KEPT * i + k), *v);
             }
         }

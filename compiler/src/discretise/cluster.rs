@@ -126,6 +126,8 @@ pub(super) struct Cluster {
     pub(super) h: Option<Symbol>,
     /// Change of each state over a step.
     pub(super) delta: Vec<Symbol>,
+    /// The states whose changes a step by the discrete gradient foretells.
+    pub(super) foretold: Vec<usize>,
     /// How many numbers the stepper keeps of its last step.
     pub(super) memory: usize,
     /// What those are at the start; 0 where it is not said.
@@ -554,7 +556,8 @@ impl Cluster {
         form: &Form,
     ) -> Result<(scene::Stepper, Vec<scene::Entries>), Vec<Diagnostic>> {
         self.tighten(model, form);
-        self.memory = ahead::memory(self, &mut model.pool, form);
+        self.foretold = ahead::foretold(self, model, form);
+        self.memory = ahead::memory(self.foretold.len());
         gonzalez::write(self, model, form, true)
     }
 

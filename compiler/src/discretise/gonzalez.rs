@@ -200,6 +200,12 @@ pub(super) fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     hard * light > STIFF * soft * heavy || hard * light * start.step * start.step > LONG
 }
 
+/// Whether coefficients are taken as they stand. What rounding takes from states and coefficients is seen where nothing
+/// else takes energy; of many states that are linear it is not worth its time.
+pub(super) fn is_whole(c: &Cluster, pool: &mut Pool) -> bool {
+    c.is_lossless() && (c.states.len() <= MANY || !super::collocation::all_quadratic(c, pool))
+}
+
 /// Writes the step. Where it is the cluster's own, rather than what another stepper falls back to, `own` says so: its
 /// memory is then that of [`super::ahead`].
 pub(super) fn write(
@@ -219,9 +225,7 @@ pub(super) fn write(
     let (unknowns, mut residuals) = system(c, &mut model.pool, &flat);
     let symbols = c.states.iter().map(|s| s.symbol).collect();
     turn::angles(model, &mut b, &mut lowering, &c.energies(), &symbols)?;
-    // What rounding takes from states and coefficients is seen where nothing else takes energy; of many states that are
-    // linear it is not worth its time.
-    let whole = c.is_lossless() && (c.states.len() <= MANY || !super::collocation::all_quadratic(c, &mut model.pool));
+    let whole = is_whole(c, &mut model.pool);
     if whole {
         whole::carried(c, model, &mut b, &mut lowering, &inputs, &mut residuals);
     }
@@ -238,8 +242,8 @@ pub(super) fn write(
         }
         None => (rest, Vec::new()),
     };
-    let carries = inputs.carries.iter().map(|slot| Some(b.load(*slot)));
-    let states = c.states.iter().map(|s| s.symbol).zip(carries).collect();
+    let carries: Vec<Value> = inputs.carries.iter().map(|slot| b.load(*slot)).collect();
+    let states = c.states.iter().map(|s| s.symbol).zip(carries.iter().copied().map(Some)).collect();
     let system = System {
         unknowns,
         h: c.h,
@@ -250,6 +254,7 @@ pub(super) fn write(
         whole,
         rests: true,
         left: write::left(c),
+        small: if whole { carries } else { Vec::new() },
         states,
         bends: c.bends(),
         ..System::default()

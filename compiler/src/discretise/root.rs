@@ -27,6 +27,17 @@ fn radicand(pool: &Pool, factors: &[(Expr, Number)]) -> Option<Expr> {
 }
 
 impl Roots {
+    /// Whether there are such roots in a system.
+    pub(super) fn are_in(pool: &Pool, system: &System) -> bool {
+        let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().collect();
+        pool.ascending(&system.residuals, &|_| true).into_iter().any(|e| match pool.node(e) {
+            Node::Product(_, factors) => {
+                radicand(pool, factors).is_some_and(|x| pool.contains_any(x, &|s| unknown.contains(&s)))
+            }
+            _ => false,
+        })
+    }
+
     /// Makes the roots in a system unknowns; `cold` is where else it starts.
     ///
     /// # Errors

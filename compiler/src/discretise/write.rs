@@ -211,6 +211,8 @@ pub(super) struct System {
     pub(super) rests: bool,
     /// The part of the unknowns that the iteration may leave, where that is less than usual.
     pub(super) left: Option<f64>,
+    /// Values that are next to nothing beside what they are added to.
+    pub(super) small: Vec<Value>,
     /// The states that the unknowns move, where these may be angles.
     pub(super) states: Vec<(Symbol, Option<Value>)>,
     /// Unknowns that exponentials are of, and where these grow.
@@ -270,6 +272,16 @@ pub(super) fn solve_from(
     }
     rests.extend(more);
     Ok(rests)
+}
+
+/// The unknowns that an iteration solves for, where it is as [`solve_from`] makes it.
+pub(super) fn solved_for(pool: &mut Pool, mut system: System, apart: bool) -> Vec<Symbol> {
+    if apart && !Roots::are_in(pool, &system) {
+        let (h, none) = (system.h, vec![Value(0); system.unknowns.len()]);
+        (system.start, system.weight, system.scale) = (none.clone(), none.clone(), none);
+        tear(pool, &mut system, h);
+    }
+    system.unknowns
 }
 
 /// Where an iteration starts: arguments of exponentials at what changes of the states alone, which `known` are, make of
@@ -410,6 +422,7 @@ fn iterate(
         weight: system.weight,
         scale: system.scale,
         cold,
+        small: system.small,
         bends,
         limit: 200,
         affine,

@@ -295,7 +295,17 @@ impl Lowering {
             return self.product(builder, n, factors, folded);
         }
         let value = self.child(builder, t, folded);
-        scaled(builder, value, n.to_f64())
+        // Halves and doubles are exact: nobody need wait for the whole.
+        let by = n.to_f64();
+        if by.abs() != 1.0
+            && is_power_of_two(by)
+            && let Some((a, b)) = builder.factors(value)
+            && a.0 < self.fixed
+        {
+            let part = scaled(builder, a, by);
+            return builder.mul(part, b);
+        }
+        scaled(builder, value, by)
     }
 
     /// One number, the factors above, the factors below: at most one division.
@@ -309,7 +319,7 @@ impl Lowering {
         let mut key = below(factors, &|f| folded(f).is_some()).filter(|k| self.inverses.contains_key(k));
         let mut constant = c.to_f64();
         let mut divisor = 1.0;
-        let (mut above, mut below): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
+        let (mut still, mut above, mut below) = (Vec::new(), Vec::new(), Vec::new());
         for &(f, n) in factors {
             if let Some(x) = folded(f) {
                 let side = if n.is_negative() { &mut divisor } else { &mut constant };
@@ -317,7 +327,12 @@ impl Lowering {
             } else {
                 let value = self.child(builder, f, folded);
                 let power = raise(builder, value, n.abs());
-                if n.is_negative() { &mut below } else { &mut above }.push(power);
+                match () {
+                    () if n.is_negative() => &mut below,
+                    () if value.0 < self.fixed => &mut still,
+                    () => &mut above,
+                }
+                .push(power);
             }
         }
         // a number that got lost in folding is put back as it stands
@@ -330,7 +345,6 @@ impl Lowering {
             key = None;
         }
         let multiply = |builder: &mut Builder, all: Vec<Value>| all.into_iter().reduce(|a, b| builder.mul(a, b));
-        let (still, above): (Vec<Value>, Vec<Value>) = above.into_iter().partition(|v| v.0 < self.fixed);
         let above = match multiply(builder, still) {
             Some(still) if !above.is_empty() => {
                 let still = scaled(builder, still, std::mem::replace(&mut constant, 1.0));
@@ -407,6 +421,11 @@ fn below(factors: &[(Expr, Number)], is_number: &dyn Fn(Expr) -> bool) -> Option
 /// Whether a factor is a number of a method, not of a model.
 fn is_weight(n: Number) -> bool {
     matches!(n, Number::Float(x) if x.abs() != 1.0)
+}
+
+/// Whether a product with this number has all digits of what it is multiplied with.
+fn is_power_of_two(x: f64) -> bool {
+    x.is_normal() && x.to_bits() & ((1 << 52) - 1) == 0
 }
 
 fn scaled(builder: &mut Builder, value: Value, by: f64) -> Value {

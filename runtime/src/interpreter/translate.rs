@@ -97,7 +97,8 @@ impl Lives {
                 }
                 Inst::Store(_, v) => self.used(*v),
                 Inst::Newton(newton) => {
-                    newton.weight.iter().chain(&newton.scale).chain(&newton.cold).for_each(|&v| self.used(v));
+                    let lists = [&newton.weight, &newton.scale, &newton.cold, &newton.small];
+                    lists.into_iter().flatten().for_each(|&v| self.used(v));
                     self.depth += 1;
                     self.position += 1;
                     self.pending.push(Vec::new());
@@ -170,7 +171,7 @@ impl Writer {
                     let k = self.loops.len();
                     let all = |values: &[Value], writer: &Self| values.iter().map(|&v| writer.of(v)).collect();
                     let (weight, scale) = (all(&newton.weight, self), all(&newton.scale, self));
-                    let cold = all(&newton.cold, self);
+                    let (cold, small) = (all(&newton.cold, self), all(&newton.small, self));
                     self.loops.push(Loop::default());
                     self.release(None);
                     self.position += 1;
@@ -179,7 +180,8 @@ impl Writer {
                     let entries = newton.jacobian.iter().map(|&(_, _, v)| v);
                     let jacobian = entries.chain(newton.update.iter().copied()).map(|v| self.of(v)).collect();
                     self.release(None);
-                    self.loops[k] = Loop { body: start..self.code.len(), residual, jacobian, weight, scale, cold };
+                    self.loops[k] =
+                        Loop { body: start..self.code.len(), residual, jacobian, weight, scale, cold, small };
                     code.push(Code::Newton(k as u32));
                 }
                 Inst::Solve(solve) => {

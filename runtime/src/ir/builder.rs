@@ -23,6 +23,8 @@ pub struct Builder {
     scopes: Vec<Scope>,
     values: u32,
     numbers: FxHashMap<Value, f64>,
+    /// Those of iterations.
+    products: FxHashMap<Value, (Value, Value)>,
 }
 
 impl Builder {
@@ -35,6 +37,7 @@ impl Builder {
             scopes: vec![Scope::default()],
             values: 0,
             numbers: FxHashMap::default(),
+            products: FxHashMap::default(),
         }
     }
 
@@ -97,10 +100,20 @@ impl Builder {
         {
             self.numbers.insert(v, x);
         }
+        if let Op::Binary(Binary::Mul, a, b) = op
+            && self.scopes.len() > 1
+        {
+            self.products.insert(v, (a, b));
+        }
         if let Some(scope) = self.scopes.last_mut() {
             scope.known.insert(key, v);
         }
         v
+    }
+
+    /// What a value of an iteration's body is the product of, where it is one.
+    pub fn factors(&self, v: Value) -> Option<(Value, Value)> {
+        self.products.get(&v).copied()
     }
 
     /// A new value.

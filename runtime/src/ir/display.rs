@@ -135,6 +135,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     for (i, x) in newton.cold.iter().enumerate() {
         writeln!(f, "{indent}  cold[{i}] = {x}")?;
     }
+    for x in &newton.small {
+        writeln!(f, "{indent}  small {x}")?;
+    }
     for b in &newton.bends {
         writeln!(f, "{indent}  bend[{}] from {:?} by {:?}", b.unknown, b.knee, b.rate)?;
     }
@@ -172,6 +175,7 @@ mod tests {
             weight: vec![one],
             scale: vec![v],
             cold: Vec::new(),
+            small: Vec::new(),
             bends: Vec::new(),
             limit: 9,
             update: Vec::new(),

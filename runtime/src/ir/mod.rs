@@ -238,6 +238,10 @@ pub struct Newton {
     /// Where the unknowns start is foretold, and this, one value an unknown, is where else: what was foretold then
     /// never decides whether there is a solution. Empty else.
     pub cold: Vec<Value>,
+    /// Values from before the iteration that are next to nothing beside what its body adds them to, as what rounding took
+    /// from states: an iteration that begins with two updates has -0 for them in the first, which then does not wait for
+    /// them.
+    pub small: Vec<Value>,
     /// Unknowns that exponentials are of, and beyond where these grow; up to [`BENT`](crate::solve::newton::BENT)
     /// unknowns.
     pub bends: Vec<Bend>,

@@ -33,6 +33,7 @@ impl Needed {
                     self.mark(lists.into_iter().flatten().copied());
                     self.mark(n.jacobian.iter().map(|e| e.2));
                     self.keep(&mut n.body);
+                    n.small.retain(|v| self.0[v.0 as usize]);
                 }
                 Inst::Solve(s) => self.mark(s.right.iter().copied().chain(s.values())),
                 Inst::MatVec { .. } | Inst::Quad { .. } => {}
@@ -65,7 +66,8 @@ impl Numbers {
                 }
                 Inst::Store(_, v) => self.rename(v),
                 Inst::Newton(n) => {
-                    n.weight.iter_mut().chain(&mut n.scale).chain(&mut n.cold).for_each(|v| self.rename(v));
+                    let lists = [&mut n.weight, &mut n.scale, &mut n.cold, &mut n.small];
+                    lists.into_iter().flatten().for_each(|v| self.rename(v));
                     self.block(&mut n.body);
                     n.residual.iter_mut().chain(&mut n.update).for_each(|v| self.rename(v));
                     n.jacobian.iter_mut().for_each(|e| self.rename(&mut e.2));

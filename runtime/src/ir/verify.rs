@@ -138,7 +138,7 @@ impl Check<'_> {
                 return Err(Invalid::Lengths(first));
             }
         }
-        self.all(newton.weight.iter().chain(&newton.scale).chain(&newton.cold).copied())?;
+        self.all(newton.weight.iter().chain(&newton.scale).chain(&newton.cold).chain(&newton.small).copied())?;
         let own = newton.update.is_empty() || (newton.jacobian.is_empty() && !newton.affine);
         if !own || ![0, n].contains(&newton.update.len()) || !(0.0..1.0).contains(&newton.left) {
             return Err(Invalid::Lengths(first));
@@ -300,6 +300,7 @@ mod tests {
             weight: vec![one],
             scale: vec![one],
             cold: Vec::new(),
+            small: Vec::new(),
             bends: Vec::new(),
             limit: 50,
             update: Vec::new(),

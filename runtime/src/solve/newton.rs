@@ -111,6 +111,8 @@ pub struct Plan {
     pub flag: Option<usize>,
     /// Whether the start is foretold, and another one given besides.
     pub foretold: bool,
+    /// How many values count for nothing in a first update.
+    pub small: usize,
     /// Unknowns that exponentials are of.
     pub bends: Vec<Bend>,
     /// Where it begins with two updates by one matrix.
@@ -130,6 +132,7 @@ impl Plan {
             left: newton.left,
             rests: newton.rests.map(|r| r as usize),
             foretold: !newton.cold.is_empty(),
+            small: newton.small.len(),
             bends: newton.bends.clone(),
             quick: quick::Pattern::of(newton),
             ..plan
@@ -144,7 +147,7 @@ impl Plan {
         let linear = linear::Plan::new(n, &pattern);
         let (quick, foretold, bends, rests) = (None, false, Vec::new(), None);
         let (affine, given, left) = (false, false, quick::ROUNDING);
-        Self { unknowns, n, rests, pattern, limit, affine, given, left, flag, foretold, bends, quick, linear }
+        Self { unknowns, n, rests, pattern, limit, affine, given, left, flag, foretold, small: 0, bends, quick, linear }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -180,6 +183,7 @@ impl Plan {
             update: vec![0.0; n],
             trial: vec![0.0; n],
             cold: vec![0.0; if self.foretold { n } else { 0 }],
+            small: vec![0.0; self.small],
             room: quick::Room::new(self.quick.as_ref().map_or(0, |q| q.size())),
             linear: self.linear.scratch(),
         }
@@ -195,6 +199,8 @@ pub struct Scratch {
     pub scale: Vec<f64>,
     /// Where else to start, where the start is foretold; to be filled in likewise.
     pub cold: Vec<f64>,
+    /// Room for who evaluates: see [`ir::Newton::small`].
+    pub small: Vec<f64>,
     pub(super) residual: Vec<f64>,
     pub(super) jacobian: Vec<f64>,
     pub(super) update: Vec<f64>,
@@ -211,6 +217,14 @@ pub trait System {
     /// # Errors
     /// Where an iteration inside this one fails.
     fn evaluate(&mut self, residual: &mut [f64], jacobian: &mut [f64]) -> Result<(), Failure>;
+
+    /// The same for a first update, and whether something was left out that is next to nothing.
+    ///
+    /// # Errors
+    /// As [`System::evaluate`].
+    fn coarse(&mut self, residual: &mut [f64], jacobian: &mut [f64]) -> Result<bool, Failure> {
+        self.evaluate(residual, jacobian).map(|()| false)
+    }
 
     /// The unknowns and their rests; of these there are none where nobody asks for them.
     fn pairs(&mut self) -> (&mut [f64], &mut [f64]);

@@ -12,17 +12,18 @@ use crate::backend::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-/// Where there are more slow ones than this part of all, they go one by one for a while.
+/// Where there are more slow ones than this part of all, they go one by one for a while,
 const MOST: u32 = 2;
+/// or, where there are more than this part and it has a form for that, by the form that has fewer of them.
+const MANY: u32 = 8;
 /// So many intervals.
 const WHILE: u32 = 15;
 
 /// What the header says.
 pub(super) fn header(unit: &Unit, options: &Options) -> String {
     let (p, upper) = (&options.prefix, options.prefix.to_uppercase());
-    let numbers = match &unit.straight {
-        Some(straight) => {
-            let room = Loops::of(straight).room;
+    let numbers = match unit.straight.iter().map(|form| Loops::of(form).room).max() {
+        Some(room) => {
             let room = if room == 0 {
                 String::new()
             } else {
@@ -31,8 +32,13 @@ pub(super) fn header(unit: &Unit, options: &Options) -> String {
             format!(
                 "    {p}_real x[{}][{upper}_LANES]; /* the first {upper}_SAVED go from interval to interval */\n{room}    \
                  {p}_state one; /* a scene that goes by itself for once */\n    \
-                 {p}_real slow[{upper}_LANES]; /* which ones that are */\n    int plain; /* for how many intervals all do */\n",
-                unit.image.len()
+                 {p}_real slow[{upper}_LANES]; /* which ones that are */\n    int plain; /* for how many intervals all do */\n{}",
+                unit.image.len(),
+                if unit.straight.len() > 1 {
+                    "    int turns; /* for how many intervals iterations go on together */\n"
+                } else {
+                    ""
+                }
             )
         }
         None => format!("    {p}_state one[{upper}_LANES]; /* one after the other: this scene has no other form */\n"),
@@ -98,12 +104,24 @@ pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> Strin
     let mut places = BTreeSet::new();
     touched(&unit.commit.body, &mut places);
     let count = places.len();
-    match &unit.straight {
-        Some(straight) => {
+    match &unit.straight[..] {
+        [first, more @ ..] => {
             let list: Vec<u32> = places.iter().copied().collect();
             super::solve::numbers(&mut out, "static const unsigned places[]", &list);
             out.push('\n');
-            out.push_str(&function(straight, p, &lanes, !unit.commit.data.is_empty(), needs));
+            let data = !unit.commit.data.is_empty();
+            out.push_str(&function(first, "lanes", (p, &lanes), data, needs));
+            // Which form, and when it is another one.
+            let (mut form, mut next) =
+                ("lanes(b, moved)".to_string(), format!("if (slow > {lanes} / {MOST}) b->plain = {WHILE};"));
+            if let Some(long) = more.first() {
+                out.push_str(&function(long, "turns", (p, &lanes), data, needs));
+                form = "b->turns > 0 ? turns(b, moved) : lanes(b, moved)".into();
+                next = format!(
+                    "if (b->turns > 0) {{\n            --b->turns;\n            if (slow > {lanes} / {MOST}) b->plain = {WHILE};\n        \
+                     }} else if (slow > {lanes} / {MANY}) {{\n            b->turns = {WHILE};\n        }}"
+                );
+            }
             let _ = write!(
                 out,
                 "static void alone({p}_lanes *b, int lane, const bond_real *moved) {{\n{own}    unsigned long k;\n{gather}    \
@@ -119,13 +137,13 @@ pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> Strin
                  int {p}_lanes_commit({p}_lanes *b, const bond_real *moved) {{\n    int l, still = 0;\n\
                  #if BOND_ABREAST\n    int slow = 0;\n    \
                  if (b->plain > 0) {{\n        --b->plain;\n        {each} if (!b->failed[l]) alone(b, l, moved);\n    \
-                 }} else if (lanes(b, moved)) {{\n        {each} {{\n            if (b->slow[l] == 0 || b->failed[l]) continue;\n            \
-                 alone(b, l, moved);\n            ++slow;\n        }}\n        if (slow > {lanes} / {MOST}) b->plain = {WHILE};\n    }}\n\
+                 }} else {{\n        if ({form}) {{\n            {each} {{\n                if (b->slow[l] == 0 || b->failed[l]) continue;\n                \
+                 alone(b, l, moved);\n                ++slow;\n            }}\n        }}\n        {next}\n    }}\n\
                  #else\n    {each} if (!b->failed[l]) alone(b, l, moved);\n#endif\n    \
                  {each} still += b->failed[l] != 0;\n    return still;\n}}\n\n"
             );
         }
-        None => {
+        [] => {
             let _ = write!(
                 out,
                 "static void alone({p}_lanes *b, int lane, const bond_real *moved) {{\n{own}{gather}    \
@@ -139,9 +157,9 @@ pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> Strin
             );
         }
     }
-    let number = |at: String, lane: &str| match &unit.straight {
-        Some(_) => format!("b->x[{at}][{lane}]"),
-        None => format!("b->one[{lane}].x[{at}]"),
+    let number = |at: String, lane: &str| match unit.straight.is_empty() {
+        false => format!("b->x[{at}][{lane}]"),
+        true => format!("b->one[{lane}].x[{at}]"),
     };
     if unit.open.is_empty() {
         let _ = write!(
@@ -288,15 +306,15 @@ fn each(line: &Line, f: &mut impl FnMut(Value)) {
     line.when.iter().for_each(|v| f(*v));
 }
 
-/// The function that takes an interval of all lanes but those that are slow, and tells whether there are any.
-fn function(straight: &Straight, p: &str, lanes: &str, data: bool, needs: &mut Needs) -> String {
+/// The function of this name that takes an interval of all lanes but those that are slow, and tells whether there are any.
+fn function(straight: &Straight, name: &str, (p, lanes): (&str, &str), data: bool, needs: &mut Needs) -> String {
     let loops = Loops::of(straight);
     let abreast = Abreast { lanes, flags: &straight.flags };
     let mut words = Words { numbers: &straight.numbers, abreast: Some(abreast), needs };
     let uses = |m: Memory| loops.loads.values().any(|op| matches!(op, Op::Load(p) if p.memory == m));
     let mut out = format!(
         "#if BOND_ABREAST\n/* All lanes at once. Whether one is slow: its numbers stay, and it goes by itself. Here is no branch, so that a compiler finds vectors. */\n\
-         static int lanes({p}_lanes *restrict b, const bond_real *restrict u) {{\n    bond_mask any = 0;\n    int l;\n"
+         static int {name}({p}_lanes *restrict b, const bond_real *restrict u) {{\n    bond_mask any = 0;\n    int l;\n"
     );
     words.needs.insert("bond_pick");
     if uses(Memory::Table) {

@@ -317,12 +317,12 @@ impl Iteration {
         w.each(self.n, |w, at| w.put(rests, at, zero));
     }
 
-    /// Takes an update off the rests, where the unknowns do not show it.
+    /// Leaves an update to the rests, where the unknowns do not show it: the residual that it is had from has seen what
+    /// rounding took in the update before.
     pub(super) fn leave(&self, w: &mut Writer, update: &[Value]) {
         let Some(rests) = &self.rests else { return };
         for (i, d) in update.iter().enumerate() {
-            let rest = w.at(rests, At::One(i));
-            let rest = w.sub(rest, *d);
+            let rest = w.unary(ir::Unary::Neg, *d);
             w.put(rests, At::One(i), rest);
         }
     }

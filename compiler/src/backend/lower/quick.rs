@@ -5,7 +5,7 @@ use super::newton::{DONE, Iteration};
 use super::writer::{At, Values, Writer};
 use crate::backend::code::{Cond, Stmt, Value, Var};
 use bond_runtime::ir;
-use bond_runtime::solve::quick::{ALIKE, GOOD, LAST, NEAR, NEXT, Pattern, RANGE, ROUNDING, STALLED};
+use bond_runtime::solve::quick::{ALIKE, GOOD, LAST, NEAR, NEXT, Pattern, RANGE, ROUNDING, SHARP, STALLED};
 
 /// What is left of the beginning, where that is not all.
 pub(super) struct Begun {
@@ -163,6 +163,37 @@ fn is_last(w: &mut Writer, first: Value, second: Value, z: Value, left: f64) -> 
     Cond::any([w.le(second, allowed), near])
 }
 
+/// The second update of one equation by the slope there, as the residuals tell it, and the part of it that is left, two
+/// for the first.
+fn sharpened(w: &mut Writer, first: Value, second: Value) -> (Value, Value) {
+    let (two, sharp) = (w.number(2.0), w.number(SHARP));
+    let twice = w.div(two, first);
+    let square = w.mul(second, second);
+    let more = w.mul(square, twice);
+    let (size, most) = (w.abs(second), w.abs(first));
+    let most = w.mul(sharp, most);
+    let small = w.le(size, most);
+    let sum = w.add(second, more);
+    (w.select(small, sum, second), twice)
+}
+
+/// Whether it is the last one, all but `twice` magnitudes.
+fn is_last_alone(w: &mut Writer, (first, twice): (Value, Value), second: Value, z: Value, left: f64) -> Cond {
+    let (rounding, last, left) = (w.tolerance(ROUNDING), w.tolerance(LAST), w.tolerance(left));
+    let (two, next, sharp) = (w.number(2.0), w.number(NEXT / 4.0), w.number(SHARP));
+    let twice = w.abs(twice);
+    let (part, reach) = (w.mul(second, twice), w.div(first, z));
+    let reach = w.mul(two, reach);
+    let sum = w.add(part, reach);
+    let more = w.mul(second, part);
+    let more = w.mul(more, sum);
+    let next = w.mul(more, next);
+    let (allowed, left) = (w.mul(rounding, z), w.mul(left, z));
+    let (most, largest) = (w.mul(sharp, first), w.mul(last, z));
+    let near = Cond::all([w.le(next, left), w.le(second, most), w.le(second, largest)]);
+    Cond::any([w.le(second, allowed), near])
+}
+
 impl Lower {
     /// Begins an iteration.
     pub(super) fn begin(&mut self, newton: &ir::Newton, pattern: &Pattern, it: &Iteration) -> Begun {
@@ -184,7 +215,7 @@ impl Lower {
             w.set(begun.on, one);
         };
         let body = self.inside(|this| {
-            let (residual, entries) = this.equations(newton);
+            let (residual, entries) = this.coarse(newton);
             let w = &mut this.w;
             let matrix = Eliminated::new(w, pattern, &entries);
             let update = matrix.solve(w, &residual);
@@ -202,11 +233,13 @@ impl Lower {
             w.when(within.not(), |w| w.push(Stmt::Break));
             let first: Vec<Value> = update.iter().map(|d| w.abs(*d)).collect();
             let rounding = w.tolerance(ROUNDING);
-            let small = at_most(w, &first, rounding, &z);
-            w.when(Cond::all(small), |w| {
-                let explained = explained(w, &entries, &residual, &first, &z);
-                w.branch(explained, |w| it.finish(w, DONE), |w| w.push(Stmt::Break));
-            });
+            if newton.small.is_empty() {
+                let small = at_most(w, &first, rounding, &z);
+                w.when(Cond::all(small), |w| {
+                    let explained = explained(w, &entries, &residual, &first, &z);
+                    w.branch(explained, |w| it.finish(w, DONE), |w| w.push(Stmt::Break));
+                });
+            }
             let (left, there) = this.equations(newton);
             let w = &mut this.w;
             let more = matrix.solve(w, &left);
@@ -215,8 +248,8 @@ impl Lower {
             let near = Cond::all(at_most(w, &first, nearest, &z));
             let sizes: Vec<Value> = next.iter().map(|u| w.abs(*u)).collect();
             let unseen = at_most(w, &second, rounding, &sizes);
-            let done = |w: &mut Writer, last: Option<(&[Value], &[Value], &[Value])>| {
-                let explained = explained(w, &entries, &left, &second, &z);
+            let done = |w: &mut Writer, second: &[Value], last: Option<(&[Value], &[Value], &[Value])>| {
+                let explained = explained(w, &entries, &left, second, &z);
                 w.branch(
                     explained,
                     |w| {
@@ -229,8 +262,18 @@ impl Lower {
                     |w| w.push(Stmt::Break),
                 );
             };
-            w.when(Cond::all(unseen.into_iter().chain([near.clone()])), |w| done(w, None));
-            let after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
+            w.when(Cond::all(unseen.into_iter().chain([near.clone()])), |w| done(w, &second, None));
+            let mut after: Vec<Value> = next.iter().zip(&more).map(|(u, d)| w.sub(*u, *d)).collect();
+            let small: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i], newton.left)).collect();
+            w.when(Cond::all(small.into_iter().chain([near.clone()])), |w| {
+                done(w, &second, Some((&next, &more, &after)));
+            });
+            let (mut more, mut second) = (more.clone(), second.clone());
+            let twice = (n == 1).then(|| {
+                let (sharp, twice) = sharpened(w, update[0], more[0]);
+                (more[0], second[0], after[0]) = (sharp, w.abs(sharp), w.sub(next[0], sharp));
+                twice
+            });
             let last = (&next[..], &more[..], &after[..]);
             let rounded = Cond::all(at_most(w, &second, rounding, &z));
             w.when(Cond::all([near.clone().not(), rounded]), |w| {
@@ -241,10 +284,12 @@ impl Lower {
                 });
                 let (off, sizes): (Vec<Value>, Vec<Value>) = changes.unzip();
                 let settled = at_most(w, &off, alike, &sizes);
-                w.when(Cond::all(settled), |w| done(w, Some(last)));
+                w.when(Cond::all(settled), |w| done(w, &second, Some(last)));
             });
-            let small: Vec<Cond> = (0..n).map(|i| is_last(w, first[i], second[i], z[i], newton.left)).collect();
-            w.when(Cond::all(small.into_iter().chain([near])), |w| done(w, Some(last)));
+            if let Some(twice) = twice {
+                let small = is_last_alone(w, (first[0], twice), second[0], z[0], newton.left);
+                w.when(Cond::all([small, near]), |w| done(w, &second, Some(last)));
+            }
             let (first, second) = (part(w, &first, &z), part(w, &second, &z));
             let finite = w.finite(first);
             w.when(finite.not(), |w| w.push(Stmt::Break));
@@ -269,6 +314,15 @@ impl Lower {
         });
         self.w.push(Stmt::Loop(body));
         begun
+    }
+
+    /// The same for a first update, without what is next to nothing.
+    fn coarse(&mut self, newton: &ir::Newton) -> (Vec<Value>, Vec<(u32, u32, Value)>) {
+        let nothing = self.w.number(-0.0);
+        let kept: Vec<_> = newton.small.iter().map(|v| self.values[v.0 as usize].replace(nothing)).collect();
+        let equations = self.equations(newton);
+        newton.small.iter().zip(kept).for_each(|(v, x)| self.values[v.0 as usize] = x);
+        equations
     }
 
     /// The residual and the entries of the matrix, at the unknowns as they are.

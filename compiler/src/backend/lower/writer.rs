@@ -148,6 +148,8 @@ impl Writer {
             (Binary::Mul, Some(1.0), None) => b,
             // -0 is what adds nothing, not even to -0.
             (Binary::Add, Some(x), None) if x == 0.0 && x.is_sign_negative() => b,
+            (Binary::Add, None, Some(y)) if y == 0.0 && y.is_sign_negative() => a,
+            (Binary::Sub, None, Some(y)) if y == 0.0 && y.is_sign_positive() => a,
             (Binary::Mul | Binary::Div, None, Some(1.0)) => a,
             (Binary::Pow, None, Some(y)) if eval::Exponent::of(y).is_some() => self.power(a, y),
             _ => self.define(Op::Binary(f, a, b)),

@@ -74,18 +74,18 @@ pub fn is_call(op: &Op) -> bool {
     }
 }
 
-/// The straight form of a routine; None where it has none, or always would be slow.
-pub fn straight(routine: &Routine) -> Option<Straight> {
+/// The straight forms of a routine: one without the turns of iterations that go on, where those that get there are
+/// slow, and one with the first turns. Where one of them is all there is, or not worth having, the other; none where it
+/// always would be slow.
+pub fn straight(routine: &Routine) -> Vec<Straight> {
     if !routine.systems.is_empty() || routine.size() > LARGEST || is_heavy(&routine.body, false) {
-        return None;
+        return Vec::new();
     }
-    let short = form(routine, 0);
-    let long = form(routine, TURNS);
-    let form = match (short, long) {
-        (Some(short), Some(long)) if long.body.len() > 2 * short.body.len() + LONGER => Some(short),
-        (short, long) => long.or(short),
-    };
-    form.filter(|form| form.body.len() <= MOST)
+    let fits = |form: &Straight| form.body.len() <= MOST;
+    let short = form(routine, 0).filter(fits);
+    let most = short.as_ref().map_or(MOST, |short| 2 * short.body.len() + LONGER);
+    let long = form(routine, TURNS).filter(fits).filter(|long| long.body.len() <= most && short.as_ref() != Some(long));
+    short.into_iter().chain(long).collect()
 }
 
 /// The form of a routine, with the first turns of what repeats, or without.

@@ -51,8 +51,9 @@ pub struct Unit {
     /// where it fails; then it has changed nothing of the block. None where there are open ports, or a scene is too
     /// large to be gone through without looking into the block.
     pub run: Option<Routine>,
-    /// An interval of many scenes side by side, where the numbers of the block are few enough for that.
-    pub straight: Option<Straight>,
+    /// An interval of many scenes side by side, where the numbers of the block are few enough for that; first without
+    /// what few scenes do.
+    pub straight: Vec<Straight>,
     /// Looks: [`Memory::Output`] gets the probes.
     pub observe: Routine,
     /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds
@@ -121,7 +122,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let open = (0..scene.open.len()).map(|o| unit.open(o)).collect();
     let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
-    let straight = if whole { straight(&commit) } else { None };
+    let straight = if whole { straight(&commit) } else { Vec::new() };
     Ok(Unit {
         name: scene.name.clone(),
         interval: plan.interval,

@@ -196,6 +196,7 @@ impl Apart {
             weight: system.weight.clone(),
             scale,
             cold: Vec::new(),
+            small: Vec::new(),
             bends: Vec::new(),
             limit: LIMIT,
             affine: false,
