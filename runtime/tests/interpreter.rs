@@ -43,6 +43,55 @@ fn root(flag: bool) -> Program {
     b.finish()
 }
 
+/// An update that the unknown does not show stands in its rest alone: the residual that it is had from has seen what
+/// rounding took in the update before.
+#[test]
+fn rests_are_what_the_residual_tells() {
+    for small in [false, true] {
+        let mut b = Builder::new("rest");
+        let (x, y, z) = (b.slot(Array::State), b.slot(Array::State), b.slot(Array::State));
+        let (u, rest) = (b.slot(Array::Local), b.slot(Array::Local));
+        let (next, left) = (b.slot(Array::Next), b.slot(Array::Next));
+        let (x, y, z) = (b.load(x), b.load(y), b.load(z));
+        let one = b.number(1.0);
+        b.store(u, x);
+        b.open(u, 1);
+        let v = b.load(u);
+        // u = y + z, of which z has no place beside y.
+        let off = b.sub(v, y);
+        let r = b.sub(off, z);
+        b.close(Newton {
+            unknowns: u.index,
+            rests: Some(rest.index),
+            body: Vec::new(),
+            residual: vec![r],
+            jacobian: vec![(0, 0, one)],
+            weight: vec![one],
+            scale: vec![one],
+            cold: vec![x],
+            small: if small { vec![z] } else { Vec::new() },
+            bends: Vec::new(),
+            limit: 50,
+            update: Vec::new(),
+            left: ROUNDING,
+            affine: false,
+            flag: None,
+        });
+        let (v, rest) = (b.load(u), b.load(rest));
+        b.store(next, v);
+        b.store(left, rest);
+        let kernel = Interpreter::new(&b.finish());
+        let mut work = kernel.workspace();
+        let y = 1.0 / 3.0;
+        for k in 1..100 {
+            let (x, z) = (y * (1.0 + 1e-4 * f64::from(k)), 1e-19 * f64::from(k));
+            assert_eq!(kernel.run(&[x, y, z], &[], &[], &mut work), Ok(()));
+            let off = (work.next[0] - y) + work.next[1] - z;
+            assert!(off.abs() <= 1e-32, "from {x}, small {small}: {off:e}");
+        }
+    }
+}
+
 #[test]
 fn roots() {
     let kernel = Interpreter::new(&root(false));

@@ -176,7 +176,8 @@ fn vectors_have_the_same_bits() {
     for (name, text, h) in cases {
         let compiled = with(Options::new().model("A"), &format!("{WALL}{text}"));
         let (u, _) = emit(&compiled, h).unwrap_or_else(|e| panic!("{name}: {e}"));
-        assert!(!u.straight.is_empty(), "{name} has straight code");
+        // Lanes begin where nothing is foretold, and so go by the form that goes on as well.
+        assert_eq!(u.straight.len(), if name == "an iteration" { 2 } else { u.straight.len().max(1) }, "{name}");
         for flags in [&["-O3", "-march=native"][..], &["-O2"]] {
             assert_eq!(lanes(&u, flags), (0.0, 0.0), "{name}");
         }

@@ -1,8 +1,9 @@
 //! Where the iteration of a `gonzalez` step starts: the changes of the last steps carried on.
 //!
-//! The state keeps each state's last four changes d, d', d'', d''', and one over the length of the last step. Where all
-//! steps are of one length, the next change is foretold as 4 d - 6 d' + 4 d'' - d''', the cubic through them; else as
-//! q d, with q the length of the step over that of the last one, and what is kept is stretched likewise.
+//! Of each state that the iteration solves for the last four changes are kept, d, d', d'', d''', and one over the length
+//! of the last step. Where all steps are of one length, the next change is foretold as 4 d - 6 d' + 4 d'' - d''', the
+//! cubic through them; else as q d, with q the length of the step over that of the last one, and what is kept is
+//! stretched likewise.
 //! Where that is far from the last change, beside the last three, steps are too long for it, or a law has switched, and
 //! none is made. A change on its way through 0 is on either side of it, and so not far.
 //! It is a guess and no more: the iteration that fails from there, or does not converge at once, starts from no change.

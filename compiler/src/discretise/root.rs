@@ -30,11 +30,9 @@ impl Roots {
     /// Whether there are such roots in a system.
     pub(super) fn are_in(pool: &Pool, system: &System) -> bool {
         let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().collect();
-        pool.ascending(&system.residuals, &|_| true).into_iter().any(|e| match pool.node(e) {
-            Node::Product(_, factors) => {
-                radicand(pool, factors).is_some_and(|x| pool.contains_any(x, &|s| unknown.contains(&s)))
-            }
-            _ => false,
+        pool.ascending(&system.residuals, &|_| true).into_iter().any(|e| {
+            let Node::Product(_, factors) = pool.node(e) else { return false };
+            radicand(pool, factors).is_some_and(|x| pool.contains_any(x, &|s| unknown.contains(&s)))
         })
     }
 

@@ -3,12 +3,13 @@
 //! # What is done
 //! At the start, with residual `r` and Jacobian `J`:
 //!
-//! 1. `J`, like `r` without what is next to nothing ([`ir::Newton::small`]), is eliminated without pivots (of two unknowns: by Cramer's rule), and `d = J^-1 r`, `u = u - d`.
+//! 1. `J`, like `r` without what is next to nothing ([`ir::Newton::small`]), is eliminated without pivots (of two
+//!    unknowns: by Cramer's rule), and `d = J^-1 r`, `u = u - d`.
 //! 2. With `z_i = |u_i| + s_i`, where these are at most 1e100 (else it begins anew as in 5): done where each
 //!    `|d_i| <= 4e-16 z_i`, and nothing was left out in 1.
 //! 3. The residual there with the same elimination gives `e`. Where a `|d_i|` is above 1e-2 `z_i`: done where no entry
 //!    of `J` there is off by more than a tenth, and `|e_i| <= 4e-16 z_i`. Else done where each `|e_i| <= 4e-16 |u_i|`,
-//!    which the unknowns hardly show: it goes to the rests. The next such update would be near `2 e_i² / d_i`: so it is
+//!    which the unknowns hardly show: its opposite becomes the rests. The next such update would be near `2 e_i² / d_i`: so it is
 //!    done, with `u = u - e`, where for each unknown that is at most a quarter of `left z_i`, and `|e_i| <= 1e-11 z_i`; or
 //!    `|e_i| <= 4e-16 z_i`. Each unknown counts by itself, since those that converge at once say nothing of the others.
 //!

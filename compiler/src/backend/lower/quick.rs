@@ -163,8 +163,7 @@ fn is_last(w: &mut Writer, first: Value, second: Value, z: Value, left: f64) -> 
     Cond::any([w.le(second, allowed), near])
 }
 
-/// The second update of one equation by the slope there, as the residuals tell it, and the part of it that is left, two
-/// for the first.
+/// The second update of one equation by the slope there, as the residuals tell it; and two over the first one.
 fn sharpened(w: &mut Writer, first: Value, second: Value) -> (Value, Value) {
     let (two, sharp) = (w.number(2.0), w.number(SHARP));
     let twice = w.div(two, first);
@@ -177,7 +176,7 @@ fn sharpened(w: &mut Writer, first: Value, second: Value) -> (Value, Value) {
     (w.select(small, sum, second), twice)
 }
 
-/// Whether it is the last one, all but `twice` magnitudes.
+/// Whether it is the last one; `twice` is two over the first, and the others are magnitudes.
 fn is_last_alone(w: &mut Writer, (first, twice): (Value, Value), second: Value, z: Value, left: f64) -> Cond {
     let (rounding, last, left) = (w.tolerance(ROUNDING), w.tolerance(LAST), w.tolerance(left));
     let (two, next, sharp) = (w.number(2.0), w.number(NEXT / 4.0), w.number(SHARP));
