@@ -682,6 +682,21 @@ fn families_become_loops() {
     }
 }
 
+/// Energies of many elements, and what watches that their states are finite, are added up several at once.
+#[test]
+fn no_turn_of_a_long_loop_waits_for_another() {
+    fn waits(body: &[Stmt]) -> bool {
+        body.iter().any(|s| match s {
+            Stmt::For(_, from, to, inner) if to - from >= 128 => inner.iter().any(|s| matches!(s, Stmt::Set(..))),
+            s => s.inner().into_iter().any(waits),
+        })
+    }
+    for (kind, n, method) in [("tree", 300, "gonzalez"), ("mesh", 16, "gonzalez"), ("tree", 300, "collocation4")] {
+        let routine = lower(&large(kind, n, method).scene().clusters[0].step.program).unwrap();
+        assert!(!waits(&routine.body), "{kind} by {method}");
+    }
+}
+
 /// Whether a system is told that its matrix is what it was.
 pub fn keeps(body: &[Stmt]) -> bool {
     let one = |s: &Stmt| matches!(s, Stmt::Solve { same: Some(_), .. }) || s.inner().into_iter().any(keeps);

@@ -440,6 +440,44 @@ fn large_linear_regions_give_the_same_numbers() {
     }
 }
 
+/// Many states change places in C, and are copied in objects; an interval that fails leaves them where they were.
+#[test]
+fn many_states_go_from_interval_to_interval() {
+    if !is_there() {
+        return;
+    }
+    let line = "model Line(n = 60) {
+  Se:u = 1 V * sin(t * 40 rad/s)
+  R:load = 1 Ohm
+  for k in 1..n {
+    I:l[k] = 10 mH
+    C:c[k] = 10 mF
+    1:s[k] -> l[k]
+    s[k] -> 0:p[k] -> c[k]
+  }
+  u -> s[1]
+  for k in 2..n { p[k-1] -> s[k] }
+  p[n] -> load
+  probe first = l[1].p
+  probe last = c[n].q
+  simulate { stop = 1 s }
+}";
+    for (text, method, h, object) in [
+        (line, "gonzalez", 1e-3, false),
+        (line, "rk4", 2e-3, true),
+        (line, "euler", 20.0, true),
+        (&arms(2, 50), "gonzalez", 1e-3, false),
+        (&arms(2, 50), "euler", 20.0, true),
+    ] {
+        let compiled = with(Options::new().method(method), text);
+        let (u, _) = emit(&compiled, h).unwrap_or_else(|e| panic!("{method}: {e}"));
+        assert!(u.late.iter().any(|l| l.state.len() >= 120), "{method}: {:?}", u.late);
+        let name = format!("{method} by {h} s");
+        assert_eq!(same(&name, &compiled, h), Ok(object), "{name}");
+        assert_eq!(emitted(&u).0.len() <= ROWS as usize, method == "euler", "{name}");
+    }
+}
+
 #[test]
 fn random_parameters_and_starts() {
     if !is_there() {

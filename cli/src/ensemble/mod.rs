@@ -36,6 +36,7 @@ const THREADS: u64 = 256;
 /// `--sweep`, `--monte-carlo` and what goes with them.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Ensembles")]
+#[group(skip)]
 pub struct Args {
     /// Run once for each of N values of a parameter, evenly spaced from FROM to TO (both included), or by equal factors
     /// with `:log`; or for each of a list, `m=1,2,5`. Several give the grid, the last one varying fastest

@@ -6,6 +6,7 @@
 //! no calls but functions of numbers and [`Stmt::Solve`].
 
 use bond_runtime::ir::{Binary, Unary};
+use bond_runtime::solve::linear::Matrix;
 
 /// A number that is computed once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -325,8 +326,15 @@ pub struct System {
     pub n: usize,
     /// Row and column of each entry.
     pub pattern: Vec<(u32, u32)>,
+    /// What is known of its matrices.
+    pub matrix: Matrix,
+}
+
+impl System {
     /// Whether its numbers are complex.
-    pub complex: bool,
+    pub fn is_complex(&self) -> bool {
+        self.matrix == Matrix::Complex
+    }
 }
 
 /// A number that is known.

@@ -262,13 +262,14 @@ pub(super) fn write(
     let apart = !is_stiff(c, model, form);
     let lows = write::solve_from(model, &mut b, &mut lowering, (system, apart), cold)?;
     let (mut next, mut rests, mut changes) = (Vec::new(), Vec::new(), Vec::new());
+    let many = write::is_many(c);
     for (x, change) in inputs.states.iter().zip(&c.delta) {
         let d = model.pool.var(*change);
         let d = lowering.lower(&model.pool, &mut b, d).map_err(|s| missing(model, s))?;
         let carry = b.load(inputs.carries[next.len()]);
         let (v, rest) = match lows.get(change) {
             Some(low) if whole => write::advance_whole(&mut b, *x, (d, *low), carry),
-            low => write::advance(&mut b, *x, (d, low.copied()), carry),
+            low => write::advance(&mut b, *x, (d, low.copied()), carry, many),
         };
         next.push(v);
         rests.push(rest);

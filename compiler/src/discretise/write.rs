@@ -76,23 +76,36 @@ pub(super) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
     Inputs { t, h, states, integrals, guesses, carries, traces, given, env }
 }
 
+/// Whether a step has so many states that it does not wait for one of them, see [`advance`].
+pub(super) fn is_many(c: &Cluster) -> bool {
+    c.states.len() >= 32
+}
+
 /// `x + change` and what rounding takes from it, which is added to the next change (Kahan): without that a state at
 /// rest under a flow of energy is off by up to half a digit, and so is each step's balance, always to the same side. A
 /// carry from when the state was much larger than it is now is dropped, since the change takes no account of it: a
 /// contact that begins after a long way has next to no energy, and what is no rounding beside it.
 ///
 /// Where the change is known but for `low`, that and what of the carry has no place beside the change are kept too.
+/// Of `many` states a step has so much to do that it does not wait for one of them.
 pub(super) fn advance(
     b: &mut Builder,
     x: Value,
     (change, low): (Value, Option<Value>),
     carry: Value,
+    many: bool,
 ) -> (Value, Value) {
     let sum = b.add(x, change);
     let (plain, size) = (b.unary(Unary::Abs, sum), b.unary(Unary::Abs, carry));
     let epsilon = b.number(f64::EPSILON);
     let most = b.mul(epsilon, plain);
     let fits = b.binary(ir::Binary::Le, size, most);
+    if many && low.is_none() {
+        let zero = b.number(0.0);
+        let carry = b.select(fits, carry, zero);
+        let (_, next, rest) = added(b, x, change, carry);
+        return (next, rest);
+    }
     // Both ways at once, so that the next step waits for the choice alone.
     let done = b.sub(sum, x);
     let mut without = b.sub(change, done);

@@ -6,6 +6,10 @@ use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Builder, Unary, Value};
 use rustc_hash::{FxHashMap, FxHashSet};
 
+/// So many sums are added up side by side where there are [`MANY`] terms.
+pub(crate) const ABREAST: usize = 8;
+const MANY: usize = 16 * ABREAST;
+
 /// Writes expressions into a program; what was written once is not written again.
 ///
 /// Use one of these as long as the values of its symbols and of what was lowered are in scope in the builder.
@@ -237,15 +241,14 @@ impl Lowering {
         folded: &dyn Fn(Expr) -> Option<f64>,
     ) -> Value {
         let mut constant = c.to_f64();
-        let mut total: Option<Value> = None;
+        let mut plus: Vec<Value> = Vec::new();
         let (mut minus, mut last) = (Vec::new(), Vec::new());
         let is_last = |e: Expr| !self.last.is_empty() && pool.contains_any(e, &|s| self.last.contains(&s));
         let zones: Vec<_> = zones(pool, terms).into_iter().filter(|z| !is_last(z.0)).collect();
         for &(x, cut, n) in &zones {
             let (x, cut) = (self.child(builder, x, folded), self.child(builder, cut, folded));
             let zone = builder.sub(x, cut);
-            let value = scaled(builder, zone, n.to_f64());
-            total = Some(total.map_or(value, |sum| builder.add(sum, value)));
+            plus.push(scaled(builder, zone, n.to_f64()));
         }
         for &(t, n) in terms.iter().filter(|t| zones.iter().all(|z| z.0 != t.0 && z.1 != t.0)) {
             if let Some(x) = folded(t) {
@@ -255,10 +258,10 @@ impl Lowering {
             } else if n.is_negative() && !is_weight(n) {
                 minus.push((t, n));
             } else {
-                let value = self.times(pool, builder, (t, n), folded);
-                total = Some(total.map_or(value, |sum| builder.add(sum, value)));
+                plus.push(self.times(pool, builder, (t, n), folded));
             }
         }
+        let mut total = added(builder, &plus);
         if constant != 0.0 && (constant > 0.0 || total.is_none() || constant.is_nan()) {
             let value = builder.number(constant);
             total = Some(total.map_or(value, |sum| builder.add(sum, value)));
@@ -380,6 +383,22 @@ impl Lowering {
             }
         }
     }
+}
+
+/// The sum of some values: of many, each is added to the one [`ABREAST`] before it, and what that leaves half to half, so
+/// that back ends add several at once.
+fn added(builder: &mut Builder, values: &[Value]) -> Option<Value> {
+    let (first, rest) = values.split_at(if values.len() < MANY { 1.min(values.len()) } else { ABREAST });
+    let mut parts = first.to_vec();
+    for (k, value) in rest.iter().enumerate() {
+        let at = k % first.len();
+        parts[at] = builder.add(parts[at], *value);
+    }
+    while parts.len() > 1 {
+        let other = parts.split_off(parts.len() / 2);
+        parts = parts.iter().zip(&other).map(|(a, b)| builder.add(*a, *b)).collect();
+    }
+    parts.pop()
 }
 
 /// The terms of a sum that is `n (x - cut(x))` and more: each `x`, `cut(x)`, which takes the larger or the smaller of it

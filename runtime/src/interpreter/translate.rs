@@ -191,7 +191,7 @@ impl Writer {
                         right: solve.right.iter().map(|v| self.of(*v)).collect(),
                         matrix: solve.values().map(|v| self.of(v)).collect(),
                         flag: solve.flag.map(|slot| slot.index as usize),
-                        system: System::new(solve.size(), solve.pattern(), solve.is_complex()),
+                        system: System::new(solve.size(), solve.pattern(), solve.of()),
                     });
                     self.release(None);
                 }

@@ -16,6 +16,7 @@ pub use builder::Builder;
 pub use op::{Binary, Unary};
 pub use verify::Invalid;
 
+use crate::solve::linear::Matrix;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::cell::Cell;
@@ -187,6 +188,11 @@ impl Solve {
     /// Whether the numbers are complex.
     pub fn is_complex(&self) -> bool {
         !self.imaginary.is_empty()
+    }
+
+    /// What is known of its matrices: those of linear regions depend on next to nothing but the step.
+    pub fn of(&self) -> Matrix {
+        if self.is_complex() { Matrix::Complex } else { Matrix::Kept }
     }
 
     /// How many equations there are.

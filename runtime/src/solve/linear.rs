@@ -30,6 +30,17 @@ enum Method {
     Never(usize),
 }
 
+/// What is known of the matrices of a system.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Matrix {
+    /// Each solution is with another one.
+    Changing,
+    /// Most solutions are with that of the one before, for whose factors more may be done.
+    Kept,
+    /// Of complex numbers: of each value and of each entry of a vector first the real part, then the imaginary one.
+    Complex,
+}
+
 /// Memory for a solution.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
@@ -40,30 +51,24 @@ pub struct Scratch {
 }
 
 impl Plan {
-    /// The plan for `n` unknowns and a pattern of (row, column), each place at most once.
+    /// The plan for `n` unknowns and a pattern of (row, column), each place at most once. Of complex numbers it is always
+    /// sparse, and without a second try where a pivot is bad but that which raises it.
     ///
     /// # Panics
     /// Where the pattern is not within `n` rows and columns.
-    pub fn new(n: usize, pattern: &[(u32, u32)]) -> Self {
-        let method = if n <= DENSE {
+    pub fn new(n: usize, pattern: &[(u32, u32)], matrix: Matrix) -> Self {
+        let method = if matrix == Matrix::Complex {
+            Symbolic::analyse(n, pattern, false).map_or_else(Method::Never, Method::Complex)
+        } else if n <= DENSE {
             Method::Dense
         } else {
-            match Symbolic::analyse(n, pattern) {
+            match Symbolic::analyse(n, pattern, matrix == Matrix::Kept) {
                 Ok(symbolic) if n <= FULL && 3 * symbolic.fill() > n * n => Method::Dense,
                 Ok(symbolic) => Method::Sparse(symbolic),
                 Err(row) => Method::Never(row),
             }
         };
         Self { n, method }
-    }
-
-    /// The same for complex numbers: of each value and of each entry of a vector first the real part, then the
-    /// imaginary one. Always sparse, and without a second try where a pivot is bad but that which raises it.
-    ///
-    /// # Panics
-    /// Where the pattern is not within `n` rows and columns.
-    pub fn complex(n: usize, pattern: &[(u32, u32)]) -> Self {
-        Self { n, method: Symbolic::analyse(n, pattern).map_or_else(Method::Never, Method::Complex) }
     }
 
     /// The sparse elimination, where that is what is done; else it is dense.
@@ -156,15 +161,14 @@ pub struct System {
 }
 
 impl System {
-    /// The system of `n` unknowns and a pattern of (row, column), each place at most once; of complex numbers or real
-    /// ones.
+    /// The system of `n` unknowns and a pattern of (row, column), each place at most once.
     ///
     /// # Panics
     /// Where the pattern is not within `n` rows and columns.
-    pub fn new(n: usize, pattern: Vec<(u32, u32)>, complex: bool) -> Self {
-        let plan = if complex { Plan::complex(n, &pattern) } else { Plan::new(n, &pattern) };
+    pub fn new(n: usize, pattern: Vec<(u32, u32)>, matrix: Matrix) -> Self {
+        let plan = Plan::new(n, &pattern, matrix);
         let scratch = plan.scratch();
-        Self { plan, pattern, parts: if complex { 2 } else { 1 }, scratch }
+        Self { plan, pattern, parts: if matrix == Matrix::Complex { 2 } else { 1 }, scratch }
     }
 
     /// How many numbers its vectors have.
@@ -208,7 +212,7 @@ mod tests {
         }
         let pattern: Vec<_> = entries.iter().map(|&(r, c, _)| (r, c)).collect();
         let values: Vec<_> = entries.iter().map(|&(.., v)| v).collect();
-        let plan = Plan::new(n as usize, &pattern);
+        let plan = Plan::new(n as usize, &pattern, Matrix::Changing);
         assert!(matches!(plan.method, Method::Sparse(_)));
         let mut random = Random::new(11);
         let right: Vec<f64> = (0..n).map(|_| random.next()).collect();

@@ -144,7 +144,7 @@ impl Plan {
     /// # Panics
     /// Where the pattern is not within `n` rows and columns.
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
-        let linear = linear::Plan::new(n, &pattern);
+        let linear = linear::Plan::new(n, &pattern, linear::Matrix::Changing);
         let (quick, foretold, bends, rests) = (None, false, Vec::new(), None);
         let (affine, given, left) = (false, false, quick::ROUNDING);
         Self { unknowns, n, rests, pattern, limit, affine, given, left, flag, foretold, small: 0, bends, quick, linear }

@@ -4,8 +4,10 @@
 //! makes little fill. Rows and columns are scaled by powers of two first. That is sound for matrices whose symmetric
 //! part is positive definite after scaling, and for most others; where it is not, the factorisation says so.
 
+mod line;
 mod numeric;
 
+pub use line::Line;
 pub use numeric::Numeric;
 
 use super::order::{minimum_degree, transversal};
@@ -25,6 +27,7 @@ pub struct Symbolic {
     entries: Vec<(u32, u32)>,
     lower: Pattern,
     upper: Pattern,
+    line: Option<Line>,
 }
 
 /// What a [`Symbolic`] knows, step by step of the elimination.
@@ -42,6 +45,8 @@ pub struct Tables<'a> {
     pub lower: &'a Pattern,
     /// The upper factor.
     pub upper: &'a Pattern,
+    /// What it is besides, where it is one.
+    pub line: Option<Line>,
 }
 
 /// The pattern of a triangle, row by row, without the diagonal.
@@ -98,14 +103,15 @@ impl Pattern {
 }
 
 impl Symbolic {
-    /// Analyses a pattern of (row, column), each place at most once.
+    /// Analyses a pattern of (row, column), each place at most once. Where a matrix is `kept` for many solutions, a line
+    /// is looked for, whose factors take longer to make.
     ///
     /// # Errors
     /// A row for which there can be no pivot: every matrix of this pattern is singular.
     ///
     /// # Panics
     /// Where an entry is not within `n` rows and columns.
-    pub fn analyse(n: usize, pattern: &[(u32, u32)]) -> Result<Self, usize> {
+    pub fn analyse(n: usize, pattern: &[(u32, u32)], kept: bool) -> Result<Self, usize> {
         let row_of = transversal(n, pattern)?;
         let mut node_of_row = vec![0u32; n];
         for (column, &row) in row_of.iter().enumerate() {
@@ -124,9 +130,16 @@ impl Symbolic {
             list.sort_unstable();
             list.dedup();
         }
-        let column = minimum_degree(neighbours.clone());
-        let upper = fill(&column, &inverted(&column), &neighbours);
-        let column = by_level(&column, &upper);
+        let is_diagonal = row_of.iter().enumerate().all(|(column, row)| column == *row as usize);
+        let line = Line::of(&neighbours).filter(|_| kept && is_diagonal);
+        let column = match &line {
+            Some(line) => line.order(),
+            None => {
+                let column = minimum_degree(neighbours.clone());
+                let upper = fill(&column, &inverted(&column), &neighbours);
+                by_level(&column, &upper)
+            }
+        };
         let step = inverted(&column);
         let mut upper = fill(&column, &step, &neighbours);
         let mut lower = transpose(&upper);
@@ -147,7 +160,7 @@ impl Symbolic {
             *place += 1;
         }
         let row = column.iter().map(|&c| row_of[c as usize]).collect();
-        Ok(Self { n, row, column, starts, entries, lower, upper })
+        Ok(Self { n, row, column, starts, entries, lower, upper, line })
     }
 
     /// How many unknowns.
@@ -164,6 +177,7 @@ impl Symbolic {
             entries: &self.entries,
             lower: &self.lower,
             upper: &self.upper,
+            line: self.line,
         }
     }
 

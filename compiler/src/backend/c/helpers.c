@@ -143,53 +143,7 @@ static bond_real bond_scale(bond_real x) {
     if (e < -BOND_EXPONENT) e = -BOND_EXPONENT;
     return BOND_M(ldexp)(BOND_R(1.0), e);
 }
-/* -- bond_sparse */
-/* A right side becomes the solution. */
-static void bond_substitute(const struct bond_pattern *p, const bond_real *restrict lower, const bond_real *restrict upper,
-                            const bond_real *restrict inverse, bond_real *restrict work, bond_real *restrict b) {
-    const unsigned *const row = p->row, *const column = p->column;
-    unsigned long i, k, r;
-    for (r = 0; r < p->lower_runs; ++r) {
-        const unsigned long from = p->lower_run[3 * r], to = p->lower_run[3 * r + 1], far = p->lower_run[3 * r + 2];
-        const bond_real *const l = lower + p->lower_starts[from];
-        if (far == 2) {
-            bond_real x = work[from - 2], y = work[from - 1];
-            for (i = from; i + 1 < to; i += 2) {
-                work[i] = x = b[row[i]] - l[i - from] * x;
-                work[i + 1] = y = b[row[i + 1]] - l[i + 1 - from] * y;
-            }
-            if (i < to) work[i] = b[row[i]] - l[i - from] * x;
-        } else if (far > 0) {
-            for (i = from; i < to; ++i) work[i] = b[row[i]] - l[i - from] * work[i - far];
-        } else {
-            for (i = from; i < to; ++i) {
-                bond_real sum = b[row[i]];
-                for (k = p->lower_starts[i]; k < p->lower_starts[i + 1]; ++k) sum -= lower[k] * work[p->lower_columns[k]];
-                work[i] = sum;
-            }
-        }
-    }
-    for (r = p->upper_runs; r-- > 0;) {
-        const unsigned long from = p->upper_run[3 * r], to = p->upper_run[3 * r + 1], far = p->upper_run[3 * r + 2];
-        const bond_real *const u = upper + p->upper_starts[from];
-        if (far == 2) {
-            bond_real x = work[to], y = work[to + 1];
-            for (i = to; i > from + 1; i -= 2) {
-                b[column[i - 1]] = work[i - 1] = y = work[i - 1] * inverse[i - 1] - u[i - 1 - from] * y;
-                b[column[i - 2]] = work[i - 2] = x = work[i - 2] * inverse[i - 2] - u[i - 2 - from] * x;
-            }
-            if (i > from) b[column[from]] = work[from] = work[from] * inverse[from] - u[0] * y;
-        } else if (far > 0) {
-            for (i = to; i-- > from;) b[column[i]] = work[i] = work[i] * inverse[i] - u[i - from] * work[i + far];
-        } else {
-            for (i = to; i-- > from;) {
-                bond_real sum = work[i] * inverse[i];
-                for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) sum -= upper[k] * work[p->upper_columns[k]];
-                b[column[i]] = work[i] = sum;
-            }
-        }
-    }
-}
+/* -- bond_factor */
 /* The factors with fixed pivots, in w; they have the scales, powers of two, in them. -1, or the row without a pivot. */
 static bond_real bond_factor(const struct bond_pattern *p, const bond_real *values, bond_real *w) {
     const unsigned long n = p->n;
@@ -254,6 +208,53 @@ static bond_real bond_factor(const struct bond_pattern *p, const bond_real *valu
     *grown = growth;
     return -1;
 }
+/* -- bond_sparse */
+/* A right side becomes the solution. */
+static void bond_substitute(const struct bond_pattern *p, const bond_real *restrict lower, const bond_real *restrict upper,
+                            const bond_real *restrict inverse, bond_real *restrict work, bond_real *restrict b) {
+    const unsigned *const row = p->row, *const column = p->column;
+    unsigned long i, k, r;
+    for (r = 0; r < p->lower_runs; ++r) {
+        const unsigned long from = p->lower_run[3 * r], to = p->lower_run[3 * r + 1], far = p->lower_run[3 * r + 2];
+        const bond_real *const l = lower + p->lower_starts[from];
+        if (far == 2) {
+            bond_real x = work[from - 2], y = work[from - 1];
+            for (i = from; i + 1 < to; i += 2) {
+                work[i] = x = b[row[i]] - l[i - from] * x;
+                work[i + 1] = y = b[row[i + 1]] - l[i + 1 - from] * y;
+            }
+            if (i < to) work[i] = b[row[i]] - l[i - from] * x;
+        } else if (far > 0) {
+            for (i = from; i < to; ++i) work[i] = b[row[i]] - l[i - from] * work[i - far];
+        } else {
+            for (i = from; i < to; ++i) {
+                bond_real sum = b[row[i]];
+                for (k = p->lower_starts[i]; k < p->lower_starts[i + 1]; ++k) sum -= lower[k] * work[p->lower_columns[k]];
+                work[i] = sum;
+            }
+        }
+    }
+    for (r = p->upper_runs; r-- > 0;) {
+        const unsigned long from = p->upper_run[3 * r], to = p->upper_run[3 * r + 1], far = p->upper_run[3 * r + 2];
+        const bond_real *const u = upper + p->upper_starts[from];
+        if (far == 2) {
+            bond_real x = work[to], y = work[to + 1];
+            for (i = to; i > from + 1; i -= 2) {
+                b[column[i - 1]] = work[i - 1] = y = work[i - 1] * inverse[i - 1] - u[i - 1 - from] * y;
+                b[column[i - 2]] = work[i - 2] = x = work[i - 2] * inverse[i - 2] - u[i - 2 - from] * x;
+            }
+            if (i > from) b[column[from]] = work[from] = work[from] * inverse[from] - u[0] * y;
+        } else if (far > 0) {
+            for (i = to; i-- > from;) b[column[i]] = work[i] = work[i] * inverse[i] - u[i - from] * work[i + far];
+        } else {
+            for (i = to; i-- > from;) {
+                bond_real sum = work[i] * inverse[i];
+                for (k = p->upper_starts[i]; k < p->upper_starts[i + 1]; ++k) sum -= upper[k] * work[p->upper_columns[k]];
+                b[column[i]] = work[i] = sum;
+            }
+        }
+    }
+}
 /* Elimination, and one step of refinement where it was not plainly stable; the factors are those in w where the values are the
    same as before. -1, or the row without a pivot. */
 static bond_real bond_sparse(const struct bond_pattern *p, const bond_real *values, bond_real *b, bond_real *w, int same) {
@@ -275,6 +276,133 @@ static bond_real bond_sparse(const struct bond_pattern *p, const bond_real *valu
             rest[p->row[i]] = sum;
         }
         bond_substitute(p, lower, upper, inverse, work, rest);
+        for (i = 0; i < n; ++i) b[i] += rest[i];
+    }
+    return -1;
+}
+/* -- bond_line */
+/* A line of unknowns 0, 1, 2, ..., each joined to the next: the outer ones, 0, 2, ..., are eliminated first, then the inner ones from
+   both ends in turn. Whose row at which step is: */
+static unsigned long bond_line_step(unsigned long n, unsigned long inner) {
+    const unsigned long all = n / 2;
+    return n - all + (inner <= (all - 1) / 2 ? 2 * inner : 2 * (all - 1 - inner) + 1);
+}
+/* What an outer one has of the inner ones beside it. */
+static void bond_line_beside(const struct bond_pattern *p, const bond_real *upper, unsigned long outer, bond_real *left, bond_real *right) {
+    const bond_real *const row = upper + p->upper_starts[outer];
+    *left = *right = 0;
+    if (outer == 0) {
+        *right = row[0];
+    } else if (2 * outer + 1 > p->n - 1) {
+        *left = row[0];
+    } else {
+        const int turned = bond_line_step(p->n, outer - 1) > bond_line_step(p->n, outer);
+        *left = row[turned], *right = row[!turned];
+    }
+}
+/* Factors in the order in which a substitution comes by pairs of rows, one of each end. */
+static void bond_line_pack(const struct bond_pattern *p, const bond_real *lower, const bond_real *upper, const bond_real *inverse,
+                           bond_real *packed) {
+    const unsigned long n = p->n, inner = n / 2, m = (inner - 1) / 2;
+    unsigned long k;
+    for (k = 1; k <= (inner - 3) / 2; ++k, packed += 6) {
+        const bond_real *const l = lower + p->lower_starts[bond_line_step(n, k)];
+        const bond_real *const r = lower + p->lower_starts[bond_line_step(n, inner - 1 - k)];
+        packed[0] = l[0], packed[1] = r[1], packed[2] = l[1], packed[3] = r[0], packed[4] = l[2], packed[5] = r[2];
+    }
+    for (k = 0; k < inner - 2 - m; ++k, packed += 10) {
+        const unsigned long a = m - 1 - k, c = m + 2 + k, l = bond_line_step(n, a), r = bond_line_step(n, c);
+        packed[0] = inverse[l], packed[1] = inverse[r];
+        packed[2] = upper[p->upper_starts[l]], packed[3] = upper[p->upper_starts[r]];
+        packed[4] = inverse[a + 1], packed[5] = inverse[c];
+        /* Of the two beside an outer one, that which is nearer to the end is eliminated first. */
+        packed[6] = upper[p->upper_starts[a + 1]], packed[7] = upper[p->upper_starts[c]];
+        packed[8] = upper[p->upper_starts[a + 1] + 1], packed[9] = upper[p->upper_starts[c] + 1];
+    }
+}
+/* What is left of an inner right side at a turn. */
+static bond_real bond_line_down(const struct bond_pattern *p, const bond_real *lower, const bond_real *work, const bond_real *b,
+                                unsigned long turn) {
+    const unsigned long n = p->n, inner = n / 2, at = turn % 2 ? 2 * (inner - 1 - turn / 2) : turn;
+    const unsigned long step = n - inner + turn, end = p->lower_starts[step + 1];
+    unsigned long k = p->lower_starts[step], i;
+    bond_real sum = b[at + 1] - lower[k++] * b[at];
+    if (at + 2 < n) sum -= lower[k++] * b[at + 2];
+    for (i = 0; k < end; ++k, ++i) sum -= lower[k] * work[turn - 2 + i];
+    return sum;
+}
+/* An outer unknown, from the inner ones beside it. */
+static void bond_line_between(const struct bond_pattern *p, const bond_real *upper, const bond_real *inverse, bond_real *b,
+                              unsigned long outer, bond_real left, bond_real right) {
+    bond_real l, r;
+    bond_line_beside(p, upper, outer, &l, &r);
+    b[2 * outer] = b[2 * outer] * inverse[outer] - l * left - r * right;
+}
+/* A right side becomes the solution. */
+static void bond_line_substitute(const struct bond_pattern *p, const bond_real *restrict lower, const bond_real *restrict upper,
+                                 const bond_real *restrict inverse, const bond_real *restrict packed, bond_real *restrict work,
+                                 bond_real *restrict b) {
+    const unsigned long n = p->n, inner = n / 2, outer = n - inner, m = (inner - 1) / 2, down = (inner - 3) / 2;
+    const unsigned long up = inner - 2 - m, s = bond_line_step(n, m), t = bond_line_step(n, m + 1);
+    const unsigned long first = s > t ? s : t, second = s > t ? t : s;
+    bond_real x, y, g = b[2], h = b[2 * inner - 2];
+    const bond_real *l = b + 3, *r = b + 2 * inner - 4;
+    unsigned long k;
+    work[0] = x = bond_line_down(p, lower, work, b, 0);
+    work[1] = y = bond_line_down(p, lower, work, b, 1);
+    for (k = 2; k < 2 + 2 * down; k += 2, l += 2, r -= 2, packed += 6) {
+        x = l[0] - packed[0] * g - packed[2] * l[1] - packed[4] * x;
+        y = r[1] - packed[1] * h - packed[3] * r[0] - packed[5] * y;
+        g = l[1], h = r[0];
+        work[k] = x, work[k + 1] = y;
+    }
+    for (; k < inner; ++k) work[k] = bond_line_down(p, lower, work, b, k);
+    x = work[first - outer] * inverse[first];
+    y = work[second - outer] * inverse[second] - upper[p->upper_starts[second]] * x;
+    if (s != first) g = x, x = y, y = g;
+    b[2 * m + 1] = x, b[2 * m + 3] = y;
+    bond_line_between(p, upper, inverse, b, m + 1, x, y);
+    for (k = 0; k < up; ++k, packed += 10) {
+        bond_real *const left = b + 2 * (m - k) - 1, *const right = b + 2 * (m + k) + 4;
+        const bond_real f = work[2 * (m - 1 - k)] * packed[0] - packed[2] * x;
+        const bond_real q = work[2 * (up - 1 - k) + 1] * packed[1] - packed[3] * y;
+        left[1] = left[1] * packed[4] - packed[8] * x - packed[6] * f;
+        right[0] = right[0] * packed[5] - packed[9] * y - packed[7] * q;
+        left[0] = x = f, right[1] = y = q;
+    }
+    if (m > up) {
+        x = work[0] * inverse[outer] - upper[p->upper_starts[outer]] * b[3];
+        b[1] = x;
+        bond_line_between(p, upper, inverse, b, 1, x, b[3]);
+    }
+    bond_line_between(p, upper, inverse, b, 0, 0, b[1]);
+    if (outer > inner) bond_line_between(p, upper, inverse, b, inner, b[2 * inner - 1], 0);
+}
+/* Elimination, and one step of refinement where it was not plainly stable; the factors are those in w where the values are the
+   same as before. -1, or the row without a pivot. */
+static bond_real bond_line(const struct bond_pattern *p, const bond_real *values, bond_real *b, bond_real *w, int same) {
+    const unsigned long n = p->n;
+    bond_real *lower = w, *upper = lower + p->lower, *inverse = upper + p->upper;
+    bond_real *work = inverse + 3 * n, *rest = work + n, *grown = rest + n, *packed = grown + 1;
+    int again;
+    unsigned long i, k;
+    if (!same || *grown < 0) {
+        const bond_real failed = bond_factor(p, values, w);
+        if (!(failed < 0)) return failed;
+        bond_line_pack(p, lower, upper, inverse, packed);
+    }
+    again = *grown > BOND_R(1e3);
+    if (again)
+        for (i = 0; i < n; ++i) rest[i] = b[i];
+    bond_line_substitute(p, lower, upper, inverse, packed, work, b);
+    if (again) {
+        for (i = 0; i < n; ++i) {
+            bond_real sum = rest[p->row[i]];
+            for (k = p->starts[i]; k < p->starts[i + 1]; ++k)
+                sum -= values[p->entries[2 * k]] * b[p->column[p->entries[2 * k + 1]]];
+            rest[p->row[i]] = sum;
+        }
+        bond_line_substitute(p, lower, upper, inverse, packed, work, rest);
         for (i = 0; i < n; ++i) b[i] += rest[i];
     }
     return -1;

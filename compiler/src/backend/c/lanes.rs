@@ -310,7 +310,7 @@ fn each(line: &Line, f: &mut impl FnMut(Value)) {
 fn function(straight: &Straight, name: &str, (p, lanes): (&str, &str), data: bool, needs: &mut Needs) -> String {
     let loops = Loops::of(straight);
     let abreast = Abreast { lanes, flags: &straight.flags };
-    let mut words = Words { numbers: &straight.numbers, abreast: Some(abreast), needs };
+    let mut words = Words { numbers: &straight.numbers, abreast: Some(abreast), late: &[], tables: &[], needs };
     let uses = |m: Memory| loops.loads.values().any(|op| matches!(op, Op::Load(p) if p.memory == m));
     let mut out = format!(
         "#if BOND_ABREAST\n/* All lanes at once. Whether one is slow: its numbers stay, and it goes by itself. Here is no branch, so that a compiler finds vectors. */\n\

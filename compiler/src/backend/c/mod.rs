@@ -5,6 +5,7 @@ mod lanes;
 mod print;
 mod solve;
 mod source;
+mod turn;
 
 pub use header::{goes_with_object, header};
 pub use source::source;

@@ -1,7 +1,9 @@
 //! A routine as a C function, statement by statement.
 
+use super::turn;
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
 use crate::backend::straight::is_comparison;
+use crate::backend::unit::Late;
 use bond_runtime::ir::{Binary, Unary};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -24,7 +26,7 @@ pub(super) fn letter(memory: Memory) -> char {
 
 /// The body of a function whose memories are pointers named as [`letter`] says; returns 0, or why it failed. Its
 /// systems are numbered from `first` on.
-pub(super) fn body(routine: &Routine, first: usize, needs: &mut Needs) -> String {
+pub(super) fn body(routine: &Routine, first: usize, late: &[Late], needs: &mut Needs) -> String {
     let mut out = String::new();
     let mut used = Used::default();
     used.block(&routine.body);
@@ -34,7 +36,7 @@ pub(super) fn body(routine: &Routine, first: usize, needs: &mut Needs) -> String
     for i in &used.indices {
         let _ = writeln!(out, "    unsigned long i{i};");
     }
-    let words = Words { numbers: &routine.numbers, abreast: None, needs };
+    let words = Words { numbers: &routine.numbers, abreast: None, late, tables: &routine.tables, needs };
     let mut printer = Printer { words, first, out };
     printer.block(&routine.body, 1);
     let mut out = printer.out;
@@ -107,6 +109,10 @@ pub(super) struct Words<'a> {
     pub(super) numbers: &'a [Option<Number>],
     /// Where several scenes are done side by side: how.
     pub(super) abreast: Option<Abreast<'a>>,
+    /// States that are at `p0`, ..., and where the new ones go, at `q0`, ...
+    pub(super) late: &'a [Late],
+    /// Places that do not run evenly.
+    pub(super) tables: &'a [u32],
     /// Helpers that are called.
     pub(super) needs: &'a mut Needs,
 }
@@ -223,14 +229,22 @@ impl Words<'_> {
                 Memory::Table | Memory::Next | Memory::Output | Memory::Scratch | Memory::Data => {}
             }
         }
-        let mut index = p.base.to_string();
+        let first = turn::first(p, self.tables);
+        let part = turn::parts(if p.memory == Memory::State { self.late } else { &[] });
+        let part = part.map(|(name, k, r)| (format!("{name}{k}"), r)).find(|(_, r)| r.contains(&first));
+        let (name, start) = part.map_or((letter(p.memory).to_string(), 0), |(name, r)| (name, r.start));
+        let base = p.base as usize;
+        let mut index = base.checked_sub(start).unwrap_or(base).to_string();
         for (i, stride) in &p.along {
             let _ = if *stride == 1 { write!(index, " + i{}", i.0) } else { write!(index, " + i{} * {stride}", i.0) };
         }
         if let Some((at, i)) = p.through {
             let _ = write!(index, " + g[{at} + i{}]", i.0);
         }
-        format!("{}[{index}]", letter(p.memory))
+        if base < start {
+            let _ = write!(index, " - {start}");
+        }
+        format!("{name}[{index}]")
     }
 
     /// How a value is computed.

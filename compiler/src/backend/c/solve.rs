@@ -10,8 +10,9 @@ use std::fmt::Write;
 fn rooms(routine: &Routine) -> impl Iterator<Item = usize> {
     routine.systems.iter().map(|s| match plan(s).sparse() {
         Some(t) => {
-            let (t, parts) = (t.tables(), if s.complex { 2 } else { 1 });
-            parts * (t.lower.columns.len() + t.upper.columns.len() + 3 * s.n) + 2 * s.n + 1
+            let (t, parts) = (t.tables(), if s.is_complex() { 2 } else { 1 });
+            let packed = t.line.map_or(0, |line| 2 * line.packed());
+            parts * (t.lower.columns.len() + t.upper.columns.len() + 3 * s.n) + 2 * s.n + 1 + packed
         }
         None => s.n * s.n + 4 * s.n,
     })
@@ -19,7 +20,7 @@ fn rooms(routine: &Routine) -> impl Iterator<Item = usize> {
 
 /// How a system is solved.
 fn plan(s: &System) -> Plan {
-    if s.complex { Plan::complex(s.n, &s.pattern) } else { Plan::new(s.n, &s.pattern) }
+    Plan::new(s.n, &s.pattern, s.matrix)
 }
 
 /// How many numbers the eliminations of a routine need.
@@ -36,9 +37,16 @@ pub(super) fn functions(routine: &Routine, first: usize, needs: &mut Needs) -> S
         let plan = plan(s);
         let call = match plan.sparse() {
             Some(symbolic) => {
-                let how = if s.complex { "bond_complex" } else { "bond_sparse" };
-                needs.extend(["bond_pattern", how]);
                 let t = symbolic.tables();
+                let how = match (s.is_complex(), t.line) {
+                    (true, _) => "bond_complex",
+                    (false, Some(_)) => "bond_line",
+                    (false, None) => "bond_sparse",
+                };
+                needs.extend(["bond_pattern", how]);
+                if !s.is_complex() {
+                    needs.insert("bond_factor");
+                }
                 let entries: Vec<u32> = t.entries.iter().flat_map(|e| [e.0, e.1]).collect();
                 let runs = |p: &Pattern| p.runs.iter().flat_map(|r| [r.from, r.to, r.distance]).collect::<Vec<u32>>();
                 let wide = |list: &[usize]| list.iter().map(|x| *x as u32).collect::<Vec<u32>>();

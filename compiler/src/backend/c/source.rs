@@ -1,10 +1,12 @@
 //! The source: the routines, and what the header promises.
 
 use super::print::{Needs, body, letter, memories, number};
+use super::turn::turning;
 use super::{Options, comment, scratch, solve};
 use crate::backend::code::{Memory, Number, Routine};
-use crate::backend::unit::{NAMES, Unit};
+use crate::backend::unit::{Late, NAMES, Unit};
 use std::fmt::Write;
+use std::ops::Range;
 
 /// Helpers, each after a line that names it.
 const HELPERS: &str = include_str!("helpers.c");
@@ -13,10 +15,10 @@ const HELPERS: &str = include_str!("helpers.c");
 pub fn source(unit: &Unit, options: &Options) -> String {
     let p = &options.prefix;
     let mut needs = Needs::default();
-    let after = unit.commit.systems.len();
-    let commit = function(&unit.commit, "commit", 0, &mut needs);
-    let observe = function(&unit.observe, "observe", after, &mut needs);
-    let many = unit.run.as_ref().map(|r| function(r, "many", 0, &mut needs)).unwrap_or_default();
+    let (after, turning) = (unit.commit.systems.len(), turning(unit));
+    let commit = function(&unit.commit, "commit", 0, turning, &mut needs);
+    let observe = function(&unit.observe, "observe", after, turning, &mut needs);
+    let many = unit.run.as_ref().map(|r| function(r, "many", 0, &[], &mut needs)).unwrap_or_default();
     let lanes = super::lanes::source(unit, options, &mut needs);
     let solvers = solve::functions(&unit.commit, 0, &mut needs) + &solve::functions(&unit.observe, after, &mut needs);
     let mut out = format!(
@@ -64,7 +66,7 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     out.push_str(&commit);
     out.push_str(&many);
     out.push_str(&observe);
-    out.push_str(&interface(unit, p));
+    out.push_str(&interface(unit, turning, p));
     // An object's header, which may stand in the place of the own one, has no lanes.
     let _ = write!(out, "\n#ifdef {}_LANES\n{lanes}#endif\n", p.to_uppercase());
     out
@@ -84,9 +86,9 @@ fn numbers(out: &mut String, name: &str, list: &[f64]) {
 }
 
 /// A routine as a function; its systems are numbered from `first` on.
-fn function(routine: &Routine, name: &str, first: usize, needs: &mut Needs) -> String {
+fn function(routine: &Routine, name: &str, first: usize, late: &[Late], needs: &mut Needs) -> String {
     let used = memories(routine);
-    let text = body(routine, first, needs);
+    let text = body(routine, first, late, needs);
     let mut out = String::new();
     if !routine.data.is_empty() {
         numbers(&mut out, &format!("{name}_data"), &routine.data);
@@ -96,7 +98,8 @@ fn function(routine: &Routine, name: &str, first: usize, needs: &mut Needs) -> S
     }
     let _ = writeln!(
         out,
-        "static int {name}(bond_real *restrict x, const bond_real *restrict u, bond_real *restrict y, bond_real *restrict s) {{"
+        "static int {name}(bond_real *restrict x, const bond_real *restrict u, bond_real *restrict y, bond_real *restrict s{}) {{",
+        each(late, |k, _| format!(", bond_real *restrict p{k}, bond_real *restrict q{k}"))
     );
     if used.contains(&Memory::Table) {
         let _ = writeln!(out, "    const bond_real *const c = table;");
@@ -108,6 +111,7 @@ fn function(routine: &Routine, name: &str, first: usize, needs: &mut Needs) -> S
         let _ = writeln!(out, "    const unsigned *const g = {name}_places;");
     }
     out.push_str(&text.split_inclusive('\n').take_while(|l| is_declaration(l)).collect::<String>());
+    out.push_str(&each(late, |k, _| format!("    (void)p{k};\n    (void)q{k};\n")));
     for m in [Memory::State, Memory::Input, Memory::Output, Memory::Scratch] {
         if !used.contains(&m) {
             let _ = writeln!(out, "    (void){};", letter(m));
@@ -123,9 +127,30 @@ fn is_declaration(line: &str) -> bool {
     line.starts_with("    bond_real m") || line.starts_with("    unsigned long i")
 }
 
+/// The numbers that go from interval to interval and are written while an interval may still fail.
+fn early(unit: &Unit) -> impl Iterator<Item = Range<usize>> {
+    let starts = std::iter::once(0).chain(unit.late.iter().map(|l| l.state.end));
+    let ends = unit.late.iter().map(|l| l.state.start).chain([unit.kept]);
+    starts.zip(ends).map(|(from, to)| from..to).filter(|r| !r.is_empty())
+}
+
+/// Something for each of these states, by its number.
+fn each(late: &[Late], f: impl Fn(usize, &Late) -> String) -> String {
+    late.iter().enumerate().map(|(k, l)| f(k, l)).collect()
+}
+
 /// The public functions.
-fn interface(unit: &Unit, p: &str) -> String {
+fn interface(unit: &Unit, turning: &[Late], p: &str) -> String {
     let mut out = String::new();
+    // Every second interval finds states where the one before put them, and puts the new ones where these were.
+    let states = each(turning, |_, l| {
+        let (turned, state, next) = (unit.turned, l.state.start, l.next);
+        format!(", b->x + (b->x[{turned}] == 0 ? {state} : {next}), b->x + (b->x[{turned}] == 0 ? {next} : {state})")
+    });
+    let saved = each(turning, |_, l| {
+        let (turned, state, next, n) = (unit.turned, l.state.start, l.next, l.state.len());
+        format!("    if (b->x[{turned}] != 0) memcpy(saved + {state}, b->x + {next}, {n} * sizeof *saved);\n")
+    });
     let probes = match scratch(unit).1 {
         0 => String::new(),
         at => format!(" + {at}"),
@@ -144,12 +169,31 @@ fn interface(unit: &Unit, p: &str) -> String {
         out.push_str("    (void)b;\n    (void)out;\n");
     }
     let _ = writeln!(out, "}}\n\nint {p}_commit({p}_state *b, const {p}_real *moved) {{");
-    out.push_str(if unit.whole {
-        "    return commit(b->x, moved, 0, b->s);\n}\n\n"
+    if unit.whole {
+        out.push_str("    return commit(b->x, moved, 0, b->s);\n}\n\n");
     } else {
-        "    int failed;\n    memcpy(b->k, b->x, sizeof b->k);\n    failed = commit(b->x, moved, 0, b->s);\n    \
-         if (failed) memcpy(b->x, b->k, sizeof b->k);\n    return failed;\n}\n\n"
-    });
+        let (mut keep, mut back, mut to) = (String::new(), String::new(), 0);
+        for r in early(unit) {
+            let n = r.len();
+            let _ = writeln!(keep, "    memcpy(b->k + {to}, b->x + {}, {n} * sizeof *b->k);", r.start);
+            let _ = writeln!(back, "        memcpy(b->x + {}, b->k + {to}, {n} * sizeof *b->k);", r.start);
+            to += n;
+        }
+        let good = if turning.is_empty() {
+            each(&unit.late, |_, l| {
+                let (state, next, n) = (l.state.start, l.next, l.state.len());
+                format!("        memcpy(b->x + {state}, b->x + {next}, {n} * sizeof *b->x);\n")
+            })
+        } else {
+            format!("        b->x[{0}] = b->x[{0}] == 0;\n", unit.turned)
+        };
+        let good = if good.is_empty() { good } else { format!(" else {{\n{good}    }}") };
+        let _ = writeln!(
+            out,
+            "    int failed;\n{keep}    failed = commit(b->x, moved, 0, b->s{states});\n    if (failed) {{\n{back}    }}{good}\n    \
+             return failed;\n}}\n"
+        );
+    }
     if unit.run.is_some() {
         // Counters are numbers, of which single ones count not far.
         let _ = writeln!(
@@ -163,7 +207,7 @@ fn interface(unit: &Unit, p: &str) -> String {
     }
     let _ = writeln!(
         out,
-        "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s{probes});\n}}\n"
+        "int {p}_probes({p}_state *b, {p}_real *out) {{\n    return observe(b->x, 0, out, b->s{probes}{states});\n}}\n"
     );
     let _ = writeln!(out, "void {p}_input({p}_state *b, int input, {p}_real value) {{");
     match unit.inputs.first() {
@@ -194,7 +238,7 @@ fn interface(unit: &Unit, p: &str) -> String {
     }
     let _ = writeln!(
         out,
-        "unsigned long {p}_size(void) {{\n    return (unsigned long)sizeof({p}_state);\n}}\n\nvoid {p}_save(const {p}_state *b, {p}_real *saved) {{\n    memcpy(saved, b->x, sizeof start);\n}}\n\n\
+        "unsigned long {p}_size(void) {{\n    return (unsigned long)sizeof({p}_state);\n}}\n\nvoid {p}_save(const {p}_state *b, {p}_real *saved) {{\n    memcpy(saved, b->x, sizeof start);\n{saved}}}\n\n\
          void {p}_restore({p}_state *b, const {p}_real *saved) {{\n    memset(b, 0, sizeof *b);\n    memcpy(b->x, saved, sizeof start);\n}}"
     );
     out

@@ -3,11 +3,12 @@
 use super::writer::{Vector, Writer};
 use crate::backend::code::{Cond, Stmt, System, Value, Var};
 use bond_runtime::solve::dense::TINY;
+use bond_runtime::solve::linear::Matrix;
 
 impl Writer {
     /// The number of a system that is solved elsewhere.
-    pub(super) fn system(&mut self, n: usize, pattern: Vec<(u32, u32)>, complex: bool) -> u32 {
-        self.systems.push(System { n, pattern, complex });
+    pub(super) fn system(&mut self, n: usize, pattern: Vec<(u32, u32)>, matrix: Matrix) -> u32 {
+        self.systems.push(System { n, pattern, matrix });
         self.systems.len() as u32 - 1
     }
 

@@ -457,7 +457,7 @@ impl Read<'_> {
                 }
                 Stmt::Solve { system, matrix, vector, .. } => {
                     let s = &self.routine.systems[*system as usize];
-                    let parts = if s.complex { 2 } else { 1 };
+                    let parts = if s.is_complex() { 2 } else { 1 };
                     let (entries, numbers) = (parts * s.pattern.len() as u32, parts * s.n as u32);
                     (*matrix..matrix + entries).chain(*vector..vector + numbers).for_each(|at| self.mark(at));
                 }

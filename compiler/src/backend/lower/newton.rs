@@ -4,6 +4,7 @@ use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Bend, Slot};
+use bond_runtime::solve::linear::Matrix;
 use bond_runtime::solve::newton::{DAMPED, FALL, FAR, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCHES, TELLING};
 use bond_runtime::solve::quick::{LAST, Pattern};
 
@@ -201,7 +202,7 @@ pub(super) fn solved_for(
     row: Var,
     same: Option<Value>,
 ) {
-    let system = w.system(solve.size(), solve.pattern(), solve.is_complex());
+    let system = w.system(solve.size(), solve.pattern(), solve.of());
     w.push(Stmt::Solve { system, matrix, vector, row, same });
 }
 
@@ -363,7 +364,7 @@ impl Iteration {
             w.push(Stmt::Store(scratch(self.trial, at), r));
         });
         let pattern = newton.jacobian.iter().map(|e| (e.0, e.1)).collect();
-        let system = w.system(self.n, pattern, false);
+        let system = w.system(self.n, pattern, Matrix::Changing);
         w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row, same: None });
         let solution = Vector::Memory(self.trial);
         if !newton.affine {

@@ -5,12 +5,14 @@
 //! result with all that it is made of, down to what is loaded, to numbers, and to other results. Cones of one shape are
 //! a family, and a family is a loop over its members. Where the places that they read and write run evenly these are
 //! counted, else they are looked up in a table. What two cones share is computed in both, unless that is dear. A long
-//! sum is a family of terms, and a loop that adds them in their order. A matrix that depends on next to nothing, as
-//! that of a linear region does on the step alone, is made again, and factored, only where that has changed.
+//! sum is a family of terms, and a loop that adds them in their order, or several such sums side by side. A matrix that
+//! depends on next to nothing, as that of a linear region does on the step alone, is made again, and factored, only where
+//! that has changed.
 
 mod cone;
 mod family;
 mod fixed;
+mod sum;
 
 use super::newton::Numbers;
 use super::writer::{At, Values, Vector, Writer, scratch};
@@ -20,14 +22,13 @@ use bond_runtime::ir::{self, Array, Binary, Inst, Op, Program, Unary};
 use cone::Cone;
 use family::Watch;
 use fixed::Fixed;
+use sum::{Sum, Total};
 
 /// A cone has so many operations at most; what goes beyond is a result of its own.
 const CONE: u32 = 48;
 /// What two results share is a result of its own where it has more operations than this: a number costs some two to
 /// keep and have.
 const SHARED: u32 = 5;
-/// Sums of so many terms are loops.
-const SUM: u32 = 16;
 /// Results may lie so many deep on one another: in a deeper program nothing runs side by side.
 const DEPTH: u32 = 100;
 
@@ -52,14 +53,22 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Wr
         stored: rustc_hash::FxHashSet::default(),
         solved: vec![false; n],
         watch,
+        totals: Vec::new(),
         w,
     };
-    if roll.gather(&program.body, false).and_then(|()| roll.fixed()).and_then(|()| roll.plan()).is_none() {
+    let gathered = roll.gather(&program.body, false);
+    roll.unwatched();
+    if gathered.and_then(|()| roll.fixed()).and_then(|()| roll.plan()).is_none() {
         roll.w.scratch = before;
         return (roll.w, false);
     }
+    roll.w.open();
     roll.write();
     roll.watch.check(&mut roll.w);
+    let body = roll.w.close();
+    // What sums begin from is put there first of all, so that nothing stands between loops that could be one.
+    roll.totals.iter().chain(roll.watch.totals()).for_each(|total| total.begin(&mut roll.w));
+    body.into_iter().for_each(|s| roll.w.push(s));
     (roll.w, true)
 }
 
@@ -85,13 +94,6 @@ struct Segment {
 enum Then {
     Loop(usize),
     Linear(usize),
-}
-
-/// A long sum: its last value, and where its terms lie, in their order.
-struct Sum {
-    end: ir::Value,
-    terms: u32,
-    count: u32,
 }
 
 /// An iteration, its body's segment, and where its numbers are.
@@ -134,6 +136,8 @@ struct Roll<'p> {
     solved: Vec<bool>,
     /// The new state.
     watch: Watch,
+    /// What sums are added up in.
+    totals: Vec<Total>,
     w: Writer,
 }
 
@@ -190,6 +194,23 @@ impl<'p> Roll<'p> {
             }
         }
         Some(())
+    }
+
+    /// Leaves out what need not be watched: what rounding took from a sum is finite where the sum is, which is watched.
+    fn unwatched(&mut self) {
+        let stored = self.segments.iter().flat_map(|s| &s.roots).filter(|r| self.watch.holds(&r.to));
+        let sums: rustc_hash::FxHashSet<ir::Value> = stored.clone().map(|r| r.value).collect();
+        let sides = |v: ir::Value, f: Binary| match self.ops[v.0 as usize] {
+            Op::Binary(g, a, b) if f == g => Some((a, b)),
+            Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => None,
+        };
+        // `y - (n - x)` with `n = x + y`.
+        let is_rest = |v: ir::Value| {
+            let parts = sides(v, Binary::Sub).and_then(|(y, done)| Some((y, sides(done, Binary::Sub)?)));
+            parts.is_some_and(|(y, (n, x))| sums.contains(&n) && sides(n, Binary::Add) == Some((x, y)))
+        };
+        let rests: Vec<u32> = stored.filter(|r| is_rest(r.value)).map(|r| r.to.base).collect();
+        self.watch.leave(rests);
     }
 
     fn root(&mut self, segment: usize, to: Place, value: ir::Value) {
@@ -307,54 +328,6 @@ impl<'p> Roll<'p> {
         (!segments.any(|(s, segment)| segment.roots.iter().any(|r| clash(s, r)))).then_some(())
     }
 
-    /// Finds long sums: by their last value, the roots of its segment that are its terms.
-    fn sums(&mut self, outside: &[bool]) -> rustc_hash::FxHashMap<ir::Value, (usize, usize)> {
-        let n = self.ops.len();
-        let sides = |op: &Op| match *op {
-            Op::Binary(f @ (Binary::Add | Binary::Sub), a, b) => Some((f, a, b)),
-            Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => None,
-        };
-        let mut length = vec![0u32; n];
-        let mut linked = vec![false; n];
-        for v in 0..n {
-            let Some((_, a, _)) = sides(&self.ops[v]) else { continue };
-            let i = a.0 as usize;
-            length[v] = 1;
-            if length[i] > 0 && self.uses[i] == 1 && !outside[i] && self.home[i] == self.home[v] {
-                linked[i] = true;
-                length[v] = length[i] + 1;
-            }
-        }
-        let mut ends = rustc_hash::FxHashMap::default();
-        for v in 0..n {
-            if linked[v] || length[v] < SUM {
-                continue;
-            }
-            let mut terms = Vec::new();
-            let mut at = ir::Value(v as u32);
-            while let Some((f, a, b)) = sides(&self.ops[at.0 as usize]) {
-                terms.push((b, f == Binary::Sub));
-                let more = linked[a.0 as usize] && length[at.0 as usize] > 1;
-                if !more {
-                    terms.push((a, false));
-                    break;
-                }
-                self.skipped[a.0 as usize] = true;
-                at = a;
-            }
-            terms.reverse();
-            let base = self.w.room(terms.len());
-            let segment = &mut self.segments[self.home[v] as usize];
-            let from = segment.roots.len();
-            for (i, (value, negative)) in terms.iter().enumerate() {
-                segment.roots.push(Root { to: scratch(base, At::One(i)), value: *value, negative: *negative });
-            }
-            segment.sums.push(Sum { end: ir::Value(v as u32), terms: base, count: terms.len() as u32 });
-            ends.insert(ir::Value(v as u32), (from, terms.len()));
-        }
-        ends
-    }
-
     fn write(&mut self) {
         let mut s = 0;
         while s < self.segments.len() {
@@ -434,22 +407,5 @@ impl<'p> Roll<'p> {
             family::write(&mut self.w, &mut self.watch, cones);
         }
         self.segments[s].then = segment.then;
-    }
-
-    /// Adds the terms of a sum.
-    fn add_up(&mut self, sum: &Sum) {
-        let Some(to) = self.kept[sum.end.0 as usize] else { return };
-        let w = &mut self.w;
-        // -0 is what adds nothing, not even to -0.
-        let total = w.starting(-0.0);
-        let index = w.index();
-        let body = w.block(|w| {
-            let (before, term) = (w.get(total), w.load(scratch(sum.terms, At::Each(index))));
-            let after = w.add(before, term);
-            w.set(total, after);
-        });
-        w.push(Stmt::For(index, 0, sum.count, body));
-        let total = w.get(total);
-        w.push(Stmt::Store(scratch(to, At::One(0)), total));
     }
 }

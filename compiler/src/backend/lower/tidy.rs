@@ -199,7 +199,7 @@ mod tests {
             vars: 1,
             indices: 0,
             scratch: 2,
-            systems: vec![System { n: 1, pattern: vec![(0, 0)], complex: false }],
+            systems: vec![System { n: 1, pattern: vec![(0, 0)], matrix: bond_runtime::solve::linear::Matrix::Kept }],
             data: Vec::new(),
             tables: Vec::new(),
         };

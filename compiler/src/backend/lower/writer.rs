@@ -11,6 +11,10 @@ use rustc_hash::{FxHashMap, FxHashSet};
 pub(in crate::backend) const UNROLLED: usize = 24;
 /// Eliminations of so many unknowns at most are.
 pub(in crate::backend) const ELIMINATED: usize = 8;
+/// Lists of so many numbers begin at a multiple of
+pub(in crate::backend) const MANY: usize = 64;
+/// so many, which is what the largest vectors have.
+pub(in crate::backend) const TOGETHER: usize = 8;
 
 /// A routine in the making.
 #[derive(Clone, Default)]
@@ -288,7 +292,11 @@ impl Writer {
         self.push(Stmt::Loop(body));
     }
 
+    /// Room in the scratch. Where that is much, it begins at a multiple of as many numbers as processors take at once.
     pub(in crate::backend) fn room(&mut self, n: usize) -> u32 {
+        if n >= MANY {
+            self.scratch = self.scratch.next_multiple_of(TOGETHER as u32);
+        }
         self.scratch += n as u32;
         self.scratch - n as u32
     }

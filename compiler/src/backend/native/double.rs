@@ -16,6 +16,10 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Loops of fewer turns stay as they are.
 const LEAST: u32 = 8;
+/// Loops of so many turns go on by
+const LONG: u32 = 64;
+/// so many pairs of them at a time.
+const UNROLLED: u32 = 2;
 
 /// What of a loop goes one turn after the other: values, all else being in vectors. None where the loop has no such
 /// form, or much of it would be there.
@@ -79,22 +83,48 @@ impl<M: Module> Translate<'_, '_, M> {
         let var = self.indices[index.0 as usize];
         let start = self.b.ins().iconst(types::I64, i64::from(from));
         self.b.def_var(var, start);
+        let same = self.same(index, body);
         let (head, end) = (self.b.create_block(), self.b.create_block());
         self.b.ins().jump(head, &[] as &[BlockArg]);
         self.b.switch_to_block(head);
-        let mut two = Double { t: self, index, values: FxHashMap::default(), masks: FxHashMap::default() };
-        two.turns(body, &serial);
+        // What it takes to go on with the next ones is done once for several of them.
+        let pairs = if to - from < LONG { 1 } else { UNROLLED };
+        for _ in 0..pairs {
+            let mut two = Double { t: self, index, values: same.clone(), masks: FxHashMap::default() };
+            two.turns(body, &serial);
+            let i = self.b.use_var(var);
+            let i = self.b.ins().iadd_imm_u(i, 2);
+            self.b.def_var(var, i);
+        }
+        let last = from + (to - from) / (2 * pairs) * 2 * pairs;
         let i = self.b.use_var(var);
-        let i = self.b.ins().iadd_imm_u(i, 2);
-        self.b.def_var(var, i);
-        let last = from + (to - from) / 2 * 2;
         let more = self.b.ins().icmp_imm_u(IntCC::UnsignedLessThan, i, i64::from(last));
         self.b.ins().brif(more, head, &[] as &[BlockArg], end, &[] as &[BlockArg]);
         self.b.switch_to_block(end);
-        if last < to {
+        for k in last..to {
+            let i = self.b.ins().iconst(types::I64, i64::from(k));
+            self.b.def_var(var, i);
             self.block(body);
         }
         true
+    }
+
+    /// Loads the numbers that are the same in all turns of a loop.
+    fn same(&mut self, index: Index, body: &[Stmt]) -> FxHashMap<Value, ir::Value> {
+        let stored = |memory| body.iter().any(|s| matches!(s, Stmt::Store(p, _) if p.memory == memory));
+        let mut values = FxHashMap::default();
+        for s in body {
+            if let Stmt::Let(v, Op::Load(p)) = s
+                && p.along.iter().all(|(i, _)| *i != index)
+                && p.through.is_none_or(|(_, i)| i != index)
+                && !stored(p.memory)
+            {
+                let (address, offset) = self.address(p);
+                let x = self.b.ins().load(types::F64, flags(p.memory), address, offset);
+                values.insert(*v, self.b.ins().splat(types::F64X2, x));
+            }
+        }
+        values
     }
 }
 
@@ -103,6 +133,7 @@ impl<M: Module> Double<'_, '_, '_, M> {
         let (mut later, mut wanted) = (Vec::new(), FxHashSet::default());
         for s in body {
             match s {
+                Stmt::Let(v, _) if self.values.contains_key(v) => {}
                 Stmt::Let(v, op) if !serial.contains(v) => {
                     let x = self.op(*v, op);
                     self.values.insert(*v, x);
@@ -210,7 +241,11 @@ impl<M: Module> Double<'_, '_, '_, M> {
             Op::Binary(f, a, b) => self.binary(v, *f, *a, *b),
             Op::Select(c, a, b) => {
                 let mask = self.cond(c);
-                let (x, y) = (self.of(*a), self.of(*b));
+                let x = self.of(*a);
+                if self.t.routine.numbers[b.0 as usize].is_some_and(|n| n.value().to_bits() == 0) {
+                    return vector::only(&mut self.t.b, mask, x);
+                }
+                let y = self.of(*b);
                 self.choose(mask, x, y)
             }
         }
@@ -223,6 +258,11 @@ impl<M: Module> Double<'_, '_, '_, M> {
             return self.mask(v, mask);
         }
         let x = self.of(a);
+        if f == Unary::Abs {
+            // With a mask from memory: the code generator's own is made anew each time.
+            let mask = vector::constant(&mut self.t.b, types::F64X2, !(1 << 63));
+            return self.t.b.ins().band(x, mask);
+        }
         vector::unary(&mut self.t.b, f, x)
     }
 

@@ -113,7 +113,7 @@ impl Code {
         // SAFETY: both ways to define it give the function this signature, in the platform's C convention, which
         // `extern "C"` is too.
         let function = unsafe { std::mem::transmute::<*const u8, Function>(code) };
-        let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone(), s.complex)).collect();
+        let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone(), s.matrix)).collect();
         let scratch = routine.scratch as usize;
         Some(Self { function, scratch, systems, tables: routine.tables.clone(), module: Some(module) })
     }

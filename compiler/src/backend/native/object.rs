@@ -90,10 +90,16 @@ impl Writer<'_> {
             let backup = b.ins().iadd_imm_u(args[0], kept);
             copy(b, backup, args[0], n);
             let failed = w.run(b, commit, table, args[0], &[(Memory::Input, args[1])]);
-            let (back, end) = (b.create_block(), b.create_block());
-            b.ins().brif(failed, back, &[] as &[BlockArg], end, &[] as &[BlockArg]);
+            let (good, back, end) = (b.create_block(), b.create_block(), b.create_block());
+            b.ins().brif(failed, back, &[] as &[BlockArg], good, &[] as &[BlockArg]);
             b.switch_to_block(back);
             copy(b, args[0], backup, n);
+            b.ins().jump(end, &[] as &[BlockArg]);
+            b.switch_to_block(good);
+            for late in &w.unit.late {
+                let [to, from] = [late.state.start, late.next].map(|at| b.ins().iadd_imm_u(args[0], 8 * at as i64));
+                copy(b, to, from, late.state.len() as i64);
+            }
             b.ins().jump(end, &[] as &[BlockArg]);
             b.switch_to_block(end);
             Some(failed)

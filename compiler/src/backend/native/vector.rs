@@ -30,6 +30,13 @@ pub(super) fn choose(b: &mut FunctionBuilder, mask: ir::Value, x: ir::Value, y: 
     b.ins().bitselect(mask, x, y)
 }
 
+/// The number where the mask is on, else 0.
+pub(super) fn only(b: &mut FunctionBuilder, mask: ir::Value, x: ir::Value) -> ir::Value {
+    let flags = MemFlagsData::new().with_endianness(Endianness::Little);
+    let mask = b.ins().bitcast(types::F64X2, flags, mask);
+    b.ins().band(mask, x)
+}
+
 /// A function that is no call, and of numbers.
 pub(super) fn unary(b: &mut FunctionBuilder, f: Unary, x: ir::Value) -> ir::Value {
     match f {

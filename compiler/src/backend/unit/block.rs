@@ -2,6 +2,7 @@
 
 use super::ledger;
 use super::more::More;
+use crate::backend::lower::writer::{MANY, TOGETHER};
 use bond_runtime::ir::Array;
 use bond_runtime::scene;
 use bond_runtime::simulate::{StartCluster, TERMS};
@@ -24,6 +25,13 @@ impl Block {
         let at = self.image.len();
         self.image.extend_from_slice(numbers);
         at
+    }
+
+    /// Has what follows begin, where that are many numbers, at a multiple of as many as processors take at once.
+    fn align(&mut self, n: usize) {
+        if n >= MANY {
+            self.image.resize(self.image.len().next_multiple_of(TOGETHER), 0.0);
+        }
     }
 }
 
@@ -81,6 +89,7 @@ impl Cluster {
     /// Its places; `full` where all is kept that `bond_runtime::simulate` keeps.
     pub(super) fn new(block: &mut Block, c: &scene::Cluster, start: &StartCluster, full: bool) -> Self {
         let n = start.held.len();
+        block.align(start.state.len());
         let state = block.put(&start.state);
         // Sizes of states that nobody looks at are the last inputs; what goes by all of them has them all.
         let looked = if full || n > 0 || c.is_traced() { start.input.len() } else { c.traces_at() };
@@ -140,6 +149,7 @@ impl Cluster {
 
     /// Gives what a step works out its places.
     pub(super) fn work(&mut self, block: &mut Block, c: &scene::Cluster, start: &StartCluster) {
+        block.align(start.state.len());
         self.next = block.take(start.state.len());
         self.output = block.take(c.step.program.size(Array::Output));
     }

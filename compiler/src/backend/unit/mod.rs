@@ -28,6 +28,7 @@ use bond_runtime::scene::{GIVEN, Respond, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start};
 use lift::{Lifted, Uses, lift};
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 /// A scene ready to be printed as a program of its own.
 #[derive(Clone, Debug)]
@@ -47,6 +48,11 @@ pub struct Unit {
     pub commit: Routine,
     /// Whether an interval that fails has changed nothing of the block.
     pub whole: bool,
+    /// States that [`Self::commit`] leaves where they are and puts the new ones elsewhere: who runs it takes these for
+    /// the old ones, where it did not fail.
+    pub late: Vec<Late>,
+    /// A number that is 0 at the start, for who exchanges the places of [`Self::late`]; not one that is saved.
+    pub turned: usize,
     /// Goes so many intervals on as [`Memory::Input`] tells, and leaves in [`Memory::Output`] how many it has gone
     /// where it fails; then it has changed nothing of the block. None where there are open ports, or a scene is too
     /// large to be gone through without looking into the block.
@@ -98,6 +104,15 @@ pub struct Region {
     pub at: usize,
 }
 
+/// Many states of a region.
+#[derive(Clone, Debug)]
+pub struct Late {
+    /// Where they are.
+    pub state: Range<usize>,
+    /// Where the first of the new ones is.
+    pub next: usize,
+}
+
 pub use apart::make;
 pub use ledger::NAMES;
 pub use stretch::{Own, Stretch, stretch};
@@ -119,6 +134,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let mut kept = unit.public();
     kept.extend(looked);
     let Routines { commit, whole, run } = unit.routines(&kept)?;
+    let turned = unit.block.take(1);
     let open = (0..scene.open.len()).map(|o| unit.open(o)).collect();
     let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
@@ -131,6 +147,8 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
         table: unit.table,
         commit,
         whole,
+        late: unit.late,
+        turned,
         run,
         straight,
         observe,
@@ -250,6 +268,8 @@ struct Writing<'a> {
     block: Block,
     kept: usize,
     table: Vec<f64>,
+    /// States that are kept last of all, and where they are until then.
+    late: Vec<Late>,
 }
 
 impl<'a> Writing<'a> {
@@ -267,7 +287,21 @@ impl<'a> Writing<'a> {
         let given = block.put(&values);
         let means = block.take(scene.open.len());
         let (clusters, table) = (Vec::new(), Vec::new());
-        let mut unit = Self { scene, start, plan, time, given, means, full, apart, clusters, block, kept: 0, table };
+        let mut unit = Self {
+            scene,
+            start,
+            plan,
+            time,
+            given,
+            means,
+            full,
+            apart,
+            clusters,
+            block,
+            kept: 0,
+            table,
+            late: Vec::new(),
+        };
         unit.lay_out()?;
         Ok(unit)
     }
@@ -313,7 +347,7 @@ impl Writing<'_> {
         let mut kept = kept.clone();
         kept.extend(Uses::of(&body).read);
         w.open();
-        let lifted = if size(&body) > LARGEST { None } else { lift(&mut w, &body, &kept) };
+        let lifted = if size(&body) > LARGEST || !self.late.is_empty() { None } else { lift(&mut w, &body, &kept) };
         let name = format!("interval of {}", self.scene.name);
         let Some(Lifted { before, body, after }) = lifted else {
             body.into_iter().for_each(|s| w.push(s));
@@ -379,7 +413,11 @@ impl Writing<'_> {
                 w.keep(self.means + o, mean);
             }
         }
-        self.samples(w)
+        let mut w = self.samples(w)?;
+        if self.full {
+            self.late.iter().for_each(|late| step::keep(&mut w, late.state.clone(), late.next));
+        }
+        Ok(w)
     }
 
     /// The routine that looks, and where.

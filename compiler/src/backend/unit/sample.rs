@@ -148,7 +148,7 @@ impl Writing<'_> {
         let (count, one) = (w.kept(place.count), w.number(1.0));
         let last = w.sub(count, one);
         let t = w.mul(last, length);
-        let mut w = self.one(w, i, t, period)?;
+        let mut w = self.one(w, i, t, period, false)?;
         self.settle(&mut w, i, crossed);
         let n = start.held.len();
         for (k, held) in place.held.iter().enumerate() {

@@ -1,8 +1,9 @@
 //! Steps of a scene's clusters.
 
-use super::{Steps, Writing};
+use super::{Late, Steps, Writing};
 use crate::backend::code::{Stmt, Value};
 use crate::backend::lower::writer::{At, Writer};
+use std::ops::Range;
 
 /// So many numbers are gone through one by one.
 const WRITTEN: usize = 64;
@@ -18,7 +19,7 @@ impl Writing<'_> {
             let Steps { h, n, own } = self.plan.steps[i];
             let (now, length) = (w.kept(self.time), w.number(h));
             if n == 1 {
-                w = self.one(w, i, now, h)?;
+                w = self.one(w, i, now, h, true)?;
                 continue;
             }
             // Steps are counted by a number: the time of each is made of it.
@@ -36,7 +37,7 @@ impl Writing<'_> {
                 let gone = w.mul(k, length);
                 w.add(now, gone)
             };
-            w = self.one(w, i, t, h)?;
+            w = self.one(w, i, t, h, false)?;
             let k = w.add(k, one);
             w.set(count, k);
             let body = w.close();
@@ -45,8 +46,9 @@ impl Writing<'_> {
         Ok(w)
     }
 
-    /// One step of a cluster from `t` on, kept and booked.
-    pub(super) fn one(&mut self, mut w: Writer, i: usize, t: Value, h: f64) -> Result<Writer, String> {
+    /// One step of a cluster from `t` on, kept and booked. Where it is the `only` one of the interval, many states are not
+    /// kept before its end: what fails until then has left them as they were.
+    pub(super) fn one(&mut self, mut w: Writer, i: usize, t: Value, h: f64, only: bool) -> Result<Writer, String> {
         let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
         let length = w.number(h);
         w.keep(place.input, t);
@@ -56,10 +58,11 @@ impl Writing<'_> {
         let body = w.close();
         counted(&mut w, body, place.iterations);
         let n = self.start.clusters[i].state.len();
-        some(&mut w, n, |w, at| {
-            let x = w.read(place.next, at);
-            w.put_at(place.state, at, x);
-        });
+        if only && n > WRITTEN && !c.is_traced() {
+            self.late.push(Late { state: place.state..place.state + n, next: place.next });
+        } else {
+            keep(&mut w, place.state..place.state + n, place.next);
+        }
         self.book(&mut w, i);
         for (k, p) in c.ports.iter().enumerate() {
             let (mean, before) = (w.kept(place.output + p.mean), w.kept(place.moved + k));
@@ -79,6 +82,14 @@ impl Writing<'_> {
         });
         Ok(w)
     }
+}
+
+/// Keeps a new state.
+pub(super) fn keep(w: &mut Writer, state: Range<usize>, next: usize) {
+    some(w, state.len(), |w, at| {
+        let x = w.read(next, at);
+        w.put_at(state.start, at, x);
+    });
 }
 
 /// Does something for each of `n` numbers of the block, without a counter where they are not many: then they can be

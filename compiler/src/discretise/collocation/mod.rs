@@ -526,6 +526,7 @@ pub(super) fn write(
     let mut value =
         |model: &mut Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
     let (mut next, mut rests, mut steps) = (Vec::new(), Vec::new(), Vec::new());
+    let many = write::is_many(c);
     for (k, x) in inputs.states.iter().enumerate() {
         let carry = b.load(inputs.carries[k]);
         let (d, low) = match known.get(k) {
@@ -544,7 +545,7 @@ pub(super) fn write(
         };
         steps.push(d);
         let (v, rest) = match low {
-            None => write::advance(&mut b, *x, (d, None), carry),
+            None => write::advance(&mut b, *x, (d, None), carry, many),
             Some(low) => write::advance_whole(&mut b, *x, (d, low), carry),
         };
         next.push(v);

@@ -556,11 +556,12 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
     let mut value =
         |model: &Model, b: &mut Builder, e: Expr| lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s));
     let (mut next, mut rests, mut rates) = (Vec::new(), Vec::new(), Vec::new());
+    let many = write::is_many(c);
     for (i, (x, d)) in inputs.states.iter().zip(&c.delta).enumerate() {
         let d = model.pool.var(*d);
         let d = value(model, &mut b, d)?;
         let carry = b.load(inputs.carries[i]);
-        let (v, rest) = write::advance(&mut b, *x, (d, None), carry);
+        let (v, rest) = write::advance(&mut b, *x, (d, None), carry, many);
         next.push(v);
         rests.push(rest);
         rates.push(b.div(d, inputs.h));
@@ -572,7 +573,7 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
         let (rbar, moved) = (value(model, &mut b, *rbar)?, value(model, &mut b, *moved)?);
         let work = b.mul(rbar, moved);
         let [w, carry] = [0, 1].map(|k| plan.memory[layout.vaults + 2 * i + k]);
-        kept.push(write::advance(&mut b, w, (work, None), carry));
+        kept.push(write::advance(&mut b, w, (work, None), carry, many));
     }
     let mut loops = Vec::new();
     for z in &c.loops {

@@ -1,5 +1,6 @@
 //! Factors of a sparse matrix, and solutions with them.
 
+use super::line::Factors;
 use super::{Run, Symbolic};
 use crate::solve::dense::inverse_scale;
 use crate::solve::scalar::Scalar;
@@ -22,6 +23,8 @@ pub struct Numeric<T> {
     upper: Vec<T>,
     /// Of the pivots.
     inverse: Vec<T>,
+    /// Of a line, the same numbers in the order of its pairs.
+    packed: Vec<[T; 2]>,
     row_scale: Vec<f64>,
     column_scale: Vec<f64>,
     work: Vec<T>,
@@ -42,6 +45,7 @@ impl<T: Scalar> Numeric<T> {
             lower: vec![none; symbolic.lower.columns.len()],
             upper: vec![none; symbolic.upper.columns.len()],
             inverse: vec![none; n],
+            packed: vec![[none; 2]; symbolic.line.map_or(0, |line| line.packed())],
             row_scale: vec![1.0; n],
             column_scale: vec![1.0; n],
             work: vec![none; n],
@@ -85,14 +89,14 @@ impl<T: Scalar> Numeric<T> {
         self.eliminate(symbolic, values, RAISED)?;
         self.keep(b);
         self.substitute(symbolic, b);
-        let mut change = self.change();
+        let mut change = self.change(symbolic, b);
         for _ in 0..STEPS {
             let (row, part) = self.leave(symbolic, values, b);
             if part <= 1e-15 {
                 return Ok(());
             }
             self.correct(symbolic, b);
-            let next = self.change();
+            let next = self.change(symbolic, &self.rest);
             if part <= 1e-12 && next <= 1e-8 * change {
                 return Ok(());
             }
@@ -177,6 +181,10 @@ impl<T: Scalar> Numeric<T> {
             }
             self.inverse[i] = self.inverse[i].by(row[i]).by(column[i]);
         }
+        if let Some(line) = &symbolic.line {
+            let (lower, upper) = ((&self.lower[..], &symbolic.lower), (&self.upper[..], &symbolic.upper));
+            line.pack(Factors { lower, upper, inverse: &self.inverse }, &mut self.packed);
+        }
     }
 
     /// Scales such that the largest entry of each row, then of each column, is near 1.
@@ -254,17 +262,22 @@ impl<T: Scalar> Numeric<T> {
         self.rest = rest;
     }
 
-    /// The largest magnitude in the scaled solution found last; NaN where there is one.
-    fn change(&self) -> f64 {
-        let sizes = self.work.iter().zip(&self.column_scale).map(|(x, scale)| x.size() / scale);
+    /// The largest magnitude in a solution, scaled; NaN where there is one.
+    fn change(&self, symbolic: &Symbolic, x: &[f64]) -> f64 {
+        let x = symbolic.column.iter().map(|column| T::at(x, *column as usize));
+        let sizes = x.zip(&self.column_scale).map(|(x, scale)| x.size() / scale);
         sizes.fold(0.0, |m, x| if x > m || x.is_nan() { x } else { m })
     }
 
     /// A right side becomes the solution.
     fn substitute(&mut self, symbolic: &Symbolic, b: &mut [f64]) {
-        let Self { lower, upper, inverse, work, .. } = self;
+        let Self { lower, upper, inverse, work, packed, .. } = self;
         let (n, rows, columns) = (symbolic.n, &symbolic.row[..], &symbolic.column[..]);
         let (work, inverse, b) = (&mut work[..n], &inverse[..n], &mut b[..T::PARTS * n]);
+        if let Some(line) = &symbolic.line {
+            let (lower, upper) = ((&lower[..], &symbolic.lower), (&upper[..], &symbolic.upper));
+            return line.substitute(Factors { lower, upper, inverse }, packed, work, b);
+        }
         for run in &symbolic.lower.runs {
             let starts = &symbolic.lower.starts;
             let l = &lower[starts[run.from as usize]..starts[run.to as usize]];

@@ -1,6 +1,7 @@
 //! Residuals of solved systems.
 
 use super::*;
+use crate::solve::linear::Matrix;
 use crate::solve::testing::Random;
 
 /// Solves with a known solution and checks each row's residual against its terms.
@@ -10,7 +11,7 @@ fn check(n: usize, entries: &[(u32, u32, f64)], bound: f64) -> Symbolic {
     let mut random = Random::new(5);
     let mut b: Vec<f64> = (0..n).map(|_| random.next()).collect();
     let right = b.clone();
-    let symbolic = Symbolic::analyse(n, &pattern).unwrap();
+    let symbolic = Symbolic::analyse(n, &pattern, true).unwrap();
     let mut numeric = Numeric::<f64>::new(&symbolic);
     numeric.factor(&symbolic, &values, false).unwrap();
     numeric.solve(&symbolic, &values, &mut b);
@@ -66,7 +67,7 @@ fn lines_are_solved_in_runs() {
         let mut random = Random::new(count as u64);
         let mut pattern: Vec<(u32, u32)> = (0..n as u32).map(|i| (i, i)).collect();
         pattern.extend(edges.iter().flat_map(|&(i, j)| [(i, j), (j, i)]));
-        let symbolic = Symbolic::analyse(n, &pattern).unwrap();
+        let symbolic = Symbolic::analyse(n, &pattern, true).unwrap();
         let lower = &symbolic.tables().lower.runs;
         let (far, rows) = lower.iter().map(|r| (r.distance, r.to - r.from)).max_by_key(|r| r.1).unwrap();
         assert_eq!(far as usize, count, "{lower:?}");
@@ -81,7 +82,11 @@ fn lines_are_solved_in_runs() {
                 .collect();
             let right: Vec<f64> = (0..parts * n).map(|_| random.next()).collect();
             let (mut x, mut again) = (right.clone(), right.clone());
-            let mut system = crate::solve::linear::System::new(n, pattern.clone(), parts == 2);
+            let mut system = crate::solve::linear::System::new(
+                n,
+                pattern.clone(),
+                if parts == 2 { Matrix::Complex } else { Matrix::Kept },
+            );
             assert_eq!(system.solve(&values, &mut x, false), Ok(()));
             assert_eq!(system.solve(&values, &mut again, true), Ok(()));
             assert!(x.iter().zip(&again).all(|(x, y)| x.to_bits() == y.to_bits()));
@@ -132,7 +137,7 @@ fn complex_systems() {
                 entries.iter().flat_map(|(&(i, j), v)| [v.0 * unit[i] * unit[j], v.1 * unit[i] * unit[j]]).collect();
             let right: Vec<f64> = (0..2 * n).map(|k| random.next() * unit[k / 2]).collect();
             let mut x = right.clone();
-            let mut system = crate::solve::linear::System::new(n, pattern.clone(), true);
+            let mut system = crate::solve::linear::System::new(n, pattern.clone(), Matrix::Complex);
             assert_eq!(system.solve(&values, &mut x, false), Ok(()));
             let (mut rest, mut size) = (right.clone(), right.iter().map(|b| b.abs()).collect::<Vec<f64>>());
             for (k, &(i, j)) in pattern.iter().enumerate() {
@@ -151,7 +156,7 @@ fn complex_systems() {
     }
     // A row that is twice another.
     let pattern: Vec<(u32, u32)> = vec![(0, 0), (0, 1), (1, 0), (1, 1)];
-    let mut system = crate::solve::linear::System::new(2, pattern, true);
+    let mut system = crate::solve::linear::System::new(2, pattern, Matrix::Complex);
     let mut x = [1.0, 2.0, 3.0, 4.0];
     assert!(system.solve(&[1.0, 1.0, 2.0, 0.0, 0.0, 2.0, 2.0, 2.0], &mut x, false).is_err());
 }
@@ -207,9 +212,9 @@ fn a_grid() {
 
 #[test]
 fn singular_matrices_are_told() {
-    assert!(Symbolic::analyse(3, &[(0, 0), (1, 0), (2, 2), (2, 1)]).is_err());
+    assert!(Symbolic::analyse(3, &[(0, 0), (1, 0), (2, 2), (2, 1)], true).is_err());
     let pattern = [(0, 0), (0, 1), (1, 0), (1, 1)];
-    let symbolic = Symbolic::analyse(2, &pattern).unwrap();
+    let symbolic = Symbolic::analyse(2, &pattern, true).unwrap();
     let mut numeric = Numeric::<f64>::new(&symbolic);
     assert!(numeric.factor(&symbolic, &[1.0, 2.0, 0.5, 1.0], false).is_err());
     assert!(numeric.factor(&symbolic, &[0.0, 2.0, 0.5, 0.0], false).is_err());
@@ -232,7 +237,7 @@ fn raised_pivots() {
     }
     let pattern: Vec<_> = entries.iter().map(|&(r, c, _)| (r, c)).collect();
     let values: Vec<_> = entries.iter().map(|&(.., v)| v).collect();
-    let symbolic = Symbolic::analyse(n as usize, &pattern).unwrap();
+    let symbolic = Symbolic::analyse(n as usize, &pattern, true).unwrap();
     let mut numeric = Numeric::<f64>::new(&symbolic);
     assert!(numeric.factor(&symbolic, &values, false).is_err());
     let right: Vec<f64> = (0..n).map(|_| random.next()).collect();
@@ -246,7 +251,27 @@ fn raised_pivots() {
     assert!(rest.iter().all(|r| r.abs() < 1e-11 * size));
     // Two equal rows.
     let twice = [(0, 0), (0, 1), (1, 0), (1, 1)];
-    let symbolic = Symbolic::analyse(2, &twice).unwrap();
+    let symbolic = Symbolic::analyse(2, &twice, true).unwrap();
     let mut x = [1.0, 2.0];
     assert!(Numeric::<f64>::new(&symbolic).solve_raised(&symbolic, &[1.0, 1.0, 1.0, 1.0], &mut x).is_err());
+}
+
+/// Lines of any length as the dense elimination solves them.
+#[test]
+fn lines_from_both_ends() {
+    let mut random = Random::new(11);
+    for n in 1u32..=70 {
+        let unit: Vec<f64> = (0..n).map(|_| (10.0 * random.next()).exp2()).collect();
+        let mut entries = Vec::new();
+        for i in 0..n as usize {
+            entries.push((i as u32, i as u32, (2.0 + random.next()) * unit[i] * unit[i]));
+            if i + 1 < n as usize {
+                let k = unit[i] * unit[i + 1];
+                entries.push((i as u32, i as u32 + 1, 2.0 * random.next() * k));
+                entries.push((i as u32 + 1, i as u32, 2.0 * random.next() * k));
+            }
+        }
+        let symbolic = check(n as usize, &entries, 1e-11);
+        assert_eq!(symbolic.tables().line.is_some(), n >= 16);
+    }
 }

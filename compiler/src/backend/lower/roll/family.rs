@@ -1,9 +1,10 @@
 //! Cones of one shape as loops.
 
 use super::cone::{Cone, Leaf, Part};
+use super::sum::Total;
 use crate::backend::code::{Index, Memory, Place, Reason, Stmt, Value, Var};
 use crate::backend::lower::writer::Writer;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Fewer members are written out.
 const FEW: usize = 4;
@@ -21,24 +22,46 @@ pub(super) struct Watch {
     /// From this place on, up to and without that one.
     from: u32,
     to: u32,
-    /// The first is of what is written out; each loop has its own.
-    sums: Vec<Var>,
+    /// But for these.
+    left: FxHashSet<u32>,
+    /// Of what is written out, one by one.
+    few: Var,
+    /// Of each loop, with its turns.
+    loops: Vec<(Total, usize)>,
 }
 
 impl Watch {
     pub(super) fn new(w: &mut Writer, memory: Memory, base: u32, size: usize) -> Self {
-        Self { memory, from: base, to: base + size as u32, sums: vec![w.starting(0.0)] }
+        Self {
+            memory,
+            from: base,
+            to: base + size as u32,
+            left: FxHashSet::default(),
+            few: w.starting(0.0),
+            loops: Vec::new(),
+        }
     }
 
-    fn holds(&self, place: &Place) -> bool {
-        place.memory == self.memory && (self.from..self.to).contains(&place.base)
+    /// Whether what is stored in a place is watched.
+    pub(super) fn holds(&self, place: &Place) -> bool {
+        place.memory == self.memory && (self.from..self.to).contains(&place.base) && !self.left.contains(&place.base)
+    }
+
+    /// Watches these places no more.
+    pub(super) fn leave(&mut self, places: Vec<u32>) {
+        self.left.extend(places);
+    }
+
+    /// What its loops are added up in.
+    pub(super) fn totals(&self) -> impl Iterator<Item = &Total> {
+        self.loops.iter().map(|l| &l.0)
     }
 
     /// Fails where a number was not finite.
-    pub(super) fn check(self, w: &mut Writer) {
-        let zero = w.number(0.0);
-        let parts: Vec<Value> = self.sums.into_iter().map(|s| w.get(s)).collect();
-        let sum = parts.into_iter().fold(zero, |sum, x| w.add(sum, x));
+    pub(super) fn check(&self, w: &mut Writer) {
+        let (zero, few) = (w.number(0.0), w.get(self.few));
+        let parts: Vec<Value> = self.loops.iter().map(|(total, turns)| total.value(w, *turns)).collect();
+        let sum = parts.into_iter().fold(few, |sum, x| w.add(sum, x));
         let sound = w.eq(sum, zero);
         w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
     }
@@ -135,11 +158,16 @@ fn stretches(family: &[Cone]) -> Vec<usize> {
 fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], family: &[Cone]) {
     if family.len() < FEW {
         for cone in family {
-            let sum = watch.holds(&cone.to).then(|| watch.sums[0]);
-            member(w, parts, (&cone.to, sum), |w, k| match cone.leaves[k] {
+            let value = member(w, parts, &cone.to, |w, k| match cone.leaves[k] {
                 Leaf::Number(x) => w.number(x),
                 Leaf::Place(m, at) => w.load(Place::new(m, at)),
             });
+            if let Some(v) = value.filter(|_| watch.holds(&cone.to)) {
+                let (zero, before) = (w.number(0.0), w.get(watch.few));
+                let term = w.mul(zero, v);
+                let after = w.add(before, term);
+                w.set(watch.few, after);
+            }
         }
         return;
     }
@@ -169,14 +197,19 @@ fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], family: &[Cone]) {
             }
         })
         .collect();
-    let sum = watch.holds(&family[0].to).then(|| w.starting(0.0));
-    watch.sums.extend(sum);
+    let total = family.iter().any(|c| watch.holds(&c.to)).then(|| Total::of(w, family.len(), 0.0));
     w.open();
-    member(w, parts, (&to, sum), |w, k| match &leaves[k] {
+    let value = member(w, parts, &to, |w, k| match &leaves[k] {
         Ok(x) => w.number(*x),
         Err(place) => w.load(place.clone()),
     });
+    if let (Some(total), Some(v)) = (&total, value) {
+        let zero = w.number(0.0);
+        let term = w.mul(zero, v);
+        total.add(w, index, term);
+    }
     let body = w.close();
+    watch.loops.extend(total.map(|total| (total, family.len())));
     w.push(Stmt::For(index, 0, family.len() as u32, body));
 }
 
@@ -195,13 +228,13 @@ fn along(w: &mut Writer, index: Index, memory: Memory, places: Vec<u32>) -> Plac
     }
 }
 
-/// Writes one member, and adds what is to be 0 to the sum, if there is one.
+/// Writes one member: its value.
 fn member(
     w: &mut Writer,
     parts: &[Part],
-    (to, sum): (&Place, Option<Var>),
+    to: &Place,
     mut leaf: impl FnMut(&mut Writer, usize) -> Value,
-) {
+) -> Option<Value> {
     let mut values: Vec<Value> = Vec::with_capacity(parts.len());
     let mut leaves = 0;
     for part in parts {
@@ -220,13 +253,7 @@ fn member(
         };
         values.push(v);
     }
-    if let Some(v) = values.last() {
-        w.push(Stmt::Store(to.clone(), *v));
-        if let Some(sum) = sum {
-            let zero = w.number(0.0);
-            let (before, term) = (w.get(sum), w.mul(zero, *v));
-            let after = w.add(before, term);
-            w.set(sum, after);
-        }
-    }
+    let value = values.last().copied();
+    w.push(Stmt::Store(to.clone(), value?));
+    value
 }
