@@ -6,10 +6,6 @@ use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Builder, Unary, Value};
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// So many sums are added up side by side where there are [`MANY`] terms.
-pub(crate) const ABREAST: usize = 8;
-const MANY: usize = 16 * ABREAST;
-
 /// Writes expressions into a program; what was written once is not written again.
 ///
 /// Use one of these as long as the values of its symbols and of what was lowered are in scope in the builder.
@@ -261,7 +257,7 @@ impl Lowering {
                 plus.push(self.times(pool, builder, (t, n), folded));
             }
         }
-        let mut total = added(builder, &plus);
+        let mut total = builder.total(&plus);
         if constant != 0.0 && (constant > 0.0 || total.is_none() || constant.is_nan()) {
             let value = builder.number(constant);
             total = Some(total.map_or(value, |sum| builder.add(sum, value)));
@@ -383,22 +379,6 @@ impl Lowering {
             }
         }
     }
-}
-
-/// The sum of some values: of many, each is added to the one [`ABREAST`] before it, and what that leaves half to half, so
-/// that back ends add several at once.
-fn added(builder: &mut Builder, values: &[Value]) -> Option<Value> {
-    let (first, rest) = values.split_at(if values.len() < MANY { 1.min(values.len()) } else { ABREAST });
-    let mut parts = first.to_vec();
-    for (k, value) in rest.iter().enumerate() {
-        let at = k % first.len();
-        parts[at] = builder.add(parts[at], *value);
-    }
-    while parts.len() > 1 {
-        let other = parts.split_off(parts.len() / 2);
-        parts = parts.iter().zip(&other).map(|(a, b)| builder.add(*a, *b)).collect();
-    }
-    parts.pop()
 }
 
 /// The terms of a sum that is `n (x - cut(x))` and more: each `x`, `cut(x)`, which takes the larger or the smaller of it

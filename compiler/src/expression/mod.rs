@@ -35,7 +35,6 @@ mod support;
 mod table;
 mod walk;
 
-pub(crate) use lower::ABREAST;
 pub use lower::{Below, Lowering};
 pub use number::Number;
 pub use polynomial::{Affine, Quadratic};

@@ -6,6 +6,11 @@ use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Solve, Unary, Value}
 use crate::eval;
 use rustc_hash::FxHashMap;
 
+/// So many sums are added up side by side by [`Builder::total`], where there are many terms.
+pub const ABREAST: usize = 8;
+/// So many terms are many.
+const MANY: usize = 16 * ABREAST;
+
 /// A block that is being written, and the loads and values known in it.
 #[derive(Default)]
 struct Scope {
@@ -167,6 +172,22 @@ impl Builder {
     /// `a + b`
     pub fn add(&mut self, a: Value, b: Value) -> Value {
         self.binary(Binary::Add, a, b)
+    }
+
+    /// The sum of some values; None of none. Of many, each is added to the one [`ABREAST`] before it, and what that leaves
+    /// half to half, so that back ends add several at once.
+    pub fn total(&mut self, values: &[Value]) -> Option<Value> {
+        let (first, rest) = values.split_at(if values.len() < MANY { 1.min(values.len()) } else { ABREAST });
+        let mut parts = first.to_vec();
+        for (k, value) in rest.iter().enumerate() {
+            let at = k % first.len();
+            parts[at] = self.add(parts[at], *value);
+        }
+        while parts.len() > 1 {
+            let other = parts.split_off(parts.len() / 2);
+            parts = parts.iter().zip(&other).map(|(a, b)| self.add(*a, *b)).collect();
+        }
+        parts.pop()
     }
 
     /// `a - b`

@@ -12,7 +12,7 @@ mod prune;
 mod skeleton;
 mod verify;
 
-pub use builder::Builder;
+pub use builder::{ABREAST, Builder};
 pub use op::{Binary, Unary};
 pub use verify::Invalid;
 

@@ -208,6 +208,16 @@ static bond_real bond_factor(const struct bond_pattern *p, const bond_real *valu
     *grown = growth;
     return -1;
 }
+/* Takes off a right side what a solution makes of it. */
+static void bond_leave(const struct bond_pattern *p, const bond_real *values, const bond_real *x, bond_real *rest) {
+    unsigned long i, k;
+    for (i = 0; i < p->n; ++i) {
+        bond_real sum = rest[p->row[i]];
+        for (k = p->starts[i]; k < p->starts[i + 1]; ++k)
+            sum -= values[p->entries[2 * k]] * x[p->column[p->entries[2 * k + 1]]];
+        rest[p->row[i]] = sum;
+    }
+}
 /* -- bond_sparse */
 /* A right side becomes the solution. */
 static void bond_substitute(const struct bond_pattern *p, const bond_real *restrict lower, const bond_real *restrict upper,
@@ -263,18 +273,13 @@ static bond_real bond_sparse(const struct bond_pattern *p, const bond_real *valu
     bond_real *work = inverse + 3 * n, *rest = work + n, *grown = rest + n;
     const bond_real failed = same && *grown >= 0 ? -1 : bond_factor(p, values, w);
     const int again = *grown > BOND_R(1e3);
-    unsigned long i, k;
+    unsigned long i;
     if (!(failed < 0)) return failed;
     if (again)
         for (i = 0; i < n; ++i) rest[i] = b[i];
     bond_substitute(p, lower, upper, inverse, work, b);
     if (again) {
-        for (i = 0; i < n; ++i) {
-            bond_real sum = rest[p->row[i]];
-            for (k = p->starts[i]; k < p->starts[i + 1]; ++k)
-                sum -= values[p->entries[2 * k]] * b[p->column[p->entries[2 * k + 1]]];
-            rest[p->row[i]] = sum;
-        }
+        bond_leave(p, values, b, rest);
         bond_substitute(p, lower, upper, inverse, work, rest);
         for (i = 0; i < n; ++i) b[i] += rest[i];
     }
@@ -385,7 +390,7 @@ static bond_real bond_line(const struct bond_pattern *p, const bond_real *values
     bond_real *lower = w, *upper = lower + p->lower, *inverse = upper + p->upper;
     bond_real *work = inverse + 3 * n, *rest = work + n, *grown = rest + n, *packed = grown + 1;
     int again;
-    unsigned long i, k;
+    unsigned long i;
     if (!same || *grown < 0) {
         const bond_real failed = bond_factor(p, values, w);
         if (!(failed < 0)) return failed;
@@ -396,12 +401,7 @@ static bond_real bond_line(const struct bond_pattern *p, const bond_real *values
         for (i = 0; i < n; ++i) rest[i] = b[i];
     bond_line_substitute(p, lower, upper, inverse, packed, work, b);
     if (again) {
-        for (i = 0; i < n; ++i) {
-            bond_real sum = rest[p->row[i]];
-            for (k = p->starts[i]; k < p->starts[i + 1]; ++k)
-                sum -= values[p->entries[2 * k]] * b[p->column[p->entries[2 * k + 1]]];
-            rest[p->row[i]] = sum;
-        }
+        bond_leave(p, values, b, rest);
         bond_line_substitute(p, lower, upper, inverse, packed, work, rest);
         for (i = 0; i < n; ++i) b[i] += rest[i];
     }

@@ -49,18 +49,13 @@ impl Line {
         (n >= LEAST && is_line).then_some(Self { n })
     }
 
-    /// How many unknowns there are.
-    pub fn size(&self) -> usize {
-        self.n
-    }
-
     /// How many unknowns are eliminated first.
-    pub fn outer(&self) -> usize {
+    fn outer(&self) -> usize {
         self.n.div_ceil(2)
     }
 
     /// How many are left.
-    pub fn inner(&self) -> usize {
+    fn inner(&self) -> usize {
         self.n / 2
     }
 

@@ -4,8 +4,7 @@
 use super::{Roll, Root};
 use crate::backend::code::{Index, Stmt, Value, Var};
 use crate::backend::lower::writer::{At, Writer, scratch};
-use crate::expression::ABREAST;
-use bond_runtime::ir::{self, Binary, Op};
+use bond_runtime::ir::{self, ABREAST, Binary, Op};
 use rustc_hash::FxHashMap;
 
 /// Sums of so many terms are loops.
@@ -141,7 +140,7 @@ impl Roll<'_> {
         (terms, links)
     }
 
-    /// The terms of a value that is made of [`ABREAST`] sums as `Lowering` makes them, in their order; and all that
+    /// The terms of a value that is made of [`ABREAST`] sums as `Builder::total` makes them, in their order; and all that
     /// stands between.
     fn side_by_side(&self, end: ir::Value, outside: &[bool]) -> Option<(Terms, Vec<ir::Value>)> {
         if self.skipped[end.0 as usize] {
