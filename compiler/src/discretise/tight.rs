@@ -12,8 +12,8 @@ use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
 use rustc_hash::FxHashMap;
 
-/// Steps of so many times R C, from which on the rounding shows.
-pub(super) const TIGHT: f64 = 1e3;
+/// Steps of so many times R C, from which on the rounding shows: it is systematic, 1e-16 of a large voltage in each step.
+pub(super) const TIGHT: f64 = 30.0;
 /// More unknowns than this are left as they are.
 const MOST: usize = 8;
 
