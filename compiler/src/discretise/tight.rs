@@ -12,7 +12,7 @@ use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
 use rustc_hash::FxHashMap;
 
-/// Steps of so many times R C, from which on the rounding shows: it is systematic, 1e-16 of a large voltage in each step.
+/// Steps of so many times R C, from which on the rounding shows: of a large voltage, the same way in each step.
 pub(super) const TIGHT: f64 = 30.0;
 /// More unknowns than this are left as they are.
 const MOST: usize = 8;
