@@ -478,6 +478,42 @@ fn many_states_go_from_interval_to_interval() {
     }
 }
 
+/// Lines of so many unknowns that all forms of their ends and of where these meet are there.
+#[test]
+fn lines_of_any_length() {
+    if !is_there() {
+        return;
+    }
+    for n in 68..76 {
+        let (cells, odd) = (n / 2, n % 2 == 1);
+        let last = if odd { "I:end = 20 mH\n  p[n] -> 1:v -> end, load" } else { "p[n] -> load" };
+        let text = format!(
+            "model Line(n = {cells}) {{
+  Se:u = 1 V
+  R:load = 1 Ohm
+  for k in 1..n {{
+    I:l[k] = 10 mH * k
+    C:c[k] = 10 mF / k
+    1:s[k] -> l[k]
+    s[k] -> 0:p[k] -> c[k]
+  }}
+  u -> s[1]
+  for k in 2..n {{ p[k-1] -> s[k] }}
+  {last}
+  probe first = l[1].p
+  probe last = c[n].q
+  simulate {{ stop = 1 s }}
+}}"
+        );
+        let compiled = with(Options::new().method("gonzalez"), &text);
+        let (u, steps) = emit(&compiled, 1e-2).unwrap_or_else(|e| panic!("{n}: {e}"));
+        assert!(c::source(&u, &options("bond", "m.h")).contains("return bond_line("), "{n} unknowns");
+        let (rows, _) = emitted(&u);
+        assert!(rows.len() > 1, "{n} unknowns");
+        assert_eq!(rows, simulated(&compiled, &u, &steps), "{n} unknowns");
+    }
+}
+
 #[test]
 fn random_parameters_and_starts() {
     if !is_there() {

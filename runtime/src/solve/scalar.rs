@@ -1,6 +1,7 @@
 //! What sparse elimination computes with: real numbers, or complex ones.
 
 use std::fmt::Debug;
+use wide::f64x2;
 
 /// Numbers that elimination adds, multiplies and divides by.
 pub trait Scalar: Copy + Debug + Default + PartialEq + Send + Sync {
@@ -54,26 +55,26 @@ fn difference(x: [f64; 2], y: [f64; 2]) -> [f64; 2] {
 
 impl Scalar for f64 {
     const PARTS: usize = 1;
-    type Two = [f64; 2];
+    type Two = f64x2;
 
     #[inline(always)]
-    fn two(x: [Self; 2]) -> Self::Two {
-        x
+    fn two(x: [Self; 2]) -> f64x2 {
+        f64x2::new(x)
     }
 
     #[inline(always)]
-    fn each(x: Self::Two) -> [Self; 2] {
-        x
+    fn each(x: f64x2) -> [Self; 2] {
+        x.to_array()
     }
 
     #[inline(always)]
-    fn less_two(x: Self::Two, a: Self::Two, y: Self::Two) -> Self::Two {
-        difference(x, product(a, y))
+    fn less_two(x: f64x2, a: f64x2, y: f64x2) -> f64x2 {
+        x - a * y
     }
 
     #[inline(always)]
-    fn times_two(x: Self::Two, y: Self::Two) -> Self::Two {
-        product(x, y)
+    fn times_two(x: f64x2, y: f64x2) -> f64x2 {
+        x * y
     }
 
     #[inline(always)]

@@ -1,4 +1,4 @@
-/* n cells of L = C = 0.01, 1 V at the left and 1 Ohm at the right, from rest, h = 1 ms, the implicit midpoint rule, without
+/* n cells of L = C = 0.01, 1 V at the left and 1 Ohm at the right, 0.1 sin(k) V on the k-th at the start, h = 1 ms, the implicit midpoint rule, without
    ledger. With a = 2L/h = 2C/h and the currents put into the equations of the voltages, the voltages z at the midpoint obey
    -z[k-1]/a + (a + 2/a) z[k] - z[k+1]/a = a v[k] + i[k] - i[k+1], which Thomas' algorithm solves with pivots made once: of each
    pass one multiply-add a cell waits for another. */
@@ -22,6 +22,7 @@ static void begin(int size) {
     for (j = 0; j < n; ++j) {
         d = a + 2 * g - (j == 0 ? 0.0 : g * g / d) + (j == n - 1 ? 1.0 / load - g : 0.0);
         pivot[j] = 1.0 / d;
+        vol[j] = 0.1 * sin(j + 1);
     }
 }
 static void steps(long count) {

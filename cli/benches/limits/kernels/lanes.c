@@ -37,6 +37,7 @@ static void begin(int size) {
         for (b = 0; b < LANES; ++b) {
             d[b] = a + 2 * g - (j == 0 ? 0.0 : g * g / d[b]) + (b == LANES - 1 && j == n - 1 ? 1.0 / load - g : 0.0);
             pivot[j][b] = 1.0 / d[b];
+            vol[j][b] = 0.1 * sin(b * n + j + 1);
         }
     }
     for (b = 0; b < LANES; ++b) left[0][b] = g, right[n - 1][b] = g;

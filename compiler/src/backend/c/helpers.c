@@ -286,109 +286,157 @@ static bond_real bond_sparse(const struct bond_pattern *p, const bond_real *valu
     return -1;
 }
 /* -- bond_line */
-/* A line of unknowns 0, 1, 2, ..., each joined to the next: the outer ones, 0, 2, ..., are eliminated first, then the inner ones from
-   both ends in turn. Whose row at which step is: */
-static unsigned long bond_line_step(unsigned long n, unsigned long inner) {
-    const unsigned long all = n / 2;
-    return n - all + (inner <= (all - 1) / 2 ? 2 * inner : 2 * (all - 1 - inner) + 1);
-}
-/* What an outer one has of the inner ones beside it. */
-static void bond_line_beside(const struct bond_pattern *p, const bond_real *upper, unsigned long outer, bond_real *left, bond_real *right) {
-    const bond_real *const row = upper + p->upper_starts[outer];
-    *left = *right = 0;
-    if (outer == 0) {
-        *right = row[0];
-    } else if (2 * outer + 1 > p->n - 1) {
-        *left = row[0];
-    } else {
-        const int turned = bond_line_step(p->n, outer - 1) > bond_line_step(p->n, outer);
-        *left = row[turned], *right = row[!turned];
+/* A line of unknowns 0, 1, 2, ..., each joined to the next: the outer ones, 0, 2, ..., are eliminated first, then the middle ones, 1,
+   5, ..., then the inner ones, 3, 7, ..., from both ends in turn. At which step an unknown is: */
+static unsigned long bond_line_step(unsigned long n, unsigned long unknown) {
+    const unsigned long k = unknown / 4, end = n / 4 - 1;
+    switch (unknown % 4) {
+        case 1: return n - n / 2 + k;
+        case 3: return n - 1 - end + (2 * k <= end ? 2 * k : 2 * (end - k) + 1);
+        default: return unknown / 2;
     }
 }
-/* Factors in the order in which a substitution comes by pairs of rows, one of each end. */
-static void bond_line_pack(const struct bond_pattern *p, const bond_real *lower, const bond_real *upper, const bond_real *inverse,
-                           bond_real *packed) {
-    const unsigned long n = p->n, inner = n / 2, m = (inner - 1) / 2;
+/* What a factor has of an unknown in the row of another; nothing of those beyond the ends. */
+static bond_real bond_line_entry(unsigned long n, const unsigned *starts, const unsigned *columns, const bond_real *values,
+                                 unsigned long row, unsigned long unknown) {
     unsigned long k;
-    for (k = 1; k <= (inner - 3) / 2; ++k, packed += 6) {
-        const bond_real *const l = lower + p->lower_starts[bond_line_step(n, k)];
-        const bond_real *const r = lower + p->lower_starts[bond_line_step(n, inner - 1 - k)];
-        packed[0] = l[0], packed[1] = r[1], packed[2] = l[1], packed[3] = r[0], packed[4] = l[2], packed[5] = r[2];
-    }
-    for (k = 0; k < inner - 2 - m; ++k, packed += 10) {
-        const unsigned long a = m - 1 - k, c = m + 2 + k, l = bond_line_step(n, a), r = bond_line_step(n, c);
-        packed[0] = inverse[l], packed[1] = inverse[r];
-        packed[2] = upper[p->upper_starts[l]], packed[3] = upper[p->upper_starts[r]];
-        packed[4] = inverse[a + 1], packed[5] = inverse[c];
-        /* Of the two beside an outer one, that which is nearer to the end is eliminated first. */
-        packed[6] = upper[p->upper_starts[a + 1]], packed[7] = upper[p->upper_starts[c]];
-        packed[8] = upper[p->upper_starts[a + 1] + 1], packed[9] = upper[p->upper_starts[c] + 1];
+    if (unknown >= n) return 0;
+    row = bond_line_step(n, row);
+    for (k = starts[row]; k < starts[row + 1]; ++k)
+        if (columns[k] == bond_line_step(n, unknown)) return values[k];
+    return 0;
+}
+/* Factors in the order in which a substitution comes by four unknowns of each end: first all that it takes on the way down. Unknowns
+   are counted from the inner one towards the middle. */
+static void bond_line_pack(const struct bond_pattern *p, const bond_real *lower, const bond_real *upper, const bond_real *inverse,
+                           bond_real *down) {
+    static const short less[][2] = { { 2, 1 }, { 2, 3 }, { 0, -1 }, { 0, 1 }, { 0, -2 }, { 0, 2 }, { 0, -4 } };
+    static const short find[][2] = { { 0, 0 }, { 0, 4 }, { 2, 2 }, { 2, 4 }, { 2, 0 }, { 1, 1 },
+                                     { 1, 0 }, { 1, 2 }, { 3, 3 }, { 3, 4 }, { 3, 2 } };
+    const unsigned long n = p->n, inner = n / 4, pairs = (inner - 1) / 2;
+    bond_real *up = down + 14 * pairs;
+    unsigned long pair, k;
+    for (pair = 0; pair < pairs; ++pair) {
+        const unsigned long a = 4 * pair + 3, c = 4 * (inner - pair) - 1;
+        for (k = 0; k < 7; ++k) {
+            const unsigned long row = (unsigned long)less[k][0], other = (unsigned long)less[k][1];
+            *down++ = bond_line_entry(n, p->lower_starts, p->lower_columns, lower, a + row, a + other);
+            *down++ = bond_line_entry(n, p->lower_starts, p->lower_columns, lower, c - row, c - other);
+        }
+        for (k = 0; k < 11; ++k) {
+            const unsigned long row = (unsigned long)find[k][0], other = (unsigned long)find[k][1];
+            if (row == other) {
+                *up++ = inverse[bond_line_step(n, a + row)], *up++ = inverse[bond_line_step(n, c - row)];
+            } else {
+                *up++ = bond_line_entry(n, p->upper_starts, p->upper_columns, upper, a + row, a + other);
+                *up++ = bond_line_entry(n, p->upper_starts, p->upper_columns, upper, c - row, c - other);
+            }
+        }
     }
 }
-/* What is left of an inner right side at a turn. */
-static bond_real bond_line_down(const struct bond_pattern *p, const bond_real *lower, const bond_real *work, const bond_real *b,
-                                unsigned long turn) {
-    const unsigned long n = p->n, inner = n / 2, at = turn % 2 ? 2 * (inner - 1 - turn / 2) : turn;
-    const unsigned long step = n - inner + turn, end = p->lower_starts[step + 1];
-    unsigned long k = p->lower_starts[step], i;
-    bond_real sum = b[at + 1] - lower[k++] * b[at];
-    if (at + 2 < n) sum -= lower[k++] * b[at + 2];
-    for (i = 0; k < end; ++k, ++i) sum -= lower[k] * work[turn - 2 + i];
-    return sum;
+/* What is left of a right side in the row of an unknown. */
+static void bond_line_less(const struct bond_pattern *p, const bond_real *lower, bond_real *b, unsigned long unknown) {
+    const unsigned long step = bond_line_step(p->n, unknown);
+    bond_real sum = b[unknown];
+    unsigned long k;
+    for (k = p->lower_starts[step]; k < p->lower_starts[step + 1]; ++k) sum -= lower[k] * b[p->column[p->lower_columns[k]]];
+    b[unknown] = sum;
 }
-/* An outer unknown, from the inner ones beside it. */
-static void bond_line_between(const struct bond_pattern *p, const bond_real *upper, const bond_real *inverse, bond_real *b,
-                              unsigned long outer, bond_real left, bond_real right) {
-    bond_real l, r;
-    bond_line_beside(p, upper, outer, &l, &r);
-    b[2 * outer] = b[2 * outer] * inverse[outer] - l * left - r * right;
+/* An unknown, from those that are eliminated after it. */
+static void bond_line_find(const struct bond_pattern *p, const bond_real *upper, const bond_real *inverse, bond_real *b,
+                           unsigned long unknown) {
+    const unsigned long step = bond_line_step(p->n, unknown);
+    bond_real sum = b[unknown] * inverse[step];
+    unsigned long k;
+    for (k = p->upper_starts[step]; k < p->upper_starts[step + 1]; ++k) sum -= upper[k] * b[p->column[p->upper_columns[k]]];
+    b[unknown] = sum;
+}
+/* A number of the left end and one of the right, for which one instruction does the same where the compiler has words for that. */
+#ifdef __GNUC__
+typedef bond_real bond_two __attribute__((vector_size(2 * sizeof(bond_real))));
+static bond_two bond_two_of(bond_real x, bond_real y) { return (bond_two){ x, y }; }
+static bond_real bond_two_at(bond_two x, int i) { return x[i]; }
+static bond_two bond_two_times(bond_two x, bond_two y) { return x * y; }
+static bond_two bond_two_less(bond_two x, bond_two a, bond_two y) { return x - a * y; }
+#else
+typedef struct { bond_real x[2]; } bond_two;
+static bond_two bond_two_of(bond_real x, bond_real y) {
+    bond_two z;
+    z.x[0] = x, z.x[1] = y;
+    return z;
+}
+static bond_real bond_two_at(bond_two x, int i) { return x.x[i]; }
+static bond_two bond_two_times(bond_two x, bond_two y) { return bond_two_of(x.x[0] * y.x[0], x.x[1] * y.x[1]); }
+static bond_two bond_two_less(bond_two x, bond_two a, bond_two y) {
+    return bond_two_of(x.x[0] - a.x[0] * y.x[0], x.x[1] - a.x[1] * y.x[1]);
+}
+#endif
+/* The k-th pair of packed factors. */
+static bond_two bond_two_packed(const bond_real *packed, int k) { return bond_two_of(packed[2 * k], packed[2 * k + 1]); }
+/* The k-th of four unknowns of each end, counted from the inner one towards the middle, and back. */
+static bond_two bond_two_get(const bond_real *left, const bond_real *right, int k) { return bond_two_of(left[k], right[3 - k]); }
+static void bond_two_put(bond_real *left, bond_real *right, int k, bond_two x) {
+    left[k] = bond_two_at(x, 0), right[3 - k] = bond_two_at(x, 1);
 }
 /* A right side becomes the solution. */
 static void bond_line_substitute(const struct bond_pattern *p, const bond_real *restrict lower, const bond_real *restrict upper,
-                                 const bond_real *restrict inverse, const bond_real *restrict packed, bond_real *restrict work,
-                                 bond_real *restrict b) {
-    const unsigned long n = p->n, inner = n / 2, outer = n - inner, m = (inner - 1) / 2, down = (inner - 3) / 2;
-    const unsigned long up = inner - 2 - m, s = bond_line_step(n, m), t = bond_line_step(n, m + 1);
-    const unsigned long first = s > t ? s : t, second = s > t ? t : s;
-    bond_real x, y, g = b[2], h = b[2 * inner - 2];
-    const bond_real *l = b + 3, *r = b + 2 * inner - 4;
+                                 const bond_real *restrict inverse, const bond_real *restrict packed, bond_real *restrict b) {
+    static const unsigned short ends[] = { 1, 0, 2 }, down[] = { 2, 0, 4 }, up[] = { 4, 0, 2, 1, 3 };
+    const unsigned long n = p->n, inner = n / 4, pairs = (inner - 1) / 2, end = 4 * inner, between = 4 * pairs + 3;
+    const unsigned long odd = inner % 2;
+    bond_two chain = bond_two_of(0, 0), old_outer, old_middle;
+    bond_real *l, *r;
     unsigned long k;
-    work[0] = x = bond_line_down(p, lower, work, b, 0);
-    work[1] = y = bond_line_down(p, lower, work, b, 1);
-    for (k = 2; k < 2 + 2 * down; k += 2, l += 2, r -= 2, packed += 6) {
-        x = l[0] - packed[0] * g - packed[2] * l[1] - packed[4] * x;
-        y = r[1] - packed[1] * h - packed[3] * r[0] - packed[5] * y;
-        g = l[1], h = r[0];
-        work[k] = x, work[k + 1] = y;
+    bond_line_less(p, lower, b, 1);
+    if (end + 1 < n) bond_line_less(p, lower, b, end + 1);
+    old_outer = bond_two_of(b[2], end < n ? b[end] : 0);
+    old_middle = bond_two_of(b[1], end + 1 < n ? b[end + 1] : 0);
+    for (k = 0, l = b + 3, r = b + end - 4; k < pairs; ++k, l += 4, r -= 4, packed += 14) {
+        const bond_two outer = bond_two_get(l, r, 1), new_outer = bond_two_get(l, r, 3);
+        bond_two middle = bond_two_less(bond_two_get(l, r, 2), bond_two_packed(packed, 0), outer);
+        middle = bond_two_less(middle, bond_two_packed(packed, 1), new_outer);
+        old_outer = bond_two_less(bond_two_get(l, r, 0), bond_two_packed(packed, 2), old_outer);
+        old_outer = bond_two_less(old_outer, bond_two_packed(packed, 3), outer);
+        old_middle = bond_two_less(old_outer, bond_two_packed(packed, 4), old_middle);
+        old_middle = bond_two_less(old_middle, bond_two_packed(packed, 5), middle);
+        chain = bond_two_less(old_middle, bond_two_packed(packed, 6), chain);
+        old_outer = new_outer, old_middle = middle;
+        bond_two_put(l, r, 0, chain);
+        bond_two_put(l, r, 2, middle);
     }
-    for (; k < inner; ++k) work[k] = bond_line_down(p, lower, work, b, k);
-    x = work[first - outer] * inverse[first];
-    y = work[second - outer] * inverse[second] - upper[p->upper_starts[second]] * x;
-    if (s != first) g = x, x = y, y = g;
-    b[2 * m + 1] = x, b[2 * m + 3] = y;
-    bond_line_between(p, upper, inverse, b, m + 1, x, y);
-    for (k = 0; k < up; ++k, packed += 10) {
-        bond_real *const left = b + 2 * (m - k) - 1, *const right = b + 2 * (m + k) + 4;
-        const bond_real f = work[2 * (m - 1 - k)] * packed[0] - packed[2] * x;
-        const bond_real q = work[2 * (up - 1 - k) + 1] * packed[1] - packed[3] * y;
-        left[1] = left[1] * packed[4] - packed[8] * x - packed[6] * f;
-        right[0] = right[0] * packed[5] - packed[9] * y - packed[7] * q;
-        left[0] = x = f, right[1] = y = q;
+    for (k = 0; k < 3 - 2 * odd; ++k) bond_line_less(p, lower, b, between + (odd ? 0 : down[k]));
+    for (k = 0; k < 5 - 4 * odd; ++k) bond_line_find(p, upper, inverse, b, between + (odd ? 0 : up[k]));
+    chain = bond_two_of(b[between], b[end - between + 2]);
+    for (k = 0, packed += 22 * pairs; k < pairs; ++k) {
+        bond_two x, middle, far, near;
+        l -= 4, r += 4, packed -= 22;
+        x = bond_two_times(bond_two_get(l, r, 0), bond_two_packed(packed, 0));
+        x = bond_two_less(x, bond_two_packed(packed, 1), chain);
+        middle = bond_two_times(bond_two_get(l, r, 2), bond_two_packed(packed, 2));
+        middle = bond_two_less(middle, bond_two_packed(packed, 3), chain);
+        middle = bond_two_less(middle, bond_two_packed(packed, 4), x);
+        far = bond_two_times(bond_two_get(l, r, 1), bond_two_packed(packed, 5));
+        far = bond_two_less(far, bond_two_packed(packed, 6), x);
+        far = bond_two_less(far, bond_two_packed(packed, 7), middle);
+        near = bond_two_times(bond_two_get(l, r, 3), bond_two_packed(packed, 8));
+        near = bond_two_less(near, bond_two_packed(packed, 9), chain);
+        near = bond_two_less(near, bond_two_packed(packed, 10), middle);
+        chain = x;
+        bond_two_put(l, r, 0, x);
+        bond_two_put(l, r, 1, far);
+        bond_two_put(l, r, 2, middle);
+        bond_two_put(l, r, 3, near);
     }
-    if (m > up) {
-        x = work[0] * inverse[outer] - upper[p->upper_starts[outer]] * b[3];
-        b[1] = x;
-        bond_line_between(p, upper, inverse, b, 1, x, b[3]);
-    }
-    bond_line_between(p, upper, inverse, b, 0, 0, b[1]);
-    if (outer > inner) bond_line_between(p, upper, inverse, b, inner, b[2 * inner - 1], 0);
+    for (k = 0; k < 3; ++k) bond_line_find(p, upper, inverse, b, ends[k]);
+    for (k = 0; k < 3; ++k)
+        if (end + ends[k] < n) bond_line_find(p, upper, inverse, b, end + ends[k]);
 }
 /* Elimination, and one step of refinement where it was not plainly stable; the factors are those in w where the values are the
    same as before. -1, or the row without a pivot. */
 static bond_real bond_line(const struct bond_pattern *p, const bond_real *values, bond_real *b, bond_real *w, int same) {
     const unsigned long n = p->n;
     bond_real *lower = w, *upper = lower + p->lower, *inverse = upper + p->upper;
-    bond_real *work = inverse + 3 * n, *rest = work + n, *grown = rest + n, *packed = grown + 1;
+    bond_real *rest = inverse + 4 * n, *grown = rest + n, *packed = grown + 1;
     int again;
     unsigned long i;
     if (!same || *grown < 0) {
@@ -399,10 +447,10 @@ static bond_real bond_line(const struct bond_pattern *p, const bond_real *values
     again = *grown > BOND_R(1e3);
     if (again)
         for (i = 0; i < n; ++i) rest[i] = b[i];
-    bond_line_substitute(p, lower, upper, inverse, packed, work, b);
+    bond_line_substitute(p, lower, upper, inverse, packed, b);
     if (again) {
         bond_leave(p, values, b, rest);
-        bond_line_substitute(p, lower, upper, inverse, packed, work, rest);
+        bond_line_substitute(p, lower, upper, inverse, packed, rest);
         for (i = 0; i < n; ++i) b[i] += rest[i];
     }
     return -1;

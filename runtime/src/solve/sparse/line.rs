@@ -2,16 +2,21 @@
 //! a rod: tridiagonal matrices.
 //!
 //! Every second unknown is eliminated first, none of which waits for another: the outer ones, `0, 2, 4, ...`. What is
-//! left, the inner ones `1, 3, 5, ...`, is a line of half the length, which is eliminated from both ends at once (a step
-//! of cyclic reduction, and a twisted factorisation: Golub and Van Loan, Matrix Computations, 4.5; Meurant, SIAM J.
-//! Matrix Anal. Appl. 13, 1992). So a substitution waits for a quarter of the unknowns each way, and goes by pairs, one
-//! unknown of the left end and one of the right, for which the factors are packed in the order in which it comes by.
+//! left is a line of half the length, of which every second goes next: the middle ones, `1, 5, 9, ...` (two steps of
+//! cyclic reduction: Golub and Van Loan, Matrix Computations, 4.5). The rest, the inner ones `3, 7, 11, ...`, are
+//! eliminated from both ends at once (a twisted factorisation: Meurant, SIAM J. Matrix Anal. Appl. 13, 1992). So a
+//! substitution waits for an eighth of the unknowns each way, and goes by pairs, four unknowns of the left end and four
+//! of the right, for which the factors are packed in the order in which they come by.
 
 use super::Pattern;
 use crate::solve::scalar::Scalar;
 
 /// Lines of fewer unknowns go as all other patterns.
 const LEAST: usize = 16;
+/// How many pairs of factors four unknowns of each end take on the way down,
+const DOWN: usize = 7;
+/// and on the way up.
+const UP: usize = 11;
 
 /// A line of unknowns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +27,8 @@ pub struct Line {
 /// Factors by rows, in the order of elimination.
 #[derive(Clone, Copy)]
 pub(super) struct Factors<'a, T> {
+    /// The unknown of each step.
+    pub(super) order: &'a [u32],
     /// Row by row, as the pattern has them.
     pub(super) lower: (&'a [T], &'a Pattern),
     /// The same.
@@ -31,12 +38,12 @@ pub(super) struct Factors<'a, T> {
 }
 
 impl<T: Scalar> Factors<'_, T> {
-    fn lower(&self, step: usize) -> &[T] {
-        &self.lower.0[self.lower.1.row(step)]
-    }
-
-    fn upper(&self, step: usize) -> &[T] {
-        &self.upper.0[self.upper.1.row(step)]
+    /// A sum less what a row of a factor makes of `b`.
+    #[inline(always)]
+    fn take(&self, sum: T, (values, pattern): (&[T], &Pattern), step: usize, b: &[f64]) -> T {
+        let row = pattern.row(step);
+        let each = pattern.columns[row.clone()].iter().zip(&values[row]);
+        each.fold(sum, |sum, (&k, a)| sum.less(*a, T::at(b, self.order[k as usize] as usize)))
     }
 }
 
@@ -54,160 +61,168 @@ impl Line {
         self.n.div_ceil(2)
     }
 
+    /// How many are eliminated next.
+    fn middle(&self) -> usize {
+        (self.n + 2) / 4
+    }
+
     /// How many are left.
     fn inner(&self) -> usize {
-        self.n / 2
+        self.n / 4
     }
 
-    /// Which of the inner ones, by when it is eliminated: from both ends in turn.
-    fn inner_at(&self, turn: usize) -> usize {
-        if turn.is_multiple_of(2) { turn / 2 } else { self.inner() - 1 - turn / 2 }
-    }
-
-    /// Up to which of the inner ones it goes on from the left.
-    fn middle(&self) -> usize {
+    /// How many times four unknowns of each end come by, before those in between.
+    fn pairs(&self) -> usize {
         (self.inner() - 1) / 2
-    }
-
-    /// How many pairs there are on the way down, beside the ends and what is in the middle.
-    fn down(&self) -> usize {
-        (self.inner() - 3) / 2
-    }
-
-    /// How many pairs there are on the way up.
-    fn up(&self) -> usize {
-        self.inner() - 2 - self.middle()
     }
 
     /// How many pairs of numbers the packed factors are.
     pub fn packed(&self) -> usize {
-        3 * self.down() + 5 * self.up()
+        (DOWN + UP) * self.pairs()
     }
 
     /// The order of elimination.
     pub(super) fn order(&self) -> Vec<u32> {
-        let inner = (0..self.inner()).map(|turn| 2 * self.inner_at(turn) + 1);
-        (0..self.outer()).map(|k| 2 * k).chain(inner).map(|i| i as u32).collect()
+        let outer = (0..self.outer()).map(|k| 2 * k);
+        let middle = (0..self.middle()).map(|k| 4 * k + 1);
+        let end = self.inner() - 1;
+        let inner = (0..=end).map(|turn| 4 * if turn.is_multiple_of(2) { turn / 2 } else { end - turn / 2 } + 3);
+        outer.chain(middle).chain(inner).map(|i| i as u32).collect()
     }
 
-    /// The step at which one of the inner ones is eliminated.
-    fn step(&self, inner: usize) -> usize {
-        self.outer() + if inner <= self.middle() { 2 * inner } else { 2 * (self.inner() - 1 - inner) + 1 }
-    }
-
-    /// What an outer one has of the inner ones beside it, the left and the right.
-    fn beside<T: Scalar>(&self, f: Factors<'_, T>, outer: usize) -> [T; 2] {
-        match *f.upper(outer) {
-            [a, b] if self.step(outer - 1) < self.step(outer) => [a, b],
-            [a, b] => [b, a],
-            [a] if outer == 0 => [T::default(), a],
-            [a] => [a, T::default()],
-            _ => [T::default(); 2],
+    /// The step at which an unknown is eliminated.
+    fn step(&self, unknown: usize) -> usize {
+        let (k, end) = (unknown / 4, self.inner() - 1);
+        match unknown % 4 {
+            0 | 2 => unknown / 2,
+            1 => self.outer() + k,
+            _ if 2 * k <= end => self.outer() + self.middle() + 2 * k,
+            _ => self.outer() + self.middle() + 2 * (end - k) + 1,
         }
     }
 
     /// Packs factors.
     pub(super) fn pack<T: Scalar>(&self, f: Factors<'_, T>, packed: &mut [[T; 2]]) {
-        let (down, up) = packed.split_at_mut(3 * self.down());
-        for (p, to) in down.as_chunks_mut::<3>().0.iter_mut().enumerate() {
-            let (left, right) = (f.lower(self.step(1 + p)), f.lower(self.step(self.inner() - 2 - p)));
-            *to = [[left[0], right[1]], [left[1], right[0]], [left[2], right[2]]];
-        }
-        for (r, to) in up.as_chunks_mut::<5>().0.iter_mut().enumerate() {
-            let (a, c) = (self.middle() - 1 - r, self.middle() + 2 + r);
-            let (left, right) = (self.step(a), self.step(c));
-            // Of the two beside an outer one, that which is nearer to the end is eliminated first.
-            let (l, r) = (f.upper(a + 1), f.upper(c));
-            let own = [f.inverse[left], f.inverse[right]];
-            let between = [f.inverse[a + 1], f.inverse[c]];
-            *to = [own, [f.upper(left)[0], f.upper(right)[0]], between, [l[0], r[0]], [l[1], r[1]]];
+        let (down, up) = packed.split_at_mut(DOWN * self.pairs());
+        // What a factor has of an unknown in the row of another; nothing of those beyond the ends.
+        let entry = |(values, pattern): (&[T], &Pattern), row: usize, unknown: Option<usize>| {
+            let (row, step) = (pattern.row(self.step(row)), self.step(unknown.filter(|i| *i < self.n)?));
+            let at = pattern.columns[row.clone()].iter().position(|k| *k as usize == step)?;
+            Some(values[row][at])
+        };
+        let cells = down.as_chunks_mut::<DOWN>().0.iter_mut().zip(up.as_chunks_mut::<UP>().0);
+        for (pair, (down, up)) in cells.enumerate() {
+            // The inner ones, from which all are counted towards the middle.
+            let (a, c) = (4 * pair + 3, 4 * (self.inner() - pair) - 1);
+            let both = |factor, row: usize, k: isize| {
+                let left = entry(factor, a + row, a.checked_add_signed(k));
+                [left, entry(factor, c - row, c.checked_add_signed(-k))].map(Option::unwrap_or_default)
+            };
+            let l = |row, k| both(f.lower, row, k);
+            let u = |row, k| both(f.upper, row, k);
+            let own = |row| [a + row, c - row].map(|i| f.inverse[self.step(i)]);
+            *down = [l(2, 1), l(2, 3), l(0, -1), l(0, 1), l(0, -2), l(0, 2), l(0, -4)];
+            let [inner, middle] = [[own(0), u(0, 4)], [own(2), u(2, 4)]];
+            let [far, near] = [[own(1), u(1, 0), u(1, 2)], [own(3), u(3, 4), u(3, 2)]];
+            *up =
+                [inner[0], inner[1], middle[0], middle[1], u(2, 0), far[0], far[1], far[2], near[0], near[1], near[2]];
         }
     }
 
     /// A right side becomes the solution.
     ///
     /// # Panics
-    /// Where the factors are not those of the line, or `b` or `work` is shorter than it.
-    pub(super) fn substitute<T: Scalar>(&self, f: Factors<'_, T>, packed: &[[T; 2]], work: &mut [T], b: &mut [f64]) {
-        let (inner, m) = (self.inner(), self.middle());
-        let (down, up) = packed.split_at(3 * self.down());
-        let work = &mut work[..inner];
-        // Down, by turns.
-        let alone = |turn: usize, work: &[T], b: &[f64]| {
-            let (k, row) = (self.inner_at(turn), f.lower(self.outer() + turn));
-            let mut sum = T::at(b, 2 * k + 1).less(row[0], T::at(b, 2 * k));
-            let mut rest = &row[1..];
-            if 2 * k + 2 < self.n {
-                sum = sum.less(rest[0], T::at(b, 2 * k + 2));
-                rest = &rest[1..];
-            }
-            for (i, l) in rest.iter().enumerate() {
-                sum = sum.less(*l, work[turn - 2 + i]);
-            }
-            sum
+    /// Where the factors are not those of the line, or `b` is shorter than it.
+    pub(super) fn substitute<T: Scalar>(&self, f: Factors<'_, T>, packed: &[[T; 2]], b: &mut [f64]) {
+        let (n, inner, pairs) = (self.n, self.inner(), self.pairs());
+        let b = &mut b[..n * T::PARTS];
+        let (down, up) = packed.split_at(DOWN * pairs);
+        let less = |i: usize, b: &mut [f64]| f.take(T::at(b, i), f.lower, self.step(i), b).put(b, i);
+        let find = |i: usize, b: &mut [f64]| {
+            let step = self.step(i);
+            f.take(T::at(b, i).times(f.inverse[step]), f.upper, step, b).put(b, i);
         };
-        (work[0], work[1]) = (alone(0, work, b), alone(1, work, b));
-        let mut before = T::two([work[0], work[1]]);
-        let mut known = T::two([T::at(b, 2), T::at(b, 2 * (inner - 1))]);
-        let left = b[3 * T::PARTS..].chunks_exact(2 * T::PARTS);
-        let right = b[..2 * (inner - 1) * T::PARTS].rchunks_exact(2 * T::PARTS);
-        let to = work[2..].as_chunks_mut::<2>().0;
-        for (((to, [first, second, near]), left), right) in
-            to.iter_mut().zip(down.as_chunks::<3>().0).zip(left).zip(right)
-        {
-            let own = T::two([T::at(left, 0), T::at(right, 1)]);
-            let next = T::two([T::at(left, 1), T::at(right, 0)]);
-            let sum = T::less_two(T::less_two(own, T::two(*first), known), T::two(*second), next);
-            before = T::less_two(sum, T::two(*near), before);
-            known = next;
-            *to = T::each(before);
+        // What is at the right end, what is in between, and in which order it goes down and up.
+        let (end, between) = (4 * inner, 4 * pairs + 3);
+        let is_odd = !inner.is_multiple_of(2);
+        let (between_down, between_up): (&[usize], &[usize]) =
+            if is_odd { (&[0], &[0]) } else { (&[2, 0, 4], &[4, 0, 2, 1, 3]) };
+        less(1, b);
+        if end + 1 < n {
+            less(end + 1, b);
         }
-        for turn in 2 + 2 * self.down()..inner {
-            work[turn] = alone(turn, work, b);
+        let beyond = |i: usize, b: &[f64]| if i < n { T::at(b, i) } else { T::default() };
+        let mut old_outer = T::two([T::at(b, 2), beyond(end, b)]);
+        let mut old_middle = T::two([T::at(b, 1), beyond(end + 1, b)]);
+        let mut chain = T::two([T::default(); 2]);
+        for mut cell in cells::<T, DOWN>(down, pairs, end, b) {
+            let l = |i: usize| T::two(cell.factors[i]);
+            let (outer, new_outer) = (cell.get(1), cell.get(3));
+            let middle = T::less_two(T::less_two(cell.get(2), l(0), outer), l(1), new_outer);
+            let sum = T::less_two(T::less_two(cell.get(0), l(2), old_outer), l(3), outer);
+            let sum = T::less_two(T::less_two(sum, l(4), old_middle), l(5), middle);
+            chain = T::less_two(sum, l(6), chain);
+            (old_outer, old_middle) = (new_outer, middle);
+            cell.put(0, chain);
+            cell.put(2, middle);
         }
-        // Up, from the middle.
-        let own = |step: usize, work: &[T]| work[step - self.outer()].times(f.inverse[step]);
-        let (s, t) = (self.step(m), self.step(m + 1));
-        let (first, second) = (s.max(t), s.min(t));
-        let x = own(first, work);
-        let y = own(second, work).less(f.upper(second)[0], x);
-        let [x, y] = if s == first { [x, y] } else { [y, x] };
-        let between = |outer: usize, left: T, right: T, b: &mut [f64]| {
-            let [l, r] = self.beside(f, outer);
-            T::at(b, 2 * outer).times(f.inverse[outer]).less(l, left).less(r, right).put(b, 2 * outer);
-        };
-        x.put(b, 2 * m + 1);
-        y.put(b, 2 * m + 3);
-        between(m + 1, x, y, b);
-        let mut last = T::two([x, y]);
-        let (left, right) = b.split_at_mut((2 * m + 3) * T::PARTS);
-        let left = left[..(2 * m + 1) * T::PARTS].rchunks_exact_mut(2 * T::PARTS);
-        let right = right[T::PARTS..].chunks_exact_mut(2 * T::PARTS);
-        let (lefts, rights) =
-            (work[..2 * m].as_chunks::<2>().0.iter().rev(), work[..2 * self.up()].as_chunks::<2>().0.iter().rev());
-        for ((((u, l), r), left), right) in up.as_chunks::<5>().0.iter().zip(lefts).zip(rights).zip(left).zip(right) {
-            let [own, near, between, new, old] = u.map(T::two);
-            let x = T::less_two(T::times_two(T::two([l[0], r[1]]), own), near, last);
-            let z = T::times_two(T::two([T::at(left, 1), T::at(right, 0)]), between);
-            let z = T::less_two(T::less_two(z, old, last), new, x);
-            last = x;
-            let ([x, y], [z, w]) = (T::each(x), T::each(z));
-            x.put(left, 0);
-            z.put(left, 1);
-            w.put(right, 0);
-            y.put(right, 1);
+        between_down.iter().for_each(|i| less(between + i, b));
+        between_up.iter().for_each(|i| find(between + i, b));
+        let mut chain = T::two([T::at(b, between), T::at(b, end - between + 2)]);
+        for mut cell in cells::<T, UP>(up, pairs, end, b).rev() {
+            let u = |i: usize| T::two(cell.factors[i]);
+            let own = |i: usize, inverse| T::times_two(cell.get(i), inverse);
+            let inner = T::less_two(own(0, u(0)), u(1), chain);
+            let middle = T::less_two(T::less_two(own(2, u(2)), u(3), chain), u(4), inner);
+            let far = T::less_two(T::less_two(own(1, u(5)), u(6), inner), u(7), middle);
+            let near = T::less_two(T::less_two(own(3, u(8)), u(9), chain), u(10), middle);
+            chain = inner;
+            cell.put(0, inner);
+            cell.put(1, far);
+            cell.put(2, middle);
+            cell.put(3, near);
         }
-        if m > self.up() {
-            let right = T::at(b, 3);
-            let x = own(self.step(0), work).less(f.upper(self.step(0))[0], right);
-            x.put(b, 1);
-            between(1, x, right, b);
-        }
-        let x = T::at(b, 1);
-        between(0, T::default(), x, b);
-        if self.outer() > inner {
-            let x = T::at(b, 2 * inner - 1);
-            between(inner, x, T::default(), b);
+        for i in [1, 0, 2, end + 1, end, end + 2].into_iter().filter(|i| *i < n) {
+            find(i, b);
         }
     }
+}
+
+/// Four unknowns of each end, with the factors for them.
+struct Cell<'a, T, const N: usize> {
+    factors: &'a [[T; 2]; N],
+    left: &'a mut [f64],
+    right: &'a mut [f64],
+}
+
+impl<T: Scalar, const N: usize> Cell<'_, T, N> {
+    /// The i-th of each end, counted from the inner one towards the middle.
+    #[inline(always)]
+    fn get(&self, i: usize) -> T::Two {
+        T::two([T::at(self.left, i), T::at(self.right, 3 - i)])
+    }
+
+    /// Becomes the i-th of each end.
+    #[inline(always)]
+    fn put(&mut self, i: usize, x: T::Two) {
+        let [x, y] = T::each(x);
+        x.put(self.left, i);
+        y.put(self.right, 3 - i);
+    }
+}
+
+/// All of them, from the ends to the middle.
+#[inline(always)]
+fn cells<'a, T: Scalar, const N: usize>(
+    packed: &'a [[T; 2]],
+    pairs: usize,
+    end: usize,
+    b: &'a mut [f64],
+) -> impl DoubleEndedIterator<Item = Cell<'a, T, N>> {
+    let (left, right) = b[..end * T::PARTS].split_at_mut((4 * pairs + 3) * T::PARTS);
+    let left = left[3 * T::PARTS..].chunks_exact_mut(4 * T::PARTS);
+    let from = right.len() - 4 * pairs * T::PARTS;
+    let right = right[from..].rchunks_exact_mut(4 * T::PARTS);
+    let each = packed.as_chunks::<N>().0.iter().zip(left).zip(right);
+    each.map(|((factors, left), right)| Cell { factors, left, right })
 }

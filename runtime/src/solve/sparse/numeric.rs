@@ -183,7 +183,7 @@ impl<T: Scalar> Numeric<T> {
         }
         if let Some(line) = &symbolic.line {
             let (lower, upper) = ((&self.lower[..], &symbolic.lower), (&self.upper[..], &symbolic.upper));
-            line.pack(Factors { lower, upper, inverse: &self.inverse }, &mut self.packed);
+            line.pack(Factors { order: &symbolic.column, lower, upper, inverse: &self.inverse }, &mut self.packed);
         }
     }
 
@@ -276,7 +276,7 @@ impl<T: Scalar> Numeric<T> {
         let (work, inverse, b) = (&mut work[..n], &inverse[..n], &mut b[..T::PARTS * n]);
         if let Some(line) = &symbolic.line {
             let (lower, upper) = ((&lower[..], &symbolic.lower), (&upper[..], &symbolic.upper));
-            return line.substitute(Factors { lower, upper, inverse }, packed, work, b);
+            return line.substitute(Factors { order: columns, lower, upper, inverse }, packed, b);
         }
         for run in &symbolic.lower.runs {
             let starts = &symbolic.lower.starts;
