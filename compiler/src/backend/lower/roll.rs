@@ -22,7 +22,8 @@ use bond_runtime::ir::{self, Array, Binary, Inst, Op, Program, Unary};
 use cone::Cone;
 use family::Watch;
 use fixed::Fixed;
-use sum::{Sum, Total};
+use rustc_hash::FxHashSet;
+use sum::{SUM, Sum, Total};
 
 /// A cone has so many operations at most; what goes beyond is a result of its own.
 const CONE: u32 = 48;
@@ -50,7 +51,8 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Wr
         segments: vec![Segment::default()],
         loops: Vec::new(),
         linear: Vec::new(),
-        stored: rustc_hash::FxHashSet::default(),
+        stored: FxHashSet::default(),
+        outputs: program.size(Array::Output),
         solved: vec![false; n],
         watch,
         totals: Vec::new(),
@@ -131,7 +133,9 @@ struct Roll<'p> {
     loops: Vec<Loop<'p>>,
     linear: Vec<Linear<'p>>,
     /// Slots of the program's scratch that it stores into.
-    stored: rustc_hash::FxHashSet<u32>,
+    stored: FxHashSet<u32>,
+    /// How many outputs the program has.
+    outputs: usize,
     /// By value: whether it is loaded from where linear equations have left it, and nothing else writes.
     solved: Vec<bool>,
     /// The new state.
@@ -196,10 +200,11 @@ impl<'p> Roll<'p> {
         Some(())
     }
 
-    /// Leaves out what need not be watched: what rounding took from a sum is finite where the sum is, which is watched.
+    /// Leaves out what need not be watched: what rounding took from a sum is finite where the sum is, which is watched,
+    /// and an energy is finite only where all that it is made of are.
     fn unwatched(&mut self) {
         let stored = self.segments.iter().flat_map(|s| &s.roots).filter(|r| self.watch.holds(&r.to));
-        let sums: rustc_hash::FxHashSet<ir::Value> = stored.clone().map(|r| r.value).collect();
+        let sums: FxHashSet<ir::Value> = stored.clone().map(|r| r.value).collect();
         let sides = |v: ir::Value, f: Binary| match self.ops[v.0 as usize] {
             Op::Binary(g, a, b) if f == g => Some((a, b)),
             Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => None,
@@ -209,8 +214,50 @@ impl<'p> Roll<'p> {
             let parts = sides(v, Binary::Sub).and_then(|(y, done)| Some((y, sides(done, Binary::Sub)?)));
             parts.is_some_and(|(y, (n, x))| sums.contains(&n) && sides(n, Binary::Add) == Some((x, y)))
         };
-        let rests: Vec<u32> = stored.filter(|r| is_rest(r.value)).map(|r| r.to.base).collect();
-        self.watch.leave(rests);
+        let mut left: FxHashSet<u32> = stored.clone().filter(|r| is_rest(r.value)).map(|r| r.to.base).collect();
+        // A sum of what is stored tells of all that go into it.
+        let (memory, base) = self.places[Array::Output as usize];
+        let told = base..base + self.outputs as u32;
+        let roots = self.segments.iter().flat_map(|s| &s.roots);
+        let mut totals = Vec::new();
+        for r in roots.filter(|r| r.to.memory == memory && told.contains(&r.to.base) && self.is_long(r.value)) {
+            let shown = self.shown(r.value);
+            let before = left.len();
+            left.extend(stored.clone().filter(|r| shown.contains(&r.value)).map(|r| r.to.base));
+            totals.extend((left.len() > before).then(|| r.to.clone()));
+        }
+        self.watch.leave(left, totals);
+    }
+
+    /// Whether a value is a sum of so many terms that it may be a loop.
+    fn is_long(&self, v: ir::Value) -> bool {
+        let (mut left, mut terms) = (vec![v], 0);
+        while let Some(v) = left.pop() {
+            match self.ops[v.0 as usize] {
+                Op::Binary(Binary::Add, a, b) => left.extend([a, b]),
+                Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => terms += 1,
+            }
+            if terms == SUM {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The values that are finite wherever this one is.
+    fn shown(&self, v: ir::Value) -> FxHashSet<ir::Value> {
+        let (mut left, mut all) = (vec![v], FxHashSet::default());
+        while let Some(v) = left.pop() {
+            if !all.insert(v) {
+                continue;
+            }
+            match self.ops[v.0 as usize] {
+                Op::Binary(Binary::Add | Binary::Sub | Binary::Mul, a, b) => left.extend([a, b]),
+                Op::Binary(Binary::Div, a, _) | Op::Unary(Unary::Neg | Unary::Abs | Unary::Sqrt, a) => left.push(a),
+                Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => {}
+            }
+        }
+        all
     }
 
     fn root(&mut self, segment: usize, to: Place, value: ir::Value) {
@@ -322,7 +369,7 @@ impl<'p> Roll<'p> {
             Op::Load(slot) if slot.array == Array::Local => Some((*home as usize, first + slot.index)),
             Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => None,
         });
-        let loads: rustc_hash::FxHashSet<(usize, u32)> = loads.collect();
+        let loads: FxHashSet<(usize, u32)> = loads.collect();
         let clash = |s: usize, r: &Root| r.to.memory == Memory::Scratch && loads.contains(&(s, r.to.base));
         let mut segments = self.segments.iter().enumerate();
         (!segments.any(|(s, segment)| segment.roots.iter().any(|r| clash(s, r)))).then_some(())

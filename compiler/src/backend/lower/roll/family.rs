@@ -24,6 +24,8 @@ pub(super) struct Watch {
     to: u32,
     /// But for these.
     left: FxHashSet<u32>,
+    /// Numbers elsewhere that are finite only where those are.
+    instead: Vec<Place>,
     /// Of what is written out, one by one.
     few: Var,
     /// Of each loop, with its turns.
@@ -37,6 +39,7 @@ impl Watch {
             from: base,
             to: base + size as u32,
             left: FxHashSet::default(),
+            instead: Vec::new(),
             few: w.starting(0.0),
             loops: Vec::new(),
         }
@@ -47,9 +50,10 @@ impl Watch {
         place.memory == self.memory && (self.from..self.to).contains(&place.base) && !self.left.contains(&place.base)
     }
 
-    /// Watches these places no more.
-    pub(super) fn leave(&mut self, places: Vec<u32>) {
-        self.left.extend(places);
+    /// Watches these places no more, but numbers elsewhere that tell of them.
+    pub(super) fn leave(&mut self, places: FxHashSet<u32>, instead: Vec<Place>) {
+        self.left = places;
+        self.instead = instead;
     }
 
     /// What its loops are added up in.
@@ -62,6 +66,11 @@ impl Watch {
         let (zero, few) = (w.number(0.0), w.get(self.few));
         let parts: Vec<Value> = self.loops.iter().map(|(total, turns)| total.value(w, *turns)).collect();
         let sum = parts.into_iter().fold(few, |sum, x| w.add(sum, x));
+        let sum = self.instead.iter().fold(sum, |sum, place| {
+            let x = w.load(place.clone());
+            let term = w.mul(zero, x);
+            w.add(sum, term)
+        });
         let sound = w.eq(sum, zero);
         w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
     }

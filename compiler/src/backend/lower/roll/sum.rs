@@ -8,7 +8,7 @@ use bond_runtime::ir::{self, ABREAST, Binary, Op};
 use rustc_hash::FxHashMap;
 
 /// Sums of so many terms are loops.
-const SUM: usize = 16;
+pub(super) const SUM: usize = 16;
 
 /// A long sum: its last value, where its terms lie, in their order, and whether it is several side by side.
 pub(super) struct Sum {
