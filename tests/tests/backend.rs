@@ -7,7 +7,7 @@ use bond_compiler::backend::native::{Jit, Shared};
 use bond_compiler::backend::{lower, unit};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Bend, Binary, Builder, Newton, Program, Slot, Unary, Value};
-use bond_runtime::kernel::{Backend, Kernel};
+use bond_runtime::kernel::{Backend, Failure, Kernel};
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{self, Abreast, Maker, Places, Start, Stretch};
 use bond_runtime::solve::newton::BENT;
@@ -694,6 +694,44 @@ fn no_turn_of_a_long_loop_waits_for_another() {
     for (kind, n, method) in [("tree", 300, "gonzalez"), ("mesh", 16, "gonzalez"), ("tree", 300, "collocation4")] {
         let routine = lower(&large(kind, n, method).scene().clusters[0].step.program).unwrap();
         assert!(!waits(&routine.body), "{kind} by {method}");
+    }
+}
+
+/// A state that is no finite number is told, whether an energy shows it, or a sum that it does not make infinite; where
+/// only the energy overflows, the step is done.
+#[test]
+fn states_that_overflow_are_told() {
+    let cells = 3000;
+    for below in [false, true] {
+        let mut b = Builder::new("overflow");
+        let [state, next] = [Array::State, Array::Next].map(|array| b.slots(array, cells));
+        let output = b.slot(Array::Output);
+        let two = b.number(2.0);
+        let mut sum = b.number(0.0);
+        for k in 0..cells {
+            let [from, to] = [state, next].map(|first| Slot::new(first.array, first.index as usize + k));
+            let x = b.load(from);
+            let x = b.binary(Binary::Mul, two, x);
+            b.store(to, x);
+            let term = if below { b.binary(Binary::Div, two, x) } else { b.binary(Binary::Mul, x, x) };
+            sum = b.add(sum, term);
+        }
+        b.store(output, sum);
+        let program = b.finish();
+        assert!(lower(&program).is_some_and(|r| r.size() < cells), "a loop");
+        for at in [0, 1, 1500, 2999] {
+            for (x, fails) in [(f64::INFINITY, true), (f64::NAN, true), (1.5e308, true), (1e200, false)] {
+                let mut state = vec![1.0; cells];
+                state[at] = x;
+                let slot = Slot::new(Array::Next, at);
+                for backend in [&Interpret as &dyn Backend, &Jit] {
+                    let kernel = backend.kernel(&program);
+                    let result = kernel.run(&state, &[], &[], &mut kernel.workspace());
+                    let wanted = if fails { Err(Failure::NotFinite { slot }) } else { Ok(()) };
+                    assert_eq!(result, wanted, "{x} in cell {at}, below: {below}");
+                }
+            }
+        }
     }
 }
 

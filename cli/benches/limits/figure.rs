@@ -110,7 +110,7 @@ model Damper {
 }";
 
 /// A ladder of `n` cells, all of which move from the start on: those that a wave has yet to reach hold subnormal numbers,
-/// with which some processors take a hundred cycles an operation.
+/// with which some processors are many times slower.
 pub const LADDER: &str = "
 model Ladder(n = 100) {
   Se:u = 1 V

@@ -1,5 +1,6 @@
-/* n cells of L = C = 0.01, 1 V at the left and 1 Ohm at the right, 0.1 sin(k) V on the k-th at the start, h = 1 ms, the implicit midpoint rule, without
-   ledger. With a = 2L/h = 2C/h and the currents put into the equations of the voltages, the voltages z at the midpoint obey
+/* n cells of L = C = 0.01, 1 V at the left and 1 Ohm at the right, at the start 0.1 sin(k) V on the k-th, h = 1 ms, the implicit
+   midpoint rule, without ledger. With a = 2L/h = 2C/h and the currents put into the equations of the voltages, the voltages z at the
+   midpoint obey
    -z[k-1]/a + (a + 2/a) z[k] - z[k+1]/a = a v[k] + i[k] - i[k+1], which Thomas' algorithm solves with pivots made once: of each
    pass one multiply-add a cell waits for another. */
 #include "bench.h"
