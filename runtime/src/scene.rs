@@ -198,6 +198,9 @@ pub struct Cluster {
     pub guesses: usize,
     /// What the stepper keeps of its last step; that comes last.
     pub memory: usize,
+    /// The number of the memory that is 0 where the last step says nothing of where the next one's iteration should start.
+    /// Where a law has switched in between, it is made 0.
+    pub recall: Option<usize>,
     /// The state at the start.
     pub initial: Vec<f64>,
     /// Names of all of them.

@@ -109,6 +109,28 @@ fn a_ball_keeps_its_order_through_contact() {
     }
 }
 
+/// Where another law holds the last step says nothing of the next one: the iteration does not start by it. And few
+/// steps are taken on the way to a switch, though the parabola foretells that of a contact too soon.
+#[test]
+fn bounces_take_few_steps_and_iterations() {
+    let contact = "model Contact {
+       Se:hand = 5 N
+       I:mass = 1 kg
+       C:wall { H = if q > 0 then (50 kN/m)*q^2 else 0 J; q0 = -0.1 m }
+       R:damper { e = if wall.q > 0 then (30 N*s/m)*f else 0 N }
+       hand -> 1:v -> mass, wall, damper
+     }";
+    for (method, most) in [("gonzalez", 800), ("collocation4", 180), ("collocation6", 120), ("collocation8", 100)] {
+        let compiled = with(Options::new().method(method), contact);
+        let mut sim = start(&compiled, Steps::tolerance(1e-5));
+        finish(&mut sim, 2.0);
+        let summary = sim.summary();
+        let region = &summary.regions[0];
+        assert!(region.events == 18 && region.rejected <= 3, "{method}: {region:?}");
+        assert!(region.steps < most && region.newton_iterations < 4 * region.steps, "{method}: {region:?}");
+    }
+}
+
 /// Steps end at kinks, so that at a tight tolerance order 8 takes fewer of them; at a loose one the default is what it
 /// was, and so where a law has a root, beyond which there is nothing.
 #[test]

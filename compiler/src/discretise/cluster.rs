@@ -132,6 +132,8 @@ pub(super) struct Cluster {
     pub(super) memory: usize,
     /// What those are at the start; 0 where it is not said.
     pub(super) kept: Vec<f64>,
+    /// Whether an iteration starts by them alone, and from nothing where the last one is 0.
+    pub(super) recalls: bool,
     /// Whether each step's balance is looked at before it counts.
     pub(super) watched: bool,
     /// Whether steps are fitted to a tolerance.
@@ -528,6 +530,7 @@ impl Cluster {
             integrals: self.integrals.len(),
             guesses: self.loops.len(),
             memory: self.memory,
+            recall: (self.recalls && self.memory > 0).then(|| self.slots() - 1),
             initial,
             names,
             step,
@@ -558,6 +561,7 @@ impl Cluster {
         self.tighten(model, form);
         self.foretold = ahead::foretold(self, model, form);
         self.memory = ahead::memory(self.foretold.len());
+        self.recalls = true;
         gonzalez::write(self, model, form, true)
     }
 
@@ -579,6 +583,7 @@ impl Cluster {
         // Linear equations are solved at once: from no guess, and by a quadrature that misses nothing.
         let linear = apart.as_ref().is_some_and(|a| a.is_linear());
         self.memory = if linear { 0 } else { collocation::memory(self, nodes) };
+        self.recalls = true;
         self.watched = nodes != Nodes::Radau && !linear && !follows;
         collocation::write(self, model, form, (method.name(), nodes), apart.as_ref())
     }

@@ -177,6 +177,8 @@ impl Check<'_> {
         let parts = [c.states, c.integrals, c.guesses, c.states, c.memory];
         let total = parts.into_iter().try_fold(0usize, usize::checked_add);
         self.that(total == Some(c.initial.len()) && c.names.len() == c.initial.len(), "its state has another length")?;
+        let memory = c.initial.len() - c.memory..c.initial.len();
+        self.that(c.recall.is_none_or(|k| memory.contains(&k)), "what it recalls is not there")?;
         self.stepper(&c.step, inputs)?;
         for inner in c.step.glance.iter().chain(&c.step.fallback) {
             self.that(inner.glance.is_none() && inner.fallback.is_none(), "a stepper is nested too deeply")?;

@@ -35,11 +35,15 @@ const OWN: u32 = 6;
 /// The exponents of the controller in the error of a step and of the one before it (Hairer and Wanner, IV.8), times the
 /// order of the error.
 const PI: (f64, f64) = (0.7, 0.4);
+/// The logarithm of an error over the tolerance that is no smaller to the step after it: that of 1e-4.
+const LITTLE: f64 = -9.210340371976182;
 /// A phase between two switches begins with no more than this part of the last one of its kind: several steps tell
 /// where it ends.
 const PHASE: f64 = 1.0 / 3.0;
-/// A step to a switch that is foretold is longer by this part, so that it rather goes past it.
-const PAST: f64 = 1.0 / 32.0;
+/// A step to a switch that is foretold is longer by at least and at most these parts of itself, so that it rather goes
+/// past it; in between by this part of what was foretold before is off by now.
+const PAST: (f64, f64) = (1.0 / 256.0, 0.5);
+const SHIFT: f64 = 0.5;
 /// One that would be shorter than this part of what it might be is not cut for it, unless the guard falls.
 const WORTH: f64 = 0.1;
 /// What did not come is foretold again where it is nearer than to this many of the step that was cut for it, from its
@@ -73,12 +77,14 @@ pub(super) struct Control {
     began: f64,
     /// When the next one is foretold, s; infinite where none is.
     aim: f64,
+    /// By how much that differs from what was foretold a step before, s.
+    shift: f64,
     /// Whether the guard that is to switch then came nearer to that in the last step.
     falls: bool,
     /// So many steps were cut for what then was further off, since one was not, or the last switch.
     missed: u32,
-    /// The error of the last step over the tolerance; 1 at a fresh start.
-    pub(super) error: f64,
+    /// The logarithm of the error of the last step over the tolerance; 0 at a fresh start.
+    pub(super) last: f64,
     /// Steps in a row that were far smaller than the usual one.
     pub(super) crawl: u32,
     /// Switches in a row of guards that all but vanish.
@@ -156,9 +162,10 @@ impl Fit {
                 other: ahead,
                 began: 0.0,
                 aim: f64::INFINITY,
+                shift: 0.0,
                 falls: false,
                 missed: 0,
-                error: 1.0,
+                last: 0.0,
                 crawl: 0,
                 chatter: 0,
                 faint: None,
@@ -275,6 +282,7 @@ impl Run {
         let mut end = self.time();
         let Some(fit) = &mut self.fit else { return Ok(()) };
         let Some(plan) = fit.plan.take() else { return Ok(()) };
+        let switched = plan.control.events > plan.before.0.events;
         fit.control = plan.control;
         fit.shown = None;
         fit.midway = false;
@@ -294,6 +302,9 @@ impl Run {
             }
             self.state.copy_from_slice(&part.next);
             self.steps += 1;
+        }
+        if let Some(length) = c.recall.filter(|_| switched) {
+            self.state[length] = 0.0;
         }
         self.base = if failed.is_none() { plan.end } else { end };
         self.count = 0;
@@ -348,7 +359,8 @@ impl Run {
                 fit.spare = failures >= OWN;
             }
             let mut h = control.ahead.min(longest);
-            let aim = (control.aim - t) * (1.0 + PAST);
+            let near = control.aim - t;
+            let aim = near + (SHIFT * control.shift).min(PAST.1 * near).max(PAST.0 * near);
             if aim < h && (aim > WORTH * h || control.falls && aim > 0.0) {
                 h = aim;
             }
@@ -413,25 +425,26 @@ impl Run {
             if attempt.event {
                 // Beyond the switch another law holds.
                 let end = t + attempt.h;
-                let most = (GROW * attempt.h).min(PHASE * (end - control.began));
+                let most = PHASE * (end - control.began);
                 let here = control.ahead.min(most.max(FIRST * usual));
                 (control.ahead, control.other) = (control.other, here);
                 (control.began, control.aim, control.missed) = (end, f64::INFINITY, 0);
                 control.events += 1;
                 control.chatter = if attempt.faint.is_some() { control.chatter.saturating_add(1) } else { 0 };
                 control.faint = attempt.faint;
-                control.error = 1.0;
+                control.last = 0.0;
             } else {
                 // What the other stepper took says nothing against longer steps.
                 let other = self.fit.as_ref().is_some_and(|f| f.spare);
                 let most = if refused.is_some() || (last_failure.is_some() && !other) { 1.0 } else { GROW };
-                let steady = PI.1 * log(control.error) - PI.0 * log(ratio.max(1e-10));
+                let now = log(ratio.max(1e-10));
+                let steady = PI.1 * control.last - PI.0 * now;
                 let factor = SAFE * exp(steady / order);
                 let next = h * if vain { 2.0 } else { factor.clamp(2.0 * SHRINK, most) };
                 // A step that an end cut short says little of what comes.
                 let cut = h < SAFE * control.ahead;
                 control.ahead = if cut { next.max(control.ahead) } else { next };
-                control.error = if cut { control.error } else { ratio.clamp(1e-4, 1.0) };
+                control.last = if cut { control.last } else { now.clamp(LITTLE, 0.0) };
                 // What was foretold and did not come may be rounding, or a guard that never gets there, unless it comes
                 // nearer.
                 let (aim, falls) = self.foretold(t, h);
@@ -442,6 +455,8 @@ impl Run {
                     (false, false) => control.missed,
                 };
                 control.falls = falls && control.missed <= MISSED;
+                let shift = (aim - control.aim).abs();
+                control.shift = if shift.is_finite() { shift } else { 0.0 };
                 control.aim = if further && !control.falls { f64::INFINITY } else { aim };
             }
             break (h, Some((done.unwrap_or(t + attempt.h), attempt.whole)));

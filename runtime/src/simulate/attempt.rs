@@ -31,6 +31,33 @@ pub(super) fn copy(from: &Taken, to: &mut Taken) {
     to.output.copy_from_slice(&from.output);
 }
 
+/// What an error of a state or an integral is measured by.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scale {
+    /// How far an energy of 1 J moves the state, by the curvature of H at the start; 0 where H does not bend.
+    natural: f64,
+    /// An error that is no more is rounding, as all is of a body that is held at rest.
+    faintest: f64,
+}
+
+impl Scale {
+    /// Those of a cluster's states, then of its integrals, by what `stored` gives at the start.
+    pub(super) fn all(c: &Cluster, stored: &[f64]) -> Vec<Self> {
+        let state = |(curvature, grain): (&usize, &usize)| {
+            let (curvature, grain) = (stored[*curvature], stored[*grain]);
+            if curvature.is_nan() || curvature <= 0.0 {
+                return Self { natural: 0.0, faintest: 0.0 };
+            }
+            let natural = (2.0 / curvature).sqrt();
+            let natural = if natural.is_finite() { natural } else { 0.0 };
+            Self { natural, faintest: (grain / curvature).max((2.0 * ROUNDED * FAINTEST / curvature).sqrt()) }
+        };
+        let integral = Self { natural: 0.0, faintest: SMALLEST };
+        let states = c.curvatures.iter().zip(&c.grains).map(state);
+        states.chain(std::iter::repeat_n(integral, c.integrals)).collect()
+    }
+}
+
 /// Which step is taken.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Part {
@@ -119,40 +146,34 @@ impl Run {
         let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
         let raised = 2f64.powi(order as i32);
         let part = if whole || near { raised } else { 1.0 } / (raised - 1.0).max(1.0);
-        let mut tell = |worst: usize, error: f64, before: f64, now: f64| {
-            if error > most.error {
+        // Divided is what is worse than all before.
+        let mut tell = |worst: usize, off: f64, before: f64, now: f64| {
+            if off > most.error * now {
+                let error = if now > 0.0 { off / now } else { f64::INFINITY };
                 most = Estimate { error, fresh: before <= 0.1 * now, worst };
             }
         };
-        for i in 0..c.states + c.integrals {
+        let root = h_max.sqrt();
+        for (i, scale) in self.scales.iter().enumerate() {
             let (x, off) = match c.step.estimate {
                 Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
                 None => (fit.second.next[i], (fit.second.next[i] - fit.whole.next[i]).abs() * part),
             };
+            if !off.is_finite() {
+                return Err(Failure::NotFinite { slot: Slot::new(Array::Next, i) });
+            }
+            if off <= scale.faintest {
+                continue;
+            }
             let (before, size) = match i.checked_sub(c.states) {
                 None => {
-                    let natural = (2.0 * h_max / self.curvature[i]).sqrt();
-                    let natural = if self.curvature[i] > 0.0 && natural.is_finite() { natural } else { 0.0 };
-                    let before = self.largest[i].max(natural);
+                    let before = self.largest[i].max(root * scale.natural);
                     (before, x.abs().max(before))
                 }
                 // An integral is measured against all that went into it and out of it.
                 Some(k) => (fit.moved[k], fit.moved[k] + (x - self.state[i]).abs()),
             };
-            if !off.is_finite() {
-                return Err(Failure::NotFinite { slot: Slot::new(Array::Next, i) });
-            }
-            // What is below that is rounding, as all is of a body that is held at rest.
-            let faintest = match (self.curvature.get(i), self.grain.get(i)) {
-                (Some(&curvature), Some(&grain)) if curvature > 0.0 => {
-                    (grain / curvature).max((2.0 * ROUNDED * FAINTEST / curvature).sqrt())
-                }
-                (Some(_), _) => 0.0,
-                (None, _) => SMALLEST,
-            };
-            if off > faintest {
-                tell(i, if size > 0.0 { off / size } else { f64::INFINITY }, before, size);
-            }
+            tell(i, off, before, size);
         }
         let books = self.books.iter().zip(&c.entries).filter(|_| is_stateless(c));
         for (b, e) in books {
@@ -162,7 +183,7 @@ impl Run {
                 let halves = fit.first.output[*slot] + fit.second.output[*slot];
                 let off = (halves - whole).abs() * part;
                 if off > 0.0 {
-                    tell(usize::MAX, off / moved.max(halves.abs()), moved, halves.abs());
+                    tell(usize::MAX, off, moved, halves.abs().max(moved));
                 }
             }
         }

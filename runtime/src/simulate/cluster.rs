@@ -1,6 +1,7 @@
 //! A cluster as it runs: its state, its steps, its ledger.
 
 use super::adaptive::Fit;
+use super::attempt::Scale;
 use super::given::{Course, Feed};
 use super::guard::Watch;
 use super::worst::Worst;
@@ -201,8 +202,8 @@ pub(super) struct Run {
     /// The largest value that each state had, where somebody looks at it.
     pub(super) largest: Vec<f64>,
     traced: bool,
-    pub(super) curvature: Vec<f64>,
-    pub(super) grain: Vec<f64>,
+    /// What an error of each state and integral is measured by.
+    pub(super) scales: Vec<Scale>,
     /// What fits its steps to a tolerance, where it is run so.
     pub(super) fit: Option<Fit>,
     fixed: Option<f64>,
@@ -271,8 +272,7 @@ impl Run {
             }),
             largest: state[..n].iter().map(|x| x.abs()).collect(),
             traced: fit.is_some() || c.is_traced(),
-            curvature: c.curvatures.iter().map(|k| out[*k]).collect(),
-            grain: c.grains.iter().map(|k| out[*k]).collect(),
+            scales: Scale::all(c, &out),
             glanced: state.clone(),
             state,
             input,

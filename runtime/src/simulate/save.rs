@@ -77,7 +77,6 @@ struct Part {
     /// The first half of the step within which was looked last, where that was looked at from its end.
     half: Option<Taken>,
     largest: Vec<f64>,
-    curvature: Vec<f64>,
     lengths: Vec<f64>,
     glance: Vec<f64>,
     held: Vec<Held>,
@@ -138,7 +137,6 @@ impl Simulation<'_> {
             tops: run.fit.as_ref().map(|f| f.tops.clone()).unwrap_or_default(),
             half: run.fit.as_ref().filter(|f| f.shown == Some(self.time) && f.midway).map(|f| f.half.clone()),
             largest: run.largest.clone(),
-            curvature: run.curvature.clone(),
             lengths: run.step.lengths.clone(),
             glance: run.glance.as_ref().map(|g| g.lengths.clone()).unwrap_or_default(),
             held: self.held[i].clone(),
@@ -209,7 +207,6 @@ impl<'a> Simulation<'a> {
             same("the entropy", &b.produced, &own.produced)?;
         }
         same("the traces", &part.largest, &run.largest)?;
-        same("the curvatures", &part.curvature, &run.curvature)?;
         same("what is held", &part.held, &self.held[i])?;
         if part.held.iter().zip(&self.held[i]).any(|(a, b)| (a.port, a.bar, a.open) != (b.port, b.bar, b.open)) {
             return Err(Refused::Shape("what is held"));
@@ -284,7 +281,6 @@ impl Part {
             self.half.iter().for_each(|half| copy(half, &mut fit.half));
         }
         run.largest.copy_from_slice(&self.largest);
-        run.curvature.copy_from_slice(&self.curvature);
     }
 }
 
