@@ -12,6 +12,18 @@ fn programs() {
     }
 }
 
+/// The double pendulum's energy and rates ask for sines and cosines of its two angles and of their difference, and
+/// has those of the difference as products: two calls a stage, and two at the end.
+#[test]
+fn a_difference_of_angles_is_no_call() {
+    let path = models().join("../cli/benches/limits/problems/pendulum2.bond");
+    for (method, stages) in [("rk4", 4), ("dop853", 12)] {
+        let text = file(&path, Options::new().method(method)).show("program");
+        let calls = |name: &str| text.matches(&format!(" = {name} ")).count();
+        assert_eq!([calls("sin"), calls("cos")], [2 * (stages + 1); 2], "{method}");
+    }
+}
+
 /// A ladder's program grows with its cells, not with their square.
 #[test]
 fn the_program_of_a_ladder_grows_with_its_length() {

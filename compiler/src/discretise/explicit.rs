@@ -2,7 +2,7 @@
 //! order 5 and 8, and the semi-implicit Euler method. Their steps do not keep the balance.
 
 use super::cluster::{Cluster, missing, verified};
-use super::{instant, write};
+use super::{instant, turn, write};
 use crate::expression::Lowering;
 use crate::model::{Model, Variable};
 use crate::structure::Form;
@@ -388,6 +388,8 @@ fn stage(
     guesses: &[Value],
 ) -> Result<Stage, Vec<Diagnostic>> {
     let flat = instant::outputs(c, model, form, b, lowering, guesses)?;
+    let symbols = c.states.iter().map(|s| s.symbol).collect();
+    turn::angles(model, b, lowering, &c.energies(), &symbols)?;
     let mut lower = |model: &mut Model, b: &mut Builder, e| {
         let e = model.pool.substitute(e, &flat);
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))

@@ -244,30 +244,24 @@ pub(super) fn angles(
     all: &[Expr],
     states: &FxHashSet<Symbol>,
 ) -> Result<(), Vec<Diagnostic>> {
-    let (mut single, mut sums) = (FxHashSet::default(), 0);
-    let mut parts = Vec::new();
-    for (_, e, argument) in asked(&model.pool, all, states) {
+    let (mut single, mut sums, mut parts) = (FxHashSet::default(), FxHashSet::default(), Vec::new());
+    for (_, _, argument) in asked(&model.pool, all, states) {
         if !matches!(model.pool.node(argument), Node::Sum(..)) {
-            single.insert(e);
+            single.insert(argument);
             continue;
         }
         let (constant, terms) = terms(&mut model.pool, argument);
         if !constant.is_zero() || terms.len() != 2 || terms.iter().any(|(_, n)| !n.abs().is_one()) {
             continue;
         }
-        sums += 1;
+        sums.insert(argument);
         parts.extend(terms.into_iter().map(|t| t.0));
     }
     parts.sort_unstable();
     parts.dedup();
-    let mut more = 0;
-    for e in &parts {
-        for f in [Unary::Sin, Unary::Cos] {
-            let own = model.pool.unary(f, *e);
-            more += usize::from(!single.contains(&own));
-        }
-    }
-    if more < sums {
+    // Sine and cosine of one angle are had at once.
+    let more = parts.iter().filter(|e| !single.contains(*e)).count();
+    if more < sums.len() {
         lowering.turn();
         for e in parts {
             pair(model, b, lowering, e)?;
