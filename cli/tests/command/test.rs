@@ -24,6 +24,21 @@ fn conditions_hold_at_every_row() {
     with("expect spring.q at 0.12345 s = 0 m within 1 m").bond(&["test", "a.bond"]).is(0, &["3 passed"], &[]);
 }
 
+/// Of what is no number nothing holds, nor its contrary.
+#[test]
+fn what_is_no_number_is_as_little_unequal() {
+    let with = |what: &str| Folder::new().with("a.bond", OSCILLATOR.replace("expect passive", what));
+    let bad = "sqrt(spring.q/(1 m) - 10)";
+    let conditions =
+        ["B != 3", "not (B < 3)", "not (B <= 3)", "not (B < 3 and B > 2)", "not (B == 3 or B > 4)", "B < 3"];
+    for condition in conditions {
+        let expect = |of: &str| format!("expect {}", condition.replace('B', of));
+        with(&expect(bad)).bond(&["test", "a.bond"]).is(1, &["not at t = 0 s", "2 passed, 1 failed"], &[]);
+    }
+    let held = "expect not (spring.q > 1 m or spring.q == 2 m) and not not (mass.f != 50 m/s)";
+    with(held).bond(&["test", "a.bond"]).is(0, &["3 passed"], &[]);
+}
+
 #[test]
 fn folders_are_searched() {
     let here = Folder::new()

@@ -2,11 +2,11 @@
 
 use super::cluster::verified;
 use super::{input_of, is_time};
-use crate::expression::{Expr, Lowering, Symbol};
+use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
 use crate::model::{ExpectationKind, Model};
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Builder, Program};
+use bond_runtime::ir::{Array, Binary, Builder, Program, Unary};
 use bond_runtime::scene::{self, Probes};
 
 /// All symbols that probes and expectations read, in a fixed order, without time.
@@ -88,6 +88,7 @@ pub(super) fn build(
                     .map(|((_, _, largest), e)| (put(model, &mut b, &mut lowering, &x.text, *e), *largest))
                     .collect();
                 let Some(&condition) = list.first() else { continue };
+                let condition = affirmed(&mut model.pool, condition, true);
                 if outputs.is_empty() {
                     let output = put(model, &mut b, &mut lowering, &x.text, condition);
                     scene::ExpectationKind::Holds { extremes: outputs, output, program: None }
@@ -109,6 +110,27 @@ pub(super) fn build(
     probes.inputs = given;
     probes.program = verified(model, b.finish()).ok();
     Ok(probes)
+}
+
+/// A condition, or its contrary, without the negation of a comparison: of what is no number none holds, `x != 3` as
+/// little as `x < 3`.
+fn affirmed(pool: &mut Pool, e: Expr, holds: bool) -> Expr {
+    match (pool.node(e).clone(), holds) {
+        (Node::Unary(Unary::Not, a), _) => affirmed(pool, a, !holds),
+        (Node::Binary(f @ (Binary::And | Binary::Or), a, b), _) => {
+            let (a, b) = (affirmed(pool, a, holds), affirmed(pool, b, holds));
+            let both = (f == Binary::And) == holds;
+            pool.binary(if both { Binary::And } else { Binary::Or }, a, b)
+        }
+        (Node::Binary(Binary::Lt, a, b), false) => pool.binary(Binary::Le, b, a),
+        (Node::Binary(Binary::Le, a, b), false) => pool.binary(Binary::Lt, b, a),
+        (Node::Binary(Binary::Eq, a, b), false) => {
+            let (below, above) = (pool.binary(Binary::Lt, a, b), pool.binary(Binary::Lt, b, a));
+            pool.binary(Binary::Or, below, above)
+        }
+        (_, true) => e,
+        (_, false) => pool.unary(Unary::Not, e),
+    }
 }
 
 /// The condition as a program of the extremes alone; `None` where it reads other signals too.
