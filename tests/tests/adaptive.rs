@@ -92,14 +92,18 @@ fn bounced(method: &str, tolerance: f64) -> (f64, Summary) {
 /// The order survives contact: that of the steps, not that of stepping over a kink.
 #[test]
 fn a_ball_keeps_its_order_through_contact() {
-    for (method, order) in [("gonzalez", 2.0), ("rk4", 4.0), ("rk45", 5.0), ("dop853", 8.0)] {
-        let found = [1e-5, 1e-7, 1e-9].map(|x| bounced(method, x));
+    let usual = &[1e-5, 1e-7, 1e-9][..];
+    // At looser tolerances order 8 has so few steps a phase that chance decides.
+    for (method, order, tolerances) in
+        [("gonzalez", 2.0, usual), ("rk4", 4.0, usual), ("rk45", 5.0, usual), ("dop853", 8.0, &[1e-8, 1e-13])]
+    {
+        let found: Vec<(f64, Summary)> = tolerances.iter().map(|x| bounced(method, *x)).collect();
         for pair in found.windows(2) {
             let steps = |s: &Summary| s.regions[0].steps as f64;
             let by_steps = (pair[0].0 / pair[1].0).ln() / (steps(&pair[1].1) / steps(&pair[0].1)).ln();
             assert!(by_steps > order - 0.5, "{method}: order {by_steps}, errors {:e} and {:e}", pair[0].0, pair[1].0);
         }
-        let (off, summary) = &found[2];
+        let (off, summary) = &found[found.len() - 1];
         // Seven falls: in and out of contact.
         let region = &summary.regions[0];
         assert_eq!(region.events, 13, "{method}");

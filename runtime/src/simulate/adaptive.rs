@@ -425,7 +425,7 @@ impl Run {
             if attempt.event {
                 // Beyond the switch another law holds.
                 let end = t + attempt.h;
-                let most = PHASE * (end - control.began);
+                let most = (GROW * attempt.h).min(PHASE * (end - control.began));
                 let here = control.ahead.min(most.max(FIRST * usual));
                 (control.ahead, control.other) = (control.other, here);
                 (control.began, control.aim, control.missed) = (end, f64::INFINITY, 0);
