@@ -184,6 +184,29 @@ fn efforts_that_cancel() {
     assert_balanced("cancelling efforts", &sim.summary());
 }
 
+/// A spring that begins far from where its stroke is counted from holds what the digits of the stroke can tell of how far
+/// it is pressed: what rounding took from the stroke counts.
+#[test]
+fn a_stop_far_off_balances() {
+    let stops = "model Stops {
+      Se:u = (16.519406 N)*sin(t*(18.591797 rad/s))
+      I:m = 1.1729354 kg
+      C:near { H = if q > 0 then (67339.5875 N/m)*q^2 else 0 J; q0 = -3.265177402997781 mm }
+      C:far { H = (134679.175 N/m)*max(-q - 0.3 m, 0 m)^2 }
+      R:d = 0.049 N*s/m
+      u -> 1:v -> m, near, far, d
+    }";
+    for (method, most) in [("gonzalez", 2e-13), ("collocation8", 1.8e-13)] {
+        let compiled = with(Options::new().method(method), stops);
+        for tolerance in [1e-4, 3e-5, 1e-5, 3e-6, 1e-6] {
+            let mut sim = start(&compiled, Steps::tolerance(tolerance));
+            finish(&mut sim, 3.0);
+            let summary = sim.summary();
+            assert!(summary.passive && summary.worst_step < most, "{method} {tolerance:e}: {}", summary.worst_step);
+        }
+    }
+}
+
 /// What is no number is no result, and not passive.
 #[test]
 fn a_source_that_has_no_value_ends_the_run() {

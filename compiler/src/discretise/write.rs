@@ -4,7 +4,7 @@ use super::cluster::{Cluster, Group, missing};
 use super::root::Roots;
 use super::tear::{Torn, tear};
 use super::turn::Turns;
-use crate::expression::{self, Below, Expr, Lowering, Number, Pool, Symbol};
+use crate::expression::{Below, Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::{Model, Variable};
 use crate::structure::{Bends, ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
@@ -527,7 +527,7 @@ fn shared(pool: &mut Pool, all: &[Expr], unknown: &FxHashSet<Symbol>) -> Vec<(Be
         if !seen.insert(e) || !pool.contains_any(e, &|s| unknown.contains(&s)) {
             continue;
         }
-        choices |= matches!(pool.node(e), expression::Node::Select(..));
+        choices |= matches!(pool.node(e), Node::Select(..));
         list.extend(Lowering::below(pool, e));
         pool.node(e).each_child(&mut |c| stack.push(c));
     }
@@ -557,7 +557,7 @@ pub(super) fn fixed_parts(pool: &Pool, all: impl IntoIterator<Item = Expr>, unkn
         let node = pool.node(e);
         if pool.contains_any(e, &|s| unknown.contains(&s)) {
             node.each_child(&mut |c| stack.push(c));
-        } else if pool.constant(e).is_none() && !matches!(node, crate::expression::Node::Symbol(_)) {
+        } else if pool.constant(e).is_none() && !matches!(node, Node::Symbol(_)) {
             parts.push(e);
         }
     }
@@ -654,8 +654,8 @@ pub(super) fn flow(model: &mut Model, form: &Form, column: ColumnId) -> Expr {
 }
 
 /// Stores H of each region at given values of the states. Where an energy has angles in it, which may grow to many
-/// turns, what rounding took from the states (`rests`) counts to first order: else each step's balance would be off by
-/// the rounding of the angle.
+/// turns, or a spring begins far from where its stroke is counted from, what rounding took from the states (`rests`)
+/// counts to first order: else each step's balance would be off by the rounding of the angle or stroke.
 pub(super) fn energies(
     c: &Cluster,
     model: &mut Model,
@@ -682,9 +682,18 @@ pub(super) fn energies(
         let mut v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
         let of_states =
             |z: &Expr| model.pool.symbols(*z).iter().all(|s| model.pool.value(*s).is_some() || symbols.contains(s));
-        let is_angle = |n: &expression::Node| matches!(n, expression::Node::Unary(Unary::Sin | Unary::Cos, _));
-        let angles = |g: &&Group| model.pool.any_node(g.energy, &is_angle) && g.coenergy.iter().all(of_states);
-        for g in c.groups_in(*r).iter().filter(angles) {
+        let moves = |e: Expr| model.pool.contains_any(e, &|s| symbols.contains(&s));
+        let is_offset = |c: &Number, terms: &[(Expr, Number)]| {
+            let moving = terms.iter().filter(|t| moves(t.0)).count();
+            moving > 0 && (moving < terms.len() || !c.is_zero())
+        };
+        let is_coarse = |n: &Node| match n {
+            Node::Unary(Unary::Sin | Unary::Cos, _) => true,
+            Node::Sum(c, terms) => is_offset(c, terms),
+            _ => false,
+        };
+        let coarse = |g: &&Group| model.pool.any_node(g.energy, &is_coarse) && g.coenergy.iter().all(of_states);
+        for g in c.groups_in(*r).iter().filter(coarse) {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
                 let Some(rest) = rests.get(*s) else { continue };
                 let z = at.lower(&model.pool, b, *z).map_err(|s| missing(model, s))?;
