@@ -113,6 +113,36 @@ fn a_ball_keeps_its_order_through_contact() {
     }
 }
 
+/// A body that falls from rest, bounces and loses nothing comes back after twice the time: by a third of that and five
+/// times as long its steps would end next to the switch, on one side or the other by rounding alone.
+#[test]
+fn a_switch_next_to_the_end_of_a_step_is_met() {
+    let drop = |height: f64, push: f64| {
+        with(
+            Options::new().method("collocation4"),
+            &format!(
+                "model Drop {{
+               Se:u = {push} N
+               I:m = 0.265 kg
+               C:w {{ H = (625 N/m)*(1 m^2)*max(q/(1 m), 0)^2.5; q0 = -{height} m }}
+               u -> 1:v -> m, w
+             }}"
+            ),
+        )
+    };
+    for k in 0..60 {
+        let height = 0.2 + 0.0123456789 * f64::from(k);
+        for push in [9.81, 16.441_732_7] {
+            let compiled = drop(height, push);
+            for tolerance in [1e-3, 1e-5, 1e-7] {
+                let mut sim = start(&compiled, Steps::tolerance(tolerance));
+                finish(&mut sim, 1.0);
+                assert!(sim.summary().passive, "{height} {push} {tolerance:e}");
+            }
+        }
+    }
+}
+
 /// Where another law holds the last step says nothing of the next one: the iteration does not start by it. And few
 /// steps are taken on the way to a switch, though the parabola foretells that of a contact too soon.
 #[test]

@@ -6,6 +6,7 @@
 
 use super::attempt::{Taken, copy, is_stateless};
 use super::cluster::{Run, advance_ports, book};
+use super::event::STANDS;
 use super::{Error, Options};
 use crate::eval;
 use crate::ir::{Array, Unary};
@@ -361,8 +362,13 @@ impl Run {
             let mut h = control.ahead.min(longest);
             let near = control.aim - t;
             let aim = near + (SHIFT * control.shift).min(PAST.1 * near).max(PAST.0 * near);
-            if aim < h && (aim > WORTH * h || control.falls && aim > 0.0) {
-                h = aim;
+            // What is foretold next to the end is met as well; what is next to the start, there the step stands.
+            let least = near * (1.0 + PAST.0);
+            let close = near < h * (1.0 + PAST.0) && near > STANDS * usual && least <= longest;
+            let to = aim.min(h.max(least));
+            let aims = close && to != h && (to > WORTH * h || control.falls);
+            if aims {
+                h = to;
             }
             // Two steps of like length rather than one and a splinter.
             let mut last = None;
@@ -374,7 +380,6 @@ impl Run {
                     h = 0.5 * (end - t);
                 }
             }
-            let aims = h == aim;
             if h <= 1e-13 * t.abs().max(1e-300) || h <= usual * 1e-12 {
                 break (h, None);
             }

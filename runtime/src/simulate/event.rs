@@ -8,7 +8,7 @@ use crate::kernel::Failure;
 use crate::scene::Cluster;
 
 /// A change of sign sooner than this part of the usual step after its start is where the step stands, and is let be.
-const STANDS: f64 = 1e-9;
+pub(super) const STANDS: f64 = 1e-9;
 /// How long a step is that tells what a state does not, as a part of the step there.
 const PEEK: f64 = 1e-4;
 /// So often is a change of sign looked for at most.
