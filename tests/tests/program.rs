@@ -13,7 +13,7 @@ fn programs() {
 }
 
 /// The double pendulum's energy and rates ask for sines and cosines of its two angles and of their difference, and
-/// has those of the difference as products: two calls a stage, and two at the end.
+/// have those of the difference as products: two calls a stage, and two at the end.
 #[test]
 fn a_difference_of_angles_is_no_call() {
     let path = models().join("../cli/benches/limits/problems/pendulum2.bond");
