@@ -105,7 +105,7 @@ impl Point {
                 let unknown = model.pool.var(how.unknown(out));
                 match how {
                     Output::Explicit(e) => self.columns.push((out, *e)),
-                    Output::Implicit(e) => self.columns.push((out, model.pool.sub(unknown, *e))),
+                    Output::Implicit { residual: e, .. } => self.columns.push((out, model.pool.sub(unknown, *e))),
                     Output::Curve { parameter, out: value, residual, .. } => {
                         self.columns.push((*parameter, model.pool.sub(unknown, *residual)));
                         self.columns.push((out, *value));

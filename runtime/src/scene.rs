@@ -177,6 +177,20 @@ pub struct Guards {
     pub count: usize,
     /// How many unknowns of loops they depend on: all, or 0.
     pub loops: usize,
+    /// The step along a branch, where the stepper looks at the end of its step or beyond: what it saw behind a switch
+    /// would spoil the step to there.
+    pub branch: Option<Branch>,
+}
+
+/// A cluster's step with each law on one branch all along.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Branch {
+    /// It gives what the step gives, and more after that. Inputs behind the traces tell the branches: as each guard is,
+    /// 1 or -1, or 0 where the law looks for itself.
+    pub program: Program,
+    /// The first of the outputs that tell the states and integrals halfway, nearly, where they do: to look at the guards
+    /// there.
+    pub middle: Option<usize>,
 }
 
 /// What steps as one.
@@ -251,6 +265,16 @@ impl Cluster {
     /// First input slot of the traces.
     pub fn traces_at(&self) -> usize {
         self.given_at() + GIVEN * self.inputs.len()
+    }
+
+    /// The step along a branch, where there is one.
+    pub fn branch(&self) -> Option<&Branch> {
+        self.guards.as_ref().and_then(|g| g.branch.as_ref())
+    }
+
+    /// First input slot of the branches of laws.
+    pub fn branches_at(&self) -> usize {
+        self.traces_at() + self.states
     }
 
     /// Whether one of its programs looks at a trace: where none does, fixed steps need not keep the largest values.

@@ -165,6 +165,60 @@ fn bounces_take_few_steps_and_iterations() {
     }
 }
 
+/// A mass that a hand pushes against a spring and a damper which only push back: with the damper the force jumps where
+/// they are met.
+const PUSHED: &str = "model Contact {
+  Se:hand = 5 N
+  I:mass = 1 kg
+  C:wall { H = if q > 0 then (50 kN/m)*q^2 else 0 J; q0 = -0.1 m }
+  R:damper { e = if wall.q > 0 then (30 N*s/m)*f else 0 N }
+  hand -> 1:v -> mass, wall, damper
+  probe x = wall.q
+}";
+
+/// An explicit step ends by stages that look at its end, or beyond: what they would see behind a switch does not spoil
+/// the step to there, and no steps creep up to it.
+#[test]
+fn explicit_steps_keep_to_one_law() {
+    for (method, most) in [("rk4", 300), ("rk45", 180), ("dop853", 90)] {
+        let compiled = with(Options::new().method(method), PUSHED);
+        let mut sim = start(&compiled, Steps::tolerance(1e-6));
+        finish(&mut sim, 2.0);
+        let summary = sim.summary();
+        let region = &summary.regions[0];
+        assert!(region.events == 18 && region.rejected <= 2 && region.steps < most, "{method}: {region:?}");
+    }
+    // The error is that of the tolerance then.
+    let at = |method: &str, tolerance: f64| {
+        let compiled = with(Options::new().method(method), PUSHED);
+        end(&compiled, Steps::tolerance(tolerance), 2.0, "x")
+    };
+    let wanted = at("collocation8", 1e-13);
+    close(at("dop853", 1e-10), wanted, 1e-9, "dop853");
+    close(at("rk45", 1e-9), wanted, 1e-7, "rk45");
+}
+
+/// A source that switches does so at its instant, whatever little it is beside what was before.
+#[test]
+fn explicit_steps_meet_a_source_that_switches() {
+    let model = "model Coil {
+       Sf:s = if t > 1 s then 10 uA else -10 uA
+       I:l = 1 H
+       R:b = 1 uOhm
+       s -> 0:n -> l, b
+       probe p = l.p
+     }";
+    for method in ["rk45", "dop853"] {
+        let compiled = with(Options::new().method(method), model);
+        let p = end(&compiled, Steps::tolerance(1e-5), 3.0, "p");
+        // p' = R (i - p / L)
+        let (slow, rate) = (10e-6 * 1e-6, 1e-6f64);
+        let turn = -slow * (1.0 - (-rate).exp()) / rate;
+        let wanted = turn * (-2.0 * rate).exp() + slow * (1.0 - (-2.0 * rate).exp()) / rate;
+        assert!((p - wanted).abs() <= 1e-4 * wanted.abs(), "{method}: {p:e}, not {wanted:e}");
+    }
+}
+
 /// Steps end at kinks, so that at a tight tolerance order 8 takes fewer of them; at a loose one the default is what it
 /// was, and so where a law has a root, beyond which there is nothing.
 #[test]

@@ -360,3 +360,27 @@ fn laws_that_jump_are_named() {
         result.unwrap_or_else(|e| panic!("{law}: {e}"));
     }
 }
+
+/// A Hertz contact written with `max`: beyond the touch its law has no slope, and that of a root of 0 is none of it.
+#[test]
+fn a_root_of_what_is_cut_off_has_no_slope() {
+    let model = "model M {
+       C:c { H = 1 J * max(q/(1 m), 0)^2.5; q0 = 1 m }
+       I:i { inertia = 1 kg; f0 = 1 m/s }
+       1:v -> c, i
+       probe q = c.q
+       probe v = i.f
+     }";
+    for method in ["gonzalez", "collocation4", "collocation8", "radau"] {
+        for k in 1..=20 {
+            let compiled = crate::common::with(bond::Options::new().method(method), model);
+            let mut sim = crate::common::start(&compiled, bond::Steps::fixed(0.047 * f64::from(k)));
+            sim.finish(4.0).unwrap_or_else(|e| panic!("{method}, {k}: {e}"));
+            let left = crate::common::probe(&mut sim, "v");
+            // It leaves with all that it had.
+            if method != "radau" {
+                crate::common::close(left, -(3f64.sqrt()), 1e-11, &format!("{method}, {k}"));
+            }
+        }
+    }
+}

@@ -334,3 +334,50 @@ fn an_exact_step_beyond_all_digits_ends_the_run() {
         assert!(error.contains("too far apart"), "{error}");
     }
 }
+
+/// A source that moves, and is all but balanced by what is held against it: the balance closes to rounding all the same.
+#[test]
+fn what_all_but_balances_a_moving_source_balances() {
+    let wall = "model A {
+       Se:hand = 3 N * sin(0.1 rad/s * t)
+       I:mass = 1 kg
+       hand -> 1:v -> mass
+       sampled at 1 kHz { C:c { stiffness = 1000 N/m }  R:r = 30 N*s/m  1:j -> c, r }
+       v ||> j
+     }";
+    let damper = "model A {
+       Se:hand = 1 N * sin(1 rad/s * t)
+       R:r = 0.2 N*s/m
+       hand -> 1:v -> r
+       sampled every 1 ms hold lagged { C:c { stiffness = 20 N/m } }
+       v ||> c
+     }";
+    for text in [wall, damper] {
+        let compiled = crate::common::text(text);
+        let mut sim = start(&compiled, Steps::default());
+        finish(&mut sim, 30.0);
+        let summary = sim.summary();
+        assert!(summary.worst_step <= 1e-14 && summary.total <= 1e-12, "{summary:?}\n{text}");
+    }
+}
+
+/// Play as a difference: its energy is that of what is beyond its ends, and not of two springs that cancel.
+#[test]
+fn play_keeps_no_energy_within_its_ends() {
+    let model = "model M {
+       I:m { inertia = 1 kg; f0 = 1 mm/s }
+       C:play { e = 100 N/m * (q - min(max(q, -10 mm), 10 mm)) }
+       R:b = 1 N*s/m
+       1:v -> m, play, b
+       probe x = play.q
+     }";
+    let compiled = crate::common::text(model);
+    for steps in [Steps::default(), Steps::tolerance(1e-9)] {
+        let mut sim = start(&compiled, steps);
+        finish(&mut sim, 60.0);
+        let summary = sim.summary();
+        assert!(summary.passive && summary.worst_step <= 1e-14, "{summary:?}");
+        assert!(summary.regions[0].steps < 60_001, "{summary:?}");
+        crate::common::close(crate::common::probe(&mut sim, "x"), 1e-3, 1e-8, "where it stops");
+    }
+}

@@ -375,3 +375,87 @@ fn steep_loops_find_their_start() {
     let summary = ran(text, "gonzalez", 1e-3, 0.1);
     assert!(summary.passive, "{:?}", summary.reasons);
 }
+
+/// A law that is run backwards, as a diode's by the current that is pushed through it, is solved along its exponential
+/// however far that jumps, and near rest to the last digit.
+#[test]
+fn a_diode_takes_what_current_it_is_given() {
+    let model = |current: &str| {
+        format!(
+            "model A {{
+               Sf:f = {current}
+               R:d {{ f = (1e-12 A)*(exp(e/(25 mV)) - 1) }}
+               f -> d
+               probe u = d.e
+             }}"
+        )
+    };
+    for method in METHODS {
+        for amperes in [1e-15, 1e-9, 1.0, 1e6] {
+            let compiled =
+                with(Options::new().method(method), &model(&format!("if t < 0.1 s then 0 A else {amperes:e} A")));
+            let mut sim = start(&compiled, Steps::fixed(0.01));
+            finish(&mut sim, 0.2);
+            let (u, wanted) = (probe(&mut sim, "u"), 0.025 * f64::ln_1p(amperes / 1e-12));
+            assert!((u - wanted).abs() <= 1e-12 * wanted, "{method}, {amperes:e} A: {u} V, not {wanted}");
+        }
+    }
+    // Across a double bar, where the current jumps from nothing at the start.
+    let sampled = "model A {
+       Se:f = 10 V
+       R:rs = 5 Ohm
+       f -> 1:i -> rs
+       sampled every 0.1 ms { R:d { f = (1e-12 A)*(exp(e/(25 mV)) - 1) } }
+       i ||> d
+       probe u = d.e
+     }";
+    let compiled = with(Options::new(), sampled);
+    let mut sim = start(&compiled, Steps::fixed(1e-4));
+    finish(&mut sim, 0.01);
+    let u = probe(&mut sim, "u");
+    assert!(((10.0 - u) / 5.0 - 1e-12 * (u / 0.025).exp_m1()).abs() <= 1e-9, "{u} V");
+    assert!(sim.summary().passive);
+}
+
+/// What dies away through a diode goes to rest: `exp(x) - 1` keeps its digits there.
+#[test]
+fn what_dies_away_through_a_diode_comes_to_rest() {
+    let model = "model A {
+       I:coil { inertia = 1 H; f0 = 1 A }
+       R:d { f = 1 A * (exp(e/(1 V)) - 1) + 0.01 A/V * e }
+       1:v -> coil, d
+       probe i = coil.f
+     }";
+    for tolerance in [1e-6, 1e-9, 1e-12] {
+        let compiled = with(Options::new().method("collocation8"), model);
+        let mut sim = start(&compiled, Steps::tolerance(tolerance));
+        finish(&mut sim, 200.0);
+        let (summary, i) = (sim.summary(), probe(&mut sim, "i"));
+        assert!(summary.passive && summary.regions[0].steps < 200, "{tolerance:e}: {summary:?}");
+        assert!(i.abs() < 1e-15, "{tolerance:e}: {i:e} A");
+    }
+}
+
+/// Dry friction along its curve goes from one side to the other, however little asks for it.
+#[test]
+fn friction_turns_where_its_speed_is_given() {
+    let law = "R:dry { e = min(max(s, -1), 1) * 1 N; f = (s - min(max(s, -1), 1)) * 1 m/s }";
+    let plain = format!("model A {{ Sf:f = 1 m/s * cos(2 rad/s * t)  {law}  f -> dry  probe e = dry.e }}");
+    let sampled = format!(
+        "model A {{ Sf:f = 1 m/s * cos(2 rad/s * t)  sampled every 5 ms {{ {law} }}  f ||> dry  probe e = dry.e }}"
+    );
+    for text in [plain, sampled] {
+        let compiled = with(Options::new(), &text);
+        let mut sim = start(&compiled, Steps::fixed(0.005));
+        for k in 1..40 {
+            let t = f64::from(k) * 0.125;
+            finish(&mut sim, t);
+            let (e, wanted) = (probe(&mut sim, "e"), (2.0 * t).cos().signum());
+            // The sampled one knows the speed of an interval before.
+            if (2.0 * t).cos().abs() > 0.03 {
+                assert!(e == wanted, "{e} N at {t} s, not {wanted}\n{text}");
+            }
+        }
+        assert!(sim.summary().passive, "{text}");
+    }
+}

@@ -223,12 +223,16 @@ fn strokes<'a>(
         }
     }
     // Of storages that are tied together, those with quadratic energies can best be the dependent ones; those of which
-    // a ratio reads the state have to keep it.
-    for first in [true, false] {
-        for &(id, bond) in &storages {
-            if let Some(gives) = integral(model.element(id).kind)
-                && keeps(id) == first
-            {
+    // a ratio reads the state have to keep it. Of the rest, what moves others through ratios that change goes before
+    // these: from their speeds it does not follow where such a ratio passes 0.
+    let moves = |&(id, bond): &(ElementId, BondId)| {
+        let other = model.bond(bond).other(id);
+        model.element(id).kind == Kind::I && model.element(other).kind == Kind::One && drives(model, graph, other)
+    };
+    let rank = |s: &(ElementId, BondId)| if keeps(s.0) { 0 } else { 2 - usize::from(moves(s)) };
+    for now in 0..3 {
+        for &(id, bond) in storages.iter().filter(|s| rank(s) == now) {
+            if let Some(gives) = integral(model.element(id).kind) {
                 a.prefer(bond, a.stroke_for(bond, id, gives), Cause::Storage(id));
             }
         }
@@ -316,14 +320,6 @@ pub fn speeds(model: &Model, graph: &BondGraph, causality: &Causality) -> Vec<El
     if !causality.dependent.iter().any(|d| model.element(*d).kind == Kind::I) {
         return Vec::new();
     }
-    let changes = |id: ElementId| match &model.element(id).law {
-        Law::Ratio(v) => model.pool.symbols(*v).iter().any(|s| matches!(model.signals.get(s), Some(Signal::State(_)))),
-        Law::Source(_) | Law::Storage(_) | Law::Resistor(_) | Law::Junction | Law::Port(_) => false,
-    };
-    let drives = |j: ElementId, b: BondId| {
-        let other = model.bond(b).other(j);
-        model.element(other).kind == Kind::Tf && model.bond(b).head == other && changes(other)
-    };
     // A storage, or a source of flow, on the junction.
     let has_flow = |j: ElementId, b: BondId| {
         let other = model.bond(b).other(j);
@@ -338,11 +334,20 @@ pub fn speeds(model: &Model, graph: &BondGraph, causality: &Causality) -> Vec<El
         .ids()
         .filter(|(_, e)| e.kind == Kind::One)
         .map(|(id, _)| id)
-        .filter(|id| {
-            let bonds = &graph.bonds_of[id.at()];
-            bonds.iter().any(|b| drives(*id, *b)) && !bonds.iter().any(|b| has_flow(*id, *b))
-        })
+        .filter(|id| drives(model, graph, *id) && !graph.bonds_of[id.at()].iter().any(|b| has_flow(*id, *b)))
         .collect()
+}
+
+/// Whether a junction drives something through a ratio that changes with states.
+fn drives(model: &Model, graph: &BondGraph, junction: ElementId) -> bool {
+    let changes = |id: ElementId| match &model.element(id).law {
+        Law::Ratio(v) => model.pool.symbols(*v).iter().any(|s| matches!(model.signals.get(s), Some(Signal::State(_)))),
+        Law::Source(_) | Law::Storage(_) | Law::Resistor(_) | Law::Junction | Law::Port(_) => false,
+    };
+    graph.bonds_of[junction.at()].iter().any(|b| {
+        let other = model.bond(*b).other(junction);
+        model.element(other).kind == Kind::Tf && model.bond(*b).head == other && changes(other)
+    })
 }
 
 /// The end of a double bar that holds its variable: the sampled one; of two, the slower; of two alike, the head.

@@ -41,7 +41,7 @@ pub(super) fn foretold(c: &Cluster, model: &mut Model, form: &Form) -> Vec<usize
     if linear {
         return Vec::new();
     }
-    if !c.bends().is_empty() {
+    if !c.arguments().is_empty() {
         return (0..n).collect();
     }
     let whole = gonzalez::is_whole(c, pool);

@@ -48,7 +48,7 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
         return (Method::Collocation8, "it is linear, but for what a probe integrates");
     }
     // Arguments of exponentials come on top: what they are solved with is linear in the rest.
-    let small = c.states.len() + c.loops.len() - c.bends().len() <= UNKNOWNS;
+    let small = c.states.len() + c.loops.len() - c.arguments().len() <= UNKNOWNS;
     let laws = laws(c);
     let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
     let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }));
@@ -100,7 +100,7 @@ fn is_kink(n: &Node) -> bool {
 
 /// Whether a law that is solved for what it is given has no slope at 0, so that its inverse is a root.
 fn is_flat(n: &cluster::Node, pool: &mut Pool) -> bool {
-    let Output::Implicit(e) = n.how else { return false };
+    let Output::Implicit { residual: e, .. } = n.how else { return false };
     let (slope, zero) = (pool.derivative(e, n.out), pool.int(0));
     let slope = pool.substitute(slope, &std::iter::once((n.out, zero)).collect());
     pool.is_zero(slope)

@@ -301,11 +301,22 @@ impl Cluster {
         self.loops.iter().filter_map(|z| by.get(z).copied()).collect()
     }
 
-    /// The unknowns that exponentials are of, and where these grow.
+    /// Unknowns that laws with exponentials have as their arguments, and where these grow: of such a law it is its own
+    /// unknown or, where it is run backwards, what it gives.
     pub(super) fn bends(&self) -> Vec<(Symbol, Bends)> {
         let bent = |n: &&Node| match n.how {
+            Output::Implicit { bends: Some(bends), .. } => Some((n.out, bends)),
+            Output::Explicit(_) | Output::Implicit { .. } | Output::Curve { .. } => None,
+        };
+        let backwards: Vec<_> = self.loop_nodes().iter().filter_map(bent).collect();
+        self.arguments().into_iter().chain(backwards).collect()
+    }
+
+    /// Those of them that are their laws' own.
+    pub(super) fn arguments(&self) -> Vec<(Symbol, Bends)> {
+        let bent = |n: &&Node| match n.how {
             Output::Curve { parameter, bends: Some(bends), .. } => Some((parameter, bends)),
-            Output::Explicit(_) | Output::Implicit(_) | Output::Curve { .. } => None,
+            Output::Explicit(_) | Output::Implicit { .. } | Output::Curve { .. } => None,
         };
         self.loop_nodes().iter().filter_map(bent).collect()
     }
@@ -315,7 +326,7 @@ impl Cluster {
         self.loop_nodes()
             .into_iter()
             .map(|n| match n.how {
-                Output::Implicit(e) | Output::Curve { residual: e, .. } => e,
+                Output::Implicit { residual: e, .. } | Output::Curve { residual: e, .. } => e,
                 Output::Explicit(e) => {
                     let z = pool.var(n.out);
                     pool.sub(z, e)
@@ -496,7 +507,10 @@ impl Cluster {
             None => None,
         };
         let (instant, layout) = instant::write(self, model, form, shows)?;
-        let guards = if sampling.is_none() { instant::guards(self, model, form)? } else { None };
+        let guards = match sampling {
+            None => self.guards(model, form, &step.name)?,
+            Some(_) => None,
+        };
         let ports = self
             .ports
             .iter()
@@ -550,6 +564,13 @@ impl Cluster {
             is_linear,
             jumps: self.jumps(model, form),
         })
+    }
+
+    /// Where its laws switch, and its step along a branch where that looks beyond them.
+    fn guards(&self, model: &mut Model, form: &Form, stepper: &str) -> Result<Option<scene::Guards>, Vec<Diagnostic>> {
+        let Some((mut guards, switches)) = instant::guards(self, model, form)? else { return Ok(None) };
+        guards.branch = explicit::branch(self, model, form, stepper, &switches)?;
+        Ok(Some(guards))
     }
 
     /// The step by the discrete gradient.

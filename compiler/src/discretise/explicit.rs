@@ -3,12 +3,12 @@
 
 use super::cluster::{Cluster, missing, verified};
 use super::{instant, turn, write};
-use crate::expression::Lowering;
+use crate::expression::{Expr, Lowering};
 use crate::model::{Model, Variable};
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Slot, Unary, Value};
-use bond_runtime::scene::{Entries, Stepper};
+use bond_runtime::scene::{Branch, Entries, Stepper};
 
 /// A stage: the part of the step that is behind it, the weights of the rates of the stages before it in its state, and
 /// the weight of its own in the step.
@@ -27,11 +27,19 @@ pub(super) struct Tableau {
     halved: bool,
     rows: &'static [Row],
     error: &'static [&'static [f64]],
+    /// The weights of the rates in the state halfway, where they tell it.
+    middle: &'static [f64],
 }
 
 /// Explicit Euler.
-pub(super) const EULER: Tableau =
-    Tableau { name: "euler", order: 1, halved: false, rows: &[Row { at: 0.0, from: &[], weight: 1.0 }], error: &[] };
+pub(super) const EULER: Tableau = Tableau {
+    name: "euler",
+    order: 1,
+    halved: false,
+    rows: &[Row { at: 0.0, from: &[], weight: 1.0 }],
+    error: &[],
+    middle: &[],
+};
 
 /// The classical method.
 pub(super) const RK4: Tableau = Tableau {
@@ -45,6 +53,7 @@ pub(super) const RK4: Tableau = Tableau {
         Row { at: 1.0, from: &[0.0, 0.0, 1.0], weight: 1.0 / 6.0 },
     ],
     error: &[],
+    middle: &[],
 };
 
 /// J. R. Dormand, P. J. Prince, J. Comput. Appl. Math. 6 (1980): RK5(4)7M. The last stage is at the end of the step,
@@ -75,6 +84,15 @@ pub(super) const RK45: Tableau = Tableau {
         },
     ],
     error: &[&[71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339_200.0, 22.0 / 525.0, -1.0 / 40.0]],
+    middle: &[
+        0.10013431883002397,
+        0.0,
+        0.3918321794184261,
+        -0.029824601765948255,
+        0.058932683372407924,
+        -0.04497888809104357,
+        0.023904308236133986,
+    ],
 };
 
 /// That of order 8 with estimates of order 5 and 3: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
@@ -209,6 +227,20 @@ pub(super) const DOP853: Tableau = Tableau {
             0.022651792198360825,
         ],
     ],
+    middle: &[
+        0.07522964063875176,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        -0.07064413063857938,
+        0.38053251549689243,
+        0.0458599577505217,
+        0.10521952978513266,
+        5.6589574122481445e-05,
+        -0.04897701277010144,
+        0.012722910163259542,
+    ],
 };
 
 /// The semi-implicit method: the I storages move first. Powers are the means of both stages.
@@ -218,6 +250,7 @@ pub(super) const SYMPLECTIC: Tableau = Tableau {
     halved: true,
     rows: &[Row { at: 0.0, from: &[], weight: 0.5 }, Row { at: 1.0, from: &[1.0], weight: 0.5 }],
     error: &[],
+    middle: &[],
 };
 
 /// What a stage gives.
@@ -237,13 +270,43 @@ pub(super) fn write(
     form: &Form,
     method: &Tableau,
 ) -> Result<(Stepper, Vec<Entries>), Vec<Diagnostic>> {
-    let &Tableau { name, order, halved, rows, error } = method;
+    step(c, model, form, method, &[]).map(|(step, entries, _)| (step, entries))
+}
+
+/// Writes the step of an explicit method with what `switches` kept on one branch; None of another method, or of one
+/// that looks at the start of its step alone.
+pub(super) fn branch(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    name: &str,
+    switches: &[(Expr, usize)],
+) -> Result<Option<Branch>, Vec<Diagnostic>> {
+    let method = [&SYMPLECTIC, &RK4, &RK45, &DOP853].into_iter().find(|m| m.name == name);
+    let Some(method) = method else { return Ok(None) };
+    let (step, _, middle) = step(c, model, form, method, switches)?;
+    Ok(Some(Branch { program: step.program, middle }))
+}
+
+/// Writes the step. What `switches` is kept on the branches that inputs behind the traces tell; then the
+/// state halfway is given, too, from an output on where the method tells it.
+fn step(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    method: &Tableau,
+    switches: &[(Expr, usize)],
+) -> Result<(Stepper, Vec<Entries>, Option<usize>), Vec<Diagnostic>> {
+    let &Tableau { name, order, halved, rows, error, middle } = method;
     // An I storage integrates an effort and gives a flow.
     let kicked: Vec<bool> =
         c.states.iter().map(|s| s.column.is_some_and(|i| form.column(i).gives == Variable::Flow)).collect();
     let mut b = Builder::new(c.title(form, &format!("{name} step")));
     let entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
+    let count = switches.iter().map(|s| s.1 + 1).max().unwrap_or(0);
+    let branches: Vec<Slot> = (0..count).map(|k| b.named(Array::Input, format!("branch({k})"))).collect();
+    let branches: Vec<Value> = branches.into_iter().map(|slot| b.load(slot)).collect();
     let mut guesses = inputs.guesses.clone();
     let mut stages: Vec<Stage> = Vec::new();
     for row in rows {
@@ -251,6 +314,7 @@ pub(super) fn write(
         let ahead = b.mul(f, inputs.h);
         let time = b.add(inputs.t, ahead);
         let mut lowering = Lowering::new(inputs.env.iter().copied());
+        switches.iter().for_each(|(e, k)| lowering.branch(*e, branches[*k]));
         if let Some(t) = c.time {
             lowering.bind(t, time);
         }
@@ -328,8 +392,18 @@ pub(super) fn write(
         }
         slots.first().map_or(0, |s| s.index as usize)
     });
+    let slots: Vec<Slot> = match switches.is_empty() || middle.is_empty() {
+        true => Vec::new(),
+        false => (0..n + c.integrals.len()).map(|i| b.named(Array::Output, format!("middle({i})"))).collect(),
+    };
+    for ((i, slot), x) in slots.iter().enumerate().zip(inputs.states.iter().chain(&inputs.integrals)) {
+        let d = change(&mut b, inputs.h, &stages, middle, &|s| pick(s, i));
+        let v = b.add(*x, d);
+        b.store(*slot, v);
+    }
+    let middle = slots.first().map(|s| s.index as usize);
     let program = verified(model, b.finish())?;
-    Ok((Stepper { estimate, ..Stepper::new(name, order, false, program) }, entries))
+    Ok((Stepper { estimate, ..Stepper::new(name, order, false, program) }, entries, middle))
 }
 
 /// An estimate of an error by one of order 5 and one of order 3, each of a rate: what the first says, times how far it

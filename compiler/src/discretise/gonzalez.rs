@@ -238,7 +238,7 @@ pub(super) fn write(
             let start = ahead.start.iter().chain(&inputs.guesses).copied().collect();
             let known = c.delta.iter().copied().collect();
             let equations = (&unknowns[..], &residuals[..]);
-            (write::foretold(model, &mut b, &lowering, equations, &c.bends(), &known, start)?, rest)
+            (write::foretold(model, &mut b, &lowering, equations, &c.arguments(), &known, start)?, rest)
         }
         None => (rest, Vec::new()),
     };

@@ -151,9 +151,16 @@ fn corner(pool: &Pool, e: Expr, with: Symbol) -> f64 {
     largest
 }
 
-/// Writes the guards of a cluster's laws and integrands; `None` where none switches on something that states, time and
-/// loops tell.
-pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<Guards>, Vec<Diagnostic>> {
+/// What switches, each with its guard by index.
+pub(super) type Switches = Vec<(Expr, usize)>;
+
+/// Writes the guards of a cluster's laws and integrands, and tells what switches on them; `None` where none switches on
+/// something that states, time and loops tell.
+pub(super) fn guards(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+) -> Result<Option<(Guards, Switches)>, Vec<Diagnostic>> {
     let map = c.at_instant(&mut model.pool, form);
     let mut roots: Vec<Expr> = map.values().copied().collect();
     let flat = c.flat(&mut model.pool, map);
@@ -167,6 +174,7 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
     roots.sort_unstable();
     let mut seen: FxHashSet<Expr> = FxHashSet::default();
     let mut found: Vec<Expr> = Vec::new();
+    let mut switches: Vec<(Expr, Expr)> = Vec::new();
     let given = c.inputs.iter().map(|i| i.1).chain(c.time);
     let mut told: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(given).collect();
     let loops: &[Symbol] = if c.loops.len() <= LOOPS { &c.loops } else { &[] };
@@ -190,6 +198,7 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
             }
         });
         let mut knee = None;
+        let bends = matches!(node, Node::Unary(Unary::Tanh | Unary::Atan, _));
         let guard = match node {
             Node::Binary(Binary::Lt | Binary::Le | Binary::Min | Binary::Max, a, b) => model.pool.sub(a, b),
             // This and `atan` may be switches but for a little, as friction is often written: what a step over such a
@@ -213,6 +222,9 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
         if !symbols.is_empty() && symbols.iter().all(|s| told.contains(s)) {
             found.push(guard);
             found.extend(knee);
+            if !bends {
+                switches.push((e, guard));
+            }
         }
     }
     if found.is_empty() {
@@ -242,7 +254,10 @@ pub(super) fn guards(c: &Cluster, model: &mut Model, form: &Form) -> Result<Opti
         let slot = b.named(Array::Output, name);
         b.store(slot, v);
     }
-    Ok(Some(Guards { program: verified(model, b.finish())?, count, loops: if wide { loops.len() } else { 0 } }))
+    let at = |(e, guard): (Expr, Expr)| Some((e, found.binary_search(&guard).ok()?));
+    let switches = switches.into_iter().filter_map(at).collect();
+    let loops = if wide { loops.len() } else { 0 };
+    Ok(Some((Guards { program: verified(model, b.finish())?, count, loops, branch: None }, switches)))
 }
 
 /// Writes the observation of the signals `shows`.

@@ -420,7 +420,7 @@ fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &
     let (argument, output, forward) = (law.argument, law.output, law.gives == form.column(column).gives);
     if model.pool.symbols(output).iter().any(|s| *s != argument) {
         // A law that reads signals: its residual is in terms of states and outputs already.
-        let Output::Implicit(residual) = node.how else { return None };
+        let Output::Implicit { residual, .. } = node.how else { return None };
         let slope = model.pool.derivative(residual, node.out);
         return Some((model.pool.substitute(slope, flat), false));
     }

@@ -42,7 +42,7 @@ impl Cluster {
             let z = model.pool.var(self.nodes[i].out);
             let z = model.pool.div(z, k);
             self.tight.push(self.nodes[i].out);
-            self.nodes[i].how = Output::Implicit(model.pool.sub(z, input));
+            self.nodes[i].how = Output::Implicit { residual: model.pool.sub(z, input), bends: None };
         }
         self.order(&mut model.pool);
     }

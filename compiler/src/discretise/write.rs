@@ -376,6 +376,12 @@ fn iterate(
     }
     let rests = (system.rests && !affine).then(|| b.slots(Array::Local, n));
     let bends = if n <= BENT { bends(&system) } else { Vec::new() };
+    // An argument near 0 is told no better than to the rounding of the exponential, which is 1 there.
+    for bend in &bends {
+        let one = b.number(1.0 / bend.rate.abs());
+        let scale = &mut system.scale[bend.unknown as usize];
+        *scale = b.add(*scale, one);
+    }
     for list in [&mut system.start, &mut cold] {
         for bend in &bends {
             let Some(x) = list.get_mut(bend.unknown as usize) else { continue };

@@ -73,9 +73,10 @@ impl<'a> Elaborator<'a> {
             let (h, co) = if energy_given {
                 (typed.expr, self.pool.derivative(typed.expr, state))
             } else {
-                let (h, reached) = self.energy_of_law(typed.expr, state);
+                let law = self.pool.beyond_dead_zones(typed.expr);
+                let (h, reached) = self.energy_of_law(law, state);
                 reach = Some((reached, value)).filter(|r| r.0.is_finite());
-                (h, typed.expr)
+                (h, law)
             };
             let linear = self
                 .pool

@@ -151,8 +151,9 @@ impl Pool {
                     }
                     let mut all = factors.to_vec();
                     all[i].1 = n + Number::MINUS_ONE;
-                    all.push((d, Number::ONE));
-                    parts.push((self.powers(&all), c * n));
+                    let is_root = all[i].1.is_negative() && all[i].1.integer().is_none();
+                    let part = if is_root { self.within_choices(d, &all) } else { self.with(d, &all) };
+                    parts.push((part, c * n));
                 }
                 self.combine(&parts)
             }
@@ -182,6 +183,25 @@ impl Pool {
                 let (da, db) = (known(self, a), known(self, b));
                 self.select(c, da, db)
             }
+        }
+    }
+
+    fn with(&mut self, d: Expr, factors: &[(Expr, Number)]) -> Expr {
+        let mut all = factors.to_vec();
+        all.push((d, Number::ONE));
+        self.powers(&all)
+    }
+
+    /// `d` times factors that may be infinite where it is 0, as of `sqrt(max(x, 0))`: its choices stay outside, so that 0
+    /// is 0 there.
+    fn within_choices(&mut self, d: Expr, factors: &[(Expr, Number)]) -> Expr {
+        match *self.node(d) {
+            Node::Select(c, a, b) if self.is_zero(a) || self.is_zero(b) => {
+                let (a, b) = (self.within_choices(a, factors), self.within_choices(b, factors));
+                self.select(c, a, b)
+            }
+            _ if self.is_zero(d) => d,
+            _ => self.with(d, factors),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::pages::Pages;
 use super::walk::Found;
+use super::zone::zones;
 use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Builder, Unary, Value};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -27,6 +28,8 @@ pub struct Lowering {
     fixed: u32,
     /// Symbols whose terms are added last.
     last: FxHashSet<Symbol>,
+    /// Laws that are on the branch which a value tells.
+    branches: FxHashMap<Expr, Value>,
 }
 
 /// What a product is divided by: factors and their exponents.
@@ -44,6 +47,7 @@ impl Lowering {
             turns: false,
             fixed: 0,
             last: FxHashSet::default(),
+            branches: FxHashMap::default(),
         };
         env.into_iter().for_each(|(s, value)| lowering.bind(s, value));
         lowering
@@ -66,6 +70,12 @@ impl Lowering {
     /// Adds terms with these symbols last: what they are added to is small beside them, and keeps its digits so.
     pub fn last(&mut self, symbols: impl IntoIterator<Item = Symbol>) {
         self.last.extend(symbols);
+    }
+
+    /// Keeps what switches on one branch: `side` is 1 or -1 as what it switches on is, or 0 where that itself is to be
+    /// looked at.
+    pub fn branch(&mut self, e: Expr, side: Value) {
+        self.branches.insert(e, side);
     }
 
     /// Makes sines and cosines of sums of those of the terms, where these are there.
@@ -182,11 +192,17 @@ impl Lowering {
                     return Ok(value);
                 }
                 let a = self.child(builder, *a, folded);
-                builder.unary(*f, a)
+                match self.branches.get(&e) {
+                    Some(side) => unary_branch(builder, *f, a, *side),
+                    None => builder.unary(*f, a),
+                }
             }
             Node::Binary(f, a, b) => {
                 let (a, b) = (self.child(builder, *a, folded), self.child(builder, *b, folded));
-                builder.binary(*f, a, b)
+                match self.branches.get(&e) {
+                    Some(side) => binary_branch(builder, *f, (a, b), *side),
+                    None => builder.binary(*f, a, b),
+                }
             }
             Node::Select(c, a, b) => {
                 let [c, a, b] = [c, a, b].map(|&x| self.child(builder, x, folded));
@@ -241,12 +257,29 @@ impl Lowering {
         let (mut minus, mut last) = (Vec::new(), Vec::new());
         let is_last = |e: Expr| !self.last.is_empty() && pool.contains_any(e, &|s| self.last.contains(&s));
         let zones: Vec<_> = zones(pool, terms).into_iter().filter(|z| !is_last(z.0)).collect();
+        let grown = if self.last.is_empty() { growths(pool, c, terms, folded) } else { Vec::new() };
         for &(x, cut, n) in &zones {
             let (x, cut) = (self.child(builder, x, folded), self.child(builder, cut, folded));
             let zone = builder.sub(x, cut);
             plus.push(scaled(builder, zone, n.to_f64()));
         }
-        for &(t, n) in terms.iter().filter(|t| zones.iter().all(|z| z.0 != t.0 && z.1 != t.0)) {
+        for g in &grown {
+            let (exp, x) = (self.child(builder, g.exp, folded), self.child(builder, g.x, folded));
+            let growth = growth(builder, x, exp);
+            plus.push(match g.without {
+                Some(p) => {
+                    let p = self.times(pool, builder, (p, g.n), folded);
+                    builder.mul(p, growth)
+                }
+                None => {
+                    constant = 0.0;
+                    scaled(builder, growth, g.n.to_f64())
+                }
+            });
+        }
+        let grows = |t: Expr| grown.iter().any(|g| g.with == t || g.without == Some(t));
+        let whole = |t: Expr| zones.iter().all(|z| z.0 != t && z.1 != t) && !grows(t);
+        for &(t, n) in terms.iter().filter(|t| whole(t.0)) {
             if let Some(x) = folded(t) {
                 constant += n.to_f64() * x;
             } else if !self.last.is_empty() && pool.contains_any(t, &|s| self.last.contains(&s)) {
@@ -381,30 +414,96 @@ impl Lowering {
     }
 }
 
-/// The terms of a sum that is `n (x - cut(x))` and more: each `x`, `cut(x)`, which takes the larger or the smaller of it
-/// and a number, and `n`.
-fn zones(pool: &Pool, terms: &[(Expr, Number)]) -> Vec<(Expr, Expr, Number)> {
-    let mut zones: Vec<(Expr, Expr, Number)> = Vec::new();
-    for &(cut, n) in terms {
-        let mut x = cut;
-        while let Node::Binary(Binary::Min | Binary::Max, a, b) = pool.node(x) {
-            match (pool.constant(*a), pool.constant(*b)) {
-                (Some(_), None) => x = *b,
-                (None, Some(_)) => x = *a,
-                (Some(_), Some(_)) | (None, None) => break,
-            }
+/// What switches on `x`, as `x` or else as `side` is.
+fn unary_branch(b: &mut Builder, f: Unary, x: Value, side: Value) -> Value {
+    let at = b.select(side, side, x);
+    match f {
+        Unary::Abs => {
+            let (zero, minus) = (b.number(0.0), b.unary(Unary::Neg, x));
+            let below = b.binary(Binary::Lt, at, zero);
+            b.select(below, minus, x)
         }
-        // Terms are in the order of their numbers.
-        if x != cut
-            && let Node::Symbol(_) = pool.node(x)
-            && let Ok(at) = terms.binary_search_by_key(&x, |t| t.0)
-            && terms[at].1 == -n
-            && zones.iter().all(|z| z.0 != x)
-        {
-            zones.push((x, cut, -n));
+        _ => b.unary(f, at),
+    }
+}
+
+/// What switches on `x - y`, as that or else as `side` is.
+fn binary_branch(b: &mut Builder, f: Binary, (x, y): (Value, Value), side: Value) -> Value {
+    let (off, zero) = (b.sub(x, y), b.number(0.0));
+    let at = b.select(side, side, off);
+    let below = b.binary(Binary::Lt, at, zero);
+    match f {
+        Binary::Min => b.select(below, x, y),
+        Binary::Max => b.select(below, y, x),
+        Binary::Lt => below,
+        _ => b.binary(f, at, zero),
+    }
+}
+
+/// What a sum has as `n p (exp(x) - 1)`, as the current of a diode: the terms `n p exp(x)` and `-n p`, where `p` may be 1
+/// and that a number.
+struct Growth {
+    with: Expr,
+    without: Option<Expr>,
+    exp: Expr,
+    x: Expr,
+    n: Number,
+}
+
+/// More terms than this are not looked at.
+const LOOKED_AT: usize = 64;
+
+fn growths(pool: &Pool, c: Number, terms: &[(Expr, Number)], folded: &dyn Fn(Expr) -> Option<f64>) -> Vec<Growth> {
+    if terms.len() > LOOKED_AT {
+        return Vec::new();
+    }
+    let of = |e: Expr| match pool.node(e) {
+        Node::Unary(Unary::Exp, x) if folded(e).is_none() => Some(*x),
+        _ => None,
+    };
+    let (mut plain, mut found): (Vec<Growth>, Vec<Growth>) = (Vec::new(), Vec::new());
+    for &(t, n) in terms {
+        if let Some(x) = of(t) {
+            plain.push(Growth { with: t, without: None, exp: t, x, n });
+            continue;
+        }
+        let Node::Product(k, factors) = pool.node(t) else { continue };
+        let once = |&&(f, n): &&(Expr, Number)| if n.is_one() { of(f).map(|x| (f, x)) } else { None };
+        let Some((exp, x)) = factors.iter().find_map(|f| once(&f)).filter(|_| k.is_one()) else { continue };
+        let rest = || factors.iter().filter(|f| f.0 != exp);
+        let is_rest = |e: Expr| match pool.node(e) {
+            Node::Product(k, others) => k.is_one() && others.iter().eq(rest()),
+            _ => rest().eq(&[(e, Number::ONE)]),
+        };
+        let other = terms.iter().find(|o| (o.1 + n).is_zero() && is_rest(o.0)).map(|o| o.0);
+        if let Some(other) = other.filter(|o| found.iter().all(|g| g.without != Some(*o))) {
+            found.push(Growth { with: t, without: Some(other), exp, x, n });
         }
     }
-    zones
+    if !c.is_zero() {
+        if plain.iter().fold(c, |sum, g| sum + g.n).is_zero() {
+            found.extend(plain);
+        } else {
+            found.extend(plain.into_iter().find(|g| (c + g.n).is_zero()));
+        }
+    }
+    found
+}
+
+/// `exp(x) - 1` with all its digits: near 0 by its series, whose terms from the 13th on are below its rounding there.
+fn growth(b: &mut Builder, x: Value, exp: Value) -> Value {
+    let one = b.number(1.0);
+    let mut sum = one;
+    for k in (2..=12).rev() {
+        let part = b.number(1.0 / f64::from(k));
+        let part = b.mul(x, part);
+        let part = b.mul(part, sum);
+        sum = b.add(one, part);
+    }
+    let (near, far) = (b.mul(x, sum), b.sub(exp, one));
+    let (size, limit) = (b.unary(Unary::Abs, x), b.number(0.25));
+    let is_near = b.binary(Binary::Le, size, limit);
+    b.select(is_near, near, far)
 }
 
 /// The factors below.

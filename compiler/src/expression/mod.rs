@@ -34,6 +34,7 @@ mod substitute;
 mod support;
 mod table;
 mod walk;
+mod zone;
 
 pub use lower::{Below, Lowering};
 pub use number::Number;

@@ -98,7 +98,7 @@ fn resistors(
         needs.add_node(());
     }
     let law = |i: usize| match region.resistors[i].1 {
-        Output::Explicit(e) | Output::Implicit(e) | Output::Curve { residual: e, .. } => e,
+        Output::Explicit(e) | Output::Implicit { residual: e, .. } | Output::Curve { residual: e, .. } => e,
     };
     for (i, (_, how)) in region.resistors.iter().enumerate() {
         for s in how.expressions().flat_map(|e| pool.symbols(e)) {

@@ -114,7 +114,12 @@ pub enum Output {
     /// As an expression of its input and of signals.
     Explicit(Expr),
     /// As the root of a residual.
-    Implicit(Expr),
+    Implicit {
+        /// What is 0.
+        residual: Expr,
+        /// Where the exponentials of a law that is run backwards grow, in the output.
+        bends: Option<Bends>,
+    },
     /// On a curve: the output in its parameter, and the residual that the parameter is the root of.
     Curve {
         /// The unknown.
@@ -134,7 +139,7 @@ impl Output {
     /// What it is made of: the law and, of a curve, its output too.
     pub fn expressions(self) -> impl Iterator<Item = Expr> {
         let (first, second) = match self {
-            Output::Explicit(e) | Output::Implicit(e) => (e, None),
+            Output::Explicit(e) | Output::Implicit { residual: e, .. } => (e, None),
             Output::Curve { out, residual, .. } => (residual, Some(out)),
         };
         std::iter::once(first).chain(second)
@@ -143,7 +148,7 @@ impl Output {
     /// What an iteration has to find, where one has to: of the column's output or of a curve's parameter.
     pub fn unknown(self, out: Symbol) -> Symbol {
         match self {
-            Output::Explicit(_) | Output::Implicit(_) => out,
+            Output::Explicit(_) | Output::Implicit { .. } => out,
             Output::Curve { parameter, .. } => parameter,
         }
     }
@@ -152,7 +157,7 @@ impl Output {
     pub fn is_root(self) -> bool {
         match self {
             Output::Explicit(_) => false,
-            Output::Implicit(_) | Output::Curve { .. } => true,
+            Output::Implicit { .. } | Output::Curve { .. } => true,
         }
     }
 }

@@ -109,14 +109,16 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     let law_output = r.resolve(law.output, Some(c.region), span)?;
     let value = r.model.pool.substitute(law_output, &arguments);
     let own = (members.len() == 1).then_some((law.argument, law_output));
+    let grows = |n: &Node| matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _) | Node::Power(..));
+    let is_steep = members.len() == 1 && r.model.pool.any_node(law.output, &grows);
     if law.gives != c.gives {
         // The law gives the input; its root is sought.
-        let how = Output::Implicit(r.model.pool.sub(value, inputs[place]));
+        let bends = is_steep.then(|| bends(&mut r.model.pool, law_output, law.argument));
+        let how = Output::Implicit { residual: r.model.pool.sub(value, inputs[place]), bends };
         return Ok(Some(Found { law: own, ..Found::plain(how) }));
     }
     let mut found = Found { law: own, ..Found::plain(Output::Explicit(value)) };
-    let grows = |n: &Node| matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _) | Node::Power(..));
-    if members.len() == 1 && r.model.pool.any_node(law.output, &grows) {
+    if is_steep {
         // It has an exponential in it, as that of a junction diode.
         let pool = &mut r.model.pool;
         let x = pool.var(law.argument);

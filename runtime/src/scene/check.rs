@@ -1,7 +1,7 @@
 //! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on
 //! that.
 
-use super::{Cluster, Entries, ExpectationKind, GIVEN, Guards, Respond, Scene, Stepper};
+use super::{Branch, Cluster, Entries, ExpectationKind, GIVEN, Guards, Respond, Scene, Stepper};
 use crate::exponential::{Layout, Linear};
 use crate::ir::{Array, Inst, Invalid, Program};
 use thiserror::Error;
@@ -197,6 +197,9 @@ impl Check<'_> {
             n <= outputs && m <= outputs && outputs == n + m + m * m + n * m
         };
         self.that(c.guards.as_ref().is_none_or(told), "what its guards tell is not there")?;
+        if let (Some(branch), Some(guards)) = (c.branch(), &c.guards) {
+            self.branch(branch, inputs.saturating_add(guards.count))?;
+        }
         self.respond(inputs)?;
         self.ports(inputs)?;
         let stored = c.stored.size(Array::Output);
@@ -225,6 +228,17 @@ impl Check<'_> {
         let outputs = s.program.size(Array::Output);
         self.that(estimate.is_some_and(|end| end <= outputs), "the error of its step is not computed")?;
         self.that(s.program.size(Array::Next) == n, "its step gives another state")
+    }
+
+    fn branch(&self, b: &Branch, inputs: usize) -> Result<(), Unsound> {
+        let c = self.c;
+        sound(&b.program)?;
+        fits(&b.program, c.initial.len(), inputs, 0)?;
+        let outputs = b.program.size(Array::Output);
+        let whole = b.program.size(Array::Next) == c.initial.len() && outputs >= c.step.program.size(Array::Output);
+        self.that(whole, "its step along a branch gives less")?;
+        let middle = b.middle.map_or(Some(0), |at| at.checked_add(c.states)?.checked_add(c.integrals));
+        self.that(middle.is_some_and(|end| end <= outputs), "the middle of its step is not computed")
     }
 
     fn look(&self, p: &Program, inputs: usize) -> Result<(), Unsound> {

@@ -21,7 +21,8 @@ pub(super) struct Taken {
 
 impl Taken {
     pub(super) fn new(c: &Cluster) -> Self {
-        Self { h: 0.0, next: c.initial.clone(), output: vec![0.0; c.step.program.size(Array::Output)] }
+        let program = c.branch().map_or(&c.step.program, |b| &b.program);
+        Self { h: 0.0, next: c.initial.clone(), output: vec![0.0; program.size(Array::Output)] }
     }
 }
 
@@ -100,6 +101,7 @@ impl Run {
     /// A step of length `h` from `t`, cut to where a law switches, and its error. That is first looked for at `aim`
     /// from `t`, where that lies within the step.
     pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
+        self.branch();
         self.stride(t, h, Part::Whole)?;
         let event = self.event(c, t, h, aim)?;
         let (h, is_event) = (event.map_or(h, |e| e.0), event.is_some());

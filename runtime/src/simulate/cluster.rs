@@ -8,7 +8,7 @@ use super::worst::Worst;
 use super::{Error, Options};
 use crate::exponential;
 use crate::interpreter::Interpret;
-use crate::ir::{Array, Slot};
+use crate::ir::{Array, Program, Slot};
 use crate::kernel::{Backend, Failure, Kernel, Workspace};
 use crate::ledger::Sum;
 use crate::scene::{Cluster, Entries, Respond, Stepper};
@@ -57,9 +57,12 @@ pub(super) struct Ready {
 
 impl Ready {
     fn new(stepper: &Stepper, backend: &dyn Backend) -> Self {
-        let kernel = backend.kernel(&stepper.program);
+        Self::of(&stepper.program, stepper.linear.clone(), backend)
+    }
+
+    fn of(program: &Program, linear: Option<exponential::Linear>, backend: &dyn Backend) -> Self {
+        let kernel = backend.kernel(program);
         let work = kernel.workspace();
-        let linear = stepper.linear.clone();
         Self { kernel, work, linear, tables: Vec::new(), lengths: Vec::new(), last: 0 }
     }
 
@@ -108,7 +111,7 @@ pub(super) struct Look {
 }
 
 impl Look {
-    pub(super) fn new(program: &crate::ir::Program, backend: &dyn Backend) -> Self {
+    pub(super) fn new(program: &Program, backend: &dyn Backend) -> Self {
         let kernel = backend.kernel(program);
         let work = kernel.workspace();
         Self { kernel, work }
@@ -190,8 +193,10 @@ pub(super) struct Run {
     /// What a matched hold falls back to.
     pub(super) fallback: Option<Look>,
     pub(super) state: Vec<f64>,
-    /// t, h, ports, foreign signals, what is given from outside, traces.
+    /// t, h, ports, foreign signals, what is given from outside, traces, branches of laws.
     pub(super) input: Vec<f64>,
+    /// How many of the last.
+    pub(super) branches: usize,
     pub(super) feed: Feed,
     pub(super) books: Vec<Book>,
     pub(super) steps: u64,
@@ -222,7 +227,11 @@ impl Run {
         let instant = Look::new(&c.instant, backend);
         let mut stored = Look::new(&c.stored, &Interpret); // looked at once
         let state = c.initial.clone();
-        let mut input = vec![0.0; c.traces_at() + c.states];
+        let is_exact = c.step.linear.is_some();
+        let fit = options.tolerance.filter(|_| c.period.is_none() && !is_exact);
+        let branch = c.branch().filter(|_| fit.is_some());
+        let branches = c.guards.as_ref().filter(|_| branch.is_some()).map_or(0, |g| g.count);
+        let mut input = vec![0.0; c.branches_at() + branches];
         let feed = Feed::new(c, given);
         feed.latch(&mut input, 0.0);
         leave_traces(&mut input, &state, c);
@@ -253,11 +262,10 @@ impl Run {
                 }
             })
             .collect();
-        let is_exact = c.step.linear.is_some();
-        let fit = options.tolerance.filter(|_| c.period.is_none() && !is_exact);
         Ok(Self {
             index,
-            step: Ready::new(&c.step, backend),
+            step: branch.map_or_else(|| Ready::new(&c.step, backend), |b| Ready::of(&b.program, None, backend)),
+            branches,
             glance: c.step.glance.as_deref().map(|s| Ready::new(s, backend)),
             spare: c.step.fallback.as_deref().map(|s| Ready::new(s, backend)),
             instant,

@@ -79,6 +79,7 @@ impl Bracket {
 impl Run {
     /// Takes down the guards at the start of a step, which will have about this length.
     pub(super) fn guards_before(&mut self, c: &Cluster, t: f64, h: f64) {
+        self.free();
         let Some(guards) = &mut self.guards else { return };
         self.input[0] = t;
         self.input[1] = PEEK * h;
@@ -87,6 +88,19 @@ impl Run {
             fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
             hush(fit.control.chatter, &fit.tops, &mut self.before);
         }
+    }
+
+    /// Has laws look for themselves on which branch they are.
+    fn free(&mut self) {
+        let at = self.input.len() - self.branches;
+        self.input[at..].fill(0.0);
+    }
+
+    /// Keeps laws on the branches that they had at the start of the step.
+    pub(super) fn branch(&mut self) {
+        let at = self.input.len() - self.branches;
+        let sides = self.before.iter().map(|x| f64::from(i8::from(*x > 0.0) - i8::from(*x < 0.0)));
+        self.input[at..].iter_mut().zip(sides).for_each(|(b, side)| *b = side);
     }
 
     /// Whether a guard all but vanishes where a step starts.
@@ -152,6 +166,7 @@ impl Run {
         }
         let found = bracket.high.0;
         if found < STANDS * self.default_step {
+            self.free();
             self.stride(t, h, Part::Whole)?;
             self.stride(t, 0.5 * h, Part::First)?;
             return Ok(None);
@@ -195,8 +210,7 @@ impl Run {
         if let Some(guard) = earliest(&fit.below, &fit.beyond) {
             return Ok(Some(Bracket::new(guard, (0.0, fit.below[guard]), (h, fit.beyond[guard]), None)));
         }
-        self.stride(t, 0.5 * h, Part::First)?;
-        self.guards_at(c, t + 0.5 * h, Part::First);
+        self.middle(c, t, h)?;
         let Some(fit) = &mut self.fit else { return Ok(None) };
         if let Some(guard) = earliest(&fit.below, &fit.seen) {
             let third = Some((h, fit.beyond[guard]));
@@ -231,8 +245,27 @@ impl Run {
         Ok(found.map(|guard| Bracket::new(guard, ends(guard).0, ends(guard).1, None)))
     }
 
+    /// Looks at the guards in the middle of the whole step: as the step tells it, or else, or where that is beyond a
+    /// switch, by a step to there.
+    fn middle(&mut self, c: &Cluster, t: f64, h: f64) -> Result<(), Failure> {
+        let n = c.states + c.integrals;
+        if let (Some(at), Some(fit)) = (c.branch().and_then(|b| b.middle), &mut self.fit) {
+            fit.first.h = 0.5 * h;
+            fit.first.next[..n].copy_from_slice(&fit.whole.output[at..at + n]);
+            fit.first.next[n..].copy_from_slice(&fit.whole.next[n..]);
+            self.guards_at(c, t + 0.5 * h, Part::First);
+            if self.fit.as_ref().is_some_and(|fit| earliest(&fit.below, &fit.seen).is_none()) {
+                return Ok(());
+            }
+        }
+        self.stride(t, 0.5 * h, Part::First)?;
+        self.guards_at(c, t + 0.5 * h, Part::First);
+        Ok(())
+    }
+
     /// Looks at the guards at the end of a step.
     fn guards_at(&mut self, c: &Cluster, t: f64, part: Part) {
+        self.free();
         let (Some(guards), Some(fit)) = (&mut self.guards, &mut self.fit) else { return };
         let taken = match part {
             Part::Whole => &fit.whole,
@@ -245,6 +278,7 @@ impl Run {
         let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
         look(c, guards, step, (&taken.next, &self.input), Some(&self.before), &mut fit.seen);
         hush(fit.control.chatter, &fit.tops, &mut fit.seen);
+        self.branch();
     }
 }
 

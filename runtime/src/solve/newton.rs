@@ -59,8 +59,11 @@ use crate::kernel::Failure;
 
 /// Where else to start, in scales, where the Jacobian at the start cannot be solved.
 pub const NUDGES: [f64; 6] = [1e-3, -1e-3, 2.0, -2.0, 30.0, -30.0];
-/// How often an update that ends where the Jacobian is singular is made twice as long, to get beyond.
-pub const STRETCHES: u32 = 6;
+/// How often an update that ends where the Jacobian is singular is made longer, to get beyond.
+pub const STRETCHES: u32 = 16;
+/// The first so many times it is made twice as long, and then by the other factor: where a flow of next to nothing turns,
+/// dry friction goes from one side to the other by an update of next to nothing.
+pub const STRETCH: (u32, f64) = (6, 32.0);
 /// So many updates in a row that do not shrink, and are small: rounding moves an unknown that the equations hardly
 /// tell.
 pub const STALLS: u32 = 6;
@@ -278,7 +281,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     if let Some(pattern) = &plan.quick {
         way.done = 1;
         *count += 1;
-        match quick::begin(pattern, (&plan.pattern, plan.left), scratch, system)? {
+        match quick::begin(pattern, (&plan.pattern, plan.left, !plan.bends.is_empty()), scratch, system)? {
             Begun::Done => return Ok(()),
             Begun::Anew => {
                 again = false;
@@ -369,9 +372,10 @@ fn iterate<S: System>(
         if solved.is_err() || !square.is_finite() {
             if before.is_some() && solved.is_err() && stretches < STRETCHES {
                 // On the flat part of a law, such as one that sticks: beyond it there may be a slope again.
+                let factor = stretch(stretches);
                 stretches += 1;
                 for (u, d) in system.unknowns().iter_mut().zip(&mut scratch.update) {
-                    *d *= 2.0;
+                    *d *= factor;
                     *u -= *d;
                 }
                 (best, from) = (f64::INFINITY, f64::INFINITY);
@@ -380,10 +384,10 @@ fn iterate<S: System>(
             if stretches == STRETCHES {
                 // There was none: back to where the flat part was met.
                 stretches += 1;
-                let back = libm::exp2(f64::from(STRETCHES));
+                let (part, whole) = stretched();
                 for (u, d) in system.unknowns().iter_mut().zip(&mut scratch.update) {
-                    *u += *d * (2.0 - 2.0 / back);
-                    *d /= back;
+                    *u += *d * part;
+                    *d /= whole;
                 }
             }
             if may_halve {
@@ -454,6 +458,22 @@ fn iterate<S: System>(
     }
     let (worst, change) = measure.worst(system.unknowns(), &scratch.update);
     Err(Failure::NoConvergence { iterations: plan.limit, unknown: plan.unknowns + worst, change })
+}
+
+/// By what an update is made longer after so many times.
+fn stretch(times: u32) -> f64 {
+    if times < STRETCH.0 { 2.0 } else { STRETCH.1 }
+}
+
+/// How far all stretches of an update went, as a part of what it is in the end, and how many times as long that is as it
+/// was.
+pub fn stretched() -> (f64, f64) {
+    let (mut sum, mut size) = (0.0, 1.0);
+    for k in 0..STRETCHES {
+        size *= stretch(k);
+        sum += size;
+    }
+    (sum / size, size)
 }
 
 /// The part of the unknowns that the last update may be, of an iteration that converges linearly and may leave a part
@@ -679,6 +699,15 @@ mod tests {
         });
         assert_eq!(result, Ok(()));
         assert!((u[0] - 1.1).abs() < 1e-15, "{u:?}");
+        // However little that asks for.
+        for off in [1e-3, 1e-9, 1e-15] {
+            let (result, u, _) = run(&[1.0 + off], 0.0, 1.0, |u, r, j| {
+                r[0] = u[0] - u[0].clamp(-1.0, 1.0) + off;
+                j[0] = if u[0].abs() > 1.0 { 1.0 } else { 0.0 };
+            });
+            assert_eq!(result, Ok(()));
+            assert!((u[0] + 1.0 + off).abs() < 1e-15, "{u:?}");
+        }
     }
 
     #[test]

@@ -21,7 +21,8 @@
 //! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the
 //!    iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
 //! 5. Else it begins anew from the start that was told apart from a foretold one; where there is none, it goes on from
-//!    `u`, as after an iteration that made the update `d`. Where `|d|` is not finite it begins anew in any case.
+//!    `u`, as after an iteration that made the update `d`, unless an exponential of an unknown may have taken that too
+//!    far ([`ir::Newton::bends`]). Where `|d|` is not finite it begins anew in any case.
 //!
 //! An elimination without pivots that lost digits shows as an `e` that is not small, or as one that leaves the residual
 //! unexplained: it is done only where each `|r_i| <= 2 Σ |J_ij| (|d_j| + 4e-16 z_j)`, with the residual and the update
@@ -204,7 +205,7 @@ pub(super) enum Begun {
 /// Begins an iteration.
 pub(super) fn begin<S: System>(
     pattern: &Pattern,
-    (entries, left): (&[(u32, u32)], f64),
+    (entries, left, bent): (&[(u32, u32)], f64, bool),
     scratch: &mut Scratch,
     system: &mut S,
 ) -> Result<Begun, Failure> {
@@ -274,7 +275,7 @@ pub(super) fn begin<S: System>(
         update.copy_from_slice(trial);
         return Ok(Begun::On { before: measure.square(trial), best: measure.square(residual), again: true });
     }
-    if foretold {
+    if foretold || bent {
         return Ok(Begun::Anew);
     }
     Ok(Begun::On { before: measure.square(update), best: measure.square(&room.first), again: false })

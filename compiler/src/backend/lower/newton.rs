@@ -5,7 +5,9 @@ use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Bend, Slot};
 use bond_runtime::solve::linear::Matrix;
-use bond_runtime::solve::newton::{DAMPED, FALL, FAR, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCHES, TELLING};
+use bond_runtime::solve::newton::{
+    DAMPED, FALL, FAR, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCH, STRETCHES, TELLING, stretched,
+};
 use bond_runtime::solve::quick::{LAST, Pattern};
 
 /// How an iteration ended.
@@ -770,9 +772,12 @@ impl Iteration {
         w.when(further, |w| {
             let k = w.add(stretches, one);
             w.set(self.stretches, k);
+            let (first, more) = (w.number(f64::from(STRETCH.0)), w.number(STRETCH.1));
+            let early = w.lt(stretches, first);
+            let factor = w.select(early, two, more);
             w.each(self.n, |w, at| {
                 let d = w.at(&self.update, at);
-                let d = w.mul(d, two);
+                let d = w.mul(d, factor);
                 w.put(&self.update, at, d);
                 let u = w.at(&self.unknowns, at);
                 let u = w.sub(u, d);
@@ -786,15 +791,15 @@ impl Iteration {
         w.when(back, |w| {
             let k = w.add(stretches, one);
             w.set(self.stretches, k);
-            let power = libm::exp2(f64::from(STRETCHES));
-            let (part, power) = (w.number(2.0 - 2.0 / power), w.number(power));
+            let (part, whole) = stretched();
+            let (part, whole) = (w.number(part), w.number(whole));
             w.each(self.n, |w, at| {
                 let d = w.at(&self.update, at);
                 let more = w.mul(d, part);
                 let u = w.at(&self.unknowns, at);
                 let u = w.add(u, more);
                 w.put(&self.unknowns, at, u);
-                let d = w.div(d, power);
+                let d = w.div(d, whole);
                 w.put(&self.update, at, d);
             });
         });

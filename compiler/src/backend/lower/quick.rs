@@ -304,7 +304,7 @@ impl Lower {
                     w.set(begun.again, one);
                 },
                 |w| {
-                    if !foretold {
+                    if !foretold && newton.bends.is_empty() {
                         keep(w, &update, &residual);
                     }
                 },

@@ -81,7 +81,7 @@ pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
     common.inputs.iter_mut().for_each(|i| i.value = 0.0);
     for c in &mut common.clusters {
         c.initial.fill(0.0);
-        c.guards.iter_mut().for_each(|g| g.program = Program::default());
+        c.guards.iter_mut().for_each(|g| (g.program, g.branch) = (Program::default(), None));
         c.stored = Program::default();
         c.instant = c.instant.skeleton();
         c.entries.iter_mut().for_each(|e| e.floor = 0.0);

@@ -13,6 +13,8 @@ use std::ops::{Add, Mul};
 
 /// Largest number of states and drives.
 const LARGEST: usize = 128;
+/// More outputs than this that follow from one another are not solved for at once.
+const OUTPUTS: usize = 500;
 /// Rounds of solving for what is left: each finds as many digits as plain numbers have, less those of the condition.
 const REFINEMENTS: usize = 3;
 
@@ -43,13 +45,17 @@ fn add_one(to: &mut Twice, k: f64) {
 }
 
 impl Rows {
-    /// Sources that follow states, or inputs, and rest when those do.
+    /// Sources that follow states, or inputs, and rest when those do. Where something is held over a step, or given from
+    /// outside, all that move: what one gives may all but be what the other takes, and of what is left nothing may be
+    /// lost to a form's rounding.
     pub(super) fn settling(&self, c: &Cluster, form: &Form) -> Vec<ColumnId> {
+        let given = |d: &Drive| matches!(d, Drive::Held(_) | Drive::Ramp(..));
+        let meets = !c.ports.is_empty() || self.system.drives.iter().any(given);
         let settles = |i: usize| match i.checked_sub(self.system.n) {
             None => true,
             Some(d) => matches!(self.system.drives.get(d), Some(Drive::Ramp(..))),
         };
-        let rests = |row: &Row| row.iter().enumerate().any(|(i, x)| x.high != 0.0 && settles(i));
+        let rests = |row: &Row| meets || row.iter().enumerate().any(|(i, x)| x.high != 0.0 && settles(i));
         let sources = c.nodes.iter().filter_map(|n| n.source());
         sources.filter(|s| self.outputs.get(&form.column(*s).out).is_some_and(rests)).collect()
     }
@@ -136,7 +142,7 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
         });
     }
     let size = n + system.drives.len();
-    if size > LARGEST {
+    if size > LARGEST || solved.len() > OUTPUTS {
         return None;
     }
     let dense = |row: &[(usize, f64)]| {

@@ -309,7 +309,7 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
             (None, Output::Curve { .. }) => {
                 Some(format!("the law of `{name}` is a curve, which has no chord where it stands upright"))
             }
-            (None, Output::Explicit(_) | Output::Implicit(_)) => Some(format!(
+            (None, Output::Explicit(_) | Output::Implicit { .. }) => Some(format!(
                 "`{name}` is a port of a field whose laws are not linear, and a chord of each port alone is not passive"
             )),
             // Nothing but the law itself tells how far its argument can get in a step.
@@ -320,7 +320,7 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
             (Some(_), _) if c.loops.contains(&n.unknown()) => Some(format!(
                 "the law of `{name}` is to be solved for what it is given, and chords of one step after the other may not come to that"
             )),
-            (Some(_), Output::Explicit(_) | Output::Implicit(_) | Output::Curve { .. }) => None,
+            (Some(_), Output::Explicit(_) | Output::Implicit { .. } | Output::Curve { .. }) => None,
         }
     });
     law.or(stored)
@@ -433,7 +433,7 @@ impl Writing<'_> {
         };
         let at = match how {
             Output::Explicit(_) => form.input(&mut self.model.pool, column),
-            Output::Implicit(_) => self.model.pool.var(form.column(column).out),
+            Output::Implicit { .. } => self.model.pool.var(form.column(column).out),
             Output::Curve { parameter, .. } => self.model.pool.var(parameter),
         };
         self.chord(law, at).map(Some)
@@ -471,9 +471,14 @@ impl Writing<'_> {
                     pool.add(base, rise)
                 }
                 _ if loops.contains(&n.out) => continue,
-                (Part::Resistor(column), Output::Explicit(_) | Output::Implicit(_)) => self.resistor(column, n.how)?,
+                (Part::Resistor(column), Output::Explicit(_) | Output::Implicit { .. }) => {
+                    self.resistor(column, n.how)?
+                }
                 (Part::Source(_) | Part::Signal | Part::Follower(_), Output::Explicit(e)) => self.linear(e)?,
-                (Part::Source(_) | Part::Signal | Part::Follower(_), Output::Implicit(_) | Output::Curve { .. }) => {
+                (
+                    Part::Source(_) | Part::Signal | Part::Follower(_),
+                    Output::Implicit { .. } | Output::Curve { .. },
+                ) => {
                     continue;
                 }
             };
@@ -510,7 +515,7 @@ impl Writing<'_> {
                     let a = self.model.pool.var(parameter);
                     (a, self.input(column)?)
                 }
-                (Part::Resistor(column), Output::Implicit(_)) => {
+                (Part::Resistor(column), Output::Implicit { .. }) => {
                     let (base, slope) = match self.line(column, n.how)? {
                         Some(line) => line,
                         None => continue,
