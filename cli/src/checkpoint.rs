@@ -4,7 +4,7 @@ use crate::input::name;
 use crate::output;
 use crate::stop::Stop;
 use bond::{Code, Course, RunError, Simulation};
-use bond_runtime::scene::Scene;
+use bond_runtime::scene::{Made, Scene};
 use bond_runtime::simulate;
 use std::path::Path;
 
@@ -62,31 +62,33 @@ impl<'a> Checkpoints<'a> {
 }
 
 /// The bytes of a state.
-fn state(path: &Path) -> Result<Vec<u8>, Stop> {
-    bond::read_bytes(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))
-}
-
-/// What a saved state says of its scene and of its run; None where it is no state, as resuming will say.
 ///
 /// # Errors
 /// A file that cannot be read.
-pub fn saved(path: &Path) -> Result<Option<(u64, simulate::Options)>, Stop> {
-    Ok(simulate::saved(&state(path)?).ok())
+pub fn state(path: &Path) -> Result<Vec<u8>, Stop> {
+    bond::read_bytes(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))
 }
 
-/// A run that goes on from a file.
+/// What the scene of a saved state was made for; None where it is no state, as resuming will say.
 ///
 /// # Errors
-/// A file that cannot be read, is no state of this scene, or lies not before the end.
+/// A file that cannot be read.
+pub fn made(path: &Path) -> Result<Option<Made>, Stop> {
+    Ok(simulate::made(&state(path)?).ok())
+}
+
+/// A run that goes on from the bytes of a file.
+///
+/// # Errors
+/// What is no state of this scene, or lies not before the end.
 pub fn resume<'a>(
     code: Code,
-    path: &Path,
+    (path, bytes): (&Path, &[u8]),
     scene: &'a Scene,
     given: Vec<(String, Course)>,
     stop: f64,
 ) -> Result<Simulation<'a>, Stop> {
-    let bytes = state(path)?;
-    let sim = Simulation::resume(code.backend(), scene, &bytes, given).map_err(|e| match e {
+    let sim = Simulation::resume(code.backend(), scene, bytes, given).map_err(|e| match e {
         RunError::Resume(why) => Stop::Usage(format!("cannot resume {}: {why}", name(path))),
         other => other.into(),
     })?;

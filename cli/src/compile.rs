@@ -11,7 +11,7 @@ use bond_grammar::source::{SourceId, Sources, Span};
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{Respond, Scene};
 use bond_runtime::simulate::Course;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What to compile a model with.
 #[derive(Clone, Debug, Default)]
@@ -117,7 +117,7 @@ impl Options {
         };
         let sources = text.sources.clone();
         match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {
-            Ok(inner) => Ok(Compiled { inner, sources }),
+            Ok(inner) => Ok(Compiled { inner, sources, used: text.used.clone() }),
             Err(list) => Err(Errors::new(sources, list)),
         }
     }
@@ -146,6 +146,7 @@ pub struct Text {
     name: String,
     sources: Sources,
     loaded: bond_compiler::Loaded,
+    used: Vec<PathBuf>,
 }
 
 impl Text {
@@ -154,8 +155,9 @@ impl Text {
     pub fn new(name: &str, text: impl Into<String>) -> Self {
         let mut sources = Sources::new();
         let main = sources.add(name, text);
-        let loaded = bond_compiler::load(&mut sources, main, &mut FileLoader::new(name));
-        Self { name: name.to_string(), sources, loaded }
+        let mut loader = FileLoader::new(name);
+        let loaded = bond_compiler::load(&mut sources, main, &mut loader);
+        Self { name: name.to_string(), sources, loaded, used: loader.used() }
     }
 
     /// The name under which it is shown.
@@ -171,6 +173,11 @@ impl Text {
     /// The texts of it: its own first, then those of the files that it uses.
     pub fn sources(&self) -> &Sources {
         &self.sources
+    }
+
+    /// Where the files are that it uses.
+    pub fn used(&self) -> &[PathBuf] {
+        &self.used
     }
 }
 
@@ -203,6 +210,7 @@ pub fn compile_str(name: &str, text: impl Into<String>) -> Result<Compiled, Erro
 pub struct Compiled {
     inner: bond_compiler::Compiled,
     sources: Sources,
+    used: Vec<PathBuf>,
 }
 
 impl Compiled {
@@ -214,6 +222,11 @@ impl Compiled {
     /// The texts that it was made from.
     pub fn sources(&self) -> &Sources {
         &self.sources
+    }
+
+    /// Where the files are that its text uses.
+    pub fn used(&self) -> &[PathBuf] {
+        &self.used
     }
 
     /// What runs.

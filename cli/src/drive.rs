@@ -110,6 +110,19 @@ pub fn watched(sim: &mut Simulation<'_>, rows: Rows, stop: f64, watch: &mut dyn 
     }
 }
 
+/// Runs to an instant to which it came before, by the same rows, and looks at them where that was done then: a region
+/// whose step failed is found as it was before, when others had gone on already.
+pub fn again(sim: &mut Simulation<'_>, rows: Rows, until: f64, looks: bool) {
+    let from = sim.time() * (1.0 - 1e-12);
+    for t in rows.filter(|t| *t >= from).take_while(|t| *t < until).chain([until]) {
+        // What did not fail then does not fail now.
+        let _ = sim.advance(t);
+        if looks {
+            let _ = sim.probes();
+        }
+    }
+}
+
 /// A run on its way through the instants of its rows.
 pub struct Walk {
     rows: Rows,

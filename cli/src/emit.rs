@@ -26,7 +26,7 @@ impl Emission<'_> {
     /// # Errors
     /// A scene that has no compiled form, a file that cannot be written.
     pub fn c(&self, compiled: &Compiled) -> Result<(), Stop> {
-        let (source, header) = self.places("c", &compiled.scene().name)?;
+        let (source, header) = self.places("c", compiled)?;
         let unit = self.unit(compiled)?;
         not_of_another(&header, false)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: true };
@@ -44,7 +44,7 @@ impl Emission<'_> {
     /// A scene that has no compiled form, a file that cannot be written.
     #[cfg(feature = "native")]
     pub fn object(&self, compiled: &Compiled) -> Result<(), Stop> {
-        let (object, header) = self.places("o", &compiled.scene().name)?;
+        let (object, header) = self.places("o", compiled)?;
         let unit = self.unit(compiled)?;
         let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(Stop::Model)?;
         not_of_another(&header, true)?;
@@ -63,12 +63,13 @@ impl Emission<'_> {
     }
 
     /// The file and its header; what comes from standard input has the scene's name.
-    fn places(&self, ending: &str, scene: &str) -> Result<(PathBuf, PathBuf), Stop> {
+    fn places(&self, ending: &str, compiled: &Compiled) -> Result<(PathBuf, PathBuf), Stop> {
         if !c::is_prefix(self.prefix) {
             let why = "it must be a name in C: a letter, then letters, digits and `_`";
             return Err(Stop::Usage(format!("--prefix {}: {why}", self.prefix)));
         }
-        let stem = if self.file == Path::new("-") { Some(OsStr::new(scene)) } else { self.file.file_stem() };
+        let stem =
+            if self.file == Path::new("-") { Some(OsStr::new(&compiled.scene().name)) } else { self.file.file_stem() };
         let path = match (self.output, stem) {
             (Some(path), _) if path == Path::new("-") => {
                 return Err(Stop::Usage("two files are written: give a name with -o".into()));
@@ -93,7 +94,9 @@ impl Emission<'_> {
             return Err(Stop::Usage(format!("{}: no C compiler finds a header of that name", header.display())));
         }
         for path in [&path, &header] {
+            output::no_model(path)?;
             output::not_over(path, &[(self.file, "the model")])?;
+            output::not_over_used(Some(path), compiled.used())?;
         }
         Ok((path, header))
     }

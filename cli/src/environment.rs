@@ -4,6 +4,7 @@
 //! The file is the program, then the scene in its envelope, then the envelope's length (8 bytes, little-endian) and
 //! [`MARK`].
 
+use crate::arguments;
 use crate::blame::By;
 use crate::commands::{run, serve};
 use crate::stop::Stop;
@@ -214,7 +215,7 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
     let about = format!("The virtual environment `{}`, built by bond {}", e.scene.name, e.version);
     let version = format!("{} (bond {})", e.scene.name, e.version);
     let command = Line::command().about(about).after_help(told(e)).version(version);
-    let line = match command.try_get_matches().and_then(|m| Line::from_arg_matches(&m)) {
+    let line = match command.try_get_matches_from(arguments::words()).and_then(|m| Line::from_arg_matches(&m)) {
         Ok(line) => line,
         Err(e) => e.exit(),
     };

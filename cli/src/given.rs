@@ -41,7 +41,7 @@ impl Given {
             .map(|(i, l)| (i + 1, l.trim()))
             .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
         let Some((head, header)) = lines.next() else { return wrong(1, "the table is empty; it begins with `t,...`") };
-        let header = cells(header);
+        let header = cells(header).or_else(|why| wrong(head, why))?;
         let Some(time) = header.iter().position(|c| c == "t") else {
             return wrong(head, "there is no column `t`, the time in seconds");
         };
@@ -49,7 +49,7 @@ impl Given {
         let names = header.iter().enumerate().filter(|(i, _)| *i != time).map(|(_, n)| n.clone()).collect();
         let mut table = Self { names, instants: Vec::new(), values: vec![Vec::new(); header.len() - 1] };
         for (line, text) in lines {
-            let row = cells(text);
+            let row = cells(text).or_else(|why| wrong(line, why))?;
             if row.len() != header.len() {
                 return wrong(
                     line,
@@ -110,18 +110,52 @@ fn columns(line: usize, header: &[String], known: &[&str]) -> Result<(), TableEr
     Ok(())
 }
 
-/// The cells of a line. A name with a comma stands in quotes, as `"u[1,2]"`.
-fn cells(line: &str) -> Vec<String> {
-    let (mut list, mut cell, mut quoted) = (Vec::new(), String::new(), false);
-    for c in line.chars() {
-        match c {
-            '"' => quoted = !quoted,
-            ',' if !quoted => list.push(std::mem::take(&mut cell)),
-            c => cell.push(c),
+/// The cells of a line. A name with a comma stands in quotes, as `"u[1,2]"`; a quote in it is doubled.
+fn cells(line: &str) -> Result<Vec<String>, String> {
+    let (mut list, mut rest) = (Vec::new(), line);
+    loop {
+        let (cell, after) = cell(rest)?;
+        list.push(cell);
+        match after {
+            Some(more) => rest = more,
+            None => return Ok(list),
         }
     }
-    list.push(cell);
-    list.iter().map(|c| c.trim().to_string()).collect()
+}
+
+/// The first cell of a line, and what follows its comma, if there is one.
+fn cell(text: &str) -> Result<(String, Option<&str>), String> {
+    let Some(mut rest) = text.trim_start().strip_prefix('"') else {
+        let (cell, after) = text.split_once(',').map_or((text, None), |(cell, after)| (cell, Some(after)));
+        if cell.contains('"') {
+            return Err(format!("`{}` has a quote within; quotes stand around the whole of a cell", cell.trim()));
+        }
+        return Ok((cell.trim().to_string(), after));
+    };
+    let mut cell = String::new();
+    loop {
+        let Some((part, after)) = rest.split_once('"') else {
+            return Err("a quote is not closed in this line".into());
+        };
+        cell.push_str(part);
+        match after.strip_prefix('"') {
+            Some(more) => {
+                cell.push('"');
+                rest = more;
+            }
+            None => return Ok((cell.trim().to_string(), behind(after)?)),
+        }
+    }
+}
+
+/// What follows the comma behind a quoted cell, if there is one.
+fn behind(text: &str) -> Result<Option<&str>, String> {
+    let text = text.trim_start();
+    match text.strip_prefix(',') {
+        None if text.is_empty() => Ok(None),
+        None => Err(format!("a comma is missing between a closing quote and `{text}`")),
+        after => Ok(after),
+    }
 }
 
 #[cfg(test)]
@@ -130,7 +164,8 @@ mod tests {
 
     #[test]
     fn a_table_is_read() -> Result<(), TableError> {
-        let table = Given::read("\u{feff}# weather\n u , t,\"w[1,2]\"\n\n1, 0 ,2\r\n-3e1,0.5,4\n", &["u", "w[1,2]"])?;
+        let table =
+            Given::read("\u{feff}# weather\n u , t, \"w[1,2]\" \n\n1, 0 ,2\r\n\"-3e1\" ,0.5,4\n", &["u", "w[1,2]"])?;
         assert_eq!(table.instants, [0.0, 0.5]);
         let courses = table.courses(false)?;
         assert_eq!(courses[0].0, "u");
@@ -151,6 +186,12 @@ mod tests {
             ("t,u\n0,1\n\n1,x\n", 4, "`x` in the column `u` is no number"),
             ("t,u\n0,inf\n", 2, "no number"),
             ("t,u\n0,1\n1,1\n1,2\n", 4, "not after 1 s"),
+            ("t,\"u\n0,1\n", 1, "a quote is not closed"),
+            ("t,u\n0,\"1\"2\n1,2\n", 2, "between a closing quote and `2`"),
+            ("t,u\n0,1\n1,\"1\n", 3, "a quote is not closed"),
+            ("t,u\n0,1\"2\"\n", 2, "quotes stand around the whole of a cell"),
+            ("t,u\n0,\"1\"\"\n", 2, "a quote is not closed"),
+            ("t,u\n0,\"1\"\"2\"\n", 2, "is no number"),
         ];
         for (text, line, words) in cases {
             match Given::read(text, &["u"]) {

@@ -2,7 +2,7 @@
 
 use crate::report;
 use crate::stop::Stop;
-use bond::{Compiled, Course, Errors, Given, Options, Quantity, ReadError};
+use bond::{Compiled, Course, Errors, Given, Options, Quantity, ReadError, Text};
 use bond_runtime::scene::Scene;
 use std::path::Path;
 
@@ -87,15 +87,23 @@ pub fn read(path: &Path) -> Result<String, Stop> {
 }
 
 /// Options for the compiler.
-pub fn options(which: &Which, set: &Set) -> Options {
+///
+/// # Errors
+/// Status 2: a parameter that is set twice.
+pub fn options(which: &Which, set: &Set) -> Result<Options, Stop> {
     let mut options = Options::new();
+    for (i, (path, _)) in set.set.iter().enumerate() {
+        if set.set[..i].iter().any(|(other, _)| other == path) {
+            return Err(Stop::Usage(format!("--set gives `{path}` twice; leave one of them out")));
+        }
+    }
     if let Some(model) = &which.model {
         options = options.model(model);
     }
     for (path, value) in &set.set {
         options = options.set_quantity(path, *value);
     }
-    options
+    Ok(options)
 }
 
 /// Compiles a file, and draws what is wrong with it.
@@ -124,8 +132,13 @@ pub fn wrong(errors: &Errors) -> Stop {
     Stop::Said(status(errors))
 }
 
-/// 2 where only the names on the command line are wrong, else 1.
+/// 2 where only what the command line asks for is wrong, else 1.
 pub fn status(errors: &Errors) -> u8 {
-    let asked = |code: &str| matches!(code, "elaborate::set" | "elaborate::model");
+    let asked = |code: &str| matches!(code, "elaborate::set" | "elaborate::model" | "discretise::asked");
     if !errors.list().is_empty() && errors.list().iter().all(|d| asked(d.code)) { 2 } else { 1 }
+}
+
+/// Whether nothing is wrong with a text but that it has no model, and it has functions: for other files.
+pub fn functions_alone(text: &Text, errors: &Errors) -> bool {
+    !text.functions_alone().is_empty() && errors.list().iter().all(|d| d.code == "elaborate::empty")
 }

@@ -110,6 +110,13 @@ impl FileLoader {
         loader.names.insert(place, name.to_string());
         loader
     }
+
+    /// Where the files are that were loaded so far, the main one with them, in order of their paths.
+    pub fn used(&self) -> Vec<PathBuf> {
+        let mut list: Vec<PathBuf> = self.places.values().cloned().collect();
+        list.sort();
+        list
+    }
 }
 
 impl Loader for FileLoader {

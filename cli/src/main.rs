@@ -1,5 +1,6 @@
 //! The `bond` command.
 
+mod arguments;
 mod bench;
 mod blame;
 mod checkpoint;
@@ -72,7 +73,7 @@ fn main() -> ExitCode {
     let worker = std::thread::Builder::new().stack_size(256 << 20).spawn(|| match environment::carried() {
         // A file with a scene at its end is that scene's environment.
         Some(scene) => done(scene.and_then(|scene| environment::act(&scene))),
-        None => done(command(&Line::parse().command)),
+        None => done(command(&Line::parse_from(arguments::words()).command)),
     });
     match worker.map(std::thread::JoinHandle::join) {
         Ok(Ok(status)) => ExitCode::from(status),

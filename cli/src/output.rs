@@ -9,6 +9,12 @@ use std::sync::{Mutex, PoisonError};
 /// Files that are being written beside those that they are to be.
 static BESIDE: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
+/// Links that are followed one after the other, as systems do.
+const LINKS: usize = 40;
+
+/// So many bytes of a file's name are in the name of what is being written for it.
+const SHOWN: usize = 200;
+
 /// Removes what is being written: the program ends at once.
 pub fn abandon() {
     for path in BESIDE.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
@@ -115,6 +121,20 @@ pub fn not_over(path: &Path, read: &[(&Path, &str)]) -> Result<(), Stop> {
     }
 }
 
+/// Refuses to write over a file that the model reads by `use`.
+///
+/// # Errors
+/// Status 2.
+pub fn not_over_used(path: Option<&Path>, used: &[PathBuf]) -> Result<(), Stop> {
+    match path.filter(|path| used.iter().any(|other| same(path, other))) {
+        None => Ok(()),
+        Some(path) => {
+            let shown = path.display();
+            Err(Stop::Usage(format!("cannot write {shown}: it is a file that the model uses; name another file")))
+        }
+    }
+}
+
 /// Refuses two results in one file: each is an option, and the path that it names.
 ///
 /// # Errors
@@ -134,16 +154,34 @@ fn same(a: &Path, b: &Path) -> bool {
     file(a) && file(b) && spot(a) == spot(b)
 }
 
-/// Where a file is; one that is not there yet by its name in its folder.
+/// Where a file is; one that is not there yet by its name in its folder. A link stands for what it points to, be that
+/// there or not.
 fn spot(path: &Path) -> PathBuf {
-    let folder = match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        Some(_) | None => Path::new("."),
-    };
-    path.canonicalize().unwrap_or_else(|_| match (folder.canonicalize(), path.file_name()) {
+    if let Ok(place) = path.canonicalize() {
+        return place;
+    }
+    let path = target(path);
+    match (folder(&path).canonicalize(), path.file_name()) {
         (Ok(folder), Some(name)) => folder.join(name),
-        (_, _) => path.to_path_buf(),
-    })
+        (_, _) => path,
+    }
+}
+
+/// The folder of a path.
+fn folder(path: &Path) -> &Path {
+    path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."))
+}
+
+/// Where a link to what is not there leads, over the links that it leads to. One of a ring stands for itself.
+fn target(path: &Path) -> PathBuf {
+    let mut place = path.to_path_buf();
+    for _ in 0..LINKS {
+        match fs::read_link(&place) {
+            Ok(next) => place = folder(&place).join(next),
+            Err(_) => return place,
+        }
+    }
+    path.to_path_buf()
 }
 
 /// Refuses the place of a model: a result there would take the place of a text that somebody wrote.
@@ -151,11 +189,14 @@ fn spot(path: &Path) -> PathBuf {
 /// # Errors
 /// Status 2.
 pub fn no_model(path: &Path) -> Result<(), Stop> {
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("bond")) {
-        return Err(Stop::Usage(format!(
-            "cannot write {}: that is the name of a model; name another file",
-            path.display()
-        )));
+    let model = |path: &Path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("bond"));
+    let (shown, spot) = (path.display(), spot(path));
+    if model(path) {
+        return Err(Stop::Usage(format!("cannot write {shown}: that is the name of a model; name another file")));
+    }
+    if model(&spot) {
+        let there = spot.display();
+        return Err(Stop::Usage(format!("cannot write {shown}: it leads to {there}, a model; name another file")));
     }
     Ok(())
 }
@@ -266,14 +307,16 @@ pub struct Whole {
 
 impl Whole {
     fn new(path: &Path) -> Result<Self, Stop> {
-        // A link stays a link: what it points to is replaced.
-        let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+        // A link stays a link: what it points to is made or replaced.
+        let path = fs::canonicalize(path).unwrap_or_else(|_| target(path));
         let Some(name) = path.file_name() else {
             return Err(nameless(&path));
         };
+        // Where that is as long as names can be, a part of it leaves room for the rest.
+        let name = name.to_string_lossy();
+        let name = &name[..name.floor_char_boundary(SHOWN)];
         for attempt in 0..100 {
-            let beside =
-                path.with_file_name(format!(".{}.{}.{attempt}.tmp", name.to_string_lossy(), std::process::id()));
+            let beside = path.with_file_name(format!(".{name}.{}.{attempt}.tmp", std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&beside) {
                 Ok(file) => {
                     BESIDE.lock().unwrap_or_else(PoisonError::into_inner).push(beside.clone());

@@ -2,8 +2,8 @@
 
 use crate::output;
 use crate::report;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, Once, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Exit status of what ended because it was asked to.
@@ -11,30 +11,50 @@ pub const ASKED: u8 = 130;
 /// What comes this soon after the first time is the same wish: `timeout` sends it to a process and to its group.
 const SAME: Duration = Duration::from_millis(500);
 
+/// Whether somebody asked for the end.
+static WISH: AtomicBool = AtomicBool::new(false);
+/// When a wish for the end is met; None while there is nothing yet that could be kept.
+static MET: Mutex<Option<&'static str>> = Mutex::new(None);
+/// Set once this program listens.
+static LISTENS: Once = Once::new();
+
+/// From now on a wish for the end ends the program at once, in words, with [`ASKED`]. Who is to outlive the terminal,
+/// as `nohup` wants it, is left as it is: hanging up must not be taken for a wish.
+pub fn listen() {
+    LISTENS.call_once(|| {
+        let mut first: Option<Instant> = None;
+        let hear = move || match (first, *MET.lock().unwrap_or_else(PoisonError::into_inner)) {
+            (None, None) => {
+                report::say("asked to end: the run had not begun, and there is nothing to keep");
+                leave();
+            }
+            (None, Some(end)) => {
+                first = Some(Instant::now());
+                WISH.store(true, Ordering::Relaxed);
+                report::say(&format!("note: asked to end, it does so {end}; once more, and it ends at once"));
+            }
+            (Some(t), _) if t.elapsed() < SAME => {}
+            (Some(_), _) => leave(),
+        };
+        // A shell lets what it runs behind its back ignore Ctrl-C; it may still be asked in other ways.
+        let heard = if hangs_up() { ctrlc::set_handler(hear) } else { ctrlc::try_set_handler(hear) };
+        // Not being able to listen is no reason not to run.
+        drop(heard);
+    });
+}
+
 /// From now on a wish for the end is noted in what this gives, so that what is done can be kept, and `end` says when it
-/// is met; one more ends it at once. Who is to outlive the terminal, as `nohup` wants it, is left as it is: hanging up
-/// must not be taken for a wish.
-pub fn watch(end: &'static str) -> Arc<AtomicBool> {
-    let asked = Arc::new(AtomicBool::new(false));
-    let flag = asked.clone();
-    let mut first: Option<Instant> = None;
-    let watch = move || match first {
-        None => {
-            first = Some(Instant::now());
-            flag.store(true, Ordering::Relaxed);
-            report::say(&format!("note: asked to end, it does so {end}; once more, and it ends at once"));
-        }
-        Some(t) if t.elapsed() < SAME => {}
-        Some(_) => {
-            output::abandon();
-            std::process::exit(i32::from(ASKED));
-        }
-    };
-    // A shell lets what it runs behind its back ignore Ctrl-C; it may still be asked in other ways.
-    let watched = if hangs_up() { ctrlc::set_handler(watch) } else { ctrlc::try_set_handler(watch) };
-    // Not being able to watch is no reason not to run.
-    drop(watched);
-    asked
+/// is met; one more ends the program at once.
+pub fn watch(end: &'static str) -> &'static AtomicBool {
+    *MET.lock().unwrap_or_else(PoisonError::into_inner) = Some(end);
+    listen();
+    &WISH
+}
+
+/// Ends the program; nothing half-written is left.
+fn leave() {
+    output::abandon();
+    std::process::exit(i32::from(ASKED));
 }
 
 /// Whether it is known that this process ends when its terminal does.

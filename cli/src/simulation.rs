@@ -17,7 +17,7 @@ pub struct Steps {
 
 impl Steps {
     /// Where nothing tells of their length, a run has so many steps at least.
-    pub const PARTS: f64 = 1000.0;
+    const PARTS: f64 = 1000.0;
 
     /// As the model's `simulate` says, else to a tolerance of 1e-6.
     pub fn new() -> Self {
@@ -247,7 +247,8 @@ impl<'a> Simulation<'a> {
         self.inner.time()
     }
 
-    /// Up to where steps are taken, s: what is looked at beyond lies within a fixed step, which may fail yet.
+    /// Up to where steps are taken, s: what is looked at beyond lies within a fixed step, or within the period of a
+    /// sampled region, whose step may fail yet.
     pub fn settled(&self) -> f64 {
         self.inner.settled()
     }

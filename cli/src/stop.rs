@@ -17,6 +17,26 @@ pub enum Stop {
     Pipe,
 }
 
+impl Stop {
+    /// What it says, if anything is left to say.
+    pub fn words(&self) -> Option<&str> {
+        match self {
+            Stop::Usage(why) | Stop::Model(why) | Stop::Numerics(why) => Some(why),
+            Stop::Said(_) | Stop::Pipe => None,
+        }
+    }
+
+    /// The same, where all of it is said already.
+    pub fn told(self) -> Self {
+        match self {
+            Stop::Usage(_) => Stop::Said(2),
+            Stop::Model(_) => Stop::Said(1),
+            Stop::Numerics(_) => Stop::Said(3),
+            other @ (Stop::Said(_) | Stop::Pipe) => other,
+        }
+    }
+}
+
 impl From<RunError> for Stop {
     fn from(e: RunError) -> Self {
         match e {

@@ -67,7 +67,7 @@ impl Outcome<'_> {
     /// Up to where the run got, s: not beyond a failure, though rows within the step that failed lie behind it.
     fn reached(&self) -> f64 {
         let failed = self.early.and_then(Early::failure).and_then(RunError::time);
-        failed.map_or(self.summary.time, |t| t.min(self.summary.time))
+        failed.map_or(self.summary.time, |t| t.clamp(self.from, self.summary.time.max(self.from)))
     }
 }
 

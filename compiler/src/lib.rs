@@ -121,6 +121,9 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
     let elaborated = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone());
     let mut model = elaborated.map_err(|broken| all_errors(broken, options))?;
     model.settings.pace = options.pace(&model.settings);
+    if options.method.is_some() {
+        model.settings.method = None; // it does not count
+    }
     let method = discretise::method(&model, options);
     let (made, method) = match (structured(model), method) {
         (Ok(made), Ok(method)) => (made, method),

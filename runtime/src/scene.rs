@@ -33,6 +33,17 @@ pub struct Scene {
     /// Names of elements that may give energy, so that no passivity is claimed for them: active resistors, storages
     /// whose energy has no lower bound.
     pub excluded: Vec<String>,
+    /// What its programs were made for.
+    pub made: Made,
+}
+
+/// What programs were made for besides what they compute: to make the same ones again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Made {
+    /// How long steps of continuous regions would be, s.
+    pub pace: f64,
+    /// The error to which they would be fitted, relative; None where they would be of one length.
+    pub tolerance: Option<f64>,
 }
 
 /// A signal given from outside.

@@ -78,7 +78,10 @@ int main(void) {
             if (k > 1 && memcmp(before, after, sizeof before)) return 9;
             return failed > 4 ? 8 : runs();
         }
+        bond_save(&b, before);
         if (row(&b, 1)) return 0;
+        bond_save(&b, after);
+        if (memcmp(before, after, sizeof before)) return 10;
         if (k == COUNT / 2) bond_save(&b, half);
     }
     memset(&other, 255, sizeof other);
@@ -558,6 +561,52 @@ fn random_parameters_and_starts() {
         let compiled = with(Options::new().model("A"), &format!("{WALL}{text}"));
         let h = [1e-3, 2.5e-4, 1e-4][round % 3];
         same(&format!("round {round}: {text}"), &compiled, h).unwrap_or_else(|e| panic!("{text}: {e}"));
+    }
+}
+
+/// A signal that no sampled state can follow is refused by the commit that would take it, which leaves the scene as it
+/// was: with a better one it goes on.
+#[test]
+fn what_spoils_the_next_sample_is_refused_before() {
+    if !is_there() {
+        return;
+    }
+    let main = "#include \"m.h\"\n#include <math.h>\n#include <stdio.h>\n#include <string.h>\n\
+                static bond_state b;\nstatic bond_real x[2][BOND_SAVED];\n\
+                static void commit(double u) {\n    int failed, same;\n    bond_input(&b, 0, (bond_real)u);\n    \
+                bond_save(&b, x[0]);\n    failed = bond_commit(&b, 0);\n    bond_save(&b, x[1]);\n    \
+                same = !memcmp(x[0], x[1], sizeof x[0]);\n    printf(\"%d %d\\n\", failed, same);\n}\n\
+                int main(void) {\n    int k;\n    bond_init(&b);\n    for (k = 0; k < 10; ++k) commit(2);\n    \
+                commit(NAN);\n    commit(BAD);\n    commit(-INFINITY);\n    \
+                for (k = 0; k < 10; ++k) commit(3);\n    return 0;\n}\n";
+    // As it is, through a root, beside ports, and at every other interval.
+    let states = |next: &str, more: &str| {
+        format!(
+            "model N {{ input u = 0 V  Se:s = z  R:r = 1 Ohm  I:l = 1 H  s -> 1:m -> r, l {more} \
+             sampled every 10 ms {{ state z = 0 V {{ next = {next} }} }} probe i = l.f simulate {{ stop = 1 s }} }}"
+        )
+    };
+    let sampled = "model N { input u = 1 V Se:s = u I:l = 1 H sampled every 10 ms { R:r = 1 Ohm Se:b = u 1:w -> r, b } \
+                   s -> 1:m -> l  m ||> w probe i = l.f simulate { stop = 1 s } }";
+    let slow = "sampled every 5 ms { state y = 0 V { next = z } }";
+    for (text, bad, every) in [
+        (states("u", ""), "NAN", 1),
+        (states("sqrt(u/(1 V)) * 1 V", ""), "-1", 1),
+        (states("u", slow), "NAN", 2),
+        (sampled.to_string(), "NAN", 1),
+    ] {
+        let compiled = with(Options::new().model("N"), &text);
+        let (u, _) = emit(&compiled, 1e-3).unwrap_or_else(|e| panic!("{text}: {e}"));
+        let here = Folder::new();
+        let names = options("bond", "m.h");
+        here.put("m.h", c::header(&u, &names));
+        here.put("m.c", c::source(&u, &names));
+        here.put("main.c", main.replace("BAD", bad));
+        here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
+        let rows = here.rows("run");
+        assert!(rows[..10].iter().chain(&rows[14..]).all(|r| r[0] == 0.0), "{text}: {rows:?}");
+        let refused = rows[10..13].iter().filter(|r| r[..] == [3.0, 1.0]).count();
+        assert!(refused + 1 >= 4 - every, "{text}: {rows:?}");
     }
 }
 

@@ -98,8 +98,11 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
     }
     let progress = Progress::new();
     let text = Text::new(&input::name(&args.file), input::read(&args.file)?);
+    for path in [&args.output, &args.plot] {
+        output::not_over_used(path.as_deref(), text.used())?;
+    }
     let wanted = |m: Method| args.methods.is_empty() || args.methods.iter().any(|name| name == m.name());
-    let options = args.stop.into_iter().fold(input::options(&args.which, &args.set), bond::Options::stop);
+    let options = args.stop.into_iter().fold(input::options(&args.which, &args.set)?, bond::Options::stop);
     let ways = Ways::new(&text, &options, &wanted)?;
     let scene = ways.base.scene();
     if ways.list.is_empty() {

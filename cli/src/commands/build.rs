@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
                   wall.k=2e3\n  ./wall serve --udp 127.0.0.1:7000 --duration 60s\n  ./wall --help\n  bond build device.bond --emit c -o wall.c\n  bond build device.bond --emit object \
-                  --prefix wall -o wall.o\n\nAn executable is this very program with the compiled \
+                  --prefix wall -o wall_object.o\n\nAn executable is this very program with the compiled \
                   scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built. C and objects come with a header that says how they are used; they take fixed steps."
 )]
 pub struct Args {
@@ -62,7 +62,7 @@ pub enum Emit {
 /// # Errors
 /// A command line or a model that is wrong, a file that cannot be written.
 pub fn build(args: &Args) -> Result<(), Stop> {
-    let mut options = input::options(&args.which, &args.set);
+    let mut options = input::options(&args.which, &args.set)?;
     if let Some(method) = &args.method {
         options = options.method(method);
     }
@@ -101,6 +101,7 @@ fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
     }
     let program = std::env::current_exe().unwrap_or_default();
     output::not_over(&out, &[(&args.file, "the model"), (&program, "this program")])?;
+    output::not_over_used(Some(&out), compiled.used())?;
     output::no_model(&out)?;
     let settings = &compiled.stages().model.settings;
     // What makes no sense is told now, not when it runs.

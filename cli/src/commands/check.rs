@@ -7,7 +7,7 @@ use crate::output;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use bond::{Compiled, Errors, Steps, Text};
+use bond::{Compiled, Steps, Text};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
 use serde::Serialize;
@@ -49,13 +49,13 @@ pub fn check(args: &Args) -> Result<(), Stop> {
             }
         };
         let text = Text::new(&name, text);
-        match input::options(&args.which, &input::Set::default()).compile_text(&text) {
+        match input::options(&args.which, &input::Set::default())?.compile_text(&text) {
             Ok(compiled) => match feasible(&name, &compiled) {
                 Ok(()) => report::say(&fine(&name, &compiled)),
                 Err(stop) => status = status.max(alone(args.message_format, path, "simulate::steps", stop)?),
             },
             // A file that others use need not have a model.
-            Err(errors) if is_empty(&errors) && !text.functions_alone().is_empty() => {
+            Err(errors) if input::functions_alone(&text, &errors) => {
                 report::say(&format!("ok: {name} (no model; functions: {})", text.functions_alone().join(", ")));
             }
             Err(errors) => {
@@ -72,11 +72,6 @@ pub fn check(args: &Args) -> Result<(), Stop> {
         }
     }
     if status == 0 { Ok(()) } else { Err(Stop::Said(status)) }
-}
-
-/// Whether nothing is wrong but that there is no model.
-fn is_empty(errors: &Errors) -> bool {
-    errors.list().iter().all(|d| d.code == "elaborate::empty")
 }
 
 fn fine(name: &str, compiled: &Compiled) -> String {

@@ -36,8 +36,11 @@ use std::time::Instant;
                   is kept in FILE.part until the table is written: the same command goes on after a run that was cut off.\nFor --error and --budget, steppers that keep the balance (or that of --method) are tried \
                   first, against a run that is far more exact; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
                   seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
-                  stopped, if both are looked at at the same instants. The first of the steps that are fitted to a tolerance depends on --stop \
-                  where --longest does not say it. A state that was saved with --error or --budget\ngoes on with the --method that the \
+                  stopped, if both are looked at at the same instants and take the same steps. \
+                  Steps depend on --stop where neither --step nor --longest tells their length: exact ones, which are\n\
+                  a thousandth of the run, and the first of those that are fitted to a tolerance; a run that is \
+                  resumed keeps the lengths that it began with. A state that was saved with --error or --budget\n\
+                  goes on with the --method that the \
                   summary names as chosen.\nCtrl-C (or TERM) ends a run at the next row: its tables, and its state with --checkpoint, are written; exit \
                   status 130.")]
 pub struct Args {
@@ -137,11 +140,12 @@ pub fn tolerance(text: &str) -> Result<f64, String> {
 /// # Errors
 /// A command line or a model that is wrong, numerics that fail.
 pub fn run(args: &Args) -> Result<(), Stop> {
+    signal::listen();
     places(&args.how, Some(&args.file))?;
     if args.file == Path::new("-") && is_dash(args.how.input.as_deref()) {
         return Err(Stop::Usage("both the model and --input would be read from standard input".into()));
     }
-    let mut options = input::options(&args.which, &args.set);
+    let mut options = input::options(&args.which, &args.set)?;
     if let Some(method) = &args.method {
         options = options.method(method);
     }
@@ -159,6 +163,7 @@ pub fn run(args: &Args) -> Result<(), Stop> {
         return chosen(args, ready(options, lengths(&args.how)), target);
     }
     let compiled = compile(args, options)?;
+    unused(&args.how, compiled.used())?;
     let name = input::name(&args.file);
     let by = By::Model(&name).unless(!args.set.set.is_empty());
     simulate(compiled.scene(), &compiled.stages().model.settings, &args.how, by)
@@ -168,6 +173,7 @@ pub fn run(args: &Args) -> Result<(), Stop> {
 fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Stop> {
     let how = &args.how;
     let text = Text::new(&input::name(&args.file), input::read(&args.file)?);
+    unused(how, text.used())?;
     let ways = Ways::base(&text, &options)?;
     let settings = ways.base.stages().model.settings.clone();
     let (_, stop, every) = asked(how, &settings);
@@ -186,7 +192,7 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
     let ask = Ask {
         target,
         text: &text,
-        options: ready(input::options(&args.which, &args.set), lengths(how)),
+        options: ready(input::options(&args.which, &args.set)?, lengths(how)),
         method: args.method.as_deref(),
         stop,
         rows,
@@ -215,6 +221,16 @@ fn rows(args: &How, settings: &Settings, stop: f64, by: By) -> Result<Rows, Stop
     Rows::new(stop, Grid::asked(args.every, settings.every, &args.at), &args.at, by)
 }
 
+/// Refuses instants of rows before the one that a run goes on from.
+fn later(at: &[f64], from: f64) -> Result<(), Stop> {
+    match at.iter().find(|t| from > 0.0 && **t <= from * (1.0 + 1e-12)) {
+        None => Ok(()),
+        Some(t) => Err(Stop::Usage(format!(
+            "--at {t} is not after {from} s, from which the saved state goes on; leave it out, or run without --resume"
+        ))),
+    }
+}
+
 /// Runs a scene, with steps that were chosen or that are told.
 fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<&Chosen>)) -> Result<(), Stop> {
     places(args, None)?;
@@ -237,26 +253,30 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
     }
     let started = Instant::now();
     let code = if args.interpret { Code::Interpreted } else { Code::Native };
-    let mut sim = match &args.resume {
-        Some(path) => {
-            let sim = checkpoint::resume(code, path, scene, given, stop)?;
+    // What it goes on from may be written over on the way.
+    let state = args.resume.as_deref().map(|path| Ok::<_, Stop>((path, checkpoint::state(path)?))).transpose()?;
+    let begin = || match &state {
+        Some((path, bytes)) => {
+            let sim = checkpoint::resume(code, (path, bytes), scene, given.clone(), stop)?;
             drive::possible(scene, sim.options(), stop, by)?;
-            sim
+            Ok::<_, Stop>(sim)
         }
         None => {
             let options = steps.resolve(settings, stop, every)?;
             drive::possible(scene, &options, stop, by)?;
-            Simulation::on(code.backend(), scene, &options, given)?
+            Ok(Simulation::on(code.backend(), scene, &options, given.clone())?)
         }
     };
+    let mut sim = begin()?;
     let from = sim.time();
+    later(&args.at, from)?;
     let resumed = args.resume.is_some().then_some(from);
     let asked = signal::watch("at the next row");
     let files = Files::open(args, scene, &sim, resumed)?;
     let checkpoints = args.checkpoint.as_deref().map(|path| Checkpoints::new(path, args.checkpoint_every, from));
     let progress = Progress::new();
-    let mut on_the_way = OnTheWay { files, checkpoints, unsaved: None, progress, stop, asked: &asked, ends: false };
-    let halted = drive::watched(&mut sim, rows, stop, &mut on_the_way);
+    let mut on_the_way = OnTheWay { files, checkpoints, unsaved: None, progress, stop, asked, ends: false };
+    let halted = drive::watched(&mut sim, rows.clone(), stop, &mut on_the_way);
     let OnTheWay { files, checkpoints, unsaved, ends, progress, .. } = on_the_way;
     drop(progress);
     let early = match halted {
@@ -266,8 +286,12 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
         Err(Halt::Stop(stop)) => return Err(stop),
     };
     // What was computed is kept, also of a run that failed, and whatever became of the other files.
-    let until = early.as_ref().and_then(Early::failure).and_then(RunError::time).unwrap_or(f64::INFINITY);
-    let kept = unsaved.map_or(Ok(()), Err).and(files.commit(until));
+    let failed = early.as_ref().and_then(Early::failure).and_then(RunError::time).map(|t| t.max(from));
+    let kept = unsaved.map_or(Ok(()), Err).and(files.commit(failed.unwrap_or(f64::INFINITY)));
+    if let Some(until) = failed.filter(|t| *t < sim.time()) {
+        sim = begin()?;
+        drive::again(&mut sim, rows, until, args.output.is_some());
+    }
     if early.is_none() && matches!(kept, Err(Stop::Pipe)) {
         return kept;
     }
@@ -454,6 +478,12 @@ fn places(args: &How, model: Option<&Path>) -> Result<(), Stop> {
     output::different(&named)
 }
 
+/// Refuses to write over files that the model uses.
+fn unused(args: &How, used: &[PathBuf]) -> Result<(), Stop> {
+    let results = [&args.output, &args.ledger, &args.checkpoint];
+    results.into_iter().try_for_each(|path| output::not_over_used(path.as_deref(), used))
+}
+
 /// Steps, end and distance of rows: the command line goes before the model.
 fn asked(args: &How, settings: &Settings) -> (Steps, f64, Option<f64>) {
     let stop = args.stop.or(settings.stop).unwrap_or_else(|| {
@@ -486,27 +516,17 @@ fn ready(options: bond::Options, (step, stop): Lengths) -> bond::Options {
     stop.into_iter().fold(options, bond::Options::stop)
 }
 
-/// Compiles a scene; one whose state was saved with the accuracy and the steps that were asked for then.
+/// Compiles a scene; one whose state was saved for the accuracy and the steps that it was compiled for then.
 fn compile(args: &Args, options: bond::Options) -> Result<bond::Compiled, Stop> {
-    let asked = lengths(&args.how);
-    let compiled = input::compile(&args.file, &ready(options.clone(), asked))?;
-    let Some(path) = &args.how.resume else { return Ok(compiled) };
-    let Some((fingerprint, saved)) = checkpoint::saved(path)? else { return Ok(compiled) };
-    let fits = |c: &bond::Compiled| c.scene().fingerprint() == Ok(fingerprint);
-    if fits(&compiled) || args.method.is_some() || args.file == Path::new("-") {
-        return Ok(compiled);
-    }
-    let then = saved.tolerance.map_or(Accuracy::Fixed, Accuracy::Tolerance);
-    let before = (saved.step.or(saved.longest), Some(Steps::PARTS * saved.default_step));
-    for accuracy in [accuracy(&args.how), then, Accuracy::Fixed] {
-        for lengths in [asked, (None, None), before] {
-            let other = input::compile(&args.file, &ready(options.clone().accuracy(accuracy), lengths))?;
-            if fits(&other) {
-                return Ok(other);
-            }
+    let made = args.how.resume.as_deref().map(checkpoint::made).transpose()?.flatten();
+    let options = match made {
+        Some(made) => {
+            let accuracy = made.tolerance.map_or(Accuracy::Fixed, Accuracy::Tolerance);
+            options.accuracy(accuracy).step(made.pace)
         }
-    }
-    Ok(compiled)
+        None => ready(options, lengths(&args.how)),
+    };
+    input::compile(&args.file, &options)
 }
 
 /// The steps that the command line asks for.

@@ -7,8 +7,8 @@ use crate::serve::report::{self as told, Outcome};
 use crate::serve::{Pipe, Shared, Udp, Until, clock, serve as exchange};
 use crate::stop::Stop;
 use crate::{output, report};
+use bond::Steps;
 use bond::exchange::Exchange;
-use bond::{RunError, Steps};
 use bond_compiler::discretise::Method;
 use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
@@ -123,11 +123,12 @@ pub fn serve(args: &Args) -> Result<(), Stop> {
     if let Some(path) = &args.how.ledger {
         output::not_over(path, &[(&args.file, "the model")])?;
     }
-    let mut options = input::options(&args.which, &args.set);
+    let mut options = input::options(&args.which, &args.set)?;
     if let Some(method) = &args.method {
         options = options.method(method);
     }
     let compiled = input::compile(&args.file, &options)?;
+    output::not_over_used(args.how.ledger.as_deref(), compiled.used())?;
     meet(compiled.scene(), &compiled.stages().model.settings, &args.how)
 }
 
@@ -160,12 +161,17 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
         .map_err(|e| Stop::Usage(format!("cannot watch for Ctrl-C: {e}")))?;
     let mut log = args.ledger.as_deref().map(|path| Log::new(path, scene)).transpose()?;
+    let aside = args.line.stdio || args.ledger.as_deref() == Some(Path::new("-"));
+    // Whoever reads a report on standard error finds nothing else there: it has all that would be said.
+    let alone = aside && args.report == Format::Json;
+    let say = |line: &str| {
+        if !alone {
+            report::say(line)
+        }
+    };
     // Threads that are started from here on take part in what is granted.
-    let without = clock::ask(clock::Wishes {
-        priority: args.priority,
-        core: args.core.map(|k| k as usize),
-        lock: args.lock_memory,
-    });
+    let wishes = clock::Wishes { priority: args.priority, core: args.core.map(|k| k as usize), lock: args.lock_memory };
+    let without = clock::ask(wishes, &say);
     let ports = scene.open.len();
     let mut link = match &args.line {
         Line { udp: Some(address), .. } => Link::Udp(Udp::new(*address, args.peer, ports)?),
@@ -173,13 +179,13 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
         Line { .. } => Link::Pipe(Box::new(Pipe::new(args.binary, ports, session))),
     };
     let line = link.name();
-    report::say(&format!("`{}` at {} intervals a second, {line}", scene.name, 1.0 / scene_side.period()));
+    say(&format!("`{}` at {} intervals a second, {line}", scene.name, 1.0 / scene_side.period()));
     let intervals = args.duration.map(|t| (t / scene_side.period()).round() as u64);
     let until = Until { intervals, asked: &asked, lockstep: args.lockstep };
     let end = exchange(&mut scene_side, &mut link, log.as_mut(), &until);
-    let lost = log.map(Log::end).transpose()?;
-    if let Some(lost) = lost.filter(|n| *n > 0) {
-        report::say(&format!("warning: {lost} rows of the ledger were lost, the disk being too slow"));
+    let lost = log.map(Log::end).transpose()?.unwrap_or(0);
+    if lost > 0 {
+        say(&format!("warning: {lost} rows of the ledger were lost, the disk being too slow"));
     }
     let outcome = Outcome {
         scene,
@@ -189,22 +195,21 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
         refused: link.refused(),
         paced: !args.lockstep,
         without: &without,
+        lost,
     };
     let text = match args.report {
         Format::Text => told::text(&outcome),
         Format::Json => told::json(&outcome),
     };
-    if args.line.stdio || args.ledger.as_deref() == Some(Path::new("-")) {
+    if aside {
         report::say(text.trim_end());
     } else {
         output::offer(&text)?;
     }
-    if let Some(why) = end.broken {
-        return Err(why);
-    }
-    match end.failure {
-        None => Ok(()),
-        Some(e @ RunError::Numerics(_)) => Err(Stop::Numerics(e.to_string())),
-        Some(e) => Err(e.into()),
-    }
+    let ended = match (end.broken, end.failure) {
+        (Some(why), _) => Err(why),
+        (None, None) => Ok(()),
+        (None, Some(e)) => Err(e.into()),
+    };
+    ended.map_err(|stop| if alone { stop.told() } else { stop })
 }

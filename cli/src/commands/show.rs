@@ -50,7 +50,8 @@ pub fn show(args: &Args) -> Result<(), Stop> {
         output::place(path)?;
         output::not_over(path, &[(&args.file, "the model")])?;
     }
-    let compiled = input::compile(&args.file, &input::options(&args.which, &args.set))?;
+    let compiled = input::compile(&args.file, &input::options(&args.which, &args.set)?)?;
+    output::not_over_used(args.output.as_deref(), compiled.used())?;
     let mut text = compiled.show_as(args.what, args.format).map_err(Stop::Usage)?;
     if !text.ends_with('\n') {
         text.push('\n');

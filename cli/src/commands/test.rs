@@ -10,10 +10,11 @@ use crate::progress::Progress;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use bond::{Compiled, Options, Simulation, Steps};
+use bond::{Compiled, Options, Simulation, Steps, Text};
 use bond_grammar::ast::{self, Item, Statement, StatementKind};
 use bond_grammar::source::Sources;
 use bond_runtime::scene::ExpectationKind;
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -21,8 +22,10 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond test wall.bond\n  bond test models --update\n\nThe last model of each file is tested, and every other one \
-                  that has an `expect`. A model without is only compiled.\nThe snapshot of NAME.bond is NAME.snap beside it; it is compared \
-                  where it exists, and --update makes or renews it."
+                  that has an `expect`. A model without is only compiled.\n\
+                  The snapshot of NAME.bond is NAME.snap beside it, that of a model M which is not its last one \
+                  NAME.M.snap;\nit is compared where it exists, and --update makes or renews it (that of M where \
+                  --model M asks for it)."
 )]
 pub struct Args {
     /// Models, and folders that are searched for `*.bond`
@@ -43,6 +46,8 @@ const UNRUN: &str = "cannot run";
 struct Count {
     passed: usize,
     failed: usize,
+    /// Of those that failed, how many do not have what the command line asks for.
+    asked: usize,
 }
 
 impl Count {
@@ -62,20 +67,36 @@ impl Count {
 /// # Errors
 /// Something failed.
 pub fn test(args: &Args) -> Result<(), Stop> {
-    let mut files = Vec::new();
-    for path in &args.paths {
-        let before = files.len();
-        find(path, &mut files, true)?;
-        if files.len() == before {
-            return Err(Stop::Usage(format!("there is no `*.bond` in {}", path.display())));
-        }
+    let files = files(&args.paths)?;
+    if args.update && files.iter().any(|file| file == Path::new("-")) {
+        let why =
+            "a snapshot lies beside its model, and standard input lies nowhere; name a file, or leave --update out";
+        return Err(Stop::Usage(why.into()));
     }
     let mut count = Count::default();
     for file in &files {
         one(file, args, &mut count)?;
     }
     output::offer(&format!("{} passed, {} failed\n", count.passed, count.failed))?;
-    if count.failed == 0 { Ok(()) } else { Err(Stop::Said(1)) }
+    match count.failed {
+        0 => Ok(()),
+        n if n == count.asked => Err(Stop::Said(2)),
+        _ => Err(Stop::Said(1)),
+    }
+}
+
+/// The models at some paths, each once.
+fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Stop> {
+    let (mut files, mut seen) = (Vec::new(), HashSet::new());
+    for path in paths {
+        let mut here = Vec::new();
+        find(path, &mut here, true)?;
+        if here.is_empty() {
+            return Err(Stop::Usage(format!("there is no `*.bond` in {}", path.display())));
+        }
+        files.extend(here.into_iter().filter(|file| seen.insert(file.canonicalize().unwrap_or(file.clone()))));
+    }
+    Ok(files)
 }
 
 /// Models at a path, sorted within each folder. Links to folders are not followed.
@@ -111,26 +132,33 @@ fn one(path: &Path, args: &Args, count: &mut Count) -> Result<(), Stop> {
         Err(Stop::Usage(why) | Stop::Model(why)) => return count.add(false, &why),
         Err(other) => return Err(other),
     };
-    let scenes = match &args.which.model {
-        Some(model) => vec![Some(model.clone())],
-        None => scenes(&name, &text),
-    };
-    let last = scenes.len().saturating_sub(1);
-    for (i, model) in scenes.into_iter().enumerate() {
+    let all = scenes(&name, &text);
+    let default = all.last().cloned().flatten();
+    let scenes = args.which.model.as_ref().map_or(all, |model| vec![Some(model.clone())]);
+    let text = Text::new(&name, text);
+    for model in scenes {
         let mut options = Options::new();
         if let Some(model) = &model {
             options = options.model(model);
         }
-        match options.compile_str(&name, text.as_str()) {
+        match options.compile_text(&text) {
             Ok(compiled) => {
                 let title = format!("{name} {}", compiled.scene().name);
                 scene(&title, &compiled, count)?;
-                if i == last && path != Path::new("-") {
-                    snapshot(path, &title, &compiled, args.update, count)?;
+                let (place, own) = snap(path, &compiled.scene().name, default.as_deref());
+                // Scenes beside the default are compared where they have a snapshot; asked for, they get one.
+                if path != Path::new("-") && (own || args.which.model.is_some() || place.exists()) {
+                    snapshot(&place, &title, &compiled, args.update, count)?;
                 }
+            }
+            // What other files use has nothing to test.
+            Err(errors) if model.is_none() && input::functions_alone(&text, &errors) => {
+                let functions = text.functions_alone().join(", ");
+                output::offer(&format!("skip {name}: no model; functions: {functions}\n"))?;
             }
             Err(errors) => {
                 report::diagnostics(errors.sources(), errors.list());
+                count.asked += usize::from(input::status(&errors) == 2);
                 let title = model.map(|m| format!(" {m}")).unwrap_or_default();
                 count.add(false, &format!("{name}{title}: does not compile"))?;
             }
@@ -229,12 +257,20 @@ fn watched(title: &str, compiled: &Compiled) -> Result<Vec<Outcome>, Stop> {
     Ok(watch.outcomes(&sim.summary(), failure.as_deref()))
 }
 
+/// The place of a scene's snapshot, and whether it is that of the file: that of its default scene.
+fn snap(path: &Path, scene: &str, default: Option<&str>) -> (PathBuf, bool) {
+    match default {
+        Some(default) if default != scene => (path.with_extension(format!("{scene}.snap")), false),
+        Some(_) | None => (path.with_extension("snap"), true),
+    }
+}
+
 /// Compares the structure with its snapshot, or writes that.
-fn snapshot(path: &Path, title: &str, compiled: &Compiled, update: bool, count: &mut Count) -> Result<(), Stop> {
-    let place = path.with_extension("snap");
+fn snapshot(place: &Path, title: &str, compiled: &Compiled, update: bool, count: &mut Count) -> Result<(), Stop> {
     let new = compiled.show("all");
-    let old = match bond::read(&place) {
-        Ok(old) => Some(old),
+    let old = match bond::read(place) {
+        // Editors and version control may end lines in the other way.
+        Ok(old) => Some(old.replace("\r\n", "\n")),
         Err(_) if !place.exists() => None,
         // Whatever it is, the new one takes its place.
         Err(bond::ReadError::NotText { .. }) if update => None,
@@ -251,7 +287,8 @@ fn snapshot(path: &Path, title: &str, compiled: &Compiled, update: bool, count: 
             output::offer(&diff::lines(&old, &new))
         }
         Some(_) | None => {
-            output::put(Some(&place), &new)?;
+            output::no_model(place)?;
+            output::put(Some(place), &new)?;
             count.add(true, &format!("{title}: snapshot written to {}", place.display()))
         }
     }

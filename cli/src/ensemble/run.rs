@@ -59,6 +59,7 @@ pub struct Setup<'a> {
 pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
     let plan = Plan::new(args, setup.set)?;
     let text = Text::new(&input::name(setup.file), input::read(setup.file)?);
+    output::not_over_used(setup.output, text.used())?;
     let choice = Choice::new(setup.interpret, plan.total());
     let mut job = Job {
         text,
@@ -93,7 +94,7 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
     let (job, started) = (Arc::new(job), Instant::now());
     let chunks = Chunks::new(job.plan.total());
     let asked = signal::watch("now, and what is done of a table in a file is kept");
-    let crew = Crew { job: &job, chunks, threads, asked: &asked };
+    let crew = Crew { job: &job, chunks, threads, asked };
     let (statistics, ran) = match setup.output {
         Some(path) if output::whole(path)? => kept(&crew, path, &print, args.restart)?,
         Some(_) | None => {

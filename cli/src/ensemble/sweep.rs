@@ -72,6 +72,12 @@ impl Sweep {
 /// In a few words, what is wrong with it.
 pub fn parse(text: &str) -> Result<Sweep, String> {
     let (path, rest) = assignment(text, EXAMPLE)?;
+    if let Some((from, to)) = rest.split_once("...") {
+        let (from, to) = (from.trim(), to.trim());
+        return Err(format!(
+            "three points may be read in two ways: write {path}={from}..{to}, or {path}={from}..0.{to}"
+        ));
+    }
     let (values, dimension) = match rest.split_once("..") {
         Some((from, range)) => self::range(path, from, range)?,
         None => {
@@ -164,6 +170,8 @@ mod tests {
             ("k=nan..1:5", "number"),
             ("k=-1.7e308..1.7e308:5", "too wide"),
             ("k=1..1e999:5", "finite"),
+            ("k=1...2:3", "write k=1..2:3"),
+            ("k=1 ...2:3", "k=1..0.2:3"),
         ] {
             let why = parse(text).unwrap_err();
             assert!(why.contains(words), "{text}: {why}");

@@ -1,6 +1,5 @@
 //! Time that only goes forward, and what the system can be asked for so that it is kept.
 
-use crate::report;
 use std::num::NonZeroU64;
 
 /// Now, ns since some instant.
@@ -58,13 +57,14 @@ pub struct Wishes {
     pub lock: bool,
 }
 
-/// Asks for all of it, for this thread and those that it starts. What is refused is said, and not insisted on.
-pub fn ask(wishes: Wishes) -> Vec<String> {
+/// Asks for all of it, for this thread and those that it starts. What is refused is said with `say`, and not insisted
+/// on.
+pub fn ask(wishes: Wishes, say: &dyn Fn(&str)) -> Vec<String> {
     let mut refused = Vec::new();
     let mut try_to = |what: &str, result: Result<(), String>, mend: &str| {
         if let Err(why) = result {
-            report::say(&format!("warning: {what}: {why}; it goes on without ({mend})"));
-            refused.push(what.to_string());
+            say(&format!("warning: {what}: {why}; it goes on without ({mend})"));
+            refused.push(format!("{what}: {why}"));
         }
     };
     // Sleeping threads without real-time priority may otherwise be woken 50 us late, all at once with others.

@@ -1,6 +1,7 @@
 //! What is told of an exchange when it is over.
 
 use super::End;
+use crate::stop::Stop;
 use crate::summary::short;
 use bond::exchange::Exchange;
 use bond_runtime::scene::Scene;
@@ -23,6 +24,8 @@ pub struct Outcome<'a, 'b> {
     pub paced: bool,
     /// What the system did not grant.
     pub without: &'a [String],
+    /// Rows of the ledger that the disk was too slow for.
+    pub lost: u64,
 }
 
 impl Outcome<'_, '_> {
@@ -134,8 +137,10 @@ pub fn json(o: &Outcome) -> String {
         "passive": reasons.is_empty(),
         "reasons": reasons,
         "not_granted": o.without,
+        "ledger_rows_lost": o.lost,
         "regions": summary.regions.iter().map(region).collect::<Vec<_>>(),
         "failure": o.end.failure.as_ref().map(ToString::to_string),
+        "broken": o.end.broken.as_ref().and_then(Stop::words),
     });
     format!("{value:#}\n")
 }

@@ -23,6 +23,17 @@ model Swing {
 }
 ";
 
+/// A pendulum without friction.
+const SWINGING: &str = "\
+model Swinging(E = 1 J) {
+  C:s { H = E*(1 - cos(q)); q0 = 1 rad }
+  I:m = 1 kg*m^2
+  s -> 1:w -> m
+  probe a = s.q
+  simulate { stop = 2 s }
+}
+";
+
 const PUSH: &str = "t,push\n0,0\n0.3,2\n0.77,-4\n1.9,3\n2.2,0\n";
 
 /// All but the time that it took.
@@ -33,7 +44,17 @@ fn steady(json: &str) -> String {
 #[test]
 fn what_is_resumed_is_as_if_it_had_never_stopped() {
     let here = Folder::new().with("a.bond", OSCILLATOR).with("b.bond", NONLINEAR).with("push.csv", PUSH);
-    let cases: [(&str, &[&str], &[&str]); 6] = [
+    // A law that is chosen by the accuracy, or made for a length of steps, is chosen and made anew.
+    let here =
+        here.with("c.bond", SWINGING).with("d.bond", SWINGING.replace("stop = 2 s", "stop = 2 s; tolerance = 1e-6"));
+    let (gonzalez, collocation) = (["--method", "gonzalez"], ["--method", "collocation4"]);
+    let cases: [(&str, &[&str], &[&str]); 12] = [
+        ("c.bond", &["--tolerance", "1e-5", "--method", "gonzalez", "--longest", "5ms"], &gonzalez),
+        ("c.bond", &["--tolerance", "1e-5", "--method", "collocation4", "--longest", "5ms"], &collocation),
+        ("c.bond", &["--step", "3ms", "--method", "gonzalez"], &gonzalez),
+        ("d.bond", &["--step", "1ms", "--method", "gonzalez"], &gonzalez),
+        ("d.bond", &["--step", "1ms"], &[]),
+        ("d.bond", &["--longest", "1ms", "--method", "gonzalez"], &gonzalez),
         ("a.bond", &["--longest", "10ms"], &[]),
         ("a.bond", &["--step", "3ms"], &[]),
         ("b.bond", &["--step", "1.3ms", "--input", "push.csv"], &["--input", "push.csv"]),
@@ -92,6 +113,18 @@ model Tight {
     }
 }
 
+/// What was made for the steps that the command line told goes on where the model tells others.
+#[test]
+fn made_for_the_steps_of_the_command_line() {
+    let models = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
+    let here = Folder::new();
+    for name in ["classics/accumulator", "classics/dc_generator", "classics/muscle", "hard/henon_heiles"] {
+        let file = models.join(name).with_extension("bond").display().to_string();
+        here.bond(&["run", &file, "--stop", "10ms", "--longest", "1ms", "--checkpoint", "s"]).is(0, &[], &[]);
+        here.bond(&["run", &file, "--stop", "20ms", "--resume", "s"]).is(0, &["from 0.01 s to 0.02 s"], &[]);
+    }
+}
+
 #[test]
 fn states_are_saved_on_the_way() {
     let here = Folder::new().with("b.bond", NONLINEAR);
@@ -132,6 +165,7 @@ fn what_cannot_go_on_is_told() {
     fails(&["a.bond", "--resume", "-", "--stop", "2"], "--resume needs a file");
     fails(&["a.bond", "--resume", "s", "--stop", "2", "--step", "1ms"], "cannot be used with '--step");
     fails(&["a.bond", "--checkpoint", "-"], "needs a file");
+    fails(&["a.bond", "--resume", "s", "--stop", "2", "--at", "1.5,0.5"], "--at 0.5 is not after 1 s");
     fails(&["a.bond", "--checkpoint", "x", "-o", "x"], "-o and --checkpoint name the same file");
     fails(&["a.bond", "--checkpoint-every", "1s"], "--checkpoint");
     let mut bytes = std::fs::read(here.0.join("s")).unwrap();

@@ -175,5 +175,5 @@ fn what_does_not_go_together_is_told() {
         &["--error", "single runs"],
     );
     here.bond(&["run", "p.bond", "--error", "2"]).is(2, &[], &["between 0 and 1"]);
-    here.bond(&["run", "p.bond", "--error", "1e-5", "--method", "exact"]).is(1, &[], &["not linear"]);
+    here.bond(&["run", "p.bond", "--error", "1e-5", "--method", "exact"]).is(2, &[], &["not linear"]);
 }

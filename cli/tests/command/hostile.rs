@@ -12,6 +12,22 @@ fn arguments_that_are_no_numbers() {
             here.bond(&["run", "a.bond", &format!("{option}={value}")]).is(2, &[], &["error:"]);
         }
     }
+    for value in ["-1", "-1e-3", "-1ms", "-.5", "-1e-3 s"] {
+        for (option, why) in [("--step", "longer than 0 s"), ("--longest", "longer than 0 s"), ("--budget", "longer")] {
+            here.bond(&["run", "a.bond", option, value]).is(2, &[], &[why]);
+        }
+    }
+    for option in ["--tolerance", "--error"] {
+        here.bond(&["run", "a.bond", option, "-1e-6"]).is(2, &[], &["between 0 and 1"]);
+    }
+    for command in ["run", "show", "bench", "linearize", "build"] {
+        here.bond(&[command, "a.bond", "--set", "k=1", "--set", "k = 2"]).is(2, &[], &["--set gives `k` twice"]);
+    }
+    for command in [&["run", "a.bond"][..], &["build", "a.bond", "-o", "a"], &["run", "a.bond", "--error", "1e-3"]] {
+        let by_ray = [command, &["--method", "ray"]].concat();
+        here.bond(&by_ray).is(2, &[], &["the method `ray` steps sampled regions, and there is none"]);
+    }
+    here.bond(&["run", "a.bond", "--sweep", "m=1...2:3"]).is(2, &[], &["write m=1..2:3, or m=1..0.2:3"]);
     for value in ["", ",", "0.1,", "0.1,,0.2", "abc", "-1", "2", "NaN", "1e999", "0.1;0.2", "0.1 0.2"] {
         here.bond(&["run", "a.bond", &format!("--at={value}")]).is(2, &[], &["error:"]);
     }

@@ -157,6 +157,71 @@ fn no_result_takes_the_place_of_what_is_read() {
     assert_eq!(here.list(), ["a.csv", "a.model", "folder", "z.csv"]);
 }
 
+/// Nor where its name is that of something else: what a link points to counts.
+#[cfg(unix)]
+#[test]
+fn no_result_takes_the_place_of_a_model_over_a_link() {
+    use std::os::unix::fs::symlink;
+    let here = Folder::new().with("a.bond", OSCILLATOR).with("b.bond", OSCILLATOR);
+    for link in ["out.csv", "out.c", "out.h", "out.svg", "a.snap"] {
+        symlink("b.bond", here.0.join(link)).unwrap();
+    }
+    symlink("gone.bond", here.0.join("gone.csv")).unwrap();
+    let slips: [&[&str]; 10] = [
+        &["run", "a.bond", "-o", "out.csv"],
+        &["run", "a.bond", "--ledger", "out.csv"],
+        &["run", "a.bond", "--checkpoint", "out.csv"],
+        &["run", "a.bond", "--sweep", "m=1,2", "-o", "out.csv"],
+        &["bench", "a.bond", "-o", "out.csv"],
+        &["bench", "a.bond", "--plot", "out.svg"],
+        &["show", "a.bond", "-o", "out.csv"],
+        &["build", "a.bond", "-o", "out.csv"],
+        &["build", "a.bond", "--emit", "c", "--step", "1ms", "-o", "out.c"],
+        &["test", "a.bond", "--update"],
+    ];
+    for slip in slips {
+        here.bond(slip).is(2, &[], &["b.bond, a model; name another file"]);
+    }
+    here.bond(&["run", "a.bond", "-o", "gone.csv"]).is(2, &[], &["gone.bond, a model"]);
+    assert_eq!((here.read("a.bond"), here.read("b.bond")), (OSCILLATOR.to_string(), OSCILLATOR.to_string()));
+    // A link to what is not there yet stays one: its target is made.
+    symlink("rows.csv", here.0.join("link.csv")).unwrap();
+    here.bond(&["run", "a.bond", "-o", "link.csv"]).is(0, &[], &[]);
+    assert!(here.0.join("link.csv").is_symlink() && here.read("rows.csv").starts_with("t,x,v\n"));
+}
+
+/// A name may be as long as the system takes it.
+#[test]
+fn long_names() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    let name = "x".repeat(251) + ".csv";
+    here.bond(&["run", "a.bond", "-o", &name]).is(0, &[], &[]);
+    assert!(here.read(&name).starts_with("t,x,v\n"));
+}
+
+/// What a model uses is read too, whatever its name.
+#[test]
+fn no_result_takes_the_place_of_what_a_model_uses() {
+    let (parts, used) = ("let twice(x) = 2*x\n", "inner/parts.csv");
+    let model = format!("use \"{used}\"\n{}", OSCILLATOR.replace("= 0.5 N", "= twice(0.5) * 1 N"));
+    let here = Folder::new().with("a.bond", model).with(used, parts);
+    let slips: [&[&str]; 9] = [
+        &["show", "a.bond", "-o", used],
+        &["linearize", "a.bond", "-o", "./inner/parts.csv"],
+        &["build", "a.bond", "-o", used],
+        &["bench", "a.bond", "-o", used],
+        &["run", "a.bond", "-o", used],
+        &["run", "a.bond", "--ledger", used],
+        &["run", "a.bond", "--checkpoint", "inner/../inner/parts.csv"],
+        &["run", "a.bond", "--sweep", "m=1,2", "-o", used],
+        &["run", "a.bond", "--error", "1e-3", "-o", used],
+    ];
+    for slip in slips {
+        here.bond(slip).is(2, &[], &["it is a file that the model uses; name another file"]);
+    }
+    assert_eq!(here.read(used), parts);
+}
+
 #[test]
 fn two_results_need_two_files() {
     let here = Folder::new().with("a.bond", OSCILLATOR).with("folder/x", "");
@@ -234,6 +299,18 @@ fn asked_to_end(here: &Folder, args: &[&str], there: &str, pauses: [u64; 2]) -> 
     let done = child.wait_with_output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     Some((done.status.code(), text(&done.stdout), text(&done.stderr)))
+}
+
+/// Before there is anything to keep, it ends at once, and says so.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_run_that_is_asked_to_end_before_it_began() {
+    // Nothing that can be written is there yet: a pipe that nobody fills keeps it waiting.
+    let here = Folder::new().with("a.bond", CHARGE);
+    assert!(std::process::Command::new("mkfifo").arg(here.0.join("u.csv")).status().unwrap().success());
+    let args = ["run", "a.bond", "--budget", "1ms", "--input", "u.csv"];
+    let Some((status, out, err)) = asked_to_end(&here, &args, "a.bond", [300, 0]) else { return };
+    assert!(status == Some(130) && out.is_empty() && err.contains("asked to end"), "{status:?} {out} {err}");
 }
 
 #[cfg(target_os = "linux")]
@@ -537,4 +614,48 @@ fn a_wrong_unit_on_the_command_line_is_told_once() {
     let done = here.bond(&["run", "a.bond", "--set", "m=2 N"]).is(2, &[], &said);
     assert_eq!(done.err.matches("×").count(), 1, "{}", done.err);
     here.bond(&["run", "a.bond", "--set", "m=2000 g"]).is(0, &[], &[]);
+}
+
+/// A sampled state that cannot be stepped: everything is told as of the last sample that it took.
+#[test]
+fn a_sample_that_fails_ends_the_run_before_it() {
+    let text = "model N { Se:s = z  R:r = 1 Ohm  I:l = 1 H  s -> 1:m -> r, l  sampled every 10 ms { state z = 0 V \
+                { next = sqrt(0.035 - t/(1 s)) * 1 V } }  probe i = l.f  probe zz = z  simulate { stop = 0.1 s } }\n";
+    let here = Folder::new().with("a.bond", text);
+    for (every, last) in [("10ms", 0.04), ("4ms", 0.04), ("3ms", 0.039)] {
+        let rows = ["--every", every, "--ledger", "l.csv", "--summary", "json"];
+        let done = here.bond(&[&["run", "a.bond", "-o", "a.csv"], &rows[..]].concat()).is(3, &[], &["at t = 0.04 s"]);
+        let told: serde_json::Value = serde_json::from_str(&done.out).unwrap();
+        assert_eq!(told["reached"], 0.04);
+        for file in ["a.csv", "l.csv"] {
+            let (_, rows) = table(&here.read(file));
+            assert!((rows.last().unwrap()[0] - last).abs() < 1e-12, "{file} every {every}: {rows:?}");
+        }
+        let here = Folder::new().with("a.bond", text);
+        let good = here.bond(&["run", "a.bond", "--stop", "0.04", "--summary", "json"]).is(0, &[], &[]);
+        let good: serde_json::Value = serde_json::from_str(&good.out).unwrap();
+        for of in ["i", "zz"] {
+            let (a, b) = (told["final"][of].as_f64().unwrap(), good["final"][of].as_f64().unwrap());
+            assert!((a - b).abs() < 1e-12, "{of}: {a} and {b}");
+        }
+        let (a, b) = (&told["regions"][0]["H_final"], &good["regions"][0]["H_final"]);
+        assert!((a.as_f64().unwrap() - b.as_f64().unwrap()).abs() < 1e-15);
+    }
+}
+
+/// A table whose quotes do not close, or which is no number, is none.
+#[test]
+fn quotes_of_a_table_of_inputs() {
+    let here = Folder::new().with("a.bond", CHARGE);
+    for (table, why) in [
+        ("t,u\n0,\"1\"2\n1,2\n", "u.csv:2: a comma is missing"),
+        ("t,u\n0,\"1\n1,2\n", "u.csv:2: a quote is not closed"),
+        ("t,\"u\n0,1\n", "u.csv:1: a quote is not closed"),
+        ("t,u\n0,0\n1e-9,1e308\n", "changes faster than double numbers tell"),
+    ] {
+        let here = Folder::new().with("a.bond", CHARGE).with("u.csv", table);
+        here.bond(&["run", "a.bond", "--input", "u.csv"]).is(2, &[], &[why]);
+    }
+    let here = here.with("u.csv", "t,\"u\"\n0, \"1\" \n\"1\",1\n");
+    here.bond(&["run", "a.bond", "--input", "u.csv"]).is(0, &[], &[]);
 }

@@ -104,3 +104,36 @@ fn an_old_snapshot_may_be_anything() {
     here.bond(&["test", "a.bond", "--update"]).is(0, &["4 passed", "snapshot written to a.snap"], &[]);
     here.bond(&["test", "a.bond"]).is(0, &["4 passed"], &[]);
 }
+
+/// What other files use has nothing to test, and does not fail a folder; a file is tested once.
+#[test]
+fn files_of_functions_are_left_out() {
+    let here = Folder::new().with("m/sq.bond", "let sq(x) = x^2\n").with("m/x.bond", OSCILLATOR);
+    here.bond(&["test", "m", "m/x.bond", "./m"]).is(
+        0,
+        &["skip m/sq.bond: no model; functions: sq", "3 passed, 0"],
+        &[],
+    );
+    here.bond(&["test", "m/sq.bond", "--model", "A"]).is(2, &["1 failed"], &[]);
+    let here = here.with("m/bad.bond", "let sq(x) = (\n");
+    here.bond(&["test", "m"]).is(1, &["1 failed"], &[]);
+}
+
+/// A scene beside the default has a snapshot of its own.
+#[test]
+fn scenes_have_their_own_snapshots() {
+    let other = "model Ray { I:m = 1 kg\n Se:F = 1 N\n F -> m\n expect passive }\n";
+    let here = Folder::new().with("a.bond", format!("{other}{OSCILLATOR}"));
+    here.bond(&["test", "a.bond", "--update"]).is(0, &["5 passed", "to a.snap"], &[]);
+    let first = here.read("a.snap");
+    here.bond(&["test", "a.bond", "--model", "Ray"]).is(0, &["1 passed"], &[]);
+    here.bond(&["test", "a.bond", "--model", "Ray", "--update"]).is(0, &["to a.Ray.snap"], &[]);
+    here.bond(&["test", "a.bond", "--model", "Oscillator"]).is(0, &["4 passed"], &[]);
+    here.bond(&["test", "a.bond"]).is(0, &["6 passed"], &[]);
+    assert!(here.read("a.snap") == first && here.read("a.Ray.snap") != first);
+    // Lines may end in the other way.
+    let here = here.with("a.snap", first.replace('\n', "\r\n"));
+    here.bond(&["test", "a.bond"]).is(0, &["6 passed"], &[]);
+    here.bond(&["test", "a.bond", "--model", "Nope"]).is(2, &["does not compile"], &["Nope"]);
+    here.fed(&["test", "-", "--update"], OSCILLATOR).is(2, &[], &["standard input lies nowhere"]);
+}

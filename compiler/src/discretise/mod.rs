@@ -34,7 +34,7 @@ use crate::model::{Model, Signal, Variable};
 use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::scene::{self, Scene};
+use bond_runtime::scene::{self, Made, Scene};
 pub use choice::Accuracy;
 use cluster::Cluster;
 use rustc_hash::FxHashMap;
@@ -121,21 +121,25 @@ impl Method {
     }
 }
 
+/// What is wrong with a method that the model names, and with one that the user asks for in its place.
+const NAMED: &str = "discretise::method";
+const ASKED: &str = "discretise::asked";
+
 /// The method that the user or the model names.
 ///
 /// # Errors
 /// A name that there is not, or a method for what the model has not.
 pub fn method(model: &Model, options: &Options) -> Result<Option<Method>, Vec<Diagnostic>> {
-    let (name, span) = match (&options.method, &model.settings.method) {
-        (Some(name), _) => (name, model.span),
-        (None, Some((name, span))) => (name, *span),
+    let (name, span, code) = match (&options.method, &model.settings.method) {
+        (Some(name), _) => (name, model.span, ASKED),
+        (None, Some((name, span))) => (name, *span, NAMED),
         (None, None) => return Ok(None),
     };
     match Method::named(name) {
         Some(Method::Ray) if model.samplings.is_empty() => {
             let what = "the method `ray` steps sampled regions, and there is none";
             Err(vec![
-                Diagnostic::error("discretise::method", span, what)
+                Diagnostic::error(code, span, what)
                     .help("take `gonzalez`, which steps every region, or leave the method out"),
             ])
         }
@@ -171,7 +175,8 @@ pub fn discretise(
         }
     }
     let place = |s: Symbol| places.get(&s).copied();
-    let mut scene = Scene { name: model.name.clone(), excluded: excluded(model, form), ..Scene::default() };
+    let made = Made { pace: model.settings.pace, tolerance };
+    let mut scene = Scene { name: model.name.clone(), excluded: excluded(model, form), made, ..Scene::default() };
     for (i, c) in clusters.iter_mut().enumerate() {
         let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
         let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
@@ -272,11 +277,12 @@ fn input_of(model: &Model, s: Symbol) -> Option<usize> {
 /// Makes the error for a method that a region cannot take.
 fn unfit(model: &Model, cluster: &Cluster, form: &Form, method: Method, why: &str) -> Vec<Diagnostic> {
     let own = cluster.sampling.map(|s| &model.samplings[s]).filter(|s| s.method.is_some()).map(|s| s.span);
-    let span = own.or(model.settings.method.as_ref().map(|m| m.1)).unwrap_or(model.span);
+    let named = own.or(model.settings.method.as_ref().map(|m| m.1));
+    let (code, span) = named.map_or((ASKED, model.span), |span| (NAMED, span));
     let region = cluster.name(form);
     vec![
         Diagnostic::error(
-            "discretise::method",
+            code,
             span,
             format!("the method `{}` cannot step the region `{region}`: {why}", method.name()),
         )

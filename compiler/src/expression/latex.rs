@@ -1,5 +1,6 @@
 //! Expressions as formulas.
 
+use super::greek::greek;
 use super::print::coefficient;
 use super::{Expr, Node, Number, Pool};
 use bond_runtime::ir::{Binary, Unary};
@@ -35,26 +36,41 @@ const GREEK: [&str; 31] = [
     "Psi", "Omega", "Xi",
 ];
 
-/// One word: a letter, a Greek letter by its name, or upright text.
+/// One word: a letter, a Greek letter as it is or by its name, or upright text.
 fn word(text: &str) -> String {
+    let mut letters = text.chars();
     if GREEK.contains(&text) {
         format!(r"\{text}")
-    } else if text.chars().count() == 1 {
-        text.to_string()
+    } else if let (Some(letter), None) = (letters.next(), letters.next()) {
+        greek(letter).map_or(text.to_string(), String::from)
     } else {
         let letters = text.trim_end_matches(|c: char| c.is_ascii_digit());
         let digits = &text[letters.len()..];
         if !digits.is_empty() && (letters.chars().count() == 1 || GREEK.contains(&letters)) {
             return format!("{}_{{{digits}}}", word(letters));
         }
-        format!(r"\mathrm{{{}}}", text.replace('_', r"\_"))
+        format!(r"\mathrm{{{}}}", upright(text))
     }
+}
+
+/// What stands in upright text.
+fn upright(text: &str) -> String {
+    let mut out = String::new();
+    for c in text.chars() {
+        match greek(c) {
+            // The space ends the command, and is not set.
+            Some(letter) => out.extend([letter, " "]),
+            None if c == '_' => out.push_str(r"\_"),
+            None => out.push(c),
+        }
+    }
+    out
 }
 
 /// `spring.q` as q with the index spring, `k_wall` as k with the index wall.
 fn symbol(name: &str) -> String {
     if let Some((path, last)) = name.rsplit_once('.') {
-        let path = path.replace('_', r"\_");
+        let path = upright(path);
         let last = word(last);
         let (last, more) = match last.split_once("_{") {
             Some((head, index)) => (head.to_string(), format!(",{}", index.trim_end_matches('}'))),
@@ -64,7 +80,7 @@ fn symbol(name: &str) -> String {
     }
     match name.split_once('_') {
         Some((head, index)) if !head.is_empty() && !index.is_empty() => {
-            let index = if index.chars().count() == 1 { index.to_string() } else { word(&index.replace('_', " ")) };
+            let index = word(&index.replace('_', " "));
             format!("{}_{{{index}}}", word(head))
         }
         Some(_) | None => word(name),

@@ -15,6 +15,7 @@ mod dissipative;
 mod eval;
 mod factor;
 mod function;
+mod greek;
 mod kernel;
 mod known;
 mod latex;
@@ -36,6 +37,7 @@ mod table;
 mod walk;
 mod zone;
 
+pub use greek::greek;
 pub use lower::{Below, Lowering};
 pub use number::Number;
 pub use polynomial::{Affine, Quadratic};

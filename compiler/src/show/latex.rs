@@ -2,7 +2,7 @@
 
 use super::matrix::{self, Explicit, Matrix};
 use super::{Shown, equation, name, region};
-use crate::expression::{Expr, Pool};
+use crate::expression::{Expr, Pool, greek};
 use crate::model::Model;
 use crate::structure::{Form, Region, Role};
 use std::fmt::Write;
@@ -31,7 +31,10 @@ fn escape(text: &str) -> String {
             '\\' => out.push_str("\\textbackslash{}"),
             '^' => out.push_str("\\^{}"),
             '~' => out.push_str("\\~{}"),
-            _ => out.push(c),
+            _ => match greek(c) {
+                Some(letter) => out.extend(["\\ensuremath{", letter, "}"]),
+                None => out.push(c),
+            },
         }
     }
     out

@@ -221,3 +221,21 @@ fn labels_of_a_picture_keep_apart() {
         }
     }
 }
+
+/// LaTeX has no fonts for Greek letters as they are: they are written by their names, as those that are spelled so.
+#[test]
+fn greek_letters_are_commands() {
+    let text = "model A(ω = 2 N/m, β_ρ = 1 kg) { C:ε { stiffness = ω } I:mα1 = β_ρ\n Se:φ2 = 1 N\n R:α = 1 N*s/m\n \
+                φ2 -> 1:ω_1 -> ε, mα1, α }";
+    let tex = shown(text, &[(What::Phs, As::Latex)]).remove(0).unwrap_or_else(|why| panic!("{why}"));
+    for letters in [
+        r"\omega",
+        r"\beta_{\rho}",
+        r"\mathrm{\varepsilon }",
+        r"\mathrm{m\alpha 1}",
+        r"\texttt{\ensuremath{\omega}\_1}",
+    ] {
+        assert!(tex.contains(letters), "{letters}: {tex}");
+    }
+    assert!(tex.is_ascii(), "{tex}");
+}

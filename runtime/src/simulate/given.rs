@@ -38,6 +38,19 @@ pub enum Unfit {
     /// This row's instant is not after that of the row before.
     #[error("the instant of row {0} is not after that of the row before")]
     Order(usize),
+    /// What lies between this row and the one after it changes faster than numbers tell.
+    #[error("between row {0} and row {next} it changes faster than double numbers tell", next = .0 + 1)]
+    Steep(usize),
+}
+
+/// How fast a value changes from one instant to another.
+fn slope((at, value): (f64, f64), (t, x): (f64, f64)) -> f64 {
+    let (rise, run) = (x - value, t - at);
+    if rise.is_finite() && run.is_finite() {
+        return rise / run;
+    }
+    // Numbers whose difference is too large have halves whose difference is not.
+    (0.5 * x - 0.5 * value) / (0.5 * t - 0.5 * at)
 }
 
 impl Course {
@@ -67,8 +80,11 @@ impl Course {
         let mut pieces = Vec::with_capacity(instants.len());
         for (i, (&at, &value)) in instants.iter().zip(values).enumerate() {
             let next = instants.get(i + 1).zip(values.get(i + 1)).filter(|_| !hold);
-            let slope = next.map_or(0.0, |(t, x)| (x - value) / (t - at));
-            pieces.push(Piece { at, value, slope: if slope.is_finite() { slope } else { 0.0 } });
+            let slope = next.map_or(0.0, |(t, x)| slope((at, value), (*t, *x)));
+            if !slope.is_finite() {
+                return Err(Unfit::Steep(i));
+            }
+            pieces.push(Piece { at, value, slope });
         }
         Ok(Self { pieces })
     }
@@ -205,6 +221,18 @@ mod tests {
         for (at, l, h) in cases {
             assert_eq!((linear.value(at), held.value(at)), (l, h), "at {at}");
         }
+        Ok(())
+    }
+
+    /// Numbers so large that their difference is none are met halfway all the same.
+    #[test]
+    fn far_rows() -> Result<(), Unfit> {
+        let far = Course::table(&[-1e308, 1e308], &[1.0, 3.0], false)?;
+        assert_eq!(far.value(0.0), 2.0);
+        let large = Course::table(&[0.0, 2.0], &[-1.5e308, 1.5e308], false)?;
+        assert_eq!((large.value(1.0), large.value(2.0)), (0.0, 1.5e308));
+        assert_eq!(Course::table(&[0.0, 1e-3], &[0.0, 1e308], false), Err(Unfit::Steep(0)));
+        assert!(Course::table(&[0.0, 1e-3], &[0.0, 1e308], true).is_ok());
         Ok(())
     }
 

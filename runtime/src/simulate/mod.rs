@@ -26,7 +26,7 @@ pub use given::{Course, Unfit};
 pub use hold::{BESIDE, FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};
 pub use pace::uneven;
 pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
-pub use save::{Refused, saved};
+pub use save::{Refused, made};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, Summary};
 
 use crate::kernel::Failure;

@@ -11,7 +11,7 @@ use super::hold::{Caution, Held, Report};
 use super::{Error, Options, Simulation};
 use crate::envelope::{self, Damaged, Kind};
 use crate::kernel::Backend;
-use crate::scene::Scene;
+use crate::scene::{Made, Scene};
 use serde::{Deserialize, Serialize};
 use thiserror::Error as Failure;
 
@@ -47,6 +47,7 @@ pub enum Refused {
 struct Saved {
     model: String,
     fingerprint: u64,
+    made: Made,
     options: Options,
     time: f64,
     last_sample: f64,
@@ -89,13 +90,13 @@ struct Part {
     moved: Vec<f64>,
 }
 
-/// The fingerprint of the scene whose state was saved, and what its run was started with.
+/// What the scene whose state was saved was made for.
 ///
 /// # Errors
 /// Bytes that are no state.
-pub fn saved(bytes: &[u8]) -> Result<(u64, Options), Damaged> {
+pub fn made(bytes: &[u8]) -> Result<Made, Damaged> {
     let saved: Saved = envelope::open(Kind::State, bytes)?;
-    Ok((saved.fingerprint, saved.options))
+    Ok(saved.made)
 }
 
 impl Simulation<'_> {
@@ -107,6 +108,7 @@ impl Simulation<'_> {
         let saved = Saved {
             model: self.scene.name.clone(),
             fingerprint: self.scene.fingerprint()?,
+            made: self.scene.made,
             options: self.options.clone(),
             time: self.time,
             last_sample: self.last_sample,

@@ -184,12 +184,15 @@ impl<'a> Simulation<'a> {
         self.time
     }
 
-    /// Up to where steps are taken, s: what is looked at beyond lies within a fixed step, which may fail yet. Fitted
-    /// steps are tried before.
+    /// Up to where steps are taken, s: what is looked at beyond lies within a fixed step, or within the period of a
+    /// sampled region, whose step may fail yet. Fitted steps are tried before.
     pub fn settled(&self) -> f64 {
-        let runs = self.scene.clusters.iter().zip(&self.runs);
-        let fixed = runs.filter(|(c, run)| c.period.is_none() && run.fit.is_none());
-        fixed.map(|(_, run)| run.time()).fold(self.time, f64::min)
+        let settled = |i: usize| match self.scene.clusters[i].period {
+            Some(_) => self.instant(i, self.next[i].saturating_sub(1)),
+            None if self.runs[i].fit.is_none() => self.runs[i].time(),
+            None => f64::INFINITY,
+        };
+        (0..self.runs.len()).map(settled).fold(self.time, f64::min)
     }
 
     /// The state of a cluster.

@@ -41,9 +41,6 @@ pub(super) struct Cluster {
     pub(super) state: usize,
     /// The inputs of its programs, directly followed by alpha and beta of a matched hold.
     pub(super) input: usize,
-    /// What its observation and its hold give.
-    pub(super) seen: usize,
-    pub(super) called: usize,
     /// The largest value that each state had.
     pub(super) largest: usize,
     /// What each port gave out since it was collected.
@@ -65,6 +62,9 @@ pub(super) struct Cluster {
     /// What a step works out, and nothing reads later: the next state and what else it gives.
     pub(super) next: usize,
     pub(super) output: usize,
+    /// What its observation and its hold give, to be read at once.
+    pub(super) seen: usize,
+    pub(super) called: usize,
 }
 
 /// Places of a held port.
@@ -96,11 +96,6 @@ impl Cluster {
         let input = block.put(&start.input[..looked]);
         block.take(n); // alpha
         block.put(&start.beta);
-        let seen = block.take(c.instant.size(Array::Output));
-        let called = block.take(c.respond.as_ref().map_or(0, |r| {
-            let (p, q) = super::programs(r);
-            p.size(Array::Output).max(q.map_or(0, |q| q.size(Array::Output)))
-        }));
         let traced = if c.is_traced() { c.states } else { 0 };
         let sizes: Vec<f64> = start.state[..traced].iter().map(|x| x.abs()).collect();
         let largest = block.put(&sizes);
@@ -130,8 +125,6 @@ impl Cluster {
         Self {
             state,
             input,
-            seen,
-            called,
             largest,
             moved,
             count,
@@ -144,6 +137,8 @@ impl Cluster {
             table: 0,
             next: 0,
             output: 0,
+            seen: 0,
+            called: 0,
         }
     }
 
@@ -152,5 +147,10 @@ impl Cluster {
         block.align(start.state.len());
         self.next = block.take(start.state.len());
         self.output = block.take(c.step.program.size(Array::Output));
+        self.seen = block.take(c.instant.size(Array::Output));
+        self.called = block.take(c.respond.as_ref().map_or(0, |r| {
+            let (p, q) = super::programs(r);
+            p.size(Array::Output).max(q.map_or(0, |q| q.size(Array::Output)))
+        }));
     }
 }

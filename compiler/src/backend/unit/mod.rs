@@ -423,8 +423,14 @@ impl Writing<'_> {
     /// The routine that looks, and where.
     fn observe(&mut self) -> Result<(Routine, BTreeSet<u32>), String> {
         let mut w = Writer::new();
+        let told: Vec<usize> = self.start.probed.iter().flat_map(|i| self.told(*i)).collect();
+        let before: Vec<Value> = told.iter().map(|at| w.kept(*at)).collect();
         for &i in &self.start.probed {
             w = self.look(w, i)?;
+        }
+        // Who looks and saves then has what who only saves has.
+        for (at, x) in told.into_iter().zip(before) {
+            w.keep(at, x);
         }
         let Some(program) = &self.scene.probes.program else {
             return Ok((w.routine("probes".into()), BTreeSet::new()));
@@ -462,6 +468,13 @@ impl Writing<'_> {
             self.latch(&mut w, i);
         }
         self.program(w, &c.instant, place.state, 0, place.input, place.seen, &c.name)
+    }
+
+    /// Places of what a cluster is told where somebody looks at it.
+    fn told(&self, i: usize) -> Vec<usize> {
+        let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
+        let given = (0..c.inputs.len()).filter(|_| c.period.is_none()).map(|k| place.input + c.given_at() + GIVEN * k);
+        [place.input].into_iter().chain(given).collect()
     }
 
     /// Tells a cluster what is given from outside now. What it is told is constant: of value, slope and instant, the

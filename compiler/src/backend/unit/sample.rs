@@ -6,6 +6,7 @@ use super::{Writing, programs};
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 use bond_runtime::ir::Unary;
+use bond_runtime::scene::GIVEN;
 use bond_runtime::simulate::{FORGET, RECURRENCE, TERMS};
 
 impl Writing<'_> {
@@ -63,7 +64,40 @@ impl Writing<'_> {
                 w.keep(left, rest);
             }
         }
+        // A run within this program says so when it gets there; who sets signals can mend them only before.
+        if !self.full {
+            for &i in &order {
+                w = self.foretell(w, i)?;
+            }
+        }
         Ok(w)
+    }
+
+    /// Fails where a sampled cluster has been told what its next step must fail for: a signal from outside that is no
+    /// number, or that leads to a next value which is none. What it was told stays until that step is taken, so that
+    /// the scene could not go on any more.
+    fn foretell(&mut self, w: Writer, i: usize) -> Result<Writer, String> {
+        let c = &self.scene.clusters[i];
+        if c.inputs.is_empty() {
+            return Ok(w);
+        }
+        let (place, period) = (self.clusters[i].clone(), self.plan.steps[i].h);
+        self.when_sampled(w, i, |this, mut w| {
+            for k in 0..c.inputs.len() {
+                let x = w.kept(place.input + c.given_at() + GIVEN * k);
+                let sound = w.finite(x);
+                w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
+            }
+            if !c.ports.is_empty() {
+                return Ok(w); // what will have moved is not known yet
+            }
+            let (count, one, length) = (w.kept(place.count), w.number(1.0), w.number(period));
+            let last = w.sub(count, one);
+            let t = w.mul(last, length);
+            w.keep(place.input, t);
+            w.keep(place.input + 1, length);
+            this.program(w, &c.step.program, place.state, place.next, place.input, place.output, &c.name)
+        })
     }
 
     /// Whether a sampled cluster takes a sample now.
@@ -82,6 +116,33 @@ impl Writing<'_> {
         f: impl FnOnce(&mut Self, Writer) -> Result<Writer, String>,
     ) -> Result<Writer, String> {
         let due = self.due(&mut w, i);
+        self.when(w, due, f)
+    }
+
+    /// As [`Self::when_due`], once the intervals that are left until the next sample are counted anew.
+    fn when_sampled(
+        &mut self,
+        mut w: Writer,
+        i: usize,
+        f: impl FnOnce(&mut Self, Writer) -> Result<Writer, String>,
+    ) -> Result<Writer, String> {
+        let ratio = self.plan.ratio[i];
+        let just = match ratio {
+            1 => Cond::Known(true),
+            _ => {
+                let (left, full) = (w.kept(self.clusters[i].left), w.number(f64::from(ratio - 1)));
+                w.eq(left, full)
+            }
+        };
+        self.when(w, just, f)
+    }
+
+    fn when(
+        &mut self,
+        mut w: Writer,
+        due: Cond,
+        f: impl FnOnce(&mut Self, Writer) -> Result<Writer, String>,
+    ) -> Result<Writer, String> {
         if due.known().is_some() {
             return f(self, w); // in each interval
         }
