@@ -1,14 +1,30 @@
 //! Who said what cannot be done: the command line, or a model.
 
 use crate::stop::Stop;
+use bond::Compiled;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
 
 /// Who said it, and so where it is mended.
 #[derive(Clone, Copy, Debug)]
 pub enum By<'a> {
     /// The command line: status 2.
     Line,
-    /// A model, shown by this name: status 1.
+    /// A model whose text is not at hand, shown by this name: status 1.
     Model(&'a str),
+    /// A model with its text: status 1, at the place that says it.
+    Text(&'a Compiled),
+}
+
+/// What somebody said.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Said {
+    /// The length of a step.
+    Step,
+    /// The distance of rows.
+    Every,
+    /// The period of a sampled region, s.
+    Period(f64),
 }
 
 impl By<'_> {
@@ -21,7 +37,7 @@ impl By<'_> {
     pub fn setting(self, name: &str) -> String {
         match self {
             By::Line => format!("--{name}"),
-            By::Model(_) => format!("`{name}`"),
+            By::Model(_) | By::Text(_) => format!("`{name}`"),
         }
     }
 
@@ -29,15 +45,31 @@ impl By<'_> {
     pub fn place(self) -> &'static str {
         match self {
             By::Line => "",
-            By::Model(_) => " in `simulate`",
+            By::Model(_) | By::Text(_) => " in `simulate`",
         }
     }
 
-    /// The end of the command.
-    pub fn refuse(self, why: String) -> Stop {
+    /// The end of the command, for what was said, with the mend.
+    pub fn refuse(self, said: Said, why: String, mend: String) -> Stop {
         match self {
-            By::Line => Stop::Usage(why),
-            By::Model(name) => Stop::Model(format!("{name}: {why}")),
+            By::Line => Stop::Usage(format!("{why}; {mend}")),
+            By::Model(name) => Stop::Model(format!("{name}: {why}; {mend}")),
+            By::Text(compiled) => {
+                let span = place(compiled, said);
+                let error = Diagnostic::error("simulate::steps", span, why).help(mend);
+                Stop::Placed(Box::new((compiled.sources().clone(), error)))
+            }
         }
     }
+}
+
+/// Where a model says it; the model itself where it does not.
+fn place(compiled: &Compiled, said: Said) -> Span {
+    let model = &compiled.stages().model;
+    let span = match said {
+        Said::Step => model.settings.step_at,
+        Said::Every => model.settings.every_at,
+        Said::Period(period) => model.samplings.iter().find(|s| s.period == period).map(|s| s.span),
+    };
+    span.unwrap_or(model.span)
 }

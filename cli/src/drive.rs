@@ -1,6 +1,6 @@
 //! Runs a simulation through the instants of its rows.
 
-use crate::blame::By;
+use crate::blame::{By, Said};
 use crate::rows::Rows;
 use crate::stop::Stop;
 use crate::summary::short;
@@ -16,24 +16,22 @@ const STEPS: f64 = 1e10;
 /// # Errors
 /// A step or a period that is tiny against the run.
 pub fn possible(scene: &Scene, options: &Options, stop: f64, by: By) -> Result<(), Stop> {
-    let refuse = |steps: f64, what: String, longer: &str| {
+    let refuse = |steps: f64, what: String, said: Said, longer: &str| {
         // Written so that NaN is refused too.
         if steps <= STEPS {
             return Ok(());
         }
-        Err(by.refuse(format!(
-            "{what} would make {steps:.1e} steps in {} s, at most {STEPS:.0e} are done; take a longer {longer} or a shorter {}{}",
-            short(stop),
-            by.setting("stop"),
-            by.place()
-        )))
+        let why = format!("{what} would make {steps:.1e} steps in {} s, at most {STEPS:.0e} are done", short(stop));
+        let mend = format!("take a longer {longer} or a shorter {}{}", by.setting("stop"), by.place());
+        Err(by.refuse(said, why, mend))
     };
     if let Some(h) = options.step {
-        refuse(stop / h, format!("steps of {} s", short(h)), &by.setting("step"))?;
+        refuse(stop / h, format!("steps of {} s", short(h)), Said::Step, &by.setting("step"))?;
     }
     for c in &scene.clusters {
         if let Some(period) = c.period {
-            refuse(stop / period, format!("the period {} s of `{}`", short(period), c.name), "period")?;
+            let what = format!("the period {} s of `{}`", short(period), c.name);
+            refuse(stop / period, what, Said::Period(period), "period")?;
         }
     }
     Ok(())

@@ -115,6 +115,10 @@ fn done(result: Result<(), Stop>) -> u8 {
             report::error(&message);
             1
         }
+        Err(Stop::Placed(placed)) => {
+            report::diagnostics(&placed.0, std::slice::from_ref(&placed.1));
+            1
+        }
         Err(Stop::Numerics(message)) => {
             report::error(&message);
             3

@@ -1,6 +1,6 @@
 //! The instants of the rows of output.
 
-use crate::blame::By;
+use crate::blame::{By, Said};
 use crate::stop::Stop;
 
 /// More rows than this are refused.
@@ -68,11 +68,9 @@ impl Rows {
             Grid::Parts(n) => f64::from(n),
         };
         if points.is_nan() || points > ROWS {
-            return Err(by.refuse(format!(
-                "that would be {points:.1e} rows, at most {ROWS:.0e} are written; take a longer {}{}",
-                by.setting("every"),
-                by.place()
-            )));
+            let why = format!("that would be {points:.1e} rows, at most {ROWS:.0e} are written");
+            let mend = format!("take a longer {}{}", by.setting("every"), by.place());
+            return Err(by.refuse(Said::Every, why, mend));
         }
         Ok(Self { grid, stop, count: points as u64, at, k: 0, i: 0 })
     }

@@ -1,6 +1,8 @@
 //! Why a command ends early.
 
 use bond::RunError;
+use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Sources;
 
 /// Why a command ends early, and with which status.
 #[derive(Debug)]
@@ -11,6 +13,8 @@ pub enum Stop {
     Usage(String),
     /// The model is wrong: status 1.
     Model(String),
+    /// The model is wrong at a place of its text: status 1.
+    Placed(Box<(Sources, Diagnostic)>),
     /// The numerics failed: status 3.
     Numerics(String),
     /// Nobody reads standard output any more: a quiet end.
@@ -22,6 +26,7 @@ impl Stop {
     pub fn words(&self) -> Option<&str> {
         match self {
             Stop::Usage(why) | Stop::Model(why) | Stop::Numerics(why) => Some(why),
+            Stop::Placed(placed) => Some(&placed.1.message),
             Stop::Said(_) | Stop::Pipe => None,
         }
     }
@@ -30,7 +35,7 @@ impl Stop {
     pub fn told(self) -> Self {
         match self {
             Stop::Usage(_) => Stop::Said(2),
-            Stop::Model(_) => Stop::Said(1),
+            Stop::Model(_) | Stop::Placed(_) => Stop::Said(1),
             Stop::Numerics(_) => Stop::Said(3),
             other @ (Stop::Said(_) | Stop::Pipe) => other,
         }

@@ -20,7 +20,7 @@ pub mod structure;
 pub mod units;
 
 use bond_grammar::ast::Item;
-use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::diagnostic::{Diagnostic, once};
 use bond_grammar::source::{SourceId, Sources};
 use bond_runtime::scene::Scene;
 use causality::Causality;
@@ -137,8 +137,12 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
 /// What is made of a model before its step programs.
 type Structured = (Model, BondGraph, Causality, Form);
 
-/// The graph, the strokes and the form.
-fn structured(mut model: Model) -> Result<Structured, Vec<Diagnostic>> {
+/// The graph, the strokes and the form. What is wrong in every round of a loop is said once.
+fn structured(model: Model) -> Result<Structured, Vec<Diagnostic>> {
+    to_form(model).map_err(once)
+}
+
+fn to_form(mut model: Model) -> Result<Structured, Vec<Diagnostic>> {
     let graph = graph::build(&model);
     let within = graph.bars_within(&model);
     if !within.is_empty() {
@@ -172,7 +176,7 @@ fn all_errors(Broken { mut errors, model }: Broken, options: &Options) -> Vec<Di
     // Where a unit is wrong, so may be the number, and by numbers goes the form.
     let later = if errors.iter().any(|e| e.code.starts_with("units::")) {
         let graph = graph::build(&model);
-        causality::assign(&mut model, &graph, &[]).err()
+        causality::assign(&mut model, &graph, &[]).err().map(once)
     } else {
         structured(*model).err()
     };

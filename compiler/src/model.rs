@@ -399,6 +399,10 @@ pub struct Settings {
     pub tolerance: Option<f64>,
     /// Distance of the rows of output, s.
     pub every: Option<f64>,
+    /// Where `step` is said.
+    pub step_at: Option<Span>,
+    /// Where `every` is said.
+    pub every_at: Option<Span>,
     /// Length of a step, or of a long one of those that are fitted, of the run that programs are made for, s.
     pub pace: f64,
 }

@@ -1,6 +1,7 @@
 //! What is wrong with a model, where, and how to mend it.
 
 use crate::source::{Sources, Span};
+use std::collections::HashSet;
 use std::fmt;
 
 /// A place and what is to be said of it.
@@ -25,6 +26,13 @@ pub struct Diagnostic {
     pub labels: Vec<Label>,
     /// The mend.
     pub help: Option<String>,
+}
+
+/// The first error of each code at the same places: rounds of a loop and instances of a model only repeat it.
+pub fn once(mut errors: Vec<Diagnostic>) -> Vec<Diagnostic> {
+    let mut told = HashSet::new();
+    errors.retain(|e| told.insert((e.code, e.labels.iter().map(|l| l.span).collect::<Vec<_>>())));
+    errors
 }
 
 impl Diagnostic {

@@ -61,6 +61,9 @@ pub(crate) fn no_body(scan: &Scan, head: Range<usize>) -> Diagnostic {
 pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
     let found = scan.word(range.start);
     let span = scan.span_of(range.start);
+    if found == "#" || notation::opens_comment(scan, range.start) {
+        return notation::no_comment(scan, range.start);
+    }
     if near(found, &["model", "use"]).is_some_and(|word| word != found) {
         let word = near(found, &["model", "use"]).unwrap_or("model");
         let message = format!("`{found}` begins nothing that a file may hold");
@@ -79,12 +82,15 @@ pub(crate) fn refused(scan: &Scan, piece: Piece, range: Range<usize>, refused: R
     let at = scan.token_at(refused.at).clamp(range.start, range.end);
     let wreck = Wreck { scan, piece, range, at };
     let checks = [
+        Wreck::block_comment,
         Wreck::strange,
         Wreck::reserved_name,
         Wreck::arrow,
+        Wreck::bond_name,
         Wreck::operator,
         Wreck::colon,
         Wreck::spaced_unit,
+        Wreck::dotted_unit,
         Wreck::exponent,
         Wreck::equals,
         Wreck::chain_value,
@@ -179,7 +185,11 @@ impl<'a> Wreck<'a> {
             _ => return None,
         };
         let message = format!("{what} is expected after `{word}`, but {}", self.found());
-        let error = self.error("syntax::value", self.at, message).help(help);
+        let mut error = self.error("syntax::value", self.at, message).help(help);
+        if self.kind(self.at) == Some(Kind::Text) {
+            let bare = self.word(self.at).trim_matches('"');
+            error = error.help(format!("quotes are for paths alone: write `{bare}`"));
+        }
         Some(match self.word(self.at) {
             "" => error.here(format!("nothing follows `{word}`")),
             _ => error,
@@ -225,6 +235,11 @@ impl<'a> Wreck<'a> {
             word => format!("`{word}` does not fit after `{before}` in this {what}"),
         };
         let error = self.error("syntax::unexpected", self.at, message);
+        if self.at > self.range.start && STATEMENTS.contains(&self.word(self.at)) {
+            let word = self.word(self.at);
+            let name = if matches!(word, "let" | "probe" | "input" | "state") { " name =" } else { "" };
+            return error.help(format!("complete the statement that `{word}` begins: `{word}{name} ...`"));
+        }
         let operand = |index| self.scan.ends_operand(index) && self.range.contains(&index);
         let starts = self.word(self.at).starts_with(|c: char| is_symbol_start(c) || c.is_ascii_digit() || c == '(');
         if self.at > self.range.start && operand(self.before()) && starts && self.in_value(self.at) {

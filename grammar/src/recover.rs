@@ -172,6 +172,11 @@ impl Recovery<'_, '_> {
                 continue;
             }
             let end = self.cut(start, range.end);
+            if let Some((statement, end)) = self.first_of_several(start..end) {
+                statements.push(statement);
+                start = end;
+                continue;
+            }
             match self.statement(start..end) {
                 Some(statement) => statements.push(statement),
                 None => self.lose(start..end),
@@ -213,6 +218,40 @@ impl Recovery<'_, '_> {
             }
         }
         None
+    }
+
+    /// The first of several statements that seemed to be one, where the next one is whole too, and where that begins:
+    /// what is wrong comes later.
+    fn first_of_several(&mut self, range: Range<usize>) -> Option<(Statement, usize)> {
+        if self.vain > IN_VAIN || self.brackets.broken(range.clone()) {
+            return None;
+        }
+        let next = self.refused_at(range.clone())?;
+        let after = self.refused_at(next..range.end)?;
+        self.whole(next..after)?;
+        self.whole(range.start..next).map(|statement| (statement, next))
+    }
+
+    /// A slice as one statement of which nothing is to be said.
+    fn whole(&mut self, range: Range<usize>) -> Option<Statement> {
+        let told = self.reader.errors.len();
+        let (from, to) = self.bytes(&range);
+        let read = self.reader.one_statement(from, to).ok();
+        let good = self.reader.errors.len() == told;
+        self.reader.errors.truncate(told);
+        read.filter(|_| good)
+    }
+
+    /// The token at which a slice is refused as one statement, if not at its first one, nor for being too large.
+    fn refused_at(&mut self, range: Range<usize>) -> Option<usize> {
+        let (from, to) = self.bytes(&range);
+        let told = self.reader.errors.len();
+        let refused = self.reader.one_statement(from, to).err();
+        self.reader.errors.truncate(told);
+        let refused = refused.filter(|refused| !refused.limit)?;
+        let at = self.scan.token_at(refused.at);
+        self.vain += at.max(range.start) - range.start;
+        (range.start < at && at < range.end).then_some(at)
     }
 
     /// Keeps in mind what a statement that could not be read seems to declare.

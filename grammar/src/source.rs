@@ -46,9 +46,13 @@ impl Sources {
         Self::default()
     }
 
-    /// Adds a text; a newline is added at its end if there is none.
+    /// Adds a text; a newline is added at its end if there is none, and a byte order mark, which is none of its
+    /// characters, is left out.
     pub fn add(&mut self, name: impl Into<String>, text: impl Into<String>) -> SourceId {
         let mut text = text.into();
+        if text.starts_with('\u{FEFF}') {
+            text.drain(..'\u{FEFF}'.len_utf8());
+        }
         if !text.ends_with('\n') {
             text.push('\n');
         }

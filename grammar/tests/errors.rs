@@ -46,7 +46,7 @@ fn elements_and_bonds() {
     check("I mass = 1 kg", "colon", "`I:mass`");
     check("1 v -> mass", "colon", "`1:v`");
     check("a -> 1 v", "colon", "`1:v`");
-    check("I: = 3", "name", "KIND:name");
+    check("I: = 3", "name", "`I:name = ...`");
     check("Se:u 5 V", "equals", "`Se:u = ...`");
     check("a => b", "arrow", "`->`");
     check("a --> b", "arrow", "`->`");

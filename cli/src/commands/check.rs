@@ -50,8 +50,12 @@ pub fn check(args: &Args) -> Result<(), Stop> {
         };
         let text = Text::new(&name, text);
         match input::options(&args.which, &input::Set::default())?.compile_text(&text) {
-            Ok(compiled) => match feasible(&name, &compiled) {
+            Ok(compiled) => match feasible(&compiled) {
                 Ok(()) => report::say(&fine(&name, &compiled)),
+                Err(Stop::Placed(placed)) => {
+                    tell(args.message_format, &placed.0, std::slice::from_ref(&placed.1))?;
+                    status = status.max(1);
+                }
                 Err(stop) => status = status.max(alone(args.message_format, path, "simulate::steps", stop)?),
             },
             // A file that others use need not have a model.
@@ -60,14 +64,7 @@ pub fn check(args: &Args) -> Result<(), Stop> {
             }
             Err(errors) => {
                 status = status.max(input::status(&errors));
-                match args.message_format {
-                    Format::Text => report::diagnostics(errors.sources(), errors.list()),
-                    Format::Json => {
-                        for d in errors.list() {
-                            line(&Message::new(errors.sources(), d))?;
-                        }
-                    }
-                }
+                tell(args.message_format, errors.sources(), errors.list())?;
             }
         }
     }
@@ -82,11 +79,24 @@ fn fine(name: &str, compiled: &Compiled) -> String {
 }
 
 /// Whether it can be run as it says itself.
-fn feasible(name: &str, compiled: &Compiled) -> Result<(), Stop> {
-    let (settings, by) = (&compiled.stages().model.settings, By::Model(name));
+fn feasible(compiled: &Compiled) -> Result<(), Stop> {
+    let (settings, by) = (&compiled.stages().model.settings, By::Text(compiled));
     let stop = settings.stop.unwrap_or(1.0);
     Rows::new(stop, Grid::asked(None, settings.every, &[]), &[], by)?;
     drive::possible(compiled.scene(), &Steps::new().resolve(settings, stop, settings.every)?, stop, by)
+}
+
+/// Says what is wrong with a file at places of its text.
+fn tell(format: Format, sources: &Sources, list: &[Diagnostic]) -> Result<(), Stop> {
+    match format {
+        Format::Text => report::diagnostics(sources, list),
+        Format::Json => {
+            for d in list {
+                line(&Message::new(sources, d))?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Says what is wrong with a file at no place in its text, and gives the status of that.

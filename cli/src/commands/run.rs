@@ -164,8 +164,7 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     }
     let compiled = compile(args, options)?;
     unused(&args.how, compiled.used())?;
-    let name = input::name(&args.file);
-    let by = By::Model(&name).unless(!args.set.set.is_empty());
+    let by = By::Text(&compiled).unless(!args.set.set.is_empty());
     simulate(compiled.scene(), &compiled.stages().model.settings, &args.how, by)
 }
 

@@ -219,6 +219,7 @@ fn first(errors: &Errors) -> String {
 fn words(stop: &Stop) -> String {
     match stop {
         Stop::Usage(why) | Stop::Model(why) | Stop::Numerics(why) => why.clone(),
+        Stop::Placed(placed) => placed.1.message.clone(),
         Stop::Said(status) => format!("status {status}"),
         Stop::Pipe => "nobody reads".into(),
     }

@@ -32,6 +32,14 @@ fn json_has_one_object_a_line() {
     assert_eq!(done.out.lines().count(), 1);
 }
 
+/// A byte order mark is no character of the first line.
+#[test]
+fn a_byte_order_mark_moves_no_column() {
+    let here = Folder::new().with("a.bond", "\u{feff}model A { Se:u = 1 kgg; R:r = 1 Ohm; u -> r }\n");
+    here.bond(&["check", "a.bond"]).is(1, &[], &["a.bond:1:20"]);
+    here.bond(&["check", "a.bond", "--message-format", "json"]).is(1, &["\"line\":1,\"column\":20"], &[]);
+}
+
 /// The status is that of the models, whoever reads what is said of them.
 #[test]
 fn a_closed_pipe_does_not_make_it_good() {

@@ -163,7 +163,7 @@ fn work_without_end_that_the_model_asks_for() {
         ("sampled", "the period 1e-12 s of `r`", "a longer period"),
     ] {
         let file = format!("{name}.bond");
-        let told = [&format!("{file}: "), what, mend];
+        let told = [&format!("{file}:"), what, mend];
         here.bond(&["run", &file]).is(1, &[], &told);
         here.bond(&["check", &file]).is(1, &[], &told);
         here.bond(&["bench", &file, "--stop", "1h", "--steps", "1e-12"]).is(2, &[], &["at most"]);
@@ -171,11 +171,42 @@ fn work_without_end_that_the_model_asks_for() {
     for file in ["step.bond", "every.bond"] {
         here.bond(&["test", file]).is(1, &["cannot run: "], &[]);
     }
-    here.bond(&["check", "step.bond", "--message-format", "json"]).is(1, &["\"code\":\"simulate::steps\""], &[]);
+    let place = "\"code\":\"simulate::steps\"";
+    for (file, line) in [("step.bond", "\"line\":8"), ("every.bond", "\"line\":8"), ("sampled.bond", "\"line\":2")] {
+        here.bond(&["check", file, "--message-format", "json"]).is(1, &[place, line], &[]);
+    }
     here.bond(&["run", "step.bond", "--step", "1ms", "--stop", "1s"]).is(0, &[], &[]);
     here.bond(&["run", "every.bond", "--every", "1ms", "--stop", "1s"]).is(0, &[], &[]);
     here.bond(&["run", "step.bond", "--set", "k=1"]).is(2, &[], &["--step"]);
     here.bond(&["run", "step.bond", "--stop", "1h"]).is(2, &[], &["--stop"]);
+}
+
+/// Names that lead to names: as deep as the stack allows, and an error with a place beyond.
+#[test]
+fn values_that_go_through_many_names() {
+    let rows = |n: usize, term: &str| -> Vec<String> {
+        (0..n).map(|i| format!("a{i} = {}", term.replace('x', &format!("a{}", i + 1)))).collect()
+    };
+    let lets = |n: usize, term: &str| {
+        let rows: Vec<String> = rows(n, term).into_iter().map(|row| format!("let {row}\n")).collect();
+        format!("model A {{ Se:u = 1 V * a0\n R:r = 1 Ohm\n u -> r\n {} let a{n} = r.f/1 A }}\n", rows.concat())
+    };
+    let params = |n: usize| {
+        format!("model A({}, a{n} = 1) {{ Se:u = 1 V * a0\n R:r = 1 Ohm\n u -> r }}\n", rows(n, "x + 1").join(", "))
+    };
+    let here = Folder::new()
+        .with("lets.bond", lets(80_000, "x + 1"))
+        .with("params.bond", params(80_000))
+        .with("fewer.bond", params(20_000));
+    for command in ["check", "show", "run"] {
+        here.bond(&[command, "lets.bond"]).is(
+            1,
+            &[],
+            &["lets.bond:", "elaborate::limit", "values are nested too deep"],
+        );
+        here.bond(&[command, "params.bond"]).is(1, &[], &["params.bond:", "values are nested too deep"]);
+    }
+    here.bond(&["check", "fewer.bond"]).is(0, &[], &[]);
 }
 
 #[test]

@@ -8,10 +8,13 @@ use bond_grammar::diagnostic::Diagnostic;
 const NO_EFFORT: &str = "gets no effort: every bond of it brings a flow";
 const NO_FLOW: &str = "gets no flow: every bond of it brings an effort";
 
+/// Bonds along which a stroke came, nearest first, and what began it.
+type Chain = (Vec<BondId>, Cause);
+
 /// Where two causes met, each with the bonds that carried it there, nearest first.
 pub(super) struct Conflict {
     place: Option<ElementId>,
-    chains: Vec<(Vec<BondId>, Cause)>,
+    chains: Vec<Chain>,
     met: Option<BondId>,
     what: &'static str,
 }
@@ -19,6 +22,7 @@ pub(super) struct Conflict {
 impl Conflict {
     /// A bond that has a stroke and is asked for the other.
     pub(super) fn new(a: &Assignment, bond: BondId, cause: Cause) -> Self {
+        let place = ruled(cause).or_else(|| ruled(a.causes[bond.at()]));
         let mut first = chain(a, bond);
         let mut second = (vec![bond], cause);
         if let Cause::Rule(_, from) = cause {
@@ -26,32 +30,30 @@ impl Conflict {
             second.0.extend(rest.0);
             second.1 = rest.1;
         }
-        let place = match cause {
-            Cause::Rule(junction, _) => Some(junction),
-            Cause::Source(_) | Cause::Asserted | Cause::Law(_) | Cause::Hold | Cause::Storage(_) | Cause::Free => {
-                let b = a.model.bond(bond);
-                [b.tail, b.head]
-                    .into_iter()
-                    .find(|e| matches!(a.model.element(*e).kind, Kind::Zero | Kind::One | Kind::Tf | Kind::Gy))
+        let kind = place.map(|p| a.model.element(p).kind);
+        let what = match (place.zip(kind.and_then(propagate::common)), kind) {
+            // What meets at a junction is asked to give it the common variable once more, or the other one, so that
+            // nothing is left that gives the common one.
+            (Some((p, common)), Some(kind)) => {
+                let brings = a.gives(bond, p) == Some(common.other());
+                let lacks = if ruled(cause).is_some() { !brings } else { brings };
+                if lacks {
+                    return Self::lacking(a, (p, kind), (bond, second));
+                }
+                twice(kind)
             }
-        };
-        // A source that gives a junction not its common variable but the other one leaves it without.
-        let lacks = match (cause, place) {
-            (Cause::Source(e), Some(p)) if a.model.bond(bond).other(e) == p => {
-                super::forced(a.model.element(e).kind) != propagate::common(a.model.element(p).kind)
-            }
-            _ => false,
-        };
-        let what = match (place.map(|p| a.model.element(p).kind), lacks) {
-            (Some(Kind::Zero), false) => "gets two efforts",
-            (Some(Kind::One), false) => "gets two flows",
-            (Some(Kind::Zero), true) => NO_EFFORT,
-            (Some(Kind::One), true) => NO_FLOW,
             _ => "is asked for both causalities",
         };
         first.0.truncate(64);
         second.0.truncate(64);
         Self { place, chains: vec![first, second], met: Some(bond), what }
+    }
+
+    /// A junction that a bond was to give its common variable, and is asked for the other one.
+    fn lacking(a: &Assignment, (junction, kind): (ElementId, Kind), (bond, asked): (BondId, Chain)) -> Self {
+        let others = a.graph.bonds_of[junction.at()].iter().filter(|b| **b != bond).take(7);
+        let chains = others.map(|b| chain(a, *b)).chain([asked]).collect();
+        Self { place: Some(junction), chains, met: Some(bond), what: none(kind) }
     }
 
     /// A junction that gets its common variable twice.
@@ -62,15 +64,13 @@ impl Conflict {
         for b in a.graph.bonds_of[junction.at()].iter().filter(|b| a.gives(**b, junction) == Some(wanted)) {
             chains.push(chain(a, *b));
         }
-        let what = if kind == Kind::Zero { "gets two efforts" } else { "gets two flows" };
-        Self { place: Some(junction), chains, met: None, what }
+        Self { place: Some(junction), chains, met: None, what: twice(kind) }
     }
 
     /// A junction all of whose bonds take and none gives.
     pub(super) fn no_giver(a: &Assignment, junction: ElementId, _: BondId) -> Self {
         let chains = a.graph.bonds_of[junction.at()].iter().take(8).map(|b| chain(a, *b)).collect();
-        let what = if a.model.element(junction).kind == Kind::Zero { NO_EFFORT } else { NO_FLOW };
-        Self { place: Some(junction), chains, met: None, what }
+        Self { place: Some(junction), chains, met: None, what: none(a.model.element(junction).kind) }
     }
 
     /// What began it, sorted: two conflicts of the same causes are one.
@@ -78,6 +78,17 @@ impl Conflict {
         let mut list: Vec<String> = self.chains.iter().map(|c| format!("{:?}", c.1)).collect();
         list.sort();
         list
+    }
+
+    /// The mend of a junction that lacks its common variable.
+    fn giver(&self, a: &Assignment) -> String {
+        let (what, such) = if self.what == NO_EFFORT { ("effort", "a C or an R") } else { ("flow", "an I or an R") };
+        let bond = format!("bond something that gives {what} to it, such as {such}");
+        let asserted = self.chains.iter().find(|c| c.1 == Cause::Asserted).and_then(|c| c.0.last());
+        match asserted.map(|b| &a.model.bond(*b).name) {
+            Some(name) => format!("take the stroke of the bond {name} off, `->`, or {bond}"),
+            None => format!("the graph is not determined: {bond}"),
+        }
     }
 
     /// In words.
@@ -127,11 +138,8 @@ impl Conflict {
                 d = d.label(model.bond(*b).span, format!("carries what {name} gives, along {}", model.bond(*b).name));
             }
         }
-        if self.what == NO_EFFORT {
-            return d.help("the graph is not determined: bond something that gives effort to it, such as a C or an R");
-        }
-        if self.what == NO_FLOW {
-            return d.help("the graph is not determined: bond something that gives flow to it, such as an I or an R");
+        if self.what == NO_EFFORT || self.what == NO_FLOW {
+            return d.help(self.giver(a));
         }
         d.help(match self.place.map(|p| model.element(p).kind) {
             Some(Kind::Zero) => {
@@ -145,8 +153,26 @@ impl Conflict {
     }
 }
 
+/// What a junction says that gets its common variable twice.
+fn twice(kind: Kind) -> &'static str {
+    if kind == Kind::Zero { "gets two efforts" } else { "gets two flows" }
+}
+
+/// What a junction says that nothing gives its common variable.
+fn none(kind: Kind) -> &'static str {
+    if kind == Kind::Zero { NO_EFFORT } else { NO_FLOW }
+}
+
+/// The element by whose rule a bond has its stroke.
+fn ruled(cause: Cause) -> Option<ElementId> {
+    match cause {
+        Cause::Rule(element, _) => Some(element),
+        Cause::Source(_) | Cause::Asserted | Cause::Law(_) | Cause::Hold | Cause::Storage(_) | Cause::Free => None,
+    }
+}
+
 /// The bonds along which the stroke of a bond came, nearest first, and what began it.
-fn chain(a: &Assignment, bond: BondId) -> (Vec<BondId>, Cause) {
+fn chain(a: &Assignment, bond: BondId) -> Chain {
     let (mut bonds, mut at) = (vec![bond], bond);
     loop {
         match a.causes[at.at()] {

@@ -219,9 +219,9 @@ impl<'a> Assignment<'a> {
                     error = error.label(self.model.bond(*b).span, format!("is the bond {}", self.model.bond(*b).name));
                 }
                 errors.push(error.help(format!(
-                    "the bonds {} leave it free; bond an element that gives {what}, such as a {}",
+                    "the bonds {} leave it free; bond an element that gives {what}, such as {}",
                     list.join(", "),
-                    if common == Variable::Effort { "C or R" } else { "I or R" }
+                    if common == Variable::Effort { "a C or an R" } else { "an I or an R" }
                 )));
             }
         }

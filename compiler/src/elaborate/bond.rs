@@ -1,7 +1,7 @@
 //! Bonds as they are written: chains of ends, and the paths that lead to them.
 
 use super::suggest::nearest;
-use super::{Elaborator, Entity, RawBond, RawEnd, ScopeId};
+use super::{Elaborator, Entity, RawBond, RawEnd, ScopeId, Sought};
 use bond_grammar::ast::{Chain, End, Path, Segment};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -182,7 +182,8 @@ impl<'a> Elaborator<'a> {
     pub(super) fn walk(&mut self, path: &'a Path, scope: ScopeId) -> Option<(usize, String, Entity, Span)> {
         let mut at = self.scopes[scope].instance;
         for (i, segment) in path.segments.iter().enumerate() {
-            let (key, entity, span) = self.find(at, segment, scope, i > 0)?;
+            let sought = if i > 0 { Sought::Part } else { Sought::Element };
+            let (key, entity, span) = self.find(at, segment, scope, sought)?;
             if i + 1 == path.segments.len() {
                 return Some((at, key, entity, span));
             }
@@ -247,7 +248,7 @@ impl<'a> Elaborator<'a> {
         at: usize,
         segment: &'a Segment,
         scope: ScopeId,
-        inside: bool,
+        sought: Sought,
     ) -> Option<(String, Entity, Span)> {
         let key = self.key(&segment.name.text, &segment.index, scope)?;
         if let Some((entity, span)) = self.instances[at].names.get(&key) {
@@ -256,38 +257,68 @@ impl<'a> Elaborator<'a> {
         if self.is_lost(at, &segment.name.text) {
             return None;
         }
-        let model = self.files.model(self.instances[at].model);
-        let names = &self.instances[at].names;
-        let span = segment.name.span;
-        let mut error = if inside {
-            let what = model.map(|m| m.name.text.as_str()).unwrap_or("");
-            let ports = self.port_names(at);
-            let mut e = Diagnostic::error(
-                "elaborate::unknown",
-                span,
-                format!("`{}` (a `{what}`) has no port or part `{key}`", self.instances[at].path),
-            );
-            if let Some(m) = model {
-                e = e.label(m.name.span, "is the model");
-            }
-            if !ports.is_empty() && nearest(&key, names.keys().map(String::as_str)).is_none() {
-                e = e.help(format!("its ports are {}", ports.join(", ")));
-            }
-            e
-        } else {
-            Diagnostic::error("elaborate::unknown", span, format!("there is no `{key}` here"))
-        };
-        let mut known: Vec<&str> = names.keys().map(String::as_str).collect();
-        known.sort_unstable();
-        if let Some(n) = nearest(&key, known) {
-            error = error.help(format!("did you mean `{n}`?"));
-        } else if model.is_none() {
-            error = error
-                .help("a function outside of models sees its arguments and other functions; pass it as an argument");
-        } else if error.help.is_none() {
-            error = error.help(format!("declare it, for instance as `1:{key}`, or check the spelling"));
-        }
+        let error = self.unknown(at, segment, &key, sought);
         self.errors.push(error);
         None
+    }
+
+    /// What is said of a name that an instance does not have.
+    fn unknown(&self, at: usize, segment: &Segment, key: &str, sought: Sought) -> Diagnostic {
+        let span = segment.name.span;
+        let model = self.files.model(self.instances[at].model);
+        let mut known: Vec<&str> = self.instances[at].names.keys().map(String::as_str).collect();
+        known.sort_unstable();
+        let meant = match self.indices(segment, &known) {
+            Some(range) => Some(range),
+            None => nearest(key, known.iter().copied()).map(|n| format!("did you mean `{n}`?")),
+        };
+        if sought == Sought::Part {
+            let what = model.map(|m| m.name.text.as_str()).unwrap_or("");
+            let message = format!("`{}` (a `{what}`) has no port or part `{key}`", self.instances[at].path);
+            let mut error = Diagnostic::error("elaborate::unknown", span, message);
+            if let Some(m) = model {
+                error = error.label(m.name.span, "is the model");
+            }
+            let ports = self.port_names(at);
+            return match meant {
+                Some(meant) => error.help(meant),
+                None if !ports.is_empty() => error.help(format!("its ports are {}", ports.join(", "))),
+                None => {
+                    error.help(format!("declare it in the model, for instance as `1:{key}`, or check the spelling"))
+                }
+            };
+        }
+        let by_place =
+            if sought == Sought::Value { self.in_law(segment).or_else(|| self.as_unit(segment)) } else { None };
+        Diagnostic::error("elaborate::unknown", span, format!("there is no `{key}` here")).help(
+            match by_place.or(meant) {
+                Some(help) => help,
+                None if model.is_none() => {
+                    "a function outside of models sees its arguments and other functions; pass it as an argument".into()
+                }
+                None if sought == Sought::Value => {
+                    format!("declare it, for instance as `let {key} = ...`, or check the spelling")
+                }
+                None => format!("declare it, for instance as `1:{key}`, or check the spelling"),
+            },
+        )
+    }
+
+    /// Between which indices a name is declared, where it is with others than this one.
+    fn indices(&self, segment: &Segment, known: &[&str]) -> Option<String> {
+        let name = &segment.name.text;
+        if segment.index.is_empty() {
+            return None;
+        }
+        let numbers: Vec<i64> = known
+            .iter()
+            .filter_map(|k| k.strip_prefix(name.as_str())?.strip_prefix('[')?.strip_suffix(']')?.parse().ok())
+            .collect();
+        let (least, most) = (numbers.iter().min()?, numbers.iter().max()?);
+        Some(if least == most {
+            format!("there is only `{name}[{least}]`")
+        } else {
+            format!("`{name}` goes from `{name}[{least}]` to `{name}[{most}]`")
+        })
     }
 }

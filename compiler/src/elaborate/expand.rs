@@ -63,7 +63,7 @@ impl<'a> Elaborator<'a> {
         let instance = self.instances.len();
         let scope = self.new_scope(instance, None, None);
         let outer = args.map_or(instance, |(_, caller)| self.scopes[caller].instance);
-        self.instances.push(super::Instance::new(model, path, scope, outer));
+        self.instances.push(super::Instance::new(model, path, scope, outer, at));
         self.declare_params(instance, decl, args);
         if instance == 0 {
             self.file_functions();
@@ -133,7 +133,7 @@ impl<'a> Elaborator<'a> {
             let meant = strange && value.is_none() && overridden.is_none();
             let state = if meant { ParamState::Done(None) } else { ParamState::New };
             let given = !given.is_empty();
-            self.params.push(Param { name: full, span: p.name.span, value, given, state, overridden });
+            self.params.push(Param { name: full, span: p.name.span, instance, value, given, state, overridden });
             self.declare(scope, p.name.text.clone(), Entity::Param(index), p.name.span);
         }
     }

@@ -41,6 +41,21 @@ impl<'a> Elaborator<'a> {
         if text.chars().count() > 60 { format!("{}...", text.chars().take(57).collect::<String>()) } else { text }
     }
 
+    /// The words of an expression where it is to be an operand of `^`.
+    fn operand(&self, e: &ast::Expr) -> String {
+        match &e.kind {
+            ExprKind::Number { unit: None, .. } | ExprKind::Path(_) | ExprKind::Call(..) | ExprKind::Paren(_) => {
+                self.words(e)
+            }
+            ExprKind::Number { unit: Some(_), .. }
+            | ExprKind::Bool(_)
+            | ExprKind::Unary(..)
+            | ExprKind::Binary(..)
+            | ExprKind::If(..)
+            | ExprKind::List(_) => format!("({})", self.words(e)),
+        }
+    }
+
     pub(super) fn wrong<T>(&mut self, code: &'static str, span: Span, message: String, help: &str) -> Option<T> {
         self.errors.push(Diagnostic::error(code, span, message).help(help));
         None
@@ -78,12 +93,12 @@ impl<'a> Elaborator<'a> {
             return Some(x as i64);
         }
         let words = self.words(e);
-        self.wrong(
-            "elaborate::integer",
-            e.span,
-            format!("`{words}` is {}, and a whole number is needed", told(x)),
-            "round it",
-        )
+        if x.fract() == 0.0 {
+            let message = format!("`{words}` is {}, too large for a count or an index", told(x));
+            return self.wrong("elaborate::integer", e.span, message, "lower it: they reach to 9e15");
+        }
+        let message = format!("`{words}` is {}, and a whole number is needed", told(x));
+        self.wrong("elaborate::integer", e.span, message, "round it")
     }
 
     /// A condition that is known now.
@@ -126,6 +141,14 @@ impl<'a> Elaborator<'a> {
 
     /// A number or an array.
     pub(crate) fn value(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Value> {
+        self.depth += 1;
+        let found = self.value_of(e, scope);
+        self.depth -= 1;
+        found
+    }
+
+    #[inline]
+    fn value_of(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Value> {
         match &e.kind {
             ExprKind::Number { digits, unit } => self.quantity(digits, unit.as_ref(), e.span).map(Value::Scalar),
             ExprKind::Bool(b) => Some(Value::Scalar(Typed { expr: self.pool.int(i64::from(*b)), unit: Unit::one() })),
@@ -201,6 +224,7 @@ impl<'a> Elaborator<'a> {
             }
             Err(unknown) => {
                 let help = match &unknown.suggestion {
+                    _ if units::is_celsius(&unknown.symbol) => celsius(value, unit),
                     // No unit of the table, since `3 rad/s*t` would be one of it.
                     _ if unknown.symbol == "t" => {
                         "a tonne is `Mg`; if time is meant, put a space before the operator, as in `6 V * t`"
@@ -452,6 +476,11 @@ impl<'a> Elaborator<'a> {
                 let own = self.function_names(scope);
                 let mut error =
                     Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
+                if let ("pow", [base, exponent]) = (f, args) {
+                    let power = format!("{}^{}", self.operand(base), self.operand(exponent));
+                    self.errors.push(error.help(format!("a power is written with `^`: `{power}`")));
+                    return None;
+                }
                 error = match super::nearest(f, own.iter().map(String::as_str).chain(KNOWN)) {
                     Some(n) => error.help(format!("did you mean `{n}`?")),
                     None => error.help(format!("the functions are {}", KNOWN.join(", "))),
@@ -492,6 +521,21 @@ impl<'a> Elaborator<'a> {
         let symbol = self.signal(Signal::Integral(index));
         self.integrals.push(Integral { symbol, rate: rate.expr, start, span });
         Some(Typed { expr: self.pool.var(symbol), unit })
+    }
+}
+
+/// How a number of degrees Celsius is to be written.
+fn celsius(value: f64, unit: &ast::Unit) -> String {
+    match &unit.factors[..] {
+        [(_, (1, 1), _)] => {
+            let kelvin = libm::round((value + 273.15) * 1e9) / 1e9;
+            format!(
+                "there is no degree Celsius, which is more than a factor: as a temperature this is `{} K`, as a difference of two `{} K`",
+                told(kelvin),
+                told(value)
+            )
+        }
+        _ => "there is no degree Celsius; a difference of 1 °C is one of 1 K: write `K`".to_string(),
     }
 }
 

@@ -57,12 +57,13 @@ impl<'a> Elaborator<'a> {
     /// Makes the functions that stand outside of models, in a scope for each file that has no other names.
     pub(super) fn file_functions(&mut self) {
         let files = self.files;
+        let at = self.instances[0].span; // of these nothing says it
         for file in 0..files.list.len() {
             let instance = self.instances.len();
             let scope = self.new_scope(instance, None, None);
             // No item has this number, so that this is an instance of no model.
             let model = (file, usize::MAX);
-            self.instances.push(super::Instance::new(model, String::new(), scope, instance));
+            self.instances.push(super::Instance::new(model, String::new(), scope, instance, at));
             for (item, f) in files.functions_of(file) {
                 self.check_arguments(f);
                 self.functions.of_files.insert((file, item), self.functions.list.len());

@@ -1,6 +1,6 @@
 //! Takes the ports of instances out: the bond inside and the bond outside become one.
 
-use super::{Decl, Elaborator, RawEnd};
+use super::{Decl, Elaborator, PortDecl, RawEnd};
 use crate::model::{Bond, BondId, ElementId, Kind};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -9,9 +9,11 @@ impl Elaborator<'_> {
     /// Makes the flat bonds, and checks that everything is bonded as its kind asks for.
     pub(super) fn join_ports(&mut self) {
         let mut sound = vec![true; self.ports.len()];
+        let mut loose = Vec::new();
         for (p, sound) in sound.iter_mut().enumerate() {
-            *sound = self.port_is_sound(p);
+            *sound = self.port_is_sound(p, &mut loose);
         }
+        self.say_loose(loose);
         // Follow each chain of ports from its tail element to its head element.
         self.merged = vec![None; self.raw_bonds.len()];
         for start in 0..self.raw_bonds.len() {
@@ -148,8 +150,9 @@ impl Elaborator<'_> {
         }
     }
 
-    /// Whether a port has its two bonds. What is missing is said only where all bonds that are written could be made.
-    fn port_is_sound(&mut self, p: usize) -> bool {
+    /// Whether a port has its two bonds. What is missing is said only where all bonds that are written could be made;
+    /// what lacks the one outside is kept, to be said of all ports of an instance together.
+    fn port_is_sound(&mut self, p: usize, loose: &mut Vec<usize>) -> bool {
         let port = &self.ports[p];
         let (inside, outside) = (self.is_whole(port.instance), self.is_whole(self.instances[port.instance].outer));
         let (name, span) = (&port.name, port.span);
@@ -201,13 +204,31 @@ impl Elaborator<'_> {
                 false
             }
             (_, []) => {
-                self.errors.push(
-                    Diagnostic::error("elaborate::port", span, format!("the port `{name}` is not connected"))
-                        .help(format!("bond it outside, as in `1:v -> {name}`")),
-                );
+                loose.push(p);
                 false
             }
             _ => false,
+        }
+    }
+
+    /// Says which ports are not bonded outside, where their instance is declared: that is what its user can mend.
+    fn say_loose(&mut self, mut loose: Vec<usize>) {
+        loose.sort_by_key(|p| self.ports[*p].instance);
+        for ports in loose.chunk_by(|a, b| self.ports[*a].instance == self.ports[*b].instance) {
+            let ports: Vec<&PortDecl> = ports.iter().map(|p| &self.ports[*p]).collect();
+            let Some(instance) = ports.first().map(|p| &self.instances[p.instance]) else { continue };
+            let outer = &self.instances[instance.outer].path;
+            let names: Vec<String> = ports.iter().map(|p| format!("`{}`", p.name)).collect();
+            let (message, what) = match &names[..] {
+                [one] => (format!("the port {one} is not connected"), "it"),
+                _ => (format!("the ports {} are not connected", names.join(", ")), "them"),
+            };
+            let mut error = Diagnostic::error("elaborate::port", instance.span, message);
+            for p in &ports {
+                error = error.label(p.span, "is the port");
+            }
+            let mends: Vec<String> = ports.iter().map(|p| outside(p, outer)).collect();
+            self.errors.push(error.help(format!("bond {what} outside, as in {}", mends.join(", "))));
         }
     }
 
@@ -286,6 +307,15 @@ impl Elaborator<'_> {
                 );
             }
         }
+    }
+}
+
+/// A bond outside of a port, in the names of the instance at this path: its half arrow runs on as the one inside does.
+fn outside(port: &PortDecl, path: &str) -> String {
+    let own = port.name.strip_prefix(path).map_or(port.name.as_str(), |n| n.trim_start_matches('.'));
+    match port.inside.first() {
+        Some((_, false)) => format!("`{own} -> 1:v`"),
+        Some((_, true)) | None => format!("`1:v -> {own}`"),
     }
 }
 

@@ -21,6 +21,7 @@ mod settings;
 mod signal;
 mod suggest;
 mod table;
+mod unknown;
 mod value;
 
 pub use infer::{Equation, Inference, Unit};
@@ -79,6 +80,8 @@ struct Instance {
     names: FxHashMap<String, (Entity, Span)>,
     /// The instance that it stands in; the scene's own is the scene.
     outer: usize,
+    /// Where it is declared.
+    span: Span,
     /// Names whose declarations could not be made, which is said; without indices.
     lost: FxHashSet<String>,
     /// Bonds of it could not be made, which is said: what seems to lack one may have been meant.
@@ -86,8 +89,9 @@ struct Instance {
 }
 
 impl Instance {
-    fn new(model: load::ModelRef, path: String, scope: ScopeId, outer: usize) -> Self {
-        Self { model, path, scope, names: FxHashMap::default(), outer, lost: FxHashSet::default(), frayed: false }
+    fn new(model: load::ModelRef, path: String, scope: ScopeId, outer: usize, span: Span) -> Self {
+        let (names, lost) = (FxHashMap::default(), FxHashSet::default());
+        Self { model, path, scope, names, outer, span, lost, frayed: false }
     }
 }
 
@@ -108,6 +112,8 @@ enum ParamState {
 struct Param<'a> {
     name: String,
     span: Span,
+    /// The instance that it is a parameter of.
+    instance: usize,
     value: Option<(&'a ast::Expr, ScopeId)>,
     /// Whether the value was given where the instance is made, and is no default.
     given: bool,
@@ -220,10 +226,23 @@ pub(crate) struct Elaborator<'a> {
     /// Names that mean something only in the law that is being read: `q`, `f`.
     pub(crate) locals: Vec<(String, Typed)>,
     mode: Mode,
+    /// How many expressions are being worked out inside one another, by way of the names in them.
+    depth: usize,
     extremes: Vec<(Symbol, Expr, bool)>,
     energies: Vec<Option<Expr>>,
     /// `--set`, by path.
     overrides: FxHashMap<String, (f64, Option<Dimension>)>,
+}
+
+/// What a name is looked up for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Sought {
+    /// An element, an instance, a port: the end of a bond, or what has signals.
+    Element,
+    /// A value: it stands alone in an expression.
+    Value,
+    /// A part of an instance, behind a dot.
+    Part,
 }
 
 /// What an expression may name.
@@ -306,6 +325,7 @@ pub fn elaborate(
         memories: vec![],
         locals: vec![],
         mode: Mode::Constant,
+        depth: 0,
         extremes: vec![],
         energies: vec![],
         overrides: FxHashMap::default(),

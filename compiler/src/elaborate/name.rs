@@ -1,11 +1,23 @@
 //! What the names in an expression mean: parameters, `let`s, inputs, states, time, and whatever a path leads to.
 
-use super::{Elaborator, Entity, LetState, Mode, ParamState, ScopeId, Typed, Unit, Value};
+use super::{Elaborator, Entity, LetState, Mode, Param, ParamState, ScopeId, Sought, Typed, Unit, Value};
 use crate::model::Signal;
 use crate::units::Dimension;
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
+
+/// Expressions may be worked out so deep inside one another, by way of names: each takes some of the stack.
+const DEEPEST: usize = 50_000;
+
+/// What a segment of a path is looked up for.
+fn sought(path: &ast::Path, segment: usize) -> Sought {
+    match (segment, path.segments.len()) {
+        (0, 1) => Sought::Value,
+        (0, _) => Sought::Element,
+        _ => Sought::Part,
+    }
+}
 
 impl<'a> Elaborator<'a> {
     pub(super) fn path(&mut self, path: &'a ast::Path, scope: ScopeId) -> Option<Value> {
@@ -85,7 +97,7 @@ impl<'a> Elaborator<'a> {
             if builtin && self.function(&segment.name.text, scope).is_some() {
                 return self.no_call(&segment.name.text, path.span);
             }
-            let (key, entity, _) = self.find(at, segment, scope, i > 0)?;
+            let (key, entity, _) = self.find(at, segment, scope, sought(path, i))?;
             match entity {
                 Entity::Instance(_) if rest.is_empty() => {
                     return self.wrong(
@@ -153,6 +165,22 @@ impl<'a> Elaborator<'a> {
         self.wrong("elaborate::signal", span, message, &format!("call it, as in `{function}(x)`"))
     }
 
+    /// Whether the value of one more name goes too deep, which is said once.
+    fn is_too_deep(&mut self, at: Span) -> bool {
+        let deep = self.depth > DEEPEST;
+        if deep && !self.errors.iter().any(|e| e.code == "elaborate::limit") {
+            let name = self.sources.slice(at);
+            let message = format!(
+                "values are nested too deep: `{name}` is asked for by a name that another one asks for, and so on, over {DEEPEST} expressions"
+            );
+            self.errors.push(
+                Diagnostic::error("elaborate::limit", at, message)
+                    .help("give some of the names on the way a value that names no other one"),
+            );
+        }
+        deep
+    }
+
     pub(super) fn time(&mut self, span: Span) -> Option<Typed> {
         if self.mode == Mode::Constant {
             return self.wrong(
@@ -180,6 +208,10 @@ impl<'a> Elaborator<'a> {
                     "give it a value of its own",
                 )
             }
+            ParamState::New if self.is_too_deep(at) => {
+                self.params[p].state = ParamState::Done(None);
+                None
+            }
             ParamState::New => {
                 self.params[p].state = ParamState::Open;
                 let found = self.compute_param(p, at);
@@ -203,13 +235,11 @@ impl<'a> Elaborator<'a> {
                 given = Some((value?, ast));
             }
             None if over.is_none() => {
-                let span = self.params[p].span;
+                let help = self.where_given(p);
                 self.errors.push(
                     Diagnostic::error("elaborate::parameter", at, format!("the parameter `{name}` has no value"))
-                        .label(span, "has no default")
-                        .help(format!(
-                            "give it where the instance is made, `({name} = ...)`, or with --set {name}=..."
-                        )),
+                        .label(self.params[p].span, "has no default")
+                        .help(help),
                 );
                 return None;
             }
@@ -256,6 +286,20 @@ impl<'a> Elaborator<'a> {
         })
     }
 
+    /// Where a parameter that has no value may be given one.
+    fn where_given(&self, p: usize) -> String {
+        let Param { name, instance, .. } = &self.params[p];
+        if *instance == 0 {
+            return format!(
+                "give it a default, `{name} = ...` in the head of the model, or say it with `bond run --set {name}=...`"
+            );
+        }
+        let declared = self.sources.slice(self.instances[*instance].span);
+        let head = declared.split(['(', ';']).next().unwrap_or(declared).trim_end();
+        let own = name.rsplit('.').next().unwrap_or(name);
+        format!("give it where the instance is made, `{head}({own} = ...)`, or with `bond run --set {name}=...`")
+    }
+
     /// A symbol with this value.
     pub(super) fn known_parameter(&mut self, name: &str, value: f64, unit: Unit, span: Span) -> Option<Typed> {
         if !value.is_finite() {
@@ -276,6 +320,10 @@ impl<'a> Elaborator<'a> {
             LetState::Open => {
                 let name = self.lets[l].name.clone();
                 self.wrong("elaborate::circular", at, format!("`{name}` depends on itself"), "break the circle")
+            }
+            LetState::New if self.is_too_deep(at) => {
+                self.lets[l].state = LetState::Done(None);
+                None
             }
             LetState::New => {
                 let before = self.errors.len();

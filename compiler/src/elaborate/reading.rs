@@ -72,7 +72,7 @@ impl<'a> Elaborator<'a> {
                 let inward = *side == "in";
                 let found =
                     self.bonds_of.get(id.at())?.iter().copied().find(|b| (self.bonds[b.at()].head == id) == inward);
-                self.bond_signal(found, &name, &rest[1..], span)
+                self.bond_signal(found, &format!("{name}.{side}"), &rest[1..], span)
             }
             (Kind::Zero, ["e"]) | (Kind::One, ["f"]) => self.bond_signal(bond, &name, rest, span),
             (
@@ -86,7 +86,7 @@ impl<'a> Elaborator<'a> {
                     Kind::I => ".e .f .P .p .H",
                     Kind::Zero => ".e, its common effort; the flows are those of its bonds",
                     Kind::One => ".f, its common flow; the efforts are those of its bonds",
-                    Kind::Tf | Kind::Gy => ".in.e .in.f .out.e .out.f",
+                    Kind::Tf | Kind::Gy => ".in.e .in.f .in.P .out.e .out.f .out.P",
                     Kind::Se | Kind::Sf | Kind::R | Kind::De | Kind::Df | Kind::Port => ".e .f .P",
                 };
                 let asked = if words.is_empty() {

@@ -38,8 +38,14 @@ impl<'a> Elaborator<'a> {
                 }
                 match name.as_str() {
                     "stop" => settings.stop = self.positive(&field.value, scope, "stop"),
-                    "step" => settings.step = self.positive(&field.value, scope, "step"),
-                    "every" => settings.every = self.positive(&field.value, scope, "every"),
+                    "step" => {
+                        settings.step = self.positive(&field.value, scope, "step");
+                        settings.step_at = Some(field.span);
+                    }
+                    "every" => {
+                        settings.every = self.positive(&field.value, scope, "every");
+                        settings.every_at = Some(field.span);
+                    }
                     "tolerance" => {
                         settings.tolerance =
                             self.constant(&field.value, scope, Dimension::DIMENSIONLESS, "the tolerance");
@@ -106,7 +112,7 @@ impl<'a> Elaborator<'a> {
                 let text = self.sources.slice(span).split_whitespace().collect::<Vec<_>>().join(" ");
                 let kind = match expect {
                     ast::Expect::Passive => ExpectationKind::Passive,
-                    ast::Expect::At { value, time, target, tolerance } => {
+                    ast::Expect::At { value, time, target, tolerance: within } => {
                         let value_ = self.probe_or(value, scope)?;
                         let time = self.constant(time, scope, Dimension::SECOND, "the instant")?;
                         if time < 0.0 || !time.is_finite() {
@@ -123,7 +129,15 @@ impl<'a> Elaborator<'a> {
                             self.number(&typed, e)
                         };
                         let (target, tolerance) =
-                            (known(target, "the expected value")?, known(tolerance, "the tolerance")?);
+                            (known(target, "the expected value")?, known(within, "the tolerance")?);
+                        if tolerance.is_nan() || tolerance < 0.0 {
+                            self.wrong::<()>(
+                                "elaborate::expect",
+                                within.span,
+                                format!("the tolerance is {}, and must not be negative", told(tolerance)),
+                                "it is how far the value may be off to either side, as in `within 1e-6 m`",
+                            )?;
+                        }
                         ExpectationKind::At { value: value_.expr, time, target, tolerance }
                     }
                     ast::Expect::Holds(e) => {

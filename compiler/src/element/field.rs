@@ -279,7 +279,7 @@ impl<'a> Elaborator<'a> {
                 Diagnostic::error(
                     "elaborate::law",
                     ast.span,
-                    format!("the laws of `{name}` give power: there the sum of e f is below 0"),
+                    format!("the laws of `{name}` give power: at some values the sum of e f is below 0"),
                 )
                 .help(format!(
                     "the ports together must take power; a field that gives it must say so: `active R({}):{name}`",

@@ -72,13 +72,18 @@ impl<'a> Elaborator<'a> {
         }
         let dissipative = self.pool.dissipative(output, argument);
         if dissipative == Some(false) && !ast.active {
-            self.errors.push(
-                Diagnostic::error("elaborate::law", place, format!("the law of `{name}` gives power: there e f < 0"))
-                    .help(format!(
-                        "a resistor's law must satisfy e f >= 0; one that gives power must say so: `active R:{}`",
-                        ast.name.text
-                    )),
+            let at = self.pool.refuting(output).unwrap_or(f64::NAN);
+            let (own, other) = (gives.letter(), gives.other().letter());
+            let value = self.pool.eval(output, &|_| at);
+            let message = format!(
+                "the law of `{name}` gives power: at {other} = {} it says {own} = {}, in SI units, and e f is below 0",
+                told(at),
+                told(value)
             );
+            self.errors.push(Diagnostic::error("elaborate::law", place, message).help(format!(
+                "a resistor's law must satisfy e f >= 0; one that gives power must say so: `active R:{}`",
+                ast.name.text
+            )));
             return None;
         }
         Some(Resistor { argument, output, gives, curve: None, row: None, linear, dissipative })
@@ -143,19 +148,16 @@ impl<'a> Elaborator<'a> {
             let power = self.pool.mul(effort, flow);
             let known = self.pool.symbols(power).iter().all(|x| *x == parameter);
             let sizes = [1e-6, 1e-3, 0.1, 0.5, 1.0, 1.5, 3.0, 10.0, 1e3, 1e6];
-            let gives = known
-                && sizes.iter().flat_map(|x| [*x, -*x]).any(|x| {
-                    let p = self.pool.eval(power, &|_| x);
-                    p < 0.0 && p.is_finite()
-                });
-            if gives && !ast.active {
+            let mut places = sizes.iter().flat_map(|x| [*x, -*x]).filter(|_| known);
+            let gives = places.find(|x| {
+                let p = self.pool.eval(power, &|_| *x);
+                p < 0.0 && p.is_finite()
+            });
+            if let Some(at) = gives.filter(|_| !ast.active) {
+                let message = format!("the law of `{name}` gives power: at s = {} e f is below 0", told(at));
                 self.errors.push(
-                    Diagnostic::error(
-                        "elaborate::law",
-                        ast.span,
-                        format!("the law of `{name}` gives power: there e f < 0"),
-                    )
-                    .help("both e and f must have the sign of `s`, or be 0"),
+                    Diagnostic::error("elaborate::law", ast.span, message)
+                        .help("both e and f must have the sign of `s`, or be 0"),
                 );
                 return None;
             }

@@ -19,7 +19,7 @@ impl Pool {
         if self.proves(law, s, assume, 0) {
             return Some(true);
         }
-        if self.symbols(law).iter().all(|&x| x == s) && self.refutes(law) { Some(false) } else { None }
+        if self.symbols(law).iter().all(|&x| x == s) && self.refuting(law).is_some() { Some(false) } else { None }
     }
 
     fn proves(&mut self, law: Expr, s: Symbol, assume: &dyn Fn(Symbol) -> Sign, depth: usize) -> bool {
@@ -145,8 +145,8 @@ impl Pool {
         })
     }
 
-    /// Whether a sampled value of its one variable gives power back, and clearly so: by more than the terms' rounding.
-    fn refutes(&self, law: Expr) -> bool {
+    /// A value of a law's one variable at which it gives power back, and clearly so: by more than the terms' rounding.
+    pub fn refuting(&self, law: Expr) -> Option<f64> {
         let mut all = vec![law];
         let mut offset = 0.0;
         if let Node::Sum(c, terms) = self.node(law) {
@@ -163,8 +163,9 @@ impl Pool {
             | Node::Binary(..)
             | Node::Select(..) => 1.0,
         };
-        let sizes = (-6..=6).flat_map(|k| [1.0, 2.5, 5.0].map(|m| m * 10.0_f64.powi(k)));
-        sizes.flat_map(|x| [x, -x]).any(|x| {
+        let tens = (0..=6).flat_map(|k| [k, -k]);
+        let sizes = tens.flat_map(|k| [1.0, 2.5, 5.0].map(|m| m * 10.0_f64.powi(k)));
+        sizes.flat_map(|x| [x, -x]).find(|&x| {
             let values = self.eval_all(&all, &|_| x);
             let parts = values[1..].iter().enumerate().map(|(i, v)| v.abs() * weight(i));
             let largest = parts.fold(offset, f64::max);

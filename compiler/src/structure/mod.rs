@@ -21,7 +21,7 @@ use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
 use crate::units::Dimension;
-use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::diagnostic::{Diagnostic, once};
 use rustc_hash::FxHashMap;
 use std::fmt;
 
@@ -322,8 +322,10 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         expectations: Vec::new(),
     };
     resolve::rows(model, graph, &rows, &mut form)?;
-    let eliminated = dependent::eliminate(model, causality, &mut form)
-        .map_err(|errors| errors.into_iter().map(|e| held(model, graph, causality, e)).collect::<Vec<_>>())?;
+    let eliminated = dependent::eliminate(model, causality, &mut form).map_err(|errors| {
+        let errors = once(errors).into_iter().map(|e| held(model, graph, causality, e));
+        errors.collect::<Vec<_>>()
+    })?;
     form.divided = eliminated.divided;
     resolve::outputs(model, graph, &rows, &eliminated, &mut form)?;
     form.bars = bars(model, &form);

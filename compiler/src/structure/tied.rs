@@ -1,7 +1,7 @@
 //! Which storages derivative causality ties together, by what, and whether that can be taken.
 
 use super::dependent::{family, ids, stiffness};
-use super::{ColumnId, Form, Role};
+use super::{Column, ColumnId, Form, Role, is_junction};
 use crate::expression::{Expr, Symbol};
 use crate::model::{ElementId, Model, Signal, Variable};
 use bond_grammar::diagnostic::Diagnostic;
@@ -131,6 +131,21 @@ fn other(model: &Model, form: &Form, d: ColumnId, s: Symbol) -> Result<ColumnId,
     }
 }
 
+/// What gives way between two storages that are tied together, of which the dependent one gives this variable.
+fn soft(gives: Variable) -> &'static str {
+    if gives == Variable::Effort { "C" } else { "I" }
+}
+
+/// What a double bar brings where it ends at a junction: what gives that its common variable.
+fn beyond<'f>(model: &Model, form: &'f Form, bar: &Column) -> Option<(&'f String, ElementId)> {
+    if !is_junction(model, bar.element) {
+        return None;
+    }
+    let far = form.columns.iter().find(|c| c.role == Role::Bar && c.bond == bar.bond && c.element != bar.element)?;
+    let giver = form.column(far.row.first()?.0);
+    Some((&giver.name, giver.element))
+}
+
 /// What this version does not take.
 pub(super) fn refused(model: &Model, form: &Form, d: ColumnId, why: &str, because: Option<ColumnId>) -> Diagnostic {
     let e = model.element(form.column(d).element);
@@ -142,7 +157,7 @@ pub(super) fn refused(model: &Model, form: &Form, d: ColumnId, why: &str, becaus
     if let Some(c) = because {
         error = error.label(model.element(form.column(c).element).span, "is what it depends on");
     }
-    let soft = if form.column(d).gives == Variable::Effort { "C" } else { "I" };
+    let soft = soft(form.column(d).gives);
     error.help(format!(
         "put a stiff {soft} and some resistance between the two, as the real parts have; a ratio may depend on the state of a `C` of its region, such as one with `H = 0` that counts the angle"
     ))
@@ -164,7 +179,7 @@ pub(super) fn check(model: &mut Model, form: &Form, d: ColumnId) -> Option<Diagn
         }
         Some(error.help(help))
     };
-    let soft = if column.gives == Variable::Effort { "C" } else { "I" };
+    let soft = soft(column.gives);
     let part = format!("put a stiff {soft} and some resistance between the two, as the real parts have");
     if column.row.is_empty() {
         let part = "what it meets is always 0: take it out, or bond it to what is to drive it".to_string();
@@ -205,12 +220,11 @@ pub(super) fn check(model: &mut Model, form: &Form, d: ColumnId) -> Option<Diagn
                 }
             }
             Role::Bar | Role::Open(_) => {
-                let help = format!("put some resistance between the two, or a {}", if soft == "C" { "I" } else { "C" });
-                return refuse(
-                    format!("follows `{name}` across a double bar or open port, which jumps"),
-                    Some(other.element),
-                    help,
-                );
+                let (article, junction) = if soft == "C" { ("a", 0) } else { ("an", 1) };
+                let help = format!("put some resistance between the two, or {article} {soft} at a {junction}-junction");
+                let (name, element) = beyond(model, form, other).unwrap_or((name, other.element));
+                let why = format!("follows `{name}` across a double bar or open port, which jumps");
+                return refuse(why, Some(element), help);
             }
             Role::Resistor => {
                 return refuse(format!("depends on the resistor `{name}`"), Some(other.element), part);

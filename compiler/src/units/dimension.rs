@@ -147,11 +147,13 @@ impl Dimension {
 }
 
 impl fmt::Display for Dimension {
-    /// A unit of that dimension that reads well and can be read back: `N`, `N*s/m`, `kg*m^2/s^3`; `1` for none.
+    /// A unit of that dimension that reads well: `N`, `N*s/m`, `1/V`, `kg*m^2/s^3`; `1` for none.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match super::name::familiar(*self) {
-            Some(name) => f.write_str(name),
-            None => f.write_str(&self.product()),
+        use super::name::{familiar, named};
+        match (familiar(*self), named(self.pow(-1, 1))) {
+            (Some(name), _) => f.write_str(name),
+            (None, Some(name)) => write!(f, "1/{name}"),
+            (None, None) => f.write_str(&self.product()),
         }
     }
 }

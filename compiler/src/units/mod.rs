@@ -24,6 +24,11 @@ pub struct UnknownSymbol {
     pub suggestion: Option<String>,
 }
 
+/// Whether a symbol is written for the degree Celsius, which is no unit: it has another zero.
+pub fn is_celsius(symbol: &str) -> bool {
+    matches!(symbol, "°C" | "degC" | "deg_C" | "celsius" | "Celsius")
+}
+
 /// The factor to SI and the dimension of a symbol, with or without a prefix; `None` if it is no unit.
 pub fn lookup(symbol: &str) -> Option<(f64, Dimension)> {
     table::find(symbol).map(|(factor, dimension)| (factor.round(), dimension))

@@ -51,9 +51,14 @@ const COMBINED: &[(&str, &[(D, i32)])] = &[
     ("F/m", &[(D::FARAD, 1), (D::METRE, -1)]),
 ];
 
+/// The unit of a dimension that has a name of its own, if there is one.
+pub(super) fn named(of: D) -> Option<&'static str> {
+    FAMILIAR.iter().find(|(_, d)| *d == of).map(|(name, _)| *name)
+}
+
 /// The familiar name of a dimension, if it has one.
 pub(super) fn familiar(of: D) -> Option<&'static str> {
-    if let Some((name, _)) = FAMILIAR.iter().find(|(_, d)| *d == of) {
+    if let Some(name) = named(of) {
         return Some(name);
     }
     let product = |factors: &[(D, i32)]| factors.iter().fold(D::DIMENSIONLESS, |d, &(f, n)| d.mul(f.pow(n, 1)));

@@ -43,9 +43,6 @@ const NAMES: &[(&str, &str)] = &[
     ("tesla", "T"),
     ("hertz", "Hz"),
     ("kelvin", "K"),
-    ("degC", "K"),
-    ("°C", "K"),
-    ("celsius", "K"),
     ("degree", "deg"),
     ("degrees", "deg"),
     ("radian", "rad"),
@@ -58,6 +55,8 @@ const NAMES: &[(&str, &str)] = &[
     ("percent", "%"),
     ("lit", "L"),
     ("cc", "cm^3"),
+    ("kph", "km/h"),
+    ("kmh", "km/h"),
     ("RPM", "rpm"),
 ];
 
@@ -85,10 +84,9 @@ pub(super) fn suggest(symbol: &str) -> Option<String> {
     if let Some(unit) = prefixed(symbol, &|a, b| a.to_lowercase() == b.to_lowercase()) {
         return Some(unit);
     }
-    if symbol.chars().count() > 2 {
-        return prefixed(symbol, &|a, b| a.chars().count() > 1 && distance(a, b) == 1);
-    }
-    None
+    // Of a unit of two letters one that differs is half of it, so that the first has to be the same.
+    let like = |a: &str, b: &str| a.chars().count() > 1 && a.chars().next() == b.chars().next() && distance(a, b) == 1;
+    if symbol.chars().count() > 2 { prefixed(symbol, &like) } else { None }
 }
 
 /// A unit, or a prefix and a unit, whose text is like the symbol's.
@@ -99,7 +97,8 @@ fn prefixed(symbol: &str, like: &dyn Fn(&str, &str) -> bool) -> Option<String> {
     symbol.char_indices().nth(1).and_then(|(at, _)| {
         let (prefix, rest) = symbol.split_at(at);
         let unit = table::symbols().find(|u| like(u, rest))?;
-        let whole = format!("{prefix}{unit}");
-        table::find(&whole).is_some().then_some(whole)
+        // `KW` for `kW`
+        let whole = [prefix.to_string(), prefix.to_lowercase()].map(|prefix| format!("{prefix}{unit}"));
+        whole.into_iter().find(|whole| table::find(whole).is_some())
     })
 }

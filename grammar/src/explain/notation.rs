@@ -2,7 +2,7 @@
 
 use super::{Piece, Wreck};
 use crate::diagnostic::Diagnostic;
-use crate::scan::Kind;
+use crate::scan::{Kind, Scan};
 
 impl Wreck<'_> {
     /// A character that the language does not have, an open string.
@@ -25,7 +25,7 @@ impl Wreck<'_> {
             "≠" => ("`≠` is no comparison".to_string(), "write `!=`"),
             "&" => ("`&` is no operator".to_string(), "write `and`"),
             "\u{a0}" => ("there is a no-break space here".to_string(), "write an ordinary space"),
-            "#" => ("`#` begins no comment".to_string(), "a comment begins with `//`"),
+            "#" => return Some(no_comment(self.scan, index)),
             "'" => ("single quotes mean nothing".to_string(), "a path is written in double quotes"),
             _ => (format!("the character {:?} means nothing here", word.chars().next().unwrap_or(' ')), "remove it"),
         };
@@ -71,10 +71,49 @@ impl Wreck<'_> {
         }
         let back = self.word(self.at) == "<" && self.word(self.at + 1) == "-" && !self.in_value(self.at);
         back.then(|| {
-            let (left, right) = (self.word(self.before()), self.word(self.at + 2));
+            let (left, right) = (self.end_before(self.at), self.end_after(self.at + 2));
             let span = self.scan.span_of(self.at).to(self.scan.span_of(self.at + 1));
             let help = format!("half arrows point to the right: write `{right} -> {left}`");
             Diagnostic::error("syntax::arrow", span, "`<-` is no bond").help(help)
+        })
+    }
+
+    /// The end of a bond that stands before a token, as it is written: `wall.tip`, `1:v`.
+    fn end_before(&self, token: usize) -> &str {
+        let mut start = token.max(self.range.start + 1) - 1;
+        while start > self.range.start && !is_between(self.word(start - 1)) {
+            start -= 1;
+        }
+        self.scan.slice(self.scan.span_of(start).to(self.scan.span_of(token.max(start + 1) - 1)))
+    }
+
+    /// The end of a bond that begins with a token.
+    fn end_after(&self, token: usize) -> &str {
+        let mut end = token;
+        while !is_between(self.word(end + 1)) {
+            end += 1;
+        }
+        if self.word(token).is_empty() {
+            ""
+        } else {
+            self.scan.slice(self.scan.span_of(token).to(self.scan.span_of(end)))
+        }
+    }
+
+    /// `/* ... */`, which is no comment.
+    pub(super) fn block_comment(&self) -> Option<Diagnostic> {
+        let index = [self.at, self.before()].into_iter().find(|i| opens_comment(self.scan, *i))?;
+        Some(no_comment(self.scan, index))
+    }
+
+    /// `-[]->`, `-[1b]->`
+    pub(super) fn bond_name(&self) -> Option<Diagnostic> {
+        let before = self.before();
+        let named = self.word(before) == "[" && before > self.range.start && self.word(before - 1) == "-";
+        (named && self.at > before && self.piece == Piece::Statement && !self.in_value(before)).then(|| {
+            let message = format!("the name of the bond is expected after `-[`, but {}", self.found());
+            let help = "write `-[name]->`, with a name that begins with a letter; or `->`";
+            self.error("syntax::name", self.at, message).help(help)
         })
     }
 
@@ -88,15 +127,37 @@ impl Wreck<'_> {
             (_, "*", "*") if self.adjacent(self.at) => (self.at, "`**` is no operator", "a power is written `^`"),
             (_, "|", "|") if self.in_value(self.at) => (self.at, "`||` is no operator", "write `or`"),
             (_, "!", _) => (self.at, "`!` is no operator", "write `not`"),
+            (":", "=", _) | (_, ":", "=") if self.nameless().is_some() => return self.nameless(),
             (":", "=", _) if self.adjacent(self.before()) => (self.before(), "`:=` sets nothing", "write `=`"),
             (_, ":", "=") if self.adjacent(self.at) => (self.at, "`:=` sets nothing", "write `=`"),
             ("<", ">", _) => (self.before(), "`<>` is no comparison", "write `!=`"),
+            (_, "=", _) if self.is_expectation() => {
+                let help = "write `==`, or tell the instant: `expect x at 5 s = 0.005 m within 1e-6 m`";
+                (self.at, "`=` compares nothing", help)
+            }
             (_, "=", _) if self.in_condition() => {
                 (self.at, "`=` compares nothing", "two values are compared with `==`")
             }
             _ => return None,
         };
         Some(self.error("syntax::operator", index, message).help(help))
+    }
+
+    /// `R:= 5 Ohm`: the name of an element is missing.
+    fn nameless(&self) -> Option<Diagnostic> {
+        let start = self.range.start;
+        let colon = self.word(start + 1) == ":" && self.word(start + 2) == "=";
+        let here = (start + 1..=start + 2).contains(&self.at);
+        let kind = self.word(start);
+        (self.piece == Piece::Statement && colon && here && KINDS.contains(&kind)).then(|| {
+            let message = format!("the name of the element is missing after `{kind}:`");
+            self.error("syntax::name", start + 1, message).help(format!("write `{kind}:name = ...`"))
+        })
+    }
+
+    /// `expect x = 1`, without an instant.
+    fn is_expectation(&self) -> bool {
+        self.word(self.range.start) == "expect" && !(self.range.start..self.at).any(|index| self.word(index) == "at")
     }
 
     /// The token lies between an `if` and its `then` or body.
@@ -107,27 +168,61 @@ impl Wreck<'_> {
 
     /// `5 kg m`, `5  kg`.
     pub(super) fn spaced_unit(&self) -> Option<Diagnostic> {
-        let word = self.word(self.at);
-        if self.kind(self.at) != Some(Kind::Word) || crate::limit::is_keyword(word) || self.scan.tokens[self.at].first {
+        let at = self.spaced();
+        let word = self.word(at);
+        if self.kind(at) != Some(Kind::Word) || crate::limit::is_keyword(word) || self.scan.tokens[at].first {
             return None;
         }
         // what shows that the word is a name and no unit
-        if matches!(self.word(self.at + 1), "(" | "[" | "." | ":" | "=" | "->" | "||>" | "->|" | "|->") {
+        if matches!(self.word(at + 1), "(" | "[" | "." | ":" | "=" | "->" | "||>" | "->|" | "|->") {
             return None;
         }
-        let before = self.before();
-        if self.kind(before) == Some(Kind::Number) && before != self.at {
+        let before = at.max(self.range.start + 1) - 1;
+        let power = self.is_power(before);
+        if self.kind(before) == Some(Kind::Number) && before != at && !power {
             let message = format!("more than one space between `{}` and its unit `{word}`", self.word(before));
             let help = format!("write `{} {word}`", self.word(before));
-            return Some(self.error("syntax::unit", self.at, message).help(help));
+            return Some(self.error("syntax::unit", at, message).help(help));
         }
         let start = self.number_before(before);
-        let unit = self.kind(start) == Some(Kind::Number) && start < before && self.kind(before) == Some(Kind::Word);
+        let ends = power || self.kind(before) == Some(Kind::Word);
+        let unit = self.kind(start) == Some(Kind::Number) && start < before && ends;
         unit.then(|| {
-            let span = self.scan.span_of(start).to(self.scan.span_of(self.at));
+            let span = self.scan.span_of(start).to(self.scan.span_of(at));
             let message = format!("`{}`: a unit has no spaces inside", self.scan.slice(span));
             let left = self.scan.slice(self.scan.span_of(start + 1).to(self.scan.span_of(before)));
             let help = format!("join its symbols with `*` or `/`: `{} {left}*{word}`", self.word(start));
+            Diagnostic::error("syntax::unit", span, message).help(help)
+        })
+    }
+
+    /// Where a word may stand apart from its unit: in braces it was read as the name of a field, so that only what
+    /// follows it did not fit.
+    fn spaced(&self) -> usize {
+        let before = self.before();
+        let field = self.open_bracket() == Some("{")
+            && matches!(self.word(self.at), ";" | "," | "}" | "")
+            && self.kind(before) == Some(Kind::Word);
+        if field { before } else { self.at }
+    }
+
+    /// `5 N.m`
+    pub(super) fn dotted_unit(&self) -> Option<Diagnostic> {
+        let (dot, word) = (self.before(), self.word(self.at));
+        let symbol = dot.checked_sub(1)?;
+        let joined = self.word(dot) == "." && self.adjacent(symbol) && self.adjacent(dot);
+        if !joined || self.kind(self.at) != Some(Kind::Word) || self.kind(symbol) != Some(Kind::Word) {
+            return None;
+        }
+        let start = self.number_before(symbol);
+        (self.kind(start) == Some(Kind::Number) && start < symbol).then(|| {
+            let span = self.scan.span_of(start).to(self.scan.span_of(self.at));
+            let (number, left) =
+                (self.word(start), self.scan.slice(self.scan.span_of(start + 1).to(self.scan.span_of(symbol))));
+            let message = format!("`{}`: units are not joined with `.`", self.scan.slice(span));
+            let help = format!(
+                "write `{number} {left}*{word}`; or, if `{left}.{word}` is a signal, the operator that is missing: `{number}*{left}.{word}`"
+            );
             Diagnostic::error("syntax::unit", span, message).help(help)
         })
     }
@@ -148,11 +243,45 @@ impl Wreck<'_> {
     /// Back from a token over the symbols and operators of a unit: its number, if it is one.
     fn number_before(&self, mut index: usize) -> usize {
         while index > self.range.start
-            && (self.kind(index) == Some(Kind::Word) || matches!(self.word(index), "*" | "/" | "^"))
+            && (self.kind(index) == Some(Kind::Word)
+                || matches!(self.word(index), "*" | "/" | "^")
+                || self.is_power(index))
             && !crate::limit::is_keyword(self.word(index))
         {
             index -= 1;
         }
         index
     }
+
+    /// The token is the exponent of a unit, or its sign: `2` and `-` of `m^-2`.
+    fn is_power(&self, index: usize) -> bool {
+        let digits = |index: usize| self.kind(index) == Some(Kind::Number);
+        let after = |index: usize, sign: &str| index > self.range.start && self.word(index - 1) == sign;
+        let signed = digits(index) && after(index, "-") && after(index - 1, "^");
+        digits(index) && after(index, "^") || signed || self.word(index) == "-" && after(index, "^")
+    }
+}
+
+/// The kinds of elements.
+const KINDS: &[&str] =
+    &["Se", "Sf", "C", "I", "R", "TF", "GY", "De", "Df", "RS", "IC", "MSe", "MSf", "MTF", "MGY", "MR", "0", "1"];
+
+/// What stands between two ends of bonds, and at the end of a chain.
+fn is_between(word: &str) -> bool {
+    matches!(word, "" | "->" | "||>" | "->|" | "|->" | "|-" | "|" | "-" | "<" | ">" | "," | ";" | "}")
+}
+
+/// Whether `/*` stands here.
+pub(super) fn opens_comment(scan: &Scan, index: usize) -> bool {
+    let [start, next] = [index, index + 1].map(|i| scan.span_of(i));
+    scan.word(index) == "/" && scan.word(index + 1) == "*" && start.end == next.start
+}
+
+/// What is said of a comment in another notation: `#` or `/*` at a token.
+pub(super) fn no_comment(scan: &Scan, index: usize) -> Diagnostic {
+    let open = opens_comment(scan, index);
+    let (word, end) = if open { ("/*", index + 1) } else { (scan.word(index), index) };
+    let span = scan.span_of(index).to(scan.span_of(end));
+    let help = if open { "a comment begins with `//`, on each of its lines" } else { "a comment begins with `//`" };
+    Diagnostic::error("syntax::character", span, format!("`{word}` begins no comment")).help(help)
 }

@@ -26,6 +26,16 @@ impl Wreck<'_> {
                 return Some(error.help(format!("write `{kind_word}:{name_word}`")));
             }
         }
+        let junction = self.before();
+        let alone = matches!(self.word(junction), "0" | "1") && self.at > junction;
+        let within = junction > start && matches!(self.word(junction - 1), "->" | "||>" | "->|" | "|->" | ",");
+        let ends = matches!(self.word(self.at), "->" | "||>" | "->|" | "|->" | "|-" | "," | "");
+        if alone && within && ends && !self.in_value(junction) {
+            let number = self.word(junction);
+            let message = format!("the junction `{number}` has no name");
+            let error = self.error("syntax::name", junction, message);
+            return Some(error.help(format!("name it, as in `{number}:n`")));
+        }
         let lacks_name = self.word(self.before()) == ":" && self.at > start;
         lacks_name.then(|| {
             let message = format!("a name is expected after `:`, but {}", self.found());

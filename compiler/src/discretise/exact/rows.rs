@@ -79,7 +79,7 @@ impl Rows {
 pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     let time = c.time?;
     let n = c.states.len();
-    if n > LARGEST {
+    if n > LARGEST || c.nodes.len() > OUTPUTS {
         return None;
     }
     let state_symbols: Vec<Symbol> = c.states.iter().map(|s| s.symbol).collect();
@@ -142,7 +142,7 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
         });
     }
     let size = n + system.drives.len();
-    if size > LARGEST || solved.len() > OUTPUTS {
+    if size > LARGEST {
         return None;
     }
     let dense = |row: &[(usize, f64)]| {

@@ -1,0 +1,73 @@
+//! What a name that means nothing in an expression may have been meant for.
+
+use super::Elaborator;
+use crate::model::Kind;
+use crate::units;
+use bond_grammar::ast::Segment;
+use bond_grammar::source::Span;
+
+/// What laws are written in.
+const VARIABLES: [&str; 5] = ["e", "f", "p", "q", "s"];
+
+impl Elaborator<'_> {
+    /// The mend for a variable of laws that the law which is being read is not written in.
+    pub(super) fn in_law(&self, segment: &Segment) -> Option<String> {
+        let name = segment.name.text.as_str();
+        if !VARIABLES.contains(&name) || !segment.index.is_empty() {
+            return None;
+        }
+        let owner = self.owner.and_then(|id| self.elements.get(id.at()));
+        if !self.locals.is_empty() {
+            let list: Vec<String> = self.locals.iter().map(|(n, _)| format!("`{n}`")).collect();
+            let law = match (owner.map(|o| o.kind), list.first().map(String::as_str)) {
+                (Some(Kind::C), _) => "the law of a C",
+                (Some(Kind::I), _) => "the law of an I",
+                (Some(Kind::R), Some("`f`")) => "`e = ...` of an R",
+                (Some(Kind::R), Some("`e`")) => "`f = ...` of an R",
+                (Some(Kind::R), Some("`s`")) => "the curve of an R",
+                _ => "this law",
+            };
+            return Some(format!("{law} is written in {}", list.join(", ")));
+        }
+        let owner = owner.filter(|o| o.ast.is_some_and(|ast| encloses(ast.span, segment.name.span)))?;
+        let (is, law) = match owner.kind {
+            Kind::R => ("resistance or conductance is a number", "`{ e = ... }` in `f`, or `{ f = ... }` in `e`"),
+            Kind::C => ("compliance or stiffness is a number", "`{ e = ... }` in `q`"),
+            Kind::I => ("inertia is a number", "`{ f = ... }` in `p`"),
+            Kind::Se | Kind::Sf | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::De | Kind::Df | Kind::Port => {
+                return None;
+            }
+        };
+        Some(format!("a {is}, as `= value` gives it; write a law in braces: {law}").replace("a inertia", "an inertia"))
+    }
+
+    /// The mend for a unit that stands apart from its number: `6*V`.
+    pub(super) fn as_unit(&self, segment: &Segment) -> Option<String> {
+        let (name, span) = (&segment.name.text, segment.name.span);
+        if !segment.index.is_empty() || units::lookup(name).is_none() {
+            return None;
+        }
+        let before = self.sources.get(span.source).text.get(..span.start as usize)?.trim_end();
+        let number = last_number(before.strip_suffix('*')?.trim_end())?;
+        Some(format!("if the unit is meant, write it behind its number: `{number} {name}`"))
+    }
+}
+
+/// Whether one span lies in the other.
+fn encloses(outer: Span, inner: Span) -> bool {
+    outer.source == inner.source && outer.start <= inner.start && inner.end <= outer.end
+}
+
+/// The number that a text ends with.
+fn last_number(text: &str) -> Option<&str> {
+    let mut start = text.len();
+    for (at, c) in text.char_indices().rev() {
+        let exponent = matches!(c, '+' | '-') && text[..at].ends_with(['e', 'E']);
+        if !c.is_alphanumeric() && c != '.' && c != '_' && !exponent {
+            break;
+        }
+        start = at;
+    }
+    let number = &text[start..];
+    number.parse::<f64>().ok().filter(|_| number.starts_with(|c: char| c.is_ascii_digit() || c == '.')).map(|_| number)
+}
