@@ -27,7 +27,9 @@ pub(super) struct Tableau {
     halved: bool,
     rows: &'static [Row],
     error: &'static [&'static [f64]],
-    /// The weights of the rates in the state halfway, where they tell it.
+    /// The weights of the rates in the state halfway, where they tell it. Of order 5 they are of order 4 (Hairer,
+    /// Norsett, Wanner I, II.6); of order 8 the least ones that integrate powers up to the fifth with the first stage and
+    /// those from the sixth on, whose states are of order 5: of order 6.
     middle: &'static [f64],
 }
 

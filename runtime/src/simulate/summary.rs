@@ -12,9 +12,6 @@ const FLOOR: f64 = 1e-14;
 const GROWN: f64 = 0.1;
 /// What a region may owe, as a part of the energies there: that much is rounding.
 const OWED: f64 = 1e-11;
-/// What a region may have given out of more than came in, as a part of the largest energy that crossed in an interval:
-/// of what its holds made the other measure may take a share for its own.
-const GIVEN: f64 = 1e-9;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
 
@@ -167,7 +164,7 @@ impl Simulation<'_> {
                 names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
             };
             let floor = b.floor().max(FLOOR * largest);
-            gained.push((b.gained.above(floor), b.giver, b.owed, self.given_out(region.cluster, b)));
+            gained.push((b.gained.above(floor), b.giver, b.owed));
             regions.push(RegionSummary {
                 name: region.name.clone(),
                 kind: if region.period.is_some() { "sampled" } else { "continuous" },
@@ -228,7 +225,7 @@ impl Simulation<'_> {
             })
             .collect();
         let mut reasons: Vec<String> = self.scene.excluded.clone();
-        for (region, (gained, (giver, least), owed, given)) in regions.iter().zip(gained) {
+        for (region, (gained, (giver, least), owed)) in regions.iter().zip(gained) {
             if !region.passive_stepper {
                 reasons.push(format!(
                     "`{}` was stepped by {}, which does not keep the balance",
@@ -254,8 +251,6 @@ impl Simulation<'_> {
                     "`{}` gave out up to {:.3e} J more than it stored and its tank held",
                     region.name, region.debt_max
                 ));
-            } else if let Some(more) = given {
-                reasons.push(format!("`{}` gave out {more:.3e} J more than it had been given", region.name));
             }
             if region.sunk > 1e-12 {
                 reasons.push(format!("entropy fell in `{}`", region.name));
@@ -275,18 +270,5 @@ impl Simulation<'_> {
             regions,
             bars,
         }
-    }
-
-    /// What a sampled cluster gave out of more than it held at the start, its sources supplied and crossed its double
-    /// bars, by the exact count of these; None where that is nothing.
-    fn given_out(&self, cluster: usize, b: &Book) -> Option<f64> {
-        let (c, held) = (&self.scene.clusters[cluster], &self.held[cluster]);
-        let crossed: f64 = held.iter().map(|h| h.holder_energy.value()).sum();
-        let is_bar = |name: &str| held.iter().any(|h| c.ports[h.port].name == name);
-        let own = c.entries.iter().flat_map(|e| &e.supplied).zip(&b.sources).filter(|(s, _)| !is_bar(&s.0));
-        let supplied: f64 = own.map(|(_, sum)| sum.value()).sum();
-        let more = -(b.h_initial + crossed + supplied);
-        let others = c.ports.len() > held.len() || c.entries.len() != 1;
-        Some(more).filter(|more| !others && !held.is_empty() && *more > GIVEN * b.crossed_max.max(b.h_initial.abs()))
     }
 }
