@@ -198,6 +198,26 @@ fn explicit_steps_keep_to_one_law() {
     close(at("rk45", 1e-9), wanted, 1e-7, "rk45");
 }
 
+/// A law may have no value beyond its switch, as a root of what is cut off there: then it looks for itself.
+#[test]
+fn explicit_steps_meet_what_is_cut_off() {
+    let model = "model Hertz {
+       C:c { H = 4 J * max(q/(1 m), 0)^2.5; q0 = -0.3 m }
+       C:k = 1 m/N
+       I:i { inertia = 1 kg; f0 = 1 m/s }
+       1:v -> c, k, i
+       probe x = i.p
+     }";
+    let at = |method: &str, tolerance: f64| {
+        let compiled = with(Options::new().method(method), model);
+        end(&compiled, Steps::tolerance(tolerance), 8.0, "x")
+    };
+    let wanted = at("collocation8", 1e-12);
+    for method in ["rk4", "rk45", "dop853"] {
+        close(at(method, 1e-8), wanted, 1e-5, method);
+    }
+}
+
 /// A source that switches does so at its instant, whatever little it is beside what was before.
 #[test]
 fn explicit_steps_meet_a_source_that_switches() {

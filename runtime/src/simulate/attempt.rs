@@ -101,7 +101,17 @@ impl Run {
     /// A step of length `h` from `t`, cut to where a law switches, and its error. That is first looked for at `aim`
     /// from `t`, where that lies within the step.
     pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
-        self.branch();
+        self.keep_branches(true);
+        let found = self.tried(c, t, h, aim);
+        if found.is_ok() || self.branches == 0 {
+            return found;
+        }
+        // Beyond a switch a branch may have no value, as the root of what is cut off there.
+        self.keep_branches(false);
+        self.tried(c, t, h, aim)
+    }
+
+    fn tried(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
         self.stride(t, h, Part::Whole)?;
         let event = self.event(c, t, h, aim)?;
         let (h, is_event) = (event.map_or(h, |e| e.0), event.is_some());

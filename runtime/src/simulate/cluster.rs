@@ -195,8 +195,9 @@ pub(super) struct Run {
     pub(super) state: Vec<f64>,
     /// t, h, ports, foreign signals, what is given from outside, traces, branches of laws.
     pub(super) input: Vec<f64>,
-    /// How many of the last.
+    /// How many of the last, and whether laws are kept on them.
     pub(super) branches: usize,
+    pub(super) branched: bool,
     pub(super) feed: Feed,
     pub(super) books: Vec<Book>,
     pub(super) steps: u64,
@@ -266,6 +267,7 @@ impl Run {
             index,
             step: branch.map_or_else(|| Ready::new(&c.step, backend), |b| Ready::of(&b.program, None, backend)),
             branches,
+            branched: false,
             glance: c.step.glance.as_deref().map(|s| Ready::new(s, backend)),
             spare: c.step.fallback.as_deref().map(|s| Ready::new(s, backend)),
             instant,

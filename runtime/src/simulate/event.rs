@@ -90,14 +90,24 @@ impl Run {
         }
     }
 
+    /// Whether laws are kept on the branches that they had at the start of the step, from now on.
+    pub(super) fn keep_branches(&mut self, keep: bool) {
+        self.branched = keep;
+        self.free();
+        self.branch();
+    }
+
     /// Has laws look for themselves on which branch they are.
     fn free(&mut self) {
         let at = self.input.len() - self.branches;
         self.input[at..].fill(0.0);
     }
 
-    /// Keeps laws on the branches that they had at the start of the step.
-    pub(super) fn branch(&mut self) {
+    /// Puts laws on the branches that they had at the start of the step, where they are kept there.
+    fn branch(&mut self) {
+        if !self.branched {
+            return;
+        }
         let at = self.input.len() - self.branches;
         let sides = self.before.iter().map(|x| f64::from(i8::from(*x > 0.0) - i8::from(*x < 0.0)));
         self.input[at..].iter_mut().zip(sides).for_each(|(b, side)| *b = side);
@@ -166,7 +176,7 @@ impl Run {
         }
         let found = bracket.high.0;
         if found < STANDS * self.default_step {
-            self.free();
+            self.keep_branches(false);
             self.stride(t, h, Part::Whole)?;
             self.stride(t, 0.5 * h, Part::First)?;
             return Ok(None);
