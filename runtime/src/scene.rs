@@ -188,6 +188,9 @@ pub struct Guards {
     pub count: usize,
     /// How many unknowns of loops they depend on: all, or 0.
     pub loops: usize,
+    /// Whether the stepper's last node is the end of its step: such a step ends just before a switch, where others end
+    /// just past it.
+    pub ends: bool,
     /// The step along a branch, where the stepper looks at the end of its step or beyond: what it saw behind a switch
     /// would spoil the step to there.
     pub branch: Option<Branch>,

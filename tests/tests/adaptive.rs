@@ -220,7 +220,7 @@ fn explicit_steps_meet_what_is_cut_off() {
 
 /// A source that switches does so at its instant, whatever little it is beside what was before.
 #[test]
-fn explicit_steps_meet_a_source_that_switches() {
+fn steps_that_look_at_their_end_meet_a_source_that_switches() {
     let model = "model Coil {
        Sf:s = if t > 1 s then 10 uA else -10 uA
        I:l = 1 H
@@ -228,7 +228,7 @@ fn explicit_steps_meet_a_source_that_switches() {
        s -> 0:n -> l, b
        probe p = l.p
      }";
-    for method in ["rk45", "dop853"] {
+    for method in ["rk45", "dop853", "radau"] {
         let compiled = with(Options::new().method(method), model);
         let p = end(&compiled, Steps::tolerance(1e-5), 3.0, "p");
         // p' = R (i - p / L)

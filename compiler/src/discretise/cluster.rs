@@ -569,6 +569,7 @@ impl Cluster {
     /// Where its laws switch, and its step along a branch where that looks beyond them.
     fn guards(&self, model: &mut Model, form: &Form, stepper: &str) -> Result<Option<scene::Guards>, Vec<Diagnostic>> {
         let Some((mut guards, switches)) = instant::guards(self, model, form)? else { return Ok(None) };
+        guards.ends = stepper == Method::Radau.name();
         guards.branch = explicit::branch(self, model, form, stepper, &switches)?;
         Ok(Some(guards))
     }

@@ -257,7 +257,7 @@ pub(super) fn guards(
     let at = |(e, guard): (Expr, Expr)| Some((e, found.binary_search(&guard).ok()?));
     let switches = switches.into_iter().filter_map(at).collect();
     let loops = if wide { loops.len() } else { 0 };
-    Ok(Some((Guards { program: verified(model, b.finish())?, count, loops, branch: None }, switches)))
+    Ok(Some((Guards { program: verified(model, b.finish())?, count, loops, ends: false, branch: None }, switches)))
 }
 
 /// Writes the observation of the signals `shows`.

@@ -92,6 +92,8 @@ pub(super) struct Control {
     pub(super) chatter: u32,
     /// The guard that did so last, as long as it stays so.
     pub(super) faint: Option<usize>,
+    /// The guard that the last step ended just before.
+    pub(super) stood: Option<usize>,
     /// Attempts that were not kept.
     pub(super) rejected: u64,
     /// Switches of laws that were located.
@@ -132,6 +134,8 @@ pub(super) struct Fit {
     pub(super) second: Taken,
     /// A look on the way.
     pub(super) trial: Taken,
+    /// The guard that the step which is tried ends just before.
+    pub(super) stood: Option<usize>,
     /// The guards before a switch, beyond it, and where they were looked at last.
     pub(super) below: Vec<f64>,
     pub(super) beyond: Vec<f64>,
@@ -170,6 +174,7 @@ impl Fit {
                 crawl: 0,
                 chatter: 0,
                 faint: None,
+                stood: None,
                 rejected: 0,
                 events: 0,
             },
@@ -183,6 +188,7 @@ impl Fit {
             first: Taken::new(c),
             second: Taken::new(c),
             trial: Taken::new(c),
+            stood: None,
             below: vec![0.0; guards],
             beyond: vec![0.0; guards],
             seen: vec![0.0; guards],
@@ -417,6 +423,7 @@ impl Run {
                 continue;
             }
             let done = last.filter(|_| attempt.h >= h);
+            control.stood = self.fit.as_ref().and_then(|fit| fit.stood);
             let hard = refused.is_some() || last_failure.is_some() || attempt.event;
             control.crawl = match attempt.h < CRAWL.1 * usual && done.is_none() {
                 true if hard || attempt.h < ENDLESS * usual => control.crawl + TAKEN_BACK,

@@ -102,6 +102,9 @@ impl Run {
     /// from `t`, where that lies within the step.
     pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
         self.keep_branches(true);
+        if let Some(fit) = &mut self.fit {
+            fit.stood = None;
+        }
         let found = self.tried(c, t, h, aim);
         if found.is_ok() || self.branches == 0 {
             return found;

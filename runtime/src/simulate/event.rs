@@ -87,6 +87,10 @@ impl Run {
         if let Some(fit) = &mut self.fit {
             fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
             hush(fit.control.chatter, &fit.tops, &mut self.before);
+            // The step before this one ended just before its switch.
+            if let Some(guard) = fit.control.stood {
+                self.before[guard] = 0.0;
+            }
         }
     }
 
@@ -181,7 +185,35 @@ impl Run {
             self.stride(t, 0.5 * h, Part::First)?;
             return Ok(None);
         }
-        Ok(Some((found, bracket.guard)))
+        let before = match &c.guards {
+            Some(guards) if guards.ends => self.end_before(c, t, &bracket, past)?,
+            _ => None,
+        };
+        Ok(Some((before.unwrap_or(found), bracket.guard)))
+    }
+
+    /// Ends the whole step just before the switch in a bracket, where a step to there can be had: its length.
+    fn end_before(&mut self, c: &Cluster, t: f64, bracket: &Bracket, past: f64) -> Result<Option<f64>, Failure> {
+        let (low, high) = (bracket.low.0, bracket.high.0);
+        let mut back = 2.0 * past;
+        loop {
+            let at = low.max(high - back);
+            if at <= 0.5 * high {
+                return Ok(None);
+            }
+            self.stride(t, at, Part::Trial)?;
+            self.guards_at(c, t + at, Part::Trial);
+            let Some(fit) = &mut self.fit else { return Ok(None) };
+            if earliest(&self.before, &fit.seen).is_none() {
+                std::mem::swap(&mut fit.trial, &mut fit.whole);
+                fit.stood = Some(bracket.guard);
+                return Ok(Some(at));
+            }
+            if at == low {
+                return Ok(None);
+            }
+            back *= 8.0;
+        }
     }
 
     /// When the next switch is foretold after the step of length `h` from `t` that was just found to have none: the
