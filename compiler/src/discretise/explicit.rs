@@ -28,8 +28,8 @@ pub(super) struct Tableau {
     rows: &'static [Row],
     error: &'static [&'static [f64]],
     /// The weights of the rates in the state halfway, where they tell it. Of order 5 they are of order 4 (Hairer,
-    /// Norsett, Wanner I, II.6); of order 8 the least ones that integrate powers up to the fifth with the first stage and
-    /// those from the sixth on, whose states are of order 5: of order 6.
+    /// Norsett, Wanner I, II.6); of order 8 the least ones that integrate powers up to the fifth with the first stage
+    /// and those from the sixth on: of order 5.
     middle: &'static [f64],
 }
 
@@ -512,4 +512,28 @@ fn stage(
         loops.push(lower(model, b, z)?);
     }
     Ok(Stage { rates, integrals, means, powers, loops })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{DOP853, RK45, Tableau};
+
+    /// How far the state halfway is off after a step of y' = y^2 from 1, whose solution is 1 / (1 - t).
+    fn off(method: &Tableau, h: f64) -> f64 {
+        let mut rates: Vec<f64> = Vec::new();
+        let after = |rates: &[f64], w: &[f64]| 1.0 + h * w.iter().zip(rates).map(|(w, r)| w * r).sum::<f64>();
+        for row in method.rows {
+            let y = after(&rates, row.from);
+            rates.push(y * y);
+        }
+        (after(&rates, method.middle) - 1.0 / (1.0 - 0.5 * h)).abs()
+    }
+
+    #[test]
+    fn states_halfway_have_their_orders() {
+        for (method, order, h) in [(&RK45, 4.0, 0.02), (&DOP853, 5.0, 0.1)] {
+            let found = (off(method, h) / off(method, 0.5 * h)).log2() - 1.0;
+            assert!(found > order - 0.3, "{}: order {found}", method.name);
+        }
+    }
 }

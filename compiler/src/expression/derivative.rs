@@ -186,6 +186,7 @@ impl Pool {
         }
     }
 
+    /// `d` times factors.
     fn with(&mut self, d: Expr, factors: &[(Expr, Number)]) -> Expr {
         let mut all = factors.to_vec();
         all.push((d, Number::ONE));
