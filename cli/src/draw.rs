@@ -7,6 +7,26 @@ use std::path::Path;
 /// Red, green, blue.
 pub type Colour = [u8; 3];
 
+/// Of words and frames.
+pub const BLACK: Colour = [34, 34, 34];
+/// Of words beside.
+pub const GREY: Colour = [120, 120, 120];
+/// Of lines behind what is shown.
+pub const PALE: Colour = [226, 226, 226];
+/// Told apart also by those who see colours otherwise, together with marks.
+pub const COLOURS: [Colour; 10] = [
+    [0, 114, 178],
+    [213, 94, 0],
+    [0, 158, 115],
+    [150, 80, 160],
+    [86, 150, 220],
+    [160, 110, 0],
+    [190, 30, 60],
+    [90, 90, 90],
+    [70, 130, 30],
+    [220, 120, 170],
+];
+
 /// Where a text has its place.
 #[derive(Clone, Copy)]
 pub enum Anchor {
@@ -61,6 +81,17 @@ pub fn format(path: &Path) -> Result<Format, Stop> {
     }
     output::whole(path)?;
     Ok(format)
+}
+
+/// 10 to a power, as one writes it.
+pub fn power(k: i32) -> String {
+    let digits = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let small = k.to_string().chars().map(|c| c.to_digit(10).map_or('⁻', |d| digits[d as usize])).collect::<String>();
+    match k {
+        0 => "1".into(),
+        1 => "10".into(),
+        _ => format!("10{small}"),
+    }
 }
 
 /// What is drawn, in order. Lengths are in points of the picture, from its upper left corner.

@@ -20,6 +20,7 @@ mod output;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod pending;
+mod plot;
 mod progress;
 mod report;
 mod rows;

@@ -1,26 +1,47 @@
-//! A table whose rows wait until the run has got there.
+//! Rows that wait until the run has got there.
 
 use crate::stop::Stop;
-use crate::table::{Cell, Column, Table};
-use std::path::Path;
+use crate::table::{Cell, Table};
 
-/// A table of numbers over time. A row within a fixed step is looked at before that step is taken, which may fail
-/// earlier than the row: it waits for the end of the step.
-pub struct Pending {
-    table: Table,
+/// What takes rows of numbers over time: in each the instant comes first.
+pub trait Sink {
+    /// Takes a row.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    fn row(&mut self, row: &[f64]) -> Result<(), Stop>;
+
+    /// Ends it: its file is there now.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    fn commit(self) -> Result<(), Stop>;
+}
+
+impl Sink for Table {
+    fn row(&mut self, row: &[f64]) -> Result<(), Stop> {
+        Table::row(self, row.iter().copied().map(Cell::Number))
+    }
+
+    fn commit(self) -> Result<(), Stop> {
+        Table::commit(self)
+    }
+}
+
+/// Rows on their way to a table or a picture. One within a fixed step is looked at before that step is taken, which may
+/// fail earlier than the row: it waits for the end of the step.
+pub struct Pending<S> {
+    sink: S,
     /// Numbers in a row.
     width: usize,
     /// The rows that wait, one after the other, each with its instant first.
     rows: Vec<f64>,
 }
 
-impl Pending {
-    /// A table with these columns, of which the first is the time.
-    ///
-    /// # Errors
-    /// A file that cannot be made.
-    pub fn new(path: &Path, columns: &[Column]) -> Result<Self, Stop> {
-        Ok(Self { table: Table::new(path, columns)?, width: columns.len(), rows: Vec::new() })
+impl<S: Sink> Pending<S> {
+    /// For rows of this many numbers.
+    pub fn new(sink: S, width: usize) -> Self {
+        Self { sink, width, rows: Vec::new() }
     }
 
     /// Adds a row of a run that is sure up to an instant, s.
@@ -39,13 +60,13 @@ impl Pending {
     /// What is left cannot be written.
     pub fn commit(mut self, until: f64) -> Result<(), Stop> {
         self.write(until)?;
-        self.table.commit()
+        self.sink.commit()
     }
 
     fn write(&mut self, until: f64) -> Result<(), Stop> {
         let sure = reached(&self.rows, self.width, until);
         for row in sure.chunks_exact(self.width) {
-            self.table.row(row.iter().copied().map(Cell::Number))?;
+            self.sink.row(row)?;
         }
         let count = sure.len();
         self.rows.drain(..count);

@@ -4,7 +4,7 @@ use super::Bench;
 use super::front::place;
 use super::point::Point;
 use super::setting::{Setting, time};
-use crate::draw::{Anchor, Colour, Drawing, Mark};
+use crate::draw::{Anchor, BLACK, COLOURS, Colour, Drawing, GREY, Mark, PALE, power};
 
 const WIDTH: f64 = 960.0;
 const HEIGHT: f64 = 640.0;
@@ -13,24 +13,8 @@ const FRAME: [f64; 4] = [92.0, 64.0, 770.0, 560.0];
 /// Larger errors are not drawn.
 const FAR: f64 = 10.0;
 
-const BLACK: Colour = [34, 34, 34];
-const GREY: Colour = [120, 120, 120];
-const PALE: Colour = [226, 226, 226];
 const SHADE: Colour = [244, 244, 244];
 const FRONT: Colour = [255, 214, 110];
-/// Told apart also by those who see colours otherwise, together with the marks.
-const COLOURS: [Colour; 10] = [
-    [0, 114, 178],
-    [213, 94, 0],
-    [0, 158, 115],
-    [150, 80, 160],
-    [86, 150, 220],
-    [160, 110, 0],
-    [190, 30, 60],
-    [90, 90, 90],
-    [70, 130, 30],
-    [220, 120, 170],
-];
 const MARKS: [Mark; 4] = [Mark::Circle, Mark::Square, Mark::Triangle, Mark::Diamond];
 
 /// A decimal scale of a frame's side.
@@ -155,15 +139,4 @@ fn legend(d: &mut Drawing, from: f64) {
 
 fn decade(k: i32) -> f64 {
     10f64.powi(k)
-}
-
-/// 10 to a power, as one writes it.
-fn power(k: i32) -> String {
-    let digits = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    let small = k.to_string().chars().map(|c| c.to_digit(10).map_or('⁻', |d| digits[d as usize])).collect::<String>();
-    match k {
-        0 => "1".into(),
-        1 => "10".into(),
-        _ => format!("10{small}"),
-    }
 }

@@ -6,13 +6,14 @@ use crate::checkpoint::Checkpoints;
 use crate::choose::{Ask, Chosen, Target};
 use crate::drive::{self, Halt, Watch};
 use crate::input::{self, Set, Which};
-use crate::pending::Pending;
+use crate::pending::{Pending, Sink};
+use crate::plot::Plot;
 use crate::progress::Progress;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Early, Outcome};
-use crate::table::{self, Column, Kind};
-use crate::{checkpoint, choose, ensemble, output, report, signal};
+use crate::table::{self, Column, Kind, Table};
+use crate::{checkpoint, choose, draw, ensemble, output, report, signal};
 use bond::{Code, RunError, Simulation, Steps, Summary, Text};
 use bond_compiler::discretise::{Accuracy, Method};
 use bond_compiler::model::Settings;
@@ -24,7 +25,8 @@ use std::time::Instant;
 
 /// Simulate a model, and tell what became of the energy
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv\n  \
+#[command(
+    after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv --plot wall.svg\n  \
                   bond run wall.bond --set wall.k=2e3 --set \"m=0.5 kg\" --at 40ms,1s -o - --summary json\n  \
                   bond run wall_of_a_house.bond --input weather.csv\n  \
                   bond run pendulum.bond --error 1e-5\n  bond run wall.bond --budget 50us\n  \
@@ -42,7 +44,8 @@ use std::time::Instant;
                   resumed keeps the lengths that it began with. A state that was saved with --error or --budget\n\
                   goes on with the --method that the \
                   summary names as chosen.\nCtrl-C (or TERM) ends a run at the next row: its tables, and its state with --checkpoint, are written; exit \
-                  status 130.")]
+                  status 130."
+)]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
@@ -98,6 +101,9 @@ pub struct How {
     /// Write time and probes to a table, `.csv` or `.parquet`; `-` is CSV to standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// Draw the probes over time as a picture, `.svg` or `.png`, a panel for each unit
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Write the energy ledger over time to a table, `.csv` or `.parquet`; between fixed steps a row shows the books as
     /// of the last step
     #[arg(long, value_name = "FILE")]
@@ -197,7 +203,7 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
         rows,
         every,
         longest: how.longest,
-        shows: how.output.is_some(),
+        shows: how.output.is_some() || how.plot.is_some(),
         given: &given,
         backend: if how.interpret { Code::Interpreted.backend() } else { Code::Native.backend() },
     };
@@ -271,7 +277,7 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
     later(&args.at, from)?;
     let resumed = args.resume.is_some().then_some(from);
     let asked = signal::watch("at the next row");
-    let files = Files::open(args, scene, &sim, resumed)?;
+    let files = Files::open(args, scene, &sim, (resumed, stop))?;
     let checkpoints = args.checkpoint.as_deref().map(|path| Checkpoints::new(path, args.checkpoint_every, from));
     let progress = Progress::new();
     let mut on_the_way = OnTheWay { files, checkpoints, unsaved: None, progress, stop, asked, ends: false };
@@ -289,7 +295,7 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
     let kept = unsaved.map_or(Ok(()), Err).and(files.commit(failed.unwrap_or(f64::INFINITY)));
     if let Some(until) = failed.filter(|t| *t < sim.time()) {
         sim = begin()?;
-        drive::again(&mut sim, rows, until, args.output.is_some());
+        drive::again(&mut sim, rows, until, args.output.is_some() || args.plot.is_some());
     }
     if early.is_none() && matches!(kept, Err(Stop::Pipe)) {
         return kept;
@@ -333,7 +339,8 @@ fn many(args: &Args, options: bond::Options) -> Result<(), Stop> {
 
 /// Refuses options that do not go with an ensemble, or only with one.
 fn ensembles(args: &Args) -> Result<(), Stop> {
-    let single: [(&str, bool, &str); 5] = [
+    let single: [(&str, bool, &str); 6] = [
+        ("--plot", args.how.plot.is_some(), "it is drawn"),
         ("--ledger", args.how.ledger.is_some(), "its ledger is written"),
         ("--checkpoint", args.how.checkpoint.is_some(), "its state is saved; an ensemble goes on by itself"),
         ("--resume", args.how.resume.is_some(), "it goes on; an ensemble goes on by itself"),
@@ -472,14 +479,20 @@ fn places(args: &How, model: Option<&Path>) -> Result<(), Stop> {
         output::not_over(path, &read)?;
         table::possible(path)?;
     }
-    let named = [("-o", &args.output), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];
+    if let Some(path) = &args.plot {
+        output::place(path)?;
+        output::not_over(path, &read)?;
+        draw::format(path)?;
+    }
+    let named =
+        [("-o", &args.output), ("--plot", &args.plot), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];
     let named: Vec<_> = named.into_iter().filter_map(|(option, path)| Some((option, path.as_deref()?))).collect();
     output::different(&named)
 }
 
 /// Refuses to write over files that the model uses.
 fn unused(args: &How, used: &[PathBuf]) -> Result<(), Stop> {
-    let results = [&args.output, &args.ledger, &args.checkpoint];
+    let results = [&args.output, &args.plot, &args.ledger, &args.checkpoint];
     results.into_iter().try_for_each(|path| output::not_over_used(path.as_deref(), used))
 }
 
@@ -539,52 +552,80 @@ fn steps(args: &How) -> Steps {
     args.longest.map_or(steps, |h| steps.longest(h))
 }
 
-/// The tables that a run writes.
+/// The tables and the picture that a run writes.
 struct Files {
-    rows: Option<Pending>,
-    ledger: Option<Pending>,
+    rows: Option<Pending<Table>>,
+    plot: Option<Pending<Plot>>,
+    ledger: Option<Pending<Table>>,
     shown: usize,
     /// The instant of a run that goes on from there: its row was written before.
     resumed: Option<f64>,
 }
 
 impl Files {
-    fn open(args: &How, scene: &Scene, sim: &Simulation<'_>, resumed: Option<f64>) -> Result<Self, Stop> {
+    fn open(
+        args: &How,
+        scene: &Scene,
+        sim: &Simulation<'_>,
+        (resumed, stop): (Option<f64>, f64),
+    ) -> Result<Self, Stop> {
         let columns = |names: &mut dyn Iterator<Item = &str>| -> Vec<Column> {
             std::iter::once("t").chain(names).map(|name| Column::new(name, Kind::Number)).collect()
         };
-        let probes = columns(&mut scene.probes.names.iter().map(String::as_str));
-        let rows = args.output.as_deref().map(|path| Pending::new(path, &probes)).transpose()?;
+        let table = |path: Option<&Path>, columns: &[Column]| match path {
+            Some(path) => Table::new(path, columns).map(|table| Some(Pending::new(table, columns.len()))),
+            None => Ok(None),
+        };
+        let shown = scene.probes.names.len();
+        let rows = table(args.output.as_deref(), &columns(&mut scene.probes.names.iter().map(String::as_str)))?;
+        let span = (resumed.unwrap_or(0.0), stop);
+        let plot = args.plot.clone().map(|path| Plot::new(path, &scene.name, &scene.probes, span)).transpose()?;
+        if let Some(left) = plot.as_ref().map(Plot::left).filter(|left| *left > 0) {
+            report::say(&format!("note: the picture leaves out {left} of {shown} probes, for which it has no room"));
+        }
+        let plot = plot.map(|plot| Pending::new(plot, 1 + shown));
         let names = ledger_names(&sim.summary());
-        let names = columns(&mut names.iter().map(String::as_str));
-        let ledger = args.ledger.as_deref().map(|path| Pending::new(path, &names)).transpose()?;
-        Ok(Self { rows, ledger, shown: scene.probes.names.len(), resumed })
+        let ledger = table(args.ledger.as_deref(), &columns(&mut names.iter().map(String::as_str)))?;
+        Ok(Self { rows, plot, ledger, shown, resumed })
     }
 
     fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
+        let looks = self.rows.is_some() || self.plot.is_some();
         if self.resumed.is_some_and(|from| t <= from * (1.0 + 1e-12)) {
             // Looking makes tables that later steps may take: the run that was never stopped looked here too.
-            if self.rows.is_some() {
+            if looks {
                 sim.probes().map_err(Halt::Numerics)?;
             }
             return Ok(());
         }
         let sure = sim.settled();
-        if let Some(table) = &mut self.rows {
+        if looks {
             let values = sim.probes().map_err(Halt::Numerics)?;
-            table.row(t, values.iter().copied().take(self.shown), sure).map_err(Halt::Stop)?;
+            let values = values.iter().copied().take(self.shown);
+            put(&mut self.rows, t, values.clone(), sure)?;
+            put(&mut self.plot, t, values, sure)?;
         }
-        if let Some(table) = &mut self.ledger {
-            table.row(t, ledger_values(&sim.summary()), sure).map_err(Halt::Stop)?;
+        if self.ledger.is_some() {
+            put(&mut self.ledger, t, ledger_values(&sim.summary()).into_iter(), sure)?;
         }
         Ok(())
     }
 
-    /// Ends the tables, with the rows up to an instant, s.
+    /// Ends them, with the rows up to an instant, s.
     fn commit(self, until: f64) -> Result<(), Stop> {
-        let both = [self.rows, self.ledger].map(|table| table.map_or(Ok(()), |table| table.commit(until)));
-        both.into_iter().collect()
+        let kept = [end(self.rows, until), end(self.plot, until), end(self.ledger, until)];
+        kept.into_iter().collect()
     }
+}
+
+/// Adds a row of a run that is sure up to an instant, s.
+fn put<S: Sink>(to: &mut Option<Pending<S>>, t: f64, values: impl Iterator<Item = f64>, sure: f64) -> Result<(), Halt> {
+    to.as_mut().map_or(Ok(()), |to| to.row(t, values, sure).map_err(Halt::Stop))
+}
+
+/// Ends it, with the rows up to an instant, s.
+fn end<S: Sink>(what: Option<Pending<S>>, until: f64) -> Result<(), Stop> {
+    what.map_or(Ok(()), |what| what.commit(until))
 }
 
 /// The header of the ledger's table without the time: `REGION.H`, `REGION/ELEMENT.supplied`, `BOND.holder`. A region

@@ -167,8 +167,9 @@ fn no_result_takes_the_place_of_a_model_over_a_link() {
         symlink("b.bond", here.0.join(link)).unwrap();
     }
     symlink("gone.bond", here.0.join("gone.csv")).unwrap();
-    let slips: [&[&str]; 10] = [
+    let slips: [&[&str]; 11] = [
         &["run", "a.bond", "-o", "out.csv"],
+        &["run", "a.bond", "--plot", "out.svg"],
         &["run", "a.bond", "--ledger", "out.csv"],
         &["run", "a.bond", "--checkpoint", "out.csv"],
         &["run", "a.bond", "--sweep", "m=1,2", "-o", "out.csv"],
@@ -188,6 +189,39 @@ fn no_result_takes_the_place_of_a_model_over_a_link() {
     symlink("rows.csv", here.0.join("link.csv")).unwrap();
     here.bond(&["run", "a.bond", "-o", "link.csv"]).is(0, &[], &[]);
     assert!(here.0.join("link.csv").is_symlink() && here.read("rows.csv").starts_with("t,x,v\n"));
+}
+
+#[test]
+fn pictures_of_a_run() {
+    let here = Folder::new()
+        .with("a.bond", OSCILLATOR)
+        .with("mute.bond", "model Mute {\n  C:c = 1 F; R:r = 1 Ohm\n  c -> r\n}\n");
+    here.bond(&["run", "a.bond", "--plot", "a.svg", "-o", "a.csv"]).is(0, &["passive     yes"], &[]);
+    let svg = here.read("a.svg");
+    for text in ["Oscillator", ">x<", ">v<", ">m<", ">m/s<", "t, s"] {
+        assert!(svg.contains(text), "`{text}` is not in the picture");
+    }
+    let longest = svg.split("<path").map(|path| path.matches(" L ").count()).max().unwrap();
+    assert!(longest >= 1000, "a row each: {longest}");
+    // Of more rows than can be seen no more is drawn.
+    let size = |every: &str| {
+        here.bond(&["run", "a.bond", "--every", every, "--plot", "b.svg"]).is(0, &[], &[]);
+        here.read("b.svg").len()
+    };
+    let (some, many) = (size("0.1ms"), size("0.01ms"));
+    assert!(many < some + some / 4, "{some}, {many}");
+    here.bond(&["run", "a.bond", "--plot", "a.png"]).is(0, &[], &[]);
+    assert!(std::fs::read(here.0.join("a.png")).unwrap().starts_with(b"\x89PNG"));
+    here.bond(&["run", "a.bond", "--plot", "a.gif"]).is(2, &[], &["a.gif", ".svg or .png"]);
+    here.bond(&["run", "a.bond", "--plot", "-"]).is(2, &[], &["let its name end in .svg or .png"]);
+    here.bond(&["run", "mute.bond", "--stop", "1s", "--plot", "m.svg"]).is(2, &[], &["`Mute` has no probe; add one"]);
+    let many = ["run", "a.bond", "--sweep", "m=1,2", "--plot", "m.svg"];
+    here.bond(&many).is(2, &[], &["--plot is for single runs", "--set, and it is drawn"]);
+    // What was computed until numerics fail is drawn.
+    let here = here.with("b.bond", BLOWS_UP);
+    here.bond(&["run", "b.bond", "--plot", "f.svg"]).is(3, &[], &[]);
+    assert!(here.read("f.svg").split("<path").any(|path| path.matches(" L ").count() > 100));
+    assert_eq!(here.list(), ["a.bond", "a.csv", "a.png", "a.svg", "b.bond", "b.svg", "f.svg", "mute.bond"]);
 }
 
 /// A name may be as long as the system takes it.
@@ -225,7 +259,11 @@ fn no_result_takes_the_place_of_what_a_model_uses() {
 #[test]
 fn two_results_need_two_files() {
     let here = Folder::new().with("a.bond", OSCILLATOR).with("folder/x", "");
-    let slips: [(&[&str], &str); 4] = [
+    let slips: [(&[&str], &str); 5] = [
+        (
+            &["run", "a.bond", "--plot", "x.svg", "--checkpoint", "./x.svg"],
+            "--plot and --checkpoint name the same file",
+        ),
         (&["run", "a.bond", "-o", "x.csv", "--ledger", "./x.csv"], "-o and --ledger name the same file"),
         (&["run", "a.bond", "-o", "./x.csv", "--checkpoint", "x.csv"], "-o and --checkpoint name the same file"),
         (&["run", "a.bond", "-o", "folder/../x.csv", "--ledger", "x.csv"], "-o and --ledger name the same file"),
@@ -242,7 +280,8 @@ fn two_results_need_two_files() {
 #[test]
 fn places_are_tried_before_the_work() {
     let here = Folder::new().with("a.bond", OSCILLATOR).with("file", "");
-    let slips: [&[&str]; 7] = [
+    let slips: [&[&str]; 8] = [
+        &["run", "a.bond", "-o", "kept.csv", "--plot", "no/x.png"],
         &["run", "a.bond", "-o", "kept.csv", "--checkpoint", "no/x.state"],
         &["run", "a.bond", "-o", "kept.csv", "--checkpoint", "file/x.state"],
         &["run", "a.bond", "--error", "1e-9", "-o", "no/x.csv"],
