@@ -22,6 +22,8 @@ pub struct Options {
     step: Option<f64>,
     stop: Option<f64>,
     set: Vec<(String, Result<Quantity, String>)>,
+    without: Vec<String>,
+    powers: bool,
 }
 
 impl Options {
@@ -74,6 +76,19 @@ impl Options {
         self
     }
 
+    /// Leaves out a storage, a resistor or a field by its path: at a 1-junction its effort is 0 then, at a 0-junction its
+    /// flow.
+    pub fn without(mut self, path: impl Into<String>) -> Self {
+        self.without.push(path.into());
+        self
+    }
+
+    /// Lets the probes end with the power into each of [`bond_compiler::omit::parts`].
+    pub fn powers(mut self) -> Self {
+        self.powers = true;
+        self
+    }
+
     /// Compiles a file.
     ///
     /// # Errors
@@ -114,6 +129,8 @@ impl Options {
             accuracy: self.accuracy,
             step: self.step,
             stop: self.stop,
+            without: self.without.clone(),
+            powers: self.powers,
         };
         let sources = text.sources.clone();
         match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {

@@ -31,6 +31,8 @@ pub struct Environment {
     pub method: Option<String>,
     /// Parameters that were set, as `path = value unit`.
     pub set: Vec<String>,
+    /// What was left out.
+    pub without: Vec<String>,
     /// End of the run, s, as the model says.
     pub stop: Option<f64>,
     /// Step of continuous regions, s.
@@ -186,6 +188,8 @@ struct Run {
 struct Fixed {
     #[arg(long, hide = true, value_name = "PATH=VALUE", allow_hyphen_values = true)]
     set: Vec<String>,
+    #[arg(long, hide = true, value_name = "PATH,...", value_delimiter = ',')]
+    without: Vec<String>,
     #[arg(long, hide = true)]
     method: Option<String>,
     #[arg(long, hide = true)]
@@ -195,8 +199,12 @@ struct Fixed {
 impl Fixed {
     /// Refuses what cannot be changed.
     fn check(&self) -> Result<(), Stop> {
-        let asked =
-            [("--set", !self.set.is_empty()), ("--method", self.method.is_some()), ("--model", self.model.is_some())];
+        let asked = [
+            ("--set", !self.set.is_empty()),
+            ("--without", !self.without.is_empty()),
+            ("--method", self.method.is_some()),
+            ("--model", self.model.is_some()),
+        ];
         match asked.into_iter().find(|a| a.1) {
             None => Ok(()),
             Some((option, _)) => Err(Stop::Usage(format!(
@@ -261,6 +269,7 @@ fn tell(out: &mut String, e: &Environment) -> std::fmt::Result {
     section(out, "Inputs", scene.inputs.iter().map(input).collect())?;
     section(out, "Open ports", scene.open.iter().map(|o| port(scene, o)).collect())?;
     section(out, "Set when it was built", e.set.clone())?;
+    section(out, "Left out when it was built", e.without.clone())?;
     let mut fixed: Vec<String> = e.method.iter().map(|m| format!("method {m}")).collect();
     fixed.extend(e.stop.map(|t| format!("stop {t} s")));
     fixed.extend(e.step.map(|h| format!("step {h} s")));

@@ -14,12 +14,23 @@ pub struct Which {
     pub model: Option<String>,
 }
 
-/// `--set`.
+/// `--set` and `--without`: what is changed of a model.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Set {
     /// Set a parameter, such as `m=0.1kg` or `wall.k=2e3`; in SI where no unit is given; repeatable
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = assignment, allow_hyphen_values = true)]
     pub set: Vec<(String, Quantity)>,
+    /// Leave out storages, resistors or fields, such as `wall.damper`: `bond reduce` tells which matter; repeatable
+    #[arg(long, value_name = "PATH,...", value_delimiter = ',', value_parser = path)]
+    pub without: Vec<String>,
+}
+
+/// The path of an element.
+fn path(text: &str) -> Result<String, String> {
+    match text.trim() {
+        "" => Err("the name of the element is missing".into()),
+        path => Ok(path.into()),
+    }
 }
 
 /// `path=value`.
@@ -103,6 +114,9 @@ pub fn options(which: &Which, set: &Set) -> Result<Options, Stop> {
     for (path, value) in &set.set {
         options = options.set_quantity(path, *value);
     }
+    for path in &set.without {
+        options = options.without(path);
+    }
     Ok(options)
 }
 
@@ -134,7 +148,9 @@ pub fn wrong(errors: &Errors) -> Stop {
 
 /// 2 where only what the command line asks for is wrong, else 1.
 pub fn status(errors: &Errors) -> u8 {
-    let asked = |code: &str| matches!(code, "elaborate::set" | "elaborate::model" | "discretise::asked");
+    let asked = |code: &str| {
+        matches!(code, "elaborate::set" | "elaborate::model" | "discretise::asked") || code.starts_with("omit::")
+    };
     if !errors.list().is_empty() && errors.list().iter().all(|d| asked(d.code)) { 2 } else { 1 }
 }
 

@@ -22,6 +22,7 @@ mod parquet;
 mod pending;
 mod plot;
 mod progress;
+mod reduce;
 mod report;
 mod rows;
 mod serve;
@@ -32,7 +33,9 @@ mod table;
 mod text;
 
 use clap::{Parser, Subcommand};
-use commands::{bench as benching, build, check, doc, fmt, linearize, new, run, serve as serving, show, test};
+use commands::{
+    bench as benching, build, check, doc, fmt, linearize, new, reduce as reducing, run, serve as serving, show, test,
+};
 use std::process::ExitCode;
 use stop::Stop;
 
@@ -65,6 +68,7 @@ enum Command {
     Linearize(linearize::Args),
     Run(Box<run::Args>),
     Bench(Box<benching::Args>),
+    Reduce(Box<reducing::Args>),
     Serve(serving::Args),
     Test(test::Args),
 }
@@ -98,6 +102,7 @@ fn command(command: &Command) -> Result<(), Stop> {
         Command::Linearize(args) => linearize::linearize(args),
         Command::Run(args) => run::run(args),
         Command::Bench(args) => benching::bench(args),
+        Command::Reduce(args) => reducing::reduce(args),
         Command::Serve(args) => serving::serve(args),
         Command::Test(args) => test::test(args),
     }

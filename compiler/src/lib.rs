@@ -14,6 +14,7 @@ pub mod expression;
 pub mod graph;
 pub mod linearize;
 pub mod model;
+pub mod omit;
 pub mod rates;
 pub mod show;
 pub mod structure;
@@ -45,6 +46,10 @@ pub struct Options {
     pub step: Option<f64>,
     /// End of the run, s, in the place of what `simulate` says.
     pub stop: Option<f64>,
+    /// Parts that are left out, by path.
+    pub without: Vec<String>,
+    /// Whether the scene's probes end with the powers of its [`omit::parts`].
+    pub powers: bool,
 }
 
 /// The part of a run that a long one of its fitted steps takes.
@@ -120,6 +125,10 @@ pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader) -> L
 pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> Result<Compiled, Vec<Diagnostic>> {
     let elaborated = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone());
     let mut model = elaborated.map_err(|broken| all_errors(broken, options))?;
+    omit::leave_out(&mut model, &options.without)?;
+    if options.powers {
+        omit::watch(&mut model);
+    }
     model.settings.pace = options.pace(&model.settings);
     if options.method.is_some() {
         model.settings.method = None; // it does not count

@@ -149,12 +149,23 @@ pub struct Entries {
     pub dissipated: Vec<(String, usize)>,
     /// What of H is no more than its zero: the sum of the storages' least energies.
     pub floor: f64,
-    /// Entropy produced in each field with thermal ports, J/K: name, output.
-    pub produced: Vec<(String, usize)>,
+    /// Entropy produced in each field with thermal ports.
+    pub produced: Vec<Produced>,
     /// Energy that an energy leap of `ray` missed (created where positive), and 1 where there was one.
     pub leap: Option<(usize, usize)>,
     /// Of a stepper that keeps another energy than H, which then is `energy`: H itself at the end of the step.
     pub modified: Option<usize>,
+}
+
+/// What a field with thermal ports produces in a step, as outputs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Produced {
+    /// The field.
+    pub name: String,
+    /// The entropy, J/K.
+    pub entropy: usize,
+    /// The same times the temperature of its first thermal port, J.
+    pub heat: usize,
 }
 
 /// A port of a cluster: a double bar or an open port. Its variable comes in, the conjugate goes out.

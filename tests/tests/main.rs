@@ -28,6 +28,7 @@ mod library;
 mod linearize;
 mod multiports;
 mod mutations;
+mod omit;
 mod orders;
 mod parse;
 mod program;

@@ -26,7 +26,7 @@ pub use reference::{Reference, Search};
 pub use setting::{Setting, time};
 pub use sweep::Plan;
 pub use table::text;
-pub use trial::{Look, Lost, Runner, Task};
+pub use trial::{Look, Lost, Run, Runner, Task};
 pub use way::{Way, Ways};
 
 use bond::Course;

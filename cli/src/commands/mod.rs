@@ -7,6 +7,7 @@ pub mod doc;
 pub mod fmt;
 pub mod linearize;
 pub mod new;
+pub mod reduce;
 pub mod run;
 pub mod serve;
 pub mod show;

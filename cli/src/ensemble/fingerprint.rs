@@ -30,6 +30,7 @@ impl Fingerprint {
         line(&mut text, "--every", &seconds(job.every));
         line(&mut text, "--at", &at.join(","));
         line(&mut text, "--set", &set.join(" "));
+        line(&mut text, "--without", &setup.without.join(","));
         line(&mut text, "--input", &input);
         plan(&mut text, &job.plan);
         Self(text)

@@ -28,6 +28,8 @@ pub struct Setup<'a> {
     pub options: Options,
     /// The parameters again.
     pub set: &'a [(String, Quantity)],
+    /// What is left out, again.
+    pub without: &'a [String],
     /// The stepper again.
     pub method: Option<&'a str>,
     /// Fixed step, s.

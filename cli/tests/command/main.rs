@@ -13,6 +13,7 @@ mod hostile;
 mod library;
 mod linearize;
 mod new;
+mod reduce;
 mod run;
 mod serve;
 mod show;

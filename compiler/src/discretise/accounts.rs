@@ -5,7 +5,7 @@ use crate::expression::Sign;
 use crate::model::Model;
 use crate::structure::{ColumnId, Form};
 use bond_runtime::ir::Builder;
-use bond_runtime::scene::Entries;
+use bond_runtime::scene::{Entries, Produced};
 use rustc_hash::FxHashMap;
 
 /// The columns of a region's entries in the ledger. A field is one entry, of all its ports.
@@ -60,7 +60,10 @@ impl Cluster {
                 (name, slot.index as usize)
             };
             e.dissipated.extend(accounts.dissipated.iter().map(|m| named("dissipated", m)));
-            e.produced.extend(accounts.produced.iter().map(|m| named("produced", m)));
+            e.produced.extend(accounts.produced.iter().map(|m| {
+                let (name, entropy) = named("produced", m);
+                Produced { name, entropy, heat: named("heat", m).1 }
+            }));
             list.push(e);
         }
         list

@@ -365,7 +365,8 @@ fn step(
     }
     let mut k = 0;
     for e in &entries {
-        let lost = e.dissipated.iter().chain(&e.produced).map(|d| (d.1, false));
+        let produced = e.produced.iter().flat_map(|p| [p.entropy, p.heat]);
+        let lost = e.dissipated.iter().map(|d| d.1).chain(produced).map(|slot| (slot, false));
         let signs = e.supplied.iter().map(|s| (s.1, true)).chain(lost);
         for (slot, supplied) in signs {
             let p = weighted(&mut b, &|s| s.powers[k]);
@@ -498,12 +499,14 @@ fn stage(
         }
         for columns in accounts.produced {
             let mut sum = b.number(0.0);
-            for column in columns {
-                let s = write::flow(model, form, column);
+            for column in &columns {
+                let s = write::variable(model, form, *column, Variable::Flow);
                 let s = lower(model, b, s)?;
                 sum = b.sub(sum, s);
             }
-            powers.push(sum);
+            let temperature = write::variable(model, form, columns[0], Variable::Effort);
+            let temperature = lower(model, b, temperature)?;
+            powers.extend([sum, b.mul(sum, temperature)]);
         }
     }
     let mut loops = Vec::new();

@@ -634,28 +634,35 @@ pub(super) fn ledger(
         }
     }
     for (e, accounts) in entries.iter().zip(&all) {
-        for ((_, slot), columns) in e.produced.iter().zip(&accounts.produced) {
-            let sum = mean(model, b, &mut |model, b, flat| {
-                let mut sum = b.number(0.0);
-                for column in columns {
-                    let s = flow(model, form, *column);
-                    let s = value(model, b, flat, s)?;
-                    sum = b.sub(sum, s);
-                }
-                Ok(sum)
-            })?;
-            let w = b.mul(h, sum);
-            b.store(Slot::new(Array::Output, *slot), w);
+        for (produced, columns) in e.produced.iter().zip(&accounts.produced) {
+            for (slot, warm) in [(produced.entropy, false), (produced.heat, true)] {
+                let sum = mean(model, b, &mut |model, b, flat| {
+                    let mut sum = b.number(0.0);
+                    for column in columns {
+                        let s = variable(model, form, *column, Variable::Flow);
+                        let s = value(model, b, flat, s)?;
+                        sum = b.sub(sum, s);
+                    }
+                    if warm {
+                        let temperature = variable(model, form, columns[0], Variable::Effort);
+                        let temperature = value(model, b, flat, temperature)?;
+                        sum = b.mul(sum, temperature);
+                    }
+                    Ok(sum)
+                })?;
+                let w = b.mul(h, sum);
+                b.store(Slot::new(Array::Output, slot), w);
+            }
         }
     }
     Ok(())
 }
 
-/// The flow into a column's element.
-pub(super) fn flow(model: &mut Model, form: &Form, column: ColumnId) -> Expr {
-    match form.column(column).gives {
-        Variable::Flow => model.pool.var(form.column(column).out),
-        Variable::Effort => form.input(&mut model.pool, column),
+/// One of the two variables of a column.
+pub(super) fn variable(model: &mut Model, form: &Form, column: ColumnId, variable: Variable) -> Expr {
+    match form.column(column).gives == variable {
+        true => model.pool.var(form.column(column).out),
+        false => form.input(&mut model.pool, column),
     }
 }
 

@@ -281,7 +281,8 @@ impl Check<'_> {
     }
 
     fn entries(&self, e: &Entries) -> Result<(), Unsound> {
-        let lists = e.supplied.iter().chain(&e.dissipated).chain(&e.produced).map(|x| x.1);
+        let lists = e.supplied.iter().chain(&e.dissipated).map(|x| x.1);
+        let lists = lists.chain(e.produced.iter().flat_map(|p| [p.entropy, p.heat]));
         let leap = e.leap.into_iter().chain(e.change).flat_map(|(a, b)| [a, b]);
         let mut slots = lists.chain(e.before).chain(e.modified).chain(leap).chain([e.energy, e.size]);
         let outputs = self.c.step.program.size(Array::Output);

@@ -145,9 +145,8 @@ pub(super) struct Book {
     pub(super) resistors: Vec<Sum>,
     /// Entropy produced by each field with thermal ports, J/K.
     pub(super) produced: Vec<Sum>,
-    /// The largest change of entropy in a step, and the largest that was below 0.
-    pub(super) entropy: f64,
-    pub(super) sunk: f64,
+    /// The worst fall of entropy in a step, as heat at the temperature there.
+    pub(super) sunk: Worst,
     pub(super) leaps: u64,
     pub(super) tank: f64,
     pub(super) debt_max: f64,
@@ -789,14 +788,14 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
             sum.add(w);
         }
         b.dissipated.add(dissipated);
-        for ((name, slot), sum) in e.produced.iter().zip(&mut b.produced) {
-            let s = out[*slot];
-            if !s.is_finite() {
-                return Err(format!("the entropy that `{name}` produces is not a finite number"));
+        let mut sunk = 0.0;
+        for (p, sum) in e.produced.iter().zip(&mut b.produced) {
+            let (s, heat) = (out[p.entropy], out[p.heat]);
+            if !(s.is_finite() && heat.is_finite()) {
+                return Err(format!("the entropy that `{}` produces is not a finite number", p.name));
             }
             sum.add(s);
-            b.entropy = b.entropy.max(s.abs());
-            b.sunk = b.sunk.max(-s);
+            sunk = f64::max(sunk, -heat);
         }
         let leap = e.leap.map_or(0.0, |(slot, _)| out[slot]);
         if let Some((_, count)) = e.leap {
@@ -840,6 +839,7 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         let floor = b.floor();
         b.worst.add(residual.abs(), scale, floor);
         b.gained.add(-least, scale, floor);
+        b.sunk.add(sunk, scale, floor);
         b.residual += residual;
         b.leaked.add(leap);
     }

@@ -110,7 +110,8 @@ pub struct RegionSummary {
     pub resistors: Vec<ElementEnergy>,
     /// Entropy produced by each field with thermal ports.
     pub produced: Vec<ElementEntropy>,
-    /// The largest fall of entropy in a step, relative to the largest change in one; 0 where none fell.
+    /// The largest fall of entropy in a step, times the temperature there, relative to the larger of H and what is turned
+    /// over; 0 where none fell.
     pub sunk: f64,
 }
 
@@ -204,9 +205,9 @@ impl Simulation<'_> {
                     .produced
                     .iter()
                     .zip(&b.produced)
-                    .map(|(n, s)| ElementEntropy { name: n.0.clone(), entropy: s.value() })
+                    .map(|(p, s)| ElementEntropy { name: p.name.clone(), entropy: s.value() })
                     .collect(),
-                sunk: if b.entropy > 0.0 { b.sunk / b.entropy } else { 0.0 },
+                sunk: b.sunk.above(floor),
             });
         }
         let bars = self
@@ -252,7 +253,7 @@ impl Simulation<'_> {
                     region.name, region.debt_max
                 ));
             }
-            if region.sunk > 1e-12 {
+            if region.sunk > KEPT {
                 reasons.push(format!("entropy fell in `{}`", region.name));
             }
             if gained > GAIN {

@@ -1,0 +1,267 @@
+//! Only what a scene needs: parts in the order of their activity, of which the least active are left out as long as no
+//! probe moves by more than an error that is asked for.
+
+mod json;
+mod table;
+
+pub use json::json;
+pub use table::text;
+
+use crate::bench::{Difference, Kernels, Look, Lost, Quantities, Run, Runner, Setting, Task, Way, timed};
+use crate::input;
+use crate::stop::Stop;
+use bond::{Compiled, Course, Options, Text};
+use bond_compiler::omit::{self, Part};
+use bond_runtime::kernel::Backend;
+
+/// Rows at which the power of parts is summed, and runs are compared.
+const ROWS: u32 = 2000;
+/// A run that takes so many times as long as that of the whole model, and so many seconds more, gains nothing.
+const SLOWER: f64 = 100.0;
+const LONGER: f64 = 60.0;
+/// Readings of the time, and what they may take in all, s.
+const READINGS: usize = 5;
+const LIMIT: f64 = 5.0;
+
+/// What is reduced, and how far.
+pub struct Setup<'a> {
+    /// The model.
+    pub text: &'a Text,
+    /// What it is compiled with.
+    pub options: Options,
+    /// How far a probe may move, relative.
+    pub error: f64,
+    /// End of the run, s.
+    pub stop: f64,
+    /// How continuous regions are stepped.
+    pub setting: Setting,
+    /// Signals from outside.
+    pub given: Vec<(String, Course)>,
+    /// What runs the programs.
+    pub backend: &'a dyn Backend,
+}
+
+/// What came out.
+pub struct Reduction {
+    /// Name of the model.
+    pub model: String,
+    /// What was asked for.
+    pub error: f64,
+    /// End of the run, s.
+    pub stop: f64,
+    /// How it was stepped.
+    pub setting: Setting,
+    /// All parts, the least active first.
+    pub parts: Vec<Entry>,
+    /// The model as it is.
+    pub whole: Size,
+    /// The model without what is left out.
+    pub reduced: Size,
+    /// How far each probe moved, relative.
+    pub moved: Vec<(String, f64)>,
+}
+
+impl Reduction {
+    /// What is left out, in order of declaration.
+    pub fn without(&self) -> Vec<&str> {
+        let mut list: Vec<&Entry> = self.parts.iter().filter(|e| e.kept.is_none()).collect();
+        list.sort_by_key(|e| e.part.members.clone());
+        list.into_iter().map(|e| e.part.name.as_str()).collect()
+    }
+}
+
+/// A part and what became of it.
+pub struct Entry {
+    /// The part.
+    pub part: Part,
+    /// The integral of |power| over the run, J.
+    pub activity: f64,
+    /// That of all the activity there is.
+    pub share: f64,
+    /// Why it is kept; left out where there is no reason.
+    pub kept: Option<String>,
+}
+
+/// How large a model is, and what a run of it takes.
+pub struct Size {
+    /// Storages, resistors and fields.
+    pub parts: usize,
+    /// Energy states.
+    pub states: usize,
+    /// Steps of continuous regions.
+    pub steps: u64,
+    /// Processor time for a simulated second, s.
+    pub seconds: f64,
+}
+
+/// A compiled model in its run.
+struct Trial {
+    compiled: Compiled,
+    way: Way,
+}
+
+impl Trial {
+    fn new(text: &Text, options: &Options) -> Result<Self, bond::Errors> {
+        let compiled = options.compile_text(text)?;
+        let scene = compiled.scene().clone();
+        Ok(Self { compiled, way: Way { name: "the model", order: 0, passive: true, adaptive: true, scene } })
+    }
+
+    fn on<T>(&self, setup: &Setup, work: impl FnOnce(&Runner) -> T) -> T {
+        let rows = || -> Box<dyn Iterator<Item = (f64, Look)>> {
+            Box::new((0..ROWS).map(|k| (setup.stop * f64::from(k) / f64::from(ROWS), Look::Keep)))
+        };
+        let (stop, given) = (setup.stop, setup.given.as_slice());
+        let task = Task { stop, longest: None, every: None, given, rows: &rows, shows: false, ledger: false };
+        let kernels = Kernels::new(setup.backend);
+        work(&Runner::new(&self.way, &task, &kernels))
+    }
+
+    /// Runs once through the rows, for `limit` seconds at most.
+    fn run(&self, setup: &Setup, limit: f64) -> Result<Run, Lost> {
+        self.on(setup, |runner| runner.track(setup.setting, limit))
+    }
+
+    fn size(&self, setup: &Setup) -> Result<Size, Lost> {
+        let (run, seconds) = self.on(setup, |runner| timed(runner, setup.setting, READINGS, LIMIT))?;
+        let stages = self.compiled.stages();
+        Ok(Size {
+            parts: omit::parts(&stages.model).len(),
+            states: stages.form.regions.iter().map(|r| r.states.len()).sum(),
+            steps: run.steps,
+            seconds: seconds / setup.stop,
+        })
+    }
+}
+
+/// Reduces.
+///
+/// # Errors
+/// A model that is wrong, has no probes, or fails as a whole.
+pub fn reduce(setup: &Setup, progress: &dyn Fn(f64)) -> Result<Reduction, Stop> {
+    let compile = |options: &Options| Trial::new(setup.text, options).map_err(|e| input::wrong(&e));
+    let fails = |lost| match lost {
+        Lost::Failed(why) => Stop::Numerics(format!("the model as it is does not run to its end: {why}")),
+        Lost::Late => Stop::Numerics("the model as it is takes too long".into()),
+    };
+    let whole = compile(&setup.options)?;
+    let name = whole.way.scene.name.clone();
+    if whole.way.scene.probes.names.is_empty() {
+        return Err(Stop::Model(format!(
+            "`{name}` has no probe: what it needs cannot be told; add one, such as `probe x = spring.q`"
+        )));
+    }
+    let quantities = Quantities::new(&whole.compiled);
+    let run = whole.run(setup, f64::INFINITY).map_err(fails)?;
+    let scales = quantities.scales(&run);
+    let mut entries = active(setup, &whole)?;
+    // What is read or bonded so that it cannot go is not tried.
+    for entry in &mut entries {
+        if entry.kept.is_none() {
+            entry.kept = omit::kept(&whole.compiled.stages().model, &entry.part.name);
+        }
+    }
+    let order: Vec<usize> = (0..entries.len()).filter(|i| entries[*i].kept.is_none()).collect();
+    let limit = SLOWER * run.seconds + LONGER;
+    let attempt = |out: &[usize]| -> Result<Trial, String> {
+        let options = out.iter().fold(setup.options.clone(), |o, i| o.without(&entries[*i].part.name));
+        let trial = Trial::new(setup.text, &options).map_err(|e| first(&e))?;
+        let other = trial.run(setup, limit).map_err(|lost| match lost {
+            Lost::Failed(why) => format!("without it the run fails: {why}"),
+            Lost::Late => "without it the run takes far longer".into(),
+        })?;
+        let moved = Difference::new(&other, &run, &scales).along;
+        let far = moved.iter().copied().fold(0.0, f64::max);
+        // Written so that NaN is too far.
+        if far <= setup.error {
+            return Ok(trial);
+        }
+        let worst = moved.iter().position(|x| *x == far).map_or("", |i| quantities.names[i].as_str());
+        Err(format!("without it `{worst}` moves by {}", percent(far)))
+    };
+    let (mut out, mut best) = (Vec::new(), None);
+    let mut why: Vec<(usize, String)> = Vec::new();
+    // Several at once while that goes well, and by halves where not.
+    let (mut i, mut size) = (0, 1);
+    while i < order.len() {
+        progress(i as f64 / order.len() as f64);
+        let end = (i + size).min(order.len());
+        let more: Vec<usize> = out.iter().chain(&order[i..end]).copied().collect();
+        match attempt(&more) {
+            Ok(trial) => {
+                (out, best) = (more, Some(trial));
+                (i, size) = (end, 2 * size);
+            }
+            Err(_) if end - i > 1 => size = (end - i).div_ceil(2),
+            Err(reason) => {
+                why.push((order[i], reason));
+                (i, size) = (i + 1, 1);
+            }
+        }
+    }
+    for (i, reason) in why {
+        entries[i].kept = Some(reason);
+    }
+    let best = best.unwrap_or(compile(&setup.options)?);
+    let moved = Difference::new(&best.run(setup, f64::INFINITY).map_err(fails)?, &run, &scales).along;
+    let moved = quantities.names.iter().cloned().zip(moved).collect();
+    Ok(Reduction {
+        model: name,
+        error: setup.error,
+        stop: setup.stop,
+        setting: setup.setting,
+        whole: whole.size(setup).map_err(fails)?,
+        reduced: best.size(setup).map_err(fails)?,
+        parts: entries,
+        moved,
+    })
+}
+
+/// The parts of a model by their activity in a run, the least active first.
+fn active(setup: &Setup, whole: &Trial) -> Result<Vec<Entry>, Stop> {
+    let watched = Trial::new(setup.text, &setup.options.clone().powers()).map_err(|e| input::wrong(&e))?;
+    let shown = whole.way.scene.probes.names.len();
+    let run = watched.run(setup, f64::INFINITY).map_err(|_| {
+        Stop::Numerics("the power of its parts cannot be told all along the run: it is infinite, or no number".into())
+    })?;
+    let parts = omit::parts(&whole.compiled.stages().model);
+    let width = setup.stop / f64::from(ROWS);
+    let rows: Vec<&[f64]> = run.rows.iter().map(Vec::as_slice).chain([run.end.as_slice()]).collect();
+    let integral = |k: usize| -> f64 {
+        rows.windows(2).map(|w| 0.5 * width * (w[0][shown + k].abs() + w[1][shown + k].abs())).sum()
+    };
+    let mut list: Vec<Entry> = parts
+        .into_iter()
+        .enumerate()
+        .map(|(k, part)| {
+            let kept = (!part.power).then(|| "effort times flow is no power at its bond".to_string());
+            let activity = if part.power { integral(k) } else { 0.0 };
+            Entry { part, activity, share: 0.0, kept }
+        })
+        .collect();
+    let total: f64 = list.iter().map(|e| e.activity).sum();
+    for entry in &mut list {
+        entry.share = if total > 0.0 { entry.activity / total } else { 0.0 };
+    }
+    list.sort_by(|a, b| a.activity.total_cmp(&b.activity));
+    Ok(list)
+}
+
+/// What is wrong first with a model without a part.
+fn first(errors: &bond::Errors) -> String {
+    let message = errors.list().first().map_or("it does not compile", |d| d.message.as_str());
+    format!("without it: {}", message.replace('\n', " "))
+}
+
+/// A part of a whole in percent, with two digits.
+pub fn percent(x: f64) -> String {
+    let x = 100.0 * x;
+    match x.abs() {
+        0.0 => "0 %".into(),
+        s if (1e-3..1e3).contains(&s) => {
+            let digits = (1 - s.log10().floor() as i32).max(0) as usize;
+            format!("{x:.digits$} %")
+        }
+        _ => format!("{x:.1e} %"),
+    }
+}
