@@ -36,6 +36,16 @@ impl Column {
     }
 }
 
+/// A name that is none of those taken: with a `_` more, or several. It is taken then.
+pub fn distinct(taken: &mut Vec<String>, name: &str) -> String {
+    let mut name = name.to_string();
+    while taken.contains(&name) {
+        name.push('_');
+    }
+    taken.push(name.clone());
+    name
+}
+
 /// One entry of a row.
 #[derive(Clone, Copy, Debug)]
 pub enum Cell<'a> {

@@ -130,6 +130,7 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
         omit::watch(&mut model);
     }
     model.settings.pace = options.pace(&model.settings);
+    model.settings.end = options.stop.or(model.settings.stop).unwrap_or(1.0);
     if options.method.is_some() {
         model.settings.method = None; // it does not count
     }
@@ -139,7 +140,7 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
         (made, method) => return Err([made.err(), method.err()].into_iter().flatten().flatten().collect()),
     };
     let (mut model, graph, causality, form) = made;
-    let scene = discretise::discretise(&mut model, &form, method, options.accuracy)?;
+    let scene = discretise::discretise(&mut model, &form, method, (options.accuracy, options.step))?;
     Ok(Compiled { model, graph, causality, form, scene })
 }
 

@@ -405,6 +405,8 @@ pub struct Settings {
     pub every_at: Option<Span>,
     /// Length of a step, or of a long one of those that are fitted, of the run that programs are made for, s.
     pub pace: f64,
+    /// End of the run that programs are made for, s.
+    pub end: f64,
 }
 
 /// A parameter of the scene or of an instance.

@@ -259,6 +259,8 @@ pub struct Cluster {
     pub energies: Vec<(usize, usize)>,
     /// d2H/dx2 of each state, as an output of `stored`; 0 of a signal state.
     pub curvatures: Vec<usize>,
+    /// States of storages of heat, on bonds of temperature and entropy.
+    pub heats: Vec<usize>,
     /// What dH/dx of each state is uncertain by where the parameter of a curve is rounded at a corner, likewise; 0 of most.
     pub grains: Vec<usize>,
     /// The ports.
@@ -277,6 +279,8 @@ pub struct Cluster {
     /// Indices into the state and what they are called where the clusters' steps cannot reach: linear continuous
     /// clusters only.
     pub is_linear: bool,
+    /// Shortest period of what swings by time alone, s.
+    pub swing: Option<f64>,
     /// Resistors whose laws jump where what they are given changes its sign: what they hold still has no solution.
     pub jumps: Vec<String>,
 }

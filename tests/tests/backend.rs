@@ -5,6 +5,7 @@ use bond::{Code, Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::code::Stmt;
 use bond_compiler::backend::native::{Jit, Shared};
 use bond_compiler::backend::{lower, unit};
+use bond_compiler::discretise::Accuracy;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Bend, Binary, Builder, Newton, Program, Slot, Unary, Value};
 use bond_runtime::kernel::{Backend, Failure, Kernel};
@@ -203,7 +204,9 @@ fn abreast(
 fn varied(path: &Path, scene: &str, factor: f64) -> Option<Compiled> {
     let text = read(path);
     let head = text.split_once(&format!("model {scene}("))?.1.split_once(") {")?.0;
-    let mut options = Options::new().model(scene);
+    // They run with fixed steps, by what a tolerance of their own chooses.
+    let accuracy = if text.contains("tolerance") { Accuracy::AsModel } else { Accuracy::Fixed };
+    let mut options = Options::new().model(scene).accuracy(accuracy);
     for (name, value) in head.split(',').filter_map(|p| p.split_once('=')) {
         let value = value.trim();
         let digits = value.find(|c: char| !(c.is_ascii_digit() || ".e+-".contains(c))).unwrap_or(value.len());

@@ -38,4 +38,5 @@ mod save;
 mod signals;
 mod solutions;
 mod steep;
+mod stepped_over;
 mod values;

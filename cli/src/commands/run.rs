@@ -571,7 +571,10 @@ impl Files {
         (resumed, stop): (Option<f64>, f64),
     ) -> Result<Self, Stop> {
         let columns = |names: &mut dyn Iterator<Item = &str>| -> Vec<Column> {
-            std::iter::once("t").chain(names).map(|name| Column::new(name, Kind::Number)).collect()
+            // A probe may be called `t`.
+            let mut taken = Vec::new();
+            let names = std::iter::once("t").chain(names);
+            names.map(|name| Column::new(table::distinct(&mut taken, name), Kind::Number)).collect()
         };
         let table = |path: Option<&Path>, columns: &[Column]| match path {
             Some(path) => Table::new(path, columns).map(|table| Some(Pending::new(table, columns.len()))),

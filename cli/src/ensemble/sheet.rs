@@ -5,7 +5,7 @@ use super::outcome::Outcome;
 use super::pool::Chunks;
 use super::statistics::Statistics;
 use crate::stop::Stop;
-use crate::table::{Cell, Column, Kind, Table};
+use crate::table::{Cell, Column, Kind, Table, distinct};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -82,13 +82,8 @@ impl Sheet {
 /// the name of one of the others, it gets a `_` more.
 fn columns(job: &Job) -> Vec<Column> {
     let fixed: &[&str] = if job.over_time { &OVER_TIME } else { &AT_THE_END };
-    let free = |name: &str| {
-        let mut name = name.to_string();
-        while fixed.contains(&name.as_str()) {
-            name.push('_');
-        }
-        name
-    };
+    let mut taken: Vec<String> = fixed.iter().map(|name| (*name).to_string()).collect();
+    let mut free = |name: &str| distinct(&mut taken, name);
     let mut list = vec![Column::new(INSTANCE, Kind::Whole)];
     list.extend(job.plan.paths().map(|p| Column::new(free(p), Kind::Repeated)));
     if job.over_time {

@@ -43,7 +43,7 @@ fn least_active_parts() {
     let wire = part("wire")["activity"].as_f64().unwrap();
     assert!((wire / energy * 1e6 - 1.0).abs() < 1e-3, "{wire}");
     assert_eq!(part("cap")["kept_because"], "the probe `q` reads it");
-    assert!(part("load")["kept_because"].as_str().unwrap().contains("moves by"), "{all}");
+    assert!(part("load")["kept_because"].as_str().unwrap().contains("without it"), "{all}");
     let shares: f64 = all["parts"].as_array().unwrap().iter().map(|p| p["share"].as_f64().unwrap()).sum();
     assert!((shares - 1.0).abs() < 1e-12);
     let order: Vec<f64> = all["parts"].as_array().unwrap().iter().map(|p| p["activity"].as_f64().unwrap()).collect();

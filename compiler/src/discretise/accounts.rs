@@ -87,6 +87,12 @@ impl Cluster {
     }
 }
 
+/// Whether a column's bond is of temperature and entropy.
+pub(super) fn is_thermal(model: &Model, form: &Form, column: ColumnId) -> bool {
+    use crate::units::Dimension as D;
+    model.units[form.column(column).bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
+}
+
 /// The entries of a region with these columns, in order.
 fn account(model: &Model, form: &Form, supplied: Vec<ColumnId>, resistors: Vec<ColumnId>) -> Accounts {
     let field = |c: ColumnId| model.element(form.column(c).element).field.map(|f| f.0);
@@ -98,11 +104,7 @@ fn account(model: &Model, form: &Form, supplied: Vec<ColumnId>, resistors: Vec<C
             None => dissipated.push(vec![c]),
         }
     }
-    let thermal = |c: &&ColumnId| {
-        use crate::units::Dimension as D;
-        let c = form.column(**c);
-        model.units[c.bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
-    };
+    let thermal = |c: &&ColumnId| is_thermal(model, form, **c);
     let of_field = dissipated.iter().filter(|d| field(d[0]).is_some());
     let produced =
         of_field.map(|d| d.iter().filter(thermal).copied().collect::<Vec<_>>()).filter(|d| !d.is_empty()).collect();

@@ -47,8 +47,7 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
     if exact::takes_states(c, model, form) {
         return (Method::Collocation8, "it is linear, but for what a probe integrates");
     }
-    // Arguments of exponentials come on top: what they are solved with is linear in the rest.
-    let small = c.states.len() + c.loops.len() - c.arguments().len() <= UNKNOWNS;
+    let small = is_small(c);
     let laws = laws(c);
     let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
     let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }));
@@ -59,6 +58,9 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
         if c.nodes.iter().all(|n| !n.curved) {
             return (Method::Collocation8, "it is linear, but for a storage that follows a source");
         }
+    }
+    if !small && c.nodes.iter().all(|n| !n.curved) && collocation::all_quadratic(c, &mut model.pool) {
+        return (Method::Gonzalez, "it is linear, and large");
     }
     let Some(tolerance) = tolerance.filter(|t| *t <= LOOSE) else {
         return (Method::Gonzalez, "it is not linear");
@@ -81,8 +83,21 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
     }
 }
 
+/// The stepper of a linear cluster with a source that `exact` does not follow, where steps are fitted, and why; none where
+/// it is too large for another of high order, or is sampled, in intervals that are short beside what moves.
+pub(super) fn driven(c: &Cluster) -> Option<(Method, &'static str)> {
+    // Of an odd number of stages: what is stiff and was set off by a jump of the source is seen to last.
+    (is_small(c) && c.ports.is_empty())
+        .then_some((Method::Collocation6, "it is linear, but for a source that `exact` does not follow"))
+}
+
+/// Whether collocation is cheap. Arguments of exponentials come on top: what they are solved with is linear in the rest.
+fn is_small(c: &Cluster) -> bool {
+    c.states.len() + c.loops.len() - c.arguments().len() <= UNKNOWNS
+}
+
 /// All that a step is solved for: laws, sources, rates and slopes of energies. What probes integrate is not.
-fn laws(c: &Cluster) -> Vec<Expr> {
+pub(super) fn laws(c: &Cluster) -> Vec<Expr> {
     let energies = c.groups.iter().flat_map(|g| g.coenergy.iter().copied());
     let nodes = c.nodes.iter().flat_map(|n| n.how.expressions());
     energies.chain(nodes).chain(c.states.iter().map(|s| s.rate)).collect()

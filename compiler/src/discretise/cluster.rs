@@ -4,8 +4,8 @@ use super::collocation::{self, Nodes};
 use super::level::Level;
 use super::near::Known;
 use super::{
-    Method, ahead, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray, sav, start,
-    unfit,
+    Method, accounts, ahead, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray,
+    sav, start, swing, unfit,
 };
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
@@ -389,7 +389,7 @@ impl Cluster {
         &mut self,
         model: &mut Model,
         form: &Form,
-        (method, tolerance): (Option<Method>, Option<f64>),
+        (method, tolerance, fixed): (Option<Method>, Option<f64>, bool),
         shows: &[Symbol],
         foreign: Vec<(usize, usize)>,
     ) -> Result<scene::Cluster, Vec<Diagnostic>> {
@@ -406,8 +406,16 @@ impl Cluster {
                 let mut wanted = method.filter(|m| *m != Method::Ray);
                 let (mut linear, mut why) = (None, "");
                 if wanted.is_none() {
-                    linear = exact::write(self, model, form)?;
-                    why = "it is linear";
+                    let found = exact::write(self, model, form)?;
+                    if !fixed
+                        && found.as_ref().is_some_and(|e| e.strays)
+                        && let Some((method, reason)) = choice::driven(self)
+                    {
+                        (wanted, why) = (Some(method), reason);
+                    } else {
+                        linear = found.map(|e| e.step);
+                        why = "it is linear";
+                    }
                 }
                 if wanted.is_none() && linear.is_none() {
                     let (method, reason) = choice::nonlinear(self, model, form, tolerance);
@@ -418,7 +426,7 @@ impl Cluster {
                         Some(found) => found,
                         None => self.gonzalez(model, form)?,
                     },
-                    Some(Method::Exact) => exact::write(self, model, form)?.ok_or_else(|| {
+                    Some(Method::Exact) => exact::write(self, model, form)?.map(|e| e.step).ok_or_else(|| {
                         let why = match self.followed.is_empty() {
                             true => "it is not linear with a quadratic energy, or too large",
                             false => "a storage of it follows a source",
@@ -507,6 +515,10 @@ impl Cluster {
             None => None,
         };
         let (instant, layout) = instant::write(self, model, form, shows)?;
+        let swing = match sampling {
+            None => swing::shortest(self, model, &choice::laws(self), model.settings.end),
+            Some(_) => None,
+        };
         let guards = match sampling {
             None => self.guards(model, form, &step.name)?,
             Some(_) => None,
@@ -554,6 +566,7 @@ impl Cluster {
             stored: instant::stored(self, model, form)?,
             energies: self.regions.iter().enumerate().map(|(i, r)| (r.at(), i)).collect(),
             curvatures: (0..self.states.len()).map(|i| self.regions.len() + i).collect(),
+            heats: self.heats(model, form),
             grains: (0..self.states.len()).map(|i| self.regions.len() + self.states.len() + i).collect(),
             ports,
             holds,
@@ -562,8 +575,15 @@ impl Cluster {
             inputs: self.inputs.iter().map(|i| i.0).collect(),
             entries,
             is_linear,
+            swing,
             jumps: self.jumps(model, form),
         })
+    }
+
+    /// Its states whose bonds are of temperature and entropy.
+    fn heats(&self, model: &Model, form: &Form) -> Vec<usize> {
+        let is_heat = |c: ColumnId| accounts::is_thermal(model, form, c);
+        self.states.iter().enumerate().filter(|(_, s)| s.column.is_some_and(is_heat)).map(|(i, _)| i).collect()
     }
 
     /// Where its laws switch, and its step along a branch where that looks beyond them.

@@ -21,6 +21,7 @@ mod ray;
 mod root;
 mod sav;
 mod start;
+mod swing;
 mod tear;
 mod tight;
 mod turn;
@@ -156,9 +157,14 @@ pub fn discretise(
     model: &mut Model,
     form: &Form,
     method: Option<Method>,
-    accuracy: Accuracy,
+    (accuracy, step): (Accuracy, Option<f64>),
 ) -> Result<Scene, Vec<Diagnostic>> {
     let tolerance = accuracy.tolerance(model.settings.tolerance);
+    let fixed = match accuracy {
+        Accuracy::AsModel => tolerance.is_none() && step.or(model.settings.step).is_some(),
+        Accuracy::Fixed => true,
+        Accuracy::Tolerance(_) => false,
+    };
     let mut clusters = gather::gather(model, form);
     let wanted = probes::wanted(model, form);
     // Which signals does each cluster have to show to the others and to the probes?
@@ -181,7 +187,7 @@ pub fn discretise(
         let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
         let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
         c.fitted = tolerance.is_some();
-        scene.clusters.push(c.build(model, form, (method, tolerance), &shows[i], foreign)?);
+        scene.clusters.push(c.build(model, form, (method, tolerance, fixed), &shows[i], foreign)?);
     }
     for i in &model.inputs {
         let (name, unit) = (i.name.clone(), i.unit.map(|u| u.to_string()));

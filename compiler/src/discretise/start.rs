@@ -13,7 +13,7 @@ use bond_runtime::solve::newton::STALLS;
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::FxHashMap;
 
-/// Larger loops start from 0.
+/// More unknowns of loops than this start from 0.
 const LARGEST: usize = 128;
 /// Loops up to this size are tried from several starts.
 const SEVERAL: usize = 24;
@@ -29,7 +29,7 @@ struct System<'a> {
     model: &'a Model,
     unknowns: &'a [Symbol],
     place: FxHashMap<Symbol, usize>,
-    known: FxHashMap<Symbol, f64>,
+    known: &'a FxHashMap<Symbol, f64>,
     residuals: Vec<Expr>,
     slopes: Vec<(usize, usize, Expr)>,
 }
@@ -163,92 +163,160 @@ impl System<'_> {
 /// Where there is no solution, or more than one, with the bonds.
 pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, Vec<Diagnostic>> {
     let n = c.loops.len();
+    let mut all = vec![0.0; n];
     if n == 0 || n > LARGEST {
-        return Ok(vec![0.0; n]);
+        return Ok(all);
     }
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
     let residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
     let place: FxHashMap<Symbol, usize> = c.loops.iter().enumerate().map(|(i, s)| (*s, i)).collect();
-    let mut slopes = Vec::new();
-    for (i, r) in residuals.iter().enumerate() {
-        let mut inside: Vec<(usize, Symbol)> =
-            model.pool.symbols(*r).into_iter().filter_map(|s| Some((*place.get(&s)?, s))).collect();
-        inside.sort_unstable();
-        for (j, s) in inside {
-            slopes.push((i, j, model.pool.derivative(*r, s)));
-        }
-    }
-    let known = c
+    let reads: Vec<Vec<usize>> = residuals
+        .iter()
+        .map(|r| {
+            let mut inside: Vec<usize> = model.pool.symbols(*r).iter().filter_map(|s| place.get(s).copied()).collect();
+            inside.sort_unstable();
+            inside
+        })
+        .collect();
+    let known: FxHashMap<Symbol, f64> = c
         .states
         .iter()
         .map(|s| (s.symbol, s.initial))
         .chain(c.integrals.iter().map(|i| (i.symbol, i.start)))
         .chain(c.inputs.iter().map(|i| (i.1, model.inputs[i.0].value)))
         .collect();
-    let system = System { model, unknowns: &c.loops, place, known, residuals, slopes };
-    let first = system.follow(DVector::zeros(n));
-    // What comes from elsewhere is not known here.
-    let told = c.ports.is_empty()
-        && c.inputs.is_empty()
-        && c.foreign.is_empty()
-        && system.residuals.iter().all(|r| {
-            model.pool.symbols(*r).iter().all(|s| {
-                system.place.contains_key(s)
-                    || system.known.contains_key(s)
-                    || model.signals.get(s) == Some(&Signal::Time)
-                    || model.pool.value(*s).is_some()
-            })
-        });
-    if !told || n > SEVERAL {
-        return Ok(first.map_or_else(|| vec![0.0; n], |z| z.iter().copied().collect()));
-    }
-    let mut found: Vec<DVector<f64>> = first.into_iter().collect();
-    // Other starts: along the way to where the slopes at 0 point to, which has the units of the unknowns.
-    let zero = DVector::zeros(n);
-    let mut ways: Vec<DVector<f64>> = Vec::new();
-    for at in [zero.clone(), DVector::from_element(n, 1e-3)] {
-        ways.extend(system.jacobian(&at).lu().solve(&system.residual(&at)).filter(|d| d.iter().all(|x| x.is_finite())));
-    }
-    ways.push(DVector::from_element(n, -1.0));
-    for way in ways {
-        for part in [0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.5, -0.5, -2.0] {
-            let mut z = &way * -part;
-            if system.newton(&mut z, &zero, 60) {
-                found.push(z);
+    // What shares no unknown is solved by itself: a law at its corner, where its slope is 0, says nothing of the others.
+    for block in blocks(&reads) {
+        let own: FxHashMap<usize, usize> = block.iter().enumerate().map(|(k, i)| (*i, k)).collect();
+        let mut slopes = Vec::new();
+        for (k, i) in block.iter().enumerate() {
+            for j in &reads[*i] {
+                slopes.push((k, own[j], model.pool.derivative(residuals[*i], c.loops[*j])));
             }
         }
+        let unknowns: Vec<Symbol> = block.iter().map(|i| c.loops[*i]).collect();
+        let place = unknowns.iter().enumerate().map(|(k, s)| (*s, k)).collect();
+        let residuals = block.iter().map(|i| residuals[*i]).collect();
+        let system = System { model, unknowns: &unknowns, place, known: &known, residuals, slopes };
+        let solution = system.solution(c).map_err(|wrong| {
+            let (what, help) = wrong.words();
+            vec![complain(c, model, form, &unknowns, what, help)]
+        })?;
+        for (i, x) in block.iter().zip(solution.iter()) {
+            all[*i] = *x;
+        }
     }
-    // Between two solutions that stand alone the slopes turn over (the degree of the map); between two roundings of one
-    // they do not.
-    let apart = |a: &DVector<f64>, b: &DVector<f64>| {
-        let first = system.jacobian(a).determinant().signum();
-        (a - b).amax() > SAME * a.amax().max(b.amax())
-            && (1..=32).any(|k| {
-                let way = f64::from(k) / 32.0;
-                system.jacobian(&(a * (1.0 - way) + b * way)).determinant().signum() == -first
-            })
-    };
-    let Some(solution) = found.first().cloned() else {
-        let what = "no solution was found at the start";
-        let help = "check the laws; a law that jumps where it should hold still, as friction written with `sign`, is better given as a curve, `{ e = ...; f = ... }` in `s`";
-        return Err(vec![complain(c, model, form, what, help)]);
-    };
-    let other = found.iter().skip(1).find(|z| apart(z, &solution) && system.isolated(z));
-    if other.is_some() && system.isolated(&solution) {
-        let what = "it has more than one solution at the start";
-        let help = "the graph does not tell which one it is in: put a storage into the loop, such as the small C or I that the real part has";
-        return Err(vec![complain(c, model, form, what, help)]);
-    }
-    Ok(solution.iter().copied().collect())
+    Ok(all)
 }
 
-fn complain(c: &Cluster, model: &Model, form: &Form, what: &str, help: &str) -> Diagnostic {
+/// Unknowns that equations have in common, each block in order, the blocks by their first.
+fn blocks(reads: &[Vec<usize>]) -> Vec<Vec<usize>> {
+    let mut of: Vec<usize> = (0..reads.len()).collect();
+    fn root(of: &mut [usize], mut i: usize) -> usize {
+        while of[i] != i {
+            of[i] = of[of[i]];
+            i = of[i];
+        }
+        i
+    }
+    for (i, list) in reads.iter().enumerate() {
+        for j in list {
+            let (a, b) = (root(&mut of, i), root(&mut of, *j));
+            of[a.max(b)] = a.min(b);
+        }
+    }
+    let mut found: Vec<Vec<usize>> = vec![Vec::new(); reads.len()];
+    for i in 0..reads.len() {
+        let at = root(&mut of, i);
+        found[at].push(i);
+    }
+    found.retain(|b| !b.is_empty());
+    found
+}
+
+/// What is wrong with the start of a block.
+enum Wrong {
+    None,
+    Several,
+}
+
+impl Wrong {
+    fn words(&self) -> (&'static str, &'static str) {
+        match self {
+            Wrong::None => (
+                "no solution was found at the start",
+                "check the laws; a law that jumps where it should hold still, as friction written with `sign`, is better given as a curve, `{ e = ...; f = ... }` in `s`",
+            ),
+            Wrong::Several => (
+                "it has more than one solution at the start",
+                "the graph does not tell which one it is in: put a storage into the loop, such as the small C or I that the real part has",
+            ),
+        }
+    }
+}
+
+impl System<'_> {
+    /// Its solution at the start of a cluster; 0 where it is not known what comes from elsewhere.
+    fn solution(&self, c: &Cluster) -> Result<DVector<f64>, Wrong> {
+        let n = self.unknowns.len();
+        let first = self.follow(DVector::zeros(n));
+        // What comes from elsewhere is not known here.
+        let told = c.ports.is_empty()
+            && c.inputs.is_empty()
+            && c.foreign.is_empty()
+            && self.residuals.iter().all(|r| {
+                self.model.pool.symbols(*r).iter().all(|s| {
+                    self.place.contains_key(s)
+                        || self.known.contains_key(s)
+                        || self.model.signals.get(s) == Some(&Signal::Time)
+                        || self.model.pool.value(*s).is_some()
+                })
+            });
+        if !told || n > SEVERAL {
+            return Ok(first.unwrap_or_else(|| DVector::zeros(n)));
+        }
+        let mut found: Vec<DVector<f64>> = first.into_iter().collect();
+        // Other starts: along the way to where the slopes at 0 point to, which has the units of the unknowns.
+        let zero = DVector::zeros(n);
+        let mut ways: Vec<DVector<f64>> = Vec::new();
+        for at in [zero.clone(), DVector::from_element(n, 1e-3)] {
+            ways.extend(self.jacobian(&at).lu().solve(&self.residual(&at)).filter(|d| d.iter().all(|x| x.is_finite())));
+        }
+        ways.push(DVector::from_element(n, -1.0));
+        for way in ways {
+            for part in [0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.5, -0.5, -2.0] {
+                let mut z = &way * -part;
+                if self.newton(&mut z, &zero, 60) {
+                    found.push(z);
+                }
+            }
+        }
+        // Between two solutions that stand alone the slopes turn over (the degree of the map); between two roundings of
+        // one they do not.
+        let apart = |a: &DVector<f64>, b: &DVector<f64>| {
+            let first = self.jacobian(a).determinant().signum();
+            (a - b).amax() > SAME * a.amax().max(b.amax())
+                && (1..=32).any(|k| {
+                    let way = f64::from(k) / 32.0;
+                    self.jacobian(&(a * (1.0 - way) + b * way)).determinant().signum() == -first
+                })
+        };
+        let Some(solution) = found.first().cloned() else { return Err(Wrong::None) };
+        let other = found.iter().skip(1).find(|z| apart(z, &solution) && self.isolated(z));
+        if other.is_some() && self.isolated(&solution) {
+            return Err(Wrong::Several);
+        }
+        Ok(solution)
+    }
+}
+
+fn complain(c: &Cluster, model: &Model, form: &Form, unknowns: &[Symbol], what: &str, help: &str) -> Diagnostic {
     let mut names: Vec<String> = Vec::new();
     let mut bonds = Vec::new();
     let mut elements = Vec::new();
-    for node in c.loop_nodes() {
+    for node in c.loop_nodes().into_iter().filter(|n| unknowns.contains(&n.unknown())) {
         let bond = match node.resistor() {
             Some(column) => {
                 names.push(format!("`{}`", form.column(column).name));

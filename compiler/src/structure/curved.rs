@@ -187,14 +187,14 @@ pub(super) fn start(model: &Model, form: &Form, tied: &Tied) -> Result<Vec<Optio
         let open = (0..n).filter(|j| is_open[*j] && family.contains(&tied.independent[*j])).count();
         if s.explicit || (family.len() > 1 && open > 1) {
             let row = (0..n).map(|j| f64::from(u8::from(i == j))).collect();
-            stated.push(Stated { column: *c, row, value: otherwise[i] });
+            stated.push(Stated { column: *c, row, value: otherwise[i], driven: 0.0 });
         }
     }
     for (d, c) in tied.dependent.iter().enumerate() {
         let Some(s) = storage(model, form.column(*c).element).filter(|s| s.explicit) else { continue };
         let row = tied.ratio[d].iter().map(|k| at_start(model, form, *k)).collect();
-        let value = at_start(model, form, s.coenergy) - start::driven(model, form, &tied.sources[d]);
-        stated.push(Stated { column: *c, row, value });
+        let driven = start::driven(model, form, &tied.sources[d]);
+        stated.push(Stated { column: *c, row, value: at_start(model, form, s.coenergy) - driven, driven });
     }
     start::solve(model, form, tied, &stated, &otherwise)
 }

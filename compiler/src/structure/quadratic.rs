@@ -118,13 +118,11 @@ pub(super) fn merge(model: &mut Model, form: &mut Form, tied: &Tied, done: &mut 
         let value = |e: &Expr| at_start(model, form, *e);
         let alone = family(model, form, *c).len() == 1;
         stated.push(if alone {
-            Stated {
-                column: *c,
-                row: p[i].iter().map(value).collect(),
-                value: value(&s.coenergy) - value(&driven_by_time[i]),
-            }
+            let driven = value(&driven_by_time[i]);
+            Stated { column: *c, row: p[i].iter().map(value).collect(), value: value(&s.coenergy) - driven, driven }
         } else {
-            Stated { column: *c, row: lp[i].iter().map(value).collect(), value: s.initial - value(&lb_t[i]) }
+            let driven = value(&lb_t[i]);
+            Stated { column: *c, row: lp[i].iter().map(value).collect(), value: s.initial - driven, driven }
         });
     }
     let start = start::solve(model, form, tied, &stated, &vec![0.0; n])?;

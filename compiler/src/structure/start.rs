@@ -15,7 +15,10 @@ const SAME: f64 = 1e-9;
 pub(super) struct Stated {
     pub(super) column: ColumnId,
     pub(super) row: Vec<f64>,
+    /// That value, less what sources give.
     pub(super) value: f64,
+    /// What they give.
+    pub(super) driven: f64,
 }
 
 /// The value of an expression of states and time at the start.
@@ -109,6 +112,7 @@ pub(super) fn solve(
 
 /// A stated start that the others do not allow.
 fn clash(model: &Model, form: &Form, tied: &Tied, s: &Stated, follows: f64) -> Diagnostic {
+    let follows = follows + s.driven;
     let e = model.element(form.column(s.column).element);
     let ties: Vec<ColumnId> = match tied.dependent.iter().position(|d| *d == s.column) {
         Some(d) => (0..tied.independent.len())
@@ -125,7 +129,7 @@ fn clash(model: &Model, form: &Form, tied: &Tied, s: &Stated, follows: f64) -> D
             "inconsistent start: `{}` is tied to {}, which gives it {follows} where {} is stated",
             e.name,
             ties.iter().map(|c| format!("`{}`", form.column(*c).name)).collect::<Vec<_>>().join(", "),
-            s.value
+            s.value + s.driven
         ),
     );
     for c in &ties {

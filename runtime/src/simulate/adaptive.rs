@@ -6,7 +6,7 @@
 
 use super::attempt::{Taken, copy, is_stateless};
 use super::cluster::{Run, advance_ports, book};
-use super::event::STANDS;
+use super::event::{STANDS, noise};
 use super::{Error, Options};
 use crate::eval;
 use crate::ir::{Array, Unary};
@@ -25,6 +25,10 @@ const SAFE: f64 = 0.9;
 /// Steps grow and shrink by no more than this at once.
 const GROW: f64 = 5.0;
 const SHRINK: f64 = 0.1;
+/// Where steps of this part of the usual one have no solution that is found, the other stepper takes them.
+const HARD: f64 = 1e-2;
+/// The longest step, as a part of the shortest period of what swings in time.
+const SWING: f64 = 1.0 / 16.0;
 /// The first step, as a part of the usual one.
 const FIRST: f64 = 1e-2;
 /// Of a step that fails so much is tried next.
@@ -92,6 +96,8 @@ pub(super) struct Control {
     pub(super) chatter: u32,
     /// The guard that did so last, as long as it stays so.
     pub(super) faint: Option<usize>,
+    /// Which guards did so since one last switched that did not: bits, of which the last is that of all beyond.
+    pub(super) noisy: u64,
     /// The guard that the last step ended just before.
     pub(super) stood: Option<usize>,
     /// Attempts that were not kept.
@@ -159,6 +165,8 @@ impl Fit {
         let integrals = &c.initial[c.states..c.states + c.integrals];
         // What has no state does not slow down where something is about to happen: it is looked at evenly.
         let most = if is_stateless(c) { options.default_step } else { f64::INFINITY };
+        // What swings in time is looked at often enough not to be stepped over, though nothing moves by it just now.
+        let most = c.swing.map_or(most, |period| most.min(SWING * period));
         Self {
             tolerance,
             longest: options.longest.unwrap_or(f64::INFINITY).min(most),
@@ -174,6 +182,7 @@ impl Fit {
                 crawl: 0,
                 chatter: 0,
                 faint: None,
+                noisy: 0,
                 stood: None,
                 rejected: 0,
                 events: 0,
@@ -343,9 +352,12 @@ impl Run {
     /// after it.
     fn fitted(&mut self, c: &Cluster, names: &[String], t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
         let Some(fit) = &self.fit else { return Ok((t, true)) };
-        let (tolerance, longest, mut control) = (fit.tolerance, fit.longest, fit.control);
+        let (tolerance, longest, limit, mut control) = (fit.tolerance, fit.longest, fit.limit, fit.control);
         let order = f64::from(c.step.order + 1);
-        let limit = Some(fit.limit).filter(|l| *l > t + SAME * t.abs());
+        if self.steps == 0 && control.events == 0 {
+            control.ahead = self.first_step(c, t, control.ahead.min(longest));
+        }
+        let limit = Some(limit).filter(|l| *l > t + SAME * t.abs());
         let end = end.into_iter().chain(limit).min_by(f64::total_cmp);
         // What is given from outside changes evenly until then.
         let far = t + 2.0 * control.ahead.min(longest);
@@ -356,7 +368,7 @@ impl Run {
         self.guards_before(c, t, control.ahead.min(longest));
         if control.faint.is_some_and(|guard| !self.is_low(guard)) {
             // It rose between.
-            (control.chatter, control.faint) = (0, None);
+            (control.chatter, control.faint, control.noisy) = (0, None, 0);
         }
         let (mut last_failure, mut refused) = (None, None::<(f64, f64, usize)>);
         let usual = self.default_step;
@@ -399,7 +411,10 @@ impl Run {
                     let now = self.fit.as_ref().filter(|_| why == Failure::Balance).map(|f| f.off);
                     let stuck = off.zip(now).is_some_and(|(off, now)| now > FALLS * off);
                     off = now;
-                    if stuck {
+                    // Equations that are not solved in steps that short may be in no longer ones than next to nothing.
+                    let own = self.fit.as_ref().is_some_and(|f| !f.spare) && self.spare.is_some();
+                    let hard = own && matches!(why, Failure::NoConvergence { .. }) && h < HARD * usual;
+                    if stuck || hard {
                         failures = failures.max(OWN);
                     } else {
                         control.ahead = CUT * h;
@@ -443,6 +458,7 @@ impl Run {
                 (control.began, control.aim, control.missed) = (end, f64::INFINITY, 0);
                 control.events += 1;
                 control.chatter = if attempt.faint.is_some() { control.chatter.saturating_add(1) } else { 0 };
+                control.noisy = attempt.faint.map_or(0, |guard| control.noisy | noise(guard));
                 control.faint = attempt.faint;
                 control.last = 0.0;
             } else {

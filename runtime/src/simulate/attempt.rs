@@ -11,6 +11,17 @@ const ROUNDED: f64 = 1e-15;
 /// The same of an integral, in SI units.
 const SMALLEST: f64 = 1e-24;
 
+/// Before the first step, so many are looked at, each this part of the one before.
+const LOOKS: i32 = 8;
+const SHORTER: f64 = 1.0 / 16.0;
+
+/// The largest energy so far, above the least that there is, J.
+fn above(b: &Book, e: &Entries) -> f64 {
+    // What is counted as turned over at least says nothing of sizes.
+    let turned = if b.turnover_max > FAINTEST { b.turnover_max } else { 0.0 };
+    (b.h_top - e.floor).max(turned).max(0.0)
+}
+
 /// What a step gave.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Taken {
@@ -37,6 +48,8 @@ pub(super) fn copy(from: &Taken, to: &mut Taken) {
 pub(super) struct Scale {
     /// How far an energy of 1 J moves the state, by the curvature of H at the start; 0 where H does not bend.
     natural: f64,
+    /// Whether it is of a storage of heat.
+    heat: bool,
     /// An error that is no more is rounding, as all is of a body that is held at rest.
     faintest: f64,
 }
@@ -44,17 +57,18 @@ pub(super) struct Scale {
 impl Scale {
     /// Those of a cluster's states, then of its integrals, by what `stored` gives at the start.
     pub(super) fn all(c: &Cluster, stored: &[f64]) -> Vec<Self> {
-        let state = |(curvature, grain): (&usize, &usize)| {
+        let state = |(i, (curvature, grain)): (usize, (&usize, &usize))| {
             let (curvature, grain) = (stored[*curvature], stored[*grain]);
+            let heat = c.heats.contains(&i);
             if curvature.is_nan() || curvature <= 0.0 {
-                return Self { natural: 0.0, faintest: 0.0 };
+                return Self { natural: 0.0, heat, faintest: 0.0 };
             }
             let natural = (2.0 / curvature).sqrt();
             let natural = if natural.is_finite() { natural } else { 0.0 };
-            Self { natural, faintest: (grain / curvature).max((2.0 * ROUNDED * FAINTEST / curvature).sqrt()) }
+            Self { natural, heat, faintest: (grain / curvature).max((2.0 * ROUNDED * FAINTEST / curvature).sqrt()) }
         };
-        let integral = Self { natural: 0.0, faintest: SMALLEST };
-        let states = c.curvatures.iter().zip(&c.grains).map(state);
+        let integral = Self { natural: 0.0, heat: false, faintest: SMALLEST };
+        let states = c.curvatures.iter().zip(&c.grains).enumerate().map(state);
         states.chain(std::iter::repeat_n(integral, c.integrals)).collect()
     }
 }
@@ -137,6 +151,41 @@ impl Run {
         Err(Failure::Balance)
     }
 
+    /// The first step of a run, at most `h`: where a method lets stay what is far too fast for it (Gauss' of an even
+    /// number of stages does), a whole step and its halves say the same, and no estimate tells that both are wrong. So
+    /// steps that are ever shorter are looked at first, by which no state may move by more than its size in the first.
+    pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> f64 {
+        if !(c.step.name.starts_with("collocation") && c.step.order.is_multiple_of(4)) {
+            return h;
+        }
+        let root = self.cool(c, self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum()).sqrt();
+        let mut first = h;
+        for k in 1..=LOOKS {
+            let short = h * SHORTER.powi(k);
+            if self.stride(t, short, Part::Trial).is_err() {
+                continue;
+            }
+            let Some(fit) = &self.fit else { return h };
+            for ((x, y), scale) in self.state.iter().zip(&fit.trial.next).zip(&self.scales).take(c.states) {
+                let (moved, size) = ((y - x).abs(), x.abs().max(root * scale.natural));
+                if size > 0.0 && moved * first > size * short {
+                    first = size * short / moved;
+                }
+            }
+        }
+        first.max(h * SHORTER.powi(LOOKS))
+    }
+
+    /// What of an energy may move states that are no heat, J: what is stored as heat does not come back, and is large beside
+    /// all else. Where there is any, what the largest values of the other states come to.
+    fn cool(&self, c: &Cluster, energy: f64) -> f64 {
+        if c.heats.is_empty() {
+            return energy;
+        }
+        let states = self.scales.iter().zip(&self.largest).filter(|(s, _)| !s.heat && s.natural > 0.0);
+        states.map(|(s, x)| (x / s.natural).powi(2)).sum::<f64>().min(energy)
+    }
+
     /// What the balance of what counts of an attempt is off by, where another stepper could take it; 0 else.
     fn off(&self, c: &Cluster, whole: bool) -> f64 {
         let Some(fit) = self.fit.as_ref().filter(|f| self.spare.is_some() && !f.spare) else { return 0.0 };
@@ -154,9 +203,6 @@ impl Run {
     fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<Estimate, Failure> {
         let mut most = Estimate { error: 0.0, fresh: false, worst: usize::MAX };
         let Some(fit) = &self.fit else { return Ok(most) };
-        // What is counted as turned over at least says nothing of sizes.
-        let turned = |b: &Book| if b.turnover_max > FAINTEST { b.turnover_max } else { 0.0 };
-        let above = |b: &Book, e: &Entries| (b.h_top - e.floor).max(turned(b)).max(0.0);
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
         let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
         let raised = 2f64.powi(order as i32);
@@ -168,7 +214,7 @@ impl Run {
                 most = Estimate { error, fresh: before <= 0.1 * now, worst };
             }
         };
-        let root = h_max.sqrt();
+        let (root, cool) = (h_max.sqrt(), self.cool(c, h_max).sqrt());
         for (i, scale) in self.scales.iter().enumerate() {
             let (x, off) = match c.step.estimate {
                 Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
@@ -182,6 +228,7 @@ impl Run {
             }
             let (before, size) = match i.checked_sub(c.states) {
                 None => {
+                    let root = if scale.heat { root } else { cool };
                     let before = self.largest[i].max(root * scale.natural);
                     (before, x.abs().max(before))
                 }

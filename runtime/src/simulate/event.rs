@@ -1,6 +1,7 @@
 //! Where in a step a law switches: the guard that changes sign, located by single steps from the start of the step to
 //! an instant just past the change.
 
+use super::adaptive::Control;
 use super::attempt::{Part, copy};
 use super::cluster::{Ready, Run};
 use super::guard::Watch;
@@ -76,6 +77,14 @@ impl Bracket {
     }
 }
 
+/// Where a guard changes its sign.
+enum Located {
+    /// The length of a step that ends there, and the guard.
+    At(f64, usize),
+    /// Where the step begins: that guard is let be.
+    Stands(usize),
+}
+
 impl Run {
     /// Takes down the guards at the start of a step, which will have about this length.
     pub(super) fn guards_before(&mut self, c: &Cluster, t: f64, h: f64) {
@@ -86,7 +95,7 @@ impl Run {
         look(c, guards, &mut self.step, (&self.state, &self.input), None, &mut self.before);
         if let Some(fit) = &mut self.fit {
             fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
-            hush(fit.control.chatter, &fit.tops, &mut self.before);
+            hush(&fit.control, &fit.tops, &mut self.before);
             // The step before this one ended just before its switch.
             if let Some(guard) = fit.control.stood {
                 self.before[guard] = 0.0;
@@ -133,7 +142,26 @@ impl Run {
     /// ends just past it, which then is the whole step, and the guard. A switch at the very start is let be. Without
     /// one, the first half was taken too, where there are guards. It is first looked for at `aim` from `t`.
     pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Option<(f64, usize)>, Failure> {
-        let Some(mut bracket) = self.bracket(c, t, h)? else { return Ok(None) };
+        for _ in 0..=self.before.len() {
+            let Some(bracket) = self.bracket(c, t, h)? else { return Ok(None) };
+            let guard = match self.locate(c, t, h, aim, bracket)? {
+                Located::At(found, guard) => return Ok(Some((found, guard))),
+                Located::Stands(guard) => guard,
+            };
+            // The others may switch all the same.
+            self.before[guard] = 0.0;
+            self.free();
+            self.branch();
+            self.stride(t, h, Part::Whole)?;
+        }
+        self.keep_branches(false);
+        self.stride(t, h, Part::Whole)?;
+        self.stride(t, 0.5 * h, Part::First)?;
+        Ok(None)
+    }
+
+    /// Locates the switch in a bracket.
+    fn locate(&mut self, c: &Cluster, t: f64, h: f64, aim: f64, mut bracket: Bracket) -> Result<Located, Failure> {
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
         let mut past = floor;
         let mut slow = false;
@@ -155,7 +183,7 @@ impl Run {
             let at = if root + past < high { root + past } else { middle };
             self.stride(t, at, Part::Trial)?;
             self.guards_at(c, t + at, Part::Trial);
-            let Some(fit) = &mut self.fit else { return Ok(None) };
+            let Some(fit) = &mut self.fit else { return Ok(Located::Stands(bracket.guard)) };
             let least = bracket.low.1.abs().min(bracket.high.1.abs());
             let point;
             if let Some(guard) = earliest(&fit.below, &fit.seen) {
@@ -180,16 +208,13 @@ impl Run {
         }
         let found = bracket.high.0;
         if found < STANDS * self.default_step {
-            self.keep_branches(false);
-            self.stride(t, h, Part::Whole)?;
-            self.stride(t, 0.5 * h, Part::First)?;
-            return Ok(None);
+            return Ok(Located::Stands(bracket.guard));
         }
         let before = match &c.guards {
             Some(guards) if guards.ends => self.end_before(c, t, &bracket, past)?,
             _ => None,
         };
-        Ok(Some((before.unwrap_or(found), bracket.guard)))
+        Ok(Located::At(before.unwrap_or(found), bracket.guard))
     }
 
     /// Ends the whole step just before the switch in a bracket, where a step to there can be had: its length.
@@ -319,7 +344,7 @@ impl Run {
         self.input[1] = PEEK * taken.h;
         let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
         look(c, guards, step, (&taken.next, &self.input), Some(&self.before), &mut fit.seen);
-        hush(fit.control.chatter, &fit.tops, &mut fit.seen);
+        hush(&fit.control, &fit.tops, &mut fit.seen);
         self.branch();
     }
 }
@@ -345,10 +370,16 @@ fn look(
     }
 }
 
-/// Has guards that go to and fro about 0 vanish.
-fn hush(chatter: u32, tops: &[f64], seen: &mut [f64]) {
-    if chatter > CHATTER {
-        seen.iter_mut().zip(tops).filter(|(x, top)| x.abs() <= FAINT * **top).for_each(|(x, _)| *x = 0.0);
+/// The bit of a guard in [`Control::noisy`].
+pub(super) fn noise(guard: usize) -> u64 {
+    1 << guard.min(63)
+}
+
+/// Has guards that go to and fro about 0 vanish; the others, such as a known time that comes near, stay.
+fn hush(control: &Control, tops: &[f64], seen: &mut [f64]) {
+    if control.chatter > CHATTER {
+        let list = seen.iter_mut().zip(tops).enumerate().filter(|(guard, _)| control.noisy & noise(*guard) != 0);
+        list.filter(|(_, (x, top))| x.abs() <= FAINT * **top).for_each(|(_, (x, _))| *x = 0.0);
     }
 }
 

@@ -83,6 +83,7 @@ pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
         c.initial.fill(0.0);
         c.guards.iter_mut().for_each(|g| (g.program, g.branch) = (Program::default(), None));
         c.stored = Program::default();
+        c.swing = None;
         c.instant = c.instant.skeleton();
         c.entries.iter_mut().for_each(|e| e.floor = 0.0);
         match &mut c.respond {

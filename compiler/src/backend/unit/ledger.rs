@@ -73,6 +73,16 @@ impl Writer {
     }
 }
 
+/// Fewer entries are booked one after the other.
+const ROLLED: usize = 64;
+
+/// The first of outputs that stand in a row, where they are many.
+fn row(list: &[(String, usize)]) -> Option<usize> {
+    let first = list.first()?.1;
+    let stand = list.iter().enumerate().all(|(k, (_, slot))| *slot == first + k);
+    (list.len() >= ROLLED && stand).then_some(first)
+}
+
 impl Writing<'_> {
     /// Books the step whose outputs are in the block.
     pub(super) fn book(&self, w: &mut Writer, i: usize) {
@@ -94,7 +104,26 @@ impl Writing<'_> {
             if !e.supplied.is_empty() {
                 w.gather(at + SUPPLIED, supplied);
             }
-            for (k, (_, slot)) in e.dissipated.iter().enumerate() {
+            let rolled = match more.and_then(|m| m.resistors) {
+                None => row(&e.dissipated),
+                Some(_) => None,
+            };
+            if let Some(first) = rolled {
+                let (base, sums) = (place.output + first, [w.starting(0.0), w.holding(turnover), w.starting(0.0)]);
+                w.each(e.dissipated.len(), |w, at| {
+                    let x = w.read(base, at);
+                    let [lost, turned, least] = sums.map(|v| w.get(v));
+                    let (lost, size) = (w.add(lost, x), w.abs(x));
+                    let (turned, below) = (w.add(turned, size), w.lt(x, least));
+                    let least = w.select(below, x, least);
+                    for (v, x) in sums.into_iter().zip([lost, turned, least]) {
+                        w.set(v, x);
+                    }
+                });
+                [dissipated, turnover, least] = sums.map(|v| w.get(v));
+            }
+            let single = if rolled.is_some() { &[][..] } else { &e.dissipated[..] };
+            for (k, (_, slot)) in single.iter().enumerate() {
                 let x = out(w, *slot);
                 dissipated = if k == 0 { x } else { w.add(dissipated, x) };
                 let size = w.abs(x);

@@ -2,7 +2,7 @@
 
 use crate::expression::{Expr, Node, Number, Pool, Symbol};
 use crate::model::Model;
-use bond_runtime::ir::Unary;
+use bond_runtime::ir::{Binary, Unary};
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::FxHashMap;
 
@@ -154,6 +154,9 @@ impl System {
                 Some(all)
             }
             Node::Product(k, pairs) => {
+                if let Some(waves) = self.waves(pool, value) {
+                    return Some(self.sum_of(&waves));
+                }
                 let mut factor = k.to_f64();
                 let mut moving: Option<(Expr, Number)> = None;
                 for &(e, n) in pairs.iter() {
@@ -179,6 +182,107 @@ impl System {
             | Node::Unary(..)
             | Node::Binary(..)
             | Node::Select(..) => self.terms_of_factor(pool, value),
+        }
+    }
+
+    /// A product of sines and cosines as a sum of such: each a factor, and what swings where it does.
+    fn waves(&self, pool: &mut Pool, e: Expr) -> Option<Waves> {
+        if let Some(x) = pool.constant(e) {
+            return Some(vec![(x, None)]);
+        }
+        let list = match pool.node(e).clone() {
+            Node::Unary(f @ (Unary::Sin | Unary::Cos), arg) => {
+                let (rate, phase) = pool.linear(arg, self.time)?;
+                vec![(1.0, Some((pool.constant(rate)?, pool.constant(phase)?, f == Unary::Cos)))]
+            }
+            Node::Sum(constant, pairs) => {
+                let mut list = vec![(constant.to_f64(), None)];
+                for &(e, k) in pairs.iter() {
+                    list.extend(self.waves(pool, e)?.into_iter().map(|(x, w)| (x * k.to_f64(), w)));
+                }
+                list
+            }
+            Node::Product(k, pairs) => {
+                let mut list = vec![(k.to_f64(), None)];
+                for &(e, n) in pairs.iter() {
+                    let factor = self.waves(pool, e)?;
+                    let times = match (&factor[..], n.integer()) {
+                        ([(x, None)], _) => {
+                            let x = pool_pow(*x, n);
+                            list.iter_mut().for_each(|l| l.0 *= x);
+                            continue;
+                        }
+                        (_, Some(n)) => u32::try_from(n).ok()?,
+                        (_, None) => return None,
+                    };
+                    for _ in 0..times {
+                        let more = factor.iter().flat_map(|f| list.iter().flat_map(|l| product(*l, *f)));
+                        list = more.collect();
+                        if list.len() > WAVES {
+                            return None;
+                        }
+                    }
+                }
+                list
+            }
+            Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => return None,
+        };
+        (list.len() <= WAVES).then_some(list)
+    }
+
+    fn sum_of(&mut self, waves: &Waves) -> Vec<(usize, f64)> {
+        let mut all: Vec<(usize, f64)> = Vec::new();
+        for &(x, wave) in waves.iter().filter(|w| w.0 != 0.0) {
+            let drive = wave.map_or(Drive::One, |(rate, phase, cos)| Drive::Wave(rate, phase, cos));
+            let d = self.drive(drive);
+            match all.iter_mut().find(|a| a.0 == d) {
+                Some(known) => known.1 += x,
+                None => all.push((d, x)),
+            }
+        }
+        all
+    }
+
+    /// Whether a cubic is anything else than what it stands for, between switches at known times.
+    pub(super) fn strays(&self, pool: &Pool) -> bool {
+        self.drives.iter().any(|d| match d {
+            Drive::Cubic(e, 0) => self.degree(pool, *e).is_none_or(|n| n > 3),
+            _ => false,
+        })
+    }
+
+    /// The degree of an expression in time, in pieces that end where time passes a number; none where it is no such
+    /// polynomial.
+    fn degree(&self, pool: &Pool, e: Expr) -> Option<u32> {
+        if !self.moves(pool, e) {
+            return Some(0);
+        }
+        let below = |e: Expr, most: u32| self.degree(pool, e).filter(|n| *n <= most);
+        match pool.node(e) {
+            Node::Number(_) => Some(0),
+            // An input goes straight from row to row.
+            Node::Symbol(_) => Some(1),
+            Node::Sum(_, pairs) => pairs.iter().try_fold(0, |n, p| Some(n.max(self.degree(pool, p.0)?))),
+            Node::Product(_, pairs) => pairs.iter().try_fold(0, |n: u32, (e, power)| {
+                let power = u32::try_from(power.integer()?).ok()?;
+                n.checked_add(self.degree(pool, *e)?.checked_mul(power)?)
+            }),
+            Node::Select(c, a, b) => {
+                below(*c, 0)?;
+                Some(self.degree(pool, *a)?.max(self.degree(pool, *b)?))
+            }
+            Node::Unary(Unary::Abs, a) => below(*a, 1),
+            Node::Unary(Unary::Sign, a) => below(*a, 1).map(|_| 0),
+            Node::Unary(Unary::Not, a) => below(*a, 0),
+            Node::Binary(Binary::Lt | Binary::Le | Binary::Eq, a, b) => below(*a, 1).and(below(*b, 1)).map(|_| 0),
+            Node::Binary(Binary::And | Binary::Or, a, b) => below(*a, 0).and(below(*b, 0)),
+            Node::Binary(Binary::Min | Binary::Max, a, b) => below(*a, 1).and(below(*b, 1)),
+            Node::Power(..) | Node::Unary(..) | Node::Binary(..) => None,
         }
     }
 
@@ -213,6 +317,33 @@ impl System {
             | Node::Binary(..)
             | Node::Select(..) => None,
         }
+    }
+}
+
+/// A sum: each a factor, and rate, phase and whether it is a cosine; of a constant the factor alone.
+type Waves = Vec<(f64, Option<(f64, f64, bool)>)>;
+
+/// No more of them.
+const WAVES: usize = 32;
+
+/// The product of two as a sum, by the sine and cosine of sums and differences.
+fn product(a: (f64, Option<(f64, f64, bool)>), b: (f64, Option<(f64, f64, bool)>)) -> Waves {
+    let x = a.0 * b.0;
+    let ((rate, phase, cos), (r, p, c)) = match (a.1, b.1) {
+        (None, wave) | (wave, None) => return vec![(x, wave)],
+        (Some(a), Some(b)) => (a, b),
+    };
+    let wave = |x: f64, rate: f64, phase: f64, cos: bool| match rate == 0.0 {
+        true => (x * if cos { libm::cos(phase) } else { libm::sin(phase) }, None),
+        false => (x, Some((rate, phase, cos))),
+    };
+    let half = 0.5 * x;
+    let (sum, difference) = ((rate + r, phase + p), (rate - r, phase - p));
+    match (cos, c) {
+        (true, true) => vec![wave(half, difference.0, difference.1, true), wave(half, sum.0, sum.1, true)],
+        (false, false) => vec![wave(half, difference.0, difference.1, true), wave(-half, sum.0, sum.1, true)],
+        (false, true) => vec![wave(half, sum.0, sum.1, false), wave(half, difference.0, difference.1, false)],
+        (true, false) => vec![wave(half, sum.0, sum.1, false), wave(-half, difference.0, difference.1, false)],
     }
 }
 

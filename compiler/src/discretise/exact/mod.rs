@@ -21,12 +21,14 @@ use bond_runtime::twice::Twice;
 use drive::{Drive, drive_value};
 use rows::{Rows, add_product, rows};
 
+/// The step, and whether a source is not followed by it, but replaced by a cubic that is something else.
+pub(super) struct Exact {
+    pub(super) step: (Stepper, Vec<Entries>),
+    pub(super) strays: bool,
+}
+
 /// Writes the step; `None` where the cluster cannot be stepped so.
-pub(super) fn write(
-    c: &Cluster,
-    model: &mut Model,
-    form: &Form,
-) -> Result<Option<(Stepper, Vec<Entries>)>, Vec<Diagnostic>> {
+pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<Option<Exact>, Vec<Diagnostic>> {
     let Some(mut rows) = rows(c, model, form) else { return Ok(None) };
     let size = rows.linear.n + rows.linear.m;
     let forms = c.nodes.len() + rows.integrals.iter().filter(|i| i.is_err()).count();
@@ -34,6 +36,7 @@ pub(super) fn write(
         return Ok(None);
     }
     let time = c.time.ok_or_else(Vec::new)?;
+    let strays = rows.system.strays(&model.pool);
     let cubic = rows.system.drives.iter().any(|d| matches!(d, Drive::Cubic(..)));
     let (program, linear, entries) = program(c, model, form, &mut rows, time, true)?;
     let (glance, glance_linear, _) = self::program(c, model, form, &mut rows, time, false)?;
@@ -44,7 +47,7 @@ pub(super) fn write(
         ..Stepper::new("exact", order, true, program)
     };
     let glance = stepper(glance, glance_linear, None);
-    Ok(Some((stepper(program, linear, Some(Box::new(glance))), entries)))
+    Ok(Some(Exact { step: (stepper(program, linear, Some(Box::new(glance))), entries), strays }))
 }
 
 /// Whether a cluster is linear but for what its probes integrate.

@@ -1,0 +1,267 @@
+//! What fitted steps must not step over: sources that swing while nothing moves, known times after laws that go to and
+//! fro, what is far too fast at the start, and what is small beside stored heat.
+
+use bond::{Compiled, Options, Steps};
+use bond_compiler::discretise::Accuracy;
+
+/// Compiled for a tolerance, by a method or the default.
+fn compiled(text: &str, method: Option<&str>, tolerance: Option<f64>) -> Compiled {
+    let mut options = Options::new();
+    options = method.into_iter().fold(options, |o, m| o.method(m));
+    options = tolerance.into_iter().fold(options, |o, x| o.accuracy(Accuracy::Tolerance(x)));
+    options.compile_str("scene.bond", text).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// A probe at an instant, and how many steps that took.
+fn at(compiled: &Compiled, tolerance: Option<f64>, probe: &str, t: f64) -> (f64, u64) {
+    let steps = tolerance.map_or(Steps::new(), Steps::tolerance);
+    let settings = &compiled.stages().model.settings;
+    let options = steps.resolve(settings, settings.stop.unwrap_or(t), None).unwrap();
+    let mut sim = bond::Simulation::new(compiled.scene(), &options).unwrap();
+    sim.advance(t).unwrap();
+    let summary = sim.summary();
+    assert!(!summary.regions[0].passive_stepper || summary.passive, "{probe}");
+    (sim.probe(probe).unwrap(), summary.regions[0].steps)
+}
+
+/// A half-wave rectifier: while the diode blocks nothing moves by which a step would know of the next pulse. The numbers
+/// are of an implicit Runge-Kutta method with steps of a thousandth of the period, and tolerances of 1e-12.
+#[test]
+fn pulses_of_diodes() {
+    let rectifier = |diode: &str, rs: &str| {
+        format!(
+            "model Rect {{
+               Se:u = 10 V * sin(2*pi*50 Hz * t)
+               R:rs = {rs}
+               R:d {{ {diode} }}
+               C:c = 1 mF
+               R:load = 1 kOhm
+               u -> 1:m -> rs, d, 0:o
+               o -> c, load
+               probe uo = o.e
+               simulate {{ stop = 0.1 s }}
+             }}"
+        )
+    };
+    let ideal = rectifier("e = min(s, 0) * 1 V; f = max(s, 0) * 1 A", "2 Ohm");
+    let exact = [(0.049, 9.576_029), (0.0688, 9.653_887), (0.0886, 9.685_734)];
+    let mut tried = vec![(None, None)];
+    for x in [1e-5, 1e-7, 1e-8, 1e-9, 1e-10] {
+        tried.push((None, Some(x)));
+    }
+    tried.extend([Some("radau"), Some("dop853"), Some("collocation4")].map(|m| (m, Some(1e-9))));
+    for (method, tolerance) in tried {
+        let scene = compiled(&ideal, method, tolerance);
+        for (t, value) in exact {
+            let (uo, _) = at(&scene, tolerance, "uo", t);
+            assert!((uo - value).abs() < 2e-3, "{method:?} {tolerance:?} at {t}: {uo}");
+        }
+    }
+    let shockley = rectifier("f = 1e-9 A * (exp(e/(40 mV)) - 1)", "0.5 Ohm");
+    let reference = compiled(&shockley, Some("dop853"), Some(1e-11));
+    for tolerance in [None, Some(1e-9)] {
+        let scene = compiled(&shockley, None, tolerance);
+        for t in [0.049, 0.0688, 0.0886] {
+            let (uo, _) = at(&scene, tolerance, "uo", t);
+            let (value, _) = at(&reference, Some(1e-11), "uo", t);
+            assert!((uo - value).abs() < 2e-3, "{tolerance:?} at {t}: {uo}, {value}");
+        }
+    }
+}
+
+/// What switches by a sine of time does so in each of its periods: a charge that is let go for a known part of each.
+#[test]
+fn switches_of_time() {
+    let text = "model S {
+      C:c { compliance = 1 mF; e0 = 10 V }
+      MR:r { f = (if sin(2*pi*50 Hz * t) > 0.9 then 10 mS else 0 S) * e }
+      c -> r
+      probe u = c.e
+      simulate { stop = 2 s }
+    }";
+    let on = 100.0 * 0.02 * (0.5 - 0.9f64.asin() / std::f64::consts::PI);
+    let exact = 10.0 * (-10.0 * on).exp();
+    let (u, _) = at(&compiled(text, None, None), None, "u", 2.0);
+    assert!((u / exact - 1.0).abs() < 1e-4, "{u}, {exact}");
+}
+
+/// A linear region takes `exact` where that follows its sources, whatever they swing like, and a method whose steps are
+/// fitted where it does not.
+#[test]
+fn sources_of_linear_regions() {
+    let low_pass = |source: &str| {
+        format!(
+            "model S {{
+               Se:u = {source}
+               R:r = 1 kOhm
+               C:c = 100 uF
+               u -> 1:i -> r, c
+               probe out = c.e
+               simulate {{ stop = 1 s }}
+             }}"
+        )
+    };
+    // 10 V sin^2 is 5 V less 5 V cos(2 w t), of which next to nothing comes through.
+    let charged = |v: f64| v * (1.0 - (-10.0f64).exp());
+    let squared = compiled(&low_pass("10 V * sin(2*pi*1 kHz * t)^2"), None, None);
+    assert_eq!(&*squared.scene().clusters[0].step.name, "exact");
+    let (w, tau) = (4000.0 * std::f64::consts::PI, 0.1);
+    let ripple = |t: f64| {
+        let z = w * tau;
+        5.0 / (1.0 + z * z) * ((w * t).cos() + z * (w * t).sin() - (-t / tau).exp())
+    };
+    let (u, _) = at(&squared, None, "out", 1.0);
+    assert!((u - (charged(5.0) - ripple(1.0))).abs() < 1e-12, "{u}");
+    let product = compiled(&low_pass("10 V * sin(2*pi*1 kHz * t) * cos(2*pi*1 kHz * t - pi/2)"), None, None);
+    assert!((at(&product, None, "out", 1.0).0 - u).abs() < 1e-12);
+    // On for a known part of each of 10 000 periods.
+    let text = low_pass("if sin(2*pi*10 kHz * t) > 0.3 then 10 V else 0 V");
+    let switched = compiled(&text, None, None);
+    assert_eq!(&*switched.scene().clusters[0].step.name, "collocation6");
+    let mean = 10.0 * (0.5 - 0.3f64.asin() / std::f64::consts::PI);
+    let (u, steps) = at(&switched, None, "out", 1.0);
+    assert!((u - charged(mean)).abs() < 1e-2 && steps > 20_000, "{u}, {steps} steps");
+    // Known times and pieces of low degree are followed; a step that is told is taken.
+    for source in ["if t < 0.3 s then 10 V else 2 V/s * t", "10 V * min(t, 0.2 s)/(1 s)", "3 V * cos(t * 1 s^-1)"] {
+        assert_eq!(&*compiled(&low_pass(source), None, None).scene().clusters[0].step.name, "exact", "{source}");
+    }
+    let fixed = Options::new().accuracy(Accuracy::Fixed).compile_str("scene.bond", text).unwrap();
+    assert_eq!(&*fixed.scene().clusters[0].step.name, "exact");
+}
+
+/// A tank runs empty, so that its orifice goes to and fro by rounding; the pump that starts later does so on time.
+#[test]
+fn known_times_after_rest() {
+    // From level 0 at 40 s on, A dh/dt = pump - a sqrt(2 g h), which has a closed form: t as a function of the root of h.
+    let one = "model One(A = 0.1 m^2, a = 1e-3 m^2, rho = 1000 kg/m^3, g = 9.81 m/s^2) {
+      Sf:pump = if t > 40 s then 2e-3 m^3/s else 0
+      C:tank { stiffness = rho*g/A; q0 = 0.01 m^3 }
+      R:hole { f = a*sqrt(2/rho)*sign(e)*sqrt(abs(e)) }
+      pump -> 0:p -> tank, hole
+      probe h = tank.q/A
+      simulate { stop = 80 s }
+    }";
+    let time_to = |h: f64| {
+        let (area, inflow, k) = (0.1, 2e-3, 1e-3 * (2.0 * 9.81f64).sqrt());
+        let root = h.sqrt();
+        -2.0 * area / k * (root + inflow / k * (1.0 - k * root / inflow).ln())
+    };
+    for tolerance in [None, Some(1e-4), Some(1e-7), Some(1e-8), Some(1e-10)] {
+        let (h, _) = at(&compiled(one, None, tolerance), tolerance, "h", 44.0);
+        let off = (time_to(h) - 4.0).abs();
+        assert!(off < 1e-2 && (tolerance != Some(1e-10) || off < 1e-5), "{tolerance:?}: {h}, off by {off} s");
+    }
+    let two = "model Two(A = 0.1 m^2, a = 1e-3 m^2, rho = 1000 kg/m^3, g = 9.81 m/s^2) {
+      Sf:pump = if t > 60 s then 2e-3 m^3/s else 0
+      C:t1 { stiffness = rho*g/A; q0 = 0.02 m^3 }
+      C:t2 { stiffness = rho*g/A; q0 = 0.01 m^3 }
+      R:hole { f = a*sqrt(2/rho)*sign(e)*sqrt(abs(e)) }
+      pump -> 0:p -> t1
+      p -> 1:pipe -> hole
+      pipe -> 0:p2 -> t2
+      probe h = t1.q/A - t2.q/A
+      simulate { stop = 70 s }
+    }";
+    for (method, tolerance) in [(None, None), (None, Some(1e-9)), (Some("collocation6"), Some(1e-10))] {
+        let (h, _) = at(&compiled(two, method, tolerance), tolerance, "h", 62.0);
+        assert!((h - 0.021_267_8).abs() < 2e-6, "{method:?} {tolerance:?}: {h}");
+    }
+}
+
+/// Two condensers over a small resistor, one charged otherwise: 1e-12 s are all that it takes, of 5 s.
+#[test]
+fn what_is_far_too_fast_at_the_start() {
+    for link in ["1e-6 Ohm", "1e-4 Ohm"] {
+        let text = format!(
+            "model Stiff {{
+               Se:battery = 1 V
+               R:feed {{ e = 1 Ohm * f + 0.1 Ohm/A^2 * f^3 }}
+               R:link = {link}
+               C:slow = 1 F
+               C:fast {{ compliance = 1 uF; e0 = -1 V }}
+               battery -> 1:a -> feed
+               a -> 0:n1 -> slow
+               n1 -> 1:b -> link, 0:n2
+               n2 -> fast
+               probe apart = fast.e - slow.e
+               simulate {{ stop = 5 s }}
+             }}"
+        );
+        for method in [None, Some("collocation4"), Some("collocation12"), Some("gonzalez")] {
+            let (apart, steps) = at(&compiled(&text, method, Some(1e-6)), Some(1e-6), "apart", 5.0);
+            assert!(apart.abs() < 1e-6 && steps < 30_000, "{link} {method:?}: {apart} after {steps} steps");
+        }
+    }
+}
+
+/// A small circuit heats a body: its errors are measured by its own sizes, however much heat there is.
+#[test]
+fn small_beside_heat() {
+    let exact = 0.127_173_379_763;
+    for heat in ["1 J/K", "33 kJ/K"] {
+        let text = format!(
+            "model Chip(C0 = {heat}) {{
+               C:c {{ compliance = 1 uF; e0 = 1 V }}
+               I:l = 1 mH
+               RS(r, th):res = 2 Ohm
+               C:body {{ H = C0*(300 K)*(exp(q/C0) - 1) + C0*(300 K) }}
+               1:i -> c, l, res.r
+               res.th -> body
+               probe u = c.e
+               simulate {{ stop = 2 ms }}
+             }}"
+        );
+        for (tolerance, most) in [(None, 5e-4), (Some(1e-6), 1e-6), (Some(1e-9), 1e-10)] {
+            let (u, _) = at(&compiled(&text, None, tolerance), tolerance, "u", 2e-3);
+            assert!((u - exact).abs() < most, "{heat} {tolerance:?}: {u}");
+        }
+    }
+}
+
+/// Two conductors of heat in a row, until they are at rest: that no entropy falls is told to rounding.
+#[test]
+fn conductors_in_a_row() {
+    let text = "model Row(h = 2 W/K) {
+      C:hot { H = 500 J/K*300 K * exp(q/(500 J/K)); q0 = 50 J/K }
+      C:cold { H = 800 J/K*300 K * exp(q/(800 J/K)) }
+      R(a, b):one { a.f = h*(a.e - b.e)/a.e; b.f = h*(b.e - a.e)/b.e }
+      R(a, b):two { a.f = 5*h*(a.e - b.e)/a.e; b.f = 5*h*(b.e - a.e)/b.e }
+      0:warm -> hot; warm -> one.a
+      0:between -> one.b; between -> two.a
+      0:cool -> two.b; cool -> cold
+      probe apart = warm.e - cool.e
+      simulate { stop = 1e5 s }
+    }";
+    let (apart, _) = at(&compiled(text, None, None), None, "apart", 1e5);
+    assert!(apart.abs() < 1e-6, "{apart}");
+    // What does let entropy fall is told all the same, in short steps too.
+    let wrong = text.replace("= h*", "= -h*").replace("= 5*h*", "= -5*h*");
+    let scene = compiled(&wrong, None, None);
+    let mut sim = scene.simulate(Steps::fixed(1e-3)).unwrap();
+    sim.advance(0.1).unwrap();
+    assert!(sim.summary().reasons.iter().any(|r| r.contains("entropy fell")), "{:?}", sim.summary().reasons);
+}
+
+/// A law at its corner, where it has no slope, says nothing of one that it shares no unknown with: both start.
+#[test]
+fn laws_that_share_nothing_start_by_themselves() {
+    for oil in ["f = (0.1 m/s)*sinh(e/(50 N))", "f = (0.1 m/s)*sign(e)*sqrt(abs(e)/(50 N))"] {
+        let text = format!(
+            "model S {{
+               I:m0 = 1 kg
+               I:m1 {{ inertia = 1 kg; f0 = 1 m/s }}
+               R:dry {{ e = (1 N)*min(max(s,-1),1); f = (s-min(max(s,-1),1))*(1 m/s) }}
+               R:oil {{ {oil} }}
+               C:c {{ stiffness = 100 N/m }}
+               1:v0 -> m0, dry
+               1:v1 -> m1, oil
+               v1 -> 0:n -> v0
+               n -> c
+               probe f0 = v0.f
+               simulate {{ stop = 1 s }}
+             }}"
+        );
+        let (f0, _) = at(&compiled(&text, None, Some(1e-6)), Some(1e-6), "f0", 1.0);
+        assert!(f0.is_finite() && f0.abs() < 1.0, "{f0}");
+    }
+}
