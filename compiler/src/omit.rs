@@ -3,7 +3,7 @@
 //! A part, that is a storage, a resistor or a multiport field, is left out with its bonds: at a 1-junction its effort
 //! counts as 0 from then on, at a 0-junction its flow. The other elements, and with them the form, stay what they are.
 //! Which parts matter is measured by their activity, the integral of |power| (Louca and Stein, *Energy-based model
-//! reduction of linear systems*, 1999): [`watch`] lets a run tell their power.
+//! reduction of linear systems*, 1999): `watch` lets a run tell their power.
 
 use crate::elaborate::nearest;
 use crate::expression::{Expr, Symbol};
