@@ -88,7 +88,10 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         ..System::default()
     };
     write::solve(model, &mut b, &mut lowering, system)?;
+    // Where an energy is flat, as beyond a stop, next to no slope is left to go by: what is found has to be on the level.
     let met = b.load(flag);
+    let there = lowering.lower(&model.pool, &mut b, moved).map_err(|s| missing(model, s))?;
+    let met = on_level(&mut b, met, there, target, before);
     // Without a change of energy the state may go the whole way if that is as high; else it stays, being on the level
     // set already.
     let full: FxHashMap<Symbol, Expr> = std::iter::once((r, model.pool.int(0))).collect();
@@ -133,6 +136,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     };
     write::solve(model, &mut b, &mut lowering, system)?;
     let found = b.load(mirror_flag);
+    let there = lowering.lower(&model.pool, &mut b, there).map_err(|s| missing(model, s))?;
+    let found = on_level(&mut b, found, there, before, before);
     let mut next = Vec::new();
     for ((s, e), low) in c.states.iter().zip(&mirrored).zip(&minimum) {
         let line_of = *line.get(&s.symbol).unwrap_or(&one);
@@ -184,4 +189,17 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     }
     let program = verified(model, b.finish())?;
     Ok((Stepper::new("ray", 1, true, program), entries))
+}
+
+/// An energy that differs from what it should be by no more than this part of the larger one is that.
+const SAME: f64 = 1e-9;
+
+/// Whether what was found is where the energy is what it should be, beside what there was.
+fn on_level(b: &mut Builder, found: Value, there: Value, wanted: Value, before: Value) -> Value {
+    let off = b.sub(there, wanted);
+    let (off, wanted, before) = (b.unary(Unary::Abs, off), b.unary(Unary::Abs, wanted), b.unary(Unary::Abs, before));
+    let (size, part) = (b.binary(Binary::Max, wanted, before), b.number(SAME));
+    let most = b.mul(part, size);
+    let is_there = b.binary(Binary::Le, off, most);
+    b.binary(Binary::And, found, is_there)
 }
