@@ -339,6 +339,32 @@ fn a_debt_is_not_forgotten() {
     }
 }
 
+/// Dry friction beside a spring by the paper's step: where the flow turns, the force is that of the new one.
+#[test]
+fn ray_with_dry_friction_takes_power() {
+    for period in ["0.2 ms", "2 ms", "10 ms", "50 ms"] {
+        let text = format!(
+            "model Dry {{
+               I:m {{ inertia = 1 kg; f0 = 1 m/s }}
+               C:g {{ stiffness = 100 N/m }}
+               1:v -> m, g
+               sampled every {period} hold lagged method ray {{
+                 C:s {{ stiffness = 100 N/m; q0 = 0.1 m }}
+                 R:dry {{ e = (1 N)*min(max(s,-1),1); f = (s-min(max(s,-1),1))*(0.6 m/s) }}
+                 1:w -> s, dry
+               }}
+               v -[b]||> w
+               simulate {{ stop = 4 s }}
+             }}"
+        );
+        let compiled = bond::Options::new().compile_str("dry.bond", text).unwrap();
+        let mut sim = compiled.simulate(bond::Steps::new()).unwrap();
+        sim.advance(4.0).unwrap();
+        let reasons = sim.summary().reasons;
+        assert!(!reasons.iter().any(|r| r.contains("gave energy")), "{period}: {reasons:?}");
+    }
+}
+
 /// A wall that pushes and never pulls, by the paper's step: beyond the gap its energy is flat, and no slope tells where
 /// the level is; it leaps to where it touches then, and what is missing is booked.
 #[test]

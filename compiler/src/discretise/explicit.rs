@@ -464,7 +464,7 @@ fn stage(
     lowering: &mut Lowering,
     guesses: &[Value],
 ) -> Result<Stage, Vec<Diagnostic>> {
-    let flat = instant::outputs(c, model, form, b, lowering, guesses)?;
+    let flat = instant::outputs(c, model, form, b, lowering, (guesses, instant::HOLD))?;
     let symbols = c.states.iter().map(|s| s.symbol).collect();
     turn::angles(model, b, lowering, &c.energies(), &symbols)?;
     let mut lower = |model: &mut Model, b: &mut Builder, e| {

@@ -12,7 +12,9 @@ use bond_runtime::scene::Guards;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
-const HOLD: f64 = 1e-2;
+pub(super) const HOLD: f64 = 1e-2;
+/// The same where a passive step goes by what it gives: next to nothing, so that the law takes power.
+pub(super) const SLIGHT: f64 = 1e-9;
 
 /// Laws that switch on what so many loops tell at most are watched.
 const LOOPS: usize = 16;
@@ -24,14 +26,15 @@ pub(super) struct Layout {
     pub(super) ports: usize,
 }
 
-/// Solves the loops at one instant, and gives all outputs' expressions.
+/// Solves the loops at one instant, and gives all outputs' expressions. `hold` is how strongly the parameter of a curve that
+/// an instant does not tell is held to its guess.
 pub(super) fn outputs(
     c: &Cluster,
     model: &mut Model,
     form: &Form,
     b: &mut Builder,
     lowering: &mut Lowering,
-    guesses: &[bond_runtime::ir::Value],
+    (guesses, hold): (&[bond_runtime::ir::Value], f64),
 ) -> Result<FxHashMap<Symbol, Expr>, Vec<Diagnostic>> {
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
@@ -47,7 +50,7 @@ pub(super) fn outputs(
         if is_bare && imposed() && !reads(c, model, form, n) {
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
             lowering.bind(held, *guess);
-            let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(HOLD));
+            let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(hold));
             let off = model.pool.sub(s, before);
             let pull = model.pool.mul(little, off);
             *r = model.pool.add(*r, pull);
@@ -270,7 +273,7 @@ pub(super) fn write(
     let mut b = Builder::new(c.title(form, "observation"));
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let flat = outputs(c, model, form, &mut b, &mut lowering, &inputs.guesses)?;
+    let flat = outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, HOLD))?;
     let mut list: Vec<(String, Expr)> = Vec::new();
     for s in shows {
         let e = model.pool.var(*s);

@@ -20,7 +20,7 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let mut entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let flat = instant::outputs(c, model, form, &mut b, &mut lowering, &inputs.guesses)?;
+    let flat = instant::outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, instant::SLIGHT))?;
     write::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
     let n = c.states.len();
     let mut rates: Vec<Value> = Vec::new();
