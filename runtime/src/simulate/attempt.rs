@@ -12,8 +12,8 @@ const ROUNDED: f64 = 1e-15;
 const SMALLEST: f64 = 1e-24;
 
 /// Before the first step, so many are looked at, each this part of the one before.
-const LOOKS: i32 = 8;
-const SHORTER: f64 = 1.0 / 16.0;
+const LOOKS: i32 = 4;
+const SHORTER: f64 = 1.0 / 256.0;
 
 /// The largest energy so far, above the least that there is, J.
 fn above(b: &Book, e: &Entries) -> f64 {
