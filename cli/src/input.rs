@@ -25,6 +25,16 @@ pub struct Set {
     pub without: Vec<String>,
 }
 
+impl Set {
+    /// The parameters that are set, as path and value with its unit.
+    pub fn written(&self) -> impl Iterator<Item = (&str, String)> {
+        self.set.iter().map(|(path, (value, unit))| {
+            let unit = unit.filter(|u| !u.is_one()).map(|u| format!(" {u}")).unwrap_or_default();
+            (path.as_str(), format!("{value}{unit}"))
+        })
+    }
+}
+
 /// The path of an element.
 fn path(text: &str) -> Result<String, String> {
     match text.trim() {

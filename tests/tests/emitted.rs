@@ -739,3 +739,21 @@ fn names_are_told_apart() {
     names.dedup();
     assert!(names.len() == all && all > 20, "{header}");
 }
+
+/// Families of resistors are booked in a loop: twice as many make the routines no longer, but for tables of numbers.
+#[test]
+fn lossy_ladders_grow_in_tables_alone() {
+    let statements = |n: usize| {
+        let text = format!(
+            "model Lossy {{ Se:u = 1 V  u -> 1:i[1]  for k in 1..{n} {{ I:l[k] = 1 mH  R:r[k] = 0.1 Ohm  i[k] -> l[k], r[k] }} \
+             for k in 1..{n} {{ 0:o[k] C:c[k] {{ stiffness = 1e3 V/C }} i[k] -> o[k] -> c[k] }} \
+             for k in 2..{n} {{ 1:i[k] o[k-1] -> i[k] }} \
+             probe v = o[{n}].e simulate {{ stop = 1 s; step = 1 ms; method = gonzalez }} }}"
+        );
+        let compiled = with(Options::new().model("Lossy"), &text);
+        let (u, _) = emit(&compiled, 1e-3).unwrap_or_else(|e| panic!("{n}: {e}"));
+        c::source(&u, &options("bond", "m.h")).lines().filter(|l| l.trim_end().ends_with(';')).count()
+    };
+    let (some, many) = (statements(200), statements(400));
+    assert!(many <= some + some / 20, "{some} statements of 200 cells, {many} of 400");
+}

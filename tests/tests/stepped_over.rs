@@ -69,6 +69,34 @@ fn pulses_of_diodes() {
     }
 }
 
+/// Two diodes to one condenser: collocation does not solve short steps where they begin to conduct, and the other stepper
+/// takes these.
+#[test]
+fn diodes_that_begin_to_conduct() {
+    let text = "model Centre {
+      Se:u1 = 17 V * sin(100*pi*t * 1 s^-1)
+      Se:u2 = -17 V * sin(100*pi*t * 1 s^-1)
+      R:r1 = 1 Ohm
+      R:r2 = 1 Ohm
+      R:d1 { f = 1e-9 A * (exp(e/(40 mV)) - 1) + 1e-9 S * e }
+      R:d2 { f = 1e-9 A * (exp(e/(40 mV)) - 1) + 1e-9 S * e }
+      C:c = 1 mF
+      R:load = 60 Ohm
+      u1 -> 1:m1 -> r1, d1
+      u2 -> 1:m2 -> r2, d2
+      m1 -> 0:a
+      m2 -> a
+      a -> c, load
+      probe v = c.e
+      simulate { stop = 0.1 s }
+    }";
+    let (value, _) = at(&compiled(text, Some("dop853"), Some(1e-9)), Some(1e-9), "v", 0.1);
+    for (method, tolerance) in [(None, 1e-6), (None, 1e-8), (Some("collocation6"), 1e-6), (Some("gonzalez"), 1e-6)] {
+        let (v, steps) = at(&compiled(text, method, Some(tolerance)), Some(tolerance), "v", 0.1);
+        assert!((v - value).abs() < 2e-3 && steps < 50_000, "{method:?} {tolerance:e}: {v}, {value}, {steps} steps");
+    }
+}
+
 /// What switches by a sine of time does so in each of its periods: a charge that is let go for a known part of each.
 #[test]
 fn switches_of_time() {

@@ -106,10 +106,7 @@ fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
     let settings = &compiled.stages().model.settings;
     // What makes no sense is told now, not when it runs.
     Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
-    let set = args.set.set.iter().map(|(path, (value, unit))| {
-        let unit = unit.filter(|u| !u.is_one()).map(|u| format!(" {u}")).unwrap_or_default();
-        format!("{path} = {value}{unit}")
-    });
+    let set = args.set.written().map(|(path, value)| format!("{path} = {value}"));
     let carried = environment::Environment {
         version: env!("CARGO_PKG_VERSION").into(),
         method: args.method.clone(),

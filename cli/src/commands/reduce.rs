@@ -8,7 +8,7 @@ use crate::progress::Progress;
 use crate::reduce::{self, Setup};
 use crate::stop::Stop;
 use crate::{drive, output, report};
-use bond::{Code, Steps, Text};
+use bond::{Code, Text};
 use bond_compiler::discretise::Accuracy;
 use bond_compiler::model::Settings;
 use std::path::{Path, PathBuf};
@@ -100,11 +100,7 @@ pub fn reduce(args: &Args) -> Result<(), Stop> {
         Setting::Tolerance(x) => options.accuracy(Accuracy::Tolerance(x)),
     };
     let by = By::Model(text.name()).unless(args.stop.is_some() || args.step.is_some() || !args.set.set.is_empty());
-    let steps = match setting {
-        Setting::Step(h) => Steps::fixed(h),
-        Setting::Tolerance(x) => Steps::tolerance(x),
-    };
-    drive::possible(compiled.scene(), &steps.resolve(&Settings::default(), stop, None)?, stop, by)?;
+    drive::possible(compiled.scene(), &setting.steps(None).resolve(&Settings::default(), stop, None)?, stop, by)?;
     let given = match &args.input {
         Some(path) => input::table(path, compiled.scene(), args.input_hold)?,
         None => Vec::new(),
@@ -129,10 +125,7 @@ fn next(args: &Args, without: &[&str]) -> String {
     }
     let mut words = vec!["bond".to_string(), "run".into(), args.file.display().to_string()];
     words.extend(args.which.model.iter().flat_map(|name| ["--model".to_string(), name.clone()]));
-    for (path, (value, unit)) in &args.set.set {
-        let unit = unit.filter(|u| !u.is_one()).map(|u| format!(" {u}")).unwrap_or_default();
-        words.extend(["--set".to_string(), format!("{path}={value}{unit}")]);
-    }
+    words.extend(args.set.written().flat_map(|(path, value)| ["--set".to_string(), format!("{path}={value}")]));
     let all: Vec<&str> = args.set.without.iter().map(String::as_str).chain(without.iter().copied()).collect();
     words.extend(["--without".to_string(), all.join(",")]);
     let quoted = |word: &String| {

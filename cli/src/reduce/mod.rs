@@ -172,7 +172,6 @@ pub fn reduce(setup: &Setup, progress: &dyn Fn(f64)) -> Result<Reduction, Stop> 
         })?;
         let moved = Difference::new(&other, &run, &scales).along;
         let far = moved.iter().copied().fold(0.0, f64::max);
-        // Written so that NaN is too far.
         if far <= setup.error {
             return Ok(trial);
         }

@@ -99,6 +99,15 @@ fn places_in_other_files_are_drawn_too() {
     );
 }
 
+/// A start that does not go with a source is told by the numbers as they are written.
+#[test]
+fn starts_beside_sources() {
+    let text = "model S {\n  Se:u = 3 V\n  C:b { compliance = 0.5 F; e0 = 3 V }\n  C:d { compliance = 0.5 F; q0 = 1 C }\n  \
+                u -> 0:n -> b, d\n  probe q = b.q\n}\n";
+    let here = Folder::new().with("s.bond", text);
+    here.bond(&["check", "s.bond"]).is(1, &[], &["which gives it 3 where 2 is stated"]);
+}
+
 #[test]
 fn a_file_of_functions_alone_is_fine() {
     let here = Folder::new().with("f.bond", "let f(x) = x^2\nlet g(x, y) = x + y\n").with("u.bond", "use \"f.bond\"\n");

@@ -224,6 +224,27 @@ fn pictures_of_a_run() {
     assert_eq!(here.list(), ["a.bond", "a.csv", "a.png", "a.svg", "b.bond", "b.svg", "f.svg", "mute.bond"]);
 }
 
+/// Columns have names of their own, and a large linear region is said to be one.
+#[test]
+fn names_and_reasons() {
+    let ladder = "model Ladder(n = 100) {
+      Se:u = 1 V
+      u -> 0:node[0]
+      for i in 1..n {
+        R:r[i] = 1 kOhm
+        C:c[i] = 1 uF
+        node[i-1] -> 1:s[i] -> r[i]
+        s[i] -> 0:node[i] -> c[i]
+      }
+      probe t = c[1].e
+      probe t_ = c[n].e
+      simulate { stop = 1 s; step = 10 ms }
+    }";
+    let here = Folder::new().with("l.bond", ladder);
+    here.bond(&["run", "l.bond", "-o", "l.csv"]).is(0, &["because     it is linear, and large"], &[]);
+    assert!(here.read("l.csv").starts_with("t,t_,t__\n"));
+}
+
 /// A name may be as long as the system takes it.
 #[test]
 fn long_names() {
