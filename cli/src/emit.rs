@@ -1,12 +1,15 @@
-//! What `bond build` writes besides executables: C text, object files with a header.
+//! What `bond build` writes besides executables: C text, object files with a header, functional mock-up units.
 
+use crate::hash::Hash;
 use crate::output;
 use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
-use bond_compiler::backend::{c, unit};
+use bond_compiler::backend::{c, fmu, unit};
 use std::ffi::OsStr;
+use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 /// How it is written.
 pub struct Emission<'a> {
@@ -34,7 +37,48 @@ impl Emission<'_> {
             (&header, c::header(&unit, &options).as_bytes()),
             (&source, c::source(&unit, &options).as_bytes()),
         )?;
-        tell(&unit, &source, &header);
+        tell(&unit, &format!("{} and {}", source.display(), header.display()));
+        Ok(())
+    }
+
+    /// Writes NAME.fmu: the C as above, the functions of FMI 2.0 around it, and, where there is a C compiler, both as
+    /// machine code.
+    ///
+    /// # Errors
+    /// A scene that has no compiled form, a C compiler that refuses it, a file that cannot be written.
+    pub fn fmu(&self, compiled: &Compiled) -> Result<(), Stop> {
+        let path = self.place("fmu", compiled)?;
+        let unit = self.unit(compiled)?;
+        let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let fmu = fmu::Fmu::new(compiled.scene(), &unit, &stem, compiled.stages().model.settings.stop);
+        let options = c::Options { prefix: "bond".into(), header: "scene.h".into(), single: true };
+        let (scene, header) = (c::source(&unit, &options), c::header(&unit, &options));
+        let of = |first: &str| {
+            let mut hash = Hash::new();
+            for text in [first, &scene, &fmu.source("", "scene.h"), &fmu.description("")] {
+                hash.add(text.as_bytes());
+            }
+            hash.value()
+        };
+        let guid = format!("{{{:016x}{:016x}}}", of("a"), of("b"));
+        let slave = fmu.source(&guid, "scene.h");
+        let sources = [("scene.c", scene.as_str()), ("scene.h", &header), ("slave.c", &slave)];
+        let library = library(&sources)?;
+        let description = fmu.description(&guid);
+        let mut entries = vec![("modelDescription.xml".to_string(), description.as_bytes())];
+        entries.extend(sources.iter().map(|(name, text)| (format!("sources/{name}"), text.as_bytes())));
+        if let Some((folder, ending, code)) = &library {
+            entries.push((format!("binaries/{folder}/{}.{ending}", fmu.identifier()), code));
+        }
+        let packed = pack(&entries).map_err(|e| Stop::Usage(format!("{}: {e}", path.display())))?;
+        output::put_bytes(&path, &packed)?;
+        let inside = match &library {
+            Some((folder, ..)) => format!("FMI 2.0 for co-simulation, for {folder} and as C"),
+            None => "FMI 2.0 for co-simulation, as C alone: no C compiler was found (`cc`, or what CC names), so only \
+                     tools that compile can take it"
+                .to_string(),
+        };
+        tell(&unit, &format!("{} ({inside})", path.display()));
         Ok(())
     }
 
@@ -50,7 +94,7 @@ impl Emission<'_> {
         not_of_another(&header, true)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: false };
         output::put_both((&header, c::header(&unit, &options).as_bytes()), (&object, &code))?;
-        tell(&unit, &object, &header);
+        tell(&unit, &format!("{} and {}", object.display(), header.display()));
         Ok(())
     }
 
@@ -62,17 +106,13 @@ impl Emission<'_> {
         unit::unit(compiled.scene(), &options).map_err(Stop::Model)
     }
 
-    /// The file and its header; what comes from standard input has the scene's name.
-    fn places(&self, ending: &str, compiled: &Compiled) -> Result<(PathBuf, PathBuf), Stop> {
-        if !c::is_prefix(self.prefix) {
-            let why = "it must be a name in C: a letter, then letters, digits and `_`";
-            return Err(Stop::Usage(format!("--prefix {}: {why}", self.prefix)));
-        }
+    /// The file; what comes from standard input has the scene's name.
+    fn place(&self, ending: &str, compiled: &Compiled) -> Result<PathBuf, Stop> {
         let stem =
             if self.file == Path::new("-") { Some(OsStr::new(&compiled.scene().name)) } else { self.file.file_stem() };
         let path = match (self.output, stem) {
             (Some(path), _) if path == Path::new("-") => {
-                return Err(Stop::Usage("two files are written: give a name with -o".into()));
+                return Err(Stop::Usage("what is built does not go to standard output: give a name with -o".into()));
             }
             (Some(path), _) => path.to_path_buf(),
             (None, Some(stem)) => {
@@ -85,19 +125,33 @@ impl Emission<'_> {
         if path.extension().is_none_or(|e| e != ending) {
             let shown = path.display();
             return Err(Stop::Usage(format!(
-                "{shown}: compilers go by endings; name it `.{ending}`, as in {shown}.{ending}"
+                "{shown}: tools go by endings; name it `.{ending}`, as in {shown}.{ending}"
             )));
         }
+        self.free(&path, compiled)?;
+        Ok(path)
+    }
+
+    /// Refuses to write over a model.
+    fn free(&self, path: &Path, compiled: &Compiled) -> Result<(), Stop> {
+        output::no_model(path)?;
+        output::not_over(path, &[(self.file, "the model")])?;
+        output::not_over_used(Some(path), compiled.used())
+    }
+
+    /// The file and its header.
+    fn places(&self, ending: &str, compiled: &Compiled) -> Result<(PathBuf, PathBuf), Stop> {
+        if !c::is_prefix(self.prefix) {
+            let why = "it must be a name in C: a letter, then letters, digits and `_`";
+            return Err(Stop::Usage(format!("--prefix {}: {why}", self.prefix)));
+        }
+        let path = self.place(ending, compiled)?;
         let header = path.with_extension("h");
         // The source names its header between quotes.
         if path.to_str().is_none_or(|name| name.contains(['"', '\\']) || name.contains(char::is_control)) {
             return Err(Stop::Usage(format!("{}: no C compiler finds a header of that name", header.display())));
         }
-        for path in [&path, &header] {
-            output::no_model(path)?;
-            output::not_over(path, &[(self.file, "the model")])?;
-            output::not_over_used(Some(path), compiled.used())?;
-        }
+        self.free(&header, compiled)?;
         Ok((path, header))
     }
 }
@@ -117,12 +171,10 @@ fn not_of_another(header: &Path, object: bool) -> Result<(), Stop> {
 }
 
 /// Says what was written.
-fn tell(unit: &unit::Unit, file: &Path, header: &Path) {
+fn tell(unit: &unit::Unit, built: &str) {
     let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     report::say(&format!(
-        "built {} and {}: intervals of {:?} s, {}, {}, {}",
-        file.display(),
-        header.display(),
+        "built {built}: intervals of {:?} s, {}, {}, {}",
         unit.interval,
         count(unit.open.len(), "open port"),
         count(unit.inputs.len(), "input"),
@@ -133,4 +185,56 @@ fn tell(unit: &unit::Unit, file: &Path, header: &Path) {
 /// The last part of a path.
 fn last(path: &Path) -> String {
     path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// What systems call themselves in units, and their libraries.
+const SYSTEM: Option<(&str, &str)> = match (std::env::consts::OS.as_bytes(), std::env::consts::ARCH.as_bytes()) {
+    (b"linux", b"x86_64") => Some(("linux64", "so")),
+    (b"macos", _) => Some(("darwin64", "dylib")),
+    (b"windows", b"x86_64") => Some(("win64", "dll")),
+    _ => None,
+};
+
+/// The sources as a shared library: the system's folder, the ending, the code. None where this system has no name in
+/// units, or no C compiler.
+fn library(sources: &[(&str, &str)]) -> Result<Option<(&'static str, &'static str, Vec<u8>)>, Stop> {
+    let Some((folder, ending)) = SYSTEM else { return Ok(None) };
+    let compiler = std::env::var_os("CC").filter(|c| !c.is_empty()).unwrap_or_else(|| "cc".into());
+    let place = tempfile::tempdir()?;
+    for (name, text) in sources {
+        std::fs::write(place.path().join(name), text)?;
+    }
+    let mut command = Command::new(&compiler);
+    command.args(["-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared"]);
+    if ending != "dll" {
+        command.arg("-fPIC");
+    }
+    command.args(sources.iter().map(|(name, _)| name).filter(|name| name.ends_with(".c")));
+    command.args(["-lm", "-o", "library"]).current_dir(place.path()).stdin(Stdio::null());
+    let done = match command.output() {
+        Ok(done) => done,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(Stop::Usage(format!("{}: {e}", compiler.display()))),
+    };
+    if !done.status.success() {
+        let words = String::from_utf8_lossy(&done.stderr);
+        let words: Vec<&str> = words.lines().take(4).collect();
+        return Err(Stop::Usage(format!(
+            "{} does not make a library of the unit's C; name another compiler by CC:\n{}",
+            compiler.display(),
+            words.join("\n")
+        )));
+    }
+    Ok(Some((folder, ending, std::fs::read(place.path().join("library"))?)))
+}
+
+/// An archive of these files, with the same bytes each time.
+fn pack(entries: &[(String, &[u8])]) -> zip::result::ZipResult<Vec<u8>> {
+    let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    let options = zip::write::SimpleFileOptions::default().last_modified_time(zip::DateTime::default());
+    for (name, bytes) in entries {
+        archive.start_file(name.as_str(), options)?;
+        archive.write_all(bytes)?;
+    }
+    Ok(archive.finish()?.into_inner())
 }

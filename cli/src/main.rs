@@ -15,6 +15,7 @@ mod emit;
 mod ensemble;
 mod environment;
 mod expectation;
+mod hash;
 mod input;
 mod output;
 #[cfg(feature = "parquet")]

@@ -11,13 +11,13 @@ use bond_compiler::discretise::Method;
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
 
-/// Build a model into what runs without `bond`: one executable file, C source, or an object file
+/// Build a model into what runs without `bond`: one executable file, C source, an object file, or a unit for co-simulation
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
                   wall.k=2e3\n  ./wall serve --udp 127.0.0.1:7000 --duration 60s\n  ./wall --help\n  bond build device.bond --emit c -o wall.c\n  bond build device.bond --emit object \
-                  --prefix wall -o wall_object.o\n\nAn executable is this very program with the compiled \
-                  scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built. C and objects come with a header that says how they are used; they take fixed steps."
+                  --prefix wall -o wall_object.o\n  bond build device.bond --emit fmu -o wall.fmu\n\nAn executable is this very program with the compiled \
+                  scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built. C and objects come with a header that says how they are used; they,\nand units (FMI 2.0), take fixed steps."
 )]
 pub struct Args {
     /// A model; `-` is standard input
@@ -30,7 +30,7 @@ pub struct Args {
     /// What to build
     #[arg(long, value_enum, default_value_t = Emit::Exe)]
     emit: Emit,
-    /// Fixed step of continuous regions in C and objects; that of the model's `simulate` otherwise
+    /// Fixed step of continuous regions in C, objects and units; that of the model's `simulate` otherwise
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
     /// What public names in C and objects begin with
@@ -55,6 +55,8 @@ pub enum Emit {
     /// An object file for machines like this one, and its header
     #[cfg(feature = "native")]
     Object,
+    /// A functional mock-up unit for co-simulation (FMI 2.0)
+    Fmu,
 }
 
 /// Builds.
@@ -71,12 +73,16 @@ pub fn build(args: &Args) -> Result<(), Stop> {
     let emission = Emission { file: &args.file, output: args.output.as_deref(), step: args.step, prefix: &args.prefix };
     match args.emit {
         Emit::Exe if args.step.is_some() || args.prefix != "bond" => Err(Stop::Usage(
-            "--step and --prefix are for --emit c and object; an executable takes --step when it runs".into(),
+            "--step and --prefix are for what else is built; an executable takes --step when it runs".into(),
         )),
         Emit::Exe => executable(args, &compiled),
         Emit::C => emission.c(&compiled),
         #[cfg(feature = "native")]
         Emit::Object => emission.object(&compiled),
+        Emit::Fmu if args.prefix != "bond" => Err(Stop::Usage(
+            "--prefix is for --emit c and object; the functions of a unit have the standard's names".into(),
+        )),
+        Emit::Fmu => emission.fmu(&compiled),
     }
 }
 

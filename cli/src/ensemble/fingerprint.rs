@@ -1,8 +1,8 @@
 //! What an ensemble is made from, in lines, so that two can be told apart, and why.
 
-use super::hash::Hash;
 use super::run::Setup;
 use super::{job::Job, plan::Plan};
+use crate::hash::Hash;
 use bond_grammar::source::Sources;
 use std::fmt::Write;
 

@@ -8,7 +8,6 @@ mod choice;
 mod collect;
 mod draw;
 mod fingerprint;
-mod hash;
 mod job;
 mod outcome;
 mod philox;

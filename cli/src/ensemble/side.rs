@@ -11,9 +11,9 @@
 
 use super::collect::Collect;
 use super::fingerprint::Fingerprint;
-use super::hash::Hash;
 use super::pool::{Chunks, weight};
 use super::sheet::Sheet;
+use crate::hash::Hash;
 use crate::output::unwritable;
 use crate::stop::Stop;
 use std::fs::{File, OpenOptions, TryLockError};

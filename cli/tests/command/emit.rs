@@ -1,30 +1,6 @@
 //! C and object files: what is written, and that it does what `models/embed/` says it does.
 
-use super::{Folder, OSCILLATOR};
-use std::path::{Path, PathBuf};
-use std::process::Command;
-
-/// A file of `models/`.
-fn model(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../models").join(name)
-}
-
-/// Whether a command is there; where it is not, that is said.
-fn is_there(name: &str) -> bool {
-    let there = Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success());
-    if !there {
-        println!("there is no {name}: left out");
-    }
-    there
-}
-
-/// Runs a command of the system in a folder: what it prints.
-fn ran(here: &Folder, command: &str, args: &[&str]) -> String {
-    let out = Command::new(command).args(args).current_dir(&here.0).output().unwrap();
-    let text = String::from_utf8_lossy(&out.stdout).into_owned();
-    assert!(out.status.success(), "{command} {args:?}: {text}{}", String::from_utf8_lossy(&out.stderr));
-    text
-}
+use super::{Folder, OSCILLATOR, is_there, model, ran};
 
 /// What `haptic.c` and `haptic.py` print.
 #[track_caller]
@@ -109,7 +85,7 @@ fn files_go_where_they_are_told() {
     assert!(!here.list().contains(&"q.h".to_string()));
     std::fs::remove_dir(here.0.join("q.c")).unwrap();
     let wrong: [(&[&str], &str); 7] = [
-        (&["-o", "-"], "two files are written: give a name with -o"),
+        (&["-o", "-"], "does not go to standard output: give a name with -o"),
         (&["-o", "wall"], "name it `.c`, as in wall.c"),
         (&["-o", "wall.h"], "name it `.c`"),
         (&["-o", "nowhere/wall.c"], "cannot write nowhere/wall.h"),
@@ -127,7 +103,7 @@ fn files_go_where_they_are_told() {
         &[],
         &["built Oscillator.c and Oscillator.h"],
     );
-    here.bond(&["build", file, "--step", "1ms"]).is(2, &[], &["--step and --prefix are for --emit c and object"]);
+    here.bond(&["build", file, "--step", "1ms"]).is(2, &[], &["--step and --prefix are for what else is built"]);
 }
 
 /// The header of C and that of an object differ: who compiled against the wrong one would not be told.

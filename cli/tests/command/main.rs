@@ -9,6 +9,7 @@ mod doc;
 mod emit;
 mod ensemble;
 mod fmt;
+mod fmu;
 mod hostile;
 mod library;
 mod linearize;
@@ -21,7 +22,7 @@ mod test;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A mass on a spring with a damper.
@@ -60,6 +61,28 @@ model Wrong {
   1:v -> mass, spring, damper
 }
 ";
+
+/// A file of `models/`.
+fn model(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../models").join(name)
+}
+
+/// Whether a command is there; where it is not, that is said.
+fn is_there(name: &str) -> bool {
+    let there = Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success());
+    if !there {
+        println!("there is no {name}: left out");
+    }
+    there
+}
+
+/// Runs a command of the system in a folder: what it prints.
+fn ran(here: &Folder, command: &str, args: &[&str]) -> String {
+    let out = Command::new(command).args(args).current_dir(&here.0).output().unwrap();
+    let text = String::from_utf8_lossy(&out.stdout).into_owned();
+    assert!(out.status.success(), "{command} {args:?}: {text}{}", String::from_utf8_lossy(&out.stderr));
+    text
+}
 
 /// A folder of its own for a test.
 struct Folder(PathBuf);
@@ -123,12 +146,7 @@ impl Folder {
         let mut child = self.spawn(args);
         // A command that does not read its input may be gone before it is written.
         let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
-        let output = child.wait_with_output().unwrap();
-        let done = Done {
-            status: output.status.code().unwrap_or(-1),
-            out: String::from_utf8_lossy(&output.stdout).into_owned(),
-            err: String::from_utf8_lossy(&output.stderr).into_owned(),
-        };
+        let done = Done::of(child.wait_with_output().unwrap());
         assert!(!done.err.contains("panicked"), "{args:?}: {}", done.err);
         assert!(!done.err.contains('\x1b') && !done.out.contains('\x1b'), "colours without a terminal: {args:?}");
         done
@@ -150,6 +168,14 @@ struct Done {
 }
 
 impl Done {
+    fn of(output: Output) -> Self {
+        Self {
+            status: output.status.code().unwrap_or(-1),
+            out: String::from_utf8_lossy(&output.stdout).into_owned(),
+            err: String::from_utf8_lossy(&output.stderr).into_owned(),
+        }
+    }
+
     /// Asserts the status, and that both streams say what they must.
     #[track_caller]
     fn is(self, status: i32, out: &[&str], err: &[&str]) -> Self {

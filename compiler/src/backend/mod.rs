@@ -3,6 +3,7 @@
 
 pub mod c;
 pub mod code;
+pub mod fmu;
 mod lower;
 #[cfg(feature = "native")]
 pub mod native;

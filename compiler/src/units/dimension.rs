@@ -124,6 +124,34 @@ impl Dimension {
         self == Dimension::DIMENSIONLESS
     }
 
+    /// The exponents with the symbols of the base units, where all are whole.
+    pub fn whole(self) -> Option<[(&'static str, i16); 7]> {
+        let whole = self.0.iter().all(|e| e.below == 1);
+        whole.then(|| std::array::from_fn(|i| (BASE[i], self.0[i].above)))
+    }
+
+    /// Reads what [`Display`](fmt::Display) writes: symbols and their powers between `*` and `/`.
+    pub fn read(text: &str) -> Option<Dimension> {
+        let mut dimension = Dimension::DIMENSIONLESS;
+        let mut rest = text;
+        let mut sign = 1;
+        loop {
+            // A power in brackets has a `/` of its own.
+            let open = rest.find('(').filter(|o| rest.find(['*', '/']).is_some_and(|i| *o < i));
+            let from = open.map_or(Some(0), |o| rest[o..].find(')').map(|i| o + i))?;
+            let end = rest[from..].find(['*', '/']).map(|i| from + i);
+            let factor = &rest[..end.unwrap_or(rest.len())];
+            let (symbol, power) = factor.split_once('^').unwrap_or((factor, "1"));
+            let power = power.trim_start_matches('(').trim_end_matches(')');
+            let (above, below) = power.split_once('/').unwrap_or((power, "1"));
+            let of = if symbol == "1" { Dimension::DIMENSIONLESS } else { super::lookup(symbol)?.1 };
+            dimension = dimension.mul(of.pow(sign * above.parse::<i32>().ok()?, below.parse().ok()?));
+            let Some(end) = end else { return Some(dimension) };
+            sign = if rest[end..].starts_with('/') { -1 } else { 1 };
+            rest = &rest[end + 1..];
+        }
+    }
+
     /// The powers of the base units, as a product: `kg*m^2/s^3`.
     fn product(self) -> String {
         let side = |positive: bool| -> Vec<String> {
@@ -154,6 +182,28 @@ impl fmt::Display for Dimension {
             (Some(name), _) => f.write_str(name),
             (None, Some(name)) => write!(f, "1/{name}"),
             (None, None) => f.write_str(&self.product()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Dimension;
+    use proptest::prelude::*;
+
+    #[test]
+    fn nonsense_is_no_dimension() {
+        for text in ["", "*", "N*", "kgg", "m^", "m^(1/2", "m^(", "N)", "m^x"] {
+            assert_eq!(Dimension::read(text), None, "{text:?}");
+        }
+    }
+
+    proptest! {
+        /// What is printed is read as what it was.
+        #[test]
+        fn printed_dimensions_are_read(above in prop::array::uniform7(-4..5_i16), below in 1..4_i32) {
+            let dimension = Dimension::of(above).pow(1, below);
+            prop_assert_eq!(Dimension::read(&dimension.to_string()), Some(dimension));
         }
     }
 }

@@ -1,0 +1,118 @@
+//! A functional mock-up unit: the scene in C, around it the functions of FMI 2.0 for co-simulation, and the description
+//! by which other tools know what it has.
+//!
+//! Source: Functional Mock-up Interface for Model Exchange and Co-Simulation, version 2.0.
+
+mod description;
+
+use super::unit::Unit;
+use bond_runtime::scene::Scene;
+use std::fmt::Write;
+
+/// The functions, the same for all units.
+const SLAVE: &str = include_str!("slave.c");
+
+/// Numbers of a ledger that are variables, in the order of `slave.c`: name, unit, what it is.
+const BOOKED: [(&str, &str, &str); 6] = [
+    ("supplied", "J", "energy in by sources and ports"),
+    ("dissipated", "J", "energy lost in resistors"),
+    ("leaked", "J", "energy that holding over an interval added"),
+    ("residual", "J", "what the balance was off by in all"),
+    ("worst", "1", "the worst balance of a step, of the energy in it"),
+    ("debt_max", "J", "the most that a sampled region gave beyond what it had"),
+];
+
+/// What a variable is to the outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Causality {
+    Independent,
+    Input,
+    Output,
+    Local,
+}
+
+/// A variable; its place in the list is its value reference.
+#[derive(Clone, Debug)]
+struct Variable {
+    name: String,
+    causality: Causality,
+    /// As text; None where it is not determined.
+    unit: Option<String>,
+    /// In words.
+    about: String,
+    /// What an input is until it is set.
+    start: Option<f64>,
+}
+
+/// A unit on its way.
+#[derive(Clone, Debug)]
+pub struct Fmu<'a> {
+    unit: &'a Unit,
+    /// A name in C.
+    identifier: String,
+    /// When a simulation would end, s.
+    stop: Option<f64>,
+    variables: Vec<Variable>,
+    /// By open port, whether a sampled region holds it.
+    held: Vec<bool>,
+}
+
+impl<'a> Fmu<'a> {
+    /// Of a scene and its unit. `name` gives the identifier that files of machine code have; `stop`, s, is when a
+    /// simulation ends that says nothing else.
+    pub fn new(scene: &Scene, unit: &'a Unit, name: &str, stop: Option<f64>) -> Self {
+        let held = |o: &bond_runtime::scene::Open| scene.clusters.get(o.port.0).is_some_and(|c| c.period.is_some());
+        Self {
+            unit,
+            identifier: identifier(name),
+            stop,
+            variables: description::variables(scene, unit),
+            held: scene.open.iter().map(held).collect(),
+        }
+    }
+
+    /// The name of its files of machine code.
+    pub fn identifier(&self) -> &str {
+        &self.identifier
+    }
+
+    /// `modelDescription.xml`. `guid` is what tells this unit from others.
+    pub fn description(&self, guid: &str) -> String {
+        description::text(self, guid)
+    }
+
+    /// The C that joins the scene, whose header is `header`, with the interface. `guid` as above.
+    pub fn source(&self, guid: &str, header: &str) -> String {
+        let mut out = format!("/* A bond scene as a functional mock-up unit. */\n#include \"{header}\"\n\n");
+        let _ = writeln!(out, "#define FMU_GUID \"{guid}\"\n#define FMU_RUN {}", u8::from(self.unit.run.is_some()));
+        let held = self.held.iter().map(|h| u8::from(*h).to_string());
+        let held: Vec<String> = held.chain(self.held.is_empty().then(|| "0".into())).collect();
+        let _ = writeln!(out, "/* Whether a sampled region holds a port; what inputs are until they are set. */");
+        let _ = writeln!(out, "static const unsigned char is_held[] = {{ {} }};", held.join(", "));
+        let start = self.variables.iter().filter_map(|v| v.start).map(|x| format!("{x:?}"));
+        let start: Vec<String> = start.collect();
+        let start = if start.is_empty() { "0".to_string() } else { start.join(", ") };
+        let _ = writeln!(out, "static const double start_of[] = {{ {start} }};\n");
+        out + SLAVE
+    }
+}
+
+/// A name in C that is like this one.
+fn identifier(name: &str) -> String {
+    let letters = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' });
+    let name: String = letters.collect();
+    if name.starts_with(|c: char| c.is_ascii_alphabetic()) { name } else { format!("unit_{name}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::identifier;
+
+    #[test]
+    fn identifiers_are_names_in_c() {
+        assert_eq!(identifier("virtual wall-2"), "virtual_wall_2");
+        assert_eq!(identifier("2nd"), "unit_2nd");
+        assert_eq!(identifier(""), "unit_");
+        assert_eq!(identifier("größe"), "gr__e");
+    }
+}
