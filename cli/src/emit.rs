@@ -5,7 +5,7 @@ use crate::output;
 use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
-use bond_compiler::backend::{c, fmu, unit};
+use bond_compiler::backend::{c, fmu, unit, wasm};
 use std::ffi::OsStr;
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
@@ -79,6 +79,19 @@ impl Emission<'_> {
                 .to_string(),
         };
         tell(&unit, &format!("{} ({inside})", path.display()));
+        Ok(())
+    }
+
+    /// Writes NAME.wasm.
+    ///
+    /// # Errors
+    /// A scene that has no compiled form, a file that cannot be written.
+    pub fn wasm(&self, compiled: &Compiled) -> Result<(), Stop> {
+        let path = self.place("wasm", compiled)?;
+        let unit = self.unit(compiled)?;
+        let module = wasm::module(compiled.scene(), &unit).map_err(Stop::Model)?;
+        output::put_bytes(&path, &module)?;
+        tell(&unit, &format!("{} ({} kB)", path.display(), module.len().div_ceil(1000)));
         Ok(())
     }
 

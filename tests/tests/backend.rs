@@ -594,11 +594,11 @@ proptest! {
 
 #[test]
 fn refusals_say_why() {
-    let compiled = file(&crate::common::models().join("examples/two_rates.bond"), Options::new());
+    let compiled = file(&crate::common::models().join("hard/irrational_rates.bond"), Options::new());
     let settings = &compiled.stages().model.settings;
     let options = Steps::new().resolve(settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
     let why = unit::unit(compiled.scene(), &options).map(|_| ()).unwrap_err();
-    assert!(why.contains("is no multiple of the shortest one"), "{why}");
+    assert!(why.contains("have no common measure"), "{why}");
 }
 
 /// A line of cells with curved storages and resistors, a binary tree, or a square grid; the latter two are linear.

@@ -6,7 +6,7 @@
 use crate::backend::{keeps, large};
 use crate::common::{all_scenes, file, models, stop, with};
 use bond::{Compiled, Options, Steps};
-use bond_compiler::backend::{c, native, unit};
+use bond_compiler::backend::{c, native, unit, wasm};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::simulate;
 use std::path::PathBuf;
@@ -95,11 +95,83 @@ int main(void) {
 }
 "#;
 
+/// The same in JavaScript, for modules.
+const SCRIPT: &str = r#"
+import { readFileSync } from "node:fs";
+const { module, instance } = await WebAssembly.instantiate(readFileSync(process.argv[2]), { Math });
+const about = JSON.parse(new TextDecoder().decode(WebAssembly.Module.customSections(module, "bond")[0]));
+const e = instance.exports;
+const numbers = (at, n) => new Float64Array(e.memory.buffer, at.value, n);
+const [moved, held] = [e.moved, e.held].map((at) => numbers(at, about.ports.length));
+const probed = numbers(e.probed, about.probes.length);
+const state = numbers(e.state, e.saved.value);
+const pattern = (k, i) => (((k * 7 + i * 3) % 11) - 5) * 0.1;
+const same = (a, b) => a.every((x, k) => Object.is(x, b[k]));
+const out = [];
+const step = (k) => {
+  about.inputs.forEach((_, i) => e.input(i, pattern(k, i)));
+  about.ports.forEach((_, i) => (moved[i] = pattern(k, i) * about.interval));
+  return e.commit();
+};
+const row = () => {
+  if (e.probes()) return 1;
+  e.output();
+  out.push([...probed, ...held, e.energy()].join(" "));
+  return 0;
+};
+/* Many intervals at once are as many one by one, up to one that fails. */
+const runs = () => {
+  if (!e.run) return 0;
+  e.init();
+  about.inputs.forEach((_, i) => e.input(i, pattern(1, i)));
+  let failed = 0;
+  for (let k = 0; k < 3 * COUNT && !failed; ++k) failed = e.commit();
+  const after = state.slice();
+  e.init();
+  about.inputs.forEach((_, i) => e.input(i, pattern(1, i)));
+  if (e.run(0) || e.run(3 * COUNT) !== failed) return 3;
+  return same(state, after) ? 0 : 2;
+};
+const main = () => {
+  e.input(-1, 7);
+  e.input(about.inputs.length, 7);
+  if (row()) return 0;
+  let half;
+  for (let k = 1; k <= COUNT; ++k) {
+    const before = state.slice();
+    const failed = step(k);
+    if (failed) {
+      about.inputs.forEach((_, i) => e.input(i, pattern(k - 1, i)));
+      if (k > 1 && !same(state, before)) return 9;
+      return failed > 4 ? 8 : runs();
+    }
+    const mine = state.slice();
+    if (row()) return 0;
+    if (!same(state, mine)) return 10;
+    if (k === COUNT / 2) half = state.slice();
+  }
+  const end = state.slice();
+  e.init();
+  state.set(half);
+  for (let k = COUNT / 2 + 1; k <= COUNT; ++k) if (step(k)) return 7;
+  if (!same(state, end)) return 6;
+  if (e.ledger(-1, 0) === 0 || e.ledger(about.regions.length, 0) === 0 || e.ledger(0, about.ledger.length) === 0) return 5;
+  return runs();
+};
+process.exitCode = main();
+console.log(out.join("\n"));
+"#;
+
 /// Whether there is a C compiler.
 pub fn is_there() -> bool {
-    let there = Command::new("cc").arg("--version").output().is_ok_and(|o| o.status.success());
+    has("cc")
+}
+
+/// Whether a command is there; where it is not, that is said.
+fn has(name: &str) -> bool {
+    let there = Command::new(name).arg("--version").output().is_ok_and(|o| o.status.success());
     if !there {
-        println!("there is no cc: left out");
+        println!("there is no {name}: left out");
     }
     there
 }
@@ -127,8 +199,12 @@ impl Folder {
 
     /// The numbers that a program prints.
     pub fn rows(&self, name: &str) -> Vec<Vec<f64>> {
-        let out = Command::new(self.0.join(name)).output().expect("it runs");
-        assert_eq!(out.status.code(), Some(0), "{name}");
+        Self::printed(name, &mut Command::new(self.0.join(name)))
+    }
+
+    fn printed(name: &str, command: &mut Command) -> Vec<Vec<f64>> {
+        let out = command.output().expect("it runs");
+        assert_eq!(out.status.code(), Some(0), "{name}: {}", String::from_utf8_lossy(&out.stderr));
         let text = String::from_utf8_lossy(&out.stdout);
         text.lines().map(|l| l.split_whitespace().filter_map(|x| x.parse().ok()).collect()).collect()
     }
@@ -151,8 +227,8 @@ pub fn options(prefix: &str, header: &str) -> c::Options {
     c::Options { prefix: prefix.into(), header: header.into(), single: true }
 }
 
-/// Rows of the scene in C, and as an object where it has that form.
-fn emitted(u: &unit::Unit) -> (Vec<Vec<f64>>, Option<Vec<Vec<f64>>>) {
+/// Rows of the scene in C, and as an object and a module where it has that form.
+fn emitted(compiled: &Compiled, u: &unit::Unit) -> (Vec<Vec<f64>>, [Option<Vec<Vec<f64>>>; 2]) {
     let here = Folder::new();
     let names = options("bond", "m.h");
     here.put("m.h", c::header(u, &names));
@@ -166,7 +242,12 @@ fn emitted(u: &unit::Unit) -> (Vec<Vec<f64>>, Option<Vec<Vec<f64>>>) {
         here.cc(&[runs, "m.o", "main.c", "-lm", "-o", "object"]);
         here.rows("object")
     });
-    (here.rows("run"), object)
+    let module = wasm::module(compiled.scene(), u).ok().filter(|_| has("node")).map(|code| {
+        here.put("m.wasm", code);
+        here.put("main.mjs", SCRIPT.replace("COUNT", &ROWS.to_string()));
+        Folder::printed("module", Command::new("node").args(["main.mjs", "m.wasm"]).current_dir(&here.0))
+    });
+    (here.rows("run"), [object, module])
 }
 
 /// The pattern of [`MAIN`].
@@ -212,12 +293,22 @@ fn simulated(compiled: &Compiled, u: &unit::Unit, options: &simulate::Options) -
 /// Asserts that a scene's C and its object do what the simulation does.
 fn same(name: &str, compiled: &Compiled, h: f64) -> Result<bool, String> {
     let (u, options) = emit(compiled, h)?;
-    let (rows, object) = emitted(&u);
+    let (rows, [object, module]) = emitted(compiled, &u);
     let wanted = simulated(compiled, &u, &options);
     assert!(rows.len() > 1 && wanted.len() > 1, "{name} has rows");
     // A step that fails is halved there, and ends the run here; the simulation's own failures end both.
     assert!(rows.len() <= wanted.len(), "{name}: {} rows in C, {} here", rows.len(), wanted.len());
     let ports = compiled.scene().open.len();
+    if let Some(module) = &module {
+        assert_eq!(module.len(), rows.len(), "{name}, rows of the module");
+        for (k, (ours, theirs)) in module.iter().zip(&rows).enumerate() {
+            assert_eq!(ours.len(), theirs.len(), "{name}, row {k} of the module");
+            for (i, (a, b)) in ours.iter().zip(theirs).enumerate() {
+                let close = (a - b).abs() <= 1e-9 * b.abs() + 1e-12 || (a.is_nan() && b.is_nan());
+                assert!(close, "{name}, row {k}, number {i}: {a:e} in the module, {b:e} in C");
+            }
+        }
+    }
     for (k, (row, wanted)) in rows.iter().zip(&wanted).enumerate() {
         assert_eq!(row.len(), wanted.len(), "{name}, row {k}");
         let first_port = row.len() - 1 - ports;
@@ -477,7 +568,7 @@ fn many_states_go_from_interval_to_interval() {
         assert!(u.late.iter().any(|l| l.state.len() >= 120), "{method}: {:?}", u.late);
         let name = format!("{method} by {h} s");
         assert_eq!(same(&name, &compiled, h), Ok(object), "{name}");
-        assert_eq!(emitted(&u).0.len() <= ROWS as usize, method == "euler", "{name}");
+        assert_eq!(emitted(&compiled, &u).0.len() <= ROWS as usize, method == "euler", "{name}");
     }
 }
 
@@ -511,7 +602,7 @@ fn lines_of_any_length() {
         let compiled = with(Options::new().method("gonzalez"), &text);
         let (u, steps) = emit(&compiled, 1e-2).unwrap_or_else(|e| panic!("{n}: {e}"));
         assert!(c::source(&u, &options("bond", "m.h")).contains("return bond_line("), "{n} unknowns");
-        let (rows, _) = emitted(&u);
+        let (rows, _) = emitted(&compiled, &u);
         assert!(rows.len() > 1, "{n} unknowns");
         assert_eq!(rows, simulated(&compiled, &u, &steps), "{n} unknowns");
     }

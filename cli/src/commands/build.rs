@@ -7,17 +7,17 @@ use crate::output;
 use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
-use bond_compiler::discretise::Method;
+use bond_compiler::discretise::{Accuracy, Method};
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
 
-/// Build a model into what runs without `bond`: one executable file, C source, an object file, or a unit for co-simulation
+/// Build a model into what runs without `bond`: one executable file, C source, an object file, a unit for co-simulation, or a WebAssembly module
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
                   wall.k=2e3\n  ./wall serve --udp 127.0.0.1:7000 --duration 60s\n  ./wall --help\n  bond build device.bond --emit c -o wall.c\n  bond build device.bond --emit object \
                   --prefix wall -o wall_object.o\n  bond build device.bond --emit fmu -o wall.fmu\n\nAn executable is this very program with the compiled \
-                  scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built. C and objects come with a header that says how they are used; they,\nand units (FMI 2.0), take fixed steps."
+                  scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built. C and objects come with a header that says how they are used; they,\nunits (FMI 2.0) and modules take fixed steps."
 )]
 pub struct Args {
     /// A model; `-` is standard input
@@ -30,7 +30,7 @@ pub struct Args {
     /// What to build
     #[arg(long, value_enum, default_value_t = Emit::Exe)]
     emit: Emit,
-    /// Fixed step of continuous regions in C, objects and units; that of the model's `simulate` otherwise
+    /// Fixed step of continuous regions in all that is not an executable; that of the model's `simulate` otherwise
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
     /// What public names in C and objects begin with
@@ -57,6 +57,8 @@ pub enum Emit {
     Object,
     /// A functional mock-up unit for co-simulation (FMI 2.0)
     Fmu,
+    /// A WebAssembly module for browsers and other hosts
+    Wasm,
 }
 
 /// Builds.
@@ -69,6 +71,9 @@ pub fn build(args: &Args) -> Result<(), Stop> {
         options = options.method(method);
     }
     options = args.step.into_iter().fold(options, bond::Options::step);
+    if args.emit != Emit::Exe {
+        options = options.accuracy(Accuracy::Uncut);
+    }
     let compiled = input::compile(&args.file, &options)?;
     let emission = Emission { file: &args.file, output: args.output.as_deref(), step: args.step, prefix: &args.prefix };
     match args.emit {
@@ -79,9 +84,10 @@ pub fn build(args: &Args) -> Result<(), Stop> {
         Emit::C => emission.c(&compiled),
         #[cfg(feature = "native")]
         Emit::Object => emission.object(&compiled),
-        Emit::Fmu if args.prefix != "bond" => Err(Stop::Usage(
-            "--prefix is for --emit c and object; the functions of a unit have the standard's names".into(),
-        )),
+        Emit::Fmu | Emit::Wasm if args.prefix != "bond" => {
+            Err(Stop::Usage("--prefix is for --emit c and object; the names in units and modules are fixed".into()))
+        }
+        Emit::Wasm => emission.wasm(&compiled),
         Emit::Fmu => emission.fmu(&compiled),
     }
 }

@@ -127,6 +127,6 @@ fn what_has_no_compiled_form_is_told() {
     here.bond(&["build", "a.bond", "--emit", "c"]).is(1, &[], &["takes fixed steps: give one with --step"]);
     assert_eq!(here.list(), ["a.bond"]);
     here.bond(&["build", "a.bond", "--emit", "c", "--step", "0"]).is(2, &[], &["longer than 0 s"]);
-    let rates = model("examples/two_rates.bond");
-    here.bond(&["build", rates.to_str().unwrap(), "--emit", "c"]).is(1, &[], &["no multiple of the shortest one"]);
+    let rates = model("hard/irrational_rates.bond");
+    here.bond(&["build", rates.to_str().unwrap(), "--emit", "c"]).is(1, &[], &["have no common measure"]);
 }

@@ -10,5 +10,6 @@ pub mod native;
 pub mod straight;
 
 pub mod unit;
+pub mod wasm;
 
 pub use lower::{is_large, lower, lower_apart};

@@ -26,6 +26,8 @@ pub enum Accuracy {
     AsModel,
     /// Nothing: steps are of a fixed length.
     Fixed,
+    /// Nothing: steps are of a fixed length, and none is cut where a law switches, as in a program of its own.
+    Uncut,
     /// Steps are fitted to this tolerance.
     Tolerance(f64),
 }
@@ -35,7 +37,7 @@ impl Accuracy {
     pub fn tolerance(self, model: Option<f64>) -> Option<f64> {
         match self {
             Accuracy::AsModel => model,
-            Accuracy::Fixed => None,
+            Accuracy::Fixed | Accuracy::Uncut => None,
             Accuracy::Tolerance(x) => Some(x),
         }
     }

@@ -1,5 +1,6 @@
 //! A cluster in the making: regions that step as one, and everything about them as expressions.
 
+use super::choice::Accuracy;
 use super::collocation::{self, Nodes};
 use super::level::Level;
 use super::near::Known;
@@ -389,7 +390,7 @@ impl Cluster {
         &mut self,
         model: &mut Model,
         form: &Form,
-        (method, tolerance, fixed): (Option<Method>, Option<f64>, bool),
+        (method, tolerance, accuracy): (Option<Method>, Option<f64>, Accuracy),
         shows: &[Symbol],
         foreign: Vec<(usize, usize)>,
     ) -> Result<scene::Cluster, Vec<Diagnostic>> {
@@ -407,11 +408,16 @@ impl Cluster {
                 let (mut linear, mut why) = (None, "");
                 if wanted.is_none() {
                     let found = exact::write(self, model, form)?;
-                    if !fixed
+                    if matches!(accuracy, Accuracy::AsModel | Accuracy::Tolerance(_))
                         && found.as_ref().is_some_and(|e| e.strays)
                         && let Some((method, reason)) = choice::driven(self)
                     {
                         (wanted, why) = (Some(method), reason);
+                    } else if accuracy == Accuracy::Uncut
+                        && found.is_some()
+                        && self.guards(model, form, Method::Exact.name())?.is_some()
+                    {
+                        (wanted, why) = (Some(Method::Gonzalez), "a source switches, and no step of it is cut there");
                     } else {
                         linear = found.map(|e| e.step);
                         why = "it is linear";

@@ -160,10 +160,9 @@ pub fn discretise(
     (accuracy, step): (Accuracy, Option<f64>),
 ) -> Result<Scene, Vec<Diagnostic>> {
     let tolerance = accuracy.tolerance(model.settings.tolerance);
-    let fixed = match accuracy {
-        Accuracy::AsModel => tolerance.is_none() && step.or(model.settings.step).is_some(),
-        Accuracy::Fixed => true,
-        Accuracy::Tolerance(_) => false,
+    let accuracy = match accuracy {
+        Accuracy::AsModel if tolerance.is_none() && step.or(model.settings.step).is_some() => Accuracy::Fixed,
+        other => other,
     };
     let mut clusters = gather::gather(model, form);
     let wanted = probes::wanted(model, form);
@@ -187,7 +186,7 @@ pub fn discretise(
         let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
         let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
         c.fitted = tolerance.is_some();
-        scene.clusters.push(c.build(model, form, (method, tolerance, fixed), &shows[i], foreign)?);
+        scene.clusters.push(c.build(model, form, (method, tolerance, accuracy), &shows[i], foreign)?);
     }
     for i in &model.inputs {
         let (name, unit) = (i.name.clone(), i.unit.map(|u| u.to_string()));

@@ -35,7 +35,8 @@ use std::ops::Range;
 pub struct Unit {
     /// The model's name.
     pub name: String,
-    /// Length of an interval, s: the shortest period, or the step where nothing is sampled.
+    /// Length of an interval, s: the longest time of which all periods are multiples, or the step where nothing is
+    /// sampled.
     pub interval: f64,
     /// The block at the start.
     pub image: Vec<f64>,
@@ -198,18 +199,17 @@ impl Plan {
         let periods = scene.clusters.iter().filter_map(|c| c.period);
         let wanted = options.step.unwrap_or(options.default_step);
         let sampled = periods.clone().next().is_some();
-        let interval = periods.min_by(f64::total_cmp).unwrap_or(wanted);
+        let interval = common(periods).unwrap_or(wanted);
         let (mut ratio, mut steps) = (Vec::new(), Vec::new());
         for (c, s) in scene.clusters.iter().zip(&start.clusters) {
             let period = c.period.unwrap_or(interval);
-            let times = (period / interval).round();
-            if (period - times * interval).abs() > SAME * period {
+            if !is_multiple(period, interval) {
                 return Err(format!(
-                    "the period {period} s of `{}` is no multiple of the shortest one, {interval} s: such scenes have no compiled form; make it one, or take --emit exe",
+                    "the period {period} s of `{}` and the shortest one have no common measure of at least a hundredth of that: such scenes have no compiled form; make one a multiple of the other, or take --emit exe",
                     c.name
                 ));
             }
-            ratio.push(times as u32);
+            ratio.push((period / interval).round() as u32);
             if c.period.is_none() && c.step.linear.is_some() && c.guards.is_some() {
                 return Err(format!(
                     "`{}` has a source that switches inside exact steps: such scenes have no compiled form; take --method gonzalez, or --emit exe",
@@ -250,6 +250,21 @@ impl Plan {
         Ok(Steps { h: if own || same { usual } else { laid }, n: n as u32, own })
     }
 }
+
+/// The longest time of which all periods are multiples, where it is not far shorter than they are; else the shortest.
+fn common(periods: impl Iterator<Item = f64> + Clone) -> Option<f64> {
+    let shortest = periods.clone().min_by(f64::total_cmp)?;
+    let parts = (1..=FINEST).map(|n| shortest / f64::from(n));
+    Some(parts.into_iter().find(|t| periods.clone().all(|p| is_multiple(p, *t))).unwrap_or(shortest))
+}
+
+/// Whether a period is a multiple of a time, but for rounding.
+fn is_multiple(period: f64, time: f64) -> bool {
+    (period - (period / time).round() * time).abs() <= SAME * period
+}
+
+/// The shortest period has so many intervals at most.
+const FINEST: u32 = 100;
 
 /// A unit on its way.
 struct Writing<'a> {
