@@ -98,6 +98,7 @@ fn held(
             list.push(pool.mul(h, slope));
         } else if let Some(other) = known.places.get(&j) {
             let pool = &mut model.pool;
+            let k = pool.substitute(k, flat);
             let turn = pool.mul(h, k);
             let square = pool.powi(turn, 2);
             let stiff = pool.mul(known.bends[state], known.bends[*other]);
@@ -298,6 +299,7 @@ pub(super) fn scales(
                         let one = model.pool.int(1);
                         let turns = model.pool.mul(h, pull);
                         let held = model.pool.add(one, turns);
+                        let held = model.pool.substitute(held, &flat);
                         let held = lower(model, b, &mut at_start, held)?;
                         if forward { b.div(k, held) } else { b.mul(k, held) }
                     }

@@ -47,12 +47,23 @@ impl Cluster {
         self.nodes = order.iter().map(|i| self.nodes[*i].clone()).collect();
     }
 
-    /// Has the laws of exponentials iterated in their arguments. Those that receive the same have one argument.
+    /// Has the laws of exponentials iterated in their arguments, but those that what they give has a part in besides.
+    /// Those that receive the same have one argument.
     fn steepen(&mut self, pool: &mut Pool) {
         let mut found: FxHashMap<Expr, usize> = FxHashMap::default();
+        let places: FxHashMap<Symbol, usize> = self.nodes.iter().enumerate().map(|(i, n)| (n.out, i)).collect();
+        let turned: Vec<bool> = (0..self.nodes.len())
+            .map(|i| match self.nodes[i].steep {
+                Some(Output::Curve { out, .. }) => self.reaches(pool, &places, out, i),
+                Some(Output::Explicit(_) | Output::Implicit { .. }) | None => false,
+            })
+            .collect();
         for i in 0..self.nodes.len() {
             let (Some(steep), Output::Explicit(_)) = (self.nodes[i].steep.take(), self.nodes[i].how) else { continue };
             let Output::Curve { parameter, out, residual, bends, .. } = steep else { continue };
+            if turned[i] {
+                continue;
+            }
             let argument = pool.var(parameter);
             let input = pool.sub(argument, residual);
             let first = *found.entry(input).or_insert(i);
@@ -66,6 +77,23 @@ impl Cluster {
                 self.nodes[i].how = steep;
             }
         }
+    }
+
+    /// Whether an expression depends on what a node gives, through others or by itself.
+    fn reaches(&self, pool: &Pool, places: &FxHashMap<Symbol, usize>, e: Expr, goal: usize) -> bool {
+        let mut seen = vec![false; self.nodes.len()];
+        let mut stack = vec![e];
+        while let Some(e) = stack.pop() {
+            for j in pool.symbols(e).iter().filter_map(|s| places.get(s).copied()) {
+                if j == goal {
+                    return true;
+                }
+                if !std::mem::replace(&mut seen[j], true) {
+                    stack.extend(self.nodes[j].how.expressions());
+                }
+            }
+        }
+        false
     }
 
     /// Parts a loop into the nodes that an iteration finds and those that follow from them, in order. Small loops are

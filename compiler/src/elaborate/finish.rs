@@ -20,6 +20,10 @@ impl<'a> Elaborator<'a> {
         self.energies = vec![None; self.elements.len()];
         self.mode = Mode::Signals;
         let laws = self.laws();
+        // What was wrong where an energy was read, and was told at no other place.
+        if self.errors.is_empty() && laws.iter().any(Option::is_none) {
+            self.errors.append(&mut self.untold);
+        }
         let memories = self.make_memories();
         let inputs = self.make_inputs();
         let mut whole = self.errors.is_empty();
@@ -213,12 +217,19 @@ impl<'a> Elaborator<'a> {
         if let Some(e) = self.energies[id.at()] {
             return Some(e);
         }
+        if self.asked.contains(&id) {
+            self.circular = true;
+            return None;
+        }
+        self.asked.push(id);
         let (before, asked) = (self.errors.len(), self.equations.len());
         let (mode, locals) = (self.mode, std::mem::take(&mut self.locals));
         let law = self.law(id);
+        self.asked.pop();
         self.mode = mode;
         self.locals = locals;
-        self.errors.truncate(before); // said when its turn comes
+        let found = self.errors.split_off(before); // said when its turn comes
+        self.untold.extend(found);
         self.equations.truncate(asked);
         match law?.law {
             Law::Storage(s) => {

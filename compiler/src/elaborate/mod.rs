@@ -230,6 +230,12 @@ pub(crate) struct Elaborator<'a> {
     depth: usize,
     extremes: Vec<(Symbol, Expr, bool)>,
     energies: Vec<Option<Expr>>,
+    /// Storages whose energies are being read, each by the law of the one before; whether one of them was asked for
+    /// again.
+    asked: Vec<ElementId>,
+    circular: bool,
+    /// What was found wrong in reading them.
+    untold: Vec<Diagnostic>,
     /// `--set`, by path.
     overrides: FxHashMap<String, (f64, Option<Dimension>)>,
 }
@@ -328,6 +334,9 @@ pub fn elaborate(
         depth: 0,
         extremes: vec![],
         energies: vec![],
+        asked: vec![],
+        circular: false,
+        untold: vec![],
         overrides: FxHashMap::default(),
     };
     e.scene(scene, options).map_err(|broken| Broken { errors: once(broken.errors), ..broken })

@@ -65,7 +65,16 @@ impl<'a> Elaborator<'a> {
             (Kind::C, ["q"]) | (Kind::I, ["p"]) if decl.field.is_none() => self.state_signal(id),
             (Kind::C | Kind::I, ["H"]) => {
                 let bond = bond?;
-                let expr = self.energy(id)?;
+                let found = self.energy(id);
+                if found.is_none() && self.asked.is_empty() && std::mem::take(&mut self.circular) {
+                    return self.wrong(
+                        "elaborate::energy",
+                        span,
+                        format!("the energy of `{name}` depends on itself"),
+                        "a storage's energy depends on its own state and on parameters: write it with these",
+                    );
+                }
+                let expr = found?;
                 Some(Typed { expr, unit: self.energy_unit(bond) })
             }
             (Kind::Tf | Kind::Gy, [side @ ("in" | "out"), _]) => {

@@ -120,7 +120,7 @@ struct Plan {
 
 /// What fits the steps of a cluster to a tolerance.
 pub(super) struct Fit {
-    tolerance: f64,
+    pub(super) tolerance: f64,
     longest: f64,
     pub(super) control: Control,
     /// The next instant that has to be met.

@@ -6,6 +6,9 @@ use crate::kernel::Failure;
 use crate::scene::{Cluster, Entries};
 use serde::{Deserialize, Serialize};
 
+/// A state that is less than this part of what all energy of its cluster would move it by is measured by that part: it
+/// stores less than a balance tells from rounding.
+const APART: f64 = 1e-6;
 /// The part of the faintest energy that is its rounding: an error of a state that is worth less is none.
 const ROUNDED: f64 = 1e-15;
 /// The same of an integral, in SI units.
@@ -215,6 +218,8 @@ impl Run {
             }
         };
         let (root, cool) = (h_max.sqrt(), self.cool(c, h_max).sqrt());
+        // Errors that are rounding beside what is stored are none.
+        let apart = APART.max(8.0 * f64::EPSILON / fit.tolerance);
         for (i, scale) in self.scales.iter().enumerate() {
             let (x, off) = match c.step.estimate {
                 Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
@@ -229,7 +234,7 @@ impl Run {
             let (before, size) = match i.checked_sub(c.states) {
                 None => {
                     let root = if scale.heat { root } else { cool };
-                    let before = self.largest[i].max(root * scale.natural);
+                    let before = self.largest[i].max(apart * root * scale.natural);
                     (before, x.abs().max(before))
                 }
                 // An integral is measured against all that went into it and out of it.
