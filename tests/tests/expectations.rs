@@ -16,7 +16,7 @@ fn no_file_is_unknown() {
             // What meets scenes from outside; the command's tests run it.
             let known = |p: &std::path::PathBuf| {
                 let name = p.file_name().unwrap_or_default().to_string_lossy();
-                ["device.py", "haptic.c", "haptic.py", "many.c"].contains(&&*name)
+                ["device.py", "haptic.c", "haptic.mjs", "haptic.py", "many.c"].contains(&&*name)
             };
             assert!(files(&name).iter().all(known), "a file of models/embed is run by no test");
             continue;

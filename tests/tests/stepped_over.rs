@@ -239,7 +239,7 @@ fn small_beside_heat() {
                simulate {{ stop = 2 ms }}
              }}"
         );
-        for (tolerance, most) in [(None, 5e-4), (Some(1e-6), 1e-6), (Some(1e-9), 1e-10)] {
+        for (tolerance, most) in [(None, 5e-4), (Some(1e-6), 1e-6), (Some(1e-9), 1e-9)] {
             let (u, _) = at(&compiled(&text, None, tolerance), tolerance, "u", 2e-3);
             assert!((u - exact).abs() < most, "{heat} {tolerance:?}: {u}");
         }

@@ -13,10 +13,15 @@ fn felt(text: &str) {
 #[test]
 fn the_haptic_loop_runs_around_both() {
     let here = Folder::new();
-    for name in ["embed/haptic.c", "embed/haptic.py", "embed/many.c", "examples/open_port.bond"] {
+    for name in ["embed/haptic.c", "embed/haptic.mjs", "embed/haptic.py", "embed/many.c", "examples/open_port.bond"] {
         let path = here.0.join("models").join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::copy(model(name), path).unwrap();
+    }
+    let module = ["build", "models/examples/open_port.bond", "--emit", "wasm", "-o", "wall.wasm"];
+    here.bond(&module).is(0, &[], &["built wall.wasm", "0.001 s, 1 open port, 0 inputs, 2 probes"]);
+    if is_there("node") {
+        felt(&ran(&here, "node", &["models/embed/haptic.mjs", "wall.wasm"]));
     }
     let built = here.bond(&["build", "models/examples/open_port.bond", "--emit", "c", "-o", "wall.c"]);
     assert_eq!(built.is(0, &[], &["built wall.c and wall.h", "0.001 s, 1 open port, 0 inputs, 2 probes"]).out, "");

@@ -240,7 +240,14 @@ fn strokes<'a>(
     for linear in [false, true] {
         for &(id, bond) in &resistors {
             let Some(r) = law(model, id).filter(|r| r.linear.is_some() == linear) else { continue };
-            a.prefer(bond, a.stroke_for(bond, id, r.gives), if linear { Cause::Free } else { Cause::Law(id) });
+            // What a curve has at rest is 0 itself, and not the difference of what stands beside it, where it gives its
+            // junction what all there have in common.
+            let gives = match model.element(model.bond(bond).other(id)).kind {
+                Kind::One if r.curve.is_some() => Variable::Flow,
+                Kind::Zero if r.curve.is_some() => Variable::Effort,
+                _ => r.gives,
+            };
+            a.prefer(bond, a.stroke_for(bond, id, gives), if linear { Cause::Free } else { Cause::Law(id) });
         }
     }
     for i in 0..model.bonds.len() {

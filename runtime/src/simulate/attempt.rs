@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 /// A state that is less than this part of what all energy of its cluster would move it by is measured by that part: it
 /// stores less than a balance tells from rounding.
 const APART: f64 = 1e-6;
+/// A state is not beyond so many times all that it was before, by a step that may be wrong altogether.
+const THROWN: f64 = 10.0;
 /// The part of the faintest energy that is its rounding: an error of a state that is worth less is none.
 const ROUNDED: f64 = 1e-15;
 /// The same of an integral, in SI units.
@@ -235,7 +237,9 @@ impl Run {
                 None => {
                     let root = if scale.heat { root } else { cool };
                     let before = self.largest[i].max(apart * root * scale.natural);
-                    (before, x.abs().max(before))
+                    // What an explicit step has thrown far off is no size: beside it, its own error is small.
+                    let most = if c.step.passive { f64::INFINITY } else { THROWN * before };
+                    (before, x.abs().min(most).max(before))
                 }
                 // An integral is measured against all that went into it and out of it.
                 Some(k) => (fit.moved[k], fit.moved[k] + (x - self.state[i]).abs()),
