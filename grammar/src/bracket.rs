@@ -43,6 +43,11 @@ pub(crate) fn is_strong_start(scan: &Scan, index: usize) -> bool {
     }
 }
 
+/// A model seems to begin here, with another word in the place of `model`.
+pub(crate) fn is_misspelt_model(scan: &Scan, index: usize) -> bool {
+    scan.is_name(index) && scan.is_name(index + 1) && matches!(scan.word(index + 2), "{" | "(")
+}
+
 impl Brackets {
     /// Pairs the brackets of a text that the grammar has read, so that none is missing.
     pub fn balanced(scan: &Scan) -> Self {
@@ -82,6 +87,8 @@ impl Brackets {
                     block = false;
                 }
                 ":" => block = false,
+                // What is meant for a model holds statements, too.
+                _ if guess && stack.is_empty() && first && is_misspelt_model(scan, index) => block = true,
                 "(" | "[" => stack.push(Open { token: index, inner: true }),
                 "{" => stack.push(Open { token: index, inner: !block }),
                 ")" | "]" | "}" => brackets.close(scan, &mut stack, index),

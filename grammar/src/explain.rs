@@ -1,5 +1,6 @@
 //! Why a slice was refused, in a modeller's words, and the mend.
 
+use crate::bracket::is_misspelt_model;
 use crate::diagnostic::Diagnostic;
 use crate::parse::Refused;
 use crate::scan::{Kind, Scan, is_symbol_start};
@@ -68,6 +69,11 @@ pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
         let word = near(found, &["model", "use"]).unwrap_or("model");
         let message = format!("`{found}` begins nothing that a file may hold");
         return Diagnostic::error("syntax::outside", span, message).help(format!("did you mean `{word}`?"));
+    }
+    if is_misspelt_model(scan, range.start) && found != "model" {
+        let message = format!("`{found}` begins nothing that a file may hold");
+        let help = format!("a model begins with `model`: `model {} ...`", scan.word(range.start + 1));
+        return Diagnostic::error("syntax::outside", span, message).help(help);
     }
     let message = format!("`{found}` stands outside of any model");
     let help = "a file holds `use` lines, functions `let f(x) = ...` and models; write the statement inside `model Name { ... }`";
@@ -239,6 +245,16 @@ impl<'a> Wreck<'a> {
             let word = self.word(self.at);
             let name = if matches!(word, "let" | "probe" | "input" | "state") { " name =" } else { "" };
             return error.help(format!("complete the statement that `{word}` begins: `{word}{name} ...`"));
+        }
+        let start = self.range.start;
+        if self.word(self.at) == "{" && self.scan.starts_element(start) && self.word(start + 3) == "=" {
+            let value = self.scan.slice(self.scan.span_of(start + 4).to(self.scan.span_of(self.before())));
+            return self.several(self.at + 1, value);
+        }
+        let chain = (self.range.start..self.at).any(|index| matches!(self.word(index), "->" | "||>" | "->|" | "|->"));
+        if chain && self.scan.is_name(self.before()) && self.scan.is_name(self.at) && self.open_bracket().is_none() {
+            return error
+                .help(format!("elements of a list have commas between them: `{before}, {}`", self.word(self.at)));
         }
         let operand = |index| self.scan.ends_operand(index) && self.range.contains(&index);
         let starts = self.word(self.at).starts_with(|c: char| is_symbol_start(c) || c.is_ascii_digit() || c == '(');

@@ -19,6 +19,8 @@ const MORE: f64 = 1.1;
 const FAILURES: u32 = 3;
 /// Time for all methods, in that for one.
 const METHODS: f64 = 2.0;
+/// A run whose balances are off by this part of its energy is nothing to measure by.
+const OFF: f64 = 0.1;
 /// So many reasons are told.
 const REASONS: usize = 3;
 /// Fixed steps are halved so often at most.
@@ -244,7 +246,11 @@ impl Search<'_> {
         let begun = runner.spent();
         let result = runner.track(setting, *left);
         *left -= runner.spent() - begun;
-        result
+        match result {
+            // What an explicit method threw far off may agree with itself, and with another such.
+            Ok(run) if run.drift > OFF => Err(Lost::Failed("its steps are off their balance altogether".to_string())),
+            other => other,
+        }
     }
 
     fn change(&self, a: &Run, b: &Run) -> f64 {

@@ -266,6 +266,12 @@ impl<'a> Elaborator<'a> {
     fn unknown(&self, at: usize, segment: &Segment, key: &str, sought: Sought) -> Diagnostic {
         let span = segment.name.span;
         let model = self.files.model(self.instances[at].model);
+        if let Some((name, from, to)) = self.instances[at].unmade.iter().find(|u| u.0 == segment.name.text) {
+            let message =
+                format!("there is no `{key}` here: the `for` from {from} to {to} that declares `{name}` has no round");
+            let help = format!("a `for` counts upwards: `for i in {to}..{from}`");
+            return Diagnostic::error("elaborate::unknown", span, message).help(help);
+        }
         let mut known: Vec<&str> = self.instances[at].names.keys().map(String::as_str).collect();
         known.sort_unstable();
         let meant = match self.indices(segment, &known) {
@@ -307,14 +313,17 @@ impl<'a> Elaborator<'a> {
     /// Between which indices a name is declared, where it is with others than this one.
     fn indices(&self, segment: &Segment, known: &[&str]) -> Option<String> {
         let name = &segment.name.text;
-        if segment.index.is_empty() {
-            return None;
-        }
         let numbers: Vec<i64> = known
             .iter()
             .filter_map(|k| k.strip_prefix(name.as_str())?.strip_prefix('[')?.strip_suffix(']')?.parse().ok())
             .collect();
         let (least, most) = (numbers.iter().min()?, numbers.iter().max()?);
+        if segment.index.is_empty() {
+            return Some(match least == most {
+                true => format!("say which one: `{name}[{least}]` is all that there is"),
+                false => format!("say which one: `{name}[{least}]` to `{name}[{most}]`"),
+            });
+        }
         Some(if least == most {
             format!("there is only `{name}[{least}]`")
         } else {

@@ -258,6 +258,11 @@ impl<'a> Elaborator<'a> {
                         );
                         continue;
                     }
+                    for s in f.body.iter().filter(|_| rounds == 0) {
+                        if let StatementKind::Element(e) = &s.kind {
+                            self.instances[instance].unmade.push((e.name.text.clone(), from, to));
+                        }
+                    }
                     self.rounds += rounds as u64;
                     for i in from..=to {
                         if self.rounds > MOST_ROUNDS || self.too_big(s.span) {

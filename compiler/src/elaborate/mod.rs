@@ -84,6 +84,8 @@ struct Instance {
     span: Span,
     /// Names whose declarations could not be made, which is said; without indices.
     lost: FxHashSet<String>,
+    /// What a `for` without a round declares: names, and from where to where it counts.
+    unmade: Vec<(String, i64, i64)>,
     /// Bonds of it could not be made, which is said: what seems to lack one may have been meant.
     frayed: bool,
 }
@@ -91,7 +93,7 @@ struct Instance {
 impl Instance {
     fn new(model: load::ModelRef, path: String, scope: ScopeId, outer: usize, span: Span) -> Self {
         let (names, lost) = (FxHashMap::default(), FxHashSet::default());
-        Self { model, path, scope, names, outer, span, lost, frayed: false }
+        Self { model, path, scope, names, outer, span, lost, unmade: Vec::new(), frayed: false }
     }
 }
 

@@ -295,7 +295,7 @@ impl<'a> Elaborator<'a> {
             );
         }
         let declared = self.sources.slice(self.instances[*instance].span);
-        let head = declared.split(['(', ';']).next().unwrap_or(declared).trim_end();
+        let head = declared.split(['(', ';', '{', '=']).next().unwrap_or(declared).trim_end();
         let own = name.rsplit('.').next().unwrap_or(name);
         format!("give it where the instance is made, `{head}({own} = ...)`, or with `bond run --set {name}=...`")
     }

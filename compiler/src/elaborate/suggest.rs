@@ -7,7 +7,12 @@ pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     candidates
         .into_iter()
         .filter(|c| *c != word)
-        .map(|c| (if c.eq_ignore_ascii_case(word) { 0 } else { distance(word, c) }, c))
+        .map(|c| match () {
+            () if c.eq_ignore_ascii_case(word) => (0, c),
+            // Its beginning.
+            () if letters > 2 && c.starts_with(word) => (1, c),
+            () => (distance(word, c), c),
+        })
         .filter(|(d, _)| *d <= limit)
         .min()
         .map(|(_, c)| c)

@@ -4,6 +4,9 @@ use super::{Piece, STATEMENTS, Wreck, near};
 use crate::diagnostic::Diagnostic;
 use crate::scan::{Kind, is_reserved};
 
+/// What elements say of themselves in braces.
+const OWN: [&str; 9] = ["e0", "f0", "q0", "p0", "inertia", "compliance", "stiffness", "resistance", "conductance"];
+
 impl Wreck<'_> {
     /// `I mass = 1 kg`, `1 v -> mass`.
     pub(super) fn colon(&self) -> Option<Diagnostic> {
@@ -20,6 +23,11 @@ impl Wreck<'_> {
             let follows = matches!(self.word(name + 1), "=" | "{" | "(" | "[" | "->" | "||>" | "," | "");
             if begins && known && !statement && follows && self.kind(name) == Some(Kind::Word) {
                 let (kind_word, name_word) = (self.word(kind), self.word(name));
+                let lower = kind_word.to_lowercase();
+                if lower != kind_word && STATEMENTS.contains(&lower.as_str()) {
+                    let error = self.error("syntax::statement", kind, format!("`{kind_word}` begins no statement"));
+                    return Some(error.help(format!("did you mean `{lower}`?")));
+                }
                 let span = self.scan.span_of(kind).to(self.scan.span_of(name));
                 let message = format!("`{kind_word} {name_word}`: the colon between kind and name is missing");
                 let error = Diagnostic::error("syntax::colon", span, message);
@@ -106,6 +114,13 @@ impl Wreck<'_> {
             while head > start && !arrow(self.word(head - 1)) && self.word(head - 1) != "," {
                 head -= 1;
             }
+            if arrow(self.word(self.before())) {
+                let list = (self.at + 1..self.range.end).map(|index| self.word(index));
+                let list: Vec<&str> = list.take_while(|word| !matches!(*word, ")" | "}")).collect();
+                let error = self.error("syntax::chain", self.at, "elements in a chain stand without brackets");
+                let list = list.join(" ").replace(" ,", ",");
+                return Some(error.help(format!("write `{} {list}`", self.word(self.before()))));
+            }
             let end = self.scan.slice(self.scan.span_of(head).to(self.scan.span_of(self.before())));
             let name = end.split_once(':').map_or(end, |(_, name)| name);
             let message = format!("`{end}` cannot be given a value within a chain of bonds");
@@ -135,7 +150,12 @@ impl Wreck<'_> {
         let place = place && self.word(self.before()) != "=";
         (head && place && self.piece == Piece::Statement).then(|| {
             let message = "an argument of an instance needs its parameter's name";
-            let help = format!("write `{}(parameter = ...)`", self.word(open - 1));
+            let name = self.word(open - 1);
+            let one = "I C R Se Sf TF GY MTF MGY MSe MSf MR".split(' ').any(|kind| kind == self.word(open - 3));
+            let help = match one {
+                true => format!("an index stands in square brackets: `{name}[...]`"),
+                false => format!("write `{name}(parameter = ...)`"),
+            };
             self.error("syntax::argument", open + 1, message).help(help)
         })
     }
@@ -148,11 +168,29 @@ impl Wreck<'_> {
             return None;
         }
         let comma = (start + 1..=self.at).any(|index| self.word(index) == ",") && self.open_bracket().is_none();
+        let next = self.at + usize::from(self.word(self.at) == ",");
+        if comma && self.scan.starts_element(start) && self.word(start + 3) == "=" && self.word(next + 1) == "=" {
+            let value = self.scan.slice(self.scan.span_of(start + 4).to(self.scan.span_of(self.before())));
+            return Some(self.several(next, value));
+        }
         if comma && self.scan.starts_element(start) {
             let error = self.error("syntax::chain", self.at, "this list of elements is bonded to nothing");
             return Some(error.help("separate declarations by a space or `;`, or bond the list with `->`"));
         }
         None
+    }
+
+    /// An element with several values that do not stand in braces, of which this is one.
+    pub(super) fn several(&self, at: usize, value: &str) -> Diagnostic {
+        let (kind, name) = (self.word(self.range.start), self.word(self.range.start + 2));
+        let what = match kind {
+            "I" => "inertia",
+            "C" => "compliance",
+            _ => "resistance",
+        };
+        let other = self.word(at);
+        self.error("syntax::braces", at, format!("`{name}` has several values"))
+            .help(format!("they stand in braces: `{kind}:{name} {{ {what} = {value}; {other} = ... }}`"))
     }
 
     /// Parts of `use`, `model`, `for`, `sampled`, `expect`.
@@ -169,10 +207,10 @@ impl Wreck<'_> {
                 ("this `for` has no range", "write `for i in 1..n { ... }`")
             }
             (Piece::ForHead, _) if start => ("a loop variable is expected here", "write `for i in 1..n { ... }`"),
-            (Piece::SampledHead, _) if start => {
+            (Piece::SampledHead, _) if start || self.word(self.range.start + 1) == "(" => {
                 ("`at` and a rate, or `every` and a period, is expected here", "write `sampled at 1 kHz { ... }`")
             }
-            (Piece::Statement, "sampled") if start => {
+            (Piece::Statement, "sampled") if start || self.word(self.range.start + 1) == "(" => {
                 ("`at` and a rate, or `every` and a period, is expected here", "write `sampled at 1 kHz { ... }`")
             }
             (Piece::Statement, "for") => ("this `for` is incomplete", "write `for i in 1..n { ... }`"),
@@ -201,6 +239,12 @@ impl Wreck<'_> {
             }
             (Piece::Statement, "simulate") if start => ("`{` is expected here", "write `simulate { stop = 10 s }`"),
             (Piece::Statement, "expect")
+                if (self.range.start..self.at)
+                    .any(|i| self.word(i) == "at" && self.word(i + 1) == "t" && self.word(i + 2) == "=") =>
+            {
+                ("an instant is a time alone", "write `expect x at 5 s = 0.005 m within 1e-6 m`")
+            }
+            (Piece::Statement, "expect")
                 if (self.range.clone()).any(|index| self.word(index) == "at")
                     && self.scan.ends_operand(self.before()) =>
             {
@@ -221,7 +265,10 @@ impl Wreck<'_> {
         if self.kind(start) == Some(Kind::Word) && !STATEMENTS.contains(&word) {
             if self.word(self.at) == "=" {
                 let message = format!("`{word} = ...` is no statement");
-                let help = format!("write `let {word} = ...`, or `KIND:{word} = ...` for an element");
+                let help = match OWN.contains(&word) {
+                    true => format!("it stands with its element, in braces: `KIND:name {{ ...; {word} = ... }}`"),
+                    false => format!("write `let {word} = ...`, or `KIND:{word} = ...` for an element"),
+                };
                 return Some(self.error("syntax::statement", start, message).help(help));
             }
             if let Some(right) = near(word, STATEMENTS) {
