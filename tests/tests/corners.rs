@@ -384,3 +384,71 @@ fn a_root_of_what_is_cut_off_has_no_slope() {
         }
     }
 }
+
+/// A diode that blocks in series with a resistor: nothing flows, to the last bit, whatever the numbers, and so no
+/// rounding gives energy.
+#[test]
+fn what_blocks_is_off() {
+    for volts in ["-10", "-7.3", "-1", "-10 * cos(1 rad/s * t)"] {
+        for ohms in ["1", "2", "3", "10", "0.7"] {
+            let text = format!(
+                "model Off {{
+  Se:u = ({volts}) * 1 V
+  R:d {{ e = min(s, 0) * 1 V; f = max(s, 0) * 1 A }}
+  R:r = {ohms} Ohm
+  u -> 1:j -> d, r
+  probe flows = j.f
+  simulate {{ stop = 1 s }}
+}}"
+            );
+            let compiled = crate::common::text(&text);
+            for steps in [Steps::new(), Steps::fixed(1e-3), Steps::tolerance(1e-9)] {
+                let mut sim = start(&compiled, steps);
+                finish(&mut sim, 1.0);
+                let summary = sim.summary();
+                assert!(summary.passive, "{volts}, {ohms}: {:?}", summary.reasons);
+                assert!(summary.regions[0].steps < 5000, "{volts}, {ohms}: {} steps", summary.regions[0].steps);
+                assert_eq!(probe(&mut sim, "flows"), 0.0, "{volts}, {ohms}");
+            }
+        }
+    }
+}
+
+/// Laws with exponentials that what they give has a part in, besides what they receive; and a motor whose field is its
+/// own current, with a coil far faster than the steps.
+#[test]
+fn laws_that_read_what_they_give() {
+    let text = "model Heated {
+  Se:u = 1 V
+  R:a = 1 Ohm
+  R:b { f = 1 A * sinh(e/(1 V)) * (1 + (a.P/(1 W))^2) }
+  u -> 1:n -> a, b
+  probe f = n.f
+  simulate { stop = 1 s }
+}";
+    let f = end(&crate::common::text(text), Steps::new(), 1.0, "f");
+    let off = (1.0 - f).sinh() * (1.0 + f.powi(4)) - f;
+    assert!(off.abs() < 1e-12, "{f}: off by {off}");
+    let motor = "model Motor(L = 1 mH) {
+  Se:s = 24 V
+  R:r = 5 Ohm
+  I:l = L
+  MGY:m = 0.05 H * l.f
+  I:j = 2e-3 kg*m^2
+  R:f = 1e-3 N*m*s
+  s -> 1:a -> r, l, m
+  m -> 1:w -> j, f
+  probe turns = w.f
+  probe current = a.f
+  simulate { stop = 30 s }
+}";
+    for steps in [Steps::new(), Steps::tolerance(1e-8)] {
+        let compiled = crate::common::text(motor);
+        let mut sim = start(&compiled, steps);
+        finish(&mut sim, 30.0);
+        let (w, i) = (probe(&mut sim, "turns"), probe(&mut sim, "current"));
+        // At rest K i^2 = b w and u = R i + K i w.
+        let (torque, volts) = (0.05 * i * i - 1e-3 * w, 5.0 * i + 0.05 * i * w - 24.0);
+        assert!(torque.abs() < 1e-5 && volts.abs() < 1e-4, "{w} {i}: {torque} {volts}");
+    }
+}

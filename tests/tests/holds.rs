@@ -339,6 +339,36 @@ fn a_debt_is_not_forgotten() {
     }
 }
 
+/// A source of the sampled region's own keeps it in a debt of next to nothing, which the first interval made: it is
+/// drawn by the spring all the same, and comes to the continuous motion as the period gets shorter.
+#[test]
+fn a_debtor_is_trusted_again() {
+    let run = |joint: &str, block: &str| {
+        let compiled = text(&format!(
+            "model Pushed {{
+  {block} {{ I:m = 1 kg; Se:push = 0.5 N; 1:j; push -> j -> m }}
+  C:s {{ stiffness = 60 N/m; q0 = 0.1 m }}
+  R:d = 10 N*s/m
+  0:z -> s, d
+  j {joint} z
+  probe v = j.f
+}}"
+        ));
+        let mut sim = start(&compiled, Steps::new());
+        advance(&mut sim, 0.3);
+        let debt = sim.summary().regions.iter().map(|r| r.debt_max).fold(0.0, f64::max);
+        (probe(&mut sim, "v"), debt)
+    };
+    let wanted = run("->", "if true").0;
+    let mut last = 1.0;
+    for (period, most) in [("1 ms", 1e-2), ("0.1 ms", 1e-3)] {
+        let (v, debt) = run("||>", &format!("sampled every {period}"));
+        assert!((v - wanted).abs() < most, "{period}: {v} and {wanted}");
+        assert!(debt < 0.02 * last, "{period}: a debt of {debt} J");
+        last = debt;
+    }
+}
+
 /// Dry friction beside a spring by the paper's step: where the flow turns, the force is that of the new one.
 #[test]
 fn ray_with_dry_friction_takes_power() {

@@ -293,3 +293,51 @@ fn laws_that_share_nothing_start_by_themselves() {
         assert!(f0.is_finite() && f0.abs() < 1.0, "{f0}");
     }
 }
+
+/// A circuit beside a car: the car's energy is no measure of the circuit's errors. The circuit rings under the constant
+/// voltage that the car induces.
+#[test]
+fn small_beside_what_coasts() {
+    let text = "model Tacho {
+      I:car { inertia = 1500 kg; f0 = 30 m/s }
+      R:drag { e = 0.5 N*s^2/m^2 * f*abs(f) }
+      GY:tacho = 1e-3 N/A
+      I:l = 1 mH
+      C:c { compliance = 1 nF; e0 = 1 V }
+      R:r = 10 Ohm
+      1:v -> car, drag, tacho
+      tacho -> 1:i -> l, c, r
+      probe u = c.e
+      simulate { stop = 1 ms }
+    }";
+    let (decay, turn, t) = (5000.0_f64, (1e12_f64 - 2.5e7).sqrt(), 1e-3);
+    let free = (-decay * t).exp() * ((turn * t).cos() + decay / turn * (turn * t).sin());
+    let exact = 0.03 + (1.0 - 0.03) * free;
+    for (tolerance, most) in [(None, 5e-3), (Some(1e-9), 1e-6)] {
+        let (u, _) = at(&compiled(text, None, tolerance), tolerance, "u", t);
+        assert!((u - exact).abs() < most, "{tolerance:?}: {u}, and not {exact}");
+    }
+}
+
+/// A first step far beyond what an explicit method can take: what it throws far off is not taken for the size of things.
+#[test]
+fn what_explodes_is_not_its_own_measure() {
+    for law in ["R:rs = 1 uOhm", "R:rs { f = if e > 0 V then e/(1 uOhm) else 0 A }"] {
+        let text = format!(
+            "model Stiff {{
+               Se:s = 10 kV * sin(2*pi*50 Hz * t)
+               {law}
+               C:c = 1 mF
+               s -> 1:a -> rs, c
+               probe behind = s.e - c.e
+               simulate {{ stop = 0.2 s }}
+             }}"
+        );
+        for method in ["rk4", "rk45", "dop853"] {
+            // C du/dt times R.
+            let wanted = 1e-9 * 1e4 * 100.0 * std::f64::consts::PI;
+            let (behind, _) = at(&compiled(&text, Some(method), Some(1e-6)), Some(1e-6), "behind", 1e-5);
+            assert!((behind - wanted).abs() < 1e-4, "{law}, {method}: {behind}");
+        }
+    }
+}

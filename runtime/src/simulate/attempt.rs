@@ -19,6 +19,8 @@ const SMALLEST: f64 = 1e-24;
 /// Before the first step, so many are looked at, each this part of the one before.
 const LOOKS: i32 = 4;
 const SHORTER: f64 = 1.0 / 256.0;
+/// States begin to move by no more than this power of the time: by its square where a source begins at 0.
+const BEGINS: f64 = 2.5;
 
 /// The largest energy so far, above the least that there is, J.
 fn above(b: &Book, e: &Entries) -> f64 {
@@ -160,6 +162,9 @@ impl Run {
     /// number of stages does), a whole step and its halves say the same, and no estimate tells that both are wrong. So
     /// steps that are ever shorter are looked at first, by which no state may move by more than its size in the first.
     pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> f64 {
+        if !c.step.passive {
+            return self.first_explicit(c, t, h);
+        }
         if !(c.step.name.starts_with("collocation") && c.step.order.is_multiple_of(4)) {
             return h;
         }
@@ -179,6 +184,28 @@ impl Run {
             }
         }
         first.max(h * SHORTER.powi(LOOKS))
+    }
+
+    /// The first step of an explicit method, at most `h`: one that is too long for what is stiff moves states by the power
+    /// of its length that the method has stages, and not as they begin to move.
+    fn first_explicit(&mut self, c: &Cluster, t: f64, h: f64) -> f64 {
+        let (mut first, mut looked) = (h, false);
+        for k in 0..=LOOKS {
+            let length = h * SHORTER.powi(k);
+            let done = self.stride(t, length, Part::Trial).is_ok();
+            let Some(fit) = &mut self.fit else { return h };
+            // By how much each was moved by the longer one is kept where halves will be.
+            let states = self.state.iter().zip(&fit.trial.next).zip(&mut fit.first.next).take(c.states);
+            for ((x, y), longer) in states {
+                let moved = (y - x).abs();
+                if !done || looked && *longer * SHORTER.powf(BEGINS) > moved {
+                    first = length;
+                }
+                *longer = moved;
+            }
+            looked = done;
+        }
+        first
     }
 
     /// What of an energy may move states that are no heat, J: what is stored as heat does not come back, and is large beside
@@ -238,7 +265,7 @@ impl Run {
                     let root = if scale.heat { root } else { cool };
                     let before = self.largest[i].max(apart * root * scale.natural);
                     // What an explicit step has thrown far off is no size: beside it, its own error is small.
-                    let most = if c.step.passive { f64::INFINITY } else { THROWN * before };
+                    let most = if c.step.passive || before == 0.0 { f64::INFINITY } else { THROWN * before };
                     (before, x.abs().min(most).max(before))
                 }
                 // An integral is measured against all that went into it and out of it.

@@ -158,7 +158,8 @@ impl Held {
 pub(super) struct Caution {
     /// The largest debt since there was none, J.
     pub(super) peak: f64,
-    /// The part of what could be risked that is: less after each loss, in proportion to it; 1 without a debt.
+    /// The part of what could be risked that is: less after each loss, in proportion to it, and more after what came in;
+    /// 1 without a debt.
     pub(super) trust: f64,
     /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
     /// foretold to move at all.
@@ -186,6 +187,11 @@ impl Caution {
             let part = lost / self.risk;
             let part = if part < 1.0 { part } else { 1.0 };
             self.trust /= 1.0 + WARY * part;
+        } else if crossed > 0.0 {
+            // What came in is earned back: of 1/trust, as much as a loss of that had cost it at the least.
+            let part = WARY * crossed / self.most * self.trust;
+            let trust = self.trust / (1.0 - part);
+            self.trust = if part < 1.0 && trust < 1.0 { trust } else { 1.0 };
         }
         self.peak = if self.peak < debt { debt } else { self.peak };
     }

@@ -308,16 +308,32 @@ impl Writing<'_> {
                 let (loss, largest) = (w.number(LOSS), w.kept(largest));
                 let least = w.mul(loss, largest);
                 let some = w.lt(least, lost);
-                w.when(some, |w| {
-                    let part = w.div(lost, risk);
-                    let below = w.lt(part, one);
-                    let part = w.select(below, part, one);
-                    let wary = w.number(WARY);
-                    let more = w.mul(wary, part);
-                    let more = w.add(one, more);
-                    let left = w.div(left, more);
-                    w.keep(trust, left);
-                });
+                let came = w.lt(zero, crossed);
+                let wary = w.number(WARY);
+                w.branch(
+                    some,
+                    |w| {
+                        let part = w.div(lost, risk);
+                        let below = w.lt(part, one);
+                        let part = w.select(below, part, one);
+                        let more = w.mul(wary, part);
+                        let more = w.add(one, more);
+                        let left = w.div(left, more);
+                        w.keep(trust, left);
+                    },
+                    |w| {
+                        w.when(came, |w| {
+                            let part = w.mul(wary, crossed);
+                            let part = w.div(part, largest);
+                            let part = w.mul(part, left);
+                            let rest = w.sub(one, part);
+                            let more = w.div(left, rest);
+                            let both = [w.lt(part, one), w.lt(more, one)];
+                            let more = w.select(Cond::all(both), more, one);
+                            w.keep(trust, more);
+                        });
+                    },
+                );
                 let larger = w.lt(most, debt);
                 let most = w.select(larger, debt, most);
                 w.keep(peak, most);
