@@ -7,6 +7,7 @@
 use crate::arguments;
 use crate::blame::By;
 use crate::commands::{run, serve};
+use crate::report;
 use crate::stop::Stop;
 use bond_compiler::model::Settings;
 use bond_runtime::envelope::{self, Kind};
@@ -230,6 +231,12 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
     match line.command {
         Command::Run(args) => {
             args.fixed.check()?;
+            if e.method.is_none() && args.how.tolerance.is_some_and(|x| Some(x) != e.scene.made.tolerance) {
+                report::say(
+                    "note: steppers were chosen when this file was built, and stay whatever --tolerance says; \
+                     `bond build --method collocation8` takes one of high order",
+                );
+            }
             run::simulate(&e.scene, &e.settings(), &args.how, By::Model(&e.scene.name))
         }
         Command::Serve(args) => {

@@ -82,7 +82,7 @@ pub struct How {
     /// Error allowed in a step of continuous regions, relative to the states' size; 1e-6 where neither this nor a step
     /// is told
     #[arg(long, value_name = "X", value_parser = tolerance, allow_negative_numbers = true)]
-    tolerance: Option<f64>,
+    pub tolerance: Option<f64>,
     /// Longest of the steps that are fitted to a tolerance
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true, conflicts_with = "step")]
     longest: Option<f64>,

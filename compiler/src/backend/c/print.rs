@@ -137,6 +137,10 @@ pub(super) fn number(n: Number) -> String {
         Number::Plain(x) if x.is_nan() => "BOND_NAN".into(),
         Number::Plain(x) if x.is_infinite() => if x > 0.0 { "BOND_INFINITY" } else { "(-BOND_INFINITY)" }.into(),
         Number::Plain(x) if x == 0.0 && x.is_sign_positive() => "BOND_R(0.0)".into(),
+        // What bounds doubles is to bound single numbers, too.
+        Number::Plain(x) if x.abs() > f64::from(f32::MAX) => {
+            format!("BOND_SMALL({x:?}, {:?})", f32::MAX.copysign(x as f32))
+        }
         Number::Plain(x) => format!("BOND_R({x:?})"),
     }
 }
