@@ -1,4 +1,5 @@
-//! What `bond build` writes besides executables: C text, object files with a header, functional mock-up units.
+//! What `bond build` writes besides executables: C text, object files with a header, functional mock-up units, WebAssembly
+//! modules.
 
 use crate::hash::Hash;
 use crate::output;
@@ -208,9 +209,12 @@ const SYSTEM: Option<(&str, &str)> = match (std::env::consts::OS.as_bytes(), std
     _ => None,
 };
 
-/// The sources as a shared library: the system's folder, the ending, the code. None where this system has no name in
+/// A shared library: the system's folder, the ending, the code.
+type Library = (&'static str, &'static str, Vec<u8>);
+
+/// The sources as a shared library. None where this system has no name in
 /// units, or no C compiler.
-fn library(sources: &[(&str, &str)]) -> Result<Option<(&'static str, &'static str, Vec<u8>)>, Stop> {
+fn library(sources: &[(&str, &str)]) -> Result<Option<Library>, Stop> {
     let Some((folder, ending)) = SYSTEM else { return Ok(None) };
     let compiler = std::env::var_os("CC").filter(|c| !c.is_empty()).unwrap_or_else(|| "cc".into());
     let place = tempfile::tempdir()?;

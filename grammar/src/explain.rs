@@ -247,7 +247,8 @@ impl<'a> Wreck<'a> {
             return error.help(format!("complete the statement that `{word}` begins: `{word}{name} ...`"));
         }
         let start = self.range.start;
-        if self.word(self.at) == "{" && self.scan.starts_element(start) && self.word(start + 3) == "=" {
+        let given = self.word(start + 3) == "=" && self.before() > start + 3;
+        if self.word(self.at) == "{" && self.scan.starts_element(start) && given {
             let value = self.scan.slice(self.scan.span_of(start + 4).to(self.scan.span_of(self.before())));
             return self.several(self.at + 1, value);
         }

@@ -132,7 +132,9 @@ pub enum Failure {
         change: f64,
     },
     /// The Jacobian of an iteration can't be solved.
-    #[error("singular matrix, at row {row} of the system")]
+    #[error(
+        "singular matrix, at row {row} of the system: its laws leave something undetermined there, as what lies between ideal diodes that all block; a small leak or stiffness mends it"
+    )]
     Singular {
         /// The row, of the residual, that has no pivot.
         row: usize,

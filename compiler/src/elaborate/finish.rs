@@ -221,6 +221,7 @@ impl<'a> Elaborator<'a> {
             self.circular = true;
             return None;
         }
+        self.circular &= !self.asked.is_empty();
         self.asked.push(id);
         let (before, asked) = (self.errors.len(), self.equations.len());
         let (mode, locals) = (self.mode, std::mem::take(&mut self.locals));

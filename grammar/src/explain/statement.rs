@@ -151,7 +151,8 @@ impl Wreck<'_> {
         (head && place && self.piece == Piece::Statement).then(|| {
             let message = "an argument of an instance needs its parameter's name";
             let name = self.word(open - 1);
-            let one = "I C R Se Sf TF GY MTF MGY MSe MSf MR".split(' ').any(|kind| kind == self.word(open - 3));
+            let one =
+                "I C R Se Sf TF GY MTF MGY MSe MSf MR".split(' ').any(|kind| kind == self.word(open.saturating_sub(3)));
             let help = match one {
                 true => format!("an index stands in square brackets: `{name}[...]`"),
                 false => format!("write `{name}(parameter = ...)`"),
@@ -169,7 +170,8 @@ impl Wreck<'_> {
         }
         let comma = (start + 1..=self.at).any(|index| self.word(index) == ",") && self.open_bracket().is_none();
         let next = self.at + usize::from(self.word(self.at) == ",");
-        if comma && self.scan.starts_element(start) && self.word(start + 3) == "=" && self.word(next + 1) == "=" {
+        let given = self.word(start + 3) == "=" && self.before() > start + 3;
+        if comma && self.scan.starts_element(start) && given && self.word(next + 1) == "=" {
             let value = self.scan.slice(self.scan.span_of(start + 4).to(self.scan.span_of(self.before())));
             return Some(self.several(next, value));
         }

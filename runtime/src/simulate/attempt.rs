@@ -19,8 +19,9 @@ const SMALLEST: f64 = 1e-24;
 /// Before the first step, so many are looked at, each this part of the one before.
 const LOOKS: i32 = 4;
 const SHORTER: f64 = 1.0 / 256.0;
-/// States begin to move by no more than this power of the time: by its square where a source begins at 0.
-const BEGINS: f64 = 2.5;
+/// The power of [`SHORTER`] with the exponent 5/2: states begin to move by no higher power of the time, by its square where
+/// a source begins at 0.
+const BEGINS: f64 = 1.0 / 1_048_576.0;
 
 /// The largest energy so far, above the least that there is, J.
 fn above(b: &Book, e: &Entries) -> f64 {
@@ -198,7 +199,7 @@ impl Run {
             let states = self.state.iter().zip(&fit.trial.next).zip(&mut fit.first.next).take(c.states);
             for ((x, y), longer) in states {
                 let moved = (y - x).abs();
-                if !done || looked && *longer * SHORTER.powf(BEGINS) > moved {
+                if !done || looked && *longer * BEGINS > moved {
                     first = length;
                 }
                 *longer = moved;
