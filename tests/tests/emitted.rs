@@ -877,3 +877,89 @@ fn lossy_ladders_grow_in_tables_alone() {
     let (some, many) = (statements(200), statements(400));
     assert!(many <= some + some / 20, "{some} statements of 200 cells, {many} of 400");
 }
+
+/// Each function means the same in C, in an object and in a module, for numbers at the ends of what there is, too.
+#[test]
+fn functions_mean_the_same_in_each_form() {
+    use bond_runtime::eval;
+    use bond_runtime::ir::{Binary, Unary};
+    if !is_there() {
+        return;
+    }
+    let one =
+        ["sqrt", "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "abs", "sign"];
+    let two = ["min", "max", "atan2"];
+    let mut text = "model F {\n  input x = 1\n  input y = 1\n  C:c = 1 F\n  R:r = 1 Ohm\n  c -> r\n".to_string();
+    for name in one {
+        text += &format!("  probe of_{name} = {name}(x)\n");
+    }
+    for name in two {
+        text += &format!("  probe of_{name} = {name}(x, y)\n");
+    }
+    text += "  probe of_pow = x^y\n  probe less = if x < y then 1 else 0\n  probe ratio = x/y\n  simulate { stop = 1 s }\n}";
+    let compiled = with(Options::new(), &text);
+    let (u, _) = emit(&compiled, 1e-3).unwrap_or_else(|e| panic!("{e}"));
+    let numbers =
+        [0.0, -0.0, 1.0, -1.0, 0.5, -2.0, 3.0, 1e-300, -1e300, 700.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
+    let list: Vec<String> = numbers.iter().map(|x| format!("{}", x.to_bits())).collect();
+    let (here, names) = (Folder::new(), options("bond", "m.h"));
+    here.put("m.h", c::header(&u, &names));
+    here.put("m.c", c::source(&u, &names));
+    let main = format!(
+        "#include \"m.h\"\n#include <stdio.h>\n#include <string.h>\nint main(void) {{\n    static bond_state b;\n    \
+         static const unsigned long long list[] = {{ {} }};\n    bond_real x, y, out[BOND_PROBES];\n    int i, j, k;\n    bond_init(&b);\n    \
+         for (i = 0; i < {n}; ++i) for (j = 0; j < {n}; ++j) {{\n        memcpy(&x, list + i, 8);\n        memcpy(&y, list + j, 8);\n        \
+         bond_input(&b, 0, x);\n        bond_input(&b, 1, y);\n        (void)bond_probes(&b, out);\n        \
+         for (k = 0; k < BOND_PROBES; ++k) printf(\"%.17g \", out[k]);\n        puts(\"\");\n    }}\n    return 0;\n}}\n",
+        list.iter().map(|x| format!("{x}ull")).collect::<Vec<_>>().join(", "),
+        n = numbers.len(),
+    );
+    here.put(
+        "main.c",
+        main.replace("static const unsigned long long", "static const uint64_t")
+            .replace("#include <stdio.h>", "#include <stdint.h>\n#include <stdio.h>"),
+    );
+    here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
+    here.put("m.o", native::object(&u, "bond").unwrap_or_else(|e| panic!("{e}")));
+    here.cc(&["m.o", "main.c", "-lm", "-o", "object"]);
+    let mut all = vec![("C", here.rows("run")), ("object", here.rows("object"))];
+    if has("node") {
+        here.put("m.wasm", wasm::module(compiled.scene(), &u).unwrap_or_else(|e| panic!("{e}")));
+        let script = format!(
+            "import {{ readFileSync }} from \"node:fs\";\n\
+             const {{ instance: {{ exports: e }} }} = await WebAssembly.instantiate(readFileSync(\"m.wasm\"), {{ Math }});\n\
+             const list = new Float64Array(new BigUint64Array([{}]).buffer);\n\
+             const out = new Float64Array(e.memory.buffer, e.probed.value, {});\n\
+             for (const x of list) for (const y of list) {{\n  e.input(0, x);\n  e.input(1, y);\n  e.probes();\n  \
+             console.log([...out].map((z) => (Object.is(z, -0) ? \"-0\" : z)).join(\" \"));\n}}\n",
+            list.iter().map(|x| format!("{x}n")).collect::<Vec<_>>().join(", "),
+            compiled.probes().len(),
+        );
+        here.put("main.mjs", script);
+        all.push(("module", Folder::printed("module", Command::new("node").arg("main.mjs").current_dir(&here.0))));
+    }
+    let unary = |name: &str| Unary::ALL.into_iter().find(|f| f.name() == name).unwrap_or_else(|| panic!("{name}"));
+    for (form, rows) in all {
+        let mut rows = rows.into_iter();
+        for (x, y) in numbers.iter().flat_map(|x| numbers.iter().map(move |y| (*x, *y))) {
+            let mut wanted: Vec<(String, f64)> = one.iter().map(|f| ((*f).into(), eval::unary(unary(f), x))).collect();
+            for (f, name) in
+                [(Binary::Min, "min"), (Binary::Max, "max"), (Binary::Atan2, "atan2"), (Binary::Pow, "pow")]
+            {
+                wanted.push((name.into(), eval::binary(f, x, y)));
+            }
+            wanted.push(("less".into(), f64::from(u8::from(x < y))));
+            wanted.push(("ratio".into(), x / y));
+            let row = rows.next().unwrap_or_default();
+            assert_eq!(row.len(), wanted.len(), "{form}");
+            for ((name, wanted), found) in wanted.iter().zip(row) {
+                let zero = found == 0.0 && found.is_sign_negative() != wanted.is_sign_negative();
+                let close = (found - wanted).abs() <= 4e-16 * wanted.abs() && !zero;
+                let same = close || found.to_bits() == wanted.to_bits() || (found.is_nan() && wanted.is_nan());
+                // Of what is infinite below, `bond` has no broken power, and libm an infinite one.
+                let apart = name == "pow" && x == f64::NEG_INFINITY;
+                assert!(same || apart, "{form}: {name} of {x:?}, {y:?} is {found:?}, and not {wanted:?}");
+            }
+        }
+    }
+}

@@ -269,10 +269,9 @@ impl<'a> Elaborator<'a> {
         if let Some((name, from, to)) = self.instances[at].unmade.iter().find(|u| u.0 == segment.name.text) {
             let message =
                 format!("there is no `{key}` here: the `for` from {from} to {to} that declares `{name}` has no round");
-            let help = match from - to {
-                1 => "let it end no earlier than it starts, or name this only where it does".to_string(),
-                _ => format!("a `for` counts upwards: `for i in {to}..{from}`"),
-            };
+            let help = format!(
+                "a `for` counts upwards, as `for i in {to}..{from}` does; where it is to have no round, do not name this"
+            );
             return Diagnostic::error("elaborate::unknown", span, message).help(help);
         }
         let mut known: Vec<&str> = self.instances[at].names.keys().map(String::as_str).collect();

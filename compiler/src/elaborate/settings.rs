@@ -113,7 +113,15 @@ impl<'a> Elaborator<'a> {
                 let kind = match expect {
                     ast::Expect::Passive => ExpectationKind::Passive,
                     ast::Expect::At { value, time, target, tolerance: within } => {
-                        let value_ = self.probe_or(value, scope)?;
+                        let (value_, extremes) = self.expected(value, scope)?;
+                        if !extremes.is_empty() {
+                            self.wrong::<()>(
+                                "elaborate::expect",
+                                value.span,
+                                "an extreme is one of the whole run, and of no instant".to_string(),
+                                "leave `at` out, and compare it: `expect max(abs(x)) < 0.2 m`",
+                            )?;
+                        }
                         let time = self.constant(time, scope, Dimension::SECOND, "the instant")?;
                         if time < 0.0 || !time.is_finite() {
                             self.errors.push(
@@ -155,10 +163,6 @@ impl<'a> Elaborator<'a> {
                 Some(Expectation { text, kind, span })
             })
             .collect()
-    }
-
-    fn probe_or(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<super::Typed> {
-        self.expected(e, scope).map(|t| t.0)
     }
 
     /// The least inertia that the outside shows at an open port.
