@@ -11,12 +11,12 @@ use bond_compiler::discretise::{Accuracy, Method};
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
 
-/// Build a model into what runs without `bond`: one executable file, C source, an object file, a unit for co-simulation, or a WebAssembly module
+/// Build a model into what runs without `bond`: an executable file, C source, an object file, an FMU or a WebAssembly module
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
                   wall.k=2e3\n  ./wall serve --udp 127.0.0.1:7000 --duration 60s\n  ./wall --help\n  bond build device.bond --emit c -o wall.c\n  bond build device.bond --emit object \
-                  --prefix wall -o wall_object.o\n  bond build device.bond --emit fmu -o wall.fmu\n\nAn executable is this very program with the compiled \
+                  --prefix wall -o wall_object.o\n  bond build device.bond --emit fmu -o wall.fmu\n  bond build device.bond --emit wasm -o wall.wasm\n\nAn executable is this very program with the compiled \
                   scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built. C and objects come with a header that says how they are used; they,\nunits (FMI 2.0) and modules take fixed steps."
 )]
 pub struct Args {

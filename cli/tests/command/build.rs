@@ -42,6 +42,11 @@ fn what_is_built_runs_as_the_model_does() {
     assert_eq!(here.read("wanted.csv"), here.read("found.csv"));
     let found =
         environment(&here, "a", &["run", "--stop", "0.1", "--at", "0.05", "-o", "-"]).is(0, &["t,x,v\n0.05,"], &[]);
+    environment(&here, "a", &["run", "--tolerance", "1e-9"]).is(
+        0,
+        &[],
+        &["steppers were chosen when this file was built"],
+    );
     assert_eq!(found.out.lines().count(), 2);
     // Nothing is left beside it.
     let suffix = std::env::consts::EXE_SUFFIX;

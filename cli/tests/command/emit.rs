@@ -132,6 +132,14 @@ fn what_has_no_compiled_form_is_told() {
     here.bond(&["build", "a.bond", "--emit", "c"]).is(1, &[], &["takes fixed steps: give one with --step"]);
     assert_eq!(here.list(), ["a.bond"]);
     here.bond(&["build", "a.bond", "--emit", "c", "--step", "0"]).is(2, &[], &["longer than 0 s"]);
+    // Periods with a common measure, and a source that switches, have one; `exact` has none then.
+    let file = |name: &str| model(name).to_str().unwrap().to_string();
+    let told = ["built r.c and r.h: intervals of 0.002 s"];
+    here.bond(&["build", &file("examples/two_rates.bond"), "--emit", "c", "-o", "r.c"]).is(0, &[], &told);
+    let car = file("examples/quarter_car.bond");
+    here.bond(&["build", &car, "--emit", "c", "-o", "q.c"]).is(0, &[], &["built q.c"]);
+    let exact = ["build", &car, "--emit", "c", "-o", "e.c", "--method", "exact"];
+    here.bond(&exact).is(1, &[], &["switches inside exact steps"]);
     let rates = model("hard/irrational_rates.bond");
     here.bond(&["build", rates.to_str().unwrap(), "--emit", "c"]).is(1, &[], &["have no common measure"]);
 }

@@ -3,7 +3,7 @@
 use super::{BOOKED, Causality, Fmu, Variable};
 use crate::backend::unit::Unit;
 use crate::units::Dimension;
-use bond_runtime::scene::{Open, Scene};
+use bond_runtime::scene::Scene;
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, BytesEnd, BytesStart, Event};
 use std::collections::BTreeMap;
@@ -24,24 +24,20 @@ pub(super) fn variables(scene: &Scene, unit: &Unit) -> Vec<Variable> {
     };
     add("time", Causality::Independent, Some("s"), "time".into(), None);
     let end = |takes_flow| if takes_flow { ("f", "flow") } else { ("e", "effort") };
-    let way = |o: &Open| match scene.clusters.get(o.port.0).and_then(|c| c.period) {
-        Some(_) => "their product is the power that the outside puts in",
-        None => "along the half arrow",
-    };
-    for o in &scene.open {
+    let way = |held| if held { "their product is the power that the outside puts in" } else { "along the half arrow" };
+    for (o, p) in scene.open.iter().zip(&unit.open) {
         let (letter, what) = end(o.takes_flow);
         let rate = o.moved.as_deref().and_then(Dimension::read).map(|d| d.div(Dimension::SECOND).to_string());
-        let about = format!("{what} that the outside gives at the port; {}", way(o));
+        let about = format!("{what} that the outside gives at the port; {}", way(p.held));
         add(&format!("{}.{letter}", o.name), Causality::Input, rate.as_deref(), about, Some(0.0));
     }
     for i in &scene.inputs {
         add(&i.name, Causality::Input, i.unit.as_deref(), "signal given from outside".into(), Some(i.value));
     }
-    for o in &scene.open {
+    for (o, p) in scene.open.iter().zip(&unit.open) {
         let (letter, what) = end(!o.takes_flow);
-        let kind =
-            if way(o).starts_with("along") { "mean over the last interval, " } else { "held over the interval; " };
-        let about = format!("{what} that the scene gives at the port, {kind}{}", way(o));
+        let kind = if p.held { "held over the interval; " } else { "mean over the last interval, " };
+        let about = format!("{what} that the scene gives at the port, {kind}{}", way(p.held));
         add(&format!("{}.{letter}", o.name), Causality::Output, o.unit.as_deref(), about, None);
     }
     for (name, unit) in scene.probes.names.iter().zip(&scene.probes.units) {

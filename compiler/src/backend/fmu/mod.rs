@@ -53,22 +53,13 @@ pub struct Fmu<'a> {
     /// When a simulation would end, s.
     stop: Option<f64>,
     variables: Vec<Variable>,
-    /// By open port, whether a sampled region holds it.
-    held: Vec<bool>,
 }
 
 impl<'a> Fmu<'a> {
     /// Of a scene and its unit. `name` gives the identifier that files of machine code have; `stop`, s, is when a
     /// simulation ends that says nothing else.
     pub fn new(scene: &Scene, unit: &'a Unit, name: &str, stop: Option<f64>) -> Self {
-        let held = |o: &bond_runtime::scene::Open| scene.clusters.get(o.port.0).is_some_and(|c| c.period.is_some());
-        Self {
-            unit,
-            identifier: identifier(name),
-            stop,
-            variables: description::variables(scene, unit),
-            held: scene.open.iter().map(held).collect(),
-        }
+        Self { unit, identifier: identifier(name), stop, variables: description::variables(scene, unit) }
     }
 
     /// The name of its files of machine code.
@@ -85,8 +76,9 @@ impl<'a> Fmu<'a> {
     pub fn source(&self, guid: &str, header: &str) -> String {
         let mut out = format!("/* A bond scene as a functional mock-up unit. */\n#include \"{header}\"\n\n");
         let _ = writeln!(out, "#define FMU_GUID \"{guid}\"\n#define FMU_RUN {}", u8::from(self.unit.run.is_some()));
-        let held = self.held.iter().map(|h| u8::from(*h).to_string());
-        let held: Vec<String> = held.chain(self.held.is_empty().then(|| "0".into())).collect();
+        let open = &self.unit.open;
+        let held = open.iter().map(|o| u8::from(o.held).to_string());
+        let held: Vec<String> = held.chain(open.is_empty().then(|| "0".into())).collect();
         let _ = writeln!(out, "/* Whether a sampled region holds a port; what inputs are until they are set. */");
         let _ = writeln!(out, "static const unsigned char is_held[] = {{ {} }};", held.join(", "));
         let start = self.variables.iter().filter_map(|v| v.start).map(|x| format!("{x:?}"));

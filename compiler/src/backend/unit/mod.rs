@@ -81,6 +81,8 @@ pub struct Unit {
 pub struct Open {
     /// Its name.
     pub name: String,
+    /// Whether a sampled region holds it.
+    pub held: bool,
     /// Where what is held is, or, of a continuous region, the mean of what it gave out over the last interval.
     pub at: usize,
     /// What is given out is this times the number there.
@@ -539,7 +541,7 @@ impl Writing<'_> {
             Some(k) => (self.clusters[cluster].held[k].v, open.sign()),
             None => (self.means + o, open.answers),
         };
-        Open { name: open.name.clone(), at, sign }
+        Open { name: open.name.clone(), held: held.is_some(), at, sign }
     }
 
     fn regions(&self) -> Vec<Region> {

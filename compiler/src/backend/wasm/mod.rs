@@ -9,7 +9,7 @@ use super::code::{Memory, Reason, Routine};
 use super::unit::{NAMES, Unit};
 use bond_runtime::scene::Scene;
 use rustc_hash::FxHashMap;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use std::borrow::Cow;
 use wasm_encoder::{
     BlockType, CodeSection, ConstExpr, CustomSection, DataSection, EntityType, ExportKind, ExportSection, Function,
@@ -184,24 +184,21 @@ pub fn module(scene: &Scene, unit: &Unit) -> Result<Vec<u8>, String> {
 
 /// What is in the module, for programs that use it: the section `bond`.
 fn about(scene: &Scene, unit: &Unit) -> Value {
-    let list = |names: Vec<Value>| Value::Array(names);
-    let ports = scene.open.iter().map(|o| {
+    let ports = scene.open.iter().zip(&unit.open).map(|(o, p)| {
         let (gives, takes) = if o.takes_flow { ("e", "f") } else { ("f", "e") };
-        let held = scene.clusters.get(o.port.0).is_some_and(|c| c.period.is_some());
-        json!({ "name": o.name, "gives": gives, "unit": o.unit, "takes": takes, "moved": o.moved, "held": held })
+        json!({ "name": o.name, "gives": gives, "unit": o.unit, "takes": takes, "moved": o.moved, "held": p.held })
     });
     let inputs = scene.inputs.iter().map(|i| json!({ "name": i.name, "unit": i.unit, "start": i.value }));
     let probes = scene.probes.names.iter().zip(&scene.probes.units).map(|(n, u)| json!({ "name": n, "unit": u }));
-    let regions = unit.regions.iter().map(|r| json!(r.name));
-    let mut map = Map::new();
-    map.insert("name".into(), json!(unit.name));
-    map.insert("interval".into(), json!(unit.interval));
-    map.insert("ports".into(), list(ports.collect()));
-    map.insert("inputs".into(), list(inputs.collect()));
-    map.insert("probes".into(), list(probes.collect()));
-    map.insert("regions".into(), list(regions.collect()));
-    map.insert("ledger".into(), json!(NAMES));
-    Value::Object(map)
+    json!({
+        "name": unit.name,
+        "interval": unit.interval,
+        "ports": ports.collect::<Value>(),
+        "inputs": inputs.collect::<Value>(),
+        "probes": probes.collect::<Value>(),
+        "regions": unit.regions.iter().map(|r| json!(r.name)).collect::<Value>(),
+        "ledger": NAMES,
+    })
 }
 
 /// A module's functions on their way.
