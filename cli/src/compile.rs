@@ -231,9 +231,9 @@ pub struct Compiled {
 }
 
 impl Compiled {
-    /// All stages of it.
-    pub fn stages(&self) -> &bond_compiler::Compiled {
-        &self.inner
+    /// The stages of what runs, up to its step programs.
+    pub fn stages(&self) -> &bond_compiler::Stages {
+        &self.inner.stages
     }
 
     /// The texts that it was made from.
@@ -256,7 +256,7 @@ impl Compiled {
         &self.inner.scene.probes.names
     }
 
-    /// A part of it as text: `all`, `graph`, `causality`, `phs`, `regions`, `program`. For another word, the text says
+    /// A part of it as text, with what is left out of what runs: `all`, `graph`, `causality`, `phs`, `regions`, `program`. For another word, the text says
     /// so.
     pub fn show(&self, what: &str) -> String {
         let Some(what) = What::ALL.into_iter().find(|w| w.name() == what) else {
@@ -271,13 +271,15 @@ impl Compiled {
     /// # Errors
     /// A combination that makes no sense, or a picture that would be too large, in words.
     pub fn show_as(&self, what: What, format: As) -> Result<String, String> {
-        let mut model = self.inner.model.clone();
+        let stages = self.inner.whole.as_ref().map_or(&self.inner.stages, |w| &w.stages);
+        let mut model = stages.model.clone();
         let programs = programs(&self.inner.scene);
         let shown = Shown {
             model: &mut model,
-            graph: &self.inner.graph,
-            causality: &self.inner.causality,
-            form: &self.inner.form,
+            graph: &stages.graph,
+            causality: &stages.causality,
+            form: &stages.form,
+            unneeded: self.inner.whole.as_ref().map(|w| &w.unneeded),
             programs: &programs,
         };
         bond_compiler::show::show(shown, what, format)
@@ -292,7 +294,7 @@ impl Compiled {
         time: f64,
         states: &dyn Fn(&str) -> Option<f64>,
     ) -> Result<bond_compiler::linearize::Linearized, String> {
-        bond_compiler::linearize::linearize(&mut self.inner.clone(), time, states)
+        bond_compiler::linearize::linearize(&mut self.inner.stages.clone(), time, states)
     }
 
     /// How fast each state changes, in SI units a second, at a time and at values of the states by name; a state that
@@ -301,7 +303,7 @@ impl Compiled {
     /// # Errors
     /// In words, where loops of resistors cannot be solved at that state.
     pub fn rates(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Vec<(String, f64)>, String> {
-        bond_compiler::rates::rates(&mut self.inner.clone(), time, states)
+        bond_compiler::rates::rates(&mut self.inner.stages.clone(), time, states)
     }
 
     /// The energy of each continuous region, J, at a time and at values of the states by name.
@@ -309,7 +311,7 @@ impl Compiled {
     /// # Errors
     /// In words, where loops of resistors cannot be solved at that state.
     pub fn energies(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Vec<(String, f64)>, String> {
-        bond_compiler::rates::energies(&mut self.inner.clone(), time, states)
+        bond_compiler::rates::energies(&mut self.inner.stages.clone(), time, states)
     }
 
     /// Puts it at its start. The model's own `simulate` settings hold where `steps` says nothing.
@@ -348,7 +350,7 @@ impl Compiled {
         steps: Steps,
         inputs: impl IntoIterator<Item = (String, Course)>,
     ) -> Result<Simulation<'_>, RunError> {
-        let settings = &self.inner.model.settings;
+        let settings = &self.inner.stages.model.settings;
         let stop = settings.stop.unwrap_or(1.0);
         Simulation::with(&self.inner.scene, &steps.resolve(settings, stop, settings.every)?, inputs)
     }

@@ -4,7 +4,7 @@ use crate::bench::Setting;
 use crate::choose::Chosen;
 use crate::stop::Stop;
 use bond::{RegionSummary, RunError, Summary};
-use bond_runtime::scene::Scene;
+use bond_runtime::scene::{LeftOut, Scene};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt::Write;
 
@@ -114,6 +114,9 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         }
     }
     writeln!(out, "{:11} worst step {}, total {} (relative)", "balance", short(s.worst_step), short(s.total))?;
+    if let Some(left) = left_out(&o.scene.left_out) {
+        writeln!(out, "{:11} {left}", "left out")?;
+    }
     for r in &s.regions {
         region(out, r)?;
     }
@@ -135,6 +138,20 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         }
     }
     Ok(())
+}
+
+/// What of a model does not run, and why; nothing where all does.
+pub fn left_out(left: &LeftOut) -> Option<String> {
+    const MANY: usize = 8;
+    let regions = left.regions.iter().map(|r| format!("the region `{r}`"));
+    let mut names: Vec<String> = regions.chain(left.states.iter().map(|z| format!("the state `{z}`"))).collect();
+    let it = if names.len() == 1 { "it" } else { "them" };
+    if let Some(more) = names.len().checked_sub(MANY).filter(|more| *more > 1) {
+        names.truncate(MANY);
+        names.push(format!("{more} more"));
+    }
+    let why = format!("no probe, open port or expectation depends on {it}");
+    (!names.is_empty()).then(|| format!("{}: {why}", names.join(", ")))
 }
 
 fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
@@ -255,6 +272,8 @@ impl Serialize for Json<'_> {
         map.serialize_entry("passive", &s.passive)?;
         map.serialize_entry("reasons", &s.reasons)?;
         map.serialize_entry("balance", &serde_json::json!({"worst_step": s.worst_step, "total": s.total}))?;
+        let left = &o.scene.left_out;
+        map.serialize_entry("left_out", &serde_json::json!({"regions": left.regions, "states": left.states}))?;
         map.serialize_entry("regions", &s.regions.iter().map(Region).collect::<Vec<_>>())?;
         let bars: Vec<_> = s
             .bars

@@ -14,6 +14,7 @@ pub mod expression;
 pub mod graph;
 pub mod linearize;
 pub mod model;
+pub mod need;
 pub mod omit;
 pub mod rates;
 pub mod show;
@@ -23,11 +24,12 @@ pub mod units;
 use bond_grammar::ast::Item;
 use bond_grammar::diagnostic::{Diagnostic, once};
 use bond_grammar::source::{SourceId, Sources};
-use bond_runtime::scene::Scene;
+use bond_runtime::scene::{LeftOut, Scene};
 use causality::Causality;
 use elaborate::{Broken, Loader};
 use graph::BondGraph;
 use model::Model;
+use need::Unneeded;
 use structure::Form;
 use units::Dimension;
 
@@ -65,6 +67,17 @@ impl Options {
 /// A compiled model, with all that was made on the way.
 #[derive(Clone, Debug)]
 pub struct Compiled {
+    /// What runs: all that the scene needs.
+    pub stages: Stages,
+    /// All of the model, where there is more.
+    pub whole: Option<Box<Whole>>,
+    /// The step programs.
+    pub scene: Scene,
+}
+
+/// A model and what is made of it before its step programs.
+#[derive(Clone, Debug)]
+pub struct Stages {
     /// The flat model, which holds the expressions of everything below.
     pub model: Model,
     /// The bond graph.
@@ -73,8 +86,15 @@ pub struct Compiled {
     pub causality: Causality,
     /// Its port-Hamiltonian form.
     pub form: Form,
-    /// Its step programs.
-    pub scene: Scene,
+}
+
+/// A model of which a part is left out, as it is written.
+#[derive(Clone, Debug)]
+pub struct Whole {
+    /// All of it.
+    pub stages: Stages,
+    /// What is left out.
+    pub unneeded: Unneeded,
 }
 
 /// Compiles a source: text to step programs.
@@ -126,34 +146,38 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
     let elaborated = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone());
     let mut model = elaborated.map_err(|broken| all_errors(broken, options))?;
     omit::leave_out(&mut model, &options.without)?;
-    if options.powers {
-        omit::watch(&mut model);
-    }
     model.settings.pace = options.pace(&model.settings);
     model.settings.end = options.stop.or(model.settings.stop).unwrap_or(1.0);
     if options.method.is_some() {
         model.settings.method = None; // it does not count
     }
     let method = discretise::method(&model, options);
-    let (made, method) = match (structured(model), method) {
-        (Ok(made), Ok(method)) => (made, method),
-        (made, method) => return Err([made.err(), method.err()].into_iter().flatten().flatten().collect()),
-    };
-    let (mut model, graph, causality, form) = made;
-    let scene = discretise::discretise(&mut model, &form, method, (options.accuracy, options.step))?;
-    Ok(Compiled { model, graph, causality, form, scene })
-}
-
-/// What is made of a model before its step programs.
-type Structured = (Model, BondGraph, Causality, Form);
-
-/// The graph, the strokes and the form. What is wrong in every round of a loop is said once.
-fn structured(model: Model) -> Result<Structured, Vec<Diagnostic>> {
-    to_form(model).map_err(once)
-}
-
-fn to_form(mut model: Model) -> Result<Structured, Vec<Diagnostic>> {
     let graph = graph::build(&model);
+    let unneeded = Unneeded::of(&model, &graph);
+    let mut needed = unneeded.map(|u| (u.names(&model, &graph), u.without(model.clone(), &graph), u));
+    if options.powers {
+        omit::watch(needed.as_mut().map_or(&mut model, |n| &mut n.1));
+    }
+    let (mut stages, method) = match (structured(model, graph), method) {
+        (Ok(stages), Ok(method)) => (stages, method),
+        (stages, method) => return Err([stages.err(), method.err()].into_iter().flatten().flatten().collect()),
+    };
+    let (mut left_out, mut whole) = (LeftOut::default(), None);
+    if let Some((names, model, unneeded)) = needed {
+        let graph = graph::build(&model);
+        let all = std::mem::replace(&mut stages, structured(model, graph)?);
+        (left_out, whole) = (names, Some(Box::new(Whole { stages: all, unneeded })));
+    }
+    let scene = discretise::discretise(&mut stages.model, &stages.form, method, (options.accuracy, options.step))?;
+    Ok(Compiled { stages, whole, scene: Scene { left_out, ..scene } })
+}
+
+/// The strokes and the form. What is wrong in every round of a loop is said once.
+fn structured(model: Model, graph: BondGraph) -> Result<Stages, Vec<Diagnostic>> {
+    to_form(model, graph).map_err(once)
+}
+
+fn to_form(mut model: Model, graph: BondGraph) -> Result<Stages, Vec<Diagnostic>> {
     let within = graph.bars_within(&model);
     if !within.is_empty() {
         return Err(within);
@@ -188,7 +212,8 @@ fn all_errors(Broken { mut errors, model }: Broken, options: &Options) -> Vec<Di
         let graph = graph::build(&model);
         causality::assign(&mut model, &graph, &[]).err().map(once)
     } else {
-        structured(*model).err()
+        let graph = graph::build(&model);
+        structured(*model, graph).err()
     };
     errors.extend(later.unwrap_or_default());
     errors
@@ -196,7 +221,7 @@ fn all_errors(Broken { mut errors, model }: Broken, options: &Options) -> Vec<Di
 
 /// The form. Where several storages are tied together by ratios that are divided by, and may pass 0, the junctions that
 /// drive them get speeds of their own first.
-fn form(mut model: Model, graph: BondGraph, causality: Causality) -> Result<Structured, Vec<Diagnostic>> {
+fn form(mut model: Model, graph: BondGraph, causality: Causality) -> Result<Stages, Vec<Diagnostic>> {
     let speeds = causality::speeds(&model, &graph, &causality);
     let with = (!speeds.is_empty()).then(|| model.clone());
     let plain = structure::build(&mut model, &graph, &causality);
@@ -209,8 +234,8 @@ fn form(mut model: Model, graph: BondGraph, causality: Causality) -> Result<Stru
             && causality.dependent.iter().all(|d| !with.element(*d).is_massless())
             && let Ok(form) = structure::build(&mut with, &graph, &causality)
         {
-            return Ok((with, graph, causality, form));
+            return Ok(Stages { model: with, graph, causality, form });
         }
     }
-    Ok((model, graph, causality, plain?))
+    Ok(Stages { model, graph, causality, form: plain? })
 }

@@ -1,6 +1,6 @@
 //! The linear model of a scene around a state: dx/dt = A x + B u, y = C x + D u.
 
-use crate::Compiled;
+use crate::Stages;
 use crate::expression::{Expr, Symbol};
 use crate::rates::{Point, SINGULAR};
 use nalgebra::DMatrix;
@@ -45,13 +45,9 @@ type Row = std::collections::BTreeMap<usize, f64>;
 ///
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.
-pub fn linearize(
-    compiled: &mut Compiled,
-    time: f64,
-    states: &dyn Fn(&str) -> Option<f64>,
-) -> Result<Linearized, String> {
-    let point = Point::new(compiled, time, states)?;
-    let (model, form) = (&mut compiled.model, &compiled.form);
+pub fn linearize(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Linearized, String> {
+    let point = Point::new(stages, time, states)?;
+    let (model, form) = (&mut stages.model, &stages.form);
     let (columns, looped) = (&point.columns, &point.looped);
     let place: FxHashMap<Symbol, usize> = columns.iter().enumerate().map(|(i, c)| (c.0, i)).collect();
     let row: FxHashMap<usize, usize> = looped.iter().enumerate().map(|(k, i)| (*i, k)).collect();

@@ -7,7 +7,9 @@
 
 use crate::elaborate::nearest;
 use crate::expression::{Expr, Symbol};
-use crate::model::{BondId, ElementId, ExpectationKind, Kind, Law, Model, Probe, Resistor, Signal, Variable};
+use crate::model::{
+    BondId, ElementId, Expectation, ExpectationKind, Kind, Law, Model, Probe, Resistor, Signal, Variable,
+};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -92,7 +94,12 @@ pub(crate) fn leave_out(model: &mut Model, names: &[String]) -> Result<(), Vec<D
     let parts = parts(model);
     let by_name: FxHashMap<&str, &Part> = parts.iter().map(|p| (p.name.as_str(), p)).collect();
     let mut errors = Vec::new();
-    let mut out = Out { elements: vec![false; model.elements.len()], bonds: vec![false; model.bonds.len()] };
+    let mut out = Out {
+        elements: vec![false; model.elements.len()],
+        bonds: vec![false; model.bonds.len()],
+        memories: vec![false; model.memories.len()],
+        integrals: vec![false; model.integrals.len()],
+    };
     let bonds = model.bonds_of();
     for name in names {
         let Some(part) = by_name.get(name.as_str()) else {
@@ -148,10 +155,12 @@ fn unknown(model: &Model, name: &str, parts: &[Part]) -> Diagnostic {
     }
 }
 
-/// What is out.
-struct Out {
-    elements: Vec<bool>,
-    bonds: Vec<bool>,
+/// What is out; of a bond that stays, both ends do.
+pub(crate) struct Out {
+    pub(crate) elements: Vec<bool>,
+    pub(crate) bonds: Vec<bool>,
+    pub(crate) memories: Vec<bool>,
+    pub(crate) integrals: Vec<bool>,
 }
 
 impl Out {
@@ -197,21 +206,14 @@ impl Out {
         list.extend(model.memories.iter().map(|m| (format!("the state `{}`", m.name), m.span, vec![m.law])));
         list.extend(model.integrals.iter().map(|i| ("an `integral`".into(), i.span, vec![i.rate])));
         list.extend(model.probes.iter().map(|p| (format!("the probe `{}`", p.name), p.span, vec![p.value])));
-        list.extend(model.expectations.iter().map(|e| {
-            let expressions = match &e.kind {
-                ExpectationKind::Passive => Vec::new(),
-                ExpectationKind::At { value, .. } => vec![*value],
-                ExpectationKind::Holds { condition, extremes } => {
-                    std::iter::once(*condition).chain(extremes.iter().map(|x| x.1)).collect()
-                }
-            };
-            ("an `expect`".into(), e.span, expressions)
-        }));
+        list.extend(model.expectations.iter().map(|e| ("an `expect`".into(), e.span, of_expectation(e))));
         list
     }
 
-    fn apply(&self, model: &mut Model) {
+    /// Takes it out of a model in which nothing that stays reads it.
+    pub(crate) fn apply(&self, model: &mut Model) {
         let (elements, bonds) = (numbers(&self.elements), numbers(&self.bonds));
+        let (memories, integrals) = (numbers(&self.memories), numbers(&self.integrals));
         let element = |id: ElementId| elements[id.at()].map(ElementId);
         let bond = |id: BondId| bonds[id.at()].map(BondId);
         // A field goes as a whole.
@@ -228,12 +230,13 @@ impl Out {
         });
         retain(&mut model.bonds, &self.bonds);
         for b in &mut model.bonds {
-            // Both ends stay where the bond does.
             b.tail = element(b.tail).unwrap_or(b.tail);
             b.head = element(b.head).unwrap_or(b.head);
         }
         retain(&mut model.units, &self.bonds);
         retain(&mut model.pseudo, &self.bonds);
+        retain(&mut model.memories, &self.memories);
+        retain(&mut model.integrals, &self.integrals);
         model.signals = std::mem::take(&mut model.signals)
             .into_iter()
             .filter_map(|(symbol, signal)| {
@@ -243,9 +246,9 @@ impl Out {
                     Signal::State(id) => Signal::State(element(id)?),
                     Signal::Argument(id) => Signal::Argument(element(id)?),
                     Signal::Parameter(id) => Signal::Parameter(element(id)?),
-                    Signal::Time | Signal::Integral(_) | Signal::Input(_) | Signal::Slope(_) | Signal::Memory(_) => {
-                        signal
-                    }
+                    Signal::Integral(i) => Signal::Integral(integrals[i]? as usize),
+                    Signal::Memory(i) => Signal::Memory(memories[i]? as usize),
+                    Signal::Time | Signal::Input(_) | Signal::Slope(_) => signal,
                 };
                 Some((symbol, signal))
             })
@@ -253,8 +256,19 @@ impl Out {
     }
 }
 
+/// The expressions of an expectation.
+pub(crate) fn of_expectation(e: &Expectation) -> Vec<Expr> {
+    match &e.kind {
+        ExpectationKind::Passive => Vec::new(),
+        ExpectationKind::At { value, .. } => vec![*value],
+        ExpectationKind::Holds { condition, extremes } => {
+            std::iter::once(*condition).chain(extremes.iter().map(|x| x.1)).collect()
+        }
+    }
+}
+
 /// The expressions of a law.
-fn of_law(law: &Law) -> Vec<Expr> {
+pub(crate) fn of_law(law: &Law) -> Vec<Expr> {
     match law {
         Law::Source(e) | Law::Ratio(e) => vec![*e],
         Law::Storage(s) => [Some(s.energy), Some(s.coenergy), s.linear].into_iter().flatten().collect(),

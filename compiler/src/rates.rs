@@ -1,7 +1,7 @@
 //! The continuous regions at a state, by value: what storages, sources and resistors give there, and how fast the
 //! states change.
 
-use crate::Compiled;
+use crate::Stages;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Signal;
 use crate::structure::{Group, Output, Role};
@@ -40,11 +40,7 @@ pub(crate) struct Point {
 impl Point {
     /// The scene at a time and at values of its states (energy and signal states by name, then `integral[0]` and so
     /// on); a state that is not given is at its start.
-    pub(crate) fn new(
-        compiled: &mut Compiled,
-        time: f64,
-        states: &dyn Fn(&str) -> Option<f64>,
-    ) -> Result<Point, String> {
+    pub(crate) fn new(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Point, String> {
         let mut point = Point {
             states: vec![],
             inputs: vec![],
@@ -54,9 +50,9 @@ impl Point {
             loops: DMatrix::zeros(0, 0),
             at: FxHashMap::default(),
         };
-        point.define(compiled, time, states);
-        point.settle(&compiled.model.pool);
-        point.solve(&mut compiled.model.pool)?;
+        point.define(stages, time, states);
+        point.settle(&stages.model.pool);
+        point.solve(&mut stages.model.pool)?;
         Ok(point)
     }
 
@@ -66,8 +62,8 @@ impl Point {
     }
 
     /// States get their values, everything else its definition.
-    fn define(&mut self, compiled: &mut Compiled, time: f64, states: &dyn Fn(&str) -> Option<f64>) {
-        let (model, form) = (&mut compiled.model, &compiled.form);
+    fn define(&mut self, stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option<f64>) {
+        let (model, form) = (&mut stages.model, &stages.form);
         self.at.extend(model.signals.iter().filter(|s| *s.1 == Signal::Time).map(|s| (*s.0, time)));
         for i in &model.inputs {
             self.at.insert(i.symbol, i.value);
@@ -272,12 +268,12 @@ fn steps(slopes: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>>
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.
 pub fn rates(
-    compiled: &mut Compiled,
+    stages: &mut Stages,
     time: f64,
     states: &dyn Fn(&str) -> Option<f64>,
 ) -> Result<Vec<(String, f64)>, String> {
-    let point = Point::new(compiled, time, states)?;
-    let pool = &compiled.model.pool;
+    let point = Point::new(stages, time, states)?;
+    let pool = &stages.model.pool;
     Ok(point.states.iter().map(|(name, _, rate)| (name.clone(), point.value(pool, *rate))).collect())
 }
 
@@ -287,12 +283,12 @@ pub fn rates(
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.
 pub fn energies(
-    compiled: &mut Compiled,
+    stages: &mut Stages,
     time: f64,
     states: &dyn Fn(&str) -> Option<f64>,
 ) -> Result<Vec<(String, f64)>, String> {
-    let point = Point::new(compiled, time, states)?;
-    let energy = |g: &Group| point.value(&compiled.model.pool, g.energy);
-    let regions = compiled.form.regions.iter().filter(|r| r.sampling.is_none());
+    let point = Point::new(stages, time, states)?;
+    let energy = |g: &Group| point.value(&stages.model.pool, g.energy);
+    let regions = stages.form.regions.iter().filter(|r| r.sampling.is_none());
     Ok(regions.map(|r| (r.name.clone(), r.groups.iter().map(energy).sum())).collect())
 }

@@ -33,6 +33,8 @@ pub struct Scene {
     /// Names of elements that may give energy, so that no passivity is claimed for them: active resistors, storages
     /// whose energy has no lower bound.
     pub excluded: Vec<String>,
+    /// What of the model is not in it, since no probe, open port or expectation depends on it.
+    pub left_out: LeftOut,
     /// What its programs were made for.
     pub made: Made,
 }
@@ -44,6 +46,15 @@ pub struct Made {
     pub pace: f64,
     /// The error to which they would be fitted, relative; None where they would be of one length.
     pub tolerance: Option<f64>,
+}
+
+/// What of a model does not run, by name.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// Regions.
+    pub regions: Vec<String>,
+    /// Signal states.
+    pub states: Vec<String>,
 }
 
 /// A signal given from outside.

@@ -28,6 +28,7 @@ mod library;
 mod linearize;
 mod multiports;
 mod mutations;
+mod need;
 mod omit;
 mod orders;
 mod parse;

@@ -7,6 +7,7 @@ use crate::output;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
+use crate::summary::left_out;
 use bond::{Compiled, Steps, Text};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
@@ -75,7 +76,8 @@ fn fine(name: &str, compiled: &Compiled) -> String {
     let scene = compiled.scene();
     let states: usize = scene.regions.iter().map(|r| r.states).sum();
     let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
-    format!("ok: {name} ({}: {}, {})", scene.name, count(scene.regions.len(), "region"), count(states, "state"))
+    let left = left_out(&scene.left_out).map_or_else(String::new, |left| format!("; left out: {left}"));
+    format!("ok: {name} ({}: {}, {}{left})", scene.name, count(scene.regions.len(), "region"), count(states, "state"))
 }
 
 /// Whether it can be run as it says itself.

@@ -43,6 +43,7 @@ pub fn json(r: &Reduction) -> Result<String, Stop> {
         "stop": r.stop,
         "step": step,
         "tolerance": tolerance,
+        "unneeded": {"regions": r.unneeded.regions, "states": r.unneeded.states},
         "parts": parts,
         "whole": size(&r.whole),
         "reduced": size(&r.reduced),

@@ -13,6 +13,7 @@ use crate::stop::Stop;
 use bond::{Compiled, Course, Options, Text};
 use bond_compiler::omit::{self, Part};
 use bond_runtime::kernel::Backend;
+use bond_runtime::scene::LeftOut;
 
 /// Rows at which the power of parts is summed, and runs are compared.
 const ROWS: u32 = 2000;
@@ -51,7 +52,9 @@ pub struct Reduction {
     pub stop: f64,
     /// How it was stepped.
     pub setting: Setting,
-    /// All parts, the least active first.
+    /// What no probe, port or expectation depends on, so that it never runs.
+    pub unneeded: LeftOut,
+    /// All other parts, the least active first.
     pub parts: Vec<Entry>,
     /// The model as it is.
     pub whole: Size,
@@ -209,6 +212,7 @@ pub fn reduce(setup: &Setup, progress: &dyn Fn(f64)) -> Result<Reduction, Stop> 
         error: setup.error,
         stop: setup.stop,
         setting: setup.setting,
+        unneeded: whole.way.scene.left_out.clone(),
         whole: whole.size(setup).map_err(fails)?,
         reduced: best.size(setup).map_err(fails)?,
         parts: entries,

@@ -2,7 +2,7 @@
 
 use super::{Reduction, Size, percent};
 use crate::bench::time;
-use crate::summary::short;
+use crate::summary::{left_out, short};
 use std::fmt::Write;
 
 /// A table of the parts, and both models side by side.
@@ -17,6 +17,9 @@ fn written(out: &mut String, r: &Reduction) -> std::fmt::Result {
     writeln!(out, "scene       {}", r.model)?;
     writeln!(out, "simulated   {} with {}", time(r.stop), r.setting.words())?;
     writeln!(out, "asked       no probe moves by more than {} of its largest value", percent(r.error))?;
+    if let Some(left) = left_out(&r.unneeded) {
+        writeln!(out, "left out    {left}")?;
+    }
     writeln!(out)?;
     let width = r.parts.iter().map(|e| e.part.name.chars().count()).max().unwrap_or(0).max(4);
     writeln!(out, "{:width$}  kind  {:>12}  {:>9}", "part", "activity", "share")?;

@@ -146,6 +146,9 @@ fn head(shown: &Shown<'_>, at: usize) -> Map<String, Value> {
     if let Some(s) = sampling {
         o.insert("period".into(), json!(s.period));
     }
+    if shown.unneeded.is_some_and(|u| u.region(at)) {
+        o.insert("left_out".into(), json!(true));
+    }
     o
 }
 

@@ -30,6 +30,7 @@ mod tests;
 use crate::causality::Causality;
 use crate::graph::BondGraph;
 use crate::model::Model;
+use crate::need::Unneeded;
 use crate::structure::Form;
 use bond_runtime::ir::Program;
 
@@ -108,7 +109,9 @@ pub struct Shown<'a> {
     pub causality: &'a Causality,
     /// Its port-Hamiltonian form.
     pub form: &'a Form,
-    /// Its step programs.
+    /// What of it is left out of what runs.
+    pub unneeded: Option<&'a Unneeded>,
+    /// The step programs.
     pub programs: &'a [Program],
 }
 

@@ -14,6 +14,14 @@ pub(super) fn kind(shown: &Shown<'_>, region: &Region) -> String {
     format!("sampled every {} s, hold {}, budget {budget}{method}", name::number(s.period), s.hold.name())
 }
 
+/// What follows where a region does not run.
+pub(super) fn left_out(shown: &Shown<'_>, at: usize) -> &'static str {
+    if shown.unneeded.is_some_and(|u| u.region(at)) { UNNEEDED } else { "" }
+}
+
+/// Why something does not run.
+pub(super) const UNNEEDED: &str = ", left out of runs: no probe, open port or expectation depends on it";
+
 /// A double bar: who holds what, and who answers.
 pub(super) struct Bar {
     pub(super) bond: BondId,
@@ -59,8 +67,8 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
         bars.len(),
         plural(bars.len())
     );
-    for r in regions {
-        let _ = writeln!(text, "\nregion {}: {}", r.name, kind(shown, r));
+    for (i, r) in regions.iter().enumerate() {
+        let _ = writeln!(text, "\nregion {}: {}{}", r.name, kind(shown, r), left_out(shown, i));
         let elements: Vec<String> = r.elements.iter().map(|e| name::element(model.element(*e))).collect();
         text.push_str(&wrap("  ", &elements.join(", ")));
     }

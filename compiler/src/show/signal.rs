@@ -1,6 +1,7 @@
 //! Signals that no bond carries: what is given from outside, and signal states.
 
 use super::json::object;
+use super::region::UNNEEDED;
 use super::{Shown, name, table};
 use crate::model::Memory;
 use serde_json::{Map, Value, json};
@@ -9,6 +10,10 @@ use serde_json::{Map, Value, json};
 fn left(shown: &Shown<'_>, m: &Memory) -> (String, Option<f64>) {
     let period = m.sampling.and_then(|s| shown.model.samplings.get(s)).map(|s| s.period);
     (if period.is_some() { format!("next {}", m.name) } else { format!("d({})/dt", m.name) }, period)
+}
+
+fn out(shown: &Shown<'_>, memory: usize) -> bool {
+    shown.unneeded.is_some_and(|u| u.memory(memory))
 }
 
 /// Both as lists, nothing where there are none.
@@ -25,10 +30,11 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
         text.push_str(&table::lines(2, &rows));
     }
     let mut rows: Vec<Vec<String>> = Vec::new();
-    for (m, law) in model.memories.iter().zip(&form.memories) {
+    for (i, (m, law)) in model.memories.iter().zip(&form.memories).enumerate() {
         let (left, period) = left(shown, m);
         let clock = period.map_or_else(String::new, |p| format!("every {} s", name::number(p)));
-        let law = format!("{left} = {}", name::expression(&model.pool, *law));
+        let out = if out(shown, i) { UNNEEDED } else { "" };
+        let law = format!("{left} = {}{out}", name::expression(&model.pool, *law));
         rows.push(vec![m.name.clone(), format!("= {} at 0", name::quantity(m.start, m.unit)), law, clock]);
     }
     if !rows.is_empty() {
@@ -52,12 +58,16 @@ pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
     if !model.memories.is_empty() {
         let list = model.memories.iter().zip(&form.memories);
         let list: Vec<Value> = list
-            .map(|(m, law)| {
+            .enumerate()
+            .map(|(i, (m, law))| {
                 let period = left(shown, m).1;
                 let key = if period.is_some() { "next" } else { "rate" };
                 let mut o = object! { "name": m.name, "unit": unit(m.unit), "initial": m.start };
                 o.insert(key.into(), json!(name::expression(&model.pool, *law)));
                 o.insert("period".into(), json!(period));
+                if out(shown, i) {
+                    o.insert("left_out".into(), json!(true));
+                }
                 Value::Object(o)
             })
             .collect();

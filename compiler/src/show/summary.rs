@@ -45,7 +45,7 @@ pub(super) fn text(shown: &mut Shown<'_>) -> String {
     let names = name::columns(shown.model, form);
     for (i, r) in form.regions.iter().enumerate() {
         let kind = shown.graph.regions.get(i).map(|g| region::kind(shown, g)).unwrap_or_default();
-        let _ = writeln!(text, "\nregion {}: {kind}", r.name);
+        let _ = writeln!(text, "\nregion {}: {kind}{}", r.name, region::left_out(shown, i));
         one(shown, i, &names, &mut text);
     }
     outputs(shown, &mut text);

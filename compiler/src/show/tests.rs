@@ -33,7 +33,8 @@ fn shown(text: &str, wanted: &[(What, As)]) -> Vec<Result<String, String>> {
     let (mut model, graph, causality, form) = compiled(text);
     let mut list = Vec::new();
     for (what, format) in wanted {
-        let shown = Shown { model: &mut model, graph: &graph, causality: &causality, form: &form, programs: &[] };
+        let (graph, causality, form) = (&graph, &causality, &form);
+        let shown = Shown { model: &mut model, graph, causality, form, unneeded: None, programs: &[] };
         list.push(show(shown, *what, *format));
     }
     list
