@@ -24,6 +24,7 @@ pub struct Options {
     set: Vec<(String, Result<Quantity, String>)>,
     without: Vec<String>,
     powers: bool,
+    whole: bool,
 }
 
 impl Options {
@@ -89,6 +90,12 @@ impl Options {
         self
     }
 
+    /// Has all of the model run, also what no probe, open port or expectation depends on.
+    pub fn whole(mut self) -> Self {
+        self.whole = true;
+        self
+    }
+
     /// Compiles a file.
     ///
     /// # Errors
@@ -131,6 +138,7 @@ impl Options {
             stop: self.stop,
             without: self.without.clone(),
             powers: self.powers,
+            whole: self.whole,
         };
         let sources = text.sources.clone();
         match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {

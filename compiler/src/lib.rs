@@ -52,6 +52,8 @@ pub struct Options {
     pub without: Vec<String>,
     /// Whether the scene's probes end with the powers of its [`omit::parts`].
     pub powers: bool,
+    /// Whether what the scene does not need runs too.
+    pub whole: bool,
 }
 
 /// The part of a run that a long one of its fitted steps takes.
@@ -153,7 +155,7 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
     }
     let method = discretise::method(&model, options);
     let graph = graph::build(&model);
-    let unneeded = Unneeded::of(&model, &graph);
+    let unneeded = Unneeded::of(&model, &graph).filter(|_| !options.whole);
     let mut needed = unneeded.map(|u| (u.names(&model, &graph), u.without(model.clone(), &graph), u));
     if options.powers {
         omit::watch(needed.as_mut().map_or(&mut model, |n| &mut n.1));

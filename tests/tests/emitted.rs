@@ -729,7 +729,7 @@ fn the_mean_of_an_answer_is_that_over_the_interval() {
         // A sampled region elsewhere makes intervals of 1 ms, and four steps in each.
         let text = format!(
             "model A {{ port p I:mass = 2 kg {chain} sampled at 1 kHz {{ C:s {{ stiffness = 1 N/m; q0 = 1 m }} I:m = 1 kg 1:w -> s, m }} \
-             probe f = mass.f simulate {{ stop = 1 s }} }}"
+             probe f = mass.f expect passive simulate {{ stop = 1 s }} }}"
         );
         let compiled = with(Options::new().model("A"), &text);
         let (u, _) = emit(&compiled, 2.5e-4).unwrap_or_else(|e| panic!("{e}"));

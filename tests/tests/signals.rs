@@ -320,7 +320,8 @@ fn linearize_has_inputs_and_signal_states() {
     let (a, b) = motor();
     assert!((&l.a - a).abs().max() < 1e-12, "{}", l.a);
     assert!((l.b.column(0) - b).abs().max() < 1e-12, "{}", l.b);
-    let compiled = text(
+    let compiled = with(
+        Options::new().whole(),
         "model M { Se:s = w  input u = 3  input w = 1 V  R:r = 2 Ohm  s -> r
           probe y = u*r.f  state z = 2 { dz = u*z/(1 s) }  port p  C:c = 1 F  p -> c }",
     );
@@ -551,7 +552,8 @@ fn a_sampled_source_takes_time_at_the_samples() {
 /// Inputs and states of a part have its path; those of a loop its numbers.
 #[test]
 fn paths_of_inputs_and_states() {
-    let compiled = text(
+    let compiled = with(
+        Options::new().whole(),
         "model Part { input u = 1  port p  Se:s = u*z  p -> 1:j  s -> j  state z = 1 V { dz = -z/(1 s) } }
          model M { Part:left  Part:right  R:a = 1 Ohm  R:b = 1 Ohm  a -> left.p  b -> right.p
            for i in 1..2 { input w = 2  state y = 0 { dy = w/(1 s) }  probe z = y } }",

@@ -341,3 +341,75 @@ fn what_explodes_is_not_its_own_measure() {
         }
     }
 }
+
+/// Laws with kinks and roots, of which one matrix a step tells one side alone: the stages of a step are solved together.
+#[test]
+fn stages_beyond_a_kink() {
+    let boost = "model Boost {
+      Se:s = 12 V
+      I:l = 100 uH
+      C:c = 10 uF
+      R:load = 20 Ohm
+      R:d { f = if e > 0 V then e/(10 mOhm) else e/(1 MOhm) }
+      R:rl = 50 mOhm
+      s -> 1:a -> l, rl, 0:o
+      o -> 1:b -> d, 0:q
+      q -> c, load
+      let on = if sin(2*pi*50 kHz * t) > 0 then 20 S else 1 uS
+      R:switch { f = on*e }
+      o -> switch
+      probe v = c.e
+      probe i = l.f
+      simulate { stop = 0.2 ms }
+    }";
+    let fine = compiled(boost, Some("gonzalez"), Some(1e-10));
+    let (want, _) = at(&fine, Some(1e-10), "v", 2e-4);
+    for (method, tolerance, most) in [("radau", 1e-7, 1000), ("collocation6", 1e-8, 2000), ("collocation8", 1e-9, 2000)]
+    {
+        let (v, steps) = at(&compiled(boost, Some(method), Some(tolerance)), Some(tolerance), "v", 2e-4);
+        assert!((v - want).abs() < 1e-5 * want.abs(), "{method}: {v} where {want} is due");
+        assert!(steps < most, "{method}: {steps} steps");
+    }
+}
+
+/// A tank that runs empty through an orifice, q' = -k sqrt(q/C): sqrt(q) falls by k/(2 sqrt(C)) a second. At tolerances
+/// that ask for order 8 that order is taken, whatever the slope at the end.
+#[test]
+fn orifices_at_order_8() {
+    let text = "model Tank {
+      C:tank { compliance = 1e-8 m^3/Pa; q0 = 4e-4 m^3 }
+      R:hole { f = 1e-6 m^3/(s*Pa^(1/2)) * sign(e)*sqrt(abs(e)) }
+      tank -> hole
+      probe q = tank.q
+      simulate { stop = 6 s }
+    }";
+    let tank = compiled(text, None, Some(1e-9));
+    let start = 4e-4f64.sqrt();
+    let rate = 1e-6 / (2.0 * 1e-8f64.sqrt());
+    for t in [1.0, 3.0, 3.9] {
+        let (q, steps) = at(&tank, Some(1e-9), "q", t);
+        let want = (start - rate * t).powi(2);
+        assert!((q - want).abs() < 1e-9 * 4e-4, "{q} where {want} is due");
+        assert!(steps < 200, "{steps} steps");
+    }
+    let (empty, _) = at(&tank, Some(1e-9), "q", 6.0);
+    assert!(empty.abs() < 1e-8 * 4e-4, "{empty}");
+    // From rest, where the slope has no bound, by what damps what is stiff too.
+    let text = "model Line {
+      Sf:pump = 1e-4 m^3/s
+      C:acc = 1.4e-10 m^3/Pa
+      I:line = 1e7 kg/m^4
+      C:load = 1e-12 m^3/Pa
+      R:hole { f = 5e-8 m^3/(s*Pa^(1/2)) * sqrt(abs(e))*sign(e) }
+      pump -> 0:p -> acc
+      p -> 1:l -> line, 0:o
+      o -> load, hole
+      probe pressure = p.e
+      simulate { stop = 5 s }
+    }";
+    let (want, _) = at(&compiled(text, Some("gonzalez"), Some(1e-9)), Some(1e-9), "pressure", 5.0);
+    for method in [Some("radau"), Some("collocation8"), None] {
+        let (p, steps) = at(&compiled(text, method, Some(1e-8)), Some(1e-8), "pressure", 5.0);
+        assert!((p / want - 1.0).abs() < 1e-7 && steps < 600, "{method:?}: {p} where {want} is due, {steps} steps");
+    }
+}

@@ -44,7 +44,8 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
         output::place(path)?;
         output::not_over(path, &[(&args.file, "the model")])?;
     }
-    let compiled = input::compile(&args.file, &input::options(&args.which, &args.set)?)?;
+    // A model's modes are those of all of it.
+    let compiled = input::compile(&args.file, &input::options(&args.which, &args.set)?.whole())?;
     output::not_over_used(args.output.as_deref(), compiled.used())?;
     let time = args.at.unwrap_or(0.0);
     let mut states: HashMap<String, f64> = HashMap::new();

@@ -14,6 +14,8 @@ const TIGHT: f64 = 1e-5;
 /// One at most this asks for order 8 where a region has kinks, too. Steps to a looser one are so long that they may pass
 /// over what a kink brings, such as the pulse of a diode.
 const KINKS: f64 = 1e-7;
+/// Stages of the method of order 8.
+const ORDER_8: usize = 4;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
 const UNKNOWNS: usize = 16;
@@ -73,7 +75,8 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
     if kinked && tolerance > KINKS {
         return (Method::Gonzalez, "it is not linear, and not smooth");
     }
-    if kinked && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
+    let apart = kinked && !collocation::is_coupled(c, ORDER_8);
+    if apart && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
         return (Method::Gonzalez, "it is not linear, and has kinks and a root");
     }
     if kinked {
@@ -106,7 +109,7 @@ pub(super) fn laws(c: &Cluster) -> Vec<Expr> {
 }
 
 /// Whether something has a kink or a jump.
-fn is_kink(n: &Node) -> bool {
+pub(super) fn is_kink(n: &Node) -> bool {
     match n {
         Node::Select(..) => true,
         Node::Unary(f, _) => matches!(f, Unary::Abs | Unary::Sign | Unary::Not),

@@ -6,7 +6,8 @@
 use super::complex::{Algebra, Cx, Entries, Factors};
 use super::modes::{Mode, Pair, modes};
 use super::tableau::Tableau;
-use super::{BENT, COUPLED, Nodes, is_quadratic};
+use super::{COUPLED, Nodes, is_coupled, is_quadratic};
+use crate::discretise::choice::{is_kink, laws};
 use crate::discretise::cluster::{Cluster, missing};
 use crate::discretise::turn::Turns;
 use crate::discretise::write::{Inputs, System, fixed_parts, opposite, taken};
@@ -53,10 +54,11 @@ impl Apart {
     /// apart they keep the balance of a stiff oscillator a hundred times as well, nothing being eliminated by hand.
     pub(in crate::discretise) fn new(c: &Cluster, model: &mut Model, form: &Form, nodes: Nodes) -> Option<Self> {
         let tableau = nodes.tableau();
+        // What the matrix in the middle tells is not that of a curve's other branches, or of a law beyond its kink.
+        let curve = c.loop_nodes().iter().any(|n| matches!(n.how, Output::Curve { .. }));
+        let bends = curve || laws(c).iter().any(|e| model.pool.any_node(*e, &is_kink));
         let n = c.states.len() + c.loops.len();
-        // What a curve's matrix in the middle tells is not that of its other branches.
-        let bends = c.loop_nodes().iter().any(|n| matches!(n.how, Output::Curve { .. }));
-        let few = n * tableau.stages() <= if bends { BENT } else { COUPLED };
+        let few = if bends { is_coupled(c, tableau.stages()) } else { n * tableau.stages() <= COUPLED };
         if few && !quadratic(c, &mut model.pool) {
             return None;
         }

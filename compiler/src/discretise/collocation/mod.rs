@@ -50,7 +50,7 @@ const NODES: usize = 18;
 /// Up to so many unknowns in all stages equations that are not linear are solved as one, by Newton's method with its
 /// whole matrix.
 const COUPLED: usize = 8;
-/// The same where a resistor is a curve.
+/// The same where a resistor is a curve, or a law has a kink.
 const BENT: usize = 48;
 /// The polynomial of the last step is carried on over so many of its lengths; beyond, its end is.
 const REACH: f64 = 2.5;
@@ -378,6 +378,11 @@ fn gradients(
         list.push(at.collect());
     }
     list
+}
+
+/// Whether the stages of a cluster with kinks are solved together.
+pub(super) fn is_coupled(c: &Cluster, stages: usize) -> bool {
+    (c.states.len() + c.loops.len()) * stages <= BENT
 }
 
 /// The degree of a polynomial in the symbols; `None` where it is not seen to be one.
