@@ -21,11 +21,20 @@ pub struct Set {
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = assignment, allow_hyphen_values = true)]
     pub set: Vec<(String, Quantity)>,
     /// Leave out storages, resistors or fields, such as `wall.damper`: `bond reduce` tells which matter; repeatable
-    #[arg(long, value_name = "PATH,...", value_delimiter = ',', value_parser = path)]
-    pub without: Vec<String>,
+    #[arg(long = "without", value_name = "PATH,...", value_parser = paths)]
+    left_out: Vec<Paths>,
 }
 
+/// Paths with commas between them.
+#[derive(Clone, Debug)]
+struct Paths(Vec<String>);
+
 impl Set {
+    /// The parts that are left out.
+    pub fn without(&self) -> Vec<String> {
+        self.left_out.iter().flat_map(|paths| paths.0.clone()).collect()
+    }
+
     /// The parameters that are set, as path and value with its unit.
     pub fn written(&self) -> impl Iterator<Item = (&str, String)> {
         self.set.iter().map(|(path, (value, unit))| {
@@ -35,22 +44,35 @@ impl Set {
     }
 }
 
-/// The path of an element.
-fn path(text: &str) -> Result<String, String> {
-    match text.trim() {
-        "" => Err("the name of the element is missing".into()),
-        path => Ok(path.into()),
-    }
+/// The paths of elements; a comma within brackets is one between indices.
+fn paths(text: &str) -> Result<Paths, String> {
+    let mut depth = 0;
+    let between = |c: char| {
+        depth += i32::from(c == '[') - i32::from(c == ']');
+        c == ',' && depth == 0
+    };
+    let list: Vec<String> = text.split(between).map(path).collect();
+    if list.iter().any(String::is_empty) { Err("the name of an element is missing".into()) } else { Ok(Paths(list)) }
+}
+
+/// A path as models tell it: `cell[1, 2]` and `cell[1][2]` are `cell[1,2]`.
+fn path(text: &str) -> String {
+    text.split_whitespace().collect::<String>().replace("][", ",")
 }
 
 /// `path=value`.
 fn assignment(text: &str) -> Result<(String, Quantity), String> {
     let (path, value) = text.split_once('=').ok_or("write it as PATH=VALUE, such as m=0.1kg")?;
-    let path = path.trim();
+    let path = self::path(path);
     if path.is_empty() {
         return Err("the name of the parameter is missing".into());
     }
-    Ok((path.to_string(), bond::quantity(value)?))
+    let value = match value.trim() {
+        "true" => (1.0, None),
+        "false" => (0.0, None),
+        value => bond::quantity(value)?,
+    };
+    Ok((path, value))
 }
 
 /// A time.
@@ -124,7 +146,7 @@ pub fn options(which: &Which, set: &Set) -> Result<Options, Stop> {
     for (path, value) in &set.set {
         options = options.set_quantity(path, *value);
     }
-    for path in &set.without {
+    for path in set.without() {
         options = options.without(path);
     }
     Ok(options)

@@ -123,7 +123,7 @@ fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
         version: env!("CARGO_PKG_VERSION").into(),
         method: args.method.clone(),
         set: set.collect(),
-        without: args.set.without.clone(),
+        without: args.set.without(),
         stop: settings.stop,
         step: settings.step,
         tolerance: settings.tolerance,

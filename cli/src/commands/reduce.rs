@@ -126,8 +126,14 @@ fn next(args: &Args, without: &[&str]) -> String {
     let mut words = vec!["bond".to_string(), "run".into(), args.file.display().to_string()];
     words.extend(args.which.model.iter().flat_map(|name| ["--model".to_string(), name.clone()]));
     words.extend(args.set.written().flat_map(|(path, value)| ["--set".to_string(), format!("{path}={value}")]));
-    let all: Vec<&str> = args.set.without.iter().map(String::as_str).chain(without.iter().copied()).collect();
+    let mut all = args.set.without();
+    all.extend(without.iter().map(ToString::to_string));
     words.extend(["--without".to_string(), all.join(",")]);
+    words.extend(args.input.iter().flat_map(|path| ["--input".to_string(), path.display().to_string()]));
+    words.extend(args.input_hold.then(|| "--input-hold".to_string()));
+    for (name, seconds) in [("--stop", args.stop), ("--step", args.step)] {
+        words.extend(seconds.iter().flat_map(|x| [name.to_string(), format!("{x:?}")]));
+    }
     let quoted = |word: &String| {
         let plain = |c: char| c.is_alphanumeric() || "/._-,=+:".contains(c);
         if word.chars().all(plain) { word.clone() } else { format!("\"{word}\"") }

@@ -322,7 +322,7 @@ fn many(args: &Args, options: bond::Options) -> Result<(), Stop> {
         file: &args.file,
         options,
         set: &args.set.set,
-        without: &args.set.without,
+        without: &args.set.without(),
         method: args.method.as_deref(),
         step: how.step,
         tolerance: how.tolerance,

@@ -3,7 +3,7 @@
 use super::infer::{Equation, Inference, System, Unit, Unknown};
 use crate::model::ElementId;
 use crate::units::Dimension;
-use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::diagnostic::{Diagnostic, Label};
 use bond_grammar::source::Span;
 
 /// How elements and functions are called.
@@ -12,17 +12,36 @@ pub struct Names<'n> {
     pub element: &'n dyn Fn(ElementId) -> &'n str,
     /// Of a function.
     pub function: &'n dyn Fn(usize) -> &'n str,
-    /// The parameters that an equation's expression names and whose values were given where its instance is made, with
-    /// the places of these values.
-    pub given: &'n dyn Fn(&Equation) -> Vec<(&'n str, Span)>,
+    /// The parameters that the values in an equation's expression come from, with the places of these values, the
+    /// outermost first; and whether it is but the name of one.
+    pub given: &'n dyn Fn(&Equation) -> (Given, bool),
+}
+
+/// Parameters whose values were given somewhere, and where.
+pub type Given = Vec<(String, Span)>;
+
+/// An error of a value, first where it was given.
+pub(super) fn at_its_origin(mut error: Diagnostic, given: Given) -> Diagnostic {
+    let mut given = given.into_iter();
+    let words = |name: &str| format!("`{name}` is given here");
+    if let Some((name, span)) = given.next() {
+        if let Some(first) = error.labels.first_mut().filter(|l| l.text.is_empty()) {
+            first.text = "is used here".into();
+        }
+        error.labels.insert(0, Label { span, text: words(&name) });
+    }
+    given.fold(error, |error, (name, span)| error.label(span, words(&name)))
 }
 
 impl Names<'_> {
-    /// The error, with the places where the values of what the equation reads were given.
+    /// The error, with the places where the values of what the equation reads were given: that of a value which is but
+    /// a name first.
     pub(super) fn and_given(&self, error: Diagnostic, e: &Equation) -> Diagnostic {
-        (self.given)(e)
-            .into_iter()
-            .fold(error, |error, (name, span)| error.label(span, format!("`{name}` is given here")))
+        let (given, alone) = (self.given)(e);
+        if alone {
+            return at_its_origin(error, given);
+        }
+        given.into_iter().fold(error, |error, (name, span)| error.label(span, format!("`{name}` is given here")))
     }
 }
 

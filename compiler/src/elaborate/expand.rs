@@ -8,7 +8,7 @@ use bond_grammar::ast::{
     Chain, Clock, Element as Decl_, End, Expr, Field, Model as ModelDecl, Name, Sampled, Statement, StatementKind,
 };
 use bond_grammar::diagnostic::Diagnostic;
-use bond_grammar::source::Span;
+use bond_grammar::source::{Sources, Span};
 
 /// No model may have more elements and bonds than this.
 const MOST_ELEMENTS: usize = 2_000_000;
@@ -709,19 +709,31 @@ impl<'a> Elaborator<'a> {
     }
 }
 
-/// The parameters of an element's instance that some text names and that were given a value where the instance is made,
-/// and where.
-pub(super) fn given<'p>(params: &'p [Param<'_>], element: &str, text: &str) -> Vec<(&'p str, Span)> {
-    let Some((instance, _)) = element.rsplit_once('.') else { return Vec::new() };
+/// The instance that something of this path stands in.
+pub(super) fn part(path: &str) -> &str {
+    path.rsplit_once('.').map_or("", |(part, _)| part)
+}
+
+/// Where the values come from that some text in an instance names: the parameters that were given where an instance is
+/// made, the outermost first; of a text that is but a name, its default too.
+pub(super) fn given(params: &[Param<'_>], sources: &Sources, instance: &str, text: &str) -> Vec<(String, Span)> {
     let words: Vec<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
-    let mut found = Vec::new();
-    for p in params.iter().filter(|p| p.given) {
-        let named = p.name.rsplit_once('.').is_some_and(|(at, name)| at == instance && words.contains(&name));
-        if let (true, Some((value, _))) = (named, p.value) {
-            found.push((p.name.as_str(), value.span));
+    let (mut found, mut outside) = (Vec::new(), Vec::new());
+    for p in params {
+        let at = part(&p.name);
+        let name = p.name[at.len()..].trim_start_matches('.');
+        let Some((value, _)) = p.value.filter(|_| at == instance && words.contains(&name)) else { continue };
+        if p.given {
+            outside.push((part(at), value.span));
+        }
+        if p.given || text.trim() == name {
+            found.push((p.name.clone(), value.span));
         }
     }
-    found
+    let mut all: Vec<(String, Span)> =
+        outside.into_iter().flat_map(|(outer, span)| given(params, sources, outer, sources.slice(span))).collect();
+    all.extend(found);
+    all
 }
 
 /// A name that was declared before.

@@ -1,5 +1,6 @@
 //! Second walk: laws, outputs, settings, units.
 
+use super::expand::{given, part};
 use super::{Broken, Elaborator, Entity, Inference, Mode, Typed, Unit};
 use crate::Options;
 use crate::expression::Expr;
@@ -49,11 +50,15 @@ impl<'a> Elaborator<'a> {
                 function: &|f| functions.name(f),
                 given: &|e| {
                     let owner = e.owner.and_then(|id| elements.get(id.at()));
-                    owner.map(|o| super::expand::given(params, &o.name, sources.slice(e.found.1))).unwrap_or_default()
+                    let text = sources.slice(e.found.1);
+                    let given = owner.map(|o| given(params, sources, part(&o.name), text));
+                    let alone = text.trim().chars().all(|c| c.is_alphanumeric() || c == '_');
+                    (given.unwrap_or_default(), alone)
                 },
             },
         );
         self.forget_misread();
+        self.forget_followers();
         if !whole {
             return Err(Broken { errors: self.errors, model: None });
         }
@@ -122,6 +127,16 @@ impl<'a> Elaborator<'a> {
         });
     }
 
+    /// Takes the errors of units out that stand in the bundled library alone, where others are of what was given to it.
+    fn forget_followers(&mut self) {
+        let sources = self.sources;
+        let own = |e: &Diagnostic| e.labels.iter().any(|l| !sources.get(l.span.source).name.starts_with("std/"));
+        let is_unit = |e: &Diagnostic| e.code.starts_with("units::");
+        if self.errors.iter().any(|e| is_unit(e) && own(e)) {
+            self.errors.retain(|e| !is_unit(e) || own(e));
+        }
+    }
+
     /// Bonds that meet at junctions share their units: the domain of each bond.
     fn domains(&self) -> Vec<usize> {
         let mut sets = petgraph::unionfind::UnionFind::<usize>::new(self.bonds.len());
@@ -175,7 +190,7 @@ impl<'a> Elaborator<'a> {
             (Kind::Tf | Kind::Gy, Some(ast)) => {
                 let into = bonds.iter().copied().find(|b| self.bonds[b.at()].head == id)?;
                 let out = bonds.iter().copied().find(|b| self.bonds[b.at()].tail == id)?;
-                Law::Ratio(self.ratio(ast, scope, kind, into, out)?)
+                Law::Ratio(self.ratio(id, (ast, scope), kind, into, out)?)
             }
             (
                 Kind::Zero

@@ -20,6 +20,8 @@ impl Elaborator<'_> {
             let RawEnd::Element(tail) = self.raw_bonds[start].tail else { continue };
             let mut members = vec![start];
             let mut at = start;
+            // How deep a bond stands within instances, and which of them the least.
+            let (mut depth, mut outermost) = (0, (0, start));
             let head = loop {
                 match self.raw_bonds[at].head {
                     RawEnd::Element(id) => break Some(id),
@@ -30,6 +32,8 @@ impl Elaborator<'_> {
                         let next = if inside { self.ports[p].outside[0] } else { self.ports[p].inside[0] };
                         at = next.0;
                         members.push(at);
+                        depth += if inside { -1 } else { 1 };
+                        outermost = outermost.min((depth, at));
                     }
                 }
             };
@@ -54,8 +58,7 @@ impl Elaborator<'_> {
                 None => format!("{} -> {}", self.elements[tail.at()].name, self.elements[head.at()].name),
             };
             // The outermost arrow is the one that a reader of the scene sees.
-            let span = members.iter().map(raw).map(|b| b.span).next_back().unwrap_or(self.raw_bonds[start].span);
-            let span = bars.first().map(|&m| self.raw_bonds[m].span).unwrap_or(span);
+            let span = self.raw_bonds[bars.first().copied().unwrap_or(outermost.1)].span;
             if tail == head {
                 let message = format!("the bond `{name}` joins `{}` with itself", self.elements[tail.at()].name);
                 let error = Diagnostic::error("elaborate::end", span, message);

@@ -392,11 +392,36 @@ impl<'a> Elaborator<'a> {
         self.finish(decl)
     }
 
+    /// Has errors of an element's law stand where the values in it were given, if that is not where its law is.
+    fn blame_what_was_given(&mut self, id: ElementId, before: usize) {
+        for i in before..self.errors.len() {
+            let error = &self.errors[i];
+            let Some(place) = error.labels.first().map(|l| l.span) else { continue };
+            if !matches!(error.code, "elaborate::value" | "elaborate::law" | "elaborate::initial") {
+                continue;
+            }
+            let decl = &self.elements[id.at()];
+            let part = expand::part(&decl.name);
+            let given = expand::given(&self.params, self.sources, part, self.sources.slice(place));
+            if part.is_empty() || given.is_empty() {
+                continue;
+            }
+            let mut error = domain::at_its_origin(error.clone(), given);
+            if error.help.as_ref().is_some_and(|h| h.contains("`active R")) {
+                error = error.help("give another value there: a part's own resistors take power");
+            }
+            self.errors[i] = error;
+        }
+    }
+
     /// All elements that could be made, with their laws.
     fn laws(&mut self) -> Vec<Option<Element>> {
         let all = (0..self.elements.len() as u32).map(|i| {
             self.owner = Some(ElementId(i));
-            self.law(ElementId(i))
+            let before = self.errors.len();
+            let law = self.law(ElementId(i));
+            self.blame_what_was_given(ElementId(i), before);
+            law
         });
         let laws = all.collect();
         self.owner = None;

@@ -3,7 +3,7 @@
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Inference};
 use crate::expression::Expr;
-use crate::model::{BondId, Kind};
+use crate::model::{BondId, ElementId, Kind};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 
@@ -11,12 +11,13 @@ impl<'a> Elaborator<'a> {
     /// The ratio of a transformer or gyrator.
     pub(crate) fn ratio(
         &mut self,
-        ast: &'a ast::Element,
-        scope: usize,
+        id: ElementId,
+        (ast, scope): (&'a ast::Element, usize),
         kind: Kind,
         into: BondId,
         out: BondId,
     ) -> Option<Expr> {
+        let name = self.elements[id.at()].name.clone();
         let fields = Fields::read(self, ast, "ratio", &["ratio"], &[])?;
         let value = fields.get("ratio")?;
         let typed = self.with_signals(value, scope)?;
@@ -25,13 +26,13 @@ impl<'a> Elaborator<'a> {
             Kind::Gy => (Inference::effort(i).div(&Inference::flow(o)), Inference::effort(o).div(&Inference::flow(i))),
             _ => (Inference::effort(i).div(&Inference::effort(o)), Inference::flow(o).div(&Inference::flow(i))),
         };
-        let about = format!("the ratio of `{}`", ast.name.text);
+        let about = format!("the ratio of `{name}`");
         self.require((&typed.unit, value.span), first, None, about.clone(), 2);
         self.require((&typed.unit, value.span), second, None, about, 2);
-        self.finite(typed.expr, value, &ast.name.text)?;
+        self.finite(typed.expr, value, &name)?;
         if self.pool.is_zero(typed.expr) || self.pool.constant(typed.expr) == Some(0.0) {
             self.errors.push(
-                Diagnostic::error("elaborate::value", value.span, format!("the ratio of `{}` is 0", ast.name.text))
+                Diagnostic::error("elaborate::value", value.span, format!("the ratio of `{name}` is 0"))
                     .help("a ratio of 0 cuts the bond: take the element out"),
             );
             return None;
