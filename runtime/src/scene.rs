@@ -57,6 +57,30 @@ pub struct LeftOut {
     pub states: Vec<String>,
 }
 
+impl Scene {
+    /// For each cluster a number that it has in common with all those that double bars join it to, across others too.
+    pub fn joined(&self) -> Vec<usize> {
+        let mut of: Vec<usize> = (0..self.clusters.len()).collect();
+        fn root(of: &mut [usize], mut i: usize) -> usize {
+            while of[i] != i {
+                of[i] = of[of[i]];
+                i = of[i];
+            }
+            i
+        }
+        for bar in &self.bars {
+            let (a, b) = (root(&mut of, bar.holder.0), root(&mut of, bar.other.0));
+            of[a.max(b)] = a.min(b);
+        }
+        (0..of.len()).map(|i| root(&mut of, i)).collect()
+    }
+
+    /// Whether a cluster holds something under a budget.
+    pub fn is_budgeted(&self, cluster: usize) -> bool {
+        self.clusters.get(cluster).is_some_and(|c| c.budget && !c.holds.is_empty())
+    }
+}
+
 /// A signal given from outside.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Input {

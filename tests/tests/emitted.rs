@@ -480,6 +480,18 @@ model A {
             1e-2,
         ),
         (
+            "two regions that hold for one body at once, and a third at another rate",
+            "model A {
+  sampled every 300 ms { C:k1 { stiffness = 50 N/m; q0 = 0.1 m }; R:b1 = 0.5 N*s/m; 1:s1 -> k1, b1; I:n = 0.4 kg }
+  sampled every 600 ms { C:k2 { stiffness = 50 N/m; q0 = 0.1 m } }
+  I:mass = 1 kg; C:d { stiffness = 20 N/m; q0 = 0.2 m }; 1:v -> mass
+  v ||> s1; v ||> k2; v -> 0:f -> d; f ||> n
+  probe x = mass.f
+  simulate { stop = 30 s }
+}",
+            0.3,
+        ),
+        (
             "no probe and no port",
             "model A { C:s { stiffness = 1 N/m; q0 = 1 m } I:m = 1 kg 1:v -> s, m simulate { stop = 1 s } }",
             1e-2,

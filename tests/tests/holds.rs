@@ -408,6 +408,90 @@ fn debtors_owe_little() {
     }
 }
 
+/// Two regions that hold for one body at the same instants find together what they hold: they are what one region with
+/// the elements of both is, at any period.
+#[test]
+fn holders_of_one_body() {
+    let run = |period: f64, blocks: &str, bars: &str| {
+        let compiled = text(&format!(
+            "model M(T = {period} s) {{ {blocks} I:mass = 1 kg; Se:push = 10 N; push -> 1:v -> mass {bars}
+               probe x = integral(v.f, 0 m) }}"
+        ));
+        let mut sim = start(&compiled, Steps::new());
+        advance(&mut sim, 100.0 + 100.0 * period);
+        let summary = sim.summary();
+        assert!(summary.passive, "{period}: {:?}", summary.reasons);
+        assert!(summary.bars.iter().all(|b| b.difference == 0.0));
+        (probe(&mut sim, "x"), summary.regions.iter().filter(|r| r.period.is_some()).count())
+    };
+    let both = "R:b1 = 5 N*s/m; C:k2 { stiffness = 30 N/m }; R:b2 = 5 N*s/m";
+    for period in [0.01, 0.1, 0.15, 0.3, 1.0, 3.0] {
+        let one = format!("sampled every T {{ C:k1 {{ stiffness = 70 N/m }}; {both}; 1:s1 -> k1, b1, k2, b2 }}");
+        let (wanted, _) = run(period, &one, "v ||> s1");
+        for middle in ["", "} sampled every T {"] {
+            let two = format!(
+                "sampled every T {{ C:k1 {{ stiffness = 70 N/m }}; 1:s1 -> k1 {middle} {both}; 1:s2 -> b1, k2, b2 }}"
+            );
+            let (x, regions) = run(period, &two, "v ||> s1 v ||> s2");
+            assert_eq!(regions, 2);
+            close(x, wanted, 1e-6 * wanted.abs().max(1.0), &format!("{period}"));
+        }
+        if period <= 0.3 {
+            close(wanted, 0.1, 1e-6, &format!("{period}"));
+        }
+    }
+}
+
+/// The same drawn, of what is held an effort or a flow: debts stay a small multiple of what was stored. (By each alone
+/// they grew without end.)
+#[test]
+fn holders_of_one_body_owe_little() {
+    let mut seed = 7;
+    for k in 0..crate::common::cases(60) {
+        let mut number = |from: f64, to: f64| drawn(&mut seed, from.ln(), to.ln()).exp();
+        let period = number(0.03, 3.0);
+        let mut body = format!(
+            "I:m = {} kg; C:own {{ stiffness = {} N/m; q0 = 0.3 m }} 1:v -> m, own ",
+            number(0.1, 10.0),
+            number(1.0, 50.0)
+        );
+        for h in 0..2 + k % 2 {
+            let block = format!("sampled every {period} s");
+            body += &match (k / 2 + h) % 3 {
+                0 => {
+                    format!("{block} {{ C:k{h} {{ stiffness = {} N/m; q0 = 0.1 m }} }} v ||> k{h} ", number(1.0, 100.0))
+                }
+                1 => format!(
+                    "{block} {{ I:n{h} {{ inertia = {} kg; f0 = 0.5 m/s }} }}
+                     C:d{h} {{ stiffness = {} N/m }} v -> 0:f{h} -> d{h} f{h} ||> n{h} ",
+                    number(0.1, 10.0),
+                    number(1.0, 100.0)
+                ),
+                _ => format!(
+                    "{block} {{ C:k{h} {{ H = 5 J/m^4 * q^4 + {} J/m^2 * q^2 }} R:r{h} = 0.2 N*s/m 1:s{h} -> k{h}, r{h} }} v ||> s{h} ",
+                    number(1.0, 50.0)
+                ),
+            };
+        }
+        let compiled = text(&format!("model Drawn {{ {body} }}"));
+        let mut sim = start(&compiled, Steps::new());
+        advance(&mut sim, 600.0 * period);
+        let summary = sim.summary();
+        let debt = summary.regions.iter().map(|r| r.debt_max).fold(0.0, f64::max);
+        let stored: f64 = summary.regions.iter().map(|r| r.h_initial).sum();
+        assert!(debt <= 20.0 * stored, "{body}: a debt of {debt} J, of {stored} J");
+        for r in &summary.regions {
+            // What a region has is what it was given, and what its hold made, less what it lost.
+            let off = r.h_final - r.h_initial - r.supplied - r.leaked + r.dissipated;
+            assert!(
+                off.abs() <= 1e-9 * (r.h_initial + r.supplied.abs() + r.dissipated),
+                "{body}: {} is off by {off}",
+                r.name
+            );
+        }
+    }
+}
+
 /// Dry friction beside a spring by the paper's step: where the flow turns, the force is that of the new one.
 #[test]
 fn ray_with_dry_friction_takes_power() {

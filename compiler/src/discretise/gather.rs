@@ -4,7 +4,7 @@ use super::cluster::{Cluster, Integral, State};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Model, Signal};
-use crate::structure::{Form, Role};
+use crate::structure::{ColumnId, Form, Role};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// What is never torn apart: a region, a signal state of continuous time, or all signal states of a sampled block.
@@ -55,8 +55,61 @@ fn reads(pool: &Pool, form: &Form, (columns, loops): (&[Vec<usize>], &[Vec<usize
     read.into_iter().flat_map(|e| pool.symbols(e)).collect()
 }
 
-/// All clusters: sampled regions alone, continuous ones with those whose signals they read or that read theirs.
-pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
+/// Ports that regions which hold together have at most: each of them answers to each.
+const TOGETHER: usize = 12;
+
+/// Sampled regions that hold for the same cluster at the same instants and in the same way: what one holds is part of
+/// what the others are answered, so that they find it together. Not by the construction along a line, which is of one
+/// level set; not where a double bar joins them, or the outside is held for too.
+fn hold_together(model: &Model, form: &Form, sets: &mut petgraph::unionfind::UnionFind<usize>) {
+    let region = |c: ColumnId| form.column(c).region.at();
+    let mut bars: Vec<(usize, usize)> = form.bars.iter().map(|b| (region(b.holder), region(b.held))).collect();
+    bars.sort_unstable();
+    let ports = |i: usize| bars.iter().filter(|b| b.0 == i).count();
+    let alone = |i: &usize| {
+        let open = |c: &&crate::structure::Column| c.region.at() == *i && matches!(c.role, Role::Open(_));
+        let ray = form.regions[*i].sampling.is_some_and(|s| model.samplings[s].method.as_deref() == Some("ray"));
+        ray || form.columns.iter().any(|c| open(&c))
+    };
+    let alike = |i: usize, j: usize| {
+        let way = |i: usize| {
+            let s = &model.samplings[form.regions[i].sampling?];
+            Some((s.period, s.hold, s.budget, &s.method))
+        };
+        way(i).is_some() && way(i) == way(j)
+    };
+    // By what they hold for, the regions that do so far, and how many ports they have.
+    let mut groups: Vec<(usize, Vec<usize>, usize)> = Vec::new();
+    for &(holder, other) in &bars {
+        let (root, more) = (sets.find(other), ports(holder));
+        if more > TOGETHER || alone(&holder) {
+            continue;
+        }
+        let joined = |i: usize, j: usize| bars.contains(&(i, j)) || bars.contains(&(j, i));
+        let fits = |(of, members, count): &&mut (usize, Vec<usize>, usize)| {
+            *of == root
+                && (members.contains(&holder) || count + more <= TOGETHER)
+                && members.iter().all(|m| *m == holder || alike(*m, holder) && !joined(*m, holder))
+        };
+        match groups.iter_mut().find(fits) {
+            Some((_, members, _)) if members.contains(&holder) => {}
+            Some((_, members, count)) => {
+                // Who holds for several may be with others already.
+                let (own, theirs) = (sets.find(holder), sets.find(members[0]));
+                if own == holder || own == theirs {
+                    sets.union(members[0], holder);
+                    members.push(holder);
+                    *count += more;
+                }
+            }
+            None => groups.push((root, vec![holder], more)),
+        }
+    }
+}
+
+/// All clusters: sampled regions alone, or with those that hold for the same one at the same instants; continuous ones
+/// with those whose signals they read or that read theirs. `apart`: whether none hold together.
+pub(super) fn gather(model: &mut Model, form: &Form, apart: bool) -> Vec<Cluster> {
     let mut atoms = atoms(model, form);
     let mut owner: FxHashMap<Symbol, usize> = FxHashMap::default();
     for (i, r) in form.regions.iter().enumerate() {
@@ -102,6 +155,9 @@ pub(super) fn gather(model: &mut Model, form: &Form) -> Vec<Cluster> {
                 sets.union(i, j);
             }
         }
+    }
+    if !apart {
+        hold_together(model, form, &mut sets);
     }
     let mut clusters: Vec<Cluster> = Vec::new();
     let mut cluster_of: FxHashMap<usize, usize> = FxHashMap::default();

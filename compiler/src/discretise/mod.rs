@@ -164,7 +164,7 @@ pub fn discretise(
         Accuracy::AsModel if tolerance.is_none() && step.or(model.settings.step).is_some() => Accuracy::Fixed,
         other => other,
     };
-    let mut clusters = gather::gather(model, form);
+    let mut clusters = gather::gather(model, form, method == Some(Method::Ray));
     let wanted = probes::wanted(model, form);
     // Which signals does each cluster have to show to the others and to the probes?
     let mut shows: Vec<Vec<Symbol>> = vec![Vec::new(); clusters.len()];

@@ -153,13 +153,13 @@ impl Held {
     }
 }
 
-/// What a sampled cluster that is in debt still puts at risk.
+/// What a sampled cluster still puts at risk that is in debt, or lost something while another that it is joined to was.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Caution {
-    /// The largest debt since there was none, J.
+    /// The largest debt since there was none, its own or another's, J.
     pub(super) peak: f64,
-    /// The part of what could be risked that is: less after each loss, in proportion to it, and more after what came in;
-    /// 1 without a debt.
+    /// The part of what could be risked that is: less after each loss, its own or another's, in proportion to it, and more
+    /// after what came in; 1 where nobody is in debt.
     pub(super) trust: f64,
     /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
     /// foretold to move at all.
@@ -175,18 +175,26 @@ impl Default for Caution {
 }
 
 impl Caution {
-    /// Ends an interval, in which so much came in, with a debt (below 0 where there is none).
-    pub(super) fn settle(&mut self, debt: f64, crossed: f64) {
-        if debt <= 0.0 {
+    /// Whether it lost nothing.
+    pub(super) fn is_easy(&self) -> bool {
+        self.peak == 0.0 && self.trust == 1.0
+    }
+
+    /// Ends an interval, in which so much came in, with a debt (not above 0 where there is none), and whether nobody has
+    /// one. By how much it is trusted less for what it lost: 1 where it lost nothing.
+    pub(super) fn settle(&mut self, (debt, free): (f64, bool), crossed: f64) -> f64 {
+        if free {
             (self.peak, self.trust) = (0.0, 1.0);
-            return;
+            return 1.0;
         }
         let out = -crossed;
         let lost = if debt < out { debt } else { out };
+        let mut cost = 1.0;
         if lost > LOSS * self.most {
             let part = lost / self.risk;
             let part = if part < 1.0 { part } else { 1.0 };
-            self.trust /= 1.0 + WARY * part;
+            cost = 1.0 + WARY * part;
+            self.trust /= cost;
         } else if crossed > 0.0 {
             // What came in is earned back: of 1/trust, as much as a loss of that had cost it at the least.
             let part = WARY * crossed / self.most * self.trust;
@@ -194,10 +202,11 @@ impl Caution {
             self.trust = if part < 1.0 && trust < 1.0 { trust } else { 1.0 };
         }
         self.peak = if self.peak < debt { debt } else { self.peak };
+        cost
     }
 
-    /// In debt, scales held variables down until no more is at risk than was repaid since the debt was largest, or than
-    /// is trusted: of what they put at risk, W(s) = s u + s^2 b at s times them, where `doubt` is what each alpha may be
+    /// In debt, scales held variables down until no more is at risk than was repaid since the debt was largest (or is
+    /// stored besides), or than is trusted: of what they put at risk, W(s) = s u + s^2 b at s times them, where `doubt` is what each alpha may be
     /// off by.
     pub(super) fn restrain(
         &mut self,
@@ -213,7 +222,7 @@ impl Caution {
         let all = u + b;
         self.risk = all;
         self.most = if self.most < all { all } else { self.most };
-        if stored < 0.0 {
+        if stored < 0.0 || self.trust < 1.0 {
             let (trusted, repaid) = (self.trust * all, self.peak + stored);
             let most = if trusted < repaid { repaid } else { trusted };
             if most < all {

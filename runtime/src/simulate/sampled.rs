@@ -33,6 +33,42 @@ impl Scratch {
     }
 }
 
+/// What regions that hold together have to give is one: where one of them is in debt, the others' tanks cover that, and
+/// the cap is on all tanks together.
+fn share(books: &mut [Book]) {
+    if books.len() < 2 {
+        return;
+    }
+    let (mut there, mut lacking) = (0.0, 0.0);
+    for b in books.iter() {
+        let own = b.h + b.tank;
+        if own < 0.0 {
+            lacking -= own;
+        } else {
+            there += own;
+        }
+    }
+    if there > 0.0 && lacking > 0.0 {
+        let cover = if lacking < there { lacking } else { there };
+        let (taken, given) = (cover / there, cover / lacking);
+        for b in books.iter_mut() {
+            let own = b.h + b.tank;
+            b.tank -= own * if own < 0.0 { given } else { taken };
+        }
+    }
+    let (mut over, mut full) = (0.0, 0.0);
+    for b in books.iter() {
+        over += b.tank - b.h_max;
+        full += if b.tank > 0.0 { b.tank } else { 0.0 };
+    }
+    if over > 0.0 {
+        let part = over / full;
+        for b in books.iter_mut().filter(|b| b.tank > 0.0) {
+            b.tank -= b.tank * part;
+        }
+    }
+}
+
 impl Simulation<'_> {
     /// Whether what a held port answers to is itself sampled, and may have latched an earlier value than the one held
     /// now.
@@ -93,44 +129,66 @@ impl Simulation<'_> {
     }
 
     /// Books what crossed in the place of what the step's own effort would have let in, and what that leaves in the
-    /// tank.
+    /// tanks; `crossed` is that of all its regions.
     fn settle(&mut self, i: usize, crossed: f64) {
         let c = &self.scene.clusters[i];
         let run = &mut self.runs[i];
-        let out = run.output();
-        let called: f64 = self.held[i].iter().map(|h| h.q * out[c.ports[h.port].mean]).sum();
-        let leak = called - crossed;
-        let dissipated: f64 = c.entries.iter().flat_map(|e| &e.dissipated).map(|d| out[d.1]).sum();
-        let leap: f64 = c.entries.iter().filter_map(|e| e.leap).map(|l| out[l.0]).sum();
-        for h in &self.held[i] {
-            let port = &c.ports[h.port];
-            let off = h.crossed - h.q * run.output()[port.mean];
-            if let Some(k) = c.entries.first().and_then(|e| e.supplied.iter().position(|s| s.0 == port.name)) {
-                run.books[0].sources[k].add(off);
+        let alone = c.entries.len() == 1;
+        for (r, e) in c.entries.iter().enumerate() {
+            let (mut called, mut crossed) = (0.0, 0.0);
+            for h in self.held[i].iter().filter(|h| c.ports[h.port].region == e.region) {
+                let port = &c.ports[h.port];
+                let own = h.q * run.output()[port.mean];
+                called += own;
+                crossed += h.crossed;
+                if let Some(k) = e.supplied.iter().position(|s| s.0 == port.name) {
+                    run.books[r].sources[k].add(h.crossed - own);
+                }
             }
-        }
-        if let Some(b) = run.books.first_mut() {
+            let leak = called - crossed;
+            let out = run.output();
+            let dissipated: f64 = e.dissipated.iter().map(|d| out[d.1]).sum();
+            let leap = e.leap.map_or(0.0, |l| out[l.0]);
+            let b = &mut run.books[r];
             b.supplied.add(-leak);
             b.leaked.add(leak);
             b.crossed_max = b.crossed_max.max(crossed.abs());
-            // What was promised is not let go.
-            let most = b.h_max.max(self.reserve[i] - b.h);
+            // What was promised is not let go; several regions have no open ports.
+            let most = if alone { b.h_max.max(self.reserve[i] - b.h) } else { f64::INFINITY };
             b.tank = (b.tank + dissipated - leak - leap).min(most);
-            let debt = -(b.h + b.tank);
-            b.debt_max = b.debt_max.max(debt);
-            self.caution[i].settle(debt, crossed);
-            if debt > 0.0 {
-                self.owe(i, debt);
+        }
+        if run.books.is_empty() {
+            return;
+        }
+        share(&mut run.books);
+        let mut stored = 0.0;
+        for b in &mut run.books {
+            let own = b.h + b.tank;
+            b.debt_max = b.debt_max.max(-own);
+            stored += own;
+        }
+        let easy = self.caution[i].is_easy();
+        let free = stored >= 0.0 && (easy || self.near(i).all(|j| self.kept(j) >= 0.0));
+        let cost = self.caution[i].settle((-stored, free), crossed);
+        if cost > 1.0 {
+            // What it gave out, the others may lose too.
+            for j in 0..self.joined.len() {
+                if j != i && self.joined[j] == self.joined[i] && self.scene.is_budgeted(j) {
+                    self.caution[j].trust /= cost;
+                }
             }
+        }
+        if stored < 0.0 {
+            self.owe(i);
         }
     }
 
-    /// Notes what a debt is beside the energies that there were until now: what comes later excuses none.
-    fn owe(&mut self, i: usize, debt: f64) {
+    /// Notes what debts are beside the energies that there were until now: what comes later excuses none.
+    fn owe(&mut self, i: usize) {
         let largest = self.runs.iter().flat_map(|run| &run.books).map(Book::largest).fold(0.0, f64::max);
-        if let Some(b) = self.runs[i].books.first_mut() {
+        for b in &mut self.runs[i].books {
             let own = b.h_max.max(b.supplied.value().abs()).max(b.crossed_max);
-            b.owed = b.owed.max(debt / own.max(BESIDE * largest));
+            b.owed = b.owed.max(-(b.h + b.tank) / own.max(BESIDE * largest));
         }
     }
 
@@ -213,9 +271,12 @@ impl Simulation<'_> {
             });
         }
         if c.budget {
-            let (h, tank) = self.runs[i].books.first().map_or((0.0, 0.0), |b| (b.h, b.tank));
-            let stored = h + tank;
-            let room = ((stored - NOISE * h.abs()) + foreseen.max(0.0)).max(0.0);
+            let (mut stored, mut size) = (0.0, 0.0);
+            for b in &self.runs[i].books {
+                stored += b.h + b.tank;
+                size += b.h.abs();
+            }
+            let room = ((stored - NOISE * size) + foreseen.max(0.0)).max(0.0);
             let rules = self.decay[i].chunks(RECURRENCE);
             doubt.clear();
             doubt.extend(self.held[i].iter().zip(rules).map(|(h, r)| h.doubt(r)));

@@ -233,74 +233,148 @@ impl Writing<'_> {
         });
     }
 
-    /// Books what crossed a held port in the place of what the step's own effort would have let in.
-    pub(super) fn settle(&self, w: &mut Writer, i: usize, crossed: Value) {
+    /// Books what crossed held ports, `all`, in the place of what the step's own effort would have let in.
+    pub(super) fn settle(&self, w: &mut Writer, i: usize, all: &[Value]) {
         let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
-        let Some(&at) = place.books.first() else { return };
-        let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
-        let mut called = None;
-        for (h, held) in self.start.clusters[i].held.iter().zip(&place.held) {
-            let (q, mean) = (w.kept(held.q), out(w, c.ports[h.port].mean));
-            let x = w.mul(q, mean);
-            called = Some(called.map_or(x, |sum| w.add(sum, x)));
-        }
         let zero = w.number(0.0);
-        let leak = w.sub(called.unwrap_or(zero), crossed);
-        if let (Some(more), Some(e)) = (place.more.first(), c.entries.first()) {
-            for (h, held) in self.start.clusters[i].held.iter().zip(&place.held) {
+        for (r, (e, &at)) in c.entries.iter().zip(&place.books).enumerate() {
+            let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
+            let more = place.more.get(r);
+            let (mut called, mut crossed) = (zero, zero);
+            let held = self.start.clusters[i].held.iter().zip(&place.held).zip(all);
+            for (k, ((h, held), &own)) in held.filter(|((h, _), _)| c.ports[h.port].region == e.region).enumerate() {
                 let port = &c.ports[h.port];
+                let (q, mean) = (w.kept(held.q), out(w, port.mean));
+                let x = w.mul(q, mean);
+                called = if k == 0 { x } else { w.add(called, x) };
+                crossed = if k == 0 { own } else { w.add(crossed, own) };
                 let named = e.supplied.iter().position(|s| s.0 == port.name);
-                if let (Some(k), Some(sources)) = (named, more.sources) {
-                    let (own, q, mean) = (w.kept(held.crossed), w.kept(held.q), out(w, port.mean));
-                    let called = w.mul(q, mean);
-                    let off = w.sub(own, called);
+                if let (Some(k), Some(sources)) = (named, more.and_then(|m| m.sources)) {
+                    let off = w.sub(own, x);
                     w.gather(sources + 2 * k, off);
                 }
             }
-            let size = w.abs(crossed);
-            w.raise(more.crossed, size);
+            let leak = w.sub(called, crossed);
+            if let Some(more) = more {
+                let size = w.abs(crossed);
+                w.raise(more.crossed, size);
+            }
+            let mut dissipated = None;
+            for (_, slot) in &e.dissipated {
+                let x = out(w, *slot);
+                dissipated = Some(dissipated.map_or(x, |sum| w.add(sum, x)));
+            }
+            let leap = e.leap.map_or(zero, |(slot, _)| out(w, slot));
+            let back = w.unary(bond_runtime::ir::Unary::Neg, leak);
+            w.gather(at + SUPPLIED, back);
+            w.gather(at + LEAKED, leak);
+            let tank = w.kept(at + TANK);
+            let tank = w.add(tank, dissipated.unwrap_or(zero));
+            let tank = w.sub(tank, leak);
+            let tank = w.sub(tank, leap);
+            let tank = match place.books.len() {
+                1 => {
+                    let most = w.kept(at + H_MAX);
+                    let over = w.lt(most, tank);
+                    w.select(over, most, tank)
+                }
+                _ => tank,
+            };
+            w.keep(at + TANK, tank);
         }
-        let mut dissipated = None;
-        for (_, slot) in c.entries.iter().flat_map(|e| &e.dissipated) {
-            let x = out(w, *slot);
-            dissipated = Some(dissipated.map_or(x, |sum| w.add(sum, x)));
+        if place.books.is_empty() {
+            return;
         }
-        let mut leap = None;
-        for (slot, _) in c.entries.iter().filter_map(|e| e.leap) {
-            let x = out(w, slot);
-            leap = Some(leap.map_or(x, |sum| w.add(sum, x)));
+        self.share(w, i);
+        for &at in &place.books {
+            let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
+            let own = w.add(h, tank);
+            let debt = w.unary(bond_runtime::ir::Unary::Neg, own);
+            w.raise(at + DEBT, debt);
         }
-        let back = w.unary(bond_runtime::ir::Unary::Neg, leak);
-        w.gather(at + SUPPLIED, back);
-        w.gather(at + LEAKED, leak);
-        let tank = w.kept(at + TANK);
-        let tank = w.add(tank, dissipated.unwrap_or(zero));
-        let tank = w.sub(tank, leak);
-        let tank = w.sub(tank, leap.unwrap_or(zero));
-        let most = w.kept(at + H_MAX);
-        let over = w.lt(most, tank);
-        let tank = w.select(over, most, tank);
-        w.keep(at + TANK, tank);
-        let h = w.kept(at + H);
-        let stored = w.add(h, tank);
+        let stored = self.stored(w, i);
         let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
-        w.raise(at + DEBT, debt);
+        let crossed = all.iter().fold(zero, |sum, x| w.add(sum, *x));
         self.note_debt(w, i, debt, crossed);
+    }
+
+    /// What regions that hold together have to give is one: where one of them is in debt, the others' tanks cover that,
+    /// and the cap is on all tanks together.
+    fn share(&self, w: &mut Writer, i: usize) {
+        let books = &self.clusters[i].books;
+        if books.len() < 2 {
+            return;
+        }
+        let zero = w.number(0.0);
+        let own = |w: &mut Writer, at: usize| {
+            let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
+            w.add(h, tank)
+        };
+        let (mut there, mut lacking) = (zero, zero);
+        for &at in books {
+            let own = own(w, at);
+            let below = w.lt(own, zero);
+            let (more, less) = (w.add(there, own), w.sub(lacking, own));
+            there = w.select(below.clone(), there, more);
+            lacking = w.select(below, less, lacking);
+        }
+        let both = [w.lt(zero, there), w.lt(zero, lacking)];
+        w.when(Cond::all(both), |w| {
+            let less = w.lt(lacking, there);
+            let cover = w.select(less, lacking, there);
+            let (taken, given) = (w.div(cover, there), w.div(cover, lacking));
+            for &at in books {
+                let own = own(w, at);
+                let below = w.lt(own, zero);
+                let part = w.select(below, given, taken);
+                let moved = w.mul(own, part);
+                let tank = w.kept(at + TANK);
+                let tank = w.sub(tank, moved);
+                w.keep(at + TANK, tank);
+            }
+        });
+        let (mut over, mut full) = (zero, zero);
+        for &at in books {
+            let (tank, most) = (w.kept(at + TANK), w.kept(at + H_MAX));
+            let more = w.sub(tank, most);
+            over = w.add(over, more);
+            let there = positive(w, tank);
+            full = w.add(full, there);
+        }
+        let some = w.lt(zero, over);
+        w.when(some, |w| {
+            let part = w.div(over, full);
+            for &at in books {
+                let tank = w.kept(at + TANK);
+                let there = w.lt(zero, tank);
+                let less = w.mul(tank, part);
+                let less = w.sub(tank, less);
+                let tank = w.select(there, less, tank);
+                w.keep(at + TANK, tank);
+            }
+        });
     }
 
     /// What a debt does to what is trusted.
     fn note_debt(&self, w: &mut Writer, i: usize, debt: Value, crossed: Value) {
         let [peak, trust, risk, largest] = [0, 1, 2, 3].map(|k| self.clusters[i].caution + k);
         let (zero, one) = (w.number(0.0), w.number(1.0));
-        let none = w.le(debt, zero);
+        let joined = self.scene.joined();
+        let near = |j: &usize| *j != i && joined[*j] == joined[i] && self.scene.is_budgeted(*j);
+        let near: Vec<usize> = (0..joined.len()).filter(near).collect();
+        let mut free = vec![w.le(debt, zero)];
+        for &j in &near {
+            let stored = self.stored(w, j);
+            free.push(w.le(zero, stored));
+        }
         w.branch(
-            none,
+            Cond::all(free),
             |w| {
                 w.keep(peak, zero);
                 w.keep(trust, one);
             },
             |w| {
-                self.owe(w, i, debt);
+                self.owe(w, i);
                 let (most, left, risk) = (w.kept(peak), w.kept(trust), w.kept(risk));
                 let out = w.unary(bond_runtime::ir::Unary::Neg, crossed);
                 let all = w.lt(debt, out);
@@ -320,6 +394,13 @@ impl Writing<'_> {
                         let more = w.add(one, more);
                         let left = w.div(left, more);
                         w.keep(trust, left);
+                        // What it gave out, the others may lose too.
+                        for &j in &near {
+                            let theirs = self.clusters[j].caution + 1;
+                            let left = w.kept(theirs);
+                            let left = w.div(left, more);
+                            w.keep(theirs, left);
+                        }
                     },
                     |w| {
                         w.when(came, |w| {
@@ -341,10 +422,12 @@ impl Writing<'_> {
         );
     }
 
-    /// Notes what a debt is beside the energies that there were until now.
-    fn owe(&self, w: &mut Writer, i: usize, debt: Value) {
+    /// Notes what debts are beside the energies that there were until now.
+    fn owe(&self, w: &mut Writer, i: usize) {
         let place = &self.clusters[i];
-        let (Some(&at), Some(more)) = (place.books.first(), place.more.first()) else { return };
+        if place.more.is_empty() {
+            return;
+        }
         let mut largest = w.number(0.0);
         for at in self.clusters.iter().flat_map(|c| &c.books) {
             for k in [H_MAX, TURNOVER, SIZE] {
@@ -353,38 +436,42 @@ impl Writing<'_> {
             }
         }
         let beside = w.number(BESIDE);
-        let mut scale = w.mul(beside, largest);
-        let (sum, rest) = (w.kept(at + SUPPLIED), w.kept(at + SUPPLIED + 1));
-        let supplied = w.add(sum, rest);
-        let supplied = w.abs(supplied);
-        for x in [w.kept(at + H_MAX), w.kept(more.crossed), supplied] {
-            scale = w.larger(scale, x);
+        let beside = w.mul(beside, largest);
+        for (&at, more) in place.books.iter().zip(&place.more) {
+            let (sum, rest) = (w.kept(at + SUPPLIED), w.kept(at + SUPPLIED + 1));
+            let supplied = w.add(sum, rest);
+            let mut scale = beside;
+            for x in [w.kept(at + H_MAX), w.kept(more.crossed), w.abs(supplied)] {
+                scale = w.larger(scale, x);
+            }
+            let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
+            let own = w.add(h, tank);
+            let debt = w.unary(bond_runtime::ir::Unary::Neg, own);
+            let part = w.div(debt, scale);
+            w.raise(more.owed, part);
         }
-        let part = w.div(debt, scale);
-        w.raise(more.owed, part);
     }
 
-    /// What a cluster has to give: H and the tank; 0 where it has no ledger.
+    /// What a cluster has to give: H and the tanks; 0 where it has no ledger.
     pub(super) fn stored(&self, w: &mut Writer, i: usize) -> Value {
-        match self.clusters[i].books.first() {
-            Some(&at) => {
-                let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
-                w.add(h, tank)
-            }
-            None => w.number(0.0),
+        let mut stored = w.number(0.0);
+        for (k, &at) in self.clusters[i].books.iter().enumerate() {
+            let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
+            let own = w.add(h, tank);
+            stored = if k == 0 { own } else { w.add(stored, own) };
         }
+        stored
     }
 
     /// What of [`Self::stored`] is rounding.
     pub(super) fn noise(&self, w: &mut Writer, i: usize) -> Value {
-        match self.clusters[i].books.first() {
-            Some(&at) => {
-                let (h, noise) = (w.kept(at + H), w.number(NOISE));
-                let h = w.abs(h);
-                w.mul(noise, h)
-            }
-            None => w.number(0.0),
+        let (mut size, noise) = (w.number(0.0), w.number(NOISE));
+        for (k, &at) in self.clusters[i].books.iter().enumerate() {
+            let h = w.kept(at + H);
+            let h = w.abs(h);
+            size = if k == 0 { h } else { w.add(size, h) };
         }
+        w.mul(noise, size)
     }
 }
 

@@ -193,11 +193,11 @@ impl Writing<'_> {
         let start = &self.start.clusters[i];
         let period = self.plan.steps[i].h;
         let (length, rate) = (w.number(period), w.number(1.0 / period));
-        let mut crossed = w.number(0.0);
+        let mut crossed = Vec::with_capacity(start.held.len());
         for (k, (h, held)) in start.held.iter().zip(&place.held).enumerate() {
             let (v, q) = (w.kept(held.v), w.kept(held.q));
             let here = if self.latches(i, k) { w.kept(held.w) } else { w.mul(v, q) };
-            crossed = w.add(crossed, here);
+            crossed.push(here);
             if self.full {
                 w.keep(held.crossed, here);
                 w.gather(held.energy, here);
@@ -210,7 +210,7 @@ impl Writing<'_> {
         let last = w.sub(count, one);
         let t = w.mul(last, length);
         let mut w = self.one(w, i, t, period, false)?;
-        self.settle(&mut w, i, crossed);
+        self.settle(&mut w, i, &crossed);
         let n = start.held.len();
         for (k, held) in place.held.iter().enumerate() {
             let mut response = None;
@@ -643,8 +643,9 @@ impl Writing<'_> {
         w.raise(largest, all);
         let part = w.var();
         w.set(part, one);
-        let debt = w.lt(stored, zero);
-        w.when(debt, |w| {
+        let trusted = w.kept(trust);
+        let wary = [w.lt(stored, zero), w.lt(trusted, one)];
+        w.when(Cond::any(wary), |w| {
             let (trust, peak) = (w.kept(trust), w.kept(peak));
             let (trusted, repaid) = (w.mul(trust, all), w.add(peak, stored));
             let more = w.lt(trusted, repaid);
