@@ -5,7 +5,7 @@
 //! other starts too, since a loop may have several solutions, and then the model does not say which one it is in.
 
 use super::cluster::Cluster;
-use crate::expression::{Expr, Symbol};
+use crate::expression::{Expr, Node, Symbol};
 use crate::model::{Model, Signal};
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
@@ -22,6 +22,10 @@ const ROUNDS: usize = 800;
 /// A residual that is less is 0, in any unit: where rounding hides the slope of a law, as of `exp(x) - 1` at 0, the way
 /// to it has no end.
 const NOTHING: f64 = 1e-60;
+/// A residual of so little of its terms is what they are rounded by.
+const ROUNDED: f64 = 8.0 * f64::EPSILON;
+/// Where else to start where 0 has no value, as of a temperature: in SI units, whatever the unknown is.
+const ELSEWHERE: [f64; 8] = [1.0, 300.0, 1e-3, 1e3, 1e5, 10.0, 1e-6, -1.0];
 /// Solutions that differ by less are one.
 const SAME: f64 = 1e-6;
 
@@ -46,6 +50,19 @@ impl System<'_> {
         DVector::from_vec(self.model.pool.eval_all(&self.residuals, &self.at(z)))
     }
 
+    /// Whether each residual is no more than what its terms are rounded by: nothing more can be known of it.
+    fn is_rounding(&self, z: &DVector<f64>, r: &DVector<f64>) -> bool {
+        let pool = &self.model.pool;
+        let at = self.at(z);
+        self.residuals.iter().zip(r.iter()).all(|(e, r)| {
+            let Node::Sum(c, terms) = pool.node(*e) else { return *r == 0.0 };
+            let parts: Vec<Expr> = terms.iter().map(|t| t.0).collect();
+            let sizes = pool.eval_all(&parts, &at).into_iter().zip(terms.iter());
+            let size = sizes.map(|(x, t)| (x * t.1.to_f64()).abs()).fold(c.to_f64().abs(), |sum, x| sum + x);
+            r.abs() <= ROUNDED * size
+        })
+    }
+
     fn jacobian(&self, z: &DVector<f64>) -> DMatrix<f64> {
         let n = self.unknowns.len();
         let all: Vec<Expr> = self.slopes.iter().map(|t| t.2).collect();
@@ -62,7 +79,7 @@ impl System<'_> {
         // The least update, beside the unknowns, and how many since have not been much less.
         let (mut least, mut stalls) = (f64::INFINITY, 0);
         for _ in 0..rounds {
-            if r.iter().all(|x| x.abs() < NOTHING) {
+            if r.iter().all(|x| x.abs() < NOTHING) || (z.iter().all(|x| *x == 0.0) && self.is_rounding(z, &r)) {
                 return true;
             }
             let slopes = self.jacobian(z);
@@ -261,7 +278,13 @@ impl System<'_> {
     /// Its solution at the start of a cluster; 0 where it is not known what comes from elsewhere.
     fn solution(&self, c: &Cluster) -> Result<DVector<f64>, Wrong> {
         let n = self.unknowns.len();
-        let first = self.follow(DVector::zeros(n));
+        let mut first = self.follow(DVector::zeros(n));
+        if !self.residual(&DVector::zeros(n)).iter().all(|x| x.is_finite()) {
+            let mut starts = ELSEWHERE.iter();
+            while let (None, Some(x)) = (&first, starts.next()) {
+                first = self.follow(DVector::from_element(n, *x));
+            }
+        }
         // What comes from elsewhere is not known here.
         let told = c.ports.is_empty()
             && c.inputs.is_empty()

@@ -185,7 +185,29 @@ impl Pool {
                 self.collect(&mut product, e, n);
             }
         }
+        self.signs_apart(&mut product.pairs);
         self.make_product(product.coefficient, product.pairs)
+    }
+
+    /// `x^n |x|^m` with a fractional m is `sign(x)^n |x|^(n + m)`: where x is 0, the slope of one factor has no bound, and
+    /// that of the product has.
+    fn signs_apart(&mut self, pairs: &mut Vec<(Expr, Number)>) {
+        let broken = |m: Number| m.integer().is_none();
+        for i in 0..pairs.len() {
+            let (size, m) = pairs[i];
+            let Node::Unary(Unary::Abs, x) = *self.node(size) else { continue };
+            let whole = |p: &(Expr, Number)| p.0 == x && p.1.integer().is_some_and(|n| n > 0);
+            let Some(k) = pairs.iter().position(whole).filter(|_| broken(m)) else { continue };
+            let n = pairs[k].1;
+            pairs[i].1 = m + n;
+            if is_even(n) {
+                pairs.remove(k);
+            } else {
+                pairs[k] = (self.unary(Unary::Sign, x), Number::ONE);
+            }
+            *pairs = merge(std::mem::take(pairs));
+            return;
+        }
     }
 
     /// Puts `e^n` into a product.

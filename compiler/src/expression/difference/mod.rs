@@ -5,8 +5,16 @@ mod function;
 mod power;
 
 use super::{Expr, Node, Number, Pool, Symbol};
+use bond_runtime::ir::{Binary, Unary};
 
 const TWO: Number = Number::Ratio(2, 1);
+/// The square of what is smaller may be 0.
+const NOTHING: f64 = 1e-100;
+
+/// Whether this is a power beyond a square, or with a broken exponent.
+fn is_steep(n: &Node) -> bool {
+    matches!(n, Node::Product(_, factors) if factors.iter().any(|f| !matches!(f.1, Number::Ratio(..=2, 1))))
+}
 
 /// An expression along the step: at its start, at its end, and the divided difference between.
 #[derive(Clone, Copy)]
@@ -107,12 +115,24 @@ impl Pool {
                 if c.from == c.to {
                     return self.select(c.from, a.slope, b.slope);
                 }
-                match self.across((condition, then, otherwise), step) {
+                let slope = match self.across((condition, then, otherwise), step) {
                     Some(across) => self.along_threshold((c.from, c.to), (a, b), across, step),
                     None => self.along_choice((c.from, c.to), a, b, step),
-                }
+                };
+                if self.any_node(e, &is_steep) { self.beyond_nothing(e, slope, step) } else { slope }
             }
         }
+    }
+
+    /// A divided difference; over next to nothing, where the slopes of quotients are none, the derivative at the start. A
+    /// row of bodies that touch moves its last ones by such: each contact passes on a power of what the one before does.
+    fn beyond_nothing(&mut self, e: Expr, slope: Expr, step: &Step) -> Expr {
+        let derivative = self.derivative(e, step.symbol);
+        let start = [(step.symbol, step.from)].into_iter().collect();
+        let derivative = self.substitute(derivative, &start);
+        let (size, nothing) = (self.unary(Unary::Abs, step.delta), self.float(NOTHING));
+        let moves = self.binary(Binary::Lt, nothing, size);
+        self.select(moves, slope, derivative)
     }
 
     /// A choice whose condition may change within the step.
