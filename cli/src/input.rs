@@ -67,12 +67,7 @@ fn assignment(text: &str) -> Result<(String, Quantity), String> {
     if path.is_empty() {
         return Err("the name of the parameter is missing".into());
     }
-    let value = match value.trim() {
-        "true" => (1.0, None),
-        "false" => (0.0, None),
-        value => bond::quantity(value)?,
-    };
-    Ok((path, value))
+    Ok((path, bond::quantity(value)?))
 }
 
 /// A time.

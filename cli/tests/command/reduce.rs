@@ -105,7 +105,7 @@ fn what_is_wrong_is_told() {
     here.bond(&["reduce", "o.bond", "--error", "1e-3"]).is(0, &["nothing can be left out at this error"], &[]);
     here.bond(&["run", "e.bond", "--without", "lad"]).is(2, &[], &["no element `lad`", "did you mean `lead`?"]);
     here.bond(&["run", "e.bond", "--without", "cap"]).is(2, &[], &["--without cap: the probe `q` reads it"]);
-    here.bond(&["run", "e.bond", "--without", "lead,,wire"]).is(2, &[], &["the name of the element is missing"]);
+    here.bond(&["run", "e.bond", "--without", "lead,,wire"]).is(2, &[], &["the name of an element is missing"]);
     // What an expectation reads stays.
     here.bond(&["run", "o.bond", "--without", "spring"]).is(2, &[], &["reads it"]);
 }

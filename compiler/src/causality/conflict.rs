@@ -148,6 +148,9 @@ impl Conflict {
             Some(Kind::One) => {
                 "take one of them out, or put a 0-junction with an R, or an I, between them: flows add up there"
             }
+            _ if self.chains.iter().any(|(_, cause)| matches!(cause, Cause::Asserted)) => {
+                "turn the asserted stroke, `->|` or `|->`, or take it off: what stands at the bond tells it already"
+            }
             _ => "take one of them out, or put an R between them",
         })
     }

@@ -24,7 +24,8 @@ const ROUNDS: usize = 800;
 const NOTHING: f64 = 1e-60;
 /// A residual of so little of its terms is what they are rounded by.
 const ROUNDED: f64 = 8.0 * f64::EPSILON;
-/// Where else to start where 0 has no value, as of a temperature: in SI units, whatever the unknown is.
+/// Where else to start where nothing is found from 0, which may have no value, as of a temperature: in SI units, whatever
+/// the unknown is.
 const ELSEWHERE: [f64; 8] = [1.0, 300.0, 1e-3, 1e3, 1e5, 10.0, 1e-6, -1.0];
 /// Solutions that differ by less are one.
 const SAME: f64 = 1e-6;
@@ -59,7 +60,7 @@ impl System<'_> {
             let parts: Vec<Expr> = terms.iter().map(|t| t.0).collect();
             let sizes = pool.eval_all(&parts, &at).into_iter().zip(terms.iter());
             let size = sizes.map(|(x, t)| (x * t.1.to_f64()).abs()).fold(c.to_f64().abs(), |sum, x| sum + x);
-            r.abs() <= ROUNDED * size
+            size.is_finite() && r.abs() <= ROUNDED * size
         })
     }
 
@@ -278,13 +279,7 @@ impl System<'_> {
     /// Its solution at the start of a cluster; 0 where it is not known what comes from elsewhere.
     fn solution(&self, c: &Cluster) -> Result<DVector<f64>, Wrong> {
         let n = self.unknowns.len();
-        let mut first = self.follow(DVector::zeros(n));
-        if !self.residual(&DVector::zeros(n)).iter().all(|x| x.is_finite()) {
-            let mut starts = ELSEWHERE.iter();
-            while let (None, Some(x)) = (&first, starts.next()) {
-                first = self.follow(DVector::from_element(n, *x));
-            }
-        }
+        let first = self.follow(DVector::zeros(n));
         // What comes from elsewhere is not known here.
         let told = c.ports.is_empty()
             && c.inputs.is_empty()
@@ -315,6 +310,9 @@ impl System<'_> {
                     found.push(z);
                 }
             }
+        }
+        if found.is_empty() {
+            found.extend(ELSEWHERE.iter().find_map(|x| self.follow(DVector::from_element(n, *x))));
         }
         // Between two solutions that stand alone the slopes turn over (the degree of the map); between two roundings of
         // one they do not.

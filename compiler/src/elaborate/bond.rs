@@ -125,8 +125,12 @@ impl<'a> Elaborator<'a> {
             Entity::Port(p) => Some((RawEnd::Port(p, at == instance), shown)),
             Entity::Instance(i) => {
                 let ports = self.port_names(i);
-                let help = match ports.first() {
-                    Some(p) => format!("name a port of it: `{shown}.{p}`"),
+                let help = match ports.split_first() {
+                    Some((p, [])) => format!("name its port: `{shown}.{p}`"),
+                    Some(_) => {
+                        let list: Vec<String> = ports.iter().map(|p| format!("`{shown}.{p}`")).collect();
+                        format!("name one of its ports: {}", list.join(", "))
+                    }
                     None => "the model has no ports; declare one with `port name`".to_string(),
                 };
                 self.errors.push(wrong(&format!("`{shown}` is an instance, and a bond ends at a port of it"), help));

@@ -160,7 +160,18 @@ impl<'a> Elaborator<'a> {
         // A `let` is declared before what stands above it.
         let (first, second) = if span.start < known.1.start { (span, known.1) } else { (known.1, span) };
         *known = (Entity::Missing, first);
-        self.errors.push(twice(&key, first, second));
+        let mut error = twice(&key, first, second);
+        // A junction is declared once, and then named: `1:v -> a`, `v -> b`.
+        let text = self.sources.slice(second);
+        if matches!(self.sources.get(second.source).text.get(..second.start as usize), Some(before) if before.ends_with("1:") || before.ends_with("0:"))
+            || text.starts_with("1:")
+            || text.starts_with("0:")
+        {
+            error = error.help(format!(
+                "if the same junction is meant, name it: `{key}` without `1:` or `0:`; else rename one of them"
+            ));
+        }
+        self.errors.push(error);
         false
     }
 
@@ -556,7 +567,17 @@ impl<'a> Elaborator<'a> {
                 e.kind.span,
                 format!("unknown element kind `{kind}` (of `{name}`)"),
             );
+            let model = format!("model {kind}");
+            let head = |text: &str| {
+                let after = text.split(&model).skip(1);
+                after.map(str::chars).any(|mut rest| matches!(rest.next(), Some('(' | ' ' | '{')))
+            };
+            let bundled = super::LIBRARY.iter().find(|(_, text)| head(text)).map(|(name, _)| *name);
             error = match nearest(kind, known) {
+                _ if bundled.is_some() => {
+                    let name = bundled.unwrap_or_default();
+                    error.help(format!("the library has it: write `use std.{name}` at the head of the file"))
+                }
                 Some(n) => error.help(format!("did you mean `{n}:{}`?", e.name.text)),
                 None => error
                     .help("the kinds are Se, Sf, C, I, R, TF, GY, 0, 1, De, Df; a model of another file needs `use`"),

@@ -235,6 +235,14 @@ impl<'a> Elaborator<'a> {
                         "if `{}` is a variable, put a space before the operator, as in `6 V * x`; or did you mean `{s}`?",
                         unknown.symbol
                     ),
+                    // A number before a name alone is a unit's; a product has its sign.
+                    _ if unknown.span == unit.span && is_name(&unknown.symbol) => {
+                        let product = format!("write the product out: `{}*{}`", super::told(value), unknown.symbol);
+                        match &unknown.suggestion {
+                            Some(s) => format!("did you mean `{s}`? If it is a variable, {product}"),
+                            None => format!("if `{}` is a variable, {product}", unknown.symbol),
+                        }
+                    }
                     Some(s) => format!("did you mean `{s}`?"),
                     None => format!(
                         "if `{}` is a variable, put a space before the operator, as in `6 V * x`",
@@ -545,4 +553,9 @@ fn ratio_of(x: f64) -> Option<(i32, i32)> {
         let n = x * f64::from(d);
         (n.fract() == 0.0 && n.abs() < 1000.0).then_some((n as i32, d))
     })
+}
+
+/// Whether a text is a name and no more.
+fn is_name(text: &str) -> bool {
+    text.chars().all(|c| c.is_alphanumeric() || c == '_')
 }

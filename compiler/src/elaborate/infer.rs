@@ -277,7 +277,19 @@ impl Inference {
             if let Some(span) = e.needed.1 {
                 error = error.label(span, format!("this asks for {needed}"));
             }
+            let turned = name(&e.found.0.mul(&e.needed.0)).is_some_and(|u| u == "1");
+            let other = reciprocal(&e.about).filter(|_| turned && name(&e.found.0).is_some_and(|u| u != "1"));
+            let bare = name(&e.found.0).is_some_and(|u| u == "1");
+            let source = self.equations.iter().find(|o| {
+                bare && (o.about.starts_with("the effort of") || o.about.starts_with("the flow of"))
+                    && name(&o.found.0).is_some_and(|u| u == "1")
+            });
             let error = error.help(match name(&e.found.0.div(&e.needed.0)) {
+                _ if other.is_some() => format!("{}; or give {value}", other.unwrap_or_default()),
+                _ if source.is_some() => {
+                    let what = source.map(|o| o.about.as_str()).unwrap_or_default();
+                    format!("{what} is a bare number too, so that the units of its bonds are none of physics: give both units, as in `= 1 N` and `= 1 kg`")
+                }
                 Some(off) => {
                     format!("the unit is off by a factor of {off}: give {value}, or mend the expression")
                 }
@@ -400,4 +412,18 @@ struct Belief {
     off: Vec<usize>,
     /// How many domains have a pair of units that no physics has.
     strange: usize,
+}
+
+/// What may have been meant where a value's unit is one over what it should be.
+fn reciprocal(about: &str) -> Option<&'static str> {
+    let list = [
+        ("the compliance of", "if the stiffness is meant, write `{ stiffness = ... }`"),
+        ("the stiffness of", "if the compliance is meant, write `= ...`, or `{ compliance = ... }`"),
+        ("the resistance of", "if the conductance is meant, write `{ conductance = ... }`"),
+        ("the conductance of", "if the resistance is meant, write `= ...`, or `{ resistance = ... }`"),
+        ("the ratio of", "e_in = ratio e_out: if it runs the other way, write `1/...`, or turn the half arrows"),
+        ("the rate", "if the period is meant, write `sampled every ...`"),
+        ("the period", "if the rate is meant, write `sampled at ...`"),
+    ];
+    list.into_iter().find(|(what, _)| about.starts_with(what)).map(|(_, mend)| mend)
 }

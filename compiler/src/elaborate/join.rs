@@ -244,6 +244,8 @@ impl Elaborator<'_> {
         // A bond that was not made may be the one that seems to be missing.
         let whole = !self.torn[id.at()] && self.is_whole(self.scopes[decl.scope].instance);
         let error = match (decl.kind, bonds.len()) {
+            (Kind::Zero | Kind::One, 0) => whole
+                .then(|| unconnected(name, span).help(format!("bond it, as in `a -> {name} -> b`, or take it out"))),
             (_, 0) => whole.then(|| unconnected(name, span)),
             (Kind::Zero | Kind::One, _) => None,
             (Kind::Tf | Kind::Gy, _) => {

@@ -189,6 +189,10 @@ impl Wreck<'_> {
         let unit = self.kind(start) == Some(Kind::Number) && start < before && ends;
         unit.then(|| {
             let span = self.scan.span_of(start).to(self.scan.span_of(at));
+            if let Some(meant) = misspelt(word) {
+                let message = format!("`{word}` is neither a unit nor a word that may stand behind a value");
+                return self.error("syntax::unit", at, message).help(format!("did you mean `{meant}`?"));
+            }
             let message = format!("`{}`: a unit has no spaces inside", self.scan.slice(span));
             let left = self.scan.slice(self.scan.span_of(start + 1).to(self.scan.span_of(before)));
             let help = format!("join its symbols with `*` or `/`: `{} {left}*{word}`", self.word(start));
@@ -284,4 +288,26 @@ pub(super) fn no_comment(scan: &Scan, index: usize) -> Diagnostic {
     let span = scan.span_of(index).to(scan.span_of(end));
     let help = if open { "a comment begins with `//`, on each of its lines" } else { "a comment begins with `//`" };
     Diagnostic::error("syntax::character", span, format!("`{word}` begins no comment")).help(help)
+}
+
+/// The word that may have been meant behind a value, where this is all but one.
+fn misspelt(word: &str) -> Option<String> {
+    if matches!(word, "lagged" | "matched" | "predicted") {
+        return Some(format!("hold {word}"));
+    }
+    let letters = |text: &str| {
+        let mut list: Vec<char> = text.chars().collect();
+        list.sort_unstable();
+        list
+    };
+    // Letters in another order, or one of them too few, too many or wrong.
+    let near = |meant: &&str| {
+        let (a, b): (Vec<char>, Vec<char>) = (word.chars().collect(), meant.chars().collect());
+        let head = a.iter().zip(&b).take_while(|(x, y)| x == y).count();
+        let tail = a[head..].iter().rev().zip(b[head..].iter().rev()).take_while(|(x, y)| x == y).count();
+        let rest = (a.len() - head - tail).max(b.len() - head - tail);
+        rest <= 1 || (a.len() > 3 && letters(word) == letters(meant))
+    };
+    let words = ["within", "then", "else", "hold", "budget", "method"];
+    (word.chars().count() > 3).then(|| words.iter().find(|meant| near(meant)).map(ToString::to_string))?
 }

@@ -154,7 +154,9 @@ impl Wreck<'_> {
             let one =
                 "I C R Se Sf TF GY MTF MGY MSe MSf MR".split(' ').any(|kind| kind == self.word(open.saturating_sub(3)));
             let help = match one {
-                true => format!("an index stands in square brackets: `{name}[...]`"),
+                true => format!(
+                    "a value stands behind `=`, as in `{name} = ...`; an index in square brackets, `{name}[...]`"
+                ),
                 false => format!("write `{name}(parameter = ...)`"),
             };
             self.error("syntax::argument", open + 1, message).help(help)
