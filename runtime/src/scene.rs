@@ -57,8 +57,12 @@ pub struct LeftOut {
     pub states: Vec<String>,
 }
 
+/// So many holders have one trust at most: each looks at the others.
+pub const JOINED: usize = 16;
+
 impl Scene {
-    /// For each cluster a number that it has in common with all those that double bars join it to, across others too.
+    /// For each cluster a number that it has in common with all those that double bars join it to, across others too. Where
+    /// more than [`JOINED`] hold under a budget, each has its own.
     pub fn joined(&self) -> Vec<usize> {
         let mut of: Vec<usize> = (0..self.clusters.len()).collect();
         fn root(of: &mut [usize], mut i: usize) -> usize {
@@ -72,7 +76,10 @@ impl Scene {
             let (a, b) = (root(&mut of, bar.holder.0), root(&mut of, bar.other.0));
             of[a.max(b)] = a.min(b);
         }
-        (0..of.len()).map(|i| root(&mut of, i)).collect()
+        let roots: Vec<usize> = (0..of.len()).map(|i| root(&mut of, i)).collect();
+        let mut holders = vec![0; roots.len()];
+        (0..roots.len()).filter(|i| self.is_budgeted(*i)).for_each(|i| holders[roots[i]] += 1);
+        roots.iter().enumerate().map(|(i, root)| if holders[*root] > JOINED { i } else { *root }).collect()
     }
 
     /// Whether a cluster holds something under a budget.

@@ -65,12 +65,15 @@ fn hold_together(model: &Model, form: &Form, sets: &mut petgraph::unionfind::Uni
     let region = |c: ColumnId| form.column(c).region.at();
     let mut bars: Vec<(usize, usize)> = form.bars.iter().map(|b| (region(b.holder), region(b.held))).collect();
     bars.sort_unstable();
-    let ports = |i: usize| bars.iter().filter(|b| b.0 == i).count();
+    let is_open = |c: &&crate::structure::Column| matches!(c.role, Role::Open(_));
+    let open: FxHashSet<usize> = form.columns.iter().filter(is_open).map(|c| c.region.at()).collect();
     let alone = |i: &usize| {
-        let open = |c: &&crate::structure::Column| c.region.at() == *i && matches!(c.role, Role::Open(_));
         let ray = form.regions[*i].sampling.is_some_and(|s| model.samplings[s].method.as_deref() == Some("ray"));
-        ray || form.columns.iter().any(|c| open(&c))
+        ray || open.contains(i)
     };
+    let (all, mut ports): (FxHashSet<(usize, usize)>, FxHashMap<usize, usize>) =
+        (bars.iter().copied().collect(), FxHashMap::default());
+    bars.iter().for_each(|b| *ports.entry(b.0).or_default() += 1);
     let alike = |i: usize, j: usize| {
         let way = |i: usize| {
             let s = &model.samplings[form.regions[i].sampling?];
@@ -81,11 +84,11 @@ fn hold_together(model: &Model, form: &Form, sets: &mut petgraph::unionfind::Uni
     // By what they hold for, the regions that do so far, and how many ports they have.
     let mut groups: Vec<(usize, Vec<usize>, usize)> = Vec::new();
     for &(holder, other) in &bars {
-        let (root, more) = (sets.find(other), ports(holder));
+        let (root, more) = (sets.find(other), ports[&holder]);
         if more > TOGETHER || alone(&holder) {
             continue;
         }
-        let joined = |i: usize, j: usize| bars.contains(&(i, j)) || bars.contains(&(j, i));
+        let joined = |i: usize, j: usize| all.contains(&(i, j)) || all.contains(&(j, i));
         let fits = |(of, members, count): &&mut (usize, Vec<usize>, usize)| {
             *of == root
                 && (members.contains(&holder) || count + more <= TOGETHER)

@@ -205,9 +205,9 @@ impl Caution {
         cost
     }
 
-    /// In debt, scales held variables down until no more is at risk than was repaid since the debt was largest (or is
-    /// stored besides), or than is trusted: of what they put at risk, W(s) = s u + s^2 b at s times them, where `doubt` is what each alpha may be
-    /// off by.
+    /// In debt, or distrusted, scales held variables down until no more is at risk than was repaid since the debt was
+    /// largest (or is stored besides), or than is trusted: of what they put at risk, W(s) = s u + s^2 b at s times them,
+    /// where `doubt` is what each alpha may be off by.
     pub(super) fn restrain(
         &mut self,
         v: &mut [f64],

@@ -33,7 +33,13 @@ typedef int32_t bond_mask;
 typedef int64_t bond_mask;
 #endif
 #define BOND_IF(c) (-(bond_mask)(c))
-static inline bond_real bond_pick(bond_mask c, bond_real a, bond_real b) {
+/* Not every scene takes all of these. */
+#ifdef __GNUC__
+#define BOND_SPARE __attribute__((unused)) static inline
+#else
+#define BOND_SPARE static inline
+#endif
+BOND_SPARE bond_real bond_pick(bond_mask c, bond_real a, bond_real b) {
     union {
         bond_real x;
         bond_mask bits;
@@ -46,14 +52,14 @@ static inline bond_real bond_pick(bond_mask c, bond_real a, bond_real b) {
 #endif
 /* -- bond_lane_sign */
 #if BOND_ABREAST
-static inline bond_real bond_lane_sign(bond_real a) {
+BOND_SPARE bond_real bond_lane_sign(bond_real a) {
     const bond_real other = bond_pick(BOND_IF(a == 0), BOND_R(0.0), a);
     return bond_pick(BOND_IF(a > 0), BOND_R(1.0), bond_pick(BOND_IF(a < 0), BOND_R(-1.0), other));
 }
 #endif
 /* -- bond_lane_min */
 #if BOND_ABREAST
-static inline bond_real bond_lane_min(bond_real a, bond_real b) {
+BOND_SPARE bond_real bond_lane_min(bond_real a, bond_real b) {
     const bond_real same = bond_pick(BOND_IF(BOND_M(copysign)(BOND_R(1.0), a) < 0), a, b);
     const bond_real other = bond_pick(BOND_IF(a == b), same, a + b);
     return bond_pick(BOND_IF(a < b), a, bond_pick(BOND_IF(b < a), b, other));
@@ -61,7 +67,7 @@ static inline bond_real bond_lane_min(bond_real a, bond_real b) {
 #endif
 /* -- bond_lane_max */
 #if BOND_ABREAST
-static inline bond_real bond_lane_max(bond_real a, bond_real b) {
+BOND_SPARE bond_real bond_lane_max(bond_real a, bond_real b) {
     const bond_real same = bond_pick(BOND_IF(BOND_M(copysign)(BOND_R(1.0), a) < 0), b, a);
     const bond_real other = bond_pick(BOND_IF(a == b), same, a + b);
     return bond_pick(BOND_IF(a > b), a, bond_pick(BOND_IF(b > a), b, other));
