@@ -413,3 +413,90 @@ fn orifices_at_order_8() {
         assert!((p / want - 1.0).abs() < 1e-7 && steps < 600, "{method:?}: {p} where {want} is due, {steps} steps");
     }
 }
+
+/// Newton's cradle by Hertz' law: bodies that touch, whose contacts have no stiffness yet, and pass on next to nothing in
+/// the first step (1e-200 m at the last of them).
+#[test]
+fn bodies_that_touch() {
+    let row = |n: u32, law: &str| {
+        format!(
+            "model Row {{
+               for i in 1..{n} {{
+                 I:m[i] {{ inertia = 0.1 kg; f0 = if i == 1 then 1 m/s else 0 m/s }}
+                 m[i] -> 1:v[i]
+                 if i < {n} {{ C:h[i] {{ e = {law} }} v[i] -> 0:d[i] -> h[i]; d[i] -> v[i+1] }}
+               }}
+               probe last = m[{n}].f
+               probe momentum = {}
+               simulate {{ stop = 5 ms }}
+             }}",
+            (1..=n).map(|i| format!("m[{i}].p")).collect::<Vec<_>>().join(" + ")
+        )
+    };
+    let hertz = "(1e8 N/m^(3/2))*max(q, 0 m)^1.5";
+    let fine = at(&compiled(&row(3, hertz), None, Some(1e-10)), Some(1e-10), "last", 5e-3).0;
+    for tolerance in [1e-6, 3e-8, 1e-8, 1e-9] {
+        let scene = compiled(&row(3, hertz), None, Some(tolerance));
+        let (last, steps) = at(&scene, Some(tolerance), "last", 5e-3);
+        assert!((last - fine).abs() < 1e-4 && steps < 4000, "{tolerance}: {last} and {fine}, {steps} steps");
+        assert!((at(&scene, Some(tolerance), "momentum", 5e-3).0 - 0.1).abs() < 1e-12);
+    }
+    for law in [hertz, "(1e12 N/m^2)*max(q, 0 m)^2"] {
+        let scene = compiled(&row(8, law), None, None);
+        assert!(at(&scene, Some(1e-4), "last", 5e-3).0 > 0.9, "{law}");
+        assert!((at(&scene, Some(1e-4), "momentum", 5e-3).0 - 0.1).abs() < 1e-11, "{law}");
+    }
+}
+
+/// `e sqrt|e|` has its slope at 0 however it is written: a backlash 10 cm wide in series with such a damper, driven through
+/// it at constant speed, presses on its other flank by what the damper lets through, (v/c)^(2/3).
+#[test]
+fn broken_powers_have_their_slope_at_rest() {
+    for law in ["e*sqrt(abs(e))", "sign(e)*abs(e)^1.5", "e*abs(e)^(1/2)"] {
+        let text = format!(
+            "model Gap {{
+               Sf:v = 1 m/s
+               C:gap {{ e = (400 N/m)*(max(q - 0.05 m, 0 m) + min(q + 0.05 m, 0 m)); q0 = -0.1 m }}
+               R:r {{ f = (1.2 m/(s*N^(3/2)))*{law} }}
+               v -> 0:d -> gap, r
+               probe q = gap.q
+               simulate {{ stop = 2 s }}
+             }}"
+        );
+        let (q, _) = at(&compiled(&text, None, None), None, "q", 2.0);
+        let wanted = 0.05 + (1.0f64 / 1.2).powf(2.0 / 3.0) / 400.0;
+        assert!((q - wanted).abs() < 1e-9, "{law}: {q} and {wanted}");
+    }
+}
+
+/// Two unlike diodes in series from 0 V, where the residual of the loop is rounding; and a resistor that heats itself,
+/// whose temperature has no value at 0.
+#[test]
+fn loops_that_start_at_nothing() {
+    let diodes = "model D {
+       Se:s = 5 V * sin(20*t/(1 s))
+       R:r1 = 20 Ohm
+       R:d1 { f = (8e-10 A)*(exp(e/(0.02585 V)) - 1) }
+       R:d2 { f = (4e-12 A)*(exp(e/(0.02585 V)) - 1) }
+       s -> 1:a -> r1, d1, d2
+       probe i = a.f
+       simulate { stop = 1 s }
+     }";
+    let (i, _) = at(&compiled(diodes, None, None), None, "i", 1.0);
+    let drop = |is: f64| 0.02585 * (i / is).ln_1p();
+    assert!((20.0 * i + drop(8e-10) + drop(4e-12) - 5.0 * 20f64.sin()).abs() < 1e-6, "{i}");
+    let heats = "model T {
+       Se:v = 5 V; Se:amb = 300 K
+       I:l = 1 mH
+       RS(r, th):n = (100 Ohm)*exp((3000 K)/T.e - 10)
+       R(w, k):c { w.f = (5 mW/K)*(w.e - k.e)/w.e; k.f = (5 mW/K)*(k.e - w.e)/k.e }
+       v -> 1:i -> n.r, l
+       n.th -> 0:T -> c.w
+       amb -> c.k
+       probe warm = T.e
+       probe i2 = l.f
+       simulate { stop = 1 ms }
+     }";
+    let (warm, _) = at(&compiled(heats, None, None), None, "warm", 1e-3);
+    assert!(warm.is_finite() && warm > 299.0, "{warm}");
+}

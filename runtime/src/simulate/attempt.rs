@@ -62,6 +62,9 @@ pub(super) struct Scale {
     faintest: f64,
 }
 
+/// States of which it is looked for where their energies bend, at most.
+const FAR: usize = 256;
+
 impl Scale {
     /// Those of a cluster's states, then of its integrals, by what `stored` gives at the start.
     pub(super) fn all(c: &Cluster, stored: &[f64]) -> Vec<Self> {
@@ -78,6 +81,28 @@ impl Scale {
         let integral = Self { natural: 0.0, heat: false, faintest: SMALLEST };
         let states = c.curvatures.iter().zip(&c.grains).enumerate().map(state);
         states.chain(std::iter::repeat_n(integral, c.integrals)).collect()
+    }
+
+    /// Where H does not bend at the start, as of bodies that touch by Hertz' law: how far away an energy of 1 J lies, by
+    /// the curvature there, `bends` of a state and how far it is moved. An error of next to nothing would be one of all
+    /// that there is, else.
+    pub(super) fn look_further(
+        scales: &mut [Self],
+        c: &Cluster,
+        stored: &[f64],
+        mut bends: impl FnMut(usize, f64) -> Option<f64>,
+    ) {
+        if c.states > FAR {
+            return;
+        }
+        for (i, scale) in scales.iter_mut().enumerate().take(c.states) {
+            if stored[c.curvatures[i]] != 0.0 {
+                continue;
+            }
+            let sizes = (-15..=9).map(|k| 10f64.powi(k));
+            let mut holds = |x: f64| bends(i, x).is_some_and(|k| k.is_finite() && 0.5 * k * x * x >= 1.0);
+            scale.natural = sizes.into_iter().find(|x| holds(*x) || holds(-x)).unwrap_or(0.0);
+        }
     }
 }
 

@@ -244,6 +244,14 @@ impl Run {
             jumps: Vec::new(),
         })?;
         let out = out.to_vec();
+        let mut scales = Scale::all(c, &out);
+        if fit.is_some() {
+            Scale::look_further(&mut scales, c, &out, |i, x| {
+                let mut moved = state.clone();
+                moved[i] += x;
+                stored.run(&moved, &input).ok().map(|out| out[c.curvatures[i]])
+            });
+        }
         let books = c
             .entries
             .iter()
@@ -281,7 +289,7 @@ impl Run {
             }),
             largest: state[..n].iter().map(|x| x.abs()).collect(),
             traced: fit.is_some() || c.is_traced(),
-            scales: Scale::all(c, &out),
+            scales,
             glanced: state.clone(),
             state,
             input,
