@@ -264,8 +264,8 @@ impl Compiled {
         &self.inner.scene.probes.names
     }
 
-    /// A part of it as text, with what is left out of what runs: `all`, `graph`, `causality`, `phs`, `regions`, `program`. For another word, the text says
-    /// so.
+    /// A part of it as text, with what is left out of what runs: `all`, `graph`, `causality`, `phs`, `regions`,
+    /// `program`. For another word, the text says so.
     pub fn show(&self, what: &str) -> String {
         let Some(what) = What::ALL.into_iter().find(|w| w.name() == what) else {
             let known: Vec<&str> = What::ALL.iter().map(|w| w.name()).collect();

@@ -57,14 +57,13 @@ pub struct LeftOut {
     pub states: Vec<String>,
 }
 
-/// So many holders have one trust at most: each looks at the others.
-pub const JOINED: usize = 16;
+/// So many holders go by one another's debts at most.
+const JOINED: usize = 16;
 
 impl Scene {
-    /// For each cluster a number that it has in common with all those that double bars join it to, across others too. Where
-    /// more than [`JOINED`] hold under a budget, each has its own.
-    pub fn joined(&self) -> Vec<usize> {
-        let mut of: Vec<usize> = (0..self.clusters.len()).collect();
+    /// For each cluster the others that hold under a budget and that double bars join it to, across others too: none
+    /// where there are more than 16 in all.
+    pub fn near(&self) -> Vec<Vec<usize>> {
         fn root(of: &mut [usize], mut i: usize) -> usize {
             while of[i] != i {
                 of[i] = of[of[i]];
@@ -72,19 +71,18 @@ impl Scene {
             }
             i
         }
+        let n = self.clusters.len();
+        let mut of: Vec<usize> = (0..n).collect();
         for bar in &self.bars {
             let (a, b) = (root(&mut of, bar.holder.0), root(&mut of, bar.other.0));
             of[a.max(b)] = a.min(b);
         }
-        let roots: Vec<usize> = (0..of.len()).map(|i| root(&mut of, i)).collect();
-        let mut holders = vec![0; roots.len()];
-        (0..roots.len()).filter(|i| self.is_budgeted(*i)).for_each(|i| holders[roots[i]] += 1);
-        roots.iter().enumerate().map(|(i, root)| if holders[*root] > JOINED { i } else { *root }).collect()
-    }
-
-    /// Whether a cluster holds something under a budget.
-    pub fn is_budgeted(&self, cluster: usize) -> bool {
-        self.clusters.get(cluster).is_some_and(|c| c.budget && !c.holds.is_empty())
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); n];
+        for (i, _) in self.clusters.iter().enumerate().filter(|(_, c)| c.budget && !c.holds.is_empty()) {
+            members[root(&mut of, i)].push(i);
+        }
+        members.iter_mut().filter(|list| list.len() > JOINED).for_each(Vec::clear);
+        (0..n).map(|i| members[root(&mut of, i)].iter().copied().filter(|j| *j != i).collect()).collect()
     }
 }
 

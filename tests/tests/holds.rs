@@ -442,6 +442,24 @@ fn holders_of_one_body() {
     }
 }
 
+/// What reads another's signal does so at the samples, and so by itself; others at once find together what they hold.
+#[test]
+fn who_reads_a_signal_holds_by_itself() {
+    let clusters = |stiffness: &str| {
+        let compiled = text(&format!(
+            "model M {{
+               sampled every 20 ms {{ C:k1 {{ stiffness = 50 N/m }} }}
+               sampled every 20 ms {{ R:b2 = {stiffness} }}
+               I:m = 1 kg; Se:push = 1 N; push -> 1:v -> m; v ||> k1; v ||> b2
+               probe x = m.f
+             }}"
+        ));
+        compiled.scene().clusters.len()
+    };
+    assert_eq!(clusters("2 N*s/m"), 2);
+    assert_eq!(clusters("2 N*s/m * (1 + (k1.q/(1 m))^2)"), 3);
+}
+
 /// The same drawn, of what is held an effort or a flow: debts stay a small multiple of what was stored. (By each alone
 /// they grew without end.)
 #[test]

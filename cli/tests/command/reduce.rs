@@ -109,3 +109,36 @@ fn what_is_wrong_is_told() {
     // What an expectation reads stays.
     here.bond(&["run", "o.bond", "--without", "spring"]).is(2, &[], &["reads it"]);
 }
+
+/// What no probe depends on is named, and not tried; what is left out has its indices, which the next command takes, with
+/// all else that the run was made with.
+#[test]
+fn the_last_line_runs() {
+    let here = Folder::new().with(
+        "grid.bond",
+        "model Grid {
+           input u = 1 V
+           Se:e = u
+           e -> 0:top
+           for i in 1..2 { for j in 1..2 { R:r[i,j] = 1 Ohm; R:tiny[i,j] = 1e-9 Ohm; top -> 1:b[i,j] -> r[i,j], tiny[i,j] } }
+           Sf:alone = 1 A; R:other = 1 Ohm; alone -> other
+           state idle = 0 { didle = 1/(1 s) }
+           probe x = r[1,1].f
+           simulate { stop = 1 s }
+         }",
+    );
+    let left = "left out    the region `alone`, the state `idle`: no probe, open port or expectation depends on them";
+    let args = ["grid.bond", "--error", "0.01", "--stop", "2s", "--step", "100ms"];
+    let done = here.bond(&[&["reduce"], &args[..]].concat()).is(0, &[left], &[]);
+    let line = done.out.lines().last().unwrap_or_default().replace('"', "");
+    assert!(line.contains("tiny[1,1]") && line.ends_with("--stop 2.0 --step 0.1"), "{line}");
+    let words: Vec<&str> = line.split(' ').skip(1).collect();
+    here.bond(&words).is(0, &["simulated   2 s", left], &[]);
+    here.bond(&["run", "grid.bond", "--without", "tiny[1][2], tiny[ 2,1 ]"]).is(0, &["passive     yes"], &[]);
+    here.bond(&["check", "grid.bond"]).is(0, &[], &["1 region, 0 states; left out: the region `alone`"]);
+    let summary = here.bond(&["run", "grid.bond", "--summary", "json"]).is(0, &[], &[]).out;
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    assert_eq!(summary["left_out"], serde_json::json!({"regions": ["alone"], "states": ["idle"]}));
+    let linear = here.bond(&["linearize", "grid.bond"]).is(0, &[], &[]).out;
+    assert_eq!(serde_json::from_str::<Value>(&linear).unwrap()["states"], serde_json::json!(["idle"]));
+}

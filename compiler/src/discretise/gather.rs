@@ -60,8 +60,14 @@ const TOGETHER: usize = 12;
 
 /// Sampled regions that hold for the same cluster at the same instants and in the same way: what one holds is part of
 /// what the others are answered, so that they find it together. Not by the construction along a line, which is of one
-/// level set; not where a double bar joins them, or the outside is held for too.
-fn hold_together(model: &Model, form: &Form, sets: &mut petgraph::unionfind::UnionFind<usize>) {
+/// level set; not where a double bar joins them, one `reads` the other's signals (at the samples), or the outside is held
+/// for too.
+fn hold_together(
+    model: &Model,
+    form: &Form,
+    reads: &FxHashSet<(usize, usize)>,
+    sets: &mut petgraph::unionfind::UnionFind<usize>,
+) {
     let region = |c: ColumnId| form.column(c).region.at();
     let mut bars: Vec<(usize, usize)> = form.bars.iter().map(|b| (region(b.holder), region(b.held))).collect();
     bars.sort_unstable();
@@ -71,8 +77,8 @@ fn hold_together(model: &Model, form: &Form, sets: &mut petgraph::unionfind::Uni
         let ray = form.regions[*i].sampling.is_some_and(|s| model.samplings[s].method.as_deref() == Some("ray"));
         ray || open.contains(i)
     };
-    let (all, mut ports): (FxHashSet<(usize, usize)>, FxHashMap<usize, usize>) =
-        (bars.iter().copied().collect(), FxHashMap::default());
+    let bound: FxHashSet<(usize, usize)> = bars.iter().chain(reads).copied().collect();
+    let mut ports: FxHashMap<usize, usize> = FxHashMap::default();
     bars.iter().for_each(|b| *ports.entry(b.0).or_default() += 1);
     let alike = |i: usize, j: usize| {
         let way = |i: usize| {
@@ -88,7 +94,7 @@ fn hold_together(model: &Model, form: &Form, sets: &mut petgraph::unionfind::Uni
         if more > TOGETHER || alone(&holder) {
             continue;
         }
-        let joined = |i: usize, j: usize| all.contains(&(i, j)) || all.contains(&(j, i));
+        let joined = |i: usize, j: usize| bound.contains(&(i, j)) || bound.contains(&(j, i));
         let fits = |(of, members, count): &&mut (usize, Vec<usize>, usize)| {
             *of == root
                 && (members.contains(&holder) || count + more <= TOGETHER)
@@ -149,18 +155,20 @@ pub(super) fn gather(model: &mut Model, form: &Form, apart: bool) -> Vec<Cluster
     }
     let mut sets = petgraph::unionfind::UnionFind::<usize>::new(atoms.len());
     let mut solved: FxHashSet<Symbol> = FxHashSet::default();
+    let mut reads: FxHashSet<(usize, usize)> = FxHashSet::default();
     let of_integrals = homes.iter().zip(&form.integrals).map(|(home, e)| (*home, pool.symbols(*e)));
     for (i, read) in read_by.into_iter().enumerate().chain(of_integrals) {
         for s in read {
             let Some(&j) = owner.get(&s) else { continue };
             solved.insert(s);
+            reads.insert((i, j));
             if atoms[i].sampling.is_none() && atoms[j].sampling.is_none() {
                 sets.union(i, j);
             }
         }
     }
     if !apart {
-        hold_together(model, form, &mut sets);
+        hold_together(model, form, &reads, &mut sets);
     }
     let mut clusters: Vec<Cluster> = Vec::new();
     let mut cluster_of: FxHashMap<usize, usize> = FxHashMap::default();

@@ -162,11 +162,9 @@ impl<'a> Elaborator<'a> {
         *known = (Entity::Missing, first);
         let mut error = twice(&key, first, second);
         // A junction is declared once, and then named: `1:v -> a`, `v -> b`.
-        let text = self.sources.slice(second);
-        if matches!(self.sources.get(second.source).text.get(..second.start as usize), Some(before) if before.ends_with("1:") || before.ends_with("0:"))
-            || text.starts_with("1:")
-            || text.starts_with("0:")
-        {
+        let text = &self.sources.get(second.source).text;
+        let before = text.get(..second.start as usize).unwrap_or_default();
+        if before.ends_with("1:") || before.ends_with("0:") {
             error = error.help(format!(
                 "if the same junction is meant, name it: `{key}` without `1:` or `0:`; else rename one of them"
             ));

@@ -422,8 +422,11 @@ fn reciprocal(about: &str) -> Option<&'static str> {
         ("the resistance of", "if the conductance is meant, write `{ conductance = ... }`"),
         ("the conductance of", "if the resistance is meant, write `= ...`, or `{ resistance = ... }`"),
         ("the ratio of", "e_in = ratio e_out: if it runs the other way, write `1/...`, or turn the half arrows"),
-        ("the rate", "if the period is meant, write `sampled every ...`"),
-        ("the period", "if the rate is meant, write `sampled at ...`"),
     ];
-    list.into_iter().find(|(what, _)| about.starts_with(what)).map(|(_, mend)| mend)
+    // A state has a rate, too: "the rate of `z`".
+    match about {
+        "the rate" => Some("if the period is meant, write `sampled every ...`"),
+        "the period" => Some("if the rate is meant, write `sampled at ...`"),
+        _ => list.into_iter().find(|(what, _)| about.starts_with(what)).map(|(_, mend)| mend),
+    }
 }

@@ -168,14 +168,12 @@ impl Simulation<'_> {
             stored += own;
         }
         let easy = self.caution[i].is_easy();
-        let free = stored >= 0.0 && (easy || self.near(i).all(|j| self.kept(j) >= 0.0));
+        let free = stored >= 0.0 && (easy || self.near[i].iter().all(|j| self.kept(*j) >= 0.0));
         let cost = self.caution[i].settle((-stored, free), crossed);
         if cost > 1.0 {
             // What it gave out, the others may lose too.
-            for j in 0..self.joined.len() {
-                if j != i && self.joined[j] == self.joined[i] && self.scene.is_budgeted(j) {
-                    self.caution[j].trust /= cost;
-                }
+            for j in &self.near[i] {
+                self.caution[*j].trust /= cost;
             }
         }
         if stored < 0.0 {

@@ -32,8 +32,8 @@ pub struct Simulation<'a> {
     pub(super) gamma: Vec<Vec<f64>>,
     pub(super) decay: Vec<Vec<f64>>,
     /// By cluster, what it risks where it is in debt.
-    /// What [`Scene::joined`] says.
-    pub(super) joined: Vec<usize>,
+    /// What [`Scene::near`] says.
+    pub(super) near: Vec<Vec<usize>>,
     pub(super) caution: Vec<Caution>,
     /// By cluster, the clock that it goes by, if not its own.
     pub(super) pace: Vec<Option<Pace>>,
@@ -144,7 +144,7 @@ impl<'a> Simulation<'a> {
             gamma: vec![Vec::new(); n],
             decay: vec![Vec::new(); n],
             caution: vec![Caution::default(); n],
-            joined: scene.joined(),
+            near: scene.near(),
             pace: Pace::all(scene),
             next: vec![0; n],
             order,
@@ -443,12 +443,6 @@ impl<'a> Simulation<'a> {
     /// If there is no such cluster.
     pub fn kept(&self, cluster: usize) -> f64 {
         self.runs[cluster].books.iter().map(|b| b.h + b.tank).sum()
-    }
-
-    /// The other clusters with a budget that double bars join one to.
-    pub(super) fn near(&self, i: usize) -> impl Iterator<Item = usize> {
-        (0..self.joined.len())
-            .filter(move |j| *j != i && self.joined[*j] == self.joined[i] && self.scene.is_budgeted(*j))
     }
 
     /// Keeps so much for the outside, J, though the tank be fuller than its cap: it was promised, and may be drawn yet.

@@ -359,9 +359,7 @@ impl Writing<'_> {
     fn note_debt(&self, w: &mut Writer, i: usize, debt: Value, crossed: Value) {
         let [peak, trust, risk, largest] = [0, 1, 2, 3].map(|k| self.clusters[i].caution + k);
         let (zero, one) = (w.number(0.0), w.number(1.0));
-        let joined = self.scene.joined();
-        let near = |j: &usize| *j != i && joined[*j] == joined[i] && self.scene.is_budgeted(*j);
-        let near: Vec<usize> = (0..joined.len()).filter(near).collect();
+        let near = self.scene.near().swap_remove(i);
         let mut free = vec![w.le(debt, zero)];
         for &j in &near {
             let stored = self.stored(w, j);

@@ -5,9 +5,6 @@ use crate::expression::{Expr, Number, Pool};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 
-/// Of what is smaller, in any unit, products are 0 where quotients by them stand.
-const NOTHING: f64 = 1e-60;
-
 impl Pool {
     /// `y^n`
     pub(super) fn along_power(&mut self, y: Along, n: Number, step: &Step) -> Along {
@@ -78,8 +75,8 @@ impl Pool {
         let slope = self.product(&[y.slope, sum]);
         let slope = self.div(slope, both);
         let at_zero = self.power_slope(y, Number::ratio(n, 2));
-        let nothing = self.float(NOTHING);
-        let positive = self.binary(Binary::Lt, nothing, both);
+        let zero = self.zero();
+        let positive = self.binary(Binary::Lt, zero, both);
         self.select(positive, slope, at_zero)
     }
 
@@ -103,8 +100,8 @@ impl Pool {
         let far = self.mul(quotient, y.slope);
         let derivative = self.power_slope(y, n);
         let size = self.unary(Unary::Abs, change);
-        let nothing = self.float(NOTHING);
-        let moves = self.binary(Binary::Lt, nothing, size);
+        let zero = self.zero();
+        let moves = self.binary(Binary::Lt, zero, size);
         let other = self.select(moves, far, derivative);
         let both = self.add(y.from, y.to);
         let limit = self.scale(both, Number::HALF);
