@@ -12,6 +12,9 @@ pub const RECURRENCE: usize = TERMS + 3;
 pub const FORGET: f64 = 0.9;
 /// How much less a debtor is trusted after it lost all that it risked: 1 in one more than this.
 pub const WARY: f64 = 16.0;
+/// What an interval of which nothing was foretold could lose, J: what it does lose says nothing of forecasts, and costs
+/// no trust.
+pub(super) const UNTOLD: f64 = f64::INFINITY;
 /// A loss of less than this part of the most that was ever at risk is rounding, and counts as none.
 pub const LOSS: f64 = 1e-12;
 
@@ -158,8 +161,8 @@ impl Held {
 pub(super) struct Caution {
     /// The largest debt since there was none, its own or another's, J.
     pub(super) peak: f64,
-    /// The part of what could be risked that is: less after each loss, its own or another's, in proportion to it, and more
-    /// after what came in; 1 where nobody is in debt.
+    /// The part of what could be risked that is: less after each loss, its own or another's, in proportion to it; 1 where
+    /// nobody is in debt.
     pub(super) trust: f64,
     /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
     /// foretold to move at all.
@@ -195,11 +198,6 @@ impl Caution {
             let part = if part < 1.0 { part } else { 1.0 };
             cost = 1.0 + WARY * part;
             self.trust /= cost;
-        } else if crossed > 0.0 {
-            // What came in is earned back: of 1/trust, as much as a loss of that had cost it at the least.
-            let part = WARY * crossed / self.most * self.trust;
-            let trust = self.trust / (1.0 - part);
-            self.trust = if part < 1.0 && trust < 1.0 { trust } else { 1.0 };
         }
         self.peak = if self.peak < debt { debt } else { self.peak };
         cost

@@ -2,7 +2,7 @@
 
 use super::Error;
 use super::cluster::Book;
-use super::hold::{BESIDE, Held, NOISE, RECURRENCE, TERMS, within_budget};
+use super::hold::{BESIDE, Held, NOISE, RECURRENCE, TERMS, UNTOLD, within_budget};
 use super::pace::beta_of;
 use super::schedule::Simulation;
 use crate::scene::Respond;
@@ -282,6 +282,11 @@ impl Simulation<'_> {
             within_budget(values, alpha, std::iter::repeat(0.0), beta, room);
             within_budget(values, alpha, doubt.iter().copied(), beta, 2.0 * room);
             self.caution[i].restrain(values, alpha, doubt.iter().copied(), beta, stored);
+            // Once; where others hold for the same, each would have its own.
+            let first = self.held[i].iter().all(|h| h.intervals == 0);
+            if first && foreseen > 0.0 && self.near[i].is_empty() {
+                self.caution[i].risk = UNTOLD;
+            }
         }
         for ((h, v), alpha) in self.held[i].iter_mut().zip(values.iter().copied()).zip(alpha.iter()) {
             h.forecast = *alpha;

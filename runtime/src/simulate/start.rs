@@ -34,6 +34,8 @@ pub struct StartCluster {
     pub gamma: Vec<f64>,
     /// What the interval that runs puts at risk, J.
     pub risk: f64,
+    /// The most that it ever was, J.
+    pub most: f64,
     /// What follows from them: [`super::RECURRENCE`] numbers for each held port.
     pub decay: Vec<f64>,
 }
@@ -68,6 +70,7 @@ impl Simulation<'_> {
             beta: self.beta[i].clone(),
             gamma: self.gamma[i].clone(),
             risk: self.caution[i].risk,
+            most: self.caution[i].most,
             decay: self.decay[i].clone(),
         };
         Start {

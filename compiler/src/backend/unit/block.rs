@@ -118,7 +118,7 @@ impl Cluster {
                 energy: block.take(if full { 2 } else { 0 }),
             })
             .collect();
-        let caution = block.put(&[0.0, 1.0, start.risk, start.risk]);
+        let caution = block.put(&[0.0, 1.0, start.risk, start.most]);
         let books = start.energies.iter().map(|h| block.put(&ledger::start(*h))).collect();
         let more = if full { c.entries.iter().map(|e| More::new(block, c, e)).collect() } else { Vec::new() };
         let iterations = full.then(|| block.take(1));

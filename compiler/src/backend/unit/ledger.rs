@@ -380,39 +380,23 @@ impl Writing<'_> {
                 let (loss, largest) = (w.number(LOSS), w.kept(largest));
                 let least = w.mul(loss, largest);
                 let some = w.lt(least, lost);
-                let came = w.lt(zero, crossed);
                 let wary = w.number(WARY);
-                w.branch(
-                    some,
-                    |w| {
-                        let part = w.div(lost, risk);
-                        let below = w.lt(part, one);
-                        let part = w.select(below, part, one);
-                        let more = w.mul(wary, part);
-                        let more = w.add(one, more);
+                w.when(some, |w| {
+                    let part = w.div(lost, risk);
+                    let below = w.lt(part, one);
+                    let part = w.select(below, part, one);
+                    let more = w.mul(wary, part);
+                    let more = w.add(one, more);
+                    let left = w.div(left, more);
+                    w.keep(trust, left);
+                    // What it gave out, the others may lose too.
+                    for &j in &near {
+                        let theirs = self.clusters[j].caution + 1;
+                        let left = w.kept(theirs);
                         let left = w.div(left, more);
-                        w.keep(trust, left);
-                        // What it gave out, the others may lose too.
-                        for &j in &near {
-                            let theirs = self.clusters[j].caution + 1;
-                            let left = w.kept(theirs);
-                            let left = w.div(left, more);
-                            w.keep(theirs, left);
-                        }
-                    },
-                    |w| {
-                        w.when(came, |w| {
-                            let part = w.mul(wary, crossed);
-                            let part = w.div(part, largest);
-                            let part = w.mul(part, left);
-                            let rest = w.sub(one, part);
-                            let more = w.div(left, rest);
-                            let both = [w.lt(part, one), w.lt(more, one)];
-                            let more = w.select(Cond::all(both), more, one);
-                            w.keep(trust, more);
-                        });
-                    },
-                );
+                        w.keep(theirs, left);
+                    }
+                });
                 let larger = w.lt(most, debt);
                 let most = w.select(larger, debt, most);
                 w.keep(peak, most);
