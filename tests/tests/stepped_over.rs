@@ -500,3 +500,62 @@ fn loops_that_start_at_nothing() {
     let (warm, _) = at(&compiled(heats, None, None), None, "warm", 1e-3);
     assert!(warm.is_finite() && warm > 299.0, "{warm}");
 }
+
+/// What a coil asks of a diode that blocks, and a spring of a slider: nothing but the states decides it, and the law has
+/// an end. A symmetric method rings there, and what the law gives comes to anything.
+#[test]
+fn beyond_a_diode() {
+    let rectifier = "model HalfWave {
+      Se:mains = 20 V * sin(2*pi*50 Hz * t)
+      R:diode { f = 1e-9 A * (exp(e/(50 mV)) - 1) }
+      I:coil = 20 mH
+      R:load = 5 Ohm
+      mains -> 1:mesh -> diode, coil, load
+      probe i = mesh.f
+      probe u = diode.e
+      simulate { stop = 60 ms }
+    }";
+    let battery = "use std.electrical
+    model Charger {
+      SineVoltage:ac(amplitude = 20 V)
+      Inductor:coil(L = 1 mH, R = 0.2 Ohm)
+      Diode:d(Is = 1 nA)
+      C:bat { compliance = 10 F; e0 = 12 V }
+      ac.out -> 1:m -> coil.p, d.p, bat
+      probe i = m.f
+      simulate { stop = 15 ms }
+    }";
+    let slider = "use std.contact
+    model Jenkins {
+      Sf:drive = 0.1 m/s * cos(2*pi*1 Hz * t)
+      C:spring { stiffness = 1000 N/m }
+      SmoothFriction:slider(Fc = 3 N)
+      drive -> 0:F -> spring, slider.slide
+      probe force = F.e
+      probe x = integral(slider.slide.f, 0 m)
+      simulate { stop = 2 s }
+    }";
+    for tolerance in [None, Some(1e-5), Some(1e-8)] {
+        let coil = compiled(rectifier, None, tolerance);
+        // While it conducts, by an implicit Runge-Kutta method at 1e-12; while it blocks, -Is flows and the source is left.
+        let (i, _) = at(&coil, tolerance, "i", 5e-3);
+        assert!((i - 1.965_91).abs() < 2e-3, "{tolerance:?}: {i}");
+        for t in [0.013, 0.015, 0.0185, 0.019, 0.0545] {
+            let source = 20.0 * (100.0 * std::f64::consts::PI * t).sin();
+            let (u, steps) = at(&coil, tolerance, "u", t);
+            let (i, _) = at(&coil, tolerance, "i", t);
+            assert!((u - source).abs() < 1e-5 && (i + 1e-9).abs() < 1e-13, "{tolerance:?} at {t}: {u}, {i}");
+            assert!(steps < 1000, "{steps} steps");
+        }
+        let battery = compiled(battery, None, tolerance);
+        for (t, exact, most) in [(0.005, 11.348_11, 3e-3), (0.0085, 13.039_04, 0.02), (0.013, -1e-9, 1e-13)] {
+            let (i, _) = at(&battery, tolerance, "i", t);
+            assert!((i - exact).abs() < most, "{tolerance:?} at {t}: {i}, {exact}");
+        }
+        let slider = compiled(slider, None, tolerance);
+        let (force, _) = at(&slider, tolerance, "force", 1.1);
+        let (x, _) = at(&slider, tolerance, "x", 1.1);
+        let held = 0.1 * (0.2 * std::f64::consts::PI).sin() / (2.0 * std::f64::consts::PI) - 0.003;
+        assert!((force - 3.0).abs() < 1e-5 && (x - held).abs() < 1e-5, "{tolerance:?}: {force} N, {x} m, {held} m");
+    }
+}

@@ -1,7 +1,7 @@
 //! Which stepper a continuous cluster takes where none is named.
 
 use super::cluster::{self, Cluster};
-use super::{Method, collocation, exact};
+use super::{Method, collocation, exact, stiff};
 use crate::expression::{Expr, Node, Pool};
 use crate::model::Model;
 use crate::structure::{Form, Output};
@@ -16,6 +16,8 @@ const TIGHT: f64 = 1e-5;
 const KINKS: f64 = 1e-7;
 /// Stages of the method of order 8.
 const ORDER_8: usize = 4;
+/// Stages of `radau`.
+const RADAU: usize = 3;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
 const UNKNOWNS: usize = 16;
@@ -52,6 +54,13 @@ pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: 
         return (Method::Collocation8, "it is linear, but for what a probe integrates");
     }
     let small = is_small(c);
+    if c.followed.is_empty()
+        && collocation::is_coupled(c, RADAU)
+        && collocation::all_quadratic(c, &mut model.pool)
+        && stiff::is_switched(c, model, form)
+    {
+        return (Method::Radau, "a law is all but a switch, and what it damps within a step must not ring on");
+    }
     let laws = laws(c);
     let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
     let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }));

@@ -464,7 +464,14 @@ fn stage(
     lowering: &mut Lowering,
     guesses: &[Value],
 ) -> Result<Stage, Vec<Diagnostic>> {
-    let flat = instant::outputs(c, model, form, b, lowering, (guesses, instant::HOLD))?;
+    let flat = instant::outputs(
+        c,
+        model,
+        form,
+        b,
+        lowering,
+        (guesses, instant::Pull { curves: instant::HOLD, switches: None }),
+    )?;
     let symbols = c.states.iter().map(|s| s.symbol).collect();
     turn::angles(model, b, lowering, &c.energies(), &symbols)?;
     let mut lower = |model: &mut Model, b: &mut Builder, e| {

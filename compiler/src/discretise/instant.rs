@@ -1,8 +1,9 @@
 //! Observation: what signals are at one instant, from the states and what comes in.
 
 use super::cluster::{self, Cluster, missing, verified};
-use super::measure;
+use super::stiff;
 use super::write::{self, System};
+use super::{Method, measure};
 use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Form, Output};
@@ -26,15 +27,24 @@ pub(super) struct Layout {
     pub(super) ports: usize,
 }
 
-/// Solves the loops at one instant, and gives all outputs' expressions. `hold` is how strongly the parameter of a curve that
-/// an instant does not tell is held to its guess.
+/// How strongly what an instant does not tell is held to its guess.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pull {
+    /// The parameter of a curve.
+    pub(super) curves: f64,
+    /// What a law that is all but a switch gives, as a part of the law's slope at rest; none where it is to be as the
+    /// law has it.
+    pub(super) switches: Option<f64>,
+}
+
+/// Solves the loops at one instant, and gives all outputs' expressions.
 pub(super) fn outputs(
     c: &Cluster,
     model: &mut Model,
     form: &Form,
     b: &mut Builder,
     lowering: &mut Lowering,
-    (guesses, hold): (&[bond_runtime::ir::Value], f64),
+    (guesses, pull): (&[bond_runtime::ir::Value], Pull),
 ) -> Result<FxHashMap<Symbol, Expr>, Vec<Diagnostic>> {
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
@@ -44,13 +54,27 @@ pub(super) fn outputs(
     // from an instant: the force that holds a body at rest follows from the whole step. It stays near what the step
     // found.
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
-    for (((r, z), n), guess) in residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses) {
+    let switches = match pull.switches {
+        Some(part) => stiff::switches(c, model, form).into_iter().map(|slope| Some(part * slope?)).collect(),
+        None => vec![None; c.loops.len()],
+    };
+    for ((((r, z), n), guess), switch) in
+        residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches)
+    {
         let is_bare = matches!(n.how, Output::Curve { bends: None, .. });
         let imposed = || !model.pool.contains_any(*r, &|s| s != *z && loops.contains(&s));
-        if is_bare && imposed() && !reads(c, model, form, n) {
+        // The same of a law that all but blocks there: what a diode bears follows from the step too.
+        let pull = match n.how {
+            Output::Implicit { .. } => switch,
+            Output::Curve { .. } | Output::Explicit(_) => is_bare.then_some(pull.curves),
+        };
+        if let Some(pull) = pull
+            && imposed()
+            && !reads(c, model, form, n)
+        {
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
             lowering.bind(held, *guess);
-            let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(hold));
+            let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(pull));
             let off = model.pool.sub(s, before);
             let pull = model.pool.mul(little, off);
             *r = model.pool.add(*r, pull);
@@ -269,11 +293,15 @@ pub(super) fn write(
     model: &mut Model,
     form: &Form,
     shows: &[Symbol],
+    stepper: &str,
 ) -> Result<(Program, Layout), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "observation"));
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let flat = outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, HOLD))?;
+    // The last stage of this one stands at the end of the step: what it found is the answer there.
+    let switches = (stepper == Method::Radau.name()).then_some(HOLD);
+    let pull = Pull { curves: HOLD, switches };
+    let flat = outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, pull))?;
     let mut list: Vec<(String, Expr)> = Vec::new();
     for s in shows {
         let e = model.pool.var(*s);

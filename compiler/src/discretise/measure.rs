@@ -2,6 +2,7 @@
 //! that rounding makes a state or a loop uncertain by some parts in 1e16 of.
 
 use super::cluster::{Cluster, Node, missing};
+use super::stiff;
 use super::tight::{self, Start, TIGHT};
 use crate::expression::{self, Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
@@ -352,7 +353,8 @@ pub(super) fn scales(
     // Of a law that is not linear what it is given counts for itself alone: through the others it would come to powers of
     // what is far from it.
     let start = c.start(model);
-    for (node, size) in c.loop_nodes().into_iter().zip(sizes) {
+    let switches = stiff::switches(c, model, form);
+    for ((node, size), switch) in c.loop_nodes().into_iter().zip(sizes).zip(switches) {
         let steep = node.resistor().filter(|column| is_steep(model, form, *column));
         let steep = steep.filter(|_| !matches!(node.how, Output::Curve { .. }));
         let law = steep.and_then(|column| Some((column, slope(model, form, &flat, node)?)));
@@ -365,7 +367,14 @@ pub(super) fn scales(
         let slope = lower(model, b, &mut at_start, slope)?;
         let slope = b.unary(Unary::Abs, slope);
         let rest = slope_at_rest(model, form, column, &start);
-        let slope = cautious(b, slope, rest, forward);
+        let slope = match switch.filter(|_| !forward) {
+            // Where a law all but blocks, its slope tells nothing of what it gives: the storages do.
+            Some(rest) => {
+                let rest = b.number(rest);
+                b.binary(Binary::Max, slope, rest)
+            }
+            None => cautious(b, slope, rest, forward),
+        };
         let more = if forward { b.mul(given, slope) } else { b.div(given, slope) };
         // Where a law rises like a root its slope says nothing.
         let (most, none) = (b.number(RANGE), b.number(0.0));

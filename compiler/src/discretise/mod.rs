@@ -21,6 +21,7 @@ mod ray;
 mod root;
 mod sav;
 mod start;
+mod stiff;
 mod swing;
 mod tear;
 mod tight;

@@ -20,7 +20,14 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
     let mut entries = c.reserve(model, &mut b, form);
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let flat = instant::outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, instant::SLIGHT))?;
+    let flat = instant::outputs(
+        c,
+        model,
+        form,
+        &mut b,
+        &mut lowering,
+        (&inputs.guesses, instant::Pull { curves: instant::SLIGHT, switches: None }),
+    )?;
     write::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
     let n = c.states.len();
     let mut rates: Vec<Value> = Vec::new();

@@ -9,6 +9,7 @@ use super::tableau::Tableau;
 use super::{COUPLED, Nodes, is_coupled, is_quadratic};
 use crate::discretise::choice::{is_kink, laws};
 use crate::discretise::cluster::{Cluster, missing};
+use crate::discretise::stiff;
 use crate::discretise::turn::Turns;
 use crate::discretise::write::{Inputs, System, fixed_parts, opposite, taken};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
@@ -58,7 +59,8 @@ impl Apart {
         let curve = c.loop_nodes().iter().any(|n| matches!(n.how, Output::Curve { .. }));
         let bends = curve || laws(c).iter().any(|e| model.pool.any_node(*e, &is_kink));
         let n = c.states.len() + c.loops.len();
-        let few = if bends { is_coupled(c, tableau.stages()) } else { n * tableau.stages() <= COUPLED };
+        let few = n * tableau.stages() <= COUPLED
+            || (is_coupled(c, tableau.stages()) && (bends || stiff::is_switched(c, model, form)));
         if few && !quadratic(c, &mut model.pool) {
             return None;
         }

@@ -1,0 +1,127 @@
+//! Laws that are all but a switch: diodes, dry friction, valves, contacts that open. Their slope falls by orders of
+//! magnitude from one place to another.
+//!
+//! What such a law is asked for may lie where it all but blocks, as the current of a coil beyond a diode: the time
+//! constant there is next to nothing, or none. A symmetric method does not damp that but turns it about in each step
+//! (A-stability without L-stability: Hairer and Wanner II, IV.3). The state is right to its tolerance then, and what the
+//! law gives is off by as much as its slope makes of that.
+
+use super::cluster::Cluster;
+use crate::expression::{Expr, Node as Part, Pool, Symbol};
+use crate::model::Model;
+use crate::structure::{Form, Output};
+use rustc_hash::FxHashMap;
+
+/// A law whose slope is less than this part of what it is elsewhere is all but a switch.
+const SWITCH: f64 = 1e-3;
+/// Where what is solved for has at least this part of its slope at rest, whatever it comes to, the rest of the network
+/// holds it, as a resistor in series with a diode does.
+const HELD: f64 = 0.1;
+/// Where slopes are looked at, on both sides of rest: powers of ten, in SI units.
+const DECADES: std::ops::RangeInclusive<i32> = -6..=6;
+
+/// The numbers of a cluster at its start.
+struct Start(FxHashMap<Symbol, f64>);
+
+impl Start {
+    fn of(c: &Cluster, model: &Model) -> Self {
+        let inputs = c.inputs.iter().map(|i| (i.1, model.inputs[i.0].value));
+        Self(c.states.iter().map(|s| (s.symbol, s.initial)).chain(inputs).collect())
+    }
+
+    /// The size of an expression, with one symbol put to a value.
+    fn size(&self, pool: &Pool, e: Expr, (z, x): (Symbol, f64)) -> f64 {
+        let value = |s: Symbol| if s == z { x } else { self.0.get(&s).copied().unwrap_or(0.0) };
+        pool.eval_all(&[e], &value)[0].abs()
+    }
+}
+
+/// Laws that are all but switches among those that loops are solved for, by loop: the slope at rest of what is solved for
+/// each.
+pub(super) fn switches(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Option<f64>> {
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    let start = Start::of(c, model);
+    let residuals = c.loop_residuals(&mut model.pool);
+    // A curve has both sides of a switch, and needs no slope.
+    let curves: Vec<bool> = c.loop_nodes().iter().map(|n| matches!(n.how, Output::Curve { .. })).collect();
+    c.loops
+        .iter()
+        .zip(residuals)
+        .zip(curves)
+        .map(|((z, residual), curve)| {
+            if curve {
+                return None;
+            }
+            let whole = model.pool.substitute(residual, &flat);
+            [true, false].into_iter().find_map(|side| {
+                let one = branch(&mut model.pool, whole, side, *z, &mut FxHashMap::default());
+                let slope = model.pool.derivative(one, *z);
+                falls(&model.pool, slope, *z, &start)
+            })
+        })
+        .collect()
+}
+
+/// Whether a cluster has a law that is all but a switch, and may be asked for what it does not give.
+pub(super) fn is_switched(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+    switches(c, model, form).iter().any(Option::is_some) || opens(c, model, form)
+}
+
+/// The slope at rest, where a slope is less elsewhere, and differs by orders of magnitude.
+fn falls(pool: &Pool, slope: Expr, z: Symbol, start: &Start) -> Option<f64> {
+    let at = |x: f64| start.size(pool, slope, (z, x));
+    let rest = at(1e-6).max(at(-1e-6));
+    if !(rest > 0.0 && rest.is_finite()) {
+        return None;
+    }
+    let all = DECADES.flat_map(|k| [1.0, -1.0].map(|side| at(side * 10f64.powi(k))));
+    let (least, most) = all.fold((f64::INFINITY, 0.0f64), |(least, most), x| (least.min(x), most.max(x)));
+    (least < HELD * rest && least < SWITCH * most).then_some(rest)
+}
+
+/// Whether what a linear resistor gives for a state changes by orders of magnitude, as that of a contact that opens.
+fn opens(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    let start = Start::of(c, model);
+    let laws: Vec<Expr> = c
+        .nodes
+        .iter()
+        .filter(|n| n.resistor().is_some() && matches!(n.how, Output::Explicit(_)))
+        .filter_map(|n| flat.get(&n.out).copied())
+        .filter(|e| model.pool.any_node(*e, &|n| matches!(n, Part::Select(..))))
+        .collect();
+    laws.into_iter().any(|law| {
+        c.states.iter().any(|s| {
+            let [a, b] = [true, false].map(|side| {
+                let one = branch(&mut model.pool, law, side, s.symbol, &mut FxHashMap::default());
+                let slope = model.pool.derivative(one, s.symbol);
+                start.size(&model.pool, slope, (s.symbol, s.initial))
+            });
+            a.min(b) < SWITCH * a.max(b) && a.max(b).is_finite() && a.min(b) > 0.0
+        })
+    })
+}
+
+/// An expression with each choice that does not depend on a symbol made: the first branch of all, or the second.
+fn branch(pool: &mut Pool, e: Expr, first: bool, z: Symbol, memo: &mut FxHashMap<Expr, Expr>) -> Expr {
+    if let Some(known) = memo.get(&e) {
+        return *known;
+    }
+    let new = match *pool.node(e) {
+        Part::Select(test, a, b) if !pool.contains_any(test, &|s| s == z) => {
+            branch(pool, if first { a } else { b }, first, z, memo)
+        }
+        _ => {
+            let mut children = Vec::new();
+            pool.node(e).each_child(&mut |child| children.push(child));
+            for child in children {
+                branch(pool, child, first, z, memo);
+            }
+            pool.rebuild(e, &|child| memo.get(&child).copied().unwrap_or(child))
+        }
+    };
+    memo.insert(e, new);
+    new
+}
