@@ -7,7 +7,7 @@ use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
 use bond_compiler::backend::{c, fmu, unit, wasm};
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -212,16 +212,28 @@ const SYSTEM: Option<(&str, &str)> = match (std::env::consts::OS.as_bytes(), std
 /// A shared library: the system's folder, the ending, the code.
 type Library = (&'static str, &'static str, Vec<u8>);
 
+/// The C compiler that CC names, and its flags, at blanks as make has it; a program whose path has blanks is one.
+fn compiler() -> (OsString, Vec<OsString>) {
+    let Some(named) = std::env::var_os("CC").filter(|c| !c.is_empty()) else { return ("cc".into(), Vec::new()) };
+    let words: Vec<OsString> = match named.to_str() {
+        Some(text) if !Path::new(&named).exists() => text.split_whitespace().map(OsString::from).collect(),
+        _ => vec![named],
+    };
+    let mut words = words.into_iter();
+    (words.next().unwrap_or_else(|| "cc".into()), words.collect())
+}
+
 /// The sources as a shared library. None where this system has no name in
 /// units, or no C compiler.
 fn library(sources: &[(&str, &str)]) -> Result<Option<Library>, Stop> {
     let Some((folder, ending)) = SYSTEM else { return Ok(None) };
-    let compiler = std::env::var_os("CC").filter(|c| !c.is_empty()).unwrap_or_else(|| "cc".into());
+    let (compiler, flags) = compiler();
     let place = tempfile::tempdir()?;
     for (name, text) in sources {
         std::fs::write(place.path().join(name), text)?;
     }
     let mut command = Command::new(&compiler);
+    command.args(flags);
     command.args(["-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared"]);
     if ending != "dll" {
         command.arg("-fPIC");

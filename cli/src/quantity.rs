@@ -1,5 +1,6 @@
 //! Numbers of the command line: `40ms`, `0.1 kg`, `-2`, `1/60 s`.
 
+use bond_compiler::expression::Number;
 use bond_compiler::units::{self, Dimension};
 use bond_grammar::ast::{Binary, Expr, ExprKind, Unary};
 use bond_grammar::source::Sources;
@@ -39,13 +40,13 @@ pub fn seconds(text: &str) -> Result<f64, String> {
 fn eval(e: &Expr) -> Result<Quantity, String> {
     match &e.kind {
         ExprKind::Number { digits, unit } => {
-            let value: f64 = digits.parse().map_err(|_| format!("`{digits}` is no number"))?;
-            let Some(unit) = unit else { return Ok((value, None)) };
+            let value = Number::decimal(digits).ok_or_else(|| format!("`{digits}` is no number"))?;
+            let Some(unit) = unit else { return Ok((value.to_f64(), None)) };
             let (factor, dimension) = units::of(unit).map_err(|u| match u.suggestion {
                 Some(s) => format!("there is no unit `{}`; did you mean `{s}`?", u.symbol),
                 None => format!("there is no unit `{}`", u.symbol),
             })?;
-            Ok((scaled(value, factor), Some(dimension)))
+            Ok((units::in_si(value, factor).to_f64(), Some(dimension)))
         }
         ExprKind::Paren(inner) => eval(inner),
         ExprKind::Unary(Unary::Neg, inner) => eval(inner).map(|(x, d)| (-x, d)),
@@ -90,12 +91,6 @@ fn eval(e: &Expr) -> Result<Quantity, String> {
     }
 }
 
-/// The product, rounded once where the factor is one over a whole number: 3 ms is the double nearest to 0.003.
-fn scaled(value: f64, factor: f64) -> f64 {
-    let inverse = (1.0 / factor).round();
-    if factor < 1.0 && inverse.is_finite() && 1.0 / inverse == factor { value / inverse } else { value * factor }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -107,6 +102,8 @@ mod tests {
         assert_eq!(quantity("-2"), Ok((-2.0, None)));
         assert_eq!(quantity("-3mm"), Ok((-0.003, Some(Dimension::METRE))));
         assert_eq!(seconds("3ms"), Ok(0.003));
+        assert_eq!(seconds("7.1ms"), Ok(0.0071));
+        assert_eq!(seconds("1.1h"), Ok(3960.0));
         assert_eq!(seconds("0.5 min"), Ok(30.0));
         assert_eq!(seconds("1/4"), Ok(0.25));
         assert_eq!(seconds("2"), Ok(2.0));

@@ -2,7 +2,7 @@
 //! states change.
 
 use crate::Stages;
-use crate::expression::{Expr, Pool, Symbol};
+use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::Signal;
 use crate::structure::{Group, Output, Role};
 use nalgebra::{DMatrix, DVector};
@@ -16,6 +16,8 @@ const OPEN: &str = "the loops of resistors have no solution that is found at thi
 /// and most halvings of one update.
 const ITERATIONS: usize = 800;
 const HALVINGS: usize = 40;
+/// What is off by so little of its terms is rounding.
+const ROUNDED: f64 = 2.0 * f64::EPSILON;
 /// What drives loops grows by no less than this part of it.
 const LEAST: f64 = 1e-6;
 
@@ -168,15 +170,26 @@ impl Point {
         for (k, law) in laws.iter().enumerate() {
             for s in pool.symbols(*law) {
                 if let Some(&j) = place.get(&s) {
-                    slopes.push((k, j, pool.derivative(*law, s)));
+                    let slope = pool.derivative(*law, s);
+                    let own = pool.int(i64::from(k == j));
+                    slopes.push((k, j, pool.sub(own, slope)));
                 }
             }
         }
+        // Of a root z - (z - residual) only the residual is left, with all of its digits.
+        let misfits: Vec<Expr> = symbols
+            .iter()
+            .zip(&laws)
+            .map(|(s, law)| {
+                let z = pool.var(*s);
+                pool.sub(z, *law)
+            })
+            .collect();
         let given: FxHashSet<Symbol> = laws.iter().flat_map(|law| pool.symbols(*law)).collect();
         let given = given.into_iter().filter(|s| !place.contains_key(s));
         let given: Vec<(Symbol, f64)> = given.filter_map(|s| Some((s, *self.at.get(&s)?))).collect();
         let linear = slopes.iter().all(|(_, _, slope)| !pool.contains_any(*slope, &|s| place.contains_key(&s)));
-        let loops = Loops { symbols, laws, slopes, linear };
+        let loops = Loops { symbols, misfits, slopes, linear };
         let mut z = DVector::from_element(n, 1e-9);
         let why = match self.newton(pool, &loops, z.clone()) {
             Ok(_) => return Ok(()),
@@ -202,7 +215,10 @@ impl Point {
         for _ in 0..ITERATIONS {
             self.loops = DMatrix::identity(n, n);
             for (i, j, d) in &loops.slopes {
-                self.loops[(*i, *j)] -= self.value(pool, *d);
+                self.loops[(*i, *j)] = self.value(pool, *d);
+            }
+            if !loops.linear && self.is_rounding(pool, loops, &residual) {
+                return Ok(z);
             }
             if loops.linear {
                 // At once, and what rounding leaves of it: which is all there is where what drives the loop balances.
@@ -236,14 +252,25 @@ impl Point {
     /// Takes values for the looped outputs, and gives by how much each is off its definition.
     fn misfit(&mut self, pool: &Pool, loops: &Loops, z: &DVector<f64>) -> DVector<f64> {
         self.at.extend(loops.symbols.iter().copied().zip(z.iter().copied()));
-        DVector::from_iterator(z.len(), loops.laws.iter().zip(z.iter()).map(|(e, z)| z - self.value(pool, *e)))
+        DVector::from_iterator(z.len(), loops.misfits.iter().map(|e| self.value(pool, *e)))
+    }
+
+    /// Whether what is off is no more than what its terms are rounded by: nothing more can be known.
+    fn is_rounding(&self, pool: &Pool, loops: &Loops, residual: &DVector<f64>) -> bool {
+        loops.misfits.iter().zip(residual.iter()).all(|(e, r)| {
+            let Node::Sum(c, terms) = pool.node(*e) else { return *r == 0.0 };
+            let sizes = terms.iter().map(|t| (self.value(pool, t.0) * t.1.to_f64()).abs());
+            let size = sizes.fold(c.to_f64().abs(), |sum, x| sum + x);
+            size.is_finite() && r.abs() <= ROUNDED * size
+        })
     }
 }
 
-/// Definitions that wait for each other: what they define, by what, and the slopes of those by what they define.
+/// Definitions that wait for each other: what they define, by how much that is off, and the slopes of those by what they
+/// define.
 struct Loops {
     symbols: Vec<Symbol>,
-    laws: Vec<Expr>,
+    misfits: Vec<Expr>,
     slopes: Vec<(usize, usize, Expr)>,
     /// Whether the slopes are the same everywhere.
     linear: bool,

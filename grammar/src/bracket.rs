@@ -15,6 +15,8 @@ pub(crate) struct Brackets {
     unclosed: Vec<usize>,
     /// Closing what nobody opened, in order of place.
     stray: Vec<usize>,
+    /// Names of models whose opening brace is missing.
+    headless: Vec<usize>,
     /// Braces whose closing one stands further left: where a missing brace probably belongs.
     slanted: Vec<usize>,
 }
@@ -62,23 +64,37 @@ impl Brackets {
 
     fn pair(scan: &Scan, guess: bool) -> Self {
         let count = scan.tokens.len();
-        let mut brackets =
-            Brackets { partner: vec![None; count], unclosed: Vec::new(), stray: Vec::new(), slanted: Vec::new() };
+        let mut brackets = Brackets {
+            partner: vec![None; count],
+            unclosed: Vec::new(),
+            stray: Vec::new(),
+            headless: Vec::new(),
+            slanted: Vec::new(),
+        };
         let mut stack: Vec<Open> = Vec::new();
         let mut block = false; // the statement that began last has a body of statements
+        let mut range = false; // it is a `for`, whose range may be written `1:n`
         for index in 0..count {
             let word = scan.word(index);
             let first = guess && scan.tokens[index].first;
-            if word == "model" && first && is_strong_start(scan, index) {
+            let headless = word == "model" && first && scan.is_name(index + 1) && begins_line(scan, index + 2);
+            if word == "model" && first && (headless || is_strong_start(scan, index)) {
                 brackets.unclosed.extend(stack.drain(..).map(|open| open.token));
             } else if first && is_strong_start(scan, index) {
                 while let Some(open) = stack.pop_if(|open| open.inner) {
                     brackets.unclosed.push(open.token);
                 }
             }
+            if headless {
+                // Its body is taken to begin after the name.
+                brackets.headless.push(index + 1);
+                stack.push(Open { token: index + 1, inner: false });
+                continue;
+            }
             let starts = index == 0 || scan.ends_operand(index - 1) || matches!(scan.word(index - 1), ";" | "{");
             match word {
-                "model" | "for" | "sampled" if is_strong_start(scan, index) => block = true,
+                "model" | "for" | "sampled" if is_strong_start(scan, index) => (block, range) = (true, word == "for"),
+                "sample" | "sampled" | "sampling" if first => block = true,
                 "if" if starts => block = true,
                 "else" if index > 0 && scan.word(index - 1) == "}" => block = true,
                 "let" | "probe" | "input" | "state" | "port" | "simulate" | "expect"
@@ -86,17 +102,24 @@ impl Brackets {
                 {
                     block = false;
                 }
-                ":" => block = false,
+                ":" => block &= range,
                 // What is meant for a model holds statements, too.
                 _ if guess && stack.is_empty() && first && is_misspelt_model(scan, index) => block = true,
                 "(" | "[" => stack.push(Open { token: index, inner: true }),
-                "{" => stack.push(Open { token: index, inner: !block }),
+                "{" => {
+                    stack.push(Open { token: index, inner: !block });
+                    range = false;
+                }
                 ")" | "]" | "}" => brackets.close(scan, &mut stack, index),
                 _ => {}
             }
         }
         brackets.unclosed.extend(stack.iter().map(|open| open.token));
         brackets.unclosed.sort_unstable();
+        // What is not closed either has no body.
+        let (headless, partner) = (std::mem::take(&mut brackets.headless), &brackets.partner);
+        brackets.unclosed.retain(|token| headless.binary_search(token).is_err());
+        brackets.headless = headless.into_iter().filter(|token| partner[*token].is_some()).collect();
         brackets
     }
 
@@ -107,7 +130,8 @@ impl Brackets {
             _ => "{",
         };
         let reach = stack.iter().rev().take_while(|open| wanted == "{" || scan.word(open.token) != "{");
-        let Some(skip) = reach.map(|open| scan.word(open.token)).position(|word| word == wanted) else {
+        let opened = |open: &Open| if self.is_headless(open.token) { "{" } else { scan.word(open.token) };
+        let Some(skip) = reach.map(opened).position(|word| word == wanted) else {
             self.stray.push(index);
             return;
         };
@@ -152,6 +176,11 @@ impl Brackets {
         errors
     }
 
+    /// This is the name of a model whose body is not opened.
+    pub fn is_headless(&self, token: usize) -> bool {
+        self.headless.binary_search(&token).is_ok()
+    }
+
     /// The bracket closes what nobody opened.
     pub fn is_stray(&self, token: usize) -> bool {
         self.stray.binary_search(&token).is_ok()
@@ -165,6 +194,11 @@ impl Brackets {
         };
         among(&self.unclosed) || among(&self.stray)
     }
+}
+
+/// A word other than an opening bracket begins a line here.
+fn begins_line(scan: &Scan, index: usize) -> bool {
+    scan.tokens.get(index).is_some_and(|token| token.first) && !matches!(scan.word(index), "{" | "(")
 }
 
 /// Columns before the first token of the token's line.

@@ -107,7 +107,9 @@ pub(crate) fn refused(scan: &Scan, piece: Piece, range: Range<usize>, refused: R
         Wreck::operand,
         Wreck::parts,
     ];
-    checks.iter().find_map(|check| check(&wreck)).unwrap_or_else(|| wreck.unexpected())
+    // `1 to n` is no number with a unit.
+    let first = (piece == Piece::ForHead).then(|| wreck.head()).flatten();
+    first.or_else(|| checks.iter().find_map(|check| check(&wreck))).unwrap_or_else(|| wreck.unexpected())
 }
 
 impl<'a> Wreck<'a> {

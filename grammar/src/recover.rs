@@ -102,29 +102,41 @@ impl Recovery<'_, '_> {
     }
 
     fn item(&mut self, range: Range<usize>, items: &mut Vec<Item>) {
-        let (start, end) = self.bytes(&range);
+        let start = self.bytes(&range).0;
         match self.scan.word(range.start) {
             "use" if !self.brackets.broken(range.clone()) => {
+                let (range, rest) = self.own(range, |reader, start, end| reader.one_use(start, end).err());
+                let (start, end) = self.bytes(&range);
                 let read = self.reader.one_use(start, end);
                 items.extend(self.keep(Piece::Use, range, read));
+                self.outside(rest);
             }
             // a `let` without arguments is a value, and belongs into a model
             "let" if self.scan.word(range.start + 2) == "(" && !self.brackets.broken(range.clone()) => {
+                let (range, rest) = self.own(range, |reader, start, end| reader.one_function(start, end).err());
+                let (start, end) = self.bytes(&range);
                 let read = self.reader.one_function(start, end);
                 items.extend(self.keep(Piece::Function, range, read));
+                self.outside(rest);
             }
             "model" => {
                 let mut open = range.start;
-                while open < range.end && self.scan.word(open) != "{" {
+                let headless = self.brackets.is_headless(range.start + 1);
+                while open < range.end && self.scan.word(open) != "{" && !(headless && open > range.start) {
                     open = self.step(open, range.end);
                 }
-                let head = range.start..open;
+                let head = range.start..open + usize::from(headless);
                 let mut model = None;
                 if !self.brackets.broken(head.clone()) {
                     let (start, end) = self.bytes(&head);
                     let read = self.reader.one_model_head(start, end);
                     model = self.keep(Piece::ModelHead, head, read);
-                    if open == range.end && model.is_some() {
+                    if headless {
+                        let name = self.scan.word(open);
+                        let message = format!("the body of `{name}` is not opened");
+                        let error = Diagnostic::error("syntax::body", self.scan.span_of(open), message);
+                        self.reader.errors.push(error.help(format!("add the `{{`: `model {name} {{`")));
+                    } else if open == range.end && model.is_some() {
                         let span = self.scan.span_of(range.end - 1);
                         let error = Diagnostic::error("syntax::body", span, "this model has no body");
                         self.reader.errors.push(error.help("write its statements between `{` and `}`"));
@@ -145,6 +157,26 @@ impl Recovery<'_, '_> {
             }
             _ => self.outside(range),
         }
+    }
+
+    /// What of a slice is one item, and what comes after it: where it is refused at a word that begins a line, and whole
+    /// without that, the word begins something else.
+    fn own(
+        &mut self,
+        range: Range<usize>,
+        refused: impl Fn(&mut Reader, usize, usize) -> Option<Refused>,
+    ) -> (Range<usize>, Range<usize>) {
+        let told = self.reader.errors.len();
+        let (start, end) = self.bytes(&range);
+        let at = refused(self.reader, start, end).map(|r| self.scan.token_at(r.at));
+        let cut = at.filter(|at| range.contains(at) && *at > range.start && self.scan.tokens[*at].first);
+        let cut = cut.filter(|at| {
+            let (start, end) = self.bytes(&(range.start..*at));
+            refused(self.reader, start, end).is_none()
+        });
+        self.reader.errors.truncate(told);
+        let cut = cut.unwrap_or(range.end);
+        (range.start..cut, cut..range.end)
     }
 
     /// Text that is in no model.
@@ -291,7 +323,8 @@ impl Recovery<'_, '_> {
         let scan = self.scan;
         let (word, before) = (scan.word(index), scan.word(index - 1));
         let first = scan.tokens[index].first;
-        let joined = matches!(before, "," | "active") || is_arrow(before);
+        let named = matches!(before, "let" | "probe" | "input" | "state" | "port");
+        let joined = named || matches!(before, "," | "active" | "in") || is_arrow(before);
         let operand = scan.ends_operand(index - 1);
         if scan.starts_element(index) {
             return !joined && (first || operand);
@@ -323,7 +356,11 @@ impl Recovery<'_, '_> {
     fn statement(&mut self, range: Range<usize>) -> Option<Statement> {
         let first = self.scan.word(range.start);
         let (start, end) = self.bytes(&range);
-        let block = matches!(first, "for" | "if") || first == "sampled" && is_strong_start(self.scan, range.start);
+        let opens =
+            || range.clone().any(|index| self.scan.word(index) == "{" && self.brackets.closing(index).is_some());
+        let block = matches!(first, "for" | "if")
+            || first == "sampled" && is_strong_start(self.scan, range.start)
+            || matches!(first, "sample" | "sampled" | "sampling") && opens();
         if block {
             let kind = self.block(range)?;
             let span = self.scan.span(start, end);
@@ -361,6 +398,16 @@ impl Recovery<'_, '_> {
                 let head = read.and_then(|read| self.keep(Piece::ForHead, head, read));
                 let body = self.statements(body);
                 head.map(|head| StatementKind::For(crate::ast::For { body, ..head }))
+            }
+            "sample" | "sampling" => {
+                let error = Diagnostic::error(
+                    "syntax::statement",
+                    scan.span_of(range.start),
+                    format!("`{word}` begins no statement"),
+                );
+                self.reader.errors.push(error.help("did you mean `sampled`?"));
+                self.statements(body);
+                None
             }
             "sampled" => {
                 let read = (!broken).then(|| self.reader.one_sampled_head(start, end));

@@ -120,7 +120,13 @@ fn statements() {
     check("state z = 0", "statement", "dz = ...");
     check("for i in 1 { a -> b }", "statement", "1..n");
     check("for i in 1..3", "body", "`{`");
+    check("for i in 1:n { C:c[i] = 1 F a -> b }", "statement", "1..n");
+    check("for i in 1 to n { a -> b }", "statement", "1..n");
+    check("probe i: r.f", "equals", "`probe i = ...`");
+    check("port p: electrical", "statement", "`port p`");
     check("sampled 25 Hz { a -> b }", "statement", "sampled at");
+    check("sampled T {\n    state z = 0 { next = 1 }\n  }", "statement", "sampled at");
+    check("sample every 5 ms {\n    state z = 0 { next = 1 }\n  }", "statement", "`sampled`");
     check("sampled at 25 Hz hold a hold b { a -> b }", "twice", "");
     check("expect x at 5 s = 3", "statement", "within");
     check("use \"x.bond\"", "statement", "out of the model");
@@ -162,6 +168,10 @@ fn a_text_without_a_model_is_told() {
     );
     assert_eq!(places("model {\n}\n"), ["1:1 syntax::statement"]);
     assert_eq!(places("model A\n"), ["1:7 syntax::body"]);
+    assert_eq!(places("model A\n  port p\n  p -> r\n}\nmodel M { a -> b }\n"), ["1:7 syntax::body"]);
+    assert_eq!(places("use std.mechanics\nmodell M {\n  a -> b\n}\n"), ["2:1 syntax::outside"]);
+    assert_eq!(places("let f(x) = 2*x\nmodell M {\n  a -> b\n}\n"), ["2:1 syntax::outside"]);
+    assert_eq!(places("use std.mechanics\nconst c = 3\nmodel M { a -> b }\n"), ["2:1 syntax::outside"]);
     assert_eq!(places("use\nmodel A {}\n"), ["1:1 syntax::statement"]);
     assert_eq!(places(""), Vec::<String>::new());
 }

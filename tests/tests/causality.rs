@@ -89,3 +89,38 @@ fn resistors_that_meet_are_a_loop() {
     assert_eq!(compiled.stages().form.regions.len(), 1);
     assert!(compiled.stages().form.validate(&compiled.stages().model.pool).is_ok());
 }
+
+/// Small storages follow large ones, in whatever order they are declared: their voltages keep their digits. The numbers
+/// are of the matrix exponential of the circuit in its three voltages.
+#[test]
+fn small_storages_follow_large_ones() {
+    let ordered = |order: [usize; 3]| {
+        let storages = ["C:coss = 200 pF", "C:cj = 50 pF", "C:out = 4.7 F"];
+        let [a, b, c] = order.map(|i| storages[i]);
+        let compiled = text(&format!(
+            "model CapLoop {{
+              Se:src = 12 V * sin(2*pi*50 Hz * t)
+              R:r = 1 Ohm {a} {b} {c}
+              R:load = 200 Ohm
+              R:bleed = 1 kOhm
+              src -> 1:i -> r, 0:x
+              x -> coss
+              x -> 1:d -> 0:j, 0:o
+              j -> cj, bleed
+              o -> out, load
+              probe vo = o.e
+              simulate {{ stop = 5 ms }}
+            }}"
+        ));
+        let stages = compiled.stages();
+        let dependent = &stages.causality.dependent;
+        let large = dependent.iter().any(|d| stages.model.element(*d).name == "out");
+        assert!(dependent.len() == 1 && !large, "{order:?}");
+        let mut sim = crate::common::start(&compiled, bond::Steps::new());
+        crate::common::finish(&mut sim, 5e-3);
+        let summary = sim.summary();
+        assert!(summary.passive && summary.worst_step < 1e-13, "{order:?}: {:?}", summary.reasons);
+        crate::common::close(crate::common::probe(&mut sim, "vo"), 8.119_050e-6, 1e-12, "vo");
+    };
+    [[0, 1, 2], [2, 1, 0], [1, 2, 0], [0, 2, 1]].into_iter().for_each(ordered);
+}

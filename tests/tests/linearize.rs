@@ -93,6 +93,23 @@ fn a_diode_that_a_battery_drives() {
     }
 }
 
+/// A diode that a coil asks, at rest: its slope there is all that the loop has, and is known to all digits.
+#[test]
+fn a_diode_behind_a_coil() {
+    for law in ["1e-9 A * (exp(e/50 mV) - 1)", "1 nA * (exp(e/50 mV) - 1)", "2e-8 S * e + 1e-3 A/V^3 * e^3"] {
+        let compiled = text(&format!(
+            "model M {{
+              Se:u = 0 V
+              R:diode {{ f = {law} }}
+              I:coil = 20 mH
+              R:load = 5 Ohm
+              u -> 1:m -> diode, coil, load
+            }}"
+        ));
+        close(at(&compiled, &[]).a[(0, 0)] / -2_500_000_250.0, 1.0, 1e-14, law);
+    }
+}
+
 /// Two sources that balance: no current flows, and the loop of resistors is known to rounding alone.
 #[test]
 fn a_balanced_loop() {

@@ -5,7 +5,7 @@ use crate::output;
 use crate::stop::Stop;
 use bond::{As, What};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Show the generated structure: bond graph, causality, port-Hamiltonian form, regions, step programs
 #[derive(clap::Args)]
@@ -41,6 +41,21 @@ fn format() -> impl TypedValueParser<Value = As> {
         .map(|name| As::ALL.into_iter().find(|a| a.name() == name).unwrap_or(As::Text))
 }
 
+/// Refuses a name that ends as another format does.
+fn fits(path: &Path, format: As) -> Result<(), Stop> {
+    let Some(ending) = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase) else { return Ok(()) };
+    let ending_of = |a: &As| if *a == As::Latex { "tex" } else { a.name() };
+    let of_another = As::ALL.iter().any(|a| *a != format && ending_of(a) == ending);
+    if of_another || matches!(ending.as_str(), "png" | "jpg" | "jpeg" | "gif" | "pdf") {
+        let (what, wanted) = (format.name(), ending_of(&format));
+        return Err(Stop::Usage(format!(
+            "{}: `--as {what}` does not write .{ending}; name it .{wanted}",
+            path.display()
+        )));
+    }
+    Ok(())
+}
+
 /// Shows it.
 ///
 /// # Errors
@@ -48,6 +63,7 @@ fn format() -> impl TypedValueParser<Value = As> {
 pub fn show(args: &Args) -> Result<(), Stop> {
     if let Some(path) = &args.output {
         output::place(path)?;
+        fits(path, args.format)?;
         output::not_over(path, &[(&args.file, "the model")])?;
     }
     let compiled = input::compile(&args.file, &input::options(&args.which, &args.set)?)?;

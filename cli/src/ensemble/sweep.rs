@@ -4,7 +4,7 @@ use super::INSTANCES;
 use super::written::{assignment, plain, unit};
 use bond_compiler::units::Dimension;
 use bond_runtime::eval;
-use bond_runtime::ir::Unary;
+use bond_runtime::ir::Binary;
 
 const EXAMPLE: &str = "100..1000:50, 1..1e6:7:log or 1,2,5";
 
@@ -58,9 +58,12 @@ impl Sweep {
         match spacing {
             Spacing::Even => from + (to - from) * part,
             Spacing::Log => {
-                let log = |x: f64| eval::unary(Unary::Log, x.abs());
-                let size = eval::unary(Unary::Exp, log(from) + (log(to) - log(from)) * part);
-                if from < 0.0 { -size } else { size }
+                let (ratio, m, k) = (to / from, (n - 1) as f64, k as f64);
+                let pow = |x: f64, n: f64| eval::binary(Binary::Pow, x, n);
+                let x = pow(ratio, part);
+                // 1/6 is rounded, and so is the power by it: 10 is that of 1e6 all the same.
+                let off = (pow(x, m) / pow(ratio, k) - 1.0) / m;
+                from * if off.abs() < 1e-14 { x - x * off } else { x }
             }
         }
     }
@@ -141,7 +144,7 @@ mod tests {
         assert_eq!(values("x=0..1 mm:2"), [0.0, 0.001]);
         assert_eq!(values("x=0.1..0.3:3")[2], 0.3);
         let log = values("k=1..1e6:7:log");
-        assert_eq!((log[0], log[6]), (1.0, 1e6));
+        assert_eq!(log, [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]);
         assert!((0..7).all(|i| (log[i] / 10f64.powi(i as i32) - 1.0).abs() < 1e-14), "{log:?}");
         assert!(values("k=-1..-100:3:log").iter().zip([-1.0, -10.0, -100.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-14));
         assert_eq!(parse("k=1 N/m..2 N/m:2").unwrap().dimension, bond::quantity("1 N/m").unwrap().1);

@@ -26,6 +26,8 @@ fn it_goes_to_a_file_too() {
     assert!(here.read("a.svg").contains("<svg"));
     here.bond(&["show", "a.bond", "-o", "none/a.txt"]).is(2, &[], &["cannot write"]);
     here.bond(&["show", "a.bond", "-o", "."]).is(2, &[], &["directory"]);
+    here.bond(&["show", "a.bond", "graph", "--as", "svg", "-o", "a.png"]).is(2, &[], &["does not write .png", ".svg"]);
+    here.bond(&["show", "a.bond", "graph", "-o", "a.svg"]).is(2, &[], &["does not write .svg", "name it .text"]);
     assert_eq!(here.list(), ["a.bond", "a.svg"]);
 }
 

@@ -2,7 +2,8 @@
 //!
 //! Order: sources and detectors, asserted strokes, one-way laws, sample-and-hold bonds and open ports, storages in
 //! integral causality, laws that are explicit one way, resistors, and what is left. Each choice is propagated at once
-//! through junctions, TF and GY. Everything runs in declaration order, and the cost is linear in the number of bonds.
+//! through junctions, TF and GY. Everything runs in declaration order, and the cost is linear in the number of bonds. Of
+//! storages that are tied together and very unequal, the large ones keep their states then.
 
 mod complete;
 mod conflict;
@@ -19,6 +20,11 @@ pub use rank::{by_rank, has_rings};
 
 /// So many asserted strokes are taken off one by one, to see which of them does it.
 const MOST_TRIED: usize = 100;
+
+/// A storage less than this part of another one's size rather follows that one than the other way round.
+const SMALLER: f64 = 1e-4;
+/// So many dependent storages are looked at for that.
+const MOST_SWAPPED: usize = 16;
 
 /// Why a bond has its stroke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -278,10 +284,66 @@ pub fn assign(
     model.pool = pool;
     let laws = Laws { one_way, quadratic };
     let model = &*model;
+    let first = assigned(model, graph, &laws, given)?;
+    Ok(by_size(model, graph, &laws, given, first))
+}
+
+/// Of three storages or more that are tied together the small ones rather follow the large: what is left of a large one's
+/// state, told from small ones', has as many digits less as they are unequal (a node of 200 pF beside 47 uF: five). So a
+/// dependent storage takes the place of one that is [`SMALLER`], where that costs no other. Of two, as a motor's rotor and
+/// its load, nothing is told by a difference, and the one that was declared first keeps its state.
+fn by_size(
+    model: &Model,
+    graph: &BondGraph,
+    laws: &Laws,
+    given: &[(ElementId, Variable)],
+    first: Causality,
+) -> Causality {
+    let size = |id: ElementId| match &model.element(id).law {
+        Law::Storage(s) if !s.massless && model.element(id).field.is_none() => {
+            s.linear.and_then(|k| model.pool.constant(k)).map(|k| 1.0 / k)
+        }
+        Law::Storage(_) | Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+    };
+    let mut best = first;
+    let mut given = given.to_vec();
+    for id in best.dependent.clone().into_iter().take(MOST_SWAPPED) {
+        let kind = model.element(id).kind;
+        let (Some(large), Some(gives)) = (size(id), integral(kind)) else { continue };
+        let is_small =
+            |other: ElementId| model.element(other).kind == kind && size(other).is_some_and(|x| x < SMALLER * large);
+        if !best.dependent.contains(&id) || !model.ids().any(|(other, _)| is_small(other)) {
+            continue;
+        }
+        given.push((id, gives));
+        let most = best.dependent.len();
+        let attempt = |given: &[(ElementId, Variable)]| {
+            assigned(model, graph, laws, given).ok().filter(|c| c.dependent.len() <= most)
+        };
+        let found = attempt(&given).filter(|c| {
+            let fresh: Vec<ElementId> = c.dependent.iter().filter(|d| !best.dependent.contains(d)).copied().collect();
+            let third = || attempt(&[&given[..], &fresh.iter().map(|d| (*d, gives)).collect::<Vec<_>>()].concat());
+            !c.dependent.contains(&id) && fresh.iter().all(|d| is_small(*d)) && third().is_some()
+        });
+        match found {
+            Some(found) => best = found,
+            None => _ = given.pop(),
+        }
+    }
+    best
+}
+
+/// Assigns causality, in the order of declaration.
+fn assigned(
+    model: &Model,
+    graph: &BondGraph,
+    laws: &Laws,
+    given: &[(ElementId, Variable)],
+) -> Result<Causality, Vec<Diagnostic>> {
     // A choice shows only later that it cannot be completed where junctions stand in rings: then each is looked at more
     // closely.
-    let a = strokes(model, graph, &laws, given, false)
-        .or_else(|errors| strokes(model, graph, &laws, given, true).map_err(|_| errors))?;
+    let a = strokes(model, graph, laws, given, false)
+        .or_else(|errors| strokes(model, graph, laws, given, true).map_err(|_| errors))?;
     let one_ports = |kinds: &[Kind]| one_ports(model, graph, kinds);
     let (resistors, storages) = (one_ports(&[Kind::R]), one_ports(&[Kind::C, Kind::I]));
     let given = |a: &Assignment, id: ElementId, bond: BondId, gives: Variable| {

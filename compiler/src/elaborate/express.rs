@@ -1,7 +1,7 @@
 //! Turns written expressions into expressions of the pool, with their units.
 
 use super::{Elaborator, Equation, Mode, ScopeId, Typed, Unit, Value, told};
-use crate::expression::Symbol;
+use crate::expression::{Number, Symbol};
 use crate::model::{ElementId, Integral, Signal};
 use crate::units::{self, Dimension};
 use bond_grammar::ast::{self, Binary, ExprKind, Unary};
@@ -183,7 +183,7 @@ impl<'a> Elaborator<'a> {
     }
 
     pub(super) fn quantity(&mut self, digits: &str, unit: Option<&ast::Unit>, span: Span) -> Option<Typed> {
-        let Some(number) = self.pool.decimal(digits) else {
+        let Some(number) = Number::decimal(digits) else {
             return self.wrong(
                 "elaborate::number",
                 span,
@@ -191,7 +191,7 @@ impl<'a> Elaborator<'a> {
                 "write it with fewer digits",
             );
         };
-        let value = self.pool.constant(number).unwrap_or(f64::NAN);
+        let value = number.to_f64();
         if !value.is_finite() {
             return self.wrong(
                 "elaborate::number",
@@ -202,24 +202,11 @@ impl<'a> Elaborator<'a> {
         }
         let Some(unit) = unit else {
             let unit = if value == 0.0 { Unit::Any } else { Unit::one() };
-            return Some(Typed { expr: number, unit });
+            return Some(Typed { expr: self.pool.numeral(number), unit });
         };
         match units::of(unit) {
             Ok((factor, dimension)) => {
-                // A factor below one is the inverse of a rounder number: 35 ms are 35/1000 s.
-                let inverse = (1.0 / factor).round();
-                let exact = factor < 1.0 && inverse < 9e15 && 1.0 / inverse == factor;
-                let expr = if factor == 1.0 {
-                    number
-                } else if factor.fract() == 0.0 && factor < 1e15 {
-                    let f = self.pool.int(factor as i64);
-                    self.pool.mul(number, f)
-                } else if exact {
-                    let f = self.pool.int(inverse as i64);
-                    self.pool.div(number, f)
-                } else {
-                    self.pool.float(value * factor)
-                };
+                let expr = self.pool.numeral(units::in_si(number, factor));
                 Some(Typed { expr, unit: Unit::known(dimension) })
             }
             Err(unknown) => {
@@ -487,6 +474,17 @@ impl<'a> Elaborator<'a> {
                 if let ("pow", [base, exponent]) = (f, args) {
                     let power = format!("{}^{}", self.operand(base), self.operand(exponent));
                     self.errors.push(error.help(format!("a power is written with `^`: `{power}`")));
+                    return None;
+                }
+                if let ("sqr" | "square", [base]) = (f, args) {
+                    let square = format!("{}^2", self.operand(base));
+                    self.errors.push(error.help(format!("a square is written with `^`: `{square}`")));
+                    return None;
+                }
+                if matches!(f, "der" | "ddt" | "derivative") {
+                    self.errors.push(error.help(
+                        "no derivative is taken in a model: that of a storage's state is its port (`.e` of an I, `.f` of a C), and a signal with one is a `state`",
+                    ));
                     return None;
                 }
                 error = match super::nearest(f, own.iter().map(String::as_str).chain(KNOWN)) {

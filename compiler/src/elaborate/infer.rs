@@ -281,7 +281,8 @@ impl Inference {
             let other = reciprocal(&e.about).filter(|_| turned && name(&e.found.0).is_some_and(|u| u != "1"));
             let bare = name(&e.found.0).is_some_and(|u| u == "1");
             let source = self.equations.iter().find(|o| {
-                bare && (o.about.starts_with("the effort of") || o.about.starts_with("the flow of"))
+                bare && o.about != e.about
+                    && (o.about.starts_with("the effort of") || o.about.starts_with("the flow of"))
                     && name(&o.found.0).is_some_and(|u| u == "1")
             });
             let error = error.help(match name(&e.found.0.div(&e.needed.0)) {

@@ -3,7 +3,7 @@
 
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Inference, Typed, Unit};
-use crate::expression::{Expr, Symbol};
+use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{BondId, ElementId, Kind, Law, Resistor, Signal, Storage, Variable};
 use crate::structure::inverse;
 use crate::units::Dimension;
@@ -457,17 +457,26 @@ impl<'a> Elaborator<'a> {
             crate::expression::Node::Sum(_, list) => list.iter().map(|t| t.0).collect(),
             _ => vec![power],
         };
+        let at = |pool: &Pool, e: Expr, point: &[f64]| {
+            pool.eval(e, &|s| arguments.iter().position(|a| *a == s).map_or(f64::NAN, |i| point[i]))
+        };
+        // A law may be meant for temperatures, say, which are positive: beyond, values refute linear laws alone. Of
+        // these the power is a quadratic form, for which the law of the parallelogram holds.
+        let is_form = (0..8).all(|_| {
+            let [x, y] = [(); 2].map(|()| arguments.iter().map(|_| draw()).collect::<Vec<f64>>());
+            let of = |f: fn(f64, f64) -> f64| x.iter().zip(&y).map(|(a, b)| f(*a, *b)).collect::<Vec<f64>>();
+            let [sum, difference] = [of(|a, b| a + b), of(|a, b| a - b)].map(|z| at(&self.pool, power, &z));
+            let [p, q] = [&x, &y].map(|z| at(&self.pool, power, z));
+            let most = [sum, difference, p, q].iter().map(|x| x.abs()).fold(0.0, f64::max);
+            (sum + difference - 2.0 * p - 2.0 * q).abs() <= 1e-9 * most
+        });
         for size in sizes {
             for _ in 0..40 {
                 let point: Vec<f64> = arguments.iter().map(|_| size * draw()).collect();
-                let at = |s: Symbol| arguments.iter().position(|a| *a == s).map_or(f64::NAN, |i| point[i]);
-                let p = self.pool.eval(power, &at);
-                let most = terms.iter().map(|t| self.pool.eval(*t, &at).abs()).fold(0.0, f64::max);
-                if p < -1e-9 * most && p.is_finite() {
-                    // A law may be meant for temperatures, say, which are positive: that is no refutation.
-                    if point.iter().all(|x| *x > 0.0) {
-                        return Some(false);
-                    }
+                let p = at(&self.pool, power, &point);
+                let most = terms.iter().map(|t| at(&self.pool, *t, &point).abs()).fold(0.0, f64::max);
+                if p < -1e-9 * most && p.is_finite() && (is_form || point.iter().all(|x| *x > 0.0)) {
+                    return Some(false);
                 }
             }
         }

@@ -10,6 +10,7 @@ mod table;
 
 pub use dimension::Dimension;
 
+use crate::expression::Number;
 use bond_grammar::ast;
 use bond_grammar::source::Span;
 
@@ -32,6 +33,19 @@ pub fn is_celsius(symbol: &str) -> bool {
 /// The factor to SI and the dimension of a symbol, with or without a prefix; `None` if it is no unit.
 pub fn lookup(symbol: &str) -> Option<(f64, Dimension)> {
     table::find(symbol).map(|(factor, dimension)| (factor.round(), dimension))
+}
+
+/// A number with a unit of that factor, in SI: 7.1 ms are 71/10000 s. A factor below one is the inverse of a rounder
+/// number.
+pub fn in_si(number: Number, factor: f64) -> Number {
+    let inverse = (1.0 / factor).round();
+    if factor.fract() == 0.0 && factor < 1e15 {
+        number * Number::from(factor as i64)
+    } else if factor < 1.0 && inverse < 9e15 && 1.0 / inverse == factor {
+        number * Number::from(inverse as i64).recip()
+    } else {
+        Number::float(number.to_f64() * factor)
+    }
 }
 
 /// The factor to SI, rounded once, and the dimension of a unit.

@@ -207,6 +207,12 @@ impl Wreck<'_> {
                 ("what is used is missing or unreadable", "write `use \"path/file.bond\"` or `use std.mechanics`")
             }
             (Piece::ModelHead, _) if start => ("a model's name is expected here", "write `model Name { ... }`"),
+            (Piece::ForHead, _)
+                if self.word(self.range.start + 2) == "in"
+                    && self.range.clone().any(|index| matches!(self.word(index), ":" | "to")) =>
+            {
+                ("a range is written with `..`", "write `for i in 1..n { ... }`")
+            }
             (Piece::ForHead, _) if !self.range.clone().any(|index| self.word(index) == "..") => {
                 ("this `for` has no range", "write `for i in 1..n { ... }`")
             }
@@ -225,6 +231,16 @@ impl Wreck<'_> {
                 let message = format!("the name of an argument is expected here, but {found}");
                 let help = "write `let f(x, y) = ...`; units are checked where it is called";
                 return Some(self.error("syntax::name", self.at, message).help(help));
+            }
+            (Piece::Statement, "port") if self.word(self.at) == ":" => {
+                let name = self.word(self.range.start + 1);
+                let help = format!("a port has the units of what is bonded to it: write `port {name}`");
+                return Some(self.error("syntax::statement", self.at, "a port has no type").help(help));
+            }
+            (Piece::Statement, "let" | "probe" | "input" | "state") if self.word(self.at) == ":" => {
+                let help = format!("write `{first} {} = ...`", self.word(self.range.start + 1));
+                let message = format!("a value is given with `=`, but {found}");
+                return Some(self.error("syntax::statement", self.at, message).help(help));
             }
             (Piece::Statement, "let" | "probe" | "input" | "state" | "port") if start => {
                 let help = match first {
