@@ -535,7 +535,23 @@ fn beyond_a_diode() {
       probe x = integral(slider.slide.f, 0 m)
       simulate { stop = 2 s }
     }";
+    // Switched off, what is left of the coil's current goes through the switch that leaks.
+    let relay = "use std.electrical
+    model Relay {
+      Se:supply = 24 V
+      R:sw { conductance = if t < 20 ms then 10 S else 1e-7 S }
+      Inductor:coil(L = 50 mH, R = 48 Ohm)
+      Diode:d(Is = 1 nA)
+      TF:flip = -1
+      supply -> 1:m -> sw, 0:x
+      x -> coil.p
+      x -> flip -> d.p
+      probe u = x.e
+      simulate { stop = 60 ms }
+    }";
     for tolerance in [None, Some(1e-5), Some(1e-8)] {
+        let (u, _) = at(&compiled(relay, None, tolerance), tolerance, "u", 0.06);
+        assert!((u - 24.0 * 48.0 * 1e-7).abs() < 1e-7, "{tolerance:?}: {u}");
         let coil = compiled(rectifier, None, tolerance);
         // While it conducts, by an implicit Runge-Kutta method at 1e-12; while it blocks, -Is flows and the source is left.
         let (i, _) = at(&coil, tolerance, "i", 5e-3);

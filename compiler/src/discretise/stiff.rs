@@ -10,7 +10,7 @@ use super::cluster::Cluster;
 use crate::expression::{Expr, Node as Part, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Form, Output};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A law whose slope is less than this part of what it is elsewhere is all but a switch.
 const SWITCH: f64 = 1e-3;
@@ -19,6 +19,9 @@ const SWITCH: f64 = 1e-3;
 const HELD: f64 = 0.1;
 /// Where slopes are looked at, on both sides of rest: powers of ten, in SI units.
 const DECADES: std::ops::RangeInclusive<i32> = -6..=6;
+
+/// More loops than this are not looked at: they are stepped by what is known to be cheap.
+const LARGEST: usize = 64;
 
 /// The numbers of a cluster at its start.
 struct Start(FxHashMap<Symbol, f64>);
@@ -39,6 +42,9 @@ impl Start {
 /// Laws that are all but switches among those that loops are solved for, by loop: the slope at rest of what is solved for
 /// each.
 pub(super) fn switches(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Option<f64>> {
+    if c.loops.len() > LARGEST {
+        return vec![None; c.loops.len()];
+    }
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
     let start = Start::of(c, model);
@@ -54,11 +60,11 @@ pub(super) fn switches(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Optio
                 return None;
             }
             let whole = model.pool.substitute(residual, &flat);
-            [true, false].into_iter().find_map(|side| {
-                let one = branch(&mut model.pool, whole, side, *z, &mut FxHashMap::default());
-                let slope = model.pool.derivative(one, *z);
-                falls(&model.pool, slope, *z, &start)
-            })
+            let slopes = [true, false].map(|side| {
+                let one = branch(&mut model.pool, whole, side, *z);
+                model.pool.derivative(one, *z)
+            });
+            falls(&model.pool, slopes, *z, &start)
         })
         .collect()
 }
@@ -68,15 +74,15 @@ pub(super) fn is_switched(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     switches(c, model, form).iter().any(Option::is_some) || opens(c, model, form)
 }
 
-/// The slope at rest, where a slope is less elsewhere, and differs by orders of magnitude.
-fn falls(pool: &Pool, slope: Expr, z: Symbol, start: &Start) -> Option<f64> {
-    let at = |x: f64| start.size(pool, slope, (z, x));
-    let rest = at(1e-6).max(at(-1e-6));
+/// The slope at rest, where a slope is less elsewhere, and differs by orders of magnitude; the choices made either way.
+fn falls(pool: &Pool, slopes: [Expr; 2], z: Symbol, start: &Start) -> Option<f64> {
+    let at = |x: f64| slopes.map(|slope| start.size(pool, slope, (z, x)));
+    let rest = [at(1e-6), at(-1e-6)].as_flattened().iter().copied().fold(0.0, f64::max);
     if !(rest > 0.0 && rest.is_finite()) {
         return None;
     }
     let all = DECADES.flat_map(|k| [1.0, -1.0].map(|side| at(side * 10f64.powi(k))));
-    let (least, most) = all.fold((f64::INFINITY, 0.0f64), |(least, most), x| (least.min(x), most.max(x)));
+    let (least, most) = all.flatten().fold((f64::INFINITY, 0.0f64), |(least, most), x| (least.min(x), most.max(x)));
     (least < HELD * rest && least < SWITCH * most).then_some(rest)
 }
 
@@ -95,7 +101,7 @@ fn opens(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     laws.into_iter().any(|law| {
         c.states.iter().any(|s| {
             let [a, b] = [true, false].map(|side| {
-                let one = branch(&mut model.pool, law, side, s.symbol, &mut FxHashMap::default());
+                let one = branch(&mut model.pool, law, side, s.symbol);
                 let slope = model.pool.derivative(one, s.symbol);
                 start.size(&model.pool, slope, (s.symbol, s.initial))
             });
@@ -105,23 +111,24 @@ fn opens(c: &Cluster, model: &mut Model, form: &Form) -> bool {
 }
 
 /// An expression with each choice that does not depend on a symbol made: the first branch of all, or the second.
-fn branch(pool: &mut Pool, e: Expr, first: bool, z: Symbol, memo: &mut FxHashMap<Expr, Expr>) -> Expr {
-    if let Some(known) = memo.get(&e) {
-        return *known;
+fn branch(pool: &mut Pool, e: Expr, first: bool, z: Symbol) -> Expr {
+    let (mut seen, mut stack, mut nodes) = (FxHashSet::default(), vec![e], Vec::new());
+    while let Some(e) = stack.pop() {
+        if seen.insert(e) {
+            nodes.push(e);
+            pool.node(e).each_child(&mut |child| stack.push(child));
+        }
     }
-    let new = match *pool.node(e) {
-        Part::Select(test, a, b) if !pool.contains_any(test, &|s| s == z) => {
-            branch(pool, if first { a } else { b }, first, z, memo)
-        }
-        _ => {
-            let mut children = Vec::new();
-            pool.node(e).each_child(&mut |child| children.push(child));
-            for child in children {
-                branch(pool, child, first, z, memo);
-            }
-            pool.rebuild(e, &|child| memo.get(&child).copied().unwrap_or(child))
-        }
-    };
-    memo.insert(e, new);
-    new
+    // The whole is younger than its parts.
+    nodes.sort_unstable();
+    let mut new: FxHashMap<Expr, Expr> = FxHashMap::default();
+    for n in nodes {
+        let of = |child: Expr| new.get(&child).copied().unwrap_or(child);
+        let made = match *pool.node(n) {
+            Part::Select(test, a, b) if !pool.contains_any(test, &|s| s == z) => of(if first { a } else { b }),
+            _ => pool.rebuild(n, &of),
+        };
+        new.insert(n, made);
+    }
+    new.get(&e).copied().unwrap_or(e)
 }
