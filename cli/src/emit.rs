@@ -90,7 +90,7 @@ impl Emission<'_> {
     pub fn wasm(&self, compiled: &Compiled) -> Result<(), Stop> {
         let path = self.place("wasm", compiled)?;
         let unit = self.unit(compiled)?;
-        let module = wasm::module(compiled.scene(), &unit).map_err(Stop::Model)?;
+        let module = wasm::module(compiled.scene(), &unit).map_err(|why| refused(compiled, why))?;
         output::put_bytes(&path, &module)?;
         tell(&unit, &format!("{} ({} kB)", path.display(), module.len().div_ceil(1000)));
         Ok(())
@@ -104,7 +104,7 @@ impl Emission<'_> {
     pub fn object(&self, compiled: &Compiled) -> Result<(), Stop> {
         let (object, header) = self.places("o", compiled)?;
         let unit = self.unit(compiled)?;
-        let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(Stop::Model)?;
+        let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(|why| refused(compiled, why))?;
         not_of_another(&header, true)?;
         let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: false };
         output::put_both((&header, c::header(&unit, &options).as_bytes()), (&object, &code))?;
@@ -211,6 +211,13 @@ const SYSTEM: Option<(&str, &str)> = match (std::env::consts::OS.as_bytes(), std
 
 /// A shared library: the system's folder, the ending, the code.
 type Library = (&'static str, &'static str, Vec<u8>);
+
+/// Why a scene has no form; a method of several stages solves for all of them at once.
+fn refused(compiled: &Compiled, why: String) -> Stop {
+    let staged = |name: &str| name == "radau" || name.starts_with("collocation");
+    let fewer = compiled.scene().clusters.iter().any(|c| staged(&c.step.name));
+    Stop::Model(if fewer { format!("{why}; or `--method gonzalez`, which solves for fewer") } else { why })
+}
 
 /// The C compiler that CC names, and its flags, at blanks as make has it; a program whose path has blanks is one.
 fn compiler() -> (OsString, Vec<OsString>) {

@@ -60,6 +60,25 @@ fn the_haptic_loop_runs_around_both() {
     }
 }
 
+/// A method of several stages may solve for more than a module has a form for: what does not is named, and has.
+#[test]
+fn a_method_with_fewer_unknowns_is_named() {
+    let charger = "use std.electrical
+model Charger {
+  SineVoltage:ac(amplitude = 20 V)
+  Inductor:coil(L = 1 mH, R = 0.2 Ohm)
+  Diode:d
+  C:bat { compliance = 10 F; e0 = 12 V }
+  ac.out -> 1:m -> coil.p, d.p, bat
+}
+";
+    let here = Folder::new().with("charger.bond", charger);
+    let build = ["build", "charger.bond", "--step", "10us", "--emit"];
+    here.bond(&[&build[..], &["wasm"]].concat()).is(1, &[], &["or `--method gonzalez`, which solves for fewer"]);
+    here.bond(&[&build[..], &["wasm", "--method", "gonzalez"]].concat()).is(0, &[], &["built"]);
+    here.bond(&[&build[..], &["c"]].concat()).is(0, &[], &["built"]);
+}
+
 #[test]
 fn files_go_where_they_are_told() {
     let here = Folder::new().with("my first.model.bond", OSCILLATOR).with("out/x", "").with("a.h", OSCILLATOR);
