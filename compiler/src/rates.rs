@@ -2,7 +2,7 @@
 //! states change.
 
 use crate::Stages;
-use crate::expression::{Expr, Node, Pool, Symbol};
+use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Signal;
 use crate::structure::{Group, Output, Role};
 use nalgebra::{DMatrix, DVector};
@@ -16,8 +16,6 @@ const OPEN: &str = "the loops of resistors have no solution that is found at thi
 /// and most halvings of one update.
 const ITERATIONS: usize = 800;
 const HALVINGS: usize = 40;
-/// What is off by so little of its terms is rounding.
-const ROUNDED: f64 = 2.0 * f64::EPSILON;
 /// What drives loops grows by no less than this part of it.
 const LEAST: f64 = 1e-6;
 
@@ -217,7 +215,9 @@ impl Point {
             for (i, j, d) in &loops.slopes {
                 self.loops[(*i, *j)] = self.value(pool, *d);
             }
-            if !loops.linear && self.is_rounding(pool, loops, &residual) {
+            let at = |s: Symbol| self.at.get(&s).copied().unwrap_or(0.0);
+            let mut all = loops.misfits.iter().zip(residual.iter());
+            if !loops.linear && all.all(|(e, r)| pool.is_rounding(*e, *r, &at)) {
                 return Ok(z);
             }
             if loops.linear {
@@ -253,16 +253,6 @@ impl Point {
     fn misfit(&mut self, pool: &Pool, loops: &Loops, z: &DVector<f64>) -> DVector<f64> {
         self.at.extend(loops.symbols.iter().copied().zip(z.iter().copied()));
         DVector::from_iterator(z.len(), loops.misfits.iter().map(|e| self.value(pool, *e)))
-    }
-
-    /// Whether what is off is no more than what its terms are rounded by: nothing more can be known.
-    fn is_rounding(&self, pool: &Pool, loops: &Loops, residual: &DVector<f64>) -> bool {
-        loops.misfits.iter().zip(residual.iter()).all(|(e, r)| {
-            let Node::Sum(c, terms) = pool.node(*e) else { return *r == 0.0 };
-            let sizes = terms.iter().map(|t| (self.value(pool, t.0) * t.1.to_f64()).abs());
-            let size = sizes.fold(c.to_f64().abs(), |sum, x| sum + x);
-            size.is_finite() && r.abs() <= ROUNDED * size
-        })
     }
 }
 

@@ -44,7 +44,11 @@ fn format() -> impl TypedValueParser<Value = As> {
 /// Refuses a name that ends as another format does.
 fn fits(path: &Path, format: As) -> Result<(), Stop> {
     let Some(ending) = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase) else { return Ok(()) };
-    let ending_of = |a: &As| if *a == As::Latex { "tex" } else { a.name() };
+    let ending_of = |a: &As| match a {
+        As::Text => "txt",
+        As::Latex => "tex",
+        As::Json | As::Dot | As::Svg => a.name(),
+    };
     let of_another = As::ALL.iter().any(|a| *a != format && ending_of(a) == ending);
     if of_another || matches!(ending.as_str(), "png" | "jpg" | "jpeg" | "gif" | "pdf") {
         let (what, wanted) = (format.name(), ending_of(&format));

@@ -242,4 +242,5 @@ fn units_without_a_compiler_are_source() {
     with("no_such_compiler").is(0, &[], &["as C alone: no C compiler was found"]);
     assert_eq!(unpacked(&here, "w.fmu").len(), 4);
     with("false").is(2, &[], &["false does not make a library"]);
+    with("false -O1").is(2, &[], &["false does not make a library"]);
 }

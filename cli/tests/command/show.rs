@@ -27,7 +27,7 @@ fn it_goes_to_a_file_too() {
     here.bond(&["show", "a.bond", "-o", "none/a.txt"]).is(2, &[], &["cannot write"]);
     here.bond(&["show", "a.bond", "-o", "."]).is(2, &[], &["directory"]);
     here.bond(&["show", "a.bond", "graph", "--as", "svg", "-o", "a.png"]).is(2, &[], &["does not write .png", ".svg"]);
-    here.bond(&["show", "a.bond", "graph", "-o", "a.svg"]).is(2, &[], &["does not write .svg", "name it .text"]);
+    here.bond(&["show", "a.bond", "graph", "-o", "a.svg"]).is(2, &[], &["does not write .svg", "name it .txt"]);
     assert_eq!(here.list(), ["a.bond", "a.svg"]);
 }
 

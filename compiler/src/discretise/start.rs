@@ -5,7 +5,7 @@
 //! other starts too, since a loop may have several solutions, and then the model does not say which one it is in.
 
 use super::cluster::Cluster;
-use crate::expression::{Expr, Node, Symbol};
+use crate::expression::{Expr, Symbol};
 use crate::model::{Model, Signal};
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
@@ -22,8 +22,6 @@ const ROUNDS: usize = 800;
 /// A residual that is less is 0, in any unit: where rounding hides the slope of a law, as of `exp(x) - 1` at 0, the way
 /// to it has no end.
 const NOTHING: f64 = 1e-60;
-/// A residual of so little of its terms is what they are rounded by.
-const ROUNDED: f64 = 8.0 * f64::EPSILON;
 /// Where else to start where nothing is found from 0, which may have no value, as of a temperature: in SI units, whatever
 /// the unknown is.
 const ELSEWHERE: [f64; 8] = [1.0, 300.0, 1e-3, 1e3, 1e5, 10.0, 1e-6, -1.0];
@@ -53,15 +51,8 @@ impl System<'_> {
 
     /// Whether each residual is no more than what its terms are rounded by: nothing more can be known of it.
     fn is_rounding(&self, z: &DVector<f64>, r: &DVector<f64>) -> bool {
-        let pool = &self.model.pool;
         let at = self.at(z);
-        self.residuals.iter().zip(r.iter()).all(|(e, r)| {
-            let Node::Sum(c, terms) = pool.node(*e) else { return *r == 0.0 };
-            let parts: Vec<Expr> = terms.iter().map(|t| t.0).collect();
-            let sizes = pool.eval_all(&parts, &at).into_iter().zip(terms.iter());
-            let size = sizes.map(|(x, t)| (x * t.1.to_f64()).abs()).fold(c.to_f64().abs(), |sum, x| sum + x);
-            size.is_finite() && r.abs() <= ROUNDED * size
-        })
+        self.residuals.iter().zip(r.iter()).all(|(e, r)| self.model.pool.is_rounding(*e, *r, &at))
     }
 
     fn jacobian(&self, z: &DVector<f64>) -> DMatrix<f64> {

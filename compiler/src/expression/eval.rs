@@ -4,6 +4,9 @@ use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::eval;
 use bond_runtime::ir::Binary;
 
+/// The part of its terms that is rounding of a sum.
+const ROUNDED: f64 = 8.0 * f64::EPSILON;
+
 impl Pool {
     /// The value where each variable has the value `at` gives it; parameters have their own.
     pub fn eval(&self, e: Expr, at: &dyn Fn(Symbol) -> f64) -> f64 {
@@ -22,6 +25,16 @@ impl Pool {
             values.push(x);
         }
         all.iter().map(|&e| get(&values, e)).collect()
+    }
+
+    /// Whether the value `x` of an expression is no more than what its terms are rounded by: nothing more can be known of
+    /// it. A value of no sum is as it is.
+    pub fn is_rounding(&self, e: Expr, x: f64, at: &dyn Fn(Symbol) -> f64) -> bool {
+        let Node::Sum(c, terms) = self.node(e) else { return x == 0.0 };
+        let parts: Vec<Expr> = terms.iter().map(|t| t.0).collect();
+        let sizes = self.eval_all(&parts, at).into_iter().zip(terms.iter()).map(|(x, t)| (x * t.1.to_f64()).abs());
+        let size = sizes.fold(c.to_f64().abs(), |sum, x| sum + x);
+        size.is_finite() && x.abs() <= ROUNDED * size
     }
 
     /// The value of one node from those of its children.
