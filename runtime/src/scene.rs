@@ -7,6 +7,8 @@ use crate::exponential::Linear;
 use crate::ir::{Array, Program};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::cmp::Ordering;
+use std::collections::BTreeSet;
 
 mod check;
 mod image;
@@ -83,6 +85,36 @@ impl Scene {
         }
         members.iter_mut().filter(|list| list.len() > JOINED).for_each(Vec::clear);
         (0..n).map(|i| members[root(&mut of, i)].iter().copied().filter(|j| *j != i).collect()).collect()
+    }
+
+    /// Sampled clusters in the order in which they take a common sample: those of shorter periods first; of one period
+    /// what answers before what holds for it, and else as they stand in the scene.
+    pub fn order(&self) -> Vec<usize> {
+        let rank = |i: usize| self.clusters[i].period;
+        let bars: BTreeSet<(usize, usize)> = self.bars.iter().map(|b| (b.other.0, b.holder.0)).collect();
+        let (mut waits, mut after) = (vec![0; self.clusters.len()], vec![Vec::new(); self.clusters.len()]);
+        // Two that hold for each other wait for neither.
+        for &(a, b) in bars.iter().filter(|&&(a, b)| rank(a) == rank(b) && !bars.contains(&(b, a))) {
+            waits[b] += 1;
+            after[a].push(b);
+        }
+        let mut sampled: Vec<usize> = (0..self.clusters.len()).filter(|i| rank(*i).is_some()).collect();
+        sampled.sort_by(|a, b| rank(*a).partial_cmp(&rank(*b)).unwrap_or(Ordering::Equal));
+        let mut order = Vec::with_capacity(sampled.len());
+        for alike in sampled.chunk_by(|a, b| rank(*a) == rank(*b)) {
+            let mut left: BTreeSet<(usize, usize)> = alike.iter().map(|i| (waits[*i], *i)).collect();
+            // In a ring nothing waits for nothing: what waits for the fewest goes first.
+            while let Some((_, i)) = left.pop_first() {
+                order.push(i);
+                for &j in &after[i] {
+                    if left.remove(&(waits[j], j)) {
+                        waits[j] -= 1;
+                        left.insert((waits[j], j));
+                    }
+                }
+            }
+        }
+        order
     }
 }
 
@@ -161,11 +193,12 @@ impl Stepper {
 /// How the held variable of a sampled region is found.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum Respond {
-    /// The program's outputs are the efforts (or flows) that the ports call for, given the means of the last interval.
+    /// The program's outputs are the efforts (or flows) that the ports call for, given the means of the last interval,
+    /// and what the region's own sources are to supply in the next one.
     Last(Program),
-    /// The first program solves for them; its last inputs are alpha and beta, its last output is 1 where it found a
-    /// solution. A law that switches may have none; the second program then gives what the ports call for at given
-    /// means.
+    /// The first program solves for them; its last inputs are alpha and beta. Its outputs are those, then 1 where it
+    /// found a solution, then the supply. A law that switches may have none; the second program then gives what the
+    /// ports call for at given means.
     Matched(Program, Program),
 }
 
@@ -189,6 +222,8 @@ pub struct Entries {
     pub dissipated: Vec<(String, usize)>,
     /// What of H is no more than its zero: the sum of the storages' least energies.
     pub floor: f64,
+    /// The least that H can be, where there is such a level: what a sampled region has to give is counted from there.
+    pub least: f64,
     /// Entropy produced in each field with thermal ports.
     pub produced: Vec<Produced>,
     /// Energy that an energy leap of `ray` missed (created where positive), and 1 where there was one.
@@ -316,8 +351,7 @@ pub struct Cluster {
     pub inputs: Vec<usize>,
     /// The ledger's parts.
     pub entries: Vec<Entries>,
-    /// Indices into the state and what they are called where the clusters' steps cannot reach: linear continuous
-    /// clusters only.
+    /// Whether its laws are linear.
     pub is_linear: bool,
     /// Shortest period of what swings by time alone, s.
     pub swing: Option<f64>,

@@ -507,7 +507,10 @@ impl Cluster {
         let mut entries = entries;
         for e in &mut entries {
             let groups = self.groups_in(RegionId(e.region as u32)).iter().filter(|g| g.bounded);
-            e.floor = groups.map(|g| level::least(model, g, self)).sum();
+            e.floor = groups.clone().map(|g| level::least(model, g, self)).sum();
+            if sampling.is_some() {
+                e.least = groups.map(|g| level::lowest(model, g, self)).sum();
+            }
         }
         let is_ray = step.name == "ray";
         let holds = hold::held_ports(self, form);

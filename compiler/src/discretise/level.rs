@@ -7,6 +7,9 @@ use crate::model::Model;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 
+/// Where the least of an energy is looked for, on both sides of where it is near: powers of ten, in SI units.
+const DECADES: std::ops::RangeInclusive<i32> = -9..=9;
+
 /// H of a group as it is to be computed, and where polynomials stand for it.
 #[derive(Clone, Debug)]
 pub(super) struct Level {
@@ -130,7 +133,7 @@ pub(super) fn bottom(model: &mut Model, g: &Group, c: &Cluster) -> (f64, bool) {
 /// The state where a storage's energy is least, near where it starts: by walking down and Newton's method.
 pub(super) fn minimum(model: &mut Model, g: &Group, c: &Cluster, state: usize) -> f64 {
     if g.states.len() > 1 {
-        return lowest(model, g, c, state);
+        return down(model, g, c, state);
     }
     let symbol = c.states[state].symbol;
     let Some(&slope) = g.coenergy.first() else { return 0.0 };
@@ -139,23 +142,67 @@ pub(super) fn minimum(model: &mut Model, g: &Group, c: &Cluster, state: usize) -
     if at(slope, 0.0) == 0.0 && at(curvature, 0.0) >= 0.0 {
         return 0.0;
     }
-    let mut x = c.states[state].initial;
+    let x = walk(&model.pool, [g.energy, slope, curvature], c.states[state].initial);
+    if x.is_finite() { x } else { 0.0 }
+}
+
+/// Where an energy of one state, with its slope and curvature, is least near a value of that.
+fn walk(pool: &Pool, [energy, slope, curvature]: [Expr; 3], mut x: f64) -> f64 {
+    let at = |e: Expr, x: f64| pool.eval(e, &|_| x);
     for _ in 0..24 {
-        let d = at(slope, x) / at(curvature, x).abs();
+        let mut d = at(slope, x) / at(curvature, x).abs();
         if !d.is_finite() || d.abs() <= 1e-15 * x.abs() {
             break;
         }
-        let mut d = d;
-        while at(g.energy, x - d) > at(g.energy, x) && d.abs() > 1e-300 {
+        // Not out of the energy's domain either.
+        while !(at(energy, x - d) <= at(energy, x)) && d.abs() > 1e-300 {
             d *= 0.5;
         }
         x -= d;
     }
-    if x.is_finite() { x } else { 0.0 }
+    x
+}
+
+/// The least that the energy of a group can be, as far as it is seen: near where it starts, and where powers of ten lie
+/// beside that and 0. What a sampled region has to give is counted from there: an energy has no zero of its own.
+pub(super) fn lowest(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
+    if c.time.is_some_and(|t| model.pool.contains(g.energy, t)) {
+        return 0.0;
+    }
+    let start: Vec<(Symbol, f64)> = g.states.iter().map(|s| (c.states[*s].symbol, c.states[*s].initial)).collect();
+    let near: Vec<f64> = g.states.iter().map(|s| minimum(model, g, c, *s)).collect();
+    let slopes = match (&g.coenergy[..], &start[..]) {
+        (&[slope], &[(symbol, _)]) => Some([g.energy, slope, model.pool.derivative(slope, symbol)]),
+        _ => None,
+    };
+    let pool = &model.pool;
+    let energy =
+        |x: &dyn Fn(usize) -> f64| pool.eval(g.energy, &|s| start.iter().position(|t| t.0 == s).map_or(0.0, x));
+    let mut least = f64::INFINITY;
+    let mut look = |h: f64| {
+        let lower = h < least;
+        least = if lower { h } else { least };
+        lower
+    };
+    look(energy(&|i| start[i].1));
+    look(energy(&|i| near[i]));
+    for base in [&near, &start.iter().map(|s| s.1).collect()] {
+        for (k, x) in base.iter().enumerate() {
+            for off in DECADES.flat_map(|n| [1.0, -1.0].map(|side| side * libm::exp10(f64::from(n)))) {
+                if look(energy(&|i| if i == k { x + off } else { base[i] }))
+                    && let Some(slopes) = slopes
+                {
+                    let x = walk(pool, slopes, x + off);
+                    look(energy(&|_| x));
+                }
+            }
+        }
+    }
+    if least.is_finite() { least } else { 0.0 }
 }
 
 /// One coordinate of the state of least energy of several: down along one after the other.
-fn lowest(model: &mut Model, g: &Group, c: &Cluster, state: usize) -> f64 {
+fn down(model: &mut Model, g: &Group, c: &Cluster, state: usize) -> f64 {
     let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
     let mut x: Vec<f64> = vec![0.0; symbols.len()];
     let value = |model: &Model, e: Expr, x: &[f64]| {

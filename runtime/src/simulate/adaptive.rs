@@ -245,35 +245,23 @@ impl Run {
     }
 
     /// Runs to `end` exactly.
-    pub(super) fn fit_to(
-        &mut self,
-        c: &Cluster,
-        names: &[String],
-        end: f64,
-        moved: &mut Vec<f64>,
-    ) -> Result<(), Error> {
-        self.fit_past(c, names, end, moved)?;
+    pub(super) fn fit_to(&mut self, c: &Cluster, end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+        self.fit_past(c, end, moved)?;
         while end - self.time() > SAME * end.abs() {
             self.drop_plan();
-            self.plan(c, names, Some(end))?;
-            self.keep(c, names, moved)?;
+            self.plan(c, Some(end))?;
+            self.keep(c, moved)?;
         }
         Ok(())
     }
 
     /// Keeps all steps that end at `until` or before it, and plans the one beyond it.
-    pub(super) fn fit_past(
-        &mut self,
-        c: &Cluster,
-        names: &[String],
-        until: f64,
-        moved: &mut Vec<f64>,
-    ) -> Result<(), Error> {
+    pub(super) fn fit_past(&mut self, c: &Cluster, until: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
         if self.fit.as_ref().is_some_and(|f| f.driven) {
             while until - self.time() > SAME * until.abs() {
                 self.drop_plan();
-                self.plan(c, names, Some(until))?;
-                self.keep(c, names, moved)?;
+                self.plan(c, Some(until))?;
+                self.keep(c, moved)?;
             }
             return Ok(());
         }
@@ -281,20 +269,20 @@ impl Run {
             let Some(fit) = &self.fit else { return Ok(()) };
             let end = match fit.plan {
                 Some(plan) => plan.end,
-                None => self.plan(c, names, None)?,
+                None => self.plan(c, None)?,
             };
             if end - until > SAME * until.abs() {
                 // The look is not needed to go on; where it fails, whoever looks is told.
-                let _ = self.look_at(c, names, until);
+                let _ = self.look_at(c, until);
                 return Ok(());
             }
-            self.keep(c, names, moved)?;
+            self.keep(c, moved)?;
         }
         Ok(())
     }
 
     /// Keeps the planned step; of one whose ledger fails, what comes before that.
-    fn keep(&mut self, c: &Cluster, names: &[String], moved: &mut Vec<f64>) -> Result<(), Error> {
+    fn keep(&mut self, c: &Cluster, moved: &mut Vec<f64>) -> Result<(), Error> {
         let mut end = self.time();
         let Some(fit) = &mut self.fit else { return Ok(()) };
         let Some(plan) = fit.plan.take() else { return Ok(()) };
@@ -325,15 +313,15 @@ impl Run {
         self.base = if failed.is_none() { plan.end } else { end };
         self.count = 0;
         self.track(c);
-        failed.map_or(Ok(()), |(what, at, next)| Err(self.unsound(c, names, (at, &next), &what)))
+        failed.map_or(Ok(()), |(what, at, next)| Err(self.unsound(c, (at, &next), &what)))
     }
 
     /// Finds the next step: one that meets `end`, where one is given, if it comes so far. Gives where it ends.
-    fn plan(&mut self, c: &Cluster, names: &[String], end: Option<f64>) -> Result<f64, Error> {
+    fn plan(&mut self, c: &Cluster, end: Option<f64>) -> Result<f64, Error> {
         let t = self.time();
         let Some(fit) = &self.fit else { return Ok(t) };
         let before = (fit.control, self.iterations());
-        let result = self.fitted(c, names, t, end);
+        let result = self.fitted(c, t, end);
         let Some(fit) = &mut self.fit else { return Ok(t) };
         match result {
             Ok((end, whole)) => {
@@ -350,7 +338,7 @@ impl Run {
 
     /// Tries steps from `t` until one is good: where it ends, and whether the whole counts. The controller is then
     /// after it.
-    fn fitted(&mut self, c: &Cluster, names: &[String], t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
+    fn fitted(&mut self, c: &Cluster, t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
         let Some(fit) = &self.fit else { return Ok((t, true)) };
         let (tolerance, longest, limit, mut control) = (fit.tolerance, fit.longest, fit.limit, fit.control);
         let order = f64::from(c.step.order + 1);
@@ -495,9 +483,9 @@ impl Run {
         }
         match (result, last_failure) {
             (Some(found), _) => Ok(found),
-            (None, Some(why)) if control.crawl <= TAKEN_BACK * CRAWL.0 => Err(self.failure(c, names, t, why)),
+            (None, Some(why)) if control.crawl <= TAKEN_BACK * CRAWL.0 => Err(self.failure(c, t, why)),
             (None, _) => {
-                let region = names.get(self.index).cloned().unwrap_or_default();
+                let region = c.name.clone();
                 if endless {
                     return Err(Error::Endless { time: t, region, step: smallest });
                 }

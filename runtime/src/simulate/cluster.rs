@@ -152,6 +152,7 @@ pub(super) struct Book {
     /// The worst fall of entropy in a step, as heat at the temperature there.
     pub(super) sunk: Worst,
     pub(super) leaps: u64,
+    /// What may be given besides H: what the tank holds, and H where it is least, below 0.
     pub(super) tank: f64,
     pub(super) debt_max: f64,
     /// The largest debt beside the energies that were there then.
@@ -175,6 +176,11 @@ impl Book {
         self.h_max.max(self.turnover_max).max(self.size_max)
     }
 
+    /// What may be given besides H at most: the largest energy above the least seen, likewise counted.
+    pub(super) fn cap(&self, e: &Entries) -> f64 {
+        if e.least == 0.0 { self.h_max } else { self.h_top - 2.0 * e.least }
+    }
+
     /// What balances are measured against at least.
     pub(super) fn floor(&self) -> f64 {
         TRACE * self.largest()
@@ -183,7 +189,6 @@ impl Book {
 
 /// A cluster that runs.
 pub(super) struct Run {
-    pub(super) index: usize,
     pub(super) step: Ready,
     pub(super) glance: Option<Ready>,
     /// Takes what the stepper cannot.
@@ -223,13 +228,7 @@ pub(super) struct Run {
 }
 
 impl Run {
-    pub(super) fn new(
-        index: usize,
-        c: &Cluster,
-        given: &[Course],
-        options: &Options,
-        backend: &dyn Backend,
-    ) -> Result<Self, Error> {
+    pub(super) fn new(c: &Cluster, given: &[Course], options: &Options, backend: &dyn Backend) -> Result<Self, Error> {
         let instant = Look::new(&c.instant, backend);
         let mut stored = Look::new(&c.stored, &Interpret); // looked at once
         let state = c.initial.clone();
@@ -268,6 +267,7 @@ impl Run {
                     h,
                     h_max: h.abs(),
                     h_top: h,
+                    tank: -e.least,
                     turnover_max: FAINTEST,
                     sources: vec![Sum::new(); e.supplied.len()],
                     resistors: vec![Sum::new(); e.dissipated.len()],
@@ -277,7 +277,6 @@ impl Run {
             })
             .collect();
         Ok(Self {
-            index,
             step: branch.map_or_else(|| Ready::new(&c.step, backend), |b| Ready::of(&b.program, None, backend)),
             branches,
             branched: false,
@@ -322,7 +321,7 @@ impl Run {
         self.base + self.count as f64 * self.h
     }
 
-    pub(super) fn failure(&self, c: &Cluster, names: &[String], time: f64, why: Failure) -> Error {
+    pub(super) fn failure(&self, c: &Cluster, time: f64, why: Failure) -> Error {
         let state = match why {
             Failure::NotFinite { slot } if slot.array == Array::Output => {
                 c.step.program.name_of(slot).map(ToString::to_string)
@@ -339,14 +338,14 @@ impl Run {
             Failure::Singular { .. } | Failure::Balance => None,
         };
         let jumps = if matches!(why, Failure::NoConvergence { .. }) { c.jumps.clone() } else { Vec::new() };
-        Error::Step { time, region: names.get(self.index).cloned().unwrap_or_default(), state, why, jumps }
+        Error::Step { time, region: c.name.clone(), state, why, jumps }
     }
 
     /// The failure of a step to a state in which an energy is no number; of what is stored, with the one at fault.
-    pub(super) fn unsound(&self, c: &Cluster, names: &[String], (time, next): (f64, &[f64]), what: &str) -> Error {
+    pub(super) fn unsound(&self, c: &Cluster, (time, next): (f64, &[f64]), what: &str) -> Error {
         let state = if what == STORED { self.beyond(c, next) } else { None };
         let what = state.map_or(what.to_string(), |state| format!("{what} (`{state}`)"));
-        Error::Energy { time, region: names.get(self.index).cloned().unwrap_or_default(), what }
+        Error::Energy { time, region: c.name.clone(), what }
     }
 
     /// A state that is no number, or at which the energy bends by none.
@@ -368,19 +367,13 @@ impl Run {
     }
 
     /// Runs on its grid, which ends at `end`, to that end.
-    pub(super) fn finish_at(
-        &mut self,
-        c: &Cluster,
-        names: &[String],
-        end: f64,
-        moved: &mut Vec<f64>,
-    ) -> Result<(), Error> {
+    pub(super) fn finish_at(&mut self, c: &Cluster, end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
         if self.fit.is_some() {
-            return self.run_to(c, names, end, moved);
+            return self.run_to(c, end, moved);
         }
         while self.time() < end - 1e-9 * self.h {
             let t = self.time();
-            self.one(c, names, t, self.h, moved)?;
+            self.one(c, t, self.h, moved)?;
             self.count += 1;
         }
         self.base = end;
@@ -405,19 +398,13 @@ impl Run {
     }
 
     /// Runs to `end` exactly: with steps of at most the wanted length, or adaptive ones.
-    pub(super) fn run_to(
-        &mut self,
-        c: &Cluster,
-        names: &[String],
-        end: f64,
-        moved: &mut Vec<f64>,
-    ) -> Result<(), Error> {
+    pub(super) fn run_to(&mut self, c: &Cluster, end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
         let now = self.time();
         if end - now <= 1e-12 * end.abs().max(now.abs()) {
             return Ok(());
         }
         if self.fit.is_some() {
-            self.fit_to(c, names, end, moved)?;
+            self.fit_to(c, end, moved)?;
         } else {
             let h = self.fixed.unwrap_or(if c.step.order == 0 && c.step.linear.is_some() {
                 end - now
@@ -427,7 +414,7 @@ impl Run {
             let n = ((end - now) / h - 1e-9).ceil().max(1.0);
             let h = (end - now) / n;
             for i in 0..n as u64 {
-                self.one(c, names, now + i as f64 * h, h, moved)?;
+                self.one(c, now + i as f64 * h, h, moved)?;
             }
         }
         self.base = end;
@@ -435,37 +422,23 @@ impl Run {
         Ok(())
     }
 
-    /// Runs on its own grid as far as `until`, not beyond. `limit` is where it must stop and be met exactly, if there
-    /// is such.
-    pub(super) fn run_grid(
-        &mut self,
-        c: &Cluster,
-        names: &[String],
-        until: f64,
-        moved: &mut Vec<f64>,
-    ) -> Result<(), Error> {
+    /// Runs on its own grid as far as `until`, not beyond.
+    pub(super) fn run_grid(&mut self, c: &Cluster, until: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
         if self.fit.is_some() {
-            return self.fit_past(c, names, until, moved);
+            return self.fit_past(c, until, moved);
         }
         while self.base + (self.count + 1) as f64 * self.h <= until * (1.0 + 1e-12) {
             let t = self.time();
-            self.one(c, names, t, self.h, moved)?;
+            self.one(c, t, self.h, moved)?;
             self.count += 1;
         }
         Ok(())
     }
 
     /// One step, kept.
-    pub(super) fn one(
-        &mut self,
-        c: &Cluster,
-        names: &[String],
-        t: f64,
-        h: f64,
-        moved: &mut Vec<f64>,
-    ) -> Result<(), Error> {
+    pub(super) fn one(&mut self, c: &Cluster, t: f64, h: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
         if c.period.is_some() {
-            return self.split(c, names, t, h, moved, 0);
+            return self.split(c, t, h, moved, 0);
         }
         let end = t + h;
         let (mut at, mut rest) = (t, h);
@@ -478,11 +451,11 @@ impl Run {
             }
             self.feed.aim(&mut self.input, at, piece);
             while let Some(part) = self.switch(c, at, rest) {
-                self.split(c, names, at, part, moved, 0)?;
+                self.split(c, at, part, moved, 0)?;
                 at += part;
                 rest = piece - at;
             }
-            self.split(c, names, at, rest, moved, 0)?;
+            self.split(c, at, rest, moved, 0)?;
             if cut.is_none() {
                 return Ok(());
             }
@@ -547,28 +520,20 @@ impl Run {
 
     /// One step, kept; a step of a continuous cluster that fails is taken as two of half the length, and those
     /// likewise: a law that switches may leave a step without a solution, and then the halves have one.
-    fn split(
-        &mut self,
-        c: &Cluster,
-        names: &[String],
-        t: f64,
-        h: f64,
-        moved: &mut Vec<f64>,
-        depth: u32,
-    ) -> Result<(), Error> {
-        self.prepare(names, h)?;
+    fn split(&mut self, c: &Cluster, t: f64, h: f64, moved: &mut Vec<f64>, depth: u32) -> Result<(), Error> {
+        self.prepare(c, h)?;
         self.input[0] = t;
         self.input[1] = h;
         if let Err(why) = self.try_step(c, depth) {
             if depth >= HALVINGS || c.period.is_some() || c.is_linear {
-                return Err(self.failure(c, names, t, why));
+                return Err(self.failure(c, t, why));
             }
             let half = 0.5 * h;
-            self.split(c, names, t, half, moved, depth + 1)?;
-            return self.split(c, names, t + half, half, moved, depth + 1);
+            self.split(c, t, half, moved, depth + 1)?;
+            return self.split(c, t + half, half, moved, depth + 1);
         }
         if let Err(what) = book(&mut self.books, c, &self.step.work.output) {
-            return Err(self.unsound(c, names, (t + h, &self.step.work.next), &what));
+            return Err(self.unsound(c, (t + h, &self.step.work.next), &what));
         }
         // The workspace's numbers mean nothing to the next step.
         std::mem::swap(&mut self.state, &mut self.step.work.next);
@@ -603,9 +568,8 @@ impl Run {
         self.books.iter().zip(&c.entries).all(|(b, e)| imbalance(b, e, &self.step.work.output) == 0.0)
     }
 
-    fn prepare(&mut self, names: &[String], h: f64) -> Result<(), Error> {
-        let region = || names.get(self.index).cloned().unwrap_or_default();
-        self.step.prepare(h).map_err(|why| Error::Table { region: region(), why })
+    fn prepare(&mut self, c: &Cluster, h: f64) -> Result<(), Error> {
+        self.step.prepare(h).map_err(|why| Error::Table { region: c.name.clone(), why })
     }
 
     pub(super) fn track(&mut self, c: &Cluster) {
@@ -619,7 +583,7 @@ impl Run {
 
     /// The state at `t`, without keeping it: by a step from the state, or from halfway through the planned one. Where the
     /// run is beyond that, because another region failed there, it is the state as it is.
-    pub(super) fn look_at(&mut self, c: &Cluster, names: &[String], t: f64) -> Result<&[f64], Error> {
+    pub(super) fn look_at(&mut self, c: &Cluster, t: f64) -> Result<&[f64], Error> {
         if self.fit.as_ref().is_some_and(|f| f.shown == Some(t)) {
             return Ok(&self.glanced);
         }
@@ -648,13 +612,13 @@ impl Run {
             }
             self.feed.aim(&mut self.input, at, piece);
             while let Some(part) = self.switch(c, at, rest) {
-                self.glance(c, names, at, part, 0)?;
+                self.glance(c, at, part, 0)?;
                 at += part;
                 rest = piece - at;
             }
             single &= at == now;
-            let answers = cut.is_none() && self.settle_answers(c, names, at, rest);
-            single &= self.glance(c, names, at, rest, 0)?;
+            let answers = cut.is_none() && self.settle_answers(c, at, rest);
+            single &= self.glance(c, at, rest, 0)?;
             if answers {
                 let loops = c.states + c.integrals..c.states + c.integrals + c.guesses;
                 self.glanced[loops.clone()].copy_from_slice(&self.aside[loops]);
@@ -696,19 +660,19 @@ impl Run {
     /// What laws give at the end of what is looked at, left aside, by a last step that is short: where states alone do not
     /// tell it, it is as wrong as the rates at the end of a step, which are right only when nothing switched within it.
     /// Whether there is any.
-    fn settle_answers(&mut self, c: &Cluster, names: &[String], at: f64, h: f64) -> bool {
+    fn settle_answers(&mut self, c: &Cluster, at: f64, h: f64) -> bool {
         if c.guesses == 0 || c.step.name != STIFF {
             return false;
         }
         self.aside.copy_from_slice(&self.glanced);
         let most = (1.0 - LAST) * h;
-        let done = self.glance(c, names, at, most, 0).and_then(|_| self.glance(c, names, at + most, LAST * h, 0));
+        let done = self.glance(c, at, most, 0).and_then(|_| self.glance(c, at + most, LAST * h, 0));
         std::mem::swap(&mut self.aside, &mut self.glanced);
         done.is_ok()
     }
 
     /// Moves what is looked at by one step; where that fails, by two halves. Whether it was one.
-    fn glance(&mut self, c: &Cluster, names: &[String], at: f64, h: f64, depth: u32) -> Result<bool, Error> {
+    fn glance(&mut self, c: &Cluster, at: f64, h: f64, depth: u32) -> Result<bool, Error> {
         let iterations = self.step.work.newton_iterations;
         let other = self.spare.as_mut().filter(|_| depth >= OWN).or(self.glance.as_mut());
         let ready = other.unwrap_or(&mut self.step);
@@ -716,7 +680,7 @@ impl Run {
         self.input[0] = at;
         self.input[1] = h;
         if let Err(why) = ready.prepare(h) {
-            return Err(Error::Table { region: names.get(self.index).cloned().unwrap_or_default(), why });
+            return Err(Error::Table { region: c.name.clone(), why });
         }
         let mut result = ready.run(&self.glanced, &self.input);
         let off = || self.books.iter().zip(&c.entries).any(|(b, e)| imbalance(b, e, &ready.work.output) > 0.0);
@@ -729,24 +693,24 @@ impl Run {
         self.step.work.newton_iterations = iterations;
         match result {
             Ok(()) => Ok(true),
-            Err(why) if depth >= HALVINGS || c.is_linear => Err(self.failure(c, names, at, why)),
+            Err(why) if depth >= HALVINGS || c.is_linear => Err(self.failure(c, at, why)),
             Err(_) => {
-                self.glance(c, names, at, 0.5 * h, depth + 1)?;
-                self.glance(c, names, at + 0.5 * h, 0.5 * h, depth + 1)?;
+                self.glance(c, at, 0.5 * h, depth + 1)?;
+                self.glance(c, at + 0.5 * h, 0.5 * h, depth + 1)?;
                 Ok(false)
             }
         }
     }
 
     /// Runs the cluster's observation at `t`.
-    pub(super) fn observe(&mut self, c: &Cluster, names: &[String], t: f64) -> Result<(), Error> {
-        self.look_at(c, names, t)?;
+    pub(super) fn observe(&mut self, c: &Cluster, t: f64) -> Result<(), Error> {
+        self.look_at(c, t)?;
         self.input[0] = t;
         if c.period.is_none() {
             self.feed.latch(&mut self.input, t);
         }
         let result = self.instant.run(&self.glanced, &self.input).map(|_| ());
-        result.map_err(|why| self.failure(c, names, t, why))
+        result.map_err(|why| self.failure(c, t, why))
     }
 
     /// The output of the last step.

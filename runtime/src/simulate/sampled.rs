@@ -5,7 +5,7 @@ use super::cluster::Book;
 use super::hold::{BESIDE, Held, NOISE, RECURRENCE, TERMS, UNTOLD, within_budget};
 use super::pace::beta_of;
 use super::schedule::Simulation;
-use crate::scene::Respond;
+use crate::scene::{Entries, Respond};
 
 /// Room for what a sample works out, so that taking one allocates nothing.
 #[derive(Default)]
@@ -35,7 +35,7 @@ impl Scratch {
 
 /// What regions that hold together have to give is one: where one of them is in debt, the others' tanks cover that, and
 /// the cap is on all tanks together.
-fn share(books: &mut [Book]) {
+fn share(books: &mut [Book], entries: &[Entries]) {
     if books.len() < 2 {
         return;
     }
@@ -57,8 +57,8 @@ fn share(books: &mut [Book]) {
         }
     }
     let (mut over, mut full) = (0.0, 0.0);
-    for b in books.iter() {
-        over += b.tank - b.h_max;
+    for (b, e) in books.iter().zip(entries) {
+        over += b.tank - b.cap(e);
         full += if b.tank > 0.0 { b.tank } else { 0.0 };
     }
     if over > 0.0 {
@@ -106,7 +106,7 @@ impl Simulation<'_> {
             self.runs[i].input[c.ports[h.port].input] = -h.q * rate;
         }
         let mut moved = std::mem::take(&mut self.moved[i]);
-        let result = self.runs[i].one(c, &self.names, start, period, &mut moved);
+        let result = self.runs[i].one(c, start, period, &mut moved);
         self.moved[i] = moved;
         result?;
         self.settle(i, crossed);
@@ -154,13 +154,13 @@ impl Simulation<'_> {
             b.leaked.add(leak);
             b.crossed_max = b.crossed_max.max(crossed.abs());
             // What was promised is not let go; several regions have no open ports.
-            let most = if alone { b.h_max.max(self.reserve[i] - b.h) } else { f64::INFINITY };
+            let most = if alone { b.cap(e).max(self.reserve[i] - b.h) } else { f64::INFINITY };
             b.tank = (b.tank + dissipated - leak - leap).min(most);
         }
         if run.books.is_empty() {
             return;
         }
-        share(&mut run.books);
+        share(&mut run.books, &c.entries);
         let mut stored = 0.0;
         for b in &mut run.books {
             let own = b.h + b.tank;
@@ -247,7 +247,7 @@ impl Simulation<'_> {
             if let Some(look) = &mut run.respond {
                 let out = look.run(state, input).map_err(|why| Error::Step {
                     time: at,
-                    region: self.names.get(i).cloned().unwrap_or_default(),
+                    region: c.name.clone(),
                     state: None,
                     why,
                     jumps: Vec::new(),
@@ -262,7 +262,7 @@ impl Simulation<'_> {
         if values.iter().any(|v| !v.is_finite()) {
             return Err(Error::Step {
                 time: at,
-                region: self.names.get(i).cloned().unwrap_or_default(),
+                region: c.name.clone(),
                 state: Some("what it holds".into()),
                 why: crate::kernel::Failure::NotFinite { slot: crate::ir::Slot::new(crate::ir::Array::Output, 0) },
                 jumps: Vec::new(),
@@ -331,7 +331,7 @@ impl Simulation<'_> {
                 let input = &this.respond_input[i][..base];
                 look.run(&run.state, input).map(|out| out[k]).map_err(|why| Error::Step {
                     time: at,
-                    region: this.names.get(i).cloned().unwrap_or_default(),
+                    region: c.name.clone(),
                     state: None,
                     why,
                     jumps: Vec::new(),

@@ -23,7 +23,6 @@ fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<us
 pub struct Simulation<'a> {
     pub(super) scene: &'a Scene,
     pub(super) options: Options,
-    pub(super) names: Vec<String>,
     pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
     pub(super) held: Vec<Vec<Held>>,
@@ -31,15 +30,15 @@ pub struct Simulation<'a> {
     pub(super) beta: Vec<Vec<f64>>,
     pub(super) gamma: Vec<Vec<f64>>,
     pub(super) decay: Vec<Vec<f64>>,
-    /// By cluster, what it risks where it is in debt.
     /// What [`Scene::near`] says.
     pub(super) near: Vec<Vec<usize>>,
+    /// By cluster, what it risks where it is in debt.
     pub(super) caution: Vec<Caution>,
     /// By cluster, the clock that it goes by, if not its own.
     pub(super) pace: Vec<Option<Pace>>,
     /// By cluster, the next sample's number.
     pub(super) next: Vec<u64>,
-    /// Sampled clusters in the order in which they take a common sample: those that answer before those that hold.
+    /// What [`Scene::order`] says.
     pub(super) order: Vec<usize>,
     /// By cluster, what its tank keeps for an outside that was promised it, J.
     pub(super) reserve: Vec<f64>,
@@ -91,15 +90,14 @@ impl<'a> Simulation<'a> {
         courses: Vec<(usize, Course)>,
     ) -> Result<Self, Error> {
         let n = scene.clusters.len();
-        let names = scene.clusters.iter().map(|c| c.name.clone()).collect();
         let mut given: Vec<Course> = scene.inputs.iter().map(|i| Course::constant(i.value)).collect();
         for (i, course) in courses {
             if let Some(place) = given.get_mut(i) {
                 *place = course;
             }
         }
-        let runs = scene.clusters.iter().enumerate();
-        let runs = runs.map(|(i, c)| Run::new(i, c, &given, options, backend)).collect::<Result<Vec<_>, _>>()?;
+        let runs = scene.clusters.iter();
+        let runs = runs.map(|c| Run::new(c, &given, options, backend)).collect::<Result<Vec<_>, _>>()?;
         let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
         for (i, c) in scene.clusters.iter().enumerate() {
             for &port in &c.holds {
@@ -119,12 +117,6 @@ impl<'a> Simulation<'a> {
                 connected[*other] = true;
             }
         }
-        let mut order: Vec<usize> = (0..n).filter(|i| scene.clusters[*i].period.is_some()).collect();
-        let rank = |i: usize| scene.clusters[i].period.unwrap_or(0.0);
-        order.sort_by(|a, b| {
-            let answers = |x: usize, y: usize| scene.bars.iter().any(|bar| bar.other.0 == x && bar.holder.0 == y);
-            rank(*a).total_cmp(&rank(*b)).then(answers(*b, *a).cmp(&answers(*a, *b))).then(a.cmp(b))
-        });
         let respond_input = scene
             .clusters
             .iter()
@@ -138,7 +130,6 @@ impl<'a> Simulation<'a> {
         let mut s = Self {
             scene,
             options: options.clone(),
-            names,
             runs,
             beta: vec![Vec::new(); n],
             gamma: vec![Vec::new(); n],
@@ -147,7 +138,7 @@ impl<'a> Simulation<'a> {
             near: scene.near(),
             pace: Pace::all(scene),
             next: vec![0; n],
-            order,
+            order: scene.order(),
             reserve: vec![0.0; n],
             connected,
             moved: scene.clusters.iter().map(|c| vec![0.0; c.ports.len()]).collect(),
@@ -207,7 +198,7 @@ impl<'a> Simulation<'a> {
     pub(super) fn look_again(&mut self) {
         for (c, run) in self.scene.clusters.iter().zip(&mut self.runs).filter(|(_, run)| run.fit.is_some()) {
             let input = run.input.clone();
-            let _ = run.look_at(c, &self.names, self.time); // where it fails, whoever looks is told
+            let _ = run.look_at(c, self.time); // where it fails, whoever looks is told
             run.input = input;
         }
     }
@@ -257,7 +248,7 @@ impl<'a> Simulation<'a> {
                 self.lay(i, end);
             }
             let mut moved = std::mem::take(&mut self.moved[i]);
-            let result = self.runs[i].run_grid(c, &self.names, until, &mut moved);
+            let result = self.runs[i].run_grid(c, until, &mut moved);
             self.moved[i] = moved;
             result?;
         }
@@ -285,7 +276,7 @@ impl<'a> Simulation<'a> {
                 self.lay(i, at);
             }
             let mut moved = std::mem::take(&mut self.moved[i]);
-            let result = self.runs[i].finish_at(c, &self.names, at, &mut moved);
+            let result = self.runs[i].finish_at(c, at, &mut moved);
             self.moved[i] = moved;
             result?;
         }
@@ -356,7 +347,7 @@ impl<'a> Simulation<'a> {
     fn refresh_foreign(&mut self, at: f64, due: &[usize]) -> Result<(), Error> {
         for k in 0..self.read.len() {
             let i = self.read[k];
-            self.runs[i].observe(&self.scene.clusters[i], &self.names, at)?;
+            self.runs[i].observe(&self.scene.clusters[i], at)?;
         }
         for (i, c) in self.scene.clusters.iter().enumerate() {
             if c.period.is_some() && !due.contains(&i) {
@@ -381,7 +372,7 @@ impl<'a> Simulation<'a> {
     pub fn probes(&mut self) -> Result<&[f64], Error> {
         for k in 0..self.probed.len() {
             let i = self.probed[k];
-            self.runs[i].observe(&self.scene.clusters[i], &self.names, self.time)?;
+            self.runs[i].observe(&self.scene.clusters[i], self.time)?;
         }
         self.probe_input[0] = self.time;
         for (k, (cluster, output)) in self.scene.probes.gather.iter().enumerate() {
@@ -414,7 +405,7 @@ impl<'a> Simulation<'a> {
             let c = &self.scene.clusters[i];
             if c.period.is_none() {
                 let mut moved = std::mem::take(&mut self.moved[i]);
-                let result = self.runs[i].run_to(c, &self.names, at, &mut moved);
+                let result = self.runs[i].run_to(c, at, &mut moved);
                 self.moved[i] = moved;
                 if result.is_err() {
                     return self.reached(since, result);

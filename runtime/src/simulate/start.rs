@@ -24,6 +24,8 @@ pub struct StartCluster {
     pub input: Vec<f64>,
     /// H of each of its regions, J.
     pub energies: Vec<f64>,
+    /// The least that each can be, J.
+    pub least: Vec<f64>,
     /// Whether samples of others concern it.
     pub connected: bool,
     /// The ports that it holds, in order.
@@ -62,6 +64,7 @@ impl Simulation<'_> {
             state: self.runs[i].state.clone(),
             input: self.runs[i].input.clone(),
             energies: self.runs[i].books.iter().map(|b| b.h).collect(),
+            least: self.scene.clusters[i].entries.iter().map(|e| e.least).collect(),
             connected: self.connected[i],
             held: self.held[i]
                 .iter()

@@ -85,7 +85,7 @@ pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
         c.stored = Program::default();
         c.swing = None;
         c.instant = c.instant.skeleton();
-        c.entries.iter_mut().for_each(|e| e.floor = 0.0);
+        c.entries.iter_mut().for_each(|e| (e.floor, e.least) = (0.0, f64::from(u8::from(e.least != 0.0))));
         match &mut c.respond {
             Some(Respond::Last(p)) => *p = p.skeleton(),
             Some(Respond::Matched(p, q)) => [p, q].into_iter().for_each(|p| *p = p.skeleton()),

@@ -119,7 +119,8 @@ impl Cluster {
             })
             .collect();
         let caution = block.put(&[0.0, 1.0, start.risk, start.most]);
-        let books = start.energies.iter().map(|h| block.put(&ledger::start(*h))).collect();
+        let books =
+            start.energies.iter().zip(&start.least).map(|(h, least)| block.put(&ledger::start(*h, *least))).collect();
         let more = if full { c.entries.iter().map(|e| More::new(block, c, e)).collect() } else { Vec::new() };
         let iterations = full.then(|| block.take(1));
         Self {

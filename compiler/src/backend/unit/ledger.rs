@@ -4,11 +4,12 @@
 use super::{Writing, more};
 use crate::backend::code::{Cond, Reason, Stmt, Value};
 use crate::backend::lower::writer::Writer;
+use bond_runtime::scene::Entries;
 use bond_runtime::simulate::{BESIDE, GROSS, LOSS, NOISE, WARY};
 
 /// What a ledger holds, in order; sums of energies have two numbers each, of which the second is what rounding took
 /// from the first.
-pub const NAMES: [&str; 16] = [
+pub const NAMES: [&str; 18] = [
     "h",
     "h_initial",
     "h_max",
@@ -25,6 +26,8 @@ pub const NAMES: [&str; 16] = [
     "tank",
     "debt_max",
     "gained",
+    "h_top",
+    "h_least",
 ];
 
 const H: usize = 0;
@@ -39,14 +42,18 @@ const SIZE: usize = 12;
 const TANK: usize = 13;
 const DEBT: usize = 14;
 const GAINED: usize = 15;
+const H_TOP: usize = 16;
+const H_LEAST: usize = 17;
 
 /// The numbers of a ledger that a run goes on from, in the order of `bond_runtime::simulate::BookPlaces`.
-pub(super) const KEPT: [usize; 10] = [H, H_MAX, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, TANK, DEBT];
+pub(super) const KEPT: [usize; 11] =
+    [H, H_MAX, H_TOP, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, TANK, DEBT];
 
-/// What a ledger starts as, with so much energy.
-pub(super) fn start(h: f64) -> Vec<f64> {
+/// What a ledger starts as, with so much energy, which is so much at least.
+pub(super) fn start(h: f64, least: f64) -> Vec<f64> {
     let mut list = vec![0.0; NAMES.len()];
-    (list[H], list[1], list[H_MAX]) = (h, h, h.abs());
+    (list[H], list[1], list[H_MAX], list[H_TOP]) = (h, h, h.abs(), h);
+    (list[TANK], list[H_LEAST]) = (-least, least);
     list
 }
 
@@ -191,8 +198,8 @@ impl Writing<'_> {
                     w.keep(more.leaps, after);
                 }
             }
-            if let Some(more) = more {
-                w.raise(more.top, h);
+            if more.is_some() || e.least != 0.0 {
+                w.raise(at + H_TOP, h);
             }
             let sum = w.add(turnover, own);
             let sum = if e.size == e.energy { sum } else { w.add(sum, size) };
@@ -274,7 +281,7 @@ impl Writing<'_> {
             let tank = w.sub(tank, leap);
             let tank = match place.books.len() {
                 1 => {
-                    let most = w.kept(at + H_MAX);
+                    let most = cap(w, at, e);
                     let over = w.lt(most, tank);
                     w.select(over, most, tank)
                 }
@@ -334,8 +341,8 @@ impl Writing<'_> {
             }
         });
         let (mut over, mut full) = (zero, zero);
-        for &at in books {
-            let (tank, most) = (w.kept(at + TANK), w.kept(at + H_MAX));
+        for (&at, e) in books.iter().zip(&self.scene.clusters[i].entries) {
+            let (tank, most) = (w.kept(at + TANK), cap(w, at, e));
             let more = w.sub(tank, most);
             over = w.add(over, more);
             let there = positive(w, tank);
@@ -455,6 +462,16 @@ impl Writing<'_> {
         }
         w.mul(noise, size)
     }
+}
+
+/// What may be given besides H at most.
+fn cap(w: &mut Writer, at: usize, e: &Entries) -> Value {
+    if e.least == 0.0 {
+        return w.kept(at + H_MAX);
+    }
+    let (top, least) = (w.kept(at + H_TOP), w.kept(at + H_LEAST));
+    let most = w.sub(top, least);
+    w.sub(most, least)
 }
 
 /// Not below 0.

@@ -8,8 +8,6 @@ use bond_runtime::scene::{self, Entries};
 /// Places of it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct More {
-    /// The highest energy, with its sign.
-    pub(super) top: usize,
     /// The largest energy that crossed its ports in an interval.
     pub(super) crossed: usize,
     /// The largest debt beside the energies that were there then.
@@ -30,7 +28,6 @@ impl More {
     pub(super) fn new(block: &mut Block, c: &scene::Cluster, e: &Entries) -> Self {
         let alone = c.holds.is_empty();
         Self {
-            top: block.take(1),
             crossed: block.take(1),
             owed: block.take(1),
             leaps: block.take(1),

@@ -108,11 +108,12 @@ impl Writing<'_> {
 }
 
 fn book(at: usize, m: &super::more::More) -> BookPlaces {
-    let [h, h_max, supplied, dissipated, leaked, residual, turnover, size, tank, debt] = ledger::KEPT.map(|k| at + k);
+    let [h, h_max, h_top, supplied, dissipated, leaked, residual, turnover, size, tank, debt] =
+        ledger::KEPT.map(|k| at + k);
     BookPlaces {
         h,
         h_max,
-        h_top: m.top,
+        h_top,
         supplied,
         dissipated,
         leaked,
