@@ -78,9 +78,11 @@ pub fn put_both(one: (&Path, &[u8]), two: (&Path, &[u8])) -> Result<(), Stop> {
         sink.write_all(bytes).map_err(|e| sink.failure(&e))?;
         Ok::<Sink, Stop>(sink)
     };
-    let (one, two) = (open(one)?, open(two)?);
-    one.commit()?;
-    two.commit()
+    let mut both = [open(one)?, open(two)?];
+    for sink in &mut both {
+        sink.flush().map_err(|e| sink.failure(&e))?;
+    }
+    both.into_iter().try_for_each(Sink::commit)
 }
 
 /// Whether a path is that of a file, there or to be made, and not of standard output, a pipe or a device. What cannot
@@ -329,8 +331,14 @@ impl Whole {
         Err(Stop::Usage(format!("cannot write {}: its folder is full of leftovers", path.display())))
     }
 
+    /// Has all of it on the disk: a name is to be had by what is whole, after a power cut too.
+    fn settle(&mut self) -> io::Result<()> {
+        self.file.flush()?;
+        self.file.get_ref().sync_all()
+    }
+
     fn commit(mut self) -> Result<(), Stop> {
-        let result = self.file.flush().and_then(|()| {
+        let result = self.settle().and_then(|()| {
             if self.executable {
                 executable(self.file.get_ref())?;
             } else if let Ok(old) = fs::metadata(&self.path) {

@@ -16,6 +16,9 @@ pub fn quantity(text: &str) -> Result<Quantity, String> {
     if text.trim().is_empty() {
         return Err("a number is missing".into());
     }
+    if text.contains("//") {
+        return Err("`//` begins a comment; a fraction has one `/`".into());
+    }
     let mut sources = Sources::new();
     let id = sources.add("", text);
     let expr = bond_grammar::parse_expr(&sources, id).map_err(|d| match d.help {

@@ -1,9 +1,10 @@
 //! Diagnostics and messages on standard error.
 
-use crate::text::Text;
+use crate::text::{Text, shown};
 use bond_grammar::diagnostic::{Diagnostic, Label};
 use bond_grammar::source::{SourceId, Sources};
 use miette::{LabeledSpan, MietteHandler, MietteHandlerOpts, ReportHandler, Severity};
+use std::borrow::Cow;
 use std::fmt;
 use std::io::{IsTerminal, Write};
 
@@ -99,7 +100,7 @@ struct Report<'a> {
     message: String,
     code: Option<&'static str>,
     severity: Severity,
-    help: Option<&'a str>,
+    help: Option<Cow<'a, str>>,
     source: Option<&'a Text<'a>>,
     labels: Vec<LabeledSpan>,
     related: Vec<Report<'a>>,
@@ -109,10 +110,10 @@ impl<'a> Report<'a> {
     fn new(texts: &'a Texts, d: &'a Diagnostic) -> Self {
         let home = d.labels.first().map(|l| l.span.source);
         let mut report = Self {
-            message: d.message.clone(),
+            message: shown(&d.message).into_owned(),
             code: Some(d.code),
             severity: if d.warning { Severity::Warning } else { Severity::Error },
-            help: d.help.as_deref(),
+            help: d.help.as_deref().map(shown),
             source: home.and_then(|id| texts.get(id)),
             labels: Vec::new(),
             related: Vec::new(),
@@ -120,7 +121,7 @@ impl<'a> Report<'a> {
         for (i, label) in d.labels.iter().enumerate() {
             let Some(source) = texts.get(label.span.source) else { continue };
             let (start, end) = source.clamp(label.span.start as usize, label.span.end as usize, TALL);
-            let text = Some(label.text.clone()).filter(|t| !t.is_empty());
+            let text = Some(shown(&label.text).into_owned()).filter(|t| !t.is_empty());
             if Some(label.span.source) == home {
                 let make = if i == 0 { LabeledSpan::new_primary_with_span } else { LabeledSpan::new_with_span };
                 report.labels.push(make(text, (start, end - start)));
@@ -158,7 +159,7 @@ impl miette::Diagnostic for Report<'_> {
     }
 
     fn help<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
-        self.help.map(|h| Box::new(h) as Box<dyn fmt::Display>)
+        self.help.as_ref().map(|h| Box::new(h) as Box<dyn fmt::Display>)
     }
 
     fn source_code(&self) -> Option<&dyn miette::SourceCode> {

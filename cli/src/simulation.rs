@@ -40,6 +40,11 @@ impl Steps {
         self
     }
 
+    /// What is given here, by option of the command line.
+    pub fn given(self) -> [(&'static str, Option<f64>); 3] {
+        [("--step", self.step), ("--tolerance", self.tolerance), ("--longest", self.longest)]
+    }
+
     /// What the runtime is told: what is given here goes before what the model says.
     ///
     /// # Errors

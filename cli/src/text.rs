@@ -1,12 +1,27 @@
 //! A source text as miette wants it, with its lines found once: a file may have thousands of errors.
 
 use miette::{MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanContents};
+use std::borrow::Cow;
+
+/// A text as it may go to a terminal: what would steer that is a question mark, of as many bytes.
+pub fn shown(text: &str) -> Cow<'_, str> {
+    let steers = |c: char| c.is_control() && !matches!(c, '\n' | '\r' | '\t');
+    if !text.contains(steers) {
+        return text.into();
+    }
+    let each = |c: char| match c.len_utf8() {
+        _ if !steers(c) => c,
+        1 => '?',
+        _ => '\u{bf}',
+    };
+    text.chars().map(each).collect::<String>().into()
+}
 
 /// A named text. Lines end at `\n` alone, columns are letters, as everywhere else.
 #[derive(Debug)]
 pub struct Text<'a> {
     name: &'a str,
-    text: &'a str,
+    text: Cow<'a, str>,
     /// The byte at which each line starts.
     starts: Vec<usize>,
 }
@@ -18,7 +33,7 @@ impl<'a> Text<'a> {
             .chain(text.match_indices('\n').map(|(i, _)| i + 1))
             .filter(|i| *i < text.len().max(1))
             .collect();
-        Self { name, text, starts }
+        Self { name, text: shown(text), starts }
     }
 
     /// The line, from 0, of a byte.
@@ -32,7 +47,7 @@ impl<'a> Text<'a> {
     }
 
     /// The line on which a byte is.
-    pub fn around(&self, at: usize) -> &'a str {
+    pub fn around(&self, at: usize) -> &str {
         let line = self.line(at);
         &self.text[self.starts.get(line).copied().unwrap_or(0)..self.end(line)]
     }

@@ -204,3 +204,51 @@ fn names_of_several_files() {
         );
     }
 }
+
+/// A start that is given as effort is found wherever the law has one, on the way to it not leaving where it has values.
+#[test]
+fn starts_by_effort() {
+    for (law, e0, q) in [
+        ("e = 1 V * log(1 + q/(1 C))", "-2 V", (-2f64).exp() - 1.0),
+        ("e = 1 V * log(q/(1 C))", "-1 V", (-1f64).exp()),
+        ("e = 1 V * log(q/(1 C))", "3 V", 3f64.exp()),
+        ("e = 1 V * sqrt(1 + q/(1 C))", "0.5 V", -0.75),
+        ("e = 1 V/C^3 * q^3 - 5 V", "0 V", 5f64.cbrt()),
+        ("e = 1 V/C^3 * q^3", "8 V", 2.0),
+        ("e = 1 V/C * (q - 0.3 C)", "0 V", 0.3),
+        ("e = 1 V * tanh(q/(1 C))", "-0.5 V", (-0.5f64).atanh()),
+    ] {
+        let compiled = crate::common::text(&format!(
+            "model S {{ C:c {{ {law}; e0 = {e0} }} R:r = 1 Ohm 0:n -> c, r probe q = c.q }}"
+        ));
+        let mut sim = crate::common::start(&compiled, bond::Steps::new());
+        let found = crate::common::probe(&mut sim, "q");
+        assert!((found - q).abs() <= 1e-12 * q.abs().max(1.0), "{law}, {e0}: {found}, {q}");
+    }
+}
+
+/// The largest whole numbers have no opposite.
+#[test]
+fn powers_at_the_end_of_whole_numbers() {
+    let compiled = crate::common::text(
+        "model P { Se:u = 1 V R:r = 1 Ohm u -> r probe x = (-2)^(-127) probe y = (-2)^(-128) probe z = (-2)^(-63) }",
+    );
+    let mut sim = crate::common::start(&compiled, bond::Steps::new());
+    let at = |sim: &mut bond::Simulation<'_>, name| crate::common::probe(sim, name);
+    let found = ["x", "y", "z"].map(|name| at(&mut sim, name));
+    assert_eq!(found, [-(0.5f64.powi(127)), 0.5f64.powi(128), -(0.5f64.powi(63))]);
+}
+
+/// A product has no more numbers than an array may have.
+#[test]
+fn products_are_not_larger_than_arrays() {
+    let product = |n: usize| {
+        let (column, row) = (vec!["[1]"; n].join(", "), vec!["1"; n].join(", "));
+        format!(
+            "model M {{ let a = [{column}] let b = [[{row}]] let m = a*b Se:u = m[1, {n}] * 1 V R:r = 1 Ohm u -> r }}"
+        )
+    };
+    text(&product(100));
+    let error = crate::common::errors(&product(101)).to_string();
+    assert!(error.contains("this array has 10201 numbers, and may have 10000"), "{error}");
+}

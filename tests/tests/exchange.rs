@@ -2,7 +2,7 @@
 //! out never exceeds what was put in.
 
 use crate::common::{cases, models, text, with};
-use bond::exchange::{Device, Effort, Exchange, Measurement, PORTS};
+use bond::exchange::{Device, Effort, Exchange, Heard, Measurement, PORTS};
 use bond::{Compiled, Options, Steps};
 use proptest::prelude::*;
 
@@ -287,4 +287,37 @@ fn nothing_is_allocated_in_a_tick() {
     run(0, 50);
     let counted = allocation_counter::measure(|| run(50, 500));
     assert_eq!(counted.count_total, 0);
+}
+
+/// A device that starts anew in the middle of a session begins its sums at 0: what the old one drew must not become
+/// something put in. It is known by its numbers, and refused from then on.
+#[test]
+fn a_device_that_starts_anew_is_refused() {
+    let compiled = text(TWO);
+    let options = Steps::new().resolve(&compiled.stages().model.settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let initial = exchange.effort().stored;
+    let told = |exchange: &Exchange<'_>, sequence: u64, w: f64| {
+        let mut m =
+            Measurement { session: 5, sequence, ports: 2, echo: exchange.effort().sequence, ..Measurement::default() };
+        (m.q[0], m.w[0]) = (-1e-3 * sequence as f64, w);
+        m
+    };
+    for k in 1..=20 {
+        let m = told(&exchange, k, -0.01 * initial * k as f64);
+        assert_eq!(exchange.hear(&m), Heard::New);
+        exchange.tick().unwrap_or_else(|e| panic!("{e}"));
+    }
+    for k in 1..=100 {
+        let m = told(&exchange, k, 0.0);
+        assert_eq!(exchange.hear(&m), Heard::Foreign, "packet {k} of the new one");
+        exchange.tick().unwrap_or_else(|e| panic!("{e}"));
+    }
+    assert_eq!(exchange.count().put_in, 0.0);
+    // Sums that no device counts are refused as well.
+    let mut exchange = Exchange::new(compiled.scene(), &options, 6, 3).unwrap_or_else(|e| panic!("{e}"));
+    for w in [f64::NAN, f64::INFINITY, 1.7e308, -1e200] {
+        let m = Measurement { session: 6, ..told(&exchange, 1, w) };
+        assert_eq!(exchange.hear(&m), Heard::Foreign, "{w}");
+    }
 }

@@ -381,3 +381,31 @@ fn play_keeps_no_energy_within_its_ends() {
         crate::common::close(crate::common::probe(&mut sim, "x"), 1e-3, 1e-8, "where it stops");
     }
 }
+
+/// Beside a store of heat, which is large, no step shows that a resistor gives energy; the sum over all of them does.
+#[test]
+fn what_gives_little_beside_heat_is_seen() {
+    let house = |law: &str| {
+        crate::common::text(&format!(
+            "use std.thermal
+             model House {{
+               Body:b(C = 1e7 J/K, T0 = 300 K)
+               I:fan {{ inertia = 1 kg; f0 = 1 m/s }}
+               1:w -> fan
+               RS(f, s):r = 1e-3 N*s/m
+               R:a {{ e = -1 N*s/m * {law} * f }}
+               w -> r.f, a
+               r.s -> b.heat
+               probe v = fan.f
+             }}"
+        ))
+    };
+    for (law, passive) in [("cos(0.5 Hz * t)", false), ("-cos(0.5 Hz * t)^2", true)] {
+        let compiled = house(law);
+        let mut sim = crate::common::start(&compiled, Steps::new());
+        crate::common::finish(&mut sim, 3.0);
+        let summary = sim.summary();
+        assert_eq!(summary.passive, passive, "{law}: {:?}", summary.reasons);
+        assert!(passive || summary.reasons[0].contains("J in all"), "{law}: {:?}", summary.reasons);
+    }
+}

@@ -575,3 +575,40 @@ fn beyond_a_diode() {
         assert!((force - 3.0).abs() < 1e-5 && (x - held).abs() < 1e-5, "{tolerance:?}: {force} N, {x} m, {held} m");
     }
 }
+
+/// An angle that `atan2` turns back by a whole turn is met there: a sawtooth of time, and one of a state, against the
+/// same made of `if`.
+#[test]
+fn where_an_angle_is_turned_back() {
+    let saw = |of: &str| {
+        format!(
+            "model Saw {{
+               Se:u = 1 V * ({of})
+               R:r = 10 Ohm
+               C:c = 1 mF
+               I:l = 10 mH
+               u -> 1:j -> r, c, l
+               probe i = l.f
+               probe x = integral(c.e, 0 V*s)
+             }}"
+        )
+    };
+    let [angle, plain] = ["atan2(sin(20 Hz * t), cos(20 Hz * t))", "20 Hz * t - (if t < pi/(20 Hz) then 0 else 2*pi)"]
+        .map(|of| compiled(&saw(of), None, Some(1e-8)));
+    let [a, b] = [&angle, &plain].map(|compiled| at(compiled, Some(1e-8), "i", 0.3).0);
+    assert!((a - b).abs() < 1e-7, "{a}, {b}");
+    // A rotor with a torque that is a sawtooth of its angle, which wraps seven times.
+    let text = "model Rotor {
+      I:j { inertia = 0.01 kg*m^2; f0 = 20 rad/s }
+      C:th { H = 0 J }
+      R:b = 0.02 N*m*s
+      Se:saw = 0.3 N*m * (1 + atan2(sin(th.q), cos(th.q)))
+      saw -> 1:turn -> j, th, b
+      probe w = turn.f
+    }";
+    for (method, tolerance, off) in [(None, None, 1e-2), (None, Some(1e-9), 1e-5), (Some("radau"), Some(1e-8), 1e-5)] {
+        // Integrated by another program, from wrap to wrap.
+        let (w, _) = at(&compiled(text, method, tolerance), tolerance, "w", 2.982);
+        assert!((w - 20.528030).abs() < off, "{method:?} {tolerance:?}: {w}");
+    }
+}

@@ -123,7 +123,10 @@ fn next(args: &Args, without: &[&str]) -> String {
     if without.is_empty() {
         return "nothing can be left out at this error\n".into();
     }
-    let mut words = vec!["bond".to_string(), "run".into(), args.file.display().to_string()];
+    let file = args.file.display().to_string();
+    // No option, whatever it begins with; `-` alone is standard input.
+    let file = if file.len() > 1 && file.starts_with('-') { format!("./{file}") } else { file };
+    let mut words = vec!["bond".to_string(), "run".into(), file];
     words.extend(args.which.model.iter().flat_map(|name| ["--model".to_string(), name.clone()]));
     words.extend(args.set.written().flat_map(|(path, value)| ["--set".to_string(), format!("{path}={value}")]));
     let mut all = args.set.without();
@@ -136,7 +139,7 @@ fn next(args: &Args, without: &[&str]) -> String {
     }
     let quoted = |word: &String| {
         let plain = |c: char| c.is_alphanumeric() || "/._-,=+:".contains(c);
-        if word.chars().all(plain) { word.clone() } else { format!("\"{word}\"") }
+        if word.chars().all(plain) { word.clone() } else { format!("'{}'", word.replace('\'', "'\\''")) }
     };
     words.iter().map(quoted).collect::<Vec<String>>().join(" ") + "\n"
 }

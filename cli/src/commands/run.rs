@@ -324,8 +324,6 @@ fn many(args: &Args, options: bond::Options) -> Result<(), Stop> {
         set: &args.set.set,
         without: &args.set.without(),
         method: args.method.as_deref(),
-        step: how.step,
-        tolerance: how.tolerance,
         steps: steps(how),
         interpret: how.interpret,
         stop: how.stop,

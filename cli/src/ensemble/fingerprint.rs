@@ -25,7 +25,9 @@ impl Fingerprint {
         line(&mut text, "the text of the model", &format!("{:016x}", sources(job.text.sources())));
         line(&mut text, "--model", scene);
         line(&mut text, "--method", setup.method.unwrap_or_default());
-        line(&mut text, "--step or --tolerance", &steps(setup));
+        for (what, value) in setup.steps.given() {
+            line(&mut text, what, &value.map_or_else(String::new, |x| x.to_string()));
+        }
         line(&mut text, "--stop", &seconds(job.stop));
         line(&mut text, "--every", &seconds(job.every));
         line(&mut text, "--at", &at.join(","));
@@ -80,15 +82,6 @@ fn line(text: &mut String, what: &str, value: &str) {
 fn plan(text: &mut String, plan: &Plan) {
     for (what, value) in plan.written() {
         line(text, what, &value);
-    }
-}
-
-fn steps(setup: &Setup) -> String {
-    match (setup.step, setup.tolerance) {
-        (Some(h), Some(x)) => format!("{x}, {h} s"),
-        (Some(h), None) => format!("{h} s"),
-        (None, Some(x)) => x.to_string(),
-        (None, None) => String::new(),
     }
 }
 

@@ -32,11 +32,7 @@ pub struct Setup<'a> {
     pub without: &'a [String],
     /// The stepper again.
     pub method: Option<&'a str>,
-    /// Fixed step, s.
-    pub step: Option<f64>,
-    /// Error allowed in a step.
-    pub tolerance: Option<f64>,
-    /// Both.
+    /// How steps are taken.
     pub steps: Steps,
     /// Whether the interpreter is asked for.
     pub interpret: bool,

@@ -56,7 +56,7 @@ pub enum Heard {
     Twice,
     /// A later one came before it.
     Overtaken,
-    /// It is of another session, or of other ports.
+    /// It is of another session or of other ports, of a device that started anew, or has numbers that no device counts.
     Foreign,
 }
 
@@ -104,10 +104,15 @@ pub struct Exchange<'a> {
     taken: Measurement,
     newest: Measurement,
     fresh: bool,
+    /// Whether the device started anew: nobody knows what the old one did last.
+    replaced: bool,
     silent: u32,
     effort: Effort,
     count: Count,
 }
+
+/// Sums beyond this are none that a device could have counted, and their differences may be no numbers.
+const LARGEST: f64 = 1e150;
 
 impl<'a> Exchange<'a> {
     /// A scene at its start. A session's number must be higher than that of all before it, and is not 0; an effort
@@ -138,6 +143,7 @@ impl<'a> Exchange<'a> {
             taken: Measurement { session, ports, ..Measurement::default() },
             newest: Measurement { session, ports, ..Measurement::default() },
             fresh: false,
+            replaced: false,
             silent: 0,
             effort: Effort { session, ports, ..Effort::default() },
             count: Count { least: f64::INFINITY, ..Count::default() },
@@ -178,7 +184,13 @@ impl<'a> Exchange<'a> {
 
     /// Takes what came in.
     pub fn hear(&mut self, m: &Measurement) -> Heard {
-        let heard = if m.session != self.newest.session || m.ports != self.newest.ports || m.echo > self.k {
+        let mut sums = m.q.iter().chain(&m.w);
+        let ours = m.session == self.newest.session && m.ports == self.newest.ports && m.echo <= self.k;
+        let heard = if !ours || sums.any(|x| x.is_nan() || x.abs() > LARGEST) {
+            Heard::Foreign
+        } else if self.replaced || (m.sequence <= self.newest.sequence && m.echo > self.newest.echo) {
+            // One device names no later effort in an earlier measurement: this one counts from the beginning.
+            self.replaced = true;
             Heard::Foreign
         } else if m.sequence > self.newest.sequence {
             self.newest = *m;

@@ -324,6 +324,12 @@ mod killed {
         with(&["--at", "10ms"]).is(2, &[], &["--at was not given and is `0.01`"]);
         let other = ["--sweep", "k=10..100:301", "-o", "a.csv"];
         run(&here, &[&other[..], SLOW].concat()).is(2, &[], &["--sweep was `k=10..100:300` and is `k=10..100:301`"]);
+        let fitted = ["--stop", "20ms", "--method", "gonzalez", "--tolerance", "1e-2", "--longest", "1ms"];
+        run(&here, &[&SWEEP[..2], &["-o", "a.csv"], &fitted].concat()).is(
+            2,
+            &[],
+            &["--step was `0.000001` and is not given", "--longest was not given and is `0.001`"],
+        );
         std::fs::write(here.0.join("a.bond"), OSCILLATOR.replace("0.5 N*s/m", "0.6 N*s/m")).unwrap();
         with(&[]).is(2, &[], &["the text of the model is another one"]);
         assert_eq!(std::fs::read(here.0.join("a.csv.part")).unwrap(), kept);

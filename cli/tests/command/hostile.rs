@@ -37,6 +37,9 @@ fn arguments_that_are_no_numbers() {
     ] {
         here.bond(&["run", "a.bond", "--set", value]).is(2, &[], &[]);
     }
+    for args in [["--set", "m=1//2"], ["--stop", "1//2"], ["--sweep", "m=2//3,4"]] {
+        here.bond(&[&["run", "a.bond"], &args[..]].concat()).is(2, &[], &["begins a comment; a fraction has one `/`"]);
+    }
     here.bond(&["run", "a.bond", "--tolerance", "1"]).is(2, &[], &["between 0 and 1"]);
     here.bond(&["run", "a.bond", "--method", "magic"]).is(2, &[], &["gonzalez"]);
     here.bond(&["run", "a.bond", "--step", "1ms", "--longest", "1ms"]).is(2, &[], &["cannot be used with"]);
@@ -299,4 +302,13 @@ fn parameters_of_no_physics() {
     run("sampled.bond", "ratio=1e-300").is(2, &[], &["3.16228e-302 s"]);
     run("fput.bond", "n=0").is(1, &[], &["spring[1]"]);
     run("fput.bond", "n=1e300").is(1, &[], &["1e300"]);
+}
+
+/// What is drawn of a model steers no terminal.
+#[test]
+fn models_that_would_steer_a_terminal() {
+    let here = Folder::new().with("a.bond", "model M {\n  R:\u{1b}[31mr = 1 Ohm \u{9b}31m \u{0}\n}\n");
+    let done = here.bond(&["check", "a.bond"]);
+    assert!(done.status == 1 && done.err.contains("?[31mr"), "{done:?}");
+    assert!(!done.err.contains(['\u{1b}', '\u{9b}', '\u{0}']), "{done:?}");
 }

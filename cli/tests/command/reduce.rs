@@ -69,7 +69,7 @@ fn what_is_left_runs() {
     let done = here.bond(&["reduce", "e.bond", "--error", "0.01", "--set", "r=2 Ohm"]);
     let done = done.is(0, &["Empties", "left out", "kept: the probe `q` reads it", "time for a second"], &[]);
     let last = done.out.lines().last().unwrap();
-    assert_eq!(last, "bond run e.bond --set \"r=2 Ohm\" --without lead,wire");
+    assert_eq!(last, "bond run e.bond --set 'r=2 Ohm' --without lead,wire");
     let without = ["--set", "r=2 Ohm", "--without", "lead,wire"];
     let run = here.bond(&[&["run", "e.bond"], &without[..]].concat());
     run.is(0, &["passive     yes", "continuous, 1 state"], &[]);
@@ -112,6 +112,23 @@ fn what_is_wrong_is_told() {
 
 /// What no probe depends on is named, and not tried; what is left out has its indices, which the next command takes, with
 /// all else that the run was made with.
+/// Whatever the file is called, a shell takes the command for what it is.
+#[cfg(unix)]
+#[test]
+fn no_shell_reads_more_into_it() {
+    let here = Folder::new();
+    for (file, named) in [
+        ("my $(touch pwn) car's.bond", "'my $(touch pwn) car'\\''s.bond'"),
+        ("a\"b`touch pwn`c$d!.bond", "'a\"b`touch pwn`c$d!.bond'"),
+        ("-r.bond", "./-r.bond"),
+    ] {
+        std::fs::write(here.0.join(file), EMPTIES).unwrap();
+        let done = here.bond(&["reduce", "--error", "0.01", "--", file]).is(0, &[], &[]);
+        let line = done.out.lines().last().unwrap().to_string();
+        assert_eq!(line, format!("bond run {named} --without lead,wire"));
+    }
+}
+
 #[test]
 fn the_last_line_runs() {
     let here = Folder::new().with(
@@ -130,7 +147,7 @@ fn the_last_line_runs() {
     let left = "left out    the region `alone`, the state `idle`: no probe, open port or expectation depends on them";
     let args = ["grid.bond", "--error", "0.01", "--stop", "2s", "--step", "100ms"];
     let done = here.bond(&[&["reduce"], &args[..]].concat()).is(0, &[left], &[]);
-    let line = done.out.lines().last().unwrap_or_default().replace('"', "");
+    let line = done.out.lines().last().unwrap_or_default().replace('\'', "");
     assert!(line.contains("tiny[1,1]") && line.ends_with("--stop 2.0 --step 0.1"), "{line}");
     let words: Vec<&str> = line.split(' ').skip(1).collect();
     here.bond(&words).is(0, &["simulated   2 s", left], &[]);

@@ -225,9 +225,11 @@ pub(super) fn guards(
             }
         });
         let mut knee = None;
-        let bends = matches!(node, Node::Unary(Unary::Tanh | Unary::Atan, _));
+        let bends = matches!(node, Node::Unary(Unary::Tanh | Unary::Atan, _) | Node::Binary(Binary::Atan2, ..));
         let guard = match node {
             Node::Binary(Binary::Lt | Binary::Le | Binary::Min | Binary::Max, a, b) => model.pool.sub(a, b),
+            // It jumps by 2 pi where y passes 0 below x = 0: where this does, and does not elsewhere but for y < 0.
+            Node::Binary(Binary::Atan2, y, x) => model.pool.binary(Binary::Max, y, x),
             // This and `atan` may be switches but for a little, as friction is often written: what a step over such a
             // turn misses, neither it nor its halves see. So a step ends where this one's does, too.
             Node::Unary(Unary::Tanh, a) => {

@@ -154,8 +154,9 @@ fn walk(pool: &Pool, [energy, slope, curvature]: [Expr; 3], mut x: f64) -> f64 {
         if !d.is_finite() || d.abs() <= 1e-15 * x.abs() {
             break;
         }
-        // Not out of the energy's domain either.
-        while !(at(energy, x - d) <= at(energy, x)) && d.abs() > 1e-300 {
+        // What is out of the energy's domain is not lower either.
+        let falls = |d: f64| at(energy, x - d) <= at(energy, x);
+        while !falls(d) && d.abs() > 1e-300 {
             d *= 0.5;
         }
         x -= d;

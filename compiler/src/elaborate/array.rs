@@ -28,13 +28,18 @@ impl<'a> Elaborator<'a> {
             );
             return None;
         }
-        let count: usize = all.len() * first.shape().iter().product::<usize>();
-        if count > MOST_ENTRIES {
-            let message = format!("this array has {count} numbers, and may have {MOST_ENTRIES}");
-            self.errors.push(Diagnostic::error("elaborate::limit", span, message).help("use fewer entries"));
-            return None;
-        }
+        self.few(all.len() * first.shape().iter().product::<usize>(), span)?;
         Some(Value::List(all))
+    }
+
+    /// Says where an array has too many numbers.
+    fn few(&mut self, count: usize, span: Span) -> Option<()> {
+        if count <= MOST_ENTRIES {
+            return Some(());
+        }
+        let message = format!("this array has {count} numbers, and may have {MOST_ENTRIES}");
+        self.errors.push(Diagnostic::error("elaborate::limit", span, message).help("use fewer entries"));
+        None
     }
 
     pub(super) fn shape_error<T>(&mut self, span: Span, message: String, help: &str) -> Option<T> {
@@ -131,6 +136,7 @@ impl<'a> Elaborator<'a> {
         }
         let right = self.rows(Value::List(items), b)?;
         let width = right.first().map_or(0, Vec::len);
+        self.few(rows.len() * width, a.span.to(b.span))?;
         let columns: Vec<Vec<Typed>> =
             (0..width).map(|j| right.iter().filter_map(|row| row.get(j).cloned()).collect()).collect();
         let row = |this: &mut Self, row: &Vec<Typed>| {

@@ -6,6 +6,9 @@ use bond_grammar::ast::{Chain, End, Path, Segment};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 
+/// After so many errors it is no longer looked for what a name may have been meant for.
+const MEANT: usize = 100;
+
 impl<'a> Elaborator<'a> {
     pub(super) fn chain(&mut self, chain: &'a Chain, scope: ScopeId) {
         let groups: Vec<Vec<Option<(RawEnd, String)>>> =
@@ -278,7 +281,9 @@ impl<'a> Elaborator<'a> {
             );
             return Diagnostic::error("elaborate::unknown", span, message).help(help);
         }
-        let mut known: Vec<&str> = self.instances[at].names.keys().map(String::as_str).collect();
+        // Of so many, all names would be gone through for each.
+        let names = if self.errors.len() < MEANT { Some(self.instances[at].names.keys()) } else { None };
+        let mut known: Vec<&str> = names.into_iter().flatten().map(String::as_str).collect();
         known.sort_unstable();
         let meant = match self.indices(segment, &known) {
             Some(range) => Some(range),

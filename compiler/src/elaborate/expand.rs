@@ -557,6 +557,10 @@ impl<'a> Elaborator<'a> {
             if self.files.gaps[file] {
                 return;
             }
+            // Each instance of the model has it.
+            if !self.unknown_kinds.insert(e.kind.span) {
+                return;
+            }
             let mut known: Vec<&str> = element::ALL.iter().map(|k| k.0).collect();
             known.extend(self.files.visible[file].keys().map(String::as_str));
             known.sort_unstable();

@@ -190,6 +190,8 @@ pub(crate) struct Elaborator<'a> {
     sources: &'a Sources,
     pub(crate) pool: Pool,
     pub(crate) errors: Vec<Diagnostic>,
+    /// Kinds of elements that are told to be unknown, by where they stand.
+    unknown_kinds: FxHashSet<Span>,
     stack: Vec<load::ModelRef>,
     instances: Vec<Instance>,
     scopes: Vec<Scope>,
@@ -303,6 +305,7 @@ pub fn elaborate(
         pool: Pool::new(),
         ruined: !errors.is_empty(),
         errors,
+        unknown_kinds: FxHashSet::default(),
         stack: vec![],
         instances: vec![],
         scopes: vec![],

@@ -218,30 +218,12 @@ impl<'a> Elaborator<'a> {
         if let Some(k) = s.linear.and_then(|k| self.pool.constant(k)) {
             return Some(target / k);
         }
-        let slope = self.pool.derivative(s.coenergy, s.state);
-        let at = |e: Expr, x: f64| self.pool.eval(e, &|_| x);
-        let mut x = 0.0f64;
-        for _ in 0..200 {
-            let r = at(s.coenergy, x) - target;
-            if r == 0.0 {
-                break;
-            }
-            let k = at(slope, x);
-            let mut d = r / k;
-            if !d.is_finite() {
-                x += if target > 0.0 { 1e-3 } else { -1e-3 };
-                continue;
-            }
-            while (at(s.coenergy, x - d) - target).abs() > r.abs() && d.abs() > 1e-300 {
-                d *= 0.5;
-            }
-            x -= d;
-            if d.abs() <= 1e-16 * x.abs() {
-                break;
-            }
-        }
-        let r = at(s.coenergy, x) - target;
-        if r.abs() <= 1e-12 * target.abs().max(f64::MIN_POSITIVE) {
+        let goal = self.pool.float(target);
+        let off = self.pool.sub(s.coenergy, goal);
+        // Towards the side of the target first; where the law has no value at 0, far from there.
+        let side = if target < 0.0 { -1.0 } else { 1.0 };
+        let starts = [0.0, 1e-3, -1e-3, 1.0, -1.0, 1e-9, 1e3, -1e3].map(|x| side * x);
+        if let Some(x) = starts.into_iter().find_map(|x| self.pool.root(off, s.state, x, &|_| f64::NAN)) {
             return Some(x);
         }
         self.errors.push(

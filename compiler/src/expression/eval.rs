@@ -30,11 +30,41 @@ impl Pool {
     /// Whether the value `x` of an expression is no more than what its terms are rounded by: nothing more can be known of
     /// it. A value of no sum is as it is.
     pub fn is_rounding(&self, e: Expr, x: f64, at: &dyn Fn(Symbol) -> f64) -> bool {
-        let Node::Sum(c, terms) = self.node(e) else { return x == 0.0 };
+        let size = self.size(e, at);
+        x == 0.0 || (size.is_finite() && x.abs() <= ROUNDED * size)
+    }
+
+    /// What the terms of a sum come to by their magnitudes; 0 of what is none.
+    fn size(&self, e: Expr, at: &dyn Fn(Symbol) -> f64) -> f64 {
+        let Node::Sum(c, terms) = self.node(e) else { return 0.0 };
         let parts: Vec<Expr> = terms.iter().map(|t| t.0).collect();
         let sizes = self.eval_all(&parts, at).into_iter().zip(terms.iter()).map(|(x, t)| (x * t.1.to_f64()).abs());
-        let size = sizes.fold(c.to_f64().abs(), |sum, x| sum + x);
-        size.is_finite() && x.abs() <= ROUNDED * size
+        sizes.fold(c.to_f64().abs(), |sum, x| sum + x)
+    }
+
+    /// Where an expression is 0 in one symbol, near `x`: by Newton's method, with updates halved until what is left is
+    /// no more than before, and defined. `at` has the other symbols' values. None where none was found to 1e-12 of what
+    /// its terms are.
+    pub fn root(&mut self, e: Expr, z: Symbol, mut x: f64, at: &dyn Fn(Symbol) -> f64) -> Option<f64> {
+        let slope = self.derivative(e, z);
+        let value = |e: Expr, x: f64| self.eval(e, &|s| if s == z { x } else { at(s) });
+        for _ in 0..200 {
+            let off = value(e, x);
+            let mut d = off / value(slope, x);
+            if off == 0.0 || !d.is_finite() {
+                break;
+            }
+            let falls = |d: f64| value(e, x - d).abs() <= off.abs();
+            while !falls(d) && d.abs() > 1e-300 {
+                d *= 0.5;
+            }
+            x -= d;
+            if d.abs() <= 1e-16 * x.abs() {
+                break;
+            }
+        }
+        let size = self.size(e, &|s| if s == z { x } else { at(s) }).max((value(slope, x) * x).abs());
+        (size.is_finite() && value(e, x).abs() <= 1e-12 * size).then_some(x)
     }
 
     /// The value of one node from those of its children.

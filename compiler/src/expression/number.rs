@@ -87,6 +87,10 @@ impl Number {
         if d == 0 {
             return Number::Float(n as f64 / 0.0);
         }
+        // Those have no opposite.
+        if n == i128::MIN || d == i128::MIN {
+            return Self::float(n as f64 / d as f64);
+        }
         let g = gcd(n.unsigned_abs(), d.unsigned_abs()).max(1) as i128;
         let (n, d) = if d < 0 { (-n / g, -d / g) } else { (n / g, d / g) };
         match (i64::try_from(n), i64::try_from(d)) {

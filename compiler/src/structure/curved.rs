@@ -202,26 +202,9 @@ pub(super) fn start(model: &Model, form: &Form, tied: &Tied) -> Result<Vec<Optio
 /// The initial state: what is stated, or where the co-energy variable is what a dependent storage's start asks for.
 fn settle(model: &mut Model, form: &Form, s: &Storage, z: Option<f64>) -> Option<f64> {
     let Some(z) = z.filter(|_| !s.explicit) else { return Some(s.initial) };
-    let slope = model.pool.derivative(s.coenergy, s.state);
-    let at = |model: &Model, e: Expr, x: f64| {
-        model.pool.eval(e, &|v| if v == s.state { x } else { start::value(model, form, v) })
-    };
-    let mut x = s.initial;
-    let size = z.abs() + at(model, s.coenergy, x).abs();
-    for _ in 0..200 {
-        let off = at(model, s.coenergy, x) - z;
-        if off.abs() <= 1e-15 * size {
-            return Some(x);
-        }
-        let mut d = off / at(model, slope, x);
-        if !d.is_finite() {
-            return None;
-        }
-        while (at(model, s.coenergy, x - d) - z).abs() > off.abs() && d.abs() > 1e-300 {
-            d *= 0.5;
-        }
-        x -= d;
-    }
-    let off = at(model, s.coenergy, x) - z;
-    (off.abs() <= 1e-10 * size).then_some(x)
+    let at = |v: Symbol| start::value(model, form, v);
+    let known: Vec<(Symbol, f64)> = model.pool.symbols(s.coenergy).into_iter().map(|v| (v, at(v))).collect();
+    let goal = model.pool.float(z);
+    let off = model.pool.sub(s.coenergy, goal);
+    model.pool.root(off, s.state, s.initial, &|v| known.iter().find(|k| k.0 == v).map_or(f64::NAN, |k| k.1))
 }

@@ -14,6 +14,8 @@ const GROWN: f64 = 0.1;
 const OWED: f64 = 1e-11;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
+/// What rounding may make of an energy in each step.
+const ROUNDING: f64 = 1e-15;
 
 /// A source's, resistor's or double bar's share.
 #[derive(Clone, Debug, PartialEq)]
@@ -165,7 +167,9 @@ impl Simulation<'_> {
                 names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
             };
             let floor = b.floor().max(FLOOR * largest);
-            gained.push((b.gained.above(floor), b.giver, b.owed));
+            // Beside heat, which is large, a step may give much before that is seen.
+            let rounding = run.steps as f64 * (GAIN * b.turnover_max + ROUNDING * b.largest());
+            gained.push((b.gained.above(floor), b.giver, b.owed, rounding));
             regions.push(RegionSummary {
                 name: region.name.clone(),
                 kind: if region.period.is_some() { "sampled" } else { "continuous" },
@@ -226,7 +230,7 @@ impl Simulation<'_> {
             })
             .collect();
         let mut reasons: Vec<String> = self.scene.excluded.clone();
-        for (region, (gained, (giver, least), owed)) in regions.iter().zip(gained) {
+        for (region, (gained, (giver, least), owed, rounding)) in regions.iter().zip(gained) {
             if !region.passive_stepper {
                 reasons.push(format!(
                     "`{}` was stepped by {}, which does not keep the balance",
@@ -259,6 +263,9 @@ impl Simulation<'_> {
             if gained > GAIN {
                 let name = region.resistors.get(giver).map_or("", |r| &r.name);
                 reasons.push(format!("`{name}` in `{}` gave energy, up to {:.1e} J in a step", region.name, -least));
+            } else if let Some(r) = region.resistors.iter().find(|r| -r.energy > rounding) {
+                let (name, energy) = (&r.name, -r.energy);
+                reasons.push(format!("`{name}` in `{}` gave {energy:.3e} J in all", region.name));
             }
         }
         let passive_ones = || regions.iter().filter(|r| r.passive_stepper);

@@ -15,7 +15,7 @@ mod sample;
 mod step;
 mod stretch;
 
-use super::code::{Memory, Place, Routine, Stmt, Value, size};
+use super::code::{Memory, Place, Reason, Routine, Stmt, Value, size};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
 use super::straight::{Straight, straight};
@@ -403,6 +403,10 @@ impl Writing<'_> {
             let (cluster, port) = open.port;
             let (c, place) = (&self.scene.clusters[cluster], &self.clusters[cluster]);
             let x = w.load(Place::new(Memory::Input, o as u32));
+            // What is so large, or no number, would be in sums that nothing takes it out of again.
+            let square = w.mul(x, x);
+            let sound = w.finite(square);
+            w.when(sound.not(), |w| w.push(Stmt::Fail(Reason::NotFinite)));
             if c.period.is_none() {
                 // What the outside gives, as the region counts it.
                 let along = w.number(open.along);

@@ -41,7 +41,7 @@ impl Pool {
         };
         match f {
             Unary::Neg => self.neg(y.slope),
-            Unary::Sqrt => self.along_half_power(y, 1),
+            Unary::Sqrt => self.along_half_power(y, 1, step),
             Unary::Exp => self.along_exp(y, step),
             Unary::Log => self.along_log(y, step),
             Unary::Sin | Unary::Cos => {

@@ -5,6 +5,9 @@ use crate::expression::{Expr, Number, Pool};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 
+/// Powers above this are taken apart into smaller ones.
+const LONGEST: i64 = 8;
+
 impl Pool {
     /// `y^n`
     pub(super) fn along_power(&mut self, y: Along, n: Number, step: &Step) -> Along {
@@ -22,7 +25,7 @@ impl Pool {
         } else {
             match n {
                 Number::Ratio(n, 1) => self.along_whole_power(y, n, step),
-                Number::Ratio(n, 2) => self.along_half_power(y, n),
+                Number::Ratio(n, 2) => self.along_half_power(y, n, step),
                 Number::Ratio(..) | Number::Float(_) => self.along_rational_power(y, n, (from, to), step),
             }
         };
@@ -32,7 +35,7 @@ impl Pool {
     /// By the mean `m` and half the change `h`: `((m + h)^n - (m - h)^n) / 2h = Σ binomial(n, k) m^(n-k) h^(k-1)` over
     /// odd `k`, where all terms have one sign.
     pub(super) fn along_whole_power(&mut self, y: Along, n: i64, step: &Step) -> Expr {
-        if n > 8 {
+        if n > LONGEST {
             let root = self.along_power(y, Number::from(n / 2), step);
             let square = self.along_power(root, TWO, step);
             if n % 2 == 0 {
@@ -61,7 +64,12 @@ impl Pool {
     }
 
     /// `y^(n/2)` with `n` odd: by the roots `a` and `b` of the ends, `(b^n - a^n)/(b^2 - a^2)`.
-    pub(super) fn along_half_power(&mut self, y: Along, n: i64) -> Expr {
+    pub(super) fn along_half_power(&mut self, y: Along, n: i64, step: &Step) -> Expr {
+        if n > LONGEST {
+            let whole = self.along_power(y, Number::from(n / 2), step);
+            let root = self.along_power(y, Number::HALF, step);
+            return self.along_product(whole, root).slope;
+        }
         let (a, b) = (self.sqrt(y.from), self.sqrt(y.to));
         let both = self.add(a, b);
         if n == 1 {
