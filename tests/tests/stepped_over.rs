@@ -612,3 +612,56 @@ fn where_an_angle_is_turned_back() {
         assert!((w - 20.528030).abs() < off, "{method:?} {tolerance:?}: {w}");
     }
 }
+
+/// Knees of diodes that the middle of a step does not see: a small capacitor that a current drives up to a clamp, and
+/// what is on each side of series resistors, whose diodes' arguments are not what the states leave.
+#[test]
+fn knees_at_the_end_of_a_step() {
+    let clamp = "model Clamp {
+      Sf:i = 10 A
+      C:small = 200 pF
+      R:diode { f = 1e-12 A * (exp(e/(26 mV)) - 1) }
+      C:out { compliance = 47 uF; e0 = 25 V }
+      i -> 0:x -> small
+      x -> 1:d -> diode, out
+      probe u = x.e
+      simulate { stop = 10 us }
+    }";
+    // All of the charge but for what the small one takes, and the diode's own voltage.
+    let knee = 0.026 * 1e13f64.ln();
+    let exact = 25.0 + knee + (1e-4 - 200e-12 * 27.9) / 47e-6;
+    for tolerance in [None, Some(1e-5), Some(1e-8)] {
+        let (u, steps) = at(&compiled(clamp, None, tolerance), tolerance, "u", 1e-5);
+        assert!((u - exact).abs() < 1e-5 && steps < 300, "{tolerance:?}: {u} V of {exact}, {steps} steps");
+    }
+    let network = "model Network {
+      Se:s = 12 V * sin(1300 Hz * t)
+      C:a { compliance = 334 nF; e0 = -2 V }
+      C:b = 56.6 uF
+      R:d1 { f = 0.647 nA * (exp(e/(25.85 mV)) - 1) }
+      R:d2 { f = 3.31 nA * (exp(e/(51.7 mV)) - 1) }
+      R:r1 = 39.7 Ohm
+      R:r2 = 276 Ohm
+      R:r3 = 199 Ohm
+      s -> 1:j1 -> d1, r1, 0:x
+      x -> a
+      x -> 1:j3 -> r3, 0:y
+      y -> b
+      y -> 1:j2 -> d2, r2, 0:x2
+      C:c { compliance = 1.42 uF; e0 = 1 V }
+      x2 -> c
+      probe u = x.e
+      simulate { stop = 14.5 ms }
+    }";
+    let exact = at(&compiled(network, Some("radau"), Some(1e-11)), Some(1e-11), "u", 0.0145).0;
+    for (method, tolerance, most) in [
+        (None, None, 500),
+        (Some("radau"), Some(1e-8), 1000),
+        (Some("collocation6"), Some(1e-6), 500),
+        (None, Some(1e-8), 1000),
+        (Some("gonzalez"), Some(1e-6), 10_000),
+    ] {
+        let (u, steps) = at(&compiled(network, method, tolerance), tolerance, "u", 0.0145);
+        assert!((u - exact).abs() < 1e-3 && steps < most, "{method:?} {tolerance:?}: {u} V of {exact}, {steps} steps");
+    }
+}

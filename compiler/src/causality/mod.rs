@@ -21,6 +21,8 @@ pub use rank::{by_rank, has_rings};
 /// So many asserted strokes are taken off one by one, to see which of them does it.
 const MOST_TRIED: usize = 100;
 
+/// So many pairs of a law that cannot be run backwards and a storage are looked at before the storages are assigned.
+const LOOKED_AT: usize = 100_000;
 /// A storage less than this part of another one's size rather follows that one than the other way round.
 const SMALLER: f64 = 1e-4;
 /// So many dependent storages are looked at for that.
@@ -193,22 +195,33 @@ fn strokes<'a>(
         return Err(errors);
     }
     let resistors = one_ports(&[Kind::R]);
+    let storages = one_ports(&[Kind::C, Kind::I]);
+    let few = one_way.iter().filter(|one| **one).count() * storages.len() <= LOOKED_AT;
     for &(id, bond) in resistors.iter().filter(|(id, _)| one_way[id.at()]) {
         if let Some(r) = law(model, id) {
             let wanted = a.stroke_for(bond, id, r.gives);
             // A law that would leave a storage without integral causality is rather solved the other way.
             let mark = a.mark();
-            let fits = a.attempt(bond, wanted, Cause::Law(id)).is_ok() && !a.costs_storage(mark);
-            if !fits && r.curve.is_none() && model.element(id).field.is_none() {
+            let mut fits = a.attempt(bond, wanted, Cause::Law(id)).is_ok() && !a.costs_storage(mark);
+            let may_turn = r.curve.is_none() && model.element(id).field.is_none();
+            let other = a.stroke_for(bond, id, r.gives.other());
+            if fits && may_turn && few {
+                // It may show only once the storages are assigned, as of two tanks with a valve between.
+                let lost = a.lost(&storages);
                 a.undo(mark);
-                a.prefer(bond, a.stroke_for(bond, id, r.gives.other()), Cause::Law(id));
+                fits = lost == 0 || a.attempt(bond, other, Cause::Law(id)).is_err() || lost <= a.lost(&storages);
+                a.undo(mark);
+                fits = fits && a.attempt(bond, wanted, Cause::Law(id)).is_ok();
+            }
+            if !fits && may_turn {
+                a.undo(mark);
+                a.prefer(bond, other, Cause::Law(id));
             } else if !fits {
                 a.undo(mark);
                 a.prefer(bond, wanted, Cause::Law(id));
             }
         }
     }
-    let storages = one_ports(&[Kind::C, Kind::I]);
     let keeps = |id: ElementId| match &model.element(id).law {
         Law::Storage(s) => {
             s.massless || s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()])

@@ -81,6 +81,22 @@ impl<'a> Assignment<'a> {
         })
     }
 
+    /// How many of these storages would have no integral causality, by what is assigned so far and each one's wish in
+    /// turn; nothing is changed.
+    pub(super) fn lost(&mut self, storages: &[(ElementId, BondId)]) -> usize {
+        let mark = self.mark();
+        for &(id, bond) in storages {
+            if let Some(gives) = super::integral(self.model.element(id).kind) {
+                self.prefer(bond, self.stroke_for(bond, id, gives), Cause::Storage(id));
+            }
+        }
+        let lost =
+            |&&(id, bond): &&(ElementId, BondId)| self.gives(bond, id) != super::integral(self.model.element(id).kind);
+        let count = storages.iter().filter(lost).count();
+        self.undo(mark);
+        count
+    }
+
     /// Assigns a stroke and all that follows from it; on conflict nothing is changed.
     pub(super) fn attempt(&mut self, bond: BondId, stroke: Stroke, cause: Cause) -> Result<(), Conflict> {
         let mark = self.mark();

@@ -37,6 +37,11 @@ pub enum Accuracy {
 }
 
 impl Accuracy {
+    /// Whether steps are as long as their error lets them be.
+    pub fn is_fitted(self) -> bool {
+        matches!(self, Accuracy::AsModel | Accuracy::Tolerance(_))
+    }
+
     /// The tolerance, where one was said.
     pub fn tolerance(self, model: Option<f64>) -> Option<f64> {
         match self {
@@ -48,18 +53,25 @@ impl Accuracy {
 }
 
 /// The stepper of a cluster that `exact` does not take, and why. Passive always.
-pub(super) fn nonlinear(c: &Cluster, model: &mut Model, form: &Form, tolerance: Option<f64>) -> (Method, &'static str) {
+pub(super) fn nonlinear(
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+    (accuracy, tolerance): (Accuracy, Option<f64>),
+) -> (Method, &'static str) {
     // A probe is to cost no accuracy.
     if exact::takes_states(c, model, form) {
         return (Method::Collocation8, "it is linear, but for what a probe integrates");
     }
     let small = is_small(c);
-    if c.followed.is_empty()
-        && collocation::is_coupled(c, RADAU)
-        && collocation::all_quadratic(c, &mut model.pool)
-        && stiff::is_switched(c, model, form)
-    {
+    let damps =
+        c.followed.is_empty() && collocation::is_coupled(c, RADAU) && collocation::all_quadratic(c, &mut model.pool);
+    if damps && stiff::is_switched(c, model, form) {
         return (Method::Radau, "a law is all but a switch, and what it damps within a step must not ring on");
+    }
+    // The middle of a step, and of its halves, may all lie below a knee that its end is far beyond.
+    if damps && tolerance.is_none() && accuracy.is_fitted() && !c.arguments().is_empty() {
+        return (Method::Radau, "it has exponentials, and a step must see where on them it ends");
     }
     let laws = laws(c);
     let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));

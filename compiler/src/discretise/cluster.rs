@@ -408,7 +408,7 @@ impl Cluster {
                 let (mut linear, mut why) = (None, "");
                 if wanted.is_none() {
                     let found = exact::write(self, model, form)?;
-                    if matches!(accuracy, Accuracy::AsModel | Accuracy::Tolerance(_))
+                    if accuracy.is_fitted()
                         && found.as_ref().is_some_and(|e| e.strays)
                         && let Some((method, reason)) = choice::driven(self)
                     {
@@ -424,7 +424,7 @@ impl Cluster {
                     }
                 }
                 if wanted.is_none() && linear.is_none() {
-                    let (method, reason) = choice::nonlinear(self, model, form, tolerance);
+                    let (method, reason) = choice::nonlinear(self, model, form, (accuracy, tolerance));
                     (wanted, why) = (Some(method), reason);
                 }
                 let (mut step, entries) = match wanted {

@@ -12,6 +12,33 @@ use bond_runtime::ir;
 /// An extreme over the run: its symbol, what it is of, and whether it is the largest.
 type Extreme = (Symbol, crate::expression::Expr, bool);
 
+/// The functions of the language.
+const FUNCTIONS: [&str; 23] = [
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "atan2",
+    "sinh",
+    "cosh",
+    "tanh",
+    "exp",
+    "log",
+    "sqrt",
+    "abs",
+    "sign",
+    "min",
+    "max",
+    "integral",
+    "table",
+    "sum",
+    "dot",
+    "len",
+    "transpose",
+];
+
 impl<'a> Elaborator<'a> {
     /// Asks for a unit.
     pub(crate) fn require(
@@ -360,6 +387,9 @@ impl<'a> Elaborator<'a> {
         if f == "integral" {
             return self.integral(args, span, scope).map(Value::Scalar);
         }
+        if !FUNCTIONS.contains(&f) {
+            return self.unknown_function(name, args, scope).map(Value::Scalar);
+        }
         let values: Vec<Option<Value>> = args.iter().map(|a| self.value(a, scope)).collect();
         let values: Vec<Value> = values.into_iter().collect::<Option<_>>()?;
         if let Some(found) = self.array_function(f, &values, args, span) {
@@ -441,60 +471,27 @@ impl<'a> Elaborator<'a> {
                 }
                 Some(all)
             }
-            _ if self.is_lost(self.scopes[scope].instance, &name.text) || self.has_gaps(scope) => None,
-            _ => {
-                const KNOWN: [&str; 23] = [
-                    "sin",
-                    "cos",
-                    "tan",
-                    "asin",
-                    "acos",
-                    "atan",
-                    "atan2",
-                    "sinh",
-                    "cosh",
-                    "tanh",
-                    "exp",
-                    "log",
-                    "sqrt",
-                    "abs",
-                    "sign",
-                    "min",
-                    "max",
-                    "integral",
-                    "table",
-                    "sum",
-                    "dot",
-                    "len",
-                    "transpose",
-                ];
-                let own = self.function_names(scope);
-                let mut error =
-                    Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
-                if let ("pow", [base, exponent]) = (f, args) {
-                    let power = format!("{}^{}", self.operand(base), self.operand(exponent));
-                    self.errors.push(error.help(format!("a power is written with `^`: `{power}`")));
-                    return None;
-                }
-                if let ("sqr" | "square", [base]) = (f, args) {
-                    let square = format!("{}^2", self.operand(base));
-                    self.errors.push(error.help(format!("a square is written with `^`: `{square}`")));
-                    return None;
-                }
-                if matches!(f, "der" | "ddt" | "derivative") {
-                    self.errors.push(error.help(
-                        "no derivative is taken in a model: that of a storage's state is its port (`.e` of an I, `.f` of a C), and a signal with one is a `state`",
-                    ));
-                    return None;
-                }
-                error = match super::nearest(f, own.iter().map(String::as_str).chain(KNOWN)) {
-                    Some(n) => error.help(format!("did you mean `{n}`?")),
-                    None => error.help(format!("the functions are {}", KNOWN.join(", "))),
-                };
-                self.errors.push(error);
-                None
-            }
+            _ => self.unknown_function(name, args, scope),
         }
+    }
+
+    /// Says that there is no such function, and what was meant.
+    fn unknown_function(&mut self, name: &ast::Name, args: &'a [ast::Expr], scope: ScopeId) -> Option<Typed> {
+        let f = name.text.as_str();
+        if self.is_lost(self.scopes[scope].instance, &name.text) || self.has_gaps(scope) {
+            return None;
+        }
+        let own = self.function_names(scope);
+        let error = Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
+        let all: Vec<String> = args.iter().map(|a| self.operand(a)).collect();
+        let help = match (super::foreign(f, &all), super::nearest(f, own.iter().map(String::as_str).chain(FUNCTIONS))) {
+            (Some(mend), _) => mend,
+            // Of few letters another function is near.
+            (None, Some(n)) if f.len() > 4 || super::distance(f, n) < 2 => format!("did you mean `{n}`?"),
+            (None, _) => format!("the functions are {}", FUNCTIONS.join(", ")),
+        };
+        self.errors.push(error.help(help));
+        None
     }
 
     pub(super) fn integral(&mut self, args: &'a [ast::Expr], span: Span, scope: ScopeId) -> Option<Typed> {

@@ -232,6 +232,11 @@ impl Inference {
         Unit::unknown(Unknown(1 << 31 | number as u32))
     }
 
+    /// The same of the parameter with this number: 0 has every unit, what stands for it has one.
+    pub fn parameter(number: usize) -> Unit {
+        Unit::unknown(Unknown(3 << 30 | number as u32))
+    }
+
     /// Asks for two units to be the same.
     pub fn equate(&mut self, equation: Equation) {
         self.equations.push(equation);

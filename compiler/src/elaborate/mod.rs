@@ -27,7 +27,7 @@ mod value;
 pub use infer::{Equation, Inference, Unit};
 pub use library::LIBRARY;
 pub use load::{Files, Loader, NoFiles, load};
-pub use suggest::{distance, nearest};
+pub use suggest::{distance, foreign, nearest};
 pub(crate) use value::Value;
 
 use crate::Options;

@@ -1,6 +1,6 @@
 //! What the names in an expression mean: parameters, `let`s, inputs, states, time, and whatever a path leads to.
 
-use super::{Elaborator, Entity, LetState, Mode, Param, ParamState, ScopeId, Sought, Typed, Unit, Value};
+use super::{Elaborator, Entity, Inference, LetState, Mode, Param, ParamState, ScopeId, Sought, Typed, Unit, Value};
 use crate::model::Signal;
 use crate::units::Dimension;
 use bond_grammar::ast;
@@ -123,6 +123,14 @@ impl<'a> Elaborator<'a> {
                 }
                 Entity::Function(_) => return self.no_call(&key, path.span),
                 Entity::Element(id) => {
+                    // In a law, its own variable by its full name.
+                    if self.owner == Some(id)
+                        && let [own] = rest
+                        && own.index.is_empty()
+                        && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == own.name.text)
+                    {
+                        return Some(Value::Scalar(t.clone()));
+                    }
                     let found = self.element_signal(id, rest, path.span)?;
                     return self.no_entries(rest, path.span, found);
                 }
@@ -273,11 +281,17 @@ impl<'a> Elaborator<'a> {
                     return self.wrong("elaborate::set", span, message, &help);
                 }
                 (Some(given), Unit::Any) => Unit::known(given),
-                (Some(_) | None, Unit::Any | Unit::Form(..)) => default,
+                (None, Unit::Any) => Inference::parameter(p),
+                (Some(_) | None, Unit::Form(..)) => default,
             };
             return self.known_parameter(&name, number, unit, span).map(Value::Scalar);
         }
-        let (value, ast) = given?;
+        let (mut value, ast) = given?;
+        if let Value::Scalar(t) = &mut value
+            && t.unit == Unit::Any
+        {
+            t.unit = Inference::parameter(p);
+        }
         let mut names = value.leaves().into_iter().map(|(index, _)| format!("{name}{index}")).collect::<Vec<_>>();
         names.reverse();
         value.map(&mut |t| {

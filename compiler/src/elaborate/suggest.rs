@@ -18,6 +18,58 @@ pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         .map(|(_, c)| c)
 }
 
+/// How what other languages have a function for is written, of a call of it with these arguments.
+pub fn foreign(f: &str, args: &[String]) -> Option<String> {
+    let x = args.first().map_or("x", String::as_str);
+    let y = args.get(1).map_or("y", String::as_str);
+    let instead = |what: &str, text: String| Some(format!("{what} is written `{text}`"));
+    match f {
+        "pow" | "power" => instead("a power", format!("{x}^{y}")),
+        "sqr" | "square" => instead("a square", format!("{x}^2")),
+        "cbrt" => instead("a cube root", format!("{x}^(1/3)")),
+        "ln" | "loge" => instead("the natural logarithm", format!("log({x})")),
+        "log10" | "lg" => instead("the logarithm to base 10", format!("log({x})/log(10)")),
+        "log2" | "ld" => instead("the logarithm to base 2", format!("log({x})/log(2)")),
+        "log1p" => instead("this", format!("log(1 + {x})")),
+        "expm1" => instead("this", format!("exp({x}) - 1")),
+        "cot" => instead("a cotangent", format!("1/tan({x})")),
+        "sec" => instead("a secant", format!("1/cos({x})")),
+        "csc" | "cosec" => instead("a cosecant", format!("1/sin({x})")),
+        "coth" => instead("this", format!("1/tanh({x})")),
+        "sech" => instead("this", format!("1/cosh({x})")),
+        "sind" | "cosd" | "tand" => instead("an angle in degrees", format!("{}({x}*pi/180)", f.strip_suffix('d')?)),
+        "arcsin" | "arccos" | "arctan" => instead("this", format!("{}({x})", f.replacen("arc", "a", 1))),
+        "arctan2" => instead("this", format!("atan2({x}, {y})")),
+        "asinh" | "arcsinh" => instead("this", format!("log({x} + sqrt({x}^2 + 1))")),
+        "acosh" | "arccosh" => instead("this", format!("log({x} + sqrt({x}^2 - 1))")),
+        "atanh" | "arctanh" => instead("this", format!("log((1 + {x})/(1 - {x}))/2")),
+        "sgn" | "signum" => instead("a sign", format!("sign({x})")),
+        "fabs" => instead("a magnitude", format!("abs({x})")),
+        "hypot" => instead("this", format!("sqrt({x}^2 + {y}^2)")),
+        "norm" => instead("the length of an array", format!("sqrt(dot({x}, {x}))")),
+        "mean" | "average" => instead("a mean", format!("sum({x})/len({x})")),
+        "length" | "size" | "numel" => instead("the number of entries", format!("len({x})")),
+        "sat" | "saturate" | "limit" | "clamp" | "clip" => {
+            instead("a bound on both sides", format!("min(max({x}, low), high)"))
+        }
+        "step" | "heaviside" | "unitstep" => instead("a step", "if t < 1 s then 0 else 1".into()),
+        "interp1" | "lookup" | "interpolate" => instead("a table", format!("table({x}, [x1, x2, x3], [y1, y2, y3])")),
+        "idt" | "integrate" => instead("an integral", format!("integral({x}, 0)")),
+        "mod" | "rem" | "fmod" | "wrap" => Some("no function jumps in its middle; an angle is turned back into -pi to pi by `atan2(sin(x), cos(x))`".into()),
+        "floor" | "ceil" | "round" | "trunc" | "fix" | "int" => {
+            Some("nothing rounds; where a number is to go in steps, say where: `if x < 1 then 0 else 1`".into())
+        }
+        "rand" | "random" | "randn" | "noise" => {
+            Some("nothing is random in a run; give a table with `--input`, or draw parameters with `--monte-carlo`".into())
+        }
+        "delay" | "transport" => Some("a delay is a sampled `state` that takes the value at its next instant".into()),
+        "der" | "ddt" | "derivative" => Some(
+            "no derivative is taken in a model: that of a storage's state is its port (`.e` of an I, `.f` of a C), and a signal with one is a `state`".into(),
+        ),
+        _ => None,
+    }
+}
+
 /// How many letters to put in, take out or change.
 pub fn distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();

@@ -85,7 +85,7 @@ pub const HALVINGS: u32 = 30;
 pub const DAMPED: u32 = 140;
 
 /// More unknowns than this have no bends.
-pub const BENT: usize = 24;
+pub const BENT: usize = 48;
 /// Updates of so many units of an exponent at most are made as they are.
 pub const STRAIGHT: f64 = 0.125;
 /// An update from far up an exponential goes beyond its knee by so many units at most.
