@@ -177,6 +177,14 @@ impl<'a> Wreck<'a> {
             return (self.piece == Piece::Value).then(|| self.error("syntax::value", self.at, message));
         }
         let word = self.word(before);
+        if word == "else" && self.word(self.at) == "{" {
+            let error = self.error("syntax::if", before, "this `else` has no `if` before it");
+            return Some(error.help("it follows the `}` of its `if` at once, without a `;`"));
+        }
+        if self.word(self.at) == "+" && matches!(word, "=" | "(" | "," | "+" | "-" | "*" | "/" | "then" | "else") {
+            let message = format!("a value is expected after `{word}`, but {}", self.found());
+            return Some(self.error("syntax::value", self.at, message).help("take the `+` away"));
+        }
         let (what, help) = match word {
             "->" | "||>" | "->|" | "|->" => {
                 ("an element, a junction or a port", "write what the bond leads to, such as `1:v`")
@@ -261,7 +269,20 @@ impl<'a> Wreck<'a> {
         }
         let operand = |index| self.scan.ends_operand(index) && self.range.contains(&index);
         let starts = self.word(self.at).starts_with(|c: char| is_symbol_start(c) || c.is_ascii_digit() || c == '(');
-        if self.at > self.range.start && operand(self.before()) && starts && self.in_value(self.at) {
+        let fits = self.at > self.range.start && operand(self.before()) && starts && self.in_value(self.at);
+        let named = self.piece == Piece::ModelHead && self.kind(self.before()) == Some(Kind::Word);
+        if fits && named && self.kind(self.at) == Some(Kind::Number) {
+            return error.help(format!("a parameter is given with `=`: `{before} = {}`", self.word(self.at)));
+        }
+        if fits
+            && self.word(self.at) == "1"
+            && self.word(self.at + 1) == "/"
+            && self.kind(self.at + 2) == Some(Kind::Word)
+        {
+            let unit = self.word(self.at + 2);
+            return error.help(format!("a unit has no `1/`: write `{before} {unit}^-1`"));
+        }
+        if fits {
             return error.help(format!("an operator is missing between `{before}` and `{}`", self.word(self.at)));
         }
         error

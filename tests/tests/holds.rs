@@ -635,3 +635,38 @@ fn regions_between_change_no_order() {
         assert_eq!(end(&regions), alone);
     }
 }
+
+/// Heat that a real conductor takes from a real block into one that a computer holds: a bar of true temperatures, whose
+/// other side has no answer at 0 K. The entropy is what the energies say: as the continuous pair, to order 2.
+#[test]
+fn heat_crosses_a_bar() {
+    let scene = |period: &str| {
+        text(&format!(
+            "use std.thermal
+             model Heat {{
+               Body:a(C = 50 J/K, T0 = 400 K)
+               Conductor:w(G = 2 W/K)
+               0:ta -> a.heat
+               ta -> w.a
+               sampled every {period} {{ Body:b(C = 80 J/K, T0 = 300 K) 0:tb -> b.heat }}
+               w.b_end ||> tb
+               probe warm = ta.e
+               probe cold = tb.e
+               simulate {{ stop = 60 s }}
+             }}"
+        ))
+    };
+    // Both tend to the mean by G (1/50 + 1/80).
+    let mean = (50.0 * 400.0 + 80.0 * 300.0) / 130.0;
+    let gap = 100.0 * (-2.0 * (1.0 / 50.0 + 1.0 / 80.0) * 60f64).exp();
+    let exact = [mean + gap * 80.0 / 130.0, mean - gap * 50.0 / 130.0];
+    for (period, off) in [("1 s", 0.1), ("100 ms", 5e-3), ("10 ms", 5e-4)] {
+        let compiled = scene(period);
+        let mut sim = start(&compiled, Steps::tolerance(1e-8));
+        finish(&mut sim, 60.0);
+        for (name, exact) in ["warm", "cold"].into_iter().zip(exact) {
+            close(probe(&mut sim, name), exact, off, &format!("{name}, {period}"));
+        }
+        assert!(sim.summary().passive, "{period}: {:?}", sim.summary().reasons);
+    }
+}

@@ -459,3 +459,39 @@ fn friction_turns_where_its_speed_is_given() {
         assert!(sim.summary().passive, "{text}");
     }
 }
+
+/// Friction by a logistic, whose exponential is beyond all numbers at any speed that a body has: the same as by `tanh`.
+#[test]
+fn logistics_are_hyperbolic_tangents() {
+    let slides = |law: &str, f0: f64| {
+        format!(
+            "model Slides {{
+               I:m {{ inertia = 1 kg; f0 = {f0} m/s }}
+               C:k {{ stiffness = 50 N/m; q0 = 0.2 m }}
+               Se:push = 3 N * sin(9 Hz * t)
+               R:friction {{ e = {law} }}
+               push -> 1:v -> m, k, friction
+               probe x = k.q
+             }}"
+        )
+    };
+    let tanh = "1 N * tanh(f/(2e-5 m/s))";
+    for f0 in [0.0, 1.0, -1.0] {
+        let end = |law: &str, tolerance: f64| {
+            let options = Options::new().accuracy(bond_compiler::discretise::Accuracy::Tolerance(tolerance));
+            let compiled = crate::common::with(options, &slides(law, f0));
+            crate::common::end(&compiled, Steps::tolerance(tolerance), 5.0, "x")
+        };
+        let exact = end(tanh, 1e-9);
+        for law in ["1 N * (2/(1 + exp(-f/(1e-5 m/s))) - 1)", "1 N * (1 - 2/(1 + exp(f/(1e-5 m/s))))"] {
+            for tolerance in [1e-4, 1e-6, 1e-8] {
+                crate::common::close(
+                    end(law, tolerance),
+                    exact,
+                    (20.0 * tolerance).max(1e-3),
+                    &format!("{law}, {f0}, {tolerance:e}"),
+                );
+            }
+        }
+    }
+}

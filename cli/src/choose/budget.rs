@@ -46,13 +46,20 @@ pub fn choose(
     let first = LONG * rough(candidates.iter().copied(), ask.stop);
     let mut best: Option<Tried> = None;
     let mut cheapest: Option<Tried> = None;
-    for (i, runner) in candidates.iter().enumerate() {
+    // Those of high order find first how exact it can be.
+    let mut in_turn = candidates.to_vec();
+    in_turn.sort_by_key(|r| std::cmp::Reverse(r.way.order));
+    for (i, runner) in in_turn.into_iter().enumerate() {
         progress.at(0.5 + 0.5 * i as f64 / candidates.len() as f64);
         for k in 0..HALVINGS {
             let setting = Setting::Step(first.min(ask.stop) / f64::from(k).exp2());
             // What fails, gives no number or is off its balance at a long step may do at a shorter one; what takes too
             // long only takes longer.
-            let mut tried = match attempt(runner, setting, reference, 4.0 * allowed + 0.01) {
+            // Where one is as exact as can be told, the others have to be faster.
+            let floor = 10.0 * reference.error;
+            let settled = best.as_ref().filter(|b| b.error <= floor).map(|b| b.seconds);
+            let most = settled.map_or(allowed, |s| s.min(allowed));
+            let mut tried = match attempt(runner, setting, reference, 4.0 * most + 0.01) {
                 Ok(tried) if tried.keeps => tried,
                 Ok(_) | Err(crate::bench::Lost::Failed(_)) => continue,
                 Err(crate::bench::Lost::Late) => break,
@@ -66,10 +73,9 @@ pub fn choose(
             if cheapest.as_ref().is_none_or(|c| tried.seconds < c.seconds) {
                 cheapest = Some(tried.clone());
             }
-            if tried.seconds > allowed {
+            if tried.seconds > allowed || settled.is_some_and(|s| tried.seconds > s) {
                 break;
             }
-            let floor = 10.0 * reference.error;
             let place = |t: &Tried| (t.error.max(floor), t.seconds);
             let wins = |b: &Tried| {
                 let ((e, s), (eb, sb)) = (place(&tried), place(b));

@@ -185,7 +185,12 @@ impl<'a> Elaborator<'a> {
         variables.reverse();
         let indexed = format!("{name}[{}]", variables.join(", "));
         let message = format!("`{key}` is declared in more than one round of its `for`");
-        self.errors.push(Diagnostic::error("elaborate::twice", span, message).help(format!("index it: `{indexed}`")));
+        let hidden = variables.iter().find(|v| variables.iter().filter(|w| w == v).count() > 1);
+        let help = match hidden {
+            Some(v) => format!("the inner `{v}` hides the outer one: give one of the two `for`s another variable"),
+            None => format!("index it: `{indexed}`"),
+        };
+        self.errors.push(Diagnostic::error("elaborate::twice", span, message).help(help));
     }
 
     /// Declares a name for an expression; its place among the `lets`, if the name was free.

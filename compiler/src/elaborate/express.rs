@@ -483,7 +483,7 @@ impl<'a> Elaborator<'a> {
         }
         let own = self.function_names(scope);
         let error = Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
-        let all: Vec<String> = args.iter().map(|a| self.operand(a)).collect();
+        let all: Vec<(String, String)> = args.iter().map(|a| (self.words(a), self.operand(a))).collect();
         let help = match (super::foreign(f, &all), super::nearest(f, own.iter().map(String::as_str).chain(FUNCTIONS))) {
             (Some(mend), _) => mend,
             // Of few letters another function is near.

@@ -18,15 +18,16 @@ pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         .map(|(_, c)| c)
 }
 
-/// How what other languages have a function for is written, of a call of it with these arguments.
-pub fn foreign(f: &str, args: &[String]) -> Option<String> {
-    let x = args.first().map_or("x", String::as_str);
-    let y = args.get(1).map_or("y", String::as_str);
+/// How what other languages have a function for is written, of a call of it with these arguments: in words, and as they
+/// stand beside an operator.
+pub fn foreign(f: &str, args: &[(String, String)]) -> Option<String> {
+    let (x, a) = args.first().map_or(("x", "x"), |x| (&x.0, &x.1));
+    let (y, b) = args.get(1).map_or(("y", "y"), |y| (&y.0, &y.1));
     let instead = |what: &str, text: String| Some(format!("{what} is written `{text}`"));
     match f {
-        "pow" | "power" => instead("a power", format!("{x}^{y}")),
-        "sqr" | "square" => instead("a square", format!("{x}^2")),
-        "cbrt" => instead("a cube root", format!("{x}^(1/3)")),
+        "pow" | "power" => instead("a power", format!("{a}^{b}")),
+        "sqr" | "square" => instead("a square", format!("{a}^2")),
+        "cbrt" => instead("a cube root", format!("{a}^(1/3)")),
         "ln" | "loge" => instead("the natural logarithm", format!("log({x})")),
         "log10" | "lg" => instead("the logarithm to base 10", format!("log({x})/log(10)")),
         "log2" | "ld" => instead("the logarithm to base 2", format!("log({x})/log(2)")),
@@ -37,15 +38,15 @@ pub fn foreign(f: &str, args: &[String]) -> Option<String> {
         "csc" | "cosec" => instead("a cosecant", format!("1/sin({x})")),
         "coth" => instead("this", format!("1/tanh({x})")),
         "sech" => instead("this", format!("1/cosh({x})")),
-        "sind" | "cosd" | "tand" => instead("an angle in degrees", format!("{}({x}*pi/180)", f.strip_suffix('d')?)),
+        "sind" | "cosd" | "tand" => instead("an angle in degrees", format!("{}({a}*pi/180)", f.strip_suffix('d')?)),
         "arcsin" | "arccos" | "arctan" => instead("this", format!("{}({x})", f.replacen("arc", "a", 1))),
         "arctan2" => instead("this", format!("atan2({x}, {y})")),
-        "asinh" | "arcsinh" => instead("this", format!("log({x} + sqrt({x}^2 + 1))")),
-        "acosh" | "arccosh" => instead("this", format!("log({x} + sqrt({x}^2 - 1))")),
-        "atanh" | "arctanh" => instead("this", format!("log((1 + {x})/(1 - {x}))/2")),
+        "asinh" | "arcsinh" => instead("this", format!("log({a} + sqrt({a}^2 + 1))")),
+        "acosh" | "arccosh" => instead("this", format!("log({a} + sqrt({a}^2 - 1))")),
+        "atanh" | "arctanh" => instead("this", format!("log((1 + {a})/(1 - {a}))/2")),
         "sgn" | "signum" => instead("a sign", format!("sign({x})")),
         "fabs" => instead("a magnitude", format!("abs({x})")),
-        "hypot" => instead("this", format!("sqrt({x}^2 + {y}^2)")),
+        "hypot" => instead("this", format!("sqrt({a}^2 + {b}^2)")),
         "norm" => instead("the length of an array", format!("sqrt(dot({x}, {x}))")),
         "mean" | "average" => instead("a mean", format!("sum({x})/len({x})")),
         "length" | "size" | "numel" => instead("the number of entries", format!("len({x})")),
@@ -61,6 +62,9 @@ pub fn foreign(f: &str, args: &[String]) -> Option<String> {
         }
         "rand" | "random" | "randn" | "noise" => {
             Some("nothing is random in a run; give a table with `--input`, or draw parameters with `--monte-carlo`".into())
+        }
+        "cross" | "inv" | "inverse" | "det" | "diag" | "eye" | "zeros" | "ones" | "kron" => {
+            Some("of arrays there are `sum`, `dot`, `len`, `transpose`, `+`, `-` and `*`; write the rest out by entries, `a[1]`".into())
         }
         "delay" | "transport" => Some("a delay is a sampled `state` that takes the value at its next instant".into()),
         "der" | "ddt" | "derivative" => Some(

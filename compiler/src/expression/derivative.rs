@@ -149,6 +149,12 @@ impl Pool {
                     if d == zero {
                         continue;
                     }
+                    if let Some((u, share)) = self.saturating(f).filter(|_| n.is_negative()) {
+                        let du = known(self, u);
+                        let share = self.mul(du, share);
+                        parts.push((self.with(share, &factors), c * n));
+                        continue;
+                    }
                     let mut all = factors.to_vec();
                     all[i].1 = n + Number::MINUS_ONE;
                     let is_root = all[i].1.is_negative() && all[i].1.integer().is_none();
@@ -183,6 +189,29 @@ impl Pool {
                 let (da, db) = (known(self, a), known(self, b));
                 self.select(c, da, db)
             }
+        }
+    }
+
+    /// Of what grows as an exponential of `u` and is never 0, `u` and its slope there as a part of itself: `a + b exp(u)`
+    /// has `b/(b + a exp(-u))` of itself, and `cosh(u)` its `tanh(u)`. Where it is beyond all numbers, as within a steep
+    /// logistic, its own slope is so too, and beside its inverse they are none.
+    fn saturating(&mut self, e: Expr) -> Option<(Expr, Expr)> {
+        match self.node(e).clone() {
+            Node::Unary(Unary::Cosh, u) => Some((u, self.unary(Unary::Tanh, u))),
+            Node::Sum(a, terms) => {
+                let &[(t, b)] = &terms[..] else { return None };
+                let &Node::Unary(Unary::Exp, u) = self.node(t) else { return None };
+                if a.is_zero() || a.is_negative() != b.is_negative() {
+                    return None;
+                }
+                let back = self.neg(u);
+                let back = self.unary(Unary::Exp, back);
+                let one = self.one();
+                let whole = self.combine(&[(one, b), (back, a)]);
+                let inverse = self.powi(whole, -1);
+                Some((u, self.scale(inverse, b)))
+            }
+            _ => None,
         }
     }
 

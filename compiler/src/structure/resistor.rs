@@ -110,7 +110,9 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     let value = r.model.pool.substitute(law_output, &arguments);
     let own = (members.len() == 1).then_some((law.argument, law_output));
     let grows = |n: &Node| matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _) | Node::Power(..));
-    let is_steep = members.len() == 1 && r.model.pool.any_node(law.output, &grows);
+    let is_steep = members.len() == 1
+        && r.model.pool.any_node(law.output, &grows)
+        && !levels_off(&mut r.model.pool, law_output, law.argument);
     if law.gives != c.gives {
         // The law gives the input; its root is sought.
         let bends = is_steep.then(|| bends(&mut r.model.pool, law_output, law.argument));
@@ -128,6 +130,14 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         found.steep = Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, bends });
     }
     Ok(Some(found))
+}
+
+/// Whether a law comes to a level where its exponentials grow, as a logistic does: then nothing in it is steep for long.
+fn levels_off(pool: &mut Pool, law: Expr, argument: Symbol) -> bool {
+    let bends = bends(pool, law, argument);
+    let at = |x: f64| pool.eval(law, &|s| if s == argument { x } else { f64::NAN }).abs();
+    let sides: Vec<(f64, f64)> = bends.above.into_iter().chain(bends.below).collect();
+    !sides.is_empty() && sides.iter().all(|(knee, rate)| at(knee + 60.0 / rate) <= 2.0 * at(knee + 30.0 / rate))
 }
 
 /// Where the exponentials of a law grow, of those whose exponents are linear in its argument: the fastest to each side.

@@ -24,6 +24,14 @@ impl Wreck<'_> {
             "≥" => ("`≥` is no comparison".to_string(), "write `>=`"),
             "≠" => ("`≠` is no comparison".to_string(), "write `!=`"),
             "&" => ("`&` is no operator".to_string(), "write `and`"),
+            "√" => ("`√` is no operator".to_string(), "write `sqrt(x)`"),
+            "∞" => (
+                "there is no infinite number".to_string(),
+                "leave the bound out, or write one that is never met, `1e9`",
+            ),
+            "%" => {
+                ("`%` is no operator".to_string(), "a comment begins with `//`; a percentage is a hundredth, `0.05`")
+            }
             "\u{a0}" => ("there is a no-break space here".to_string(), "write an ordinary space"),
             "#" => return Some(no_comment(self.scan, index)),
             "'" => ("single quotes mean nothing".to_string(), "a path is written in double quotes"),

@@ -71,7 +71,18 @@ impl Wreck<'_> {
         if named && self.scan.is_name(start + 1) && self.at == start + 2 {
             let name = self.word(start + 1);
             let message = format!("`=` is expected after `{word} {name}`, but {}", self.found());
-            let help = format!("write `{word} {name} = ...`");
+            let help = match (word, self.word(self.at)) {
+                // A path has no name of its own.
+                ("probe", ".") => {
+                    let mut end = start + 1;
+                    while self.word(end + 1) == "." && self.kind(end + 2) == Some(Kind::Word) {
+                        end += 2;
+                    }
+                    let path = self.scan.slice(self.scan.span_of(start + 1).to(self.scan.span_of(end)));
+                    format!("a probe has a name: `probe {} = {path}`", path.replace('.', "_"))
+                }
+                _ => format!("write `{word} {name} = ...`"),
+            };
             return Some(self.error("syntax::equals", self.at, message).help(help));
         }
         let name = self.before();
@@ -290,6 +301,10 @@ impl Wreck<'_> {
                     false => format!("write `let {word} = ...`, or `KIND:{word} = ...` for an element"),
                 };
                 return Some(self.error("syntax::statement", start, message).help(help));
+            }
+            if matches!(word, "elseif" | "elif" | "elsif" | "elseIf") {
+                let error = self.error("syntax::statement", start, format!("`{word}` begins no statement"));
+                return Some(error.help("write `else if`"));
             }
             if let Some(right) = near(word, STATEMENTS) {
                 let error = self.error("syntax::statement", start, format!("`{word}` begins no statement"));

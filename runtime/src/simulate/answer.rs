@@ -21,6 +21,8 @@ const EFFORT: usize = 400_000;
 
 /// The same of a sampled side, whose steps are given: some tenths of a second.
 const SAMPLES: usize = 10_000_000;
+/// An answer so many times that about what is held at the start is none.
+const BEYOND: f64 = 100.0;
 
 /// By interval, a matrix of the ports.
 type Answers = Vec<Vec<f64>>;
@@ -42,6 +44,7 @@ impl Simulation<'_> {
             self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
         others.sort_unstable();
         others.dedup();
+        let calls = self.calls(i);
         for other in others {
             let mine: Vec<usize> =
                 (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
@@ -49,7 +52,17 @@ impl Simulation<'_> {
                 mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
             let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
             let c = &self.scene.clusters[other];
-            let answers = self.runs[other].response(c, period, &ports);
+            let mut answers = self.runs[other].response(c, period, (&ports, &vec![0.0; mine.len()]));
+            let about: Vec<f64> = mine.iter().zip(&bars).map(|(k, bar)| bar.sign * calls[*k]).collect();
+            if !c.is_linear && about.iter().any(|v| *v != 0.0) {
+                // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K.
+                let there = self.runs[other].response(c, period, (&ports, &about));
+                let most = |a: &Answers| a.first().map_or(f64::INFINITY, |m| m.iter().fold(0.0, |s, x| x.abs().max(s)));
+                let most = [most(&answers), most(&there)];
+                if most[1].is_finite() && (most[0].is_nan() || most[0] > BEYOND * most[1]) {
+                    answers = there;
+                }
+            }
             let m = mine.len();
             // q = sign * integral, input = sign * v, and q = alpha - beta v
             let fall = |interval: usize, r: usize, s: usize| {
@@ -87,14 +100,34 @@ impl Simulation<'_> {
     }
 }
 
+impl Simulation<'_> {
+    /// What a cluster's ports call for while nothing moves; 0 where that is no number.
+    fn calls(&mut self, i: usize) -> Vec<f64> {
+        let (c, n) = (&self.scene.clusters[i], self.held[i].len());
+        if c.respond.is_none() {
+            return vec![0.0; n];
+        }
+        let mut input = self.respond_input[i].clone();
+        let own = self.runs[i].input.len();
+        input[..own].copy_from_slice(&self.runs[i].input);
+        input[1] = c.period.unwrap_or(0.0);
+        let run = &mut self.runs[i];
+        let found = run.respond.as_mut().and_then(|look| Some(look.run(&run.state, &input).ok()?[..n].to_vec()));
+        let mut calls = found.unwrap_or_else(|| vec![0.0; n]);
+        calls.iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = 0.0);
+        calls
+    }
+}
+
 impl Run {
-    /// How this cluster answers to what is held at `ports` for one `period` and then let go: for the interval of the
+    /// How this cluster answers to what is held at `ports`, about some values, for one `period` and then let go: for the interval of the
     /// hold and some after it, a matrix of the change, with each held input, of the integral of what each port gives
     /// out. Empty where a step fails.
     ///
     /// Where its steps have an error, they are halved, and what they give is extrapolated (Romberg), until it changes no
     /// more: the answer is the region's, not its stepper's.
-    fn response(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> Answers {
+    fn response(&mut self, c: &Cluster, period: f64, (ports, about): (&[usize], &[f64])) -> Answers {
+        let at = (ports, about);
         let later = if EFFORT / (LATER * STEPS * ports.len()) < self.state.len() { 2 } else { LATER };
         if let Some(own) = c.period {
             let steps = (period / own).round().max(1.0);
@@ -102,10 +135,10 @@ impl Run {
                 |later: usize| (SAMPLES / (2 * (later + 1) * ports.len() * self.state.len().max(1))).max(1) as f64;
             let later = if steps > most(later) { 2 } else { later };
             // Of an interval of more samples than that the begin has to tell.
-            return self.answers(c, (period, own, steps.min(most(later)) as usize), ports, later).unwrap_or_default();
+            return self.answers(c, (period, own, steps.min(most(later)) as usize), at, later).unwrap_or_default();
         }
         if c.step.linear.is_some() && c.step.order == 0 {
-            return self.answers(c, (period, period, 1), ports, later).unwrap_or_default();
+            return self.answers(c, (period, period, 1), at, later).unwrap_or_default();
         }
         // Of a symmetric method the error has even powers of the step only; taken for one that is not, these are none.
         let order = c.step.order.max(1);
@@ -119,7 +152,7 @@ impl Run {
                 break;
             }
             left = left.saturating_sub(cost);
-            let Some(mut now) = self.answers(c, (period, period / steps as f64, steps), ports, later) else { break };
+            let Some(mut now) = self.answers(c, (period, period / steps as f64, steps), at, later) else { break };
             let mut row = vec![now.clone()];
             for (k, coarse) in rows.iter().enumerate() {
                 let gain = 2.0f64.powi((order + each * k as u32) as i32) - 1.0;
@@ -150,7 +183,7 @@ impl Run {
         &mut self,
         c: &Cluster,
         (period, h, steps): (f64, f64, usize),
-        ports: &[usize],
+        (ports, about): (&[usize], &[f64]),
         later: usize,
     ) -> Option<Answers> {
         let n = ports.len();
@@ -165,9 +198,12 @@ impl Run {
                 for p in &c.ports {
                     input[p.input] = 0.0;
                 }
+                for (p, v) in ports.iter().zip(about) {
+                    input[c.ports[*p].input] = *v;
+                }
                 input[1] = h;
                 for (interval, matrix) in matrices.iter_mut().enumerate() {
-                    input[c.ports[*held].input] = if interval == 0 { sign * probe } else { 0.0 };
+                    input[c.ports[*held].input] = about[j] + if interval == 0 { sign * probe } else { 0.0 };
                     for k in 0..steps {
                         input[0] = interval as f64 * period + k as f64 * h;
                         self.step.run(&state, &input).ok()?;
