@@ -1008,7 +1008,7 @@ fn what_no_device_moves_is_refused() {
     let names = options("bond", "m.h");
     here.put("m.h", c::header(&u, &names));
     here.put("m.c", c::source(&u, &names));
-    here.put("main.c", main.to_string());
+    here.put("main.c", main);
     here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
     let rows = here.rows("run");
     assert_eq!(rows[12..15], [[3.0, 1.0], [3.0, 1.0], [3.0, 1.0]], "{rows:?}");

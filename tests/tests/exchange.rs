@@ -314,6 +314,13 @@ fn a_device_that_starts_anew_is_refused() {
         exchange.tick().unwrap_or_else(|e| panic!("{e}"));
     }
     assert_eq!(exchange.count().put_in, 0.0);
+    // One whose first number is 0 is no other one.
+    let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    exchange.tick().unwrap_or_else(|e| panic!("{e}"));
+    let first = told(&exchange, 0, 0.0);
+    assert_eq!(exchange.hear(&first), Heard::Twice);
+    let second = told(&exchange, 1, 0.0);
+    assert_eq!(exchange.hear(&second), Heard::New);
     // Sums that no device counts are refused as well.
     let mut exchange = Exchange::new(compiled.scene(), &options, 6, 3).unwrap_or_else(|e| panic!("{e}"));
     for w in [f64::NAN, f64::INFINITY, 1.7e308, -1e200] {

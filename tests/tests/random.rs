@@ -251,10 +251,11 @@ proptest! {
             Err(RunError::Numerics(_)) => return Ok(()),
             Err(other) => return Err(TestCaseError::fail(format!("{other}\n{text}"))),
         };
-        match sim.finish(0.5) {
-            Ok(()) | Err(RunError::Numerics(_)) => {}
+        let finished = match sim.finish(0.5) {
+            Ok(()) => true,
+            Err(RunError::Numerics(_)) => false,
             Err(other) => return Err(TestCaseError::fail(format!("{other}\n{text}"))),
-        }
+        };
         let summary = sim.summary();
         let size = |r: &bond::RegionSummary| r.h_max.max(r.supplied.abs()).max(r.dissipated.abs());
         let largest = summary.regions.iter().map(size).fold(0.0, f64::max);
@@ -271,6 +272,10 @@ proptest! {
             let told = text.contains("TF:m") && !summary.passive;
             prop_assert!(nothing || cancels || beyond || told || r.worst_step <= 1e-9, "the balance of {} is off by {:e}\n{text}", r.name, r.worst_step);
         }
+        // Without double bars, whose holds may owe (see the known limits), nothing is given that was not there.
+        let beyond = summary.regions.iter().any(|r| size(r) > 1e12);
+        let may_owe = text.contains("||>") || text.contains("TF:m") || beyond || !finished;
+        prop_assert!(may_owe || summary.passive, "{:?}\n{text}", summary.reasons);
         for bar in &summary.bars {
             prop_assert!(bar.difference == 0.0, "the sides of {} differ by {:e}\n{text}", bar.name, bar.difference);
         }

@@ -185,10 +185,11 @@ impl<'a> Exchange<'a> {
     /// Takes what came in.
     pub fn hear(&mut self, m: &Measurement) -> Heard {
         let mut sums = m.q.iter().chain(&m.w);
+        let begun = self.newest.sequence > 0;
         let ours = m.session == self.newest.session && m.ports == self.newest.ports && m.echo <= self.k;
         let heard = if !ours || sums.any(|x| x.is_nan() || x.abs() > LARGEST) {
             Heard::Foreign
-        } else if self.replaced || (m.sequence <= self.newest.sequence && m.echo > self.newest.echo) {
+        } else if self.replaced || (begun && m.sequence <= self.newest.sequence && m.echo > self.newest.echo) {
             // One device names no later effort in an earlier measurement: this one counts from the beginning.
             self.replaced = true;
             Heard::Foreign

@@ -120,9 +120,9 @@ impl Simulation<'_> {
 }
 
 impl Run {
-    /// How this cluster answers to what is held at `ports`, about some values, for one `period` and then let go: for the interval of the
-    /// hold and some after it, a matrix of the change, with each held input, of the integral of what each port gives
-    /// out. Empty where a step fails.
+    /// How this cluster answers to what is held at `ports` for one `period` and then let go, about some values that are
+    /// held all the time: for the interval of the hold and some after it, a matrix of the change, with each held input,
+    /// of the integral of what each port gives out. Empty where a step fails.
     ///
     /// Where its steps have an error, they are halved, and what they give is extrapolated (Romberg), until it changes no
     /// more: the answer is the region's, not its stepper's.
