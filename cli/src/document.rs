@@ -64,6 +64,8 @@ pub enum Arrow {
 pub struct Parameter {
     /// Its name.
     pub name: String,
+    /// Its doc, a line each.
+    pub doc: Vec<String>,
     /// Its default as written; `None` where it must be given.
     pub default: Option<String>,
     /// Its unit, where that is known.
@@ -128,6 +130,7 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
         let known = flat.and_then(|f| f.parameters.iter().find(|q| q.name == p.name.text));
         found.parameters.push(Parameter {
             name: p.name.text.clone(),
+            doc: p.docs.clone(),
             default: p.default.as_ref().map(|e| sources.slice(e.span).to_string()),
             unit: known.and_then(|q| q.unit).map(|d| d.to_string()).or_else(|| written(sources, p.default.as_ref()?)),
             value: known.filter(|_| p.default.is_some()).map(|q| q.value),

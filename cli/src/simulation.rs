@@ -66,8 +66,6 @@ impl Steps {
         positive("the longest step", self.longest)?;
         match (step, tolerance) {
             (None, None) => tolerance = Some(1e-6),
-            // Steps of one length are no longer than the longest either.
-            (Some(h), None) => step = Some(self.longest.map_or(h, |l| l.min(h))),
             // With a tolerance, a step can only be the longest one.
             (Some(h), Some(_)) => {
                 step = None;

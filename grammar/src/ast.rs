@@ -87,6 +87,8 @@ pub struct Model {
 /// A parameter `name = default`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Param {
+    /// Lines of the `///` doc, without the slashes.
+    pub docs: Vec<String>,
     /// Its name.
     pub name: Name,
     /// Its default; absent means that every instance must give it.

@@ -258,9 +258,10 @@ impl<'a> Reader<'a> {
 
     fn param(&mut self, pair: Pair<Rule>) -> Param {
         let span = self.span(&pair);
+        let docs = self.scan.docs_before(span.start as usize);
         let mut parts = children(pair);
         let name = self.name(&next(&mut parts));
-        Param { name, default: parts.next().map(|pair| self.expr(pair)), span }
+        Param { docs, name, default: parts.next().map(|pair| self.expr(pair)), span }
     }
 
     fn block(&mut self, pair: Pair<Rule>) -> Vec<Statement> {

@@ -199,7 +199,7 @@ fn component(text: &mut String, c: &Component) {
         // A default that is no plain number says its unit beside.
         let default = p.default.clone().unwrap_or_else(|| "must be given".into());
         let unit = p.unit.clone().filter(|u| u != "1" && !default.contains(' ')).unwrap_or_default();
-        [p.name.clone(), default, unit]
+        [p.name.clone(), default, unit, p.doc.join(" ")]
     });
     table(text, "parameters", &rows.collect::<Vec<_>>());
     let rows = c.probes.iter().map(|p| {

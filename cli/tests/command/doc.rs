@@ -99,10 +99,13 @@ fn other_programs_read_json() {
         part["ports"][1],
         serde_json::json!({"name": "oil", "doc": [], "arrow": "out", "effort": "Pa", "flow": "m^3/s"})
     );
-    assert_eq!(part["parameters"][0], serde_json::json!({"name": "n", "default": null, "unit": null, "value": null}));
+    assert_eq!(
+        part["parameters"][0],
+        serde_json::json!({"name": "n", "doc": [], "default": null, "unit": null, "value": null})
+    );
     assert_eq!(
         part["parameters"][1],
-        serde_json::json!({"name": "D", "default": "2*1e-6 m^3", "unit": "m^3", "value": 2e-6})
+        serde_json::json!({"name": "D", "doc": [], "default": "2*1e-6 m^3", "unit": "m^3", "value": 2e-6})
     );
     assert_eq!(part["probes"][0]["name"], "speed");
     let diode = json(&["doc", "std.electrical.Diode", "--as", "json"]);
@@ -123,4 +126,15 @@ fn what_is_not_there_is_told() {
     here.bond(&["doc", "a.bond"]).is(1, &[], &["none.bond"]);
     here.bond(&["doc", "b.bond"]).is(1, &[], &["b.bond:1:"]);
     here.bond(&["doc", "--as", "pdf"]).is(2, &[], &["json"]);
+}
+
+/// Parameters have docs as ports and probes have.
+#[test]
+fn parameters_have_docs() {
+    let text = "model Spring(\n  /// How stiff it is.\n  k = 1 N/m,\n  n,\n) {\n  port p\n  C:c { stiffness = k*n }\n  p -> c\n}\n";
+    let here = Folder::new().with("a.bond", text);
+    here.bond(&["doc", "a.bond"]).is(0, &["k  1 N/m", "How stiff it is.\n", "n  must be given"], &[]);
+    let json = here.bond(&["doc", "a.bond", "--as", "json"]).is(0, &[], &[]).out;
+    let json: Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["libraries"][0]["components"][0]["parameters"][0]["doc"], serde_json::json!(["How stiff it is."]));
 }
