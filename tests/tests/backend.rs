@@ -283,6 +283,9 @@ fn whole_stretches_give_the_interpreters_bits() {
             assert!(same_by_stretches(text, &compiled, h, 1.0), "{text}");
         }
     }
+    // Of one rate: several are stepped by the runtime.
+    let below = with(Options::new(), &crate::emitted::FROM_BELOW.replace("100 Hz", "200 Hz"));
+    assert!(same_by_stretches("from below", &below, 1e-3, 3.0));
     let (gone, failed) = (GONE.load(Ordering::Relaxed), FAILED.load(Ordering::Relaxed));
     assert!(stretches > 100 && gone > 20_000 && failed > 1, "{stretches} runs, {gone} intervals, {failed} failures");
 }

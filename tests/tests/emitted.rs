@@ -227,6 +227,16 @@ pub fn options(prefix: &str, header: &str) -> c::Options {
     c::Options { prefix: prefix.into(), header: header.into(), single: true }
 }
 
+/// A folder with the C of a unit and a `main.c` beside it, built as `run`.
+fn built(u: &unit::Unit, main: &str) -> Folder {
+    let (here, names) = (Folder::new(), options("bond", "m.h"));
+    here.put("m.h", c::header(u, &names));
+    here.put("m.c", c::source(u, &names));
+    here.put("main.c", main);
+    here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
+    here
+}
+
 /// Numbers that a scene shows, interval by interval.
 type Rows = Vec<Vec<f64>>;
 
@@ -385,6 +395,24 @@ model Wall(k = 1000 N/m, b = 5 N*s/m, gap = 1e-4 m) {
 }
 ";
 
+/// Springs with natural lengths, and a pendulum counted from its rest.
+pub const FROM_BELOW: &str = "
+model A {
+  I:mass { inertia = 0.5 kg; f0 = 1 m/s }
+  1:v -> mass
+  sampled at 200 Hz hold lagged { C:s { e = 100 N/m * (q - 0.3 m); q0 = 0.25 m } R:d = 0.2 N*s/m 1:w -> s, d }
+  sampled at 200 Hz { C:p { H = 2 J * -cos(q/(0.3 m)); q0 = 0.1 m } 1:z -> p }
+  v ||> w
+  v ||> z
+  I:other { inertia = 2 kg; f0 = -1 m/s }
+  1:u -> other
+  sampled at 100 Hz { C:l { e = 40 N/m * (q - 0.2 m) } R:b = 3 N*s/m 1:y -> l, b }
+  u ||> y
+  probe x = s.q
+  probe q = l.q
+  simulate { stop = 1 s }
+}";
+
 #[test]
 fn what_the_examples_do_not_have() {
     if !is_there() {
@@ -407,6 +435,7 @@ fn what_the_examples_do_not_have() {
 }",
             1e-3,
         ),
+        ("energies that are least below 0, of two regions together and of one", FROM_BELOW, 1e-3),
         (
             "a mass between two rates, and a region that nothing concerns",
             "model A {
@@ -715,12 +744,7 @@ fn what_spoils_the_next_sample_is_refused_before() {
     ] {
         let compiled = with(Options::new().model("N"), &text);
         let (u, _) = emit(&compiled, 1e-3).unwrap_or_else(|e| panic!("{text}: {e}"));
-        let here = Folder::new();
-        let names = options("bond", "m.h");
-        here.put("m.h", c::header(&u, &names));
-        here.put("m.c", c::source(&u, &names));
-        here.put("main.c", main.replace("BAD", bad));
-        here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
+        let here = built(&u, &main.replace("BAD", bad));
         let rows = here.rows("run");
         assert!(rows[..10].iter().chain(&rows[14..]).all(|r| r[0] == 0.0), "{text}: {rows:?}");
         let refused = rows[10..13].iter().filter(|r| r[..] == [3.0, 1.0]).count();
@@ -745,12 +769,7 @@ fn the_mean_of_an_answer_is_that_over_the_interval() {
         );
         let compiled = with(Options::new().model("A"), &text);
         let (u, _) = emit(&compiled, 2.5e-4).unwrap_or_else(|e| panic!("{e}"));
-        let here = Folder::new();
-        let names = options("bond", "m.h");
-        here.put("m.h", c::header(&u, &names));
-        here.put("m.c", c::source(&u, &names));
-        here.put("main.c", main);
-        here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
+        let here = built(&u, main);
         for (k, row) in here.rows("run").iter().enumerate() {
             // 4 N on 2 kg for k ms: the mean speed of an interval is that in its middle.
             let wanted = into * 2.0 * (k as f64 + 0.5) * 1e-3;
@@ -803,14 +822,9 @@ fn single_numbers_are_close() {
     let wall = file(&models().join("examples/virtual_wall.bond"), Options::new().model("VirtualWall"));
     for (compiled, h, least) in [(wall, 0.04, 1e-9), (with(Options::new(), friction), 1e-3, 0.0)] {
         let (u, _) = emit(&compiled, h).unwrap_or_else(|e| panic!("{e}"));
-        let here = Folder::new();
-        let names = options("bond", "m.h");
-        here.put("m.h", c::header(&u, &names));
-        here.put("m.c", c::source(&u, &names));
-        here.put("main.c", main);
-        here.cc(&["m.c", "main.c", "-lm", "-o", "long"]);
+        let here = built(&u, main);
         here.cc(&["-DBOND_FLOAT", "m.c", "main.c", "-lm", "-o", "short"]);
-        let (long, short) = (here.rows("long"), here.rows("short"));
+        let (long, short) = (here.rows("run"), here.rows("short"));
         assert_eq!((long.len(), short.len()), (250, 250));
         let probes = compiled.probes().len();
         for j in 0..probes {
@@ -1004,12 +1018,7 @@ fn what_no_device_moves_is_refused() {
          }",
     );
     let (u, _) = emit(&compiled, 1e-3).unwrap_or_else(|e| panic!("{e}"));
-    let here = Folder::new();
-    let names = options("bond", "m.h");
-    here.put("m.h", c::header(&u, &names));
-    here.put("m.c", c::source(&u, &names));
-    here.put("main.c", main);
-    here.cc(&["m.c", "main.c", "-lm", "-o", "run"]);
+    let here = built(&u, main);
     let rows = here.rows("run");
     assert_eq!(rows[12..15], [[3.0, 1.0], [3.0, 1.0], [3.0, 1.0]], "{rows:?}");
     assert!(rows[..12].iter().chain(&rows[15..]).all(|r| r[0] == 0.0), "{rows:?}");

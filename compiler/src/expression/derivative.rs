@@ -211,7 +211,13 @@ impl Pool {
                 let inverse = self.powi(whole, -1);
                 Some((u, self.scale(inverse, b)))
             }
-            _ => None,
+            Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Product(..)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => None,
         }
     }
 
