@@ -211,7 +211,8 @@ pub struct Entries {
     pub energy: usize,
     /// H at its start, where that depends on time: the end of the step before is not the same instant to the last bit.
     pub before: Option<usize>,
-    /// Sum of the magnitudes of the storages' energies: the same output where none can be negative.
+    /// Sum of the magnitudes of the storages' energies, and of how far each is above its least: the same output as
+    /// `energy` where none can be negative.
     pub size: usize,
     /// Where each step's balance is looked at before it counts: the change of H, had without the difference of two of
     /// its values, and the sum of the magnitudes of its parts.

@@ -612,6 +612,11 @@ fn energies_have_no_zero_of_their_own() {
             }
         }
     }
+    // One that turns round where its energy is 0, on the way up from its least: that is no rounding of nothing.
+    let turns = scene("e = 100 N/m * (q - 0.1 m); q0 = 0.1 m", "matched", "1 ms");
+    let mut sim = start(&turns, Steps::new());
+    finish(&mut sim, 5.0);
+    assert!(sim.summary().passive && sim.summary().worst_step < 1e-14, "{:?}", sim.summary());
     let compiled = scene(spring[1], "matched", "1 ms");
     close(crate::common::end(&compiled, Steps::new(), 5.0, "x"), 0.5 + 0.1 * 50f64.sin(), 1e-4, "where the mass is");
 }

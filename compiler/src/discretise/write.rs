@@ -737,7 +737,17 @@ pub(super) fn energies(
             } else {
                 let level = c.level(&mut model.pool, g).energy;
                 let later = model.pool.substitute(level, &end);
-                model.pool.unary(Unary::Abs, later)
+                let size = model.pool.unary(Unary::Abs, later);
+                // Where it passes 0 on its way up from its least, it is there all the same.
+                match super::level::bottom(model, g, c) {
+                    (least, true) if least != 0.0 => {
+                        let least = model.pool.float(least);
+                        let above = model.pool.sub(later, least);
+                        let above = model.pool.unary(Unary::Abs, above);
+                        model.pool.add(size, above)
+                    }
+                    (_, _) => size,
+                }
             };
             let v = at.lower(&model.pool, b, parts).map_err(|s| missing(model, s))?;
             size = b.add(size, v);
