@@ -91,6 +91,39 @@ fn what_follows_a_source_keeps_order_and_balance() {
     assert!(summary.passive && summary.worst_step < 1e-14 && summary.regions[0].steps < 200, "{summary:?}");
 }
 
+/// Two condensers in a loop with a source that is a number: `radau` steps what follows it, as the charge of one tells that
+/// of the other; of a source that moves it does not.
+#[test]
+fn a_constant_source_leads_nothing() {
+    let text = |law: &str| {
+        format!(
+            "model Divider {{
+              Se:u = {law}
+              C:a = 3 uF
+              C:b {{ compliance = 1 uF; e0 = 2 V }}
+              R:r = 1 kOhm
+              u -> 1:loop -> a
+              loop -> 0:n -> b, r
+              probe x = b.e
+              probe i = u.f
+            }}"
+        )
+    };
+    let compiled = with(Options::new().method("radau"), &text("5 V"));
+    let (t, tau) = (5e-3f64, 4e-3f64);
+    let wanted = 2.0 * (-t / tau).exp();
+    let off = [1e-3, 5e-4].map(|h| (end(&compiled, Steps::fixed(h), t, "x") - wanted).abs());
+    assert!(off[0] < 1e-6 && (off[0] / off[1]).log2() > 4.8, "{off:?}");
+    let mut sim = start(&compiled, Steps::fixed(1e-4));
+    finish(&mut sim, t);
+    // The one that is charged takes what the other loses, and the resistor what flows.
+    close(probe(&mut sim, "i"), wanted * 3e-6 / tau, 1e-12, "from the source");
+    let summary = sim.summary();
+    assert!(summary.passive && summary.worst_step < 1e-14, "{summary:?}");
+    let moves = Options::new().method("radau").compile_str("moves.bond", text("5 V * sin(t * 1 rad/s)"));
+    assert!(moves.is_err_and(|e| e.list()[0].message.contains("follows a source that moves")));
+}
+
 /// Fields of several states, which take the stages apart.
 #[test]
 fn order_eight_on_fields() {

@@ -131,6 +131,36 @@ fn flows_that_cancel() {
     assert_balanced("cancelling flows", &sim.summary());
 }
 
+/// A source that is no short decimal cancels out of a flat law: what its rounding leaves does not move the law's root.
+#[test]
+fn numbers_that_cancel() {
+    let compiled = crate::common::text(
+        "model Flat {
+          I:e0 = 1 kg
+          Sf:e2 = 0.30000000000000004 m/s
+          R(a, b):f0 {
+            a.e = 3 N*s/m * (a.f - b.f)
+            b.e = 3 N*s/m * (b.f - a.f) + 0.1 N*s^3/m^3 * b.f^3
+          }
+          R(a, b):f1 = [[3 N*s/m, 1.5 N*s/m], [-1 N*s/m, 1 N*s/m]]
+          R:loss1 = 1 N*s/m
+          1:j0 -> e0
+          j0 -> 0:j1
+          j1 -> e2
+          f0.a -> j1
+          j1 -> f0.b
+          j1 -> f1.a
+          j0 -> f1.b
+          j1 -> loss1
+        }",
+    );
+    let mut sim = start(&compiled, Steps::fixed(0.01));
+    finish(&mut sim, 0.5);
+    let summary = sim.summary();
+    assert!(summary.passive, "{:?}", summary.reasons);
+    assert_balanced("numbers that cancel", &summary);
+}
+
 /// An empty tank with a hole: the root has an infinite slope at 0.
 #[test]
 fn a_root_law_from_zero() {

@@ -18,6 +18,7 @@ use bond::{Code, RunError, Simulation, Steps, Summary, Text};
 use bond_compiler::discretise::{Accuracy, Method};
 use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
+use bond_runtime::simulate::Error as Failed;
 use clap::builder::PossibleValuesParser;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -435,9 +436,22 @@ fn tell(
     }
     match early {
         None => printed,
-        Some(Early::Failed(e)) => Err(e.into()),
+        Some(Early::Failed(e)) => match shorter(&e, sim) {
+            Some(mend) => Err(Stop::Numerics(format!("{e}; {mend}"))),
+            None => Err(e.into()),
+        },
         Some(Early::Asked(_)) => Err(Stop::Said(signal::ASKED)),
     }
+}
+
+/// What may help where a step of a fixed length failed.
+fn shorter(e: &RunError, sim: &Simulation<'_>) -> Option<String> {
+    let RunError::Numerics(Failed::Step { region, .. }) = e else { return None };
+    let step = sim.options().step?;
+    let steps = |r: &bond::RegionSummary| r.name == *region && r.period.is_none();
+    sim.summary().regions.iter().any(steps).then(|| {
+        format!("steps of {step:e} s may be too long for it: give `--tolerance 1e-6`, which fits them, instead")
+    })
 }
 
 /// Says which probes have no finite value at the end.

@@ -65,7 +65,7 @@ pub(super) fn nonlinear(
     }
     let small = is_small(c);
     let damps =
-        c.followed.is_empty() && collocation::is_coupled(c, RADAU) && collocation::all_quadratic(c, &mut model.pool);
+        !c.is_led(&model.pool) && collocation::is_coupled(c, RADAU) && collocation::all_quadratic(c, &mut model.pool);
     if damps && stiff::is_switched(c, model, form) {
         return (Method::Radau, "a law is all but a switch, and what it damps within a step must not ring on");
     }

@@ -291,6 +291,15 @@ impl Cluster {
         map
     }
 
+    /// Whether a storage follows a source that moves.
+    pub(super) fn is_led(&self, pool: &Pool) -> bool {
+        let moves = |e: Expr| pool.contains_any(e, &|s| pool.value(s).is_none());
+        self.nodes.iter().any(|n| match (n.part, n.how) {
+            (Part::Source(c), Output::Explicit(e)) => self.followed.contains(&c) && moves(e),
+            (Part::Source(_) | Part::Resistor(_) | Part::Follower(_) | Part::Signal, _) => false,
+        })
+    }
+
     /// Whether nothing takes energy out.
     pub(super) fn is_lossless(&self) -> bool {
         self.nodes.iter().all(|n| !matches!(n.part, Part::Resistor(_)))
@@ -625,8 +634,9 @@ impl Cluster {
         nodes: Nodes,
     ) -> Result<(scene::Stepper, Vec<scene::Entries>), Vec<Diagnostic>> {
         let follows = !self.followed.is_empty();
-        if follows && (nodes == Nodes::Radau || !collocation::all_quadratic(self, &mut model.pool)) {
-            let why = "a storage of it follows a source; nodes of Gauss take that, where all energies are quadratic";
+        let led = nodes == Nodes::Radau && self.is_led(&model.pool);
+        if led || (follows && !collocation::all_quadratic(self, &mut model.pool)) {
+            let why = "a storage of it follows a source that moves; nodes of Gauss take that, where all energies are quadratic";
             return Err(unfit(model, self, form, method, why));
         }
         self.tighten(model, form);

@@ -4,15 +4,42 @@ use super::pool::Pairs;
 use super::{Expr, Node, Number, Pool};
 use bond_runtime::ir::Unary;
 
+/// So many units in the last place of the largest summand may be what rounding left of summands that cancel.
+const LEFT: f64 = 4.0;
+
+/// A sum of numbers in the making.
+#[derive(Clone, Copy)]
+struct Total {
+    sum: Number,
+    largest: f64,
+}
+
+impl Total {
+    const ZERO: Self = Self { sum: Number::ZERO, largest: 0.0 };
+
+    fn add(&mut self, n: Number) {
+        self.sum = self.sum + n;
+        self.largest = self.largest.max(n.to_f64().abs());
+    }
+
+    /// The sum; 0 where only rounding is left of summands that are not exact: as a coefficient it would join what
+    /// nothing joins, and as a constant move a root where a law is flat.
+    fn value(self) -> Number {
+        match self.sum {
+            Number::Float(x) if x.abs() <= LEFT * f64::EPSILON * self.largest && x.is_finite() => Number::ZERO,
+            Number::Float(_) | Number::Ratio(..) => self.sum,
+        }
+    }
+}
+
 /// Sorts, adds up the numbers of equal expressions, drops zeros.
 fn merge(mut pairs: Vec<(Expr, Number)>) -> Vec<(Expr, Number)> {
     pairs.sort_by_key(|&(e, _)| e);
-    let mut merged: Vec<(Expr, Number)> = Vec::with_capacity(pairs.len());
-    for (e, n) in pairs {
-        match merged.last_mut() {
-            Some((last, sum)) if *last == e => *sum = *sum + n,
-            Some(_) | None => merged.push((e, n)),
-        }
+    let mut merged = Vec::with_capacity(pairs.len());
+    for same in pairs.chunk_by(|a, b| a.0 == b.0) {
+        let mut total = Total::ZERO;
+        same.iter().for_each(|&(_, n)| total.add(n));
+        merged.push((same[0].0, total.value()));
     }
     merged.retain(|(_, n)| !n.is_zero());
     merged
@@ -94,16 +121,16 @@ impl Pool {
 
     /// The sum of all, each times its number.
     pub fn combine(&mut self, all: &[(Expr, Number)]) -> Expr {
-        let mut constant = Number::ZERO;
+        let mut constant = Total::ZERO;
         let mut terms = Vec::with_capacity(all.len());
         for &(e, n) in all {
             if n.is_zero() {
                 continue;
             }
             match self.node(e).clone() {
-                Node::Number(c) => constant = constant + c * n,
+                Node::Number(c) => constant.add(c * n),
                 Node::Sum(c, inner) => {
-                    constant = constant + c * n;
+                    constant.add(c * n);
                     terms.extend(inner.iter().map(|&(t, c)| (t, c * n)));
                 }
                 Node::Product(c, _) if c.is_one() => terms.push((e, n)),
@@ -116,7 +143,7 @@ impl Pool {
                 }
             }
         }
-        self.make_sum(constant, merge(terms))
+        self.make_sum(constant.value(), merge(terms))
     }
 
     fn make_sum(&mut self, constant: Number, terms: Vec<(Expr, Number)>) -> Expr {
