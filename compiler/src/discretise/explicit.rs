@@ -470,7 +470,8 @@ fn stage(
         form,
         b,
         lowering,
-        (guesses, instant::Pull { curves: instant::HOLD, switches: None }),
+        (guesses, instant::Pull { curves: instant::HOLD, switches: instant::Switched::Free }),
+        None,
     )?;
     let symbols = c.states.iter().map(|s| s.symbol).collect();
     turn::angles(model, b, lowering, &c.energies(), &symbols)?;

@@ -8,7 +8,7 @@ use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Binary, Builder, Program, Slot, Unary};
+use bond_runtime::ir::{Array, Binary, Builder, Program, Slot, Unary, Value};
 use bond_runtime::scene::Guards;
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -32,31 +32,57 @@ pub(super) struct Layout {
 pub(super) struct Pull {
     /// The parameter of a curve.
     pub(super) curves: f64,
-    /// What a law that is all but a switch gives, as a part of the law's slope at rest; none where it is to be as the
-    /// law has it.
-    pub(super) switches: Option<f64>,
+    /// What a law that is all but a switch gives.
+    pub(super) switches: Switched,
 }
 
-/// Solves the loops at one instant, and gives all outputs' expressions.
+/// What holds that which a law that is all but a switch gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Switched {
+    /// The law alone.
+    Free,
+    /// What the step found at its end, to [`HOLD`] of the law's slope at rest.
+    AtEnd,
+    /// What the step found in its middle, as half a step more by the backward Euler method leaves it: for a current
+    /// `i` of a coil that a diode stops, `g(u) + h / (2 L) (u - u_middle) = i`. A midpoint rule does not damp what is
+    /// stiff, so that `i` may end where the law has no voltage for it.
+    Midway,
+}
+
+/// Solves the loops at one instant, those that `wanted` depends on or all, and gives all outputs' expressions.
 pub(super) fn outputs(
     c: &Cluster,
     model: &mut Model,
     form: &Form,
     b: &mut Builder,
     lowering: &mut Lowering,
-    (guesses, pull): (&[bond_runtime::ir::Value], Pull),
+    (guesses, pull): (&[Value], Pull),
+    wanted: Option<&[Expr]>,
 ) -> Result<FxHashMap<Symbol, Expr>, Vec<Diagnostic>> {
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
     let mut residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
+    let needed = match wanted {
+        Some(wanted) => {
+            let wanted: Vec<Expr> = wanted.iter().map(|e| model.pool.substitute(*e, &flat)).collect();
+            needed(c, &model.pool, &residuals, wanted)
+        }
+        None => vec![true; residuals.len()],
+    };
     // Where the states alone impose what a curve receives, and it stands upright there, its parameter cannot be told
     // from an instant: the force that holds a body at rest follows from the whole step. It stays near what the step
     // found.
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
     let switches = match pull.switches {
-        Some(part) => stiff::switches(c, model, form).into_iter().map(|slope| Some(part * slope?)).collect(),
-        None => vec![None; c.loops.len()],
+        Switched::Free => vec![None; c.loops.len()],
+        Switched::AtEnd => stiff::switches(c, model, form).into_iter().map(|slope| Some(HOLD * slope?)).collect(),
+        Switched::Midway => {
+            let all = stiff::switches(c, model, form);
+            let nodes: Vec<_> = c.loop_nodes().into_iter().map(|n| n.resistor()).collect();
+            let turn = |(slope, column): (Option<f64>, Option<_>)| c.half_step(model, form, column.filter(|_| slope.is_some())?);
+            all.into_iter().zip(nodes).map(turn).collect()
+        }
     };
     for ((((r, z), n), guess), switch) in
         residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches)
@@ -84,17 +110,38 @@ pub(super) fn outputs(
     let one = model.pool.int(1);
     let weight = measure::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let scale = measure::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
+    let unknowns = kept(&c.loops, &needed);
+    let bends = c.bends().into_iter().filter(|(z, _)| unknowns.contains(z)).collect();
     let system = System {
-        unknowns: c.loops.clone(),
-        start: guesses.to_vec(),
-        residuals,
-        weight,
-        scale,
-        bends: c.bends(),
+        start: kept(guesses, &needed),
+        residuals: kept(&residuals, &needed),
+        weight: kept(&weight, &needed),
+        scale: kept(&scale, &needed),
+        bends,
+        unknowns,
         ..System::default()
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
+}
+
+/// Those of a list that are needed.
+fn kept<T: Copy>(all: &[T], needed: &[bool]) -> Vec<T> {
+    all.iter().zip(needed).filter(|(_, needed)| **needed).map(|(x, _)| *x).collect()
+}
+
+/// The loops that something depends on, and what these depend on.
+fn needed(c: &Cluster, pool: &Pool, residuals: &[Expr], mut roots: Vec<Expr>) -> Vec<bool> {
+    let at: FxHashMap<Symbol, usize> = c.loops.iter().enumerate().map(|(i, z)| (*z, i)).collect();
+    let mut needed = vec![false; c.loops.len()];
+    while let Some(e) = roots.pop() {
+        for i in pool.symbols(e).iter().filter_map(|s| at.get(s)) {
+            if !std::mem::replace(&mut needed[*i], true) {
+                roots.push(residuals[*i]);
+            }
+        }
+    }
+    needed
 }
 
 /// Whether what a resistor receives depends on any output that is computed, and so perhaps on its own.
@@ -301,20 +348,21 @@ pub(super) fn write(
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     // The last stage of this one stands at the end of the step: what it found is the answer there.
-    let switches = (stepper == Method::Radau.name()).then_some(HOLD);
+    let switches = if stepper == Method::Radau.name() { Switched::AtEnd } else { Switched::Midway };
     let pull = Pull { curves: HOLD, switches };
-    let flat = outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, pull))?;
     let mut list: Vec<(String, Expr)> = Vec::new();
     for s in shows {
-        let e = model.pool.var(*s);
-        list.push((model.pool.name(*s).to_string(), model.pool.substitute(e, &flat)));
+        list.push((model.pool.name(*s).to_string(), model.pool.var(*s)));
     }
     let layout = Layout { ports: list.len() };
     for p in &c.ports {
         let e = form.input(&mut model.pool, *p);
-        list.push((format!("out({})", form.column(*p).name), model.pool.substitute(e, &flat)));
+        list.push((format!("out({})", form.column(*p).name), e));
     }
+    let wanted: Vec<Expr> = list.iter().map(|l| l.1).collect();
+    let flat = outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, pull), Some(&wanted))?;
     for (name, e) in list {
+        let e = model.pool.substitute(e, &flat);
         let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
         let slot = b.named(Array::Output, name);
         b.store(Slot::new(Array::Output, slot.index as usize), v);

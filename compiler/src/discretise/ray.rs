@@ -26,7 +26,8 @@ pub(super) fn write(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Step
         form,
         &mut b,
         &mut lowering,
-        (&inputs.guesses, instant::Pull { curves: instant::SLIGHT, switches: None }),
+        (&inputs.guesses, instant::Pull { curves: instant::SLIGHT, switches: instant::Switched::Free }),
+        None,
     )?;
     write::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
     let n = c.states.len();

@@ -9,7 +9,7 @@ use super::cluster::{Cluster, Node};
 use super::measure;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{Law, Model};
-use crate::structure::{ColumnId, Form, Output};
+use crate::structure::{ColumnId, Form, Output, Row};
 use rustc_hash::FxHashMap;
 
 /// Steps of so many times R C, from which on the rounding shows: of a large voltage, the same way in each step.
@@ -68,15 +68,30 @@ impl Cluster {
         }
         let k = gain(form, column)?;
         model.pool.constant(k)?;
+        let stiffness = self.stiffness(model, row)?;
+        Some(model.pool.mul(k, stiffness))
+    }
+
+    /// What changes of that which storages give together, in a second and by what they are given together; None where
+    /// none has a part in it.
+    fn stiffness(&self, model: &mut Model, row: &Row) -> Option<Expr> {
         let bends = measure::curvatures(self, model);
         let mut terms = Vec::new();
         for (s, bend) in self.states.iter().zip(bends) {
             let Some((_, by)) = row.iter().find(|t| Some(t.0) == s.column) else { continue };
             let square = model.pool.powi(*by, 2);
-            let term = model.pool.mul(square, bend);
-            terms.push(model.pool.mul(k, term));
+            terms.push(model.pool.mul(square, bend));
         }
         (!terms.is_empty()).then(|| model.pool.sum(&terms))
+    }
+
+    /// What storages change of that which they give a resistor in half a step, by what it gives; None where they have
+    /// none of it at the start.
+    pub(super) fn half_step(&self, model: &mut Model, form: &Form, column: ColumnId) -> Option<f64> {
+        let stiffness = self.stiffness(model, &form.column(column).row)?;
+        let start = self.start(model);
+        let half = 0.5 * start.step * start.eval(&model.pool, stiffness);
+        (half > 0.0 && half.is_finite()).then_some(half)
     }
 }
 

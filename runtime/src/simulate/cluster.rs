@@ -750,7 +750,11 @@ pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
     }
     let scale = out[e.size].abs().max(turnover).max(b.floor());
     let off = (out[change] - net).abs();
-    if off <= OFF * scale { 0.0 } else { off }
+    match off {
+        _ if off <= OFF * scale && scale < f64::INFINITY => 0.0,
+        _ if off.is_finite() && scale < f64::INFINITY => off,
+        _ => f64::INFINITY,
+    }
 }
 
 /// Adds a step to the ledgers.
