@@ -437,6 +437,33 @@ fn what_the_examples_do_not_have() {
         ),
         ("energies that are least below 0, of two regions together and of one", FROM_BELOW, 1e-3),
         (
+            "roots that begin where nothing flows",
+            "model Tank(a = 1 m^3/(s*Pa^(1/2))) {
+  port top
+  port bottom
+  C:c = 1 m^3/Pa
+  R:hole { f = a*sqrt(e) }
+  top -> 0:p -> c
+  p -> 1:out -> hole
+  out -> bottom
+}
+model A {
+  Sf:inflow = 1 m^3/s
+  Se:sink = 0 Pa
+  Tank:one
+  C:c = 1 m^3/Pa
+  R:hole { f = 1 m^3/(s*Pa^(1/2)) * (if e < 0 Pa then 0 else sqrt(e)) }
+  inflow -> one.top
+  one.bottom -> sink
+  Sf:rain = 2 m^3/s
+  rain -> 0:p -> c, hole
+  probe x = one.c.q
+  probe y = c.q
+  simulate { stop = 1 s }
+}",
+            1e-3,
+        ),
+        (
             "a mass between two rates, and a region that nothing concerns",
             "model A {
   I:mass { inertia = 0.2 kg; f0 = 1 m/s }

@@ -34,6 +34,7 @@ mod orders;
 mod parse;
 mod program;
 mod random;
+mod roots;
 mod sav;
 mod save;
 mod signals;

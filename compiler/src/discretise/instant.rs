@@ -44,8 +44,9 @@ pub(super) enum Switched {
     /// What the step found at its end, to [`HOLD`] of the law's slope at rest.
     AtEnd,
     /// What the step found in its middle, as half a step more by the backward Euler method leaves it: for a current
-    /// `i` of a coil that a diode stops, `g(u) + h / (2 L) (u - u_middle) = i`. A midpoint rule does not damp what is
-    /// stiff, so that `i` may end where the law has no voltage for it.
+    /// `i` of a coil that a diode stops, `g(u) + k (u - u_middle) = i` with `k = h / (2 L)`. A midpoint rule does not
+    /// damp what is stiff, so that `i` may end where the law has no voltage for it. Where the law is steep beside `k`,
+    /// as that of a diode that conducts, it tells `u` by itself, and `k^2 / (k + g'(u_middle))` stands for `k`.
     Midway,
 }
 
@@ -74,13 +75,16 @@ pub(super) fn outputs(
     // from an instant: the force that holds a body at rest follows from the whole step. It stays near what the step
     // found.
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
+    let midway = pull.switches == Switched::Midway;
     let switches = match pull.switches {
         Switched::Free => vec![None; c.loops.len()],
         Switched::AtEnd => stiff::switches(c, model, form).into_iter().map(|slope| Some(HOLD * slope?)).collect(),
         Switched::Midway => {
             let all = stiff::switches(c, model, form);
             let nodes: Vec<_> = c.loop_nodes().into_iter().map(|n| n.resistor()).collect();
-            let turn = |(slope, column): (Option<f64>, Option<_>)| c.half_step(model, form, column.filter(|_| slope.is_some())?);
+            let turn = |(slope, column): (Option<f64>, Option<_>)| {
+                c.half_step(model, form, column.filter(|_| slope.is_some())?)
+            };
             all.into_iter().zip(nodes).map(turn).collect()
         }
     };
@@ -100,7 +104,16 @@ pub(super) fn outputs(
         {
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
             lowering.bind(held, *guess);
-            let (s, before, little) = (model.pool.var(*z), model.pool.var(held), model.pool.float(pull));
+            let (s, before) = (model.pool.var(*z), model.pool.var(held));
+            let mut little = model.pool.float(pull);
+            if switch.is_some() && midway {
+                let slope = model.pool.derivative(*r, *z);
+                let slope = model.pool.substitute(slope, &FxHashMap::from_iter([(*z, before)]));
+                let slope = model.pool.unary(Unary::Abs, slope);
+                let whole = model.pool.add(little, slope);
+                let square = model.pool.powi(little, 2);
+                little = model.pool.div(square, whole);
+            }
             let off = model.pool.sub(s, before);
             let pull = model.pool.mul(little, off);
             *r = model.pool.add(*r, pull);

@@ -15,9 +15,9 @@
 //!      over.
 //!   2. Where all of `r` is 0, or after [`DAMPED`] iterations `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where
 //!      a body that all but rests sticks, rounding leaves open what holds it.
-//!   3. Solve `J d = r`. Where that fails or `d` is not finite: halve as in 1, if that is still allowed; before the
-//!      first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time
-//!      take 2e-3 of it off; else fail.
+//!   3. Solve `J d = r`. Where that fails, or `J` or `d` is not finite: halve as in 1, if that is still allowed; before the
+//!      first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time, or
+//!      where `|r|²` is not finite there, take 2e-3 of it off, and so on by [`NUDGES`]; else fail.
 //!   4. Where `|d + e|²` is at most `|e|² / 16`, with the update `e` before, neither halved nor doubled: half of `d`.
 //!      It only takes back what `e` did, as about the infinite slope of a root, where such updates go to and fro for
 //!      ever.
@@ -351,6 +351,11 @@ fn iterate<S: System>(
                 continue;
             }
             if !size.is_finite() {
+                // Beside the start there may be no value on one side alone.
+                if (1..NUDGES.len()).contains(&nudges) {
+                    nudge(&mut nudges, system.unknowns(), &scratch.scale);
+                    continue;
+                }
                 break;
             }
         }
@@ -369,7 +374,9 @@ fn iterate<S: System>(
             plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear, false)
         };
         let square = measure.square(trial);
-        if solved.is_err() || !square.is_finite() {
+        // By an infinite slope the update is 0 whatever the residual.
+        let told = plan.given || scratch.jacobian.iter().all(|x| x.is_finite());
+        if solved.is_err() || !square.is_finite() || !told {
             if before.is_some() && solved.is_err() && stretches < STRETCHES {
                 // On the flat part of a law, such as one that sticks: beyond it there may be a slope again.
                 let factor = stretch(stretches);
@@ -401,11 +408,7 @@ fn iterate<S: System>(
             }
             if before.is_none() && nudges < NUDGES.len() {
                 // A law with an infinite slope just where the iteration starts, or none: start beside it.
-                let side = NUDGES[nudges] - nudges.checked_sub(1).map_or(0.0, |k| NUDGES[k]);
-                nudges += 1;
-                for (u, s) in system.unknowns().iter_mut().zip(&scratch.scale) {
-                    *u += side * if *s > 0.0 { *s } else { 1.0 };
-                }
+                nudge(&mut nudges, system.unknowns(), &scratch.scale);
                 (best, from) = (f64::INFINITY, f64::INFINITY);
                 continue;
             }
@@ -458,6 +461,15 @@ fn iterate<S: System>(
     }
     let (worst, change) = measure.worst(system.unknowns(), &scratch.update);
     Err(Failure::NoConvergence { iterations: plan.limit, unknown: plan.unknowns + worst, change })
+}
+
+/// Moves the start to the next place beside it.
+fn nudge(nudges: &mut usize, unknowns: &mut [f64], scale: &[f64]) {
+    let side = NUDGES[*nudges] - nudges.checked_sub(1).map_or(0.0, |k| NUDGES[k]);
+    *nudges += 1;
+    for (u, s) in unknowns.iter_mut().zip(scale) {
+        *u += side * if *s > 0.0 { *s } else { 1.0 };
+    }
 }
 
 /// By what an update is made longer after so many times.
@@ -708,6 +720,26 @@ mod tests {
             assert_eq!(result, Ok(()));
             assert!((u[0] + 1.0 + off).abs() < 1e-15, "{u:?}");
         }
+    }
+
+    #[test]
+    fn an_infinite_slope_is_no_solution() {
+        // A root law from 0, whose other side has no value, to each side.
+        for side in [1.0, -1.0] {
+            let (result, u, _) = run(&[0.0], 0.0, 0.1, |u, r, j| {
+                r[0] = side * u[0] + (side * u[0]).sqrt() - 2.0;
+                j[0] = side * (1.0 + 0.5 / (side * u[0]).sqrt());
+            });
+            assert_eq!(result, Ok(()));
+            assert!((side * u[0] - 1.0).abs() < 1e-15, "{u:?}");
+        }
+        // Beside an equation that is solved at once.
+        let (result, u, _) = run(&[0.0, 0.0, 0.0], 1.0, 1.0, |u, r, j| {
+            (r[0], r[1], r[2]) = (u[0] - 1.0, u[1].cbrt() - 2.0, u[2] - u[1]);
+            j.copy_from_slice(&[1.0, 0.0, 0.0, 0.0, 1.0 / (3.0 * u[1].cbrt().powi(2)), 0.0, 0.0, -1.0, 1.0]);
+        });
+        assert_eq!(result, Ok(()));
+        assert!((u[1] - 8.0).abs() < 1e-13 && (u[2] - 8.0).abs() < 1e-13, "{u:?}");
     }
 
     #[test]

@@ -25,9 +25,9 @@
 //!    far ([`ir::Newton::bends`]). Where `|d|` is not finite it begins anew in any case.
 //!
 //! An elimination without pivots that lost digits shows as an `e` that is not small, or as one that leaves the residual
-//! unexplained: it is done only where each `|r_i| <= 2 Σ |J_ij| (|d_j| + 4e-16 z_j)`, with the residual and the update
-//! before the end; else it begins anew as in 5. Far up an exponential the slope is all that is left of the equations,
-//! and an update of 0 would look like a solution.
+//! unexplained: it is done only where each `|r_i| <= 2 Σ |J_ij| (|d_j| + 4e-16 z_j)`, which is to be finite, with the
+//! residual and the update before the end; else it begins anew as in 5. Far up an exponential the slope is all that is
+//! left of the equations, and so it is where a root begins: an update of 0 would look like a solution.
 //! What was foretold never decides whether a solution is found: where the iteration fails from 4, it begins anew as
 //! in 5.
 //!
@@ -281,8 +281,8 @@ pub(super) fn begin<S: System>(
     Ok(Begun::On { before: measure.square(update), best: measure.square(&room.first), again: false })
 }
 
-/// Whether an update and what rounding leaves of the unknowns come up to a residual, by the matrix. One equation is
-/// divided by its slope, which loses nothing.
+/// Whether an update and what rounding leaves of the unknowns come up to a residual, by a matrix that is finite. One
+/// equation is divided by its slope, which loses nothing; of two an infinite entry leaves no number.
 fn explained(
     entries: &[(u32, u32)],
     matrix: &[f64],
@@ -292,14 +292,15 @@ fn explained(
     told: &mut [f64],
 ) -> bool {
     if told.len() == 1 {
-        return true;
+        return matrix[0].is_finite();
     }
     told.fill(0.0);
     for (&(i, j), a) in entries.iter().zip(matrix) {
         let j = j as usize;
         told[i as usize] += a.abs() * (update[j].abs() + ROUNDING * z[j]);
     }
-    residual.iter().zip(told.iter()).all(|(r, told)| r.abs() <= 2.0 * told)
+    let alone = told.len() == 2;
+    residual.iter().zip(told.iter()).all(|(r, told)| r.abs() <= 2.0 * told && (alone || told.is_finite()))
 }
 
 /// `Σ |v_i| / z_i`

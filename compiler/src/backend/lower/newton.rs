@@ -174,7 +174,7 @@ impl Lower {
                     }
                     false => Vector::Vars(update.into_iter().map(|v| w.holding(v)).collect()),
                 };
-                it.advance(w, &solution);
+                it.advance(w, &solution, Cond::all([]));
             } else if n > ELIMINATED {
                 for (i, (_, _, v)) in entries.iter().enumerate() {
                     w.push(Stmt::Store(scratch(matrix, At::One(i)), *v));
@@ -189,7 +189,8 @@ impl Lower {
                 if newton.affine {
                     it.once(w, &solution);
                 } else {
-                    it.advance(w, &solution);
+                    let told: Vec<Cond> = entries.iter().map(|(_, _, x)| w.finite(*x)).collect();
+                    it.advance(w, &solution, Cond::all(told));
                 }
             }
         })
@@ -365,12 +366,19 @@ impl Iteration {
             let r = w.value(residual, at);
             w.push(Stmt::Store(scratch(self.trial, at), r));
         });
+        let told = match newton.affine {
+            true => Cond::all([]),
+            false => w.holds(newton.jacobian.len(), |w, at| {
+                let x = w.load(scratch(matrix, at));
+                w.finite(x)
+            }),
+        };
         let pattern = newton.jacobian.iter().map(|e| (e.0, e.1)).collect();
         let system = w.system(self.n, pattern, Matrix::Changing);
         w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row, same: None });
         let solution = Vector::Memory(self.trial);
         if !newton.affine {
-            return self.advance(w, &solution);
+            return self.advance(w, &solution, told);
         }
         self.once(w, &solution);
     }
@@ -578,7 +586,15 @@ impl Iteration {
             w.when(Cond::any([finite.clone().not(), worse]), |w| {
                 let may = self.may_halve(w);
                 w.when(may, |w| self.halve(w));
-                w.when(finite.not(), |w| self.finish(w, NO_CONVERGENCE));
+                w.when(finite.not(), |w| {
+                    let (nudges, zero, most) = (w.get(self.nudges), w.number(0.0), w.number(NUDGES.len() as f64));
+                    let beside = Cond::all([w.lt(zero, nudges), w.lt(nudges, most)]);
+                    w.when(beside, |w| {
+                        self.nudge(w, nudges);
+                        w.push(Stmt::Continue);
+                    });
+                    self.finish(w, NO_CONVERGENCE);
+                });
             });
         });
         let smaller = w.lt(size, best);
@@ -609,13 +625,13 @@ impl Iteration {
         });
     }
 
-    /// Takes the solution off the unknowns, and tests; or finds another start.
-    fn advance(&self, w: &mut Writer, solution: &Vector) {
+    /// Takes the solution off the unknowns, and tests; or finds another start, as where the matrix is not finite (`told`).
+    fn advance(&self, w: &mut Writer, solution: &Vector, told: Cond) {
         let square = self.square(w, |w, at| w.at(solution, at));
         let (row, zero, one) = (w.get(self.row), w.number(0.0), w.number(1.0));
         let solved = w.lt(row, zero);
         let sound = w.finite(square);
-        w.when(Cond::all([solved.clone(), sound]).not(), |w| {
+        w.when(Cond::all([solved.clone(), sound, told]).not(), |w| {
             if !self.given {
                 return self.rescue(w, solved);
             }
@@ -809,25 +825,7 @@ impl Iteration {
         let most = w.number(NUDGES.len() as f64);
         let beside = Cond::all([Cond::True(made).not(), w.lt(nudges, most)]);
         w.when(beside, |w| {
-            let zero = w.number(0.0);
-            let mut side = zero;
-            for (k, x) in NUDGES.iter().enumerate() {
-                let before = k.checked_sub(1).map_or(0.0, |k| NUDGES[k]);
-                let (k, x) = (w.number(k as f64), w.number(x - before));
-                let is = w.eq(nudges, k);
-                side = w.select(is, x, side);
-            }
-            let k = w.add(nudges, one);
-            w.set(self.nudges, k);
-            w.each(self.n, |w, at| {
-                let s = w.value(&self.scale, at);
-                let positive = w.lt(zero, s);
-                let s = w.select(positive, s, one);
-                let more = w.mul(side, s);
-                let u = w.at(&self.unknowns, at);
-                let u = w.add(u, more);
-                w.put(&self.unknowns, at, u);
-            });
+            self.nudge(w, nudges);
             w.set(self.best, infinite);
             w.set(self.from, infinite);
             w.push(Stmt::Continue);
@@ -835,6 +833,29 @@ impl Iteration {
         let first = w.number(0.0);
         w.when(solved, |w| w.set(self.row, first));
         self.finish(w, SINGULAR);
+    }
+
+    /// Moves the start to the next place beside it.
+    fn nudge(&self, w: &mut Writer, nudges: Value) {
+        let (zero, one) = (w.number(0.0), w.number(1.0));
+        let mut side = zero;
+        for (k, x) in NUDGES.iter().enumerate() {
+            let before = k.checked_sub(1).map_or(0.0, |k| NUDGES[k]);
+            let (k, x) = (w.number(k as f64), w.number(x - before));
+            let is = w.eq(nudges, k);
+            side = w.select(is, x, side);
+        }
+        let k = w.add(nudges, one);
+        w.set(self.nudges, k);
+        w.each(self.n, |w, at| {
+            let s = w.value(&self.scale, at);
+            let positive = w.lt(zero, s);
+            let s = w.select(positive, s, one);
+            let more = w.mul(side, s);
+            let u = w.at(&self.unknowns, at);
+            let u = w.add(u, more);
+            w.put(&self.unknowns, at, u);
+        });
     }
 
     /// Whether the update is small beside the unknowns.

@@ -128,7 +128,7 @@ fn at_most(w: &mut Writer, list: &[Value], part: Value, sizes: &[Value]) -> Vec<
 fn explained(w: &mut Writer, entries: &[(u32, u32, Value)], residual: &[Value], update: &[Value], z: &[Value]) -> Cond {
     let n = residual.len();
     if n == 1 {
-        return Cond::all([]);
+        return w.finite(entries[0].2);
     }
     let (rounding, two, zero) = (w.tolerance(ROUNDING), w.number(2.0), w.number(0.0));
     let reach: Vec<Value> = (0..n)
@@ -143,12 +143,14 @@ fn explained(w: &mut Writer, entries: &[(u32, u32, Value)], residual: &[Value], 
         let term = w.mul(a, reach[*j as usize]);
         told[*i as usize] = w.add(told[*i as usize], term);
     }
-    let all: Vec<Cond> = (residual.iter().zip(told))
-        .map(|(r, told)| {
-            let (r, most) = (w.abs(*r), w.mul(two, told));
-            w.le(r, most)
-        })
-        .collect();
+    let mut all = Vec::new();
+    for (r, told) in residual.iter().zip(told) {
+        if n > 2 {
+            all.push(w.finite(told));
+        }
+        let (r, most) = (w.abs(*r), w.mul(two, told));
+        all.push(w.le(r, most));
+    }
     Cond::all(all)
 }
 
