@@ -111,9 +111,6 @@ pub struct Exchange<'a> {
     count: Count,
 }
 
-/// Sums beyond this are none that a device could have counted, and their differences may be no numbers.
-const LARGEST: f64 = 1e150;
-
 impl<'a> Exchange<'a> {
     /// A scene at its start. A session's number must be higher than that of all before it, and is not 0; an effort
     /// stays for `hold` intervals where nothing newer comes.
@@ -184,10 +181,9 @@ impl<'a> Exchange<'a> {
 
     /// Takes what came in.
     pub fn hear(&mut self, m: &Measurement) -> Heard {
-        let mut sums = m.q.iter().chain(&m.w);
         let begun = self.newest.sequence > 0;
         let ours = m.session == self.newest.session && m.ports == self.newest.ports && m.echo <= self.k;
-        let heard = if !ours || sums.any(|x| x.is_nan() || x.abs() > LARGEST) {
+        let heard = if !ours || m.is_beyond() {
             Heard::Foreign
         } else if self.replaced || (begun && m.sequence <= self.newest.sequence && m.echo > self.newest.echo) {
             // One device names no later effort in an earlier measurement: this one counts from the beginning.

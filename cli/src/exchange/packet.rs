@@ -177,7 +177,15 @@ fn body<'a>(bytes: &'a [u8], mark: [u8; 4], length: fn(usize) -> usize) -> Optio
     (bytes.len() == length(ports) && crc(checked) == u32::from_le_bytes(*sum)).then_some((Reader { from: rest }, ports))
 }
 
+/// Sums beyond this are none that a device could have counted, and their differences may be no numbers.
+const LARGEST: f64 = 1e150;
+
 impl Measurement {
+    /// Whether a sum is none that a device could have counted.
+    pub fn is_beyond(&self) -> bool {
+        self.q.iter().chain(&self.w).any(|x| x.is_nan() || x.abs() > LARGEST)
+    }
+
     /// Writes it into a buffer of [`LONGEST`] bytes; its length.
     pub fn write(&self, to: &mut [u8]) -> usize {
         let ports = self.ports.min(PORTS);

@@ -29,9 +29,10 @@ pub struct Pipe {
     out: Stdout,
     text: String,
     buffer: [u8; LONGEST],
-    /// Of lines: the sums, and the efforts by number.
+    /// Of lines: the sums, and by number the efforts and what may be drawn under them, J.
     sums: Measurement,
     sent: Vec<[f64; PORTS]>,
+    promised: Vec<f64>,
     next: u64,
 }
 
@@ -50,6 +51,7 @@ impl Pipe {
             buffer: [0; LONGEST],
             sums: Measurement { session, ports, ..Measurement::default() },
             sent: vec![[0.0; PORTS]; SENT],
+            promised: vec![0.0; SENT],
             next: 0,
         }
     }
@@ -65,13 +67,18 @@ impl Pipe {
             out.write_all(&self.buffer[..n])?;
             return Ok(out.flush()?);
         }
-        self.sent[(effort.sequence % SENT as u64) as usize] = effort.v;
+        let place = |k: u64| (k % SENT as u64) as usize;
+        // What lines without an answer allow may still be drawn under them.
+        let open = (self.sums.sequence..effort.sequence).rev().take(SENT).map(|k| self.promised[place(k)]).sum::<f64>();
+        let promised = (effort.stored - open).max(0.0);
+        self.promised[place(effort.sequence)] = promised;
+        self.sent[place(effort.sequence)] = effort.v;
         self.next = effort.sequence + 1;
         self.text.clear();
         for v in &effort.v[..self.ports] {
             let _ = write!(self.text, "{v},");
         }
-        let _ = writeln!(self.text, "{}", effort.stored.max(0.0));
+        let _ = writeln!(self.text, "{promised}");
         out.write_all(self.text.as_bytes())?;
         Ok(out.flush()?)
     }
@@ -99,6 +106,10 @@ impl Pipe {
                 for i in 0..self.ports {
                     self.sums.q[i] += q[i];
                     self.sums.w[i] += v[i] * q[i];
+                }
+                if self.sums.is_beyond() {
+                    let what = format!("line {}: what has moved or crossed since the start is beyond 1e150", k + 1);
+                    return Err(Stop::Usage(format!("standard input: {what}")));
                 }
                 self.sums.echo = k;
                 self.sums.sequence = k + 1;

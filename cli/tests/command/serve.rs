@@ -282,6 +282,27 @@ fn packets_go_through_pipes() {
     assert!(output.status.success() && err.contains("intervals   100 of") && err.contains("passive     yes"), "{err}");
 }
 
+/// What a line allows is not allowed by the next one too, as long as nobody says that it was not drawn.
+#[test]
+fn lines_without_an_answer_allow_nothing_more() {
+    let here = Folder::new().with("a.bond", SPRING);
+    let mut child = here.spawn(&["serve", "a.bond", "--stdio"]);
+    let (mut input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+    let mut lines =
+        BufReader::new(output).lines().map(|l| l.unwrap().split(',').nth(1).unwrap().parse::<f64>().unwrap());
+    let stored = 0.5 * 400.0 * 0.02 * 0.02;
+    assert!((lines.next().unwrap() - stored).abs() < 1e-15);
+    // The clock starts; what comes then waits for an answer.
+    std::io::Write::write_all(&mut input, b"0\n").unwrap();
+    let allowed: Vec<f64> = lines.by_ref().take(20).collect();
+    assert!((allowed[0] - stored).abs() < 1e-15 && allowed[1..].iter().all(|x| *x == 0.0), "{allowed:?}");
+    // Nothing was drawn under them.
+    std::io::Write::write_all(&mut input, &b"0\n".repeat(20)).unwrap();
+    assert!(lines.by_ref().take(1000).any(|x| (x - stored).abs() < 1e-15));
+    drop(input);
+    child.wait().unwrap();
+}
+
 #[test]
 fn what_cannot_be_served_is_told() {
     let here = Folder::new()
@@ -314,6 +335,12 @@ fn what_cannot_be_served_is_told() {
     fails(&["a.bond", "--stdio", "--lockstep"], "0\nx\n", 2, "line 2: `x` is no number");
     fails(&["a.bond", "--stdio", "--lockstep"], "0,0\n", 2, "there are 2 numbers for 1 open port:");
     fails(&["a.bond", "--stdio", "--lockstep"], "nan\n", 2, "no number");
+    fails(
+        &["a.bond", "--stdio", "--lockstep"],
+        "0\n1e300\n0\n",
+        2,
+        "line 2: what has moved or crossed since the start",
+    );
     // A line without end is not kept, and what is shown of a cell is short.
     fails(&["a.bond", "--stdio", "--lockstep"], &"x".repeat(1 << 20), 2, "line 1: it is longer than 128 bytes");
     fails(
