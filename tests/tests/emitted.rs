@@ -559,6 +559,40 @@ model A {
     }
 }
 
+/// What moves is summed from sample to sample, also where intervals end between them.
+#[test]
+fn periods_of_several_intervals_give_the_same_bits() {
+    if !is_there() {
+        return;
+    }
+    let text = "model A {
+  Se:pull = 2 N
+  I:m1 = 1 kg
+  I:m2 { inertia = 2 kg; f0 = 0.3 m/s }
+  R:d1 = 1.5 N*s/m
+  C:link = 2 mm/N
+  sampled every 4 ms hold lagged { C:c1 { e = 300 N/m * q + 5e4 N/m^3 * q^3 } R:b1 = 3 N*s/m 1:s1 -> c1, b1 }
+  sampled every 6 ms { C:c2 { e = 100 N/m * q + 5e4 N/m^3 * q^3 } R:b2 = 3 N*s/m 1:s2 -> c2, b2 }
+  pull -> 1:v1 -> m1, d1
+  1:v2 -> m2
+  v1 -> 0:n -> v2
+  n -> link
+  v1 ||> s1
+  v2 ||> s2
+  probe q = link.q
+  probe e1 = c1.e
+  probe e2 = c2.e
+  simulate { stop = 0.6 s; step = 2 ms; method = gonzalez }
+}";
+    let compiled = with(Options::new(), text);
+    let (u, options) = emit(&compiled, 2e-3).unwrap_or_else(|e| panic!("{e}"));
+    let (rows, wanted) = (emitted(&compiled, &u).c, simulated(&compiled, &u, &options));
+    assert!(rows.len() == wanted.len() && rows.len() > 100, "{} rows", rows.len());
+    for (k, (row, wanted)) in rows.iter().zip(&wanted).enumerate() {
+        assert_eq!(row[..3], wanted[..3], "row {k}");
+    }
+}
+
 /// The matrix of a large linear region is kept between intervals, and made anew where a state is restored.
 #[test]
 fn large_linear_regions_keep_their_matrices() {

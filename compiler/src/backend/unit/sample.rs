@@ -36,7 +36,13 @@ impl Writing<'_> {
         }
         let now = w.get(at);
         w.keep(self.time, now);
-        self.collect(&mut w, |c| self.scene.clusters[c].period.is_none());
+        // An interval may end where no sample is due: what moved goes on to be summed.
+        let dues: Vec<Cond> = order.iter().map(|i| self.due(&mut w, *i)).collect();
+        let any = Cond::any(dues);
+        w = self.when(w, any.clone(), |this, mut w| {
+            this.collect(&mut w, |c| this.scene.clusters[c].period.is_none());
+            Ok(w)
+        })?;
         for &i in &order {
             w = self.when_due(w, i, |this, w| {
                 let mut w = this.settle_interval(w, i)?;
@@ -44,11 +50,11 @@ impl Writing<'_> {
                 Ok(w)
             })?;
         }
-        w = self.foreign(w)?;
+        w = self.when(w, any.clone(), |this, w| this.foreign(w))?;
         for &i in order.iter().rev() {
             w = self.when_due(w, i, |this, w| this.respond(w, i))?;
         }
-        w = self.foreign(w)?;
+        w = self.when(w, any, |this, w| this.foreign(w))?;
         for &i in &order {
             let ratio = self.plan.ratio[i];
             let (count, left) = (self.clusters[i].count, self.clusters[i].left);
