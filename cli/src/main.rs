@@ -24,6 +24,7 @@ mod pending;
 mod plot;
 mod progress;
 mod reduce;
+mod remarks;
 mod report;
 mod rows;
 mod serve;

@@ -70,6 +70,11 @@ pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
         let message = format!("`{found}` begins nothing that a file may hold");
         return Diagnostic::error("syntax::outside", span, message).help(format!("did you mean `{word}`?"));
     }
+    let function = found == "def" && scan.word(range.start + 2) == "(";
+    if let Some(help) = statement::foreign(if function { "function" } else { found }) {
+        let message = format!("`{found}` begins nothing that a file may hold");
+        return Diagnostic::error("syntax::outside", span, message).help(help);
+    }
     if is_misspelt_model(scan, range.start) && found != "model" {
         let message = format!("`{found}` begins nothing that a file may hold");
         let help = format!("a model begins with `model`: `model {} ...`", scan.word(range.start + 1));
@@ -78,6 +83,11 @@ pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
     let message = format!("`{found}` stands outside of any model");
     let help = "a file holds `use` lines, functions `let f(x) = ...` and models; write the statement inside `model Name { ... }`";
     Diagnostic::error("syntax::outside", span, message).help(help)
+}
+
+/// Whether a word begins a statement of other tools, which has a mend.
+pub(crate) fn is_foreign(word: &str) -> bool {
+    statement::foreign(word).is_some()
 }
 
 /// Says why a slice was refused.
@@ -100,6 +110,8 @@ pub(crate) fn refused(scan: &Scan, piece: Piece, range: Range<usize>, refused: R
         Wreck::exponent,
         Wreck::equals,
         Wreck::chain_value,
+        Wreck::list,
+        Wreck::assignment,
         Wreck::positional,
         Wreck::declaration_first,
         Wreck::head,

@@ -187,7 +187,13 @@ impl Recovery<'_, '_> {
         if range.start >= range.end || self.brackets.broken(range.clone()) {
             return;
         }
-        self.reader.errors.push(explain::outside(self.scan, range));
+        // One tells of its whole slice, but that of another tool's words each has a mend of its own.
+        let scan = self.scan;
+        let own = |index: &usize| scan.tokens[*index].first && explain::is_foreign(scan.word(*index));
+        let more: Vec<usize> = (range.start + 1..range.end).filter(own).collect();
+        for start in std::iter::once(range.start).chain(more) {
+            self.reader.errors.push(explain::outside(scan, start..range.end));
+        }
     }
 
     fn statements(&mut self, range: Range<usize>) -> Vec<Statement> {

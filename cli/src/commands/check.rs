@@ -4,6 +4,7 @@ use crate::blame::By;
 use crate::drive;
 use crate::input::{self, Which};
 use crate::output;
+use crate::remarks::remarks;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
@@ -52,7 +53,10 @@ pub fn check(args: &Args) -> Result<(), Stop> {
         let text = Text::new(&name, text);
         match input::options(&args.which, &input::Set::default())?.compile_text(&text) {
             Ok(compiled) => match feasible(&compiled) {
-                Ok(()) => report::say(&fine(&name, &compiled)),
+                Ok(()) => {
+                    report::say(&fine(&name, &compiled));
+                    remarks(&compiled).iter().for_each(|r| report::say(&format!("note: {r}")));
+                }
                 Err(Stop::Placed(placed)) => {
                     tell(args.message_format, &placed.0, std::slice::from_ref(&placed.1))?;
                     status = status.max(1);

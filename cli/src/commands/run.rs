@@ -9,6 +9,7 @@ use crate::input::{self, Set, Which};
 use crate::pending::{Pending, Sink};
 use crate::plot::Plot;
 use crate::progress::Progress;
+use crate::remarks::remarks;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Early, Outcome};
@@ -171,6 +172,7 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     }
     let compiled = compile(args, options)?;
     unused(&args.how, compiled.used())?;
+    remarks(&compiled).iter().for_each(|r| report::say(&format!("note: {r}")));
     let by = By::Text(&compiled).unless(!args.set.set.is_empty());
     simulate(compiled.scene(), &compiled.stages().model.settings, &args.how, by)
 }

@@ -286,6 +286,49 @@ impl Wreck<'_> {
         Some(self.error("syntax::statement", self.at, message).help(help))
     }
 
+    /// `port a, b`, `let a = 1, b = 2`.
+    pub(super) fn list(&self) -> Option<Diagnostic> {
+        let first = self.word(self.range.start);
+        let one_by_one = matches!(first, "let" | "probe" | "input" | "state" | "port");
+        let apart = self.piece == Piece::Statement && self.word(self.at) == "," && self.open_bracket().is_none();
+        (apart && one_by_one).then(|| {
+            let next = self.word(self.at + 1);
+            let value = if self.word(self.at + 2) == "=" { " = ..." } else { "" };
+            let error = self.error("syntax::statement", self.at, format!("a `{first}` has one name"));
+            error.help(format!("write a `{first}` for each: `{first} {next}{value}`"))
+        })
+    }
+
+    /// `spring.q0 = 0.1 m`, `der(x) = -x`, `initial { ... }`.
+    pub(super) fn assignment(&self) -> Option<Diagnostic> {
+        let (start, word) = (self.range.start, self.word(self.range.start));
+        if self.piece != Piece::Statement || STATEMENTS.contains(&word) || self.scan.starts_element(start) {
+            return None;
+        }
+        let last = self.before();
+        if self.word(self.at) == "=" && self.kind(last) == Some(Kind::Word) && self.word(last - 1) == "." {
+            let path = self.scan.slice(self.scan.span_of(start).to(self.scan.span_of(last)));
+            let field = self.word(last);
+            let help = match OWN.contains(&field) {
+                true => format!("it stands with its element, in braces: `KIND:name {{ ...; {field} = ... }}`"),
+                false => format!("what is computed is named by `let name = ...`, and shown by `probe name = {path}`"),
+            };
+            return Some(
+                self.error("syntax::statement", self.at, format!("`{path}` is given no value here")).help(help),
+            );
+        }
+        if self.word(self.at) == "=" && matches!(word, "der" | "d" | "dt") && self.word(start + 1) == "(" {
+            let name = self.word(start + 2);
+            let help = format!("write `state {name} = start {{ d{name} = ... }}`");
+            return Some(self.error("syntax::statement", start, "an equation is no statement").help(help));
+        }
+        if self.word(self.at) == "{" && matches!(word, "initial" | "init" | "start") {
+            let help = "a start stands with its element: `C:spring { stiffness = 100 N/m; q0 = 0.1 m }`";
+            return Some(self.error("syntax::statement", start, format!("`{word}` begins no statement")).help(help));
+        }
+        None
+    }
+
     /// `prob x = 1`, and whatever begins no statement.
     pub(super) fn misspelt(&self) -> Option<Diagnostic> {
         let start = self.range.start;
@@ -310,6 +353,10 @@ impl Wreck<'_> {
                 let error = self.error("syntax::statement", start, format!("`{word}` begins no statement"));
                 return Some(error.help(format!("did you mean `{right}`?")));
             }
+            if let Some(help) = foreign(word) {
+                let error = self.error("syntax::statement", start, format!("`{word}` begins no statement"));
+                return Some(error.help(help));
+            }
         }
         let names = self.kind(start + 1) == Some(Kind::Word) && self.kind(start) == Some(Kind::Word);
         (self.at == start || names || self.word(self.at).is_empty()).then(|| {
@@ -319,6 +366,26 @@ impl Wreck<'_> {
             self.error("syntax::statement", start, message).help(help)
         })
     }
+}
+
+/// What is written for a word of another tool that begins a statement there.
+pub(super) fn foreign(word: &str) -> Option<&'static str> {
+    Some(match word {
+        "param" | "params" | "parameter" | "parameters" | "const" | "constant" => {
+            "a parameter stands in the head of its model, `model Name(k = 100 N/m)`; what is computed is `let name = ...`"
+        }
+        "var" | "variable" | "real" | "Real" | "signal" | "def" | "define" => "write `let name = ...`",
+        "function" | "func" | "fn" | "fun" => "a function is written `let f(x) = ...`",
+        "output" | "out" | "plot" | "print" | "scope" | "measure" | "display" | "log" => {
+            "what is to be seen is `probe name = ...`"
+        }
+        "assert" | "check" | "test" => "write `expect x at 5 s = 0.005 m within 1e-6 m`",
+        "when" | "event" => "a choice is `if ... then ... else ...` in a value; switches are met as they happen",
+        "import" | "include" | "using" | "require" | "from" => "write `use std.mechanics` above the models",
+        "connect" | "bond" | "wire" => "a bond is written `a -> b`",
+        "while" | "foreach" => "write `for i in 1..n { ... }`",
+        _ => return None,
+    })
 }
 
 /// A word that is spelt like the kind of an element.

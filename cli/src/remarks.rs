@@ -1,0 +1,45 @@
+//! What a model says that nobody may have meant, though it means something.
+
+use bond::Compiled;
+use bond_compiler::model::{Kind, Model};
+use bond_compiler::structure::{ColumnId, Form, Region};
+
+/// A note for each: storages that a detector holds at rest, and pieces that nothing gives power.
+pub fn remarks(compiled: &Compiled) -> Vec<String> {
+    let stages = compiled.stages();
+    let (model, form) = (&stages.model, &stages.form);
+    form.regions.iter().flat_map(|r| held(model, form, r).into_iter().chain(loose(form, r))).collect()
+}
+
+/// Storages that follow detectors alone: an ideal voltmeter in series, an ideal ammeter across.
+fn held(model: &Model, form: &Form, r: &Region) -> Vec<String> {
+    let kind = |c: ColumnId| model.element(form.column(c).element).kind;
+    let name = |c: ColumnId| form.column(c).name.as_str();
+    r.following
+        .iter()
+        .filter(|f| f.sources.iter().all(|s| matches!(kind(*s), Kind::De | Kind::Df)))
+        .filter_map(|f| {
+            let detector = *f.sources.first()?;
+            let (what, junction, kind) = match kind(detector) {
+                Kind::De => ("flow", '0', "De"),
+                _ => ("effort", '1', "Df"),
+            };
+            Some(format!(
+                "the detector `{}` holds the {what} of `{}` at 0: a {kind} stands on a {junction}-junction, where it changes nothing",
+                name(detector),
+                name(f.column)
+            ))
+        })
+        .collect()
+}
+
+/// A piece without storage, source, port and double bar.
+fn loose(form: &Form, r: &Region) -> Option<String> {
+    let dead = r.states.is_empty() && r.inputs.is_empty() && r.following.is_empty();
+    let first = r.resistors.first().filter(|_| dead)?.0;
+    // A law may give power by itself, or read what gives it.
+    let plain = r.resistors.iter().all(|(c, _)| r.gains.contains_key(c));
+    let name = &form.column(first).name;
+    plain
+        .then(|| format!("nothing gives power to `{name}`: it is joined to no source, storage or port, and stays at 0"))
+}
