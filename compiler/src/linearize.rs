@@ -40,6 +40,16 @@ impl Linearized {
 /// Derivatives by what is varied, sorted.
 type Row = std::collections::BTreeMap<usize, f64>;
 
+/// A row of derivatives of what is named.
+fn finite(row: Row, name: &str) -> Result<Row, String> {
+    if row.values().all(|k| k.is_finite()) {
+        return Ok(row);
+    }
+    Err(format!(
+        "`{name}` has no finite slope there, as a root at 0 has none: linearize elsewhere, by `--at` or other starts"
+    ))
+}
+
 /// Linearizes what is continuous at a time and at values of the states (energy and signal states by name, then
 /// integrals). What is given from outside is at its default.
 ///
@@ -119,12 +129,12 @@ pub fn linearize(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
             }
         }
     };
-    for (i, (_, _, e)) in point.states.iter().enumerate() {
-        let row = total(&mut model.pool, &rows, *e, &|_| false);
+    for (i, (name, _, e)) in point.states.iter().enumerate() {
+        let row = finite(total(&mut model.pool, &rows, *e, &|_| false), name)?;
         fill(&mut result.a, &mut result.b, i, row);
     }
     for (i, e) in probes.iter().enumerate() {
-        let row = total(&mut model.pool, &rows, *e, &|_| false);
+        let row = finite(total(&mut model.pool, &rows, *e, &|_| false), &model.probes[i].name)?;
         fill(&mut result.c, &mut result.d, i, row);
     }
     result.outputs = model.probes.iter().map(|p| p.name.clone()).collect();

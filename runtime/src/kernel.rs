@@ -112,7 +112,7 @@ impl Workspace {
 /// Where nothing changed, the iteration never began: the equations have no finite value there.
 fn unsettled(iterations: u32, change: f64) -> String {
     if change == 0.0 {
-        return "the equations have no finite value where the iteration starts: a number is too large for them, or undefined"
+        return "the equations have no finite value where the iteration starts: a number is too large for them, or undefined, as by a ratio of 0 or the root of what is below 0"
             .into();
     }
     format!("no convergence after {iterations} iterations, of which the last changed an unknown by {change:.2e}")

@@ -129,3 +129,11 @@ fn a_balanced_loop() {
     assert_eq!(l.d.len(), 1, "{l:?}");
     assert!((l.d[(0, 0)] - 0.25).abs() < 1e-14, "{l:?}");
 }
+
+/// A root at 0: no number is its slope.
+#[test]
+fn an_infinite_slope_is_told() {
+    let compiled = text("model M { C:tank = 1 m^3/Pa  R:hole { f = 1 m^3/(s*Pa^(1/2)) * sqrt(e) }  tank -> hole }");
+    let told = compiled.linearize(0.0, &|_| None);
+    assert!(told.as_ref().is_err_and(|e| e.starts_with("`tank.q` has no finite slope there")), "{told:?}");
+}

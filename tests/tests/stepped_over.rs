@@ -1,6 +1,7 @@
 //! What fitted steps must not step over: sources that swing while nothing moves, known times after laws that go to and
 //! fro, what is far too fast at the start, and what is small beside stored heat.
 
+use crate::common::{advance, close, finish, probe, start, with};
 use bond::{Compiled, Options, Steps};
 use bond_compiler::discretise::Accuracy;
 
@@ -499,6 +500,73 @@ fn loops_that_start_at_nothing() {
      }";
     let (warm, _) = at(&compiled(heats, None, None), None, "warm", 1e-3);
     assert!(warm.is_finite() && warm > 299.0, "{warm}");
+}
+
+/// The same by methods that ring: the current may end beyond what the diode lets through, where it has no voltage. Rows
+/// show what half a step more leaves; while it conducts, what its law says; and the current alone asks for
+/// none of it.
+#[test]
+fn rows_beyond_a_diode() {
+    let text = "model HalfWave {
+      Se:mains = 10 V * sin(2*pi*50 Hz * t)
+      R:diode { f = 1e-12 A * (exp(e/(25 mV)) - 1) }
+      I:coil = 50 mH
+      R:load = 10 Ohm
+      mains -> 1:mesh -> diode, coil, load
+      probe i = mesh.f
+    }";
+    let shown = text.replace("probe i = mesh.f", "probe i = mesh.f  probe u = diode.e");
+    for method in ["gonzalez", "collocation4", "collocation8"] {
+        for steps in [Steps::new(), Steps::fixed(1e-5), Steps::fixed(1e-4)] {
+            let compiled = with(Options::new().method(method), text);
+            let mut sim = start(&compiled, steps);
+            finish(&mut sim, 0.1);
+            assert!(sim.summary().passive, "{method}: {:?}", sim.summary().reasons);
+
+            let compiled = with(Options::new().method(method), &shown);
+            let mut sim = start(&compiled, steps);
+            for k in 1..=100 {
+                let t = 1e-3 * f64::from(k);
+                advance(&mut sim, t);
+                let (i, u) = (probe(&mut sim, "i"), probe(&mut sim, "u"));
+                let mains = 10.0 * (100.0 * std::f64::consts::PI * t).sin();
+                if i > 0.01 {
+                    close(u, 0.025 * (1.0 + i / 1e-12).ln(), 1e-4, &format!("{method}, conducting at {t}"));
+                }
+                // What rings is off by no more than the mains.
+                assert!((u - mains.min(0.0)).abs() < 10.0, "{method} at {t}: {u} V, mains {mains} V");
+            }
+        }
+    }
+}
+
+/// Rows within fixed steps that are far too long: what is stored stays, and no temperature comes to 0 or to anything.
+#[test]
+fn rows_within_long_steps() {
+    let text = "model Two {
+      C:a { H = 100 J/K * 300 K * exp(q/(100 J/K)); q0 = 50 J/K }
+      C:b { H = 1 J/K * 300 K * exp(q/(1 J/K)); q0 = -1 J/K }
+      R(h, k):w { h.f = 5 W/K * (h.e - k.e)/h.e; k.f = 5 W/K * (k.e - h.e)/k.e }
+      0:na -> a, w.h
+      0:nb -> b, w.k
+      probe Ta = na.e
+      probe Tb = nb.e
+      probe H = a.H + b.H
+    }";
+    for method in ["collocation4", "collocation6", "collocation8"] {
+        for step in [3e3, 7e3, 3e4, 5e4] {
+            let compiled = with(Options::new().method(method), text);
+            let mut sim = start(&compiled, Steps::fixed(step));
+            let stored = probe(&mut sim, "H");
+            for k in 1..=500 {
+                advance(&mut sim, 0.1 * step * f64::from(k));
+                let [a, b, h] = ["Ta", "Tb", "H"].map(|name| probe(&mut sim, name));
+                assert!(a > 1.0 && b > 1.0 && a < 1e5 && b < 1e5, "{method} {step} {k}: {a} K, {b} K");
+                close(h / stored, 1.0, 1e-12, &format!("{method} {step} {k}"));
+            }
+            assert!(sim.summary().passive, "{method} {step}: {:?}", sim.summary().reasons);
+        }
+    }
 }
 
 /// What a coil asks of a diode that blocks, and a spring of a slider: nothing but the states decides it, and the law has

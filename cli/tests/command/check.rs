@@ -8,6 +8,25 @@ fn good_models_are_counted() {
     here.fed(&["check", "-"], OSCILLATOR).is(0, &[], &["ok: <stdin>"]);
 }
 
+/// What means something that nobody may have meant is said, and no error.
+#[test]
+fn notes_are_made() {
+    let volt =
+        "model A { Se:F = 10 N; I:m = 1 kg; De:gauge; F -> 1:v -> m, gauge; probe x = v.f; simulate { stop = 1 s } }";
+    let here = Folder::new()
+        .with("a.bond", volt)
+        .with("b.bond", "model B { Sf:i = 1 A; C:c = 1 F; Df:meter; i -> 0:n -> c, meter }")
+        .with("c.bond", "model Loose { Se:u = 10 V; R:r = 1 Ohm; R:q = 2 Ohm; u -> 1:j -> r; 1:k -> q }");
+    let a = "note: the detector `gauge` holds the flow of `m` at 0: a De stands on a 0-junction";
+    here.bond(&["check", "a.bond"]).is(0, &[], &["ok: a.bond", a]);
+    here.bond(&["run", "a.bond"]).is(0, &[], &[a]);
+    let b = "note: the detector `meter` holds the effort of `c` at 0: a Df stands on a 1-junction";
+    here.bond(&["check", "b.bond"]).is(0, &[], &[b]);
+    here.bond(&["check", "c.bond"]).is(0, &[], &["note: nothing gives power to `q`"]);
+    let done = here.with("d.bond", OSCILLATOR).bond(&["check", "d.bond"]).is(0, &[], &["ok: d.bond"]);
+    assert!(!done.err.contains("note"), "{}", done.err);
+}
+
 #[test]
 fn all_errors_of_all_files_come_out() {
     let here = Folder::new().with("a.bond", WRONG).with("b.bond", "model B { I:m = }").with("c.bond", OSCILLATOR);

@@ -24,7 +24,9 @@ pub(super) fn text(shown: &mut Shown<'_>, what: What) -> String {
             let mut all = object! { "model": shown.model.name, "docs": shown.model.docs };
             all.insert("graph".into(), graph(shown));
             all.insert("causality".into(), strokes(shown));
-            all.insert("regions".into(), regions(shown)["regions"].take());
+            if let Value::Object(regions) = regions(shown) {
+                all.extend(regions);
+            }
             all.insert("phs".into(), forms(shown));
             all.insert("probes".into(), probes(shown));
             all.insert("programs".into(), programs(shown)["programs"].take());
