@@ -758,3 +758,44 @@ fn a_long_run_of_short_steps_goes_on() {
     advance(&mut sim, 10.0);
     assert!(sim.summary().regions[0].steps > 100_000);
 }
+
+/// A leg of a converter as a transformer whose ratio switches: its edges are met, by time and by what a computer holds.
+#[test]
+fn switching_ratios_are_met() {
+    // i' = (u - R i)/L with u = +-50 V: exactly, from edge to edge of a triangle from -1 to 1 at 10 kHz.
+    let (mut i, mut t) = (0.0f64, 0.0f64);
+    let (period, tau) = (1e-4, 1e-3);
+    let mut go = |until: f64, u: f64| {
+        i = u + (i - u) * (-(until - t) / tau).exp();
+        t = until;
+    };
+    for k in 0..100 {
+        // Below 0.3 until it has risen to that, and again once it has come back.
+        let rise = period * (0.25 + 0.25 * 0.3);
+        let begin = f64::from(k) * period;
+        go(begin + rise, 50.0);
+        go(begin + period - rise, -50.0);
+        go(begin + period, 50.0);
+    }
+    let duty = ["let duty = 0.3", "sampled every 100 us { state held = 0.3 { next = held } } let duty = held"];
+    for duty in duty {
+        let compiled = text(&format!(
+            "model Leg {{
+              {duty}
+              let tri = asin(sin(2*pi*10 kHz * t - pi/2))*2/pi
+              Se:dc = 100 V
+              TF:leg = 1/(if duty > tri then 0.5 else -0.5)
+              R:r = 1 Ohm
+              I:l = 1 mH
+              dc -> leg -> 1:j -> r, l
+              probe i = l.f
+            }}"
+        ));
+        for tolerance in [1e-6, 1e-8] {
+            let mut sim = start(&compiled, Steps::tolerance(tolerance));
+            finish(&mut sim, 0.01);
+            close(probe(&mut sim, "i"), i, 30.0 * tolerance.max(1e-6), duty);
+            assert!(sim.summary().regions[0].events >= 199, "{duty}: {:?}", sim.summary().regions[0].events);
+        }
+    }
+}

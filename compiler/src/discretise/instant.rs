@@ -1,12 +1,13 @@
 //! Observation: what signals are at one instant, from the states and what comes in.
 
-use super::cluster::{self, Cluster, missing, verified};
-use super::stiff;
+use super::choice;
+use super::cluster::{self, Cluster, State, missing, verified};
+use super::stiff::{self, Switch};
 use super::write::{self, System};
 use super::{Method, measure};
 use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
 use crate::model::Model;
-use crate::structure::{Form, Output};
+use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Program, Slot, Unary, Value};
 use bond_runtime::scene::Guards;
@@ -43,11 +44,12 @@ pub(super) enum Switched {
     Free,
     /// What the step found at its end, to [`HOLD`] of the law's slope at rest.
     AtEnd,
-    /// What the step found in its middle, as half a step more by the backward Euler method leaves it: for a current
-    /// `i` of a coil that a diode stops, `g(u) + k (u - u_middle) = i` with `k = h / (2 L)`. A midpoint rule does not
-    /// damp what is stiff, so that `i` may end where the law has no voltage for it. Where the law is steep beside `k`,
-    /// as that of a diode that conducts, it tells `u` by itself, and `k^2 / (k + g'(u_middle))` stands for `k`.
-    Midway,
+    /// Where the law has an end, what the step found in its middle, as half a step more by the backward Euler method
+    /// leaves it: for a current `i` of a coil that a diode stops, `g(u) + k (u - u_middle) = i` with `k = h / (2 L)`. A
+    /// midpoint rule does not damp what is stiff, so that `i` may end where the law has no voltage for it. Where the law
+    /// is steep beside `k`, as that of a diode that conducts, it tells `u` by itself, and `k^2 / (k + g'(u_middle))`
+    /// stands for `k`. `h` is that of the last step; where it is not known, or 0, that of a long one.
+    Midway { last: Option<Value> },
 }
 
 /// Solves the loops at one instant, those that `wanted` depends on or all, and gives all outputs' expressions.
@@ -75,19 +77,22 @@ pub(super) fn outputs(
     // from an instant: the force that holds a body at rest follows from the whole step. It stays near what the step
     // found.
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
-    let midway = pull.switches == Switched::Midway;
+    let midway = matches!(pull.switches, Switched::Midway { .. });
     let switches = match pull.switches {
         Switched::Free => vec![None; c.loops.len()],
-        Switched::AtEnd => stiff::switches(c, model, form).into_iter().map(|slope| Some(HOLD * slope?)).collect(),
-        Switched::Midway => {
+        Switched::AtEnd => stiff::switches(c, model, form).into_iter().map(|s| Some(HOLD * s?.rest)).collect(),
+        Switched::Midway { .. } => {
             let all = stiff::switches(c, model, form);
             let nodes: Vec<_> = c.loop_nodes().into_iter().map(|n| n.resistor()).collect();
-            let turn = |(slope, column): (Option<f64>, Option<_>)| {
-                c.half_step(model, form, column.filter(|_| slope.is_some())?)
-            };
-            all.into_iter().zip(nodes).map(turn).collect()
+            let ends = |(s, column): (Option<Switch>, Option<ColumnId>)| column.filter(|_| s.is_some_and(|s| s.ends));
+            all.into_iter().zip(nodes).map(|s| c.stiffness_at_start(model, form, ends(s)?)).collect()
         }
     };
+    let last = match pull.switches {
+        Switched::Midway { last } => last,
+        Switched::Free | Switched::AtEnd => None,
+    };
+    let mut half: Option<Expr> = None;
     for ((((r, z), n), guess), switch) in
         residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches)
     {
@@ -107,12 +112,18 @@ pub(super) fn outputs(
             let (s, before) = (model.pool.var(*z), model.pool.var(held));
             let mut little = model.pool.float(pull);
             if switch.is_some() && midway {
+                let half = half.get_or_insert_with(|| half_step(c, model, b, lowering, last));
+                little = model.pool.mul(little, *half);
                 let slope = model.pool.derivative(*r, *z);
                 let slope = model.pool.substitute(slope, &FxHashMap::from_iter([(*z, before)]));
                 let slope = model.pool.unary(Unary::Abs, slope);
                 let whole = model.pool.add(little, slope);
                 let square = model.pool.powi(little, 2);
-                little = model.pool.div(square, whole);
+                let less = model.pool.div(square, whole);
+                // By a slope that is infinite, or none, the law tells all.
+                let (most, zero) = (model.pool.float(f64::MAX), model.pool.int(0));
+                let told = model.pool.binary(Binary::Le, whole, most);
+                little = model.pool.select(told, less, zero);
             }
             let off = model.pool.sub(s, before);
             let pull = model.pool.mul(little, off);
@@ -136,6 +147,19 @@ pub(super) fn outputs(
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
+}
+
+/// Half the length of the last step, of a long one where that is 0.
+fn half_step(c: &Cluster, model: &mut Model, b: &mut Builder, lowering: &mut Lowering, last: Option<Value>) -> Expr {
+    let long = 0.5 * c.start(model).step;
+    let Some(last) = last else { return model.pool.float(long) };
+    let (half, zero, long) = (b.number(0.5), b.number(0.0), b.number(long));
+    let known = b.binary(Binary::Lt, zero, last);
+    let last = b.mul(half, last);
+    let last = b.select(known, last, long);
+    let symbol = model.pool.symbol("half the last step");
+    lowering.bind(symbol, last);
+    model.pool.var(symbol)
 }
 
 /// Those of a list that are needed.
@@ -254,8 +278,10 @@ pub(super) fn guards(
     let residuals: Vec<Expr> =
         c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
     roots.extend(flat.values().chain(&residuals).copied());
-    let signals = c.states.iter().filter(|s| s.column.is_none()).map(|s| s.rate);
-    for rate in signals.chain(c.integrals.iter().map(|i| i.rate)) {
+    // What storages are given is a sum of all that, with ratios of transformers and gyrators in it, which may switch too.
+    let ratio = |s: &&State| s.column.is_none() || model.pool.any_node(s.rate, &choice::is_kink);
+    let rates: Vec<Expr> = c.states.iter().filter(ratio).map(|s| s.rate).collect();
+    for rate in rates.into_iter().chain(c.integrals.iter().map(|i| i.rate)) {
         roots.push(model.pool.substitute(rate, &flat));
     }
     roots.sort_unstable();
@@ -263,6 +289,8 @@ pub(super) fn guards(
     let mut found: Vec<Expr> = Vec::new();
     let mut switches: Vec<(Expr, Expr)> = Vec::new();
     let given = c.inputs.iter().map(|i| i.1).chain(c.time);
+    // Signals of samples stay until the next one, where a step ends in any case.
+    let given = given.chain(c.foreign.iter().copied());
     let mut told: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(given).collect();
     let loops: &[Symbol] = if c.loops.len() <= LOOPS { &c.loops } else { &[] };
     told.extend(loops);
@@ -361,7 +389,24 @@ pub(super) fn write(
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     // The last stage of this one stands at the end of the step: what it found is the answer there.
-    let switches = if stepper == Method::Radau.name() { Switched::AtEnd } else { Switched::Midway };
+    let switches = match stepper {
+        _ if stepper == Method::Radau.name() => Switched::AtEnd,
+        _ if !c.recalls || c.memory == 0 => Switched::Midway { last: None },
+        _ => {
+            // Last of what is kept is the last step's length, or one over it.
+            let kept = b.slots(Array::State, c.memory).index as usize + c.memory - 1;
+            let kept = b.load(Slot::new(Array::State, kept));
+            let last = match stepper == Method::Gonzalez.name() {
+                true => {
+                    let (zero, one) = (b.number(0.0), b.number(1.0));
+                    let (known, length) = (b.binary(Binary::Lt, zero, kept), b.div(one, kept));
+                    b.select(known, length, zero)
+                }
+                false => kept,
+            };
+            Switched::Midway { last: Some(last) }
+        }
+    };
     let pull = Pull { curves: HOLD, switches };
     let mut list: Vec<(String, Expr)> = Vec::new();
     for s in shows {

@@ -39,10 +39,16 @@ fn loop_weights(c: &Cluster, model: &mut Model, form: &Form, h: Expr) -> Vec<Exp
             list.push(model.pool.mul(h, weight));
             continue;
         }
-        let Some((slope, forward)) = slope(model, form, &flat, node) else {
+        let Some((mut slope, forward)) = slope(model, form, &flat, node) else {
             list.push(model.pool.int(0));
             continue;
         };
+        // Far below an exponential's knee its slope says nothing of what the unknown may come to cost.
+        if let Some(least) = slope_at_knee(model, form, node) {
+            let size = model.pool.unary(Unary::Abs, slope);
+            let least = model.pool.float(least);
+            slope = model.pool.binary(Binary::Max, size, least);
+        }
         let w = if forward { model.pool.div(h, slope) } else { model.pool.mul(h, slope) };
         list.push(model.pool.unary(Unary::Abs, w));
     }
@@ -369,8 +375,8 @@ pub(super) fn scales(
         let rest = slope_at_rest(model, form, column, &start);
         let slope = match switch.filter(|_| !forward) {
             // Where a law all but blocks, its slope tells nothing of what it gives: the storages do.
-            Some(rest) => {
-                let rest = b.number(rest);
+            Some(switch) => {
+                let rest = b.number(switch.rest);
                 b.binary(Binary::Max, slope, rest)
             }
             None => cautious(b, slope, rest, forward),
@@ -406,6 +412,20 @@ fn slope_at_rest(model: &mut Model, form: &Form, column: ColumnId, start: &Start
     let slope = model.pool.derivative(output, argument);
     // What is not known counts as 0: the argument.
     Some(start.eval(&model.pool, slope).abs()).filter(|k| k.is_finite())
+}
+
+/// The slope at its knee of a law with an exponential that is run backwards; the least of two.
+fn slope_at_knee(model: &mut Model, form: &Form, node: &Node) -> Option<f64> {
+    let Output::Implicit { bends: Some(bends), .. } = node.how else { return None };
+    let Law::Resistor(law) = &model.element(form.column(node.resistor()?).element).law else { return None };
+    let (argument, output) = (law.argument, law.output);
+    if model.pool.symbols(output).iter().any(|s| *s != argument) {
+        return None;
+    }
+    let slope = model.pool.derivative(output, argument);
+    let at = |(knee, _): (f64, f64)| model.pool.eval(slope, &|_| knee).abs();
+    let least = bends.above.into_iter().chain(bends.below).map(at).fold(f64::INFINITY, f64::min);
+    (least > 0.0 && least.is_finite()).then_some(least)
 }
 
 /// The slope of a law that is not linear, for sizes: that where it starts, which may be far from what it will be. Too

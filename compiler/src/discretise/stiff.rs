@@ -17,6 +17,8 @@ const SWITCH: f64 = 1e-3;
 /// Where what is solved for has at least this part of its slope at rest, whatever it comes to, the rest of the network
 /// holds it, as a resistor in series with a diode does.
 const HELD: f64 = 0.1;
+/// A law ends where its slope is less than this part of that at rest.
+const END: f64 = 1e-12;
 /// Where slopes are looked at, on both sides of rest: powers of ten, in SI units.
 const DECADES: std::ops::RangeInclusive<i32> = -6..=6;
 
@@ -39,9 +41,17 @@ impl Start {
     }
 }
 
-/// Laws that are all but switches among those that loops are solved for, by loop: the slope at rest of what is solved for
-/// each.
-pub(super) fn switches(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Option<f64>> {
+/// A law that is all but a switch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Switch {
+    /// The slope at rest of what is solved for it.
+    pub(super) rest: f64,
+    /// Whether the law comes to an end, as that of a diode without a leak: beyond, it has nothing for what it is asked.
+    pub(super) ends: bool,
+}
+
+/// Laws that are all but switches among those that loops are solved for, by loop.
+pub(super) fn switches(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Option<Switch>> {
     if c.loops.len() > LARGEST {
         return vec![None; c.loops.len()];
     }
@@ -74,8 +84,9 @@ pub(super) fn is_switched(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     switches(c, model, form).iter().any(Option::is_some) || opens(c, model, form)
 }
 
-/// The slope at rest, where a slope is less elsewhere, and differs by orders of magnitude; the choices made either way.
-fn falls(pool: &Pool, slopes: [Expr; 2], z: Symbol, start: &Start) -> Option<f64> {
+/// A switch, where a slope is less elsewhere than at rest, and differs by orders of magnitude; the choices made either
+/// way.
+fn falls(pool: &Pool, slopes: [Expr; 2], z: Symbol, start: &Start) -> Option<Switch> {
     let at = |x: f64| slopes.map(|slope| start.size(pool, slope, (z, x)));
     let rest = [at(1e-6), at(-1e-6)].as_flattened().iter().copied().fold(0.0, f64::max);
     if !(rest > 0.0 && rest.is_finite()) {
@@ -83,7 +94,7 @@ fn falls(pool: &Pool, slopes: [Expr; 2], z: Symbol, start: &Start) -> Option<f64
     }
     let all = DECADES.flat_map(|k| [1.0, -1.0].map(|side| at(side * 10f64.powi(k))));
     let (least, most) = all.flatten().fold((f64::INFINITY, 0.0f64), |(least, most), x| (least.min(x), most.max(x)));
-    (least < HELD * rest && least < SWITCH * most).then_some(rest)
+    (least < HELD * rest && least < SWITCH * most).then_some(Switch { rest, ends: least < END * rest })
 }
 
 /// Whether what a linear resistor gives for a state changes by orders of magnitude, as that of a contact that opens.

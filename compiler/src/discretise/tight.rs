@@ -85,13 +85,12 @@ impl Cluster {
         (!terms.is_empty()).then(|| model.pool.sum(&terms))
     }
 
-    /// What storages change of that which they give a resistor in half a step, by what it gives; None where they have
-    /// none of it at the start.
-    pub(super) fn half_step(&self, model: &mut Model, form: &Form, column: ColumnId) -> Option<f64> {
+    /// What storages change of that which they give a resistor, in a second and by what it gives, at the start; None
+    /// where they have none of it.
+    pub(super) fn stiffness_at_start(&self, model: &mut Model, form: &Form, column: ColumnId) -> Option<f64> {
         let stiffness = self.stiffness(model, &form.column(column).row)?;
         let start = self.start(model);
-        let half = 0.5 * start.step * start.eval(&model.pool, stiffness);
-        (half > 0.0 && half.is_finite()).then_some(half)
+        Some(start.eval(&model.pool, stiffness)).filter(|k| *k > 0.0 && k.is_finite())
     }
 }
 
