@@ -177,3 +177,19 @@ fn beyond_its_reach_a_law_stops_the_run() {
     let told = sim.finish(100.0).err().map(|e| e.to_string());
     assert!(told.is_some_and(|e| e.contains("no finite value")), "stopped by something else");
 }
+
+/// A body of any heat capacity has a least energy, at 0 K, however far below that is; a well without a ground has none.
+#[test]
+fn energies_that_level_off_have_a_least() {
+    let passive = |law: &str| {
+        let compiled =
+            crate::common::text(&format!("model M {{ C:c {law} R:r = 1 Ohm c -> r simulate {{ stop = 1 s }} }}"));
+        let summary = crate::common::run(&compiled).unwrap_or_else(|e| panic!("{law}: {e}"));
+        !summary.reasons.iter().any(|why| why.contains("no lower bound"))
+    };
+    for capacity in ["1e-3", "1", "2e3", "2e6", "1e9"] {
+        assert!(passive(&format!("{{ e = 3 V * exp(q/({capacity} C)) }}")), "{capacity}");
+    }
+    assert!(!passive("{ H = -1 V^2*F * log(1 + (q/1 C)^2); q0 = 1 C }"));
+    assert!(!passive("{ e = 1 V/C * q - 1e-6 V/C^3 * q^3; q0 = 1 C }"));
+}

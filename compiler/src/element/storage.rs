@@ -209,8 +209,11 @@ impl<'a> Elaborator<'a> {
             return false;
         }
         let near = least(&[0.0, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3]);
-        let far = least(&[1e-30, 1e-12, 1e-8, 1e5, 1e8, 1e12, 1e30]);
-        near > f64::NEG_INFINITY && far >= near - 1e3 * (1.0 + near.abs())
+        let (small, far, farther) = (least(&[1e-30, 1e-12, 1e-8]), least(&[1e5, 1e8, 1e12]), least(&[1e30]));
+        let deepest = near - 1e3 * (1.0 + near.abs());
+        // What is far below may be all there is, as the heat of a body of 1 GJ/K at 0 K.
+        let levels_off = farther > f64::NEG_INFINITY && farther >= far - 1e-9 * far.abs();
+        near > f64::NEG_INFINITY && small >= deepest && (levels_off || far.min(farther) >= deepest)
     }
 
     /// The state at which the co-energy variable has a value.
