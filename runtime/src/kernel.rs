@@ -143,7 +143,7 @@ pub enum Failure {
     #[error("the energy of the step does not balance")]
     Balance,
     /// A number in the new state is infinite or NaN.
-    #[error("a number that it gives is infinite or undefined")]
+    #[error("a number that it gives is infinite or undefined, as by a ratio of 0 or the root of what is below 0")]
     NotFinite {
         /// The first such slot.
         slot: Slot,

@@ -439,3 +439,25 @@ fn what_gives_little_beside_heat_is_seen() {
         assert!(passive || summary.reasons[0].contains("J in all"), "{law}: {:?}", summary.reasons);
     }
 }
+
+/// A coil that saturates, behind a diode: far below the knee, where a step begins, the diode's voltage has no weight, and
+/// is not left anywhere for that.
+#[test]
+fn a_diode_that_opens_late_balances() {
+    let compiled = crate::common::text(
+        "use std.electrical
+        model Pulse {
+          SineVoltage:u(amplitude = 12 V, frequency = 50 Hz)
+          Diode:d
+          SaturatingInductor:L
+          Capacitor:c(C = 100 uF)
+          R:load = 100 Ohm
+          u.out -> 1:i -> d.p, L.p
+          i -> 0:o -> c.p, load
+          simulate { stop = 0.1 s }
+        }",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 0.1);
+    assert!(sim.summary().passive, "{:?}", sim.summary().reasons);
+}

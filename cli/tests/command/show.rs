@@ -17,6 +17,11 @@ fn all_parts_are_shown_in_the_formats_that_have_them() {
     let done = here.bond(&["show", "a.bond", "phs", "--as", "json"]).is(0, &[], &[]);
     let json: serde_json::Value = serde_json::from_str(&done.out).unwrap();
     assert_eq!(json["regions"][0]["states"].as_array().unwrap().len(), 2);
+    // All of it has what each part has.
+    let held = "model Held { I:m = 1 kg; 1:v -> m; sampled at 1 kHz { C:k = 1 m/N } v ||> k }";
+    let done = here.with("b.bond", held).bond(&["show", "b.bond", "--as", "json"]).is(0, &[], &[]);
+    let json: serde_json::Value = serde_json::from_str(&done.out).unwrap();
+    assert_eq!((json["bars"].as_array().unwrap().len(), json["regions"].as_array().unwrap().len()), (1, 2));
 }
 
 #[test]

@@ -101,6 +101,15 @@ pub(super) struct Integral {
     pub(super) start: f64,
 }
 
+/// How a stepper keeps the length of its last step, last of all that it keeps; 0 where there is none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Recall {
+    /// As it is.
+    Length,
+    /// One over it.
+    Rate,
+}
+
 /// Regions that step as one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cluster {
@@ -134,7 +143,7 @@ pub(super) struct Cluster {
     /// What those are at the start; 0 where it is not said.
     pub(super) kept: Vec<f64>,
     /// Whether an iteration starts by them alone, and from nothing where the last one is 0.
-    pub(super) recalls: bool,
+    pub(super) recalls: Option<Recall>,
     /// Whether each step's balance is looked at before it counts.
     pub(super) watched: bool,
     /// Whether steps are fitted to a tolerance.
@@ -574,7 +583,7 @@ impl Cluster {
             integrals: self.integrals.len(),
             guesses: self.loops.len(),
             memory: self.memory,
-            recall: (self.recalls && self.memory > 0).then(|| self.slots() - 1),
+            recall: self.recalls.filter(|_| self.memory > 0).map(|_| self.slots() - 1),
             initial,
             names,
             step,
@@ -621,7 +630,7 @@ impl Cluster {
         self.tighten(model, form);
         self.foretold = ahead::foretold(self, model, form);
         self.memory = ahead::memory(self.foretold.len());
-        self.recalls = true;
+        self.recalls = Some(Recall::Rate);
         gonzalez::write(self, model, form, true)
     }
 
@@ -644,7 +653,7 @@ impl Cluster {
         // Linear equations are solved at once: from no guess, and by a quadrature that misses nothing.
         let linear = apart.as_ref().is_some_and(|a| a.is_linear());
         self.memory = if linear { 0 } else { collocation::memory(self, nodes) };
-        self.recalls = true;
+        self.recalls = Some(Recall::Length);
         self.watched = nodes != Nodes::Radau && !linear && !follows;
         collocation::write(self, model, form, (method.name(), nodes), apart.as_ref())
     }

@@ -1,7 +1,7 @@
 //! Observation: what signals are at one instant, from the states and what comes in.
 
 use super::choice;
-use super::cluster::{self, Cluster, State, missing, verified};
+use super::cluster::{self, Cluster, Recall, State, missing, verified};
 use super::stiff::{self, Switch};
 use super::write::{self, System};
 use super::{Method, measure};
@@ -147,6 +147,21 @@ pub(super) fn outputs(
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
+}
+
+/// The length of the last step, where the stepper keeps it.
+fn last_length(c: &Cluster, b: &mut Builder) -> Option<Value> {
+    let recall = c.recalls.filter(|_| c.memory > 0)?;
+    let first = b.slots(Array::State, c.memory).index as usize;
+    let kept = b.load(Slot::new(Array::State, first + c.memory - 1));
+    Some(match recall {
+        Recall::Length => kept,
+        Recall::Rate => {
+            let (zero, one) = (b.number(0.0), b.number(1.0));
+            let (known, length) = (b.binary(Binary::Lt, zero, kept), b.div(one, kept));
+            b.select(known, length, zero)
+        }
+    })
 }
 
 /// Half the length of the last step, of a long one where that is 0.
@@ -389,23 +404,9 @@ pub(super) fn write(
     let inputs = write::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
     // The last stage of this one stands at the end of the step: what it found is the answer there.
-    let switches = match stepper {
-        _ if stepper == Method::Radau.name() => Switched::AtEnd,
-        _ if !c.recalls || c.memory == 0 => Switched::Midway { last: None },
-        _ => {
-            // Last of what is kept is the last step's length, or one over it.
-            let kept = b.slots(Array::State, c.memory).index as usize + c.memory - 1;
-            let kept = b.load(Slot::new(Array::State, kept));
-            let last = match stepper == Method::Gonzalez.name() {
-                true => {
-                    let (zero, one) = (b.number(0.0), b.number(1.0));
-                    let (known, length) = (b.binary(Binary::Lt, zero, kept), b.div(one, kept));
-                    b.select(known, length, zero)
-                }
-                false => kept,
-            };
-            Switched::Midway { last: Some(last) }
-        }
+    let switches = match stepper == Method::Radau.name() {
+        true => Switched::AtEnd,
+        false => Switched::Midway { last: last_length(c, &mut b) },
     };
     let pull = Pull { curves: HOLD, switches };
     let mut list: Vec<(String, Expr)> = Vec::new();

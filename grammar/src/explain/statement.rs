@@ -291,7 +291,7 @@ impl Wreck<'_> {
         let first = self.word(self.range.start);
         let one_by_one = matches!(first, "let" | "probe" | "input" | "state" | "port");
         let apart = self.piece == Piece::Statement && self.word(self.at) == "," && self.open_bracket().is_none();
-        (apart && one_by_one).then(|| {
+        (apart && one_by_one && self.kind(self.at + 1) == Some(Kind::Word)).then(|| {
             let next = self.word(self.at + 1);
             let value = if self.word(self.at + 2) == "=" { " = ..." } else { "" };
             let error = self.error("syntax::statement", self.at, format!("a `{first}` has one name"));

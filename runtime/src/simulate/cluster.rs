@@ -750,11 +750,10 @@ pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
     }
     let scale = out[e.size].abs().max(turnover).max(b.floor());
     let off = (out[change] - net).abs();
-    match off {
-        _ if off <= OFF * scale && scale < f64::INFINITY => 0.0,
-        _ if off.is_finite() && scale < f64::INFINITY => off,
-        _ => f64::INFINITY,
+    if !(off.is_finite() && scale.is_finite()) {
+        return f64::INFINITY;
     }
+    if off <= OFF * scale { 0.0 } else { off }
 }
 
 /// Adds a step to the ledgers.
