@@ -27,6 +27,11 @@ fn wrong<T>(line: usize, message: impl Into<String>) -> Result<T, TableError> {
     Err(TableError { line, message: message.into() })
 }
 
+/// A number of things, in words.
+fn counted(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
 impl Given {
     /// Reads a table whose columns are `t` and some of the inputs `known`. The header is the first line that is not
     /// empty; empty lines, and lines that begin with `#`, are skipped.
@@ -53,7 +58,11 @@ impl Given {
             if row.len() != header.len() {
                 return wrong(
                     line,
-                    format!("there are {} numbers in this row under {} columns", row.len(), header.len()),
+                    format!(
+                        "this row has {} for the {} of the header",
+                        counted(row.len(), "number"),
+                        counted(header.len(), "column")
+                    ),
                 );
             }
             let mut columns = table.values.iter_mut();

@@ -19,6 +19,12 @@ pub fn quantity(text: &str) -> Result<Quantity, String> {
     if text.contains("//") {
         return Err("`//` begins a comment; a fraction has one `/`".into());
     }
+    // A sign that says nothing, as programs print it: `+2e3`.
+    let text = text.trim_start();
+    let text = text
+        .strip_prefix('+')
+        .filter(|rest| rest.starts_with(['.', '0', '1', '2', '3', '4', '5', '6', '7', '8', '9']))
+        .unwrap_or(text);
     let mut sources = Sources::new();
     let id = sources.add("", text);
     let expr = bond_grammar::parse_expr(&sources, id).map_err(|d| match d.help {
@@ -46,6 +52,10 @@ fn eval(e: &Expr) -> Result<Quantity, String> {
             let value = Number::decimal(digits).ok_or_else(|| format!("`{digits}` is no number"))?;
             let Some(unit) = unit else { return Ok((value.to_f64(), None)) };
             let (factor, dimension) = units::of(unit).map_err(|u| match u.suggestion {
+                _ if units::is_celsius(&u.symbol) => {
+                    let kelvin = value.to_f64() + 273.15;
+                    format!("temperatures are in kelvin: write `{kelvin}K`; a difference of them, `{digits}K`")
+                }
                 Some(s) => format!("there is no unit `{}`; did you mean `{s}`?", u.symbol),
                 None => format!("there is no unit `{}`", u.symbol),
             })?;

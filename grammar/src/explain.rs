@@ -55,6 +55,10 @@ pub(crate) fn no_body(scan: &Scan, head: Range<usize>) -> Diagnostic {
     let word = scan.word(head.start);
     let span = scan.span_of(head.end.max(head.start + 1) - 1);
     let message = format!("after this `{word}` its body is missing");
+    if word == "if" && head.clone().any(|index| scan.word(index) == "else") {
+        let error = Diagnostic::error("syntax::if", scan.span_of(head.start), "a value is chosen by `then` and `else`");
+        return error.help("write `if condition then value else value`");
+    }
     Diagnostic::error("syntax::body", span, message).help("write its statements between `{` and `}`")
 }
 
@@ -285,6 +289,15 @@ impl<'a> Wreck<'a> {
         let named = self.piece == Piece::ModelHead && self.kind(self.before()) == Some(Kind::Word);
         if fits && named && self.kind(self.at) == Some(Kind::Number) {
             return error.help(format!("a parameter is given with `=`: `{before} = {}`", self.word(self.at)));
+        }
+        if self.word(self.at) == "[" && self.kind(self.before()) == Some(Kind::Number) {
+            let end = (self.at..self.range.end).find(|index| self.word(*index) == "]").unwrap_or(self.at + 1);
+            let unit = self.scan.slice(self.scan.span_of(self.at + 1).to(self.scan.span_of(end.max(self.at + 2) - 1)));
+            let unit = unit.strip_prefix("1/").map_or(unit.to_string(), |below| format!("{below}^-1"));
+            return error.help(format!("a unit stands without brackets: `{before} {unit}`"));
+        }
+        if self.open_bracket() == Some("(") && self.word(self.at) == ";" && self.piece == Piece::Statement {
+            return error.help("in parentheses commas stand between the arguments");
         }
         if fits
             && self.word(self.at) == "1"

@@ -213,3 +213,16 @@ fn lost_names() {
     }
     assert!(!model.lost.iter().any(|lost| lost == "p"));
 }
+
+#[test]
+fn other_hands() {
+    check("C:k = 1_000 N/m", "number", "`1000`");
+    check("let x = 12_000_000 N*m", "number", "`12000000`");
+    check("R:r { f = 2 A/V^(3/2)*e^1.5 }", "exponent", "if `e` is a variable");
+    check("Se:f = 10 N if t > 1 s else 0 N", "if", "then value else value");
+    check("connect(r, k)", "statement", "`a -> b`");
+    check("C:k { stiffness = 3 [N/m] }", "unexpected", "`3 N/m`");
+    check("let k = 3 [1/s]", "unexpected", "`3 s^-1`");
+    check("Mass:a(k = 3 N/m; m = 2 kg)", "unexpected", "commas");
+    check("for i in 1..10 step 2 { C:d[i] = 1 F }", "statement", "`2*i - 1`");
+}

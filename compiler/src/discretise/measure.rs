@@ -169,7 +169,7 @@ fn term(pool: &mut Pool, form: &Form, flat: &FxHashMap<Symbol, Expr>, (from, k):
 }
 
 /// Sums within sums that count by their terms, at most.
-const DEEP: u32 = 4;
+pub(super) const DEEP: u32 = 4;
 
 /// What an expression would be if nothing in its sums cancelled, looked into so deep: rounding makes it uncertain by some
 /// parts in 1e16 of that.
@@ -204,23 +204,41 @@ fn magnitude(pool: &mut Pool, e: Expr, deep: u32) -> Expr {
     }
 }
 
-/// Sum of the magnitudes of an expression's summands, after a substitution.
-pub(super) fn summands(model: &mut Model, flat: &FxHashMap<Symbol, Expr>, e: Expr) -> Expr {
-    let pool = &mut model.pool;
-    let parts: Vec<Expr> = match pool.node(e).clone() {
-        expression::Node::Sum(constant, pairs) => {
-            let constant = pool.numeral(constant);
-            let pairs: Vec<Expr> = pairs.iter().map(|(e, k)| pool.scale(*e, *k)).collect();
-            pairs.into_iter().chain([constant]).collect()
+/// The summands of an expression; those of a sum that parameters alone stand before, too.
+fn parts(pool: &mut Pool, e: Expr, deep: u32) -> Vec<Expr> {
+    match pool.node(e).clone() {
+        expression::Node::Sum(constant, pairs) if deep > 0 => {
+            let mut list = vec![pool.numeral(constant)];
+            for (e, k) in pairs.iter() {
+                list.extend(parts(pool, *e, deep - 1).into_iter().map(|e| pool.scale(e, *k)).collect::<Vec<_>>());
+            }
+            list
+        }
+        expression::Node::Product(_, factors) if deep > 0 => {
+            let is_sum = |e: Expr| matches!(pool.node(e), expression::Node::Sum(..));
+            let inner = factors.iter().find(|(e, n)| n.is_one() && is_sum(*e)).map(|f| f.0);
+            let Some(inner) = inner else { return vec![e] };
+            let before = pool.div(e, inner);
+            if pool.contains_any(before, &|s| pool.value(s).is_none()) {
+                return vec![e];
+            }
+            parts(pool, inner, deep - 1).into_iter().map(|e| pool.mul(before, e)).collect()
         }
         expression::Node::Number(_)
         | expression::Node::Symbol(_)
+        | expression::Node::Sum(..)
         | expression::Node::Product(..)
         | expression::Node::Power(..)
         | expression::Node::Unary(..)
         | expression::Node::Binary(..)
         | expression::Node::Select(..) => vec![e],
-    };
+    }
+}
+
+/// Sum of the magnitudes of an expression's summands, in sums within sums up to so deep, after a substitution.
+pub(super) fn summands(model: &mut Model, flat: &FxHashMap<Symbol, Expr>, e: Expr, deep: u32) -> Expr {
+    let pool = &mut model.pool;
+    let parts = parts(pool, e, deep);
     let sizes: Vec<Expr> = parts
         .into_iter()
         .map(|e| {
@@ -340,7 +358,7 @@ pub(super) fn scales(
         for (i, ((s, x), trace)) in c.states.iter().zip(states).zip(traces).enumerate() {
             let t = match s.column {
                 Some(column) => terms(model, form, &flat, column),
-                None => summands(model, &flat, s.rate),
+                None => summands(model, &flat, s.rate, 1),
             };
             let (x, trace) = (b.unary(Unary::Abs, *x), b.load(*trace));
             let x = b.add(x, trace);

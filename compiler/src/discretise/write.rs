@@ -733,7 +733,7 @@ pub(super) fn energies(
             // What several states share may cancel within itself, as the double pendulum's kinetic energy and its
             // height do.
             let parts = if g.states.len() > 1 {
-                super::measure::summands(model, &end, g.energy)
+                super::measure::summands(model, &end, g.energy, super::measure::DEEP)
             } else {
                 let level = c.level(&mut model.pool, g).energy;
                 let later = model.pool.substitute(level, &end);

@@ -313,9 +313,7 @@ impl<'a> Elaborator<'a> {
                 None if model.is_none() => {
                     "a function outside of models sees its arguments and other functions; pass it as an argument".into()
                 }
-                None if sought == Sought::Value => {
-                    format!("declare it, for instance as `let {key} = ...`, or check the spelling")
-                }
+                None if sought == Sought::Value => self.undeclared(key),
                 None => format!("declare it, for instance as `1:{key}`, or check the spelling"),
             },
         )

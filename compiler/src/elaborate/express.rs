@@ -238,6 +238,12 @@ impl<'a> Elaborator<'a> {
             }
             Err(unknown) => {
                 let help = match &unknown.suggestion {
+                    // `12_000`
+                    _ if unknown.symbol.starts_with('_')
+                        && unknown.symbol.chars().all(|c| c == '_' || c.is_ascii_digit()) =>
+                    {
+                        "the digits of a number stand together, without `_`".to_string()
+                    }
                     _ if units::is_celsius(&unknown.symbol) => celsius(value, unit),
                     // No unit of the table, since `3 rad/s*t` would be one of it.
                     _ if unknown.symbol == "t" => {

@@ -197,6 +197,8 @@ pub(crate) struct Elaborator<'a> {
     scopes: Vec<Scope>,
     params: Vec<Param<'a>>,
     lets: Vec<Let<'a>>,
+    /// Those that are being computed, each for the one before it.
+    open_lets: Vec<usize>,
     functions: function::Functions<'a>,
     pub(crate) elements: Vec<Decl<'a>>,
     pub(crate) fields: Vec<FieldDecl<'a>>,
@@ -311,6 +313,7 @@ pub fn elaborate(
         scopes: vec![],
         params: vec![],
         lets: vec![],
+        open_lets: vec![],
         functions: Default::default(),
         elements: vec![],
         fields: vec![],

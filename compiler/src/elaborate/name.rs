@@ -332,8 +332,15 @@ impl<'a> Elaborator<'a> {
         match self.lets[l].state.clone() {
             LetState::Done(t) => t,
             LetState::Open => {
+                let from = self.open_lets.iter().position(|open| *open == l).unwrap_or_default();
+                let circle = self.open_lets[from..].iter().chain([&l]).map(|l| format!("`{}`", self.lets[*l].name));
+                let circle: Vec<String> = circle.collect();
+                let help = match circle.len() {
+                    2 => "it cannot be computed from itself; what a signal was before is kept by a `state`".to_string(),
+                    _ => format!("break the circle {}", circle.join(" <- ")),
+                };
                 let name = self.lets[l].name.clone();
-                self.wrong("elaborate::circular", at, format!("`{name}` depends on itself"), "break the circle")
+                self.wrong("elaborate::circular", at, format!("`{name}` depends on itself"), &help)
             }
             LetState::New if self.is_too_deep(at) => {
                 self.lets[l].state = LetState::Done(None);
@@ -348,7 +355,9 @@ impl<'a> Elaborator<'a> {
                     self.mode = Mode::Outputs;
                 }
                 let locals = std::mem::take(&mut self.locals);
+                self.open_lets.push(l);
                 let found = self.value(value, scope);
+                self.open_lets.pop();
                 self.mode = mode;
                 self.locals = locals;
                 // What cannot be said before the run may well be said in it.

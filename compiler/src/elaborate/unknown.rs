@@ -16,19 +16,10 @@ impl Elaborator<'_> {
         if !VARIABLES.contains(&name) || !segment.index.is_empty() {
             return None;
         }
-        let owner = self.owner.and_then(|id| self.elements.get(id.at()));
         if !self.locals.is_empty() {
-            let list: Vec<String> = self.locals.iter().map(|(n, _)| format!("`{n}`")).collect();
-            let law = match (owner.map(|o| o.kind), list.first().map(String::as_str)) {
-                (Some(Kind::C), _) => "the law of a C",
-                (Some(Kind::I), _) => "the law of an I",
-                (Some(Kind::R), Some("`f`")) => "`e = ...` of an R",
-                (Some(Kind::R), Some("`e`")) => "`f = ...` of an R",
-                (Some(Kind::R), Some("`s`")) => "the curve of an R",
-                _ => "this law",
-            };
-            return Some(format!("{law} is written in {}", list.join(", ")));
+            return Some(self.written_in());
         }
+        let owner = self.owner.and_then(|id| self.elements.get(id.at()));
         let owner = owner.filter(|o| o.ast.is_some_and(|ast| encloses(ast.span, segment.name.span)))?;
         let (is, law) = match owner.kind {
             Kind::R => ("resistance or conductance is a number", "`{ e = ... }` in `f`, or `{ f = ... }` in `e`"),
@@ -39,6 +30,30 @@ impl Elaborator<'_> {
             }
         };
         Some(format!("a {is}, as `= value` gives it; write a law in braces: {law}").replace("a inertia", "an inertia"))
+    }
+
+    /// What the law that is being read is written in.
+    fn written_in(&self) -> String {
+        let owner = self.owner.and_then(|id| self.elements.get(id.at()));
+        let list: Vec<String> = self.locals.iter().map(|(n, _)| format!("`{n}`")).collect();
+        let law = match (owner.map(|o| o.kind), list.first().map(String::as_str)) {
+            (Some(Kind::C), _) => "the law of a C",
+            (Some(Kind::I), _) => "the law of an I",
+            (Some(Kind::R), Some("`f`")) => "`e = ...` of an R",
+            (Some(Kind::R), Some("`e`")) => "`f = ...` of an R",
+            (Some(Kind::R), Some("`s`")) => "the curve of an R",
+            _ => "this law",
+        };
+        format!("{law} is written in {}", list.join(", "))
+    }
+
+    /// The mend for a name that is declared nowhere, in a value.
+    pub(super) fn undeclared(&self, key: &str) -> String {
+        let declare = format!("declare it, for instance as `let {key} = ...`, or check the spelling");
+        match self.owner.is_some() && !self.locals.is_empty() {
+            true => format!("{declare}; {}", self.written_in()),
+            false => declare,
+        }
     }
 
     /// The mend for a unit that stands apart from its number: `6*V`.

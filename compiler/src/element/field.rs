@@ -100,8 +100,7 @@ impl<'a> Elaborator<'a> {
             let k = if stiff { m } else { inverse(&mut self.pool, &m)? };
             self.quadratic(&k, &symbols)
         };
-        let bounded = self.is_bounded(energy, &symbols);
-        let mut list = Vec::new();
+        let mut list: Vec<Storage> = Vec::new();
         for (i, (m, s)) in members.iter().zip(&symbols).enumerate() {
             self.energies_set(*m, energy);
             let coenergy = self.pool.derivative(energy, *s);
@@ -121,10 +120,13 @@ impl<'a> Elaborator<'a> {
                 linear: None,
                 initial,
                 explicit: given.is_some(),
-                bounded,
+                bounded: false,
                 massless: false,
             });
         }
+        let start: Vec<f64> = list.iter().map(|s| s.initial).collect();
+        let bounded = self.is_bounded(energy, &symbols, &start);
+        list.iter_mut().for_each(|s| s.bounded = bounded);
         Some(list)
     }
 

@@ -12,6 +12,8 @@ use bond_grammar::diagnostic::Diagnostic;
 const POWERS: u32 = 1000;
 /// See [`POWERS`].
 const STRIDE: u32 = 32;
+/// The way from the start to a state is looked at in parts, each half of the one before, so many.
+const WAY: u32 = 256;
 
 impl<'a> Elaborator<'a> {
     /// A storage's energy and initial state.
@@ -93,7 +95,7 @@ impl<'a> Elaborator<'a> {
             (h, co, linear)
         };
         self.energies_set(id, energy);
-        let bounded = self.is_bounded(energy, &[state]);
+        let bounded = self.is_bounded(energy, &[state], &[0.0]);
         let mut storage =
             Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded, massless: false };
         let start = [(if c { "q0" } else { "p0" }, true), (if c { "e0" } else { "f0" }, false)];
@@ -165,8 +167,9 @@ impl<'a> Elaborator<'a> {
         None
     }
 
-    /// Whether H has a lower bound, as far as can be seen: by its sign, else by looking far out and near 0.
-    pub(super) fn is_bounded(&self, energy: Expr, states: &[Symbol]) -> bool {
+    /// Whether H has a lower bound, as far as can be seen: by its sign, else by looking far out and near 0, where the
+    /// way from the start has values: `n*log(n/V)` has some where both are negative, which no gas gets to.
+    pub(super) fn is_bounded(&self, energy: Expr, states: &[Symbol], start: &[f64]) -> bool {
         if matches!(self.pool.sign(energy, &|_| Sign::Unknown), Sign::Zero | Sign::Positive | Sign::NonNegative) {
             return true;
         }
@@ -189,9 +192,19 @@ impl<'a> Elaborator<'a> {
         let at = |x: f64, along: &[f64]| {
             self.pool.eval(energy, &|s| states.iter().position(|t| *t == s).map_or(f64::NAN, |i| x * along[i]))
         };
+        let between = |part: f64, x: f64, along: &[f64]| {
+            let place = |i: usize| start[i] + part * (x * along[i] - start[i]);
+            self.pool.eval(energy, &|s| states.iter().position(|t| *t == s).map_or(f64::NAN, place))
+        };
+        let begins = n > 1 && !between(0.0, 0.0, &directions[0]).is_nan();
+        let reaches =
+            |x: f64, along: &[f64]| !begins || (0..WAY).all(|k| !between(libm::exp2(-f64::from(k)), x, along).is_nan());
         let least = |xs: &[f64]| {
-            let all = xs.iter().flat_map(|x| directions.iter().flat_map(move |d| [at(*x, d), at(-*x, d)]));
-            all.filter(|h| !h.is_nan()).fold(f64::INFINITY, f64::min)
+            let all = xs.iter().flat_map(|x| directions.iter().flat_map(move |d| [(*x, d), (-*x, d)]));
+            all.fold(f64::INFINITY, |least, (x, d)| {
+                let h = at(x, d);
+                if h < least && reaches(x, d) { h } else { least }
+            })
         };
         // Where it falls without end, its fall from one power of 2 to the next does not shrink: -log(x) has falls that
         // are alike.
@@ -203,7 +216,10 @@ impl<'a> Elaborator<'a> {
             let end = (last..end).find(|k| !level(*k).is_finite()).unwrap_or(end);
             let values: Vec<f64> = (end.saturating_sub(8)..end).map(level).collect();
             let drops: Vec<f64> = values.windows(2).map(|w| w[0] - w[1]).collect();
-            drops.len() == 7 && drops[0] > 1e-9 * level(0).abs() && drops.windows(2).all(|w| w[1] >= 0.5 * w[0])
+            let falls = drops.len() == 7 && drops[0] > 1e-9 * level(0).abs();
+            falls
+                && drops.windows(2).all(|w| w[1] >= 0.5 * w[0])
+                && reaches(sign * libm::exp2(f64::from(end - 1)), along)
         };
         if directions.iter().any(|d| falls(d, 1.0) || falls(d, -1.0)) {
             return false;

@@ -86,7 +86,16 @@ pub(super) fn suggest(symbol: &str) -> Option<String> {
     }
     // Of a unit of two letters one that differs is half of it, so that the first has to be the same.
     let like = |a: &str, b: &str| a.chars().count() > 1 && a.chars().next() == b.chars().next() && distance(a, b) == 1;
-    if symbol.chars().count() > 2 { prefixed(symbol, &like) } else { None }
+    let near = if symbol.chars().count() > 2 { prefixed(symbol, &like) } else { None };
+    near.or_else(|| run_together(symbol))
+}
+
+/// The product of two units whose symbols stand together: `kgm`.
+fn run_together(symbol: &str) -> Option<String> {
+    let known = |text: &str| table::find(text).is_some();
+    let (first, second) =
+        symbol.char_indices().skip(1).map(|(at, _)| symbol.split_at(at)).find(|(a, b)| known(a) && known(b))?;
+    Some(format!("{first}*{second}"))
 }
 
 /// A unit, or a prefix and a unit, whose text is like the symbol's.

@@ -186,6 +186,15 @@ impl Wreck<'_> {
             return None;
         }
         let before = at.max(self.range.start + 1) - 1;
+        for group in [at, before] {
+            let number = group.max(self.range.start + 1) - 1;
+            let grouped = self.word(group).starts_with('_') && self.kind(number) == Some(Kind::Number);
+            if grouped && self.adjacent(number) {
+                let span = self.scan.span_of(number).to(self.scan.span_of(group));
+                let error = Diagnostic::error("syntax::number", span, "the digits of a number stand together");
+                return Some(error.help(format!("write `{}`", self.scan.slice(span).replace('_', ""))));
+            }
+        }
         let power = self.is_power(before);
         if self.kind(before) == Some(Kind::Number) && before != at && !power {
             let message = format!("more than one space between `{}` and its unit `{word}`", self.word(before));
@@ -247,16 +256,22 @@ impl Wreck<'_> {
             return None;
         }
         let power = self.word(self.at);
-        let help = super::exponent(self.word(symbol), power)?;
+        let (symbol, joined) = (self.word(symbol), symbol > start + 1);
+        let help = format!("write `{}`", super::exponent(symbol, power)?);
         let message = format!("`{power}` is no exponent of a unit: a fraction is written in parentheses");
-        Some(self.error("syntax::exponent", self.at, message).help(format!("write `{help}`")))
+        // What follows an operator may be a variable, whatever it looks like.
+        let help = match joined {
+            true => format!("{help}; if `{symbol}` is a variable, put a space before the operator, as in `6 V * x`"),
+            false => help,
+        };
+        Some(self.error("syntax::exponent", self.at, message).help(help))
     }
 
     /// Back from a token over the symbols and operators of a unit: its number, if it is one.
     fn number_before(&self, mut index: usize) -> usize {
         while index > self.range.start
             && (self.kind(index) == Some(Kind::Word)
-                || matches!(self.word(index), "*" | "/" | "^")
+                || matches!(self.word(index), "*" | "/" | "^" | "(" | ")")
                 || self.is_power(index))
             && !crate::limit::is_keyword(self.word(index))
         {
@@ -269,8 +284,10 @@ impl Wreck<'_> {
     fn is_power(&self, index: usize) -> bool {
         let digits = |index: usize| self.kind(index) == Some(Kind::Number);
         let after = |index: usize, sign: &str| index > self.range.start && self.word(index - 1) == sign;
-        let signed = digits(index) && after(index, "-") && after(index - 1, "^");
-        digits(index) && after(index, "^") || signed || self.word(index) == "-" && after(index, "^")
+        let opens = |index: usize| after(index, "^") || after(index, "(") && after(index - 1, "^");
+        let fraction = digits(index) && after(index, "/") && digits(index - 2) && self.is_power(index - 2);
+        let signed = digits(index) && after(index, "-") && opens(index - 1);
+        digits(index) && opens(index) || fraction || signed || self.word(index) == "-" && opens(index)
     }
 }
 

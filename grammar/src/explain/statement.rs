@@ -227,6 +227,9 @@ impl Wreck<'_> {
             (Piece::ForHead, _) if !self.range.clone().any(|index| self.word(index) == "..") => {
                 ("this `for` has no range", "write `for i in 1..n { ... }`")
             }
+            (Piece::ForHead, _) if matches!(self.word(self.before()), "step" | "by") => {
+                ("a `for` goes up by 1", "count the rounds, and compute the index: `2*i - 1` in `for i in 1..n`")
+            }
             (Piece::ForHead, _) if start => ("a loop variable is expected here", "write `for i in 1..n { ... }`"),
             (Piece::SampledHead, _) if start || self.word(self.range.start + 1) == "(" => {
                 ("`at` and a rate, or `every` and a period, is expected here", "write `sampled at 1 kHz { ... }`")
@@ -321,6 +324,10 @@ impl Wreck<'_> {
             let name = self.word(start + 2);
             let help = format!("write `state {name} = start {{ d{name} = ... }}`");
             return Some(self.error("syntax::statement", start, "an equation is no statement").help(help));
+        }
+        if self.word(start + 1) == "(" && (self.at == start + 1 || self.word(last) == ")") {
+            let help = foreign(word)?;
+            return Some(self.error("syntax::statement", start, format!("`{word}` begins no statement")).help(help));
         }
         if self.word(self.at) == "{" && matches!(word, "initial" | "init" | "start") {
             let help = "a start stands with its element: `C:spring { stiffness = 100 N/m; q0 = 0.1 m }`";

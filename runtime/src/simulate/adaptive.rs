@@ -361,6 +361,7 @@ impl Run {
         let (mut last_failure, mut refused) = (None, None::<(f64, f64, usize)>);
         let usual = self.default_step;
         let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
+        let shortest = (1e-13 * t.abs().max(1e-300)).max(1e-12 * usual);
         let (smallest, result) = loop {
             if let Some(fit) = &mut self.fit {
                 fit.spare = failures >= OWN;
@@ -370,7 +371,7 @@ impl Run {
             let aim = near + (SHIFT * control.shift).min(PAST.1 * near).max(PAST.0 * near);
             // What is foretold next to the end is met as well; what is next to the start, there the step stands.
             let least = near * (1.0 + PAST.0);
-            let close = near < h * (1.0 + PAST.0) && near > STANDS * usual && least <= longest;
+            let close = near < h * (1.0 + PAST.0) && near > shortest.max(STANDS * usual) && least <= longest;
             let to = aim.min(h.max(least));
             let aims = close && to != h && (to > WORTH * h || control.falls);
             if aims {
@@ -386,7 +387,7 @@ impl Run {
                     h = 0.5 * (end - t);
                 }
             }
-            if h <= 1e-13 * t.abs().max(1e-300) || h <= usual * 1e-12 {
+            if h <= shortest {
                 break (h, None);
             }
             let attempt = match self.attempt(c, t, h, control.aim - t) {
