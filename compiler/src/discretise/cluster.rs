@@ -66,6 +66,9 @@ pub(super) struct Node {
     pub(super) how: Output,
     /// The curve that it is iterated as, where its law has an exponential.
     pub(super) steep: Option<Output>,
+    /// What it is iterated as within a loop, where it is linear and switched by a choice: what is open makes much of the
+    /// rounding of a flow, so that what it bears is an unknown of its own, as over a resistor that holds tightly.
+    pub(super) switched: Option<Output>,
     /// A resistor whose law is not linear.
     pub(super) curved: bool,
 }
@@ -187,6 +190,7 @@ impl Cluster {
                         out: form.column(c).out,
                         how,
                         steep: None,
+                        switched: None,
                         curved: false,
                     });
                 }
@@ -196,23 +200,49 @@ impl Cluster {
         }
         for (c, how) in &r.resistors {
             let steep = r.steep.get(c).copied();
+            let out = form.column(*c).out;
+            let switched = match (how, super::tight::gain(form, *c)) {
+                (Output::Explicit(_), Some(k))
+                    if pool.any_node(k, &|n| matches!(n, crate::expression::Node::Select(..))) =>
+                {
+                    let (z, input) = (pool.var(out), form.input(pool, *c));
+                    let z = pool.div(z, k);
+                    Some(Output::Implicit { residual: pool.sub(z, input), bends: None })
+                }
+                _ => None,
+            };
             self.nodes.push(Node {
                 part: Part::Resistor(*c),
-                out: form.column(*c).out,
+                out,
                 how: *how,
                 steep,
+                switched,
                 curved: !r.gains.contains_key(c),
             });
         }
         for f in &r.following {
             let how = Output::Explicit(f.rate);
             let part = Part::Follower(f.state);
-            self.nodes.push(Node { part, out: form.column(f.column).out, how, steep: None, curved: false });
+            self.nodes.push(Node {
+                part,
+                out: form.column(f.column).out,
+                how,
+                steep: None,
+                switched: None,
+                curved: false,
+            });
             self.followed.extend(f.sources.iter().copied());
         }
         for l in loops.iter().map(|l| &form.loops[*l]) {
             let how = Output::Explicit(l.value);
-            self.nodes.push(Node { part: Part::Signal, out: l.unknown, how, steep: None, curved: true });
+            self.nodes.push(Node {
+                part: Part::Signal,
+                out: l.unknown,
+                how,
+                steep: None,
+                switched: None,
+                curved: true,
+            });
         }
     }
 

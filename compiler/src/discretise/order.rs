@@ -39,6 +39,10 @@ impl Cluster {
                 order.extend(members);
                 continue;
             }
+            for m in &members {
+                let node = &mut self.nodes[*m];
+                node.how = node.switched.unwrap_or(node.how);
+            }
             let (torn, rest) = self.tear(&graph, &members, &own);
             unknown.extend(torn.iter().copied());
             order.extend(torn.into_iter().chain(rest));

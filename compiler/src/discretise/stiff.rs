@@ -122,7 +122,7 @@ fn opens(c: &Cluster, model: &mut Model, form: &Form) -> bool {
 }
 
 /// An expression with each choice that does not depend on a symbol made: the first branch of all, or the second.
-fn branch(pool: &mut Pool, e: Expr, first: bool, z: Symbol) -> Expr {
+pub(super) fn branch(pool: &mut Pool, e: Expr, first: bool, z: Symbol) -> Expr {
     let (mut seen, mut stack, mut nodes) = (FxHashSet::default(), vec![e], Vec::new());
     while let Some(e) = stack.pop() {
         if seen.insert(e) {

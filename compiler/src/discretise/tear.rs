@@ -3,7 +3,7 @@
 //! all follow one after the other there is nothing left to iterate.
 
 use super::write::System;
-use crate::expression::{Expr, Pool, Sign, Symbol};
+use crate::expression::{Expr, Node, Pool, Sign, Symbol};
 use rustc_hash::FxHashMap;
 
 /// More unknowns than this are left: their elimination finds its order from the pattern.
@@ -45,6 +45,10 @@ pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> T
         let Some(&(_, own)) = linear.iter().find(|t| t.0 == i) else { continue };
         let positive = |s: Symbol| if Some(s) == h { Sign::Positive } else { Sign::Unknown };
         if !matches!(pool.sign(own, &positive), Sign::Positive | Sign::Negative) {
+            continue;
+        }
+        // What is switched off is next to nothing, and to divide by it makes much of rounding.
+        if pool.any_node(own, &|n| matches!(n, Node::Select(..))) {
             continue;
         }
         let others: Vec<usize> = linear.iter().map(|t| t.0).filter(|j| *j != i).collect();

@@ -14,6 +14,8 @@ const POWERS: u32 = 1000;
 const STRIDE: u32 = 32;
 /// The way from the start to a state is looked at in parts, each half of the one before, so many.
 const WAY: u32 = 256;
+/// To this power of two, where an energy falls without end.
+const FAR: u32 = 100;
 
 impl<'a> Elaborator<'a> {
     /// A storage's energy and initial state.
@@ -219,7 +221,7 @@ impl<'a> Elaborator<'a> {
             let falls = drops.len() == 7 && drops[0] > 1e-9 * level(0).abs();
             falls
                 && drops.windows(2).all(|w| w[1] >= 0.5 * w[0])
-                && reaches(sign * libm::exp2(f64::from(end - 1)), along)
+                && reaches(sign * libm::exp2(f64::from(end.min(FAR))), along)
         };
         if directions.iter().any(|d| falls(d, 1.0) || falls(d, -1.0)) {
             return false;

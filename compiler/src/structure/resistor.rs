@@ -3,7 +3,7 @@
 
 use super::resolve::Resolver;
 use super::{Bends, ColumnId, Form, Output, Row, inverse};
-use crate::expression::{Expr, Node, Pool, Symbol};
+use crate::expression::{Expr, Node, Pool, Sign, Symbol};
 use crate::model::{ElementId, Law, Resistor, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Unary;
@@ -92,7 +92,8 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
             let how = Output::Explicit(pool.mul(k, inputs[0]));
             return Ok(Some(Found { gain: Some(vec![(id, k)]), ..Found::plain(how) }));
         }
-        if pool.constant(k).is_some() {
+        // One that may pass 0 is solved for.
+        if pool.constant(k).is_some() || matches!(pool.sign(k, &|_| Sign::Unknown), Sign::Positive) {
             let one = pool.int(1);
             let gain = Some(vec![(id, pool.div(one, k))]);
             let how = Output::Explicit(pool.div(inputs[0], k));

@@ -74,6 +74,9 @@ impl Apart {
         let places = c.states.iter().map(|s| s.symbol).chain(c.loops.iter().copied());
         let place: FxHashMap<Symbol, usize> = places.enumerate().map(|(i, s)| (s, i)).collect();
         let is_place = |s: Symbol| place.contains_key(&s);
+        let varies = |s: Symbol| Some(s) == c.time || c.inputs.iter().any(|i| i.1 == s);
+        // Whether the matrix is another at each node, as that of a resistance that is switched in time.
+        let mut timed = false;
         let mut fixed = quadratic(c, &mut model.pool);
         let mut slopes = Vec::new();
         for (i, row) in rows.into_iter().enumerate() {
@@ -83,12 +86,14 @@ impl Apart {
             let symbols: Vec<Symbol> = by.iter().map(|b| b.1).collect();
             for ((j, _), d) in by.into_iter().zip(model.pool.derivatives(row, &symbols)) {
                 if !model.pool.is_zero(d) {
-                    fixed &= !model.pool.contains_any(d, &is_place);
+                    timed |= model.pool.contains_any(d, &varies);
+                    fixed &= !timed && !model.pool.contains_any(d, &is_place);
                     slopes.push((i, j, d));
                 }
             }
         }
-        (fixed || !few).then_some(Self { tableau, modes, n, slopes, fixed })
+        let together = few || timed && is_coupled(c, tableau.stages());
+        (fixed || !together).then_some(Self { tableau, modes, n, slopes, fixed })
     }
 
     /// Whether the equations are linear, and solved as such: a small system is cheap to look at again, which takes the

@@ -29,6 +29,7 @@ mod tableau;
 
 pub(super) use decouple::Apart;
 
+use super::choice::is_kink;
 use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::gonzalez;
 use super::whole::{self, Slopes};
@@ -191,6 +192,7 @@ impl Plan {
             map
         });
         let (mut flats, mut sources) = (Vec::new(), Vec::new());
+        let timed = switches_in_time(c, pool);
         for (i, (node, mut map)) in tableau.nodes().zip(at_nodes).enumerate() {
             for (g, list) in c.groups.iter().zip(&gradients) {
                 for (s, z) in g.states.iter().zip(&list[i]) {
@@ -200,7 +202,8 @@ impl Plan {
                 }
             }
             map.extend(c.loops.iter().zip(&stages[i].loops).map(|(z, at)| (*z, pool.var(*at))));
-            later(c, pool, node.high, &mut map);
+            let part = if node.high == 1.0 && timed { BEFORE } else { node.high };
+            later(c, pool, part, &mut map);
             sources.extend(write::sources(c, pool, &mut map, |name| format!("{name} in stage {}", i + 1)));
             flats.push(c.flat(pool, map));
         }
@@ -225,6 +228,17 @@ impl Plan {
         }
         (unknowns, residuals)
     }
+}
+
+/// The part of a step at whose end a node looks, where something switches in time: the end may be the instant of that,
+/// and the step is what comes before.
+const BEFORE: f64 = 1.0 - 1.0 / 68_719_476_736.0;
+
+/// Whether a law or a source is one thing or another by the time.
+fn switches_in_time(c: &Cluster, pool: &Pool) -> bool {
+    let mut all = c.nodes.iter().flat_map(|n| n.how.expressions());
+    let Some(t) = c.time else { return false };
+    all.any(|e| pool.contains(e, t) && pool.any_node(e, &is_kink))
 }
 
 /// A symbol's own one at a stage.
