@@ -41,4 +41,5 @@ mod signals;
 mod solutions;
 mod steep;
 mod stepped_over;
+mod switching;
 mod values;

@@ -385,7 +385,6 @@ pub(super) fn scales(
     }
     // Of a law that is not linear what it is given counts for itself alone: through the others it would come to powers of
     // what is far from it.
-    let start = c.start(model);
     let switches = stiff::switches(c, model, form);
     for ((node, size), switch) in c.loop_nodes().into_iter().zip(sizes).zip(switches) {
         let steep = node.resistor().filter(|column| is_steep(model, form, *column));
@@ -399,7 +398,7 @@ pub(super) fn scales(
         let given = lower(model, b, &mut at_start, given)?;
         let slope = lower(model, b, &mut at_start, slope)?;
         let slope = b.unary(Unary::Abs, slope);
-        let rest = slope_at_rest(model, form, column, &start);
+        let rest = slope_at_rest(model, form, column);
         let slope = match switch.filter(|_| !forward) {
             // Where a law all but blocks, its slope tells nothing of what it gives: the storages do.
             Some(switch) => {
@@ -430,16 +429,23 @@ enum Size {
 }
 
 /// The slope of a resistor's law where it receives nothing; None where it is none, or the law reads signals.
-fn slope_at_rest(model: &mut Model, form: &Form, column: ColumnId, start: &Start) -> Option<f64> {
+fn slope_at_rest(model: &mut Model, form: &Form, column: ColumnId) -> Option<f64> {
     let Law::Resistor(law) = &model.element(form.column(column).element).law else { return None };
     let (argument, output) = (law.argument, law.output);
+    let forward = law.gives == form.column(column).gives;
     if model.pool.symbols(output).iter().any(|s| *s != argument) {
         return None;
     }
     let slope = model.pool.derivative(output, argument);
-    // What is not known counts as 0: the argument.
-    Some(start.eval(&model.pool, slope).abs()).filter(|k| k.is_finite())
+    // On the side of a kink that makes the size the smaller one.
+    let sides = [0.0, REST, -REST].map(|x| model.pool.eval(slope, &|_| x).abs());
+    let rest =
+        if forward { sides.into_iter().fold(f64::INFINITY, f64::min) } else { sides.into_iter().fold(0.0, f64::max) };
+    Some(rest).filter(|k| k.is_finite())
 }
+
+/// Beside rest, in SI units.
+const REST: f64 = 1e-6;
 
 /// The slope at its knee of a law with an exponential that is run backwards; the least of two.
 fn slope_at_knee(model: &mut Model, form: &Form, node: &Node) -> Option<f64> {

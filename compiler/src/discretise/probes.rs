@@ -8,25 +8,24 @@ use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Program, Unary};
 use bond_runtime::scene::{self, Probes};
+use rustc_hash::FxHashSet;
 
 /// All symbols that probes and expectations read, in a fixed order, without time.
 pub(super) fn wanted(model: &Model, form: &Form) -> Vec<Symbol> {
+    let extremes = model.expectations.iter().filter_map(|x| match &x.kind {
+        ExpectationKind::Holds { extremes, .. } => Some(extremes.iter().map(|e| e.0)),
+        ExpectationKind::Passive | ExpectationKind::At { .. } => None,
+    });
+    let mut seen: FxHashSet<Symbol> = extremes.flatten().collect();
     let mut list = Vec::new();
     for e in form.probes.iter().chain(form.expectations.iter().flatten()) {
         for s in model.pool.symbols(*e) {
-            if !is_time(model, s) && input_of(model, s).is_none() && !is_extreme(model, s) && !list.contains(&s) {
+            if seen.insert(s) && !is_time(model, s) && input_of(model, s).is_none() {
                 list.push(s);
             }
         }
     }
     list
-}
-
-fn is_extreme(model: &Model, s: Symbol) -> bool {
-    model.expectations.iter().any(|x| match &x.kind {
-        ExpectationKind::Holds { extremes, .. } => extremes.iter().any(|e| e.0 == s),
-        ExpectationKind::Passive | ExpectationKind::At { .. } => false,
-    })
 }
 
 /// Writes the program. `place` says which cluster shows a symbol, and as which output of its observation.

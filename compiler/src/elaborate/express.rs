@@ -506,16 +506,18 @@ impl<'a> Elaborator<'a> {
                 "elaborate::integral",
                 span,
                 "`integral` stands only in `let` and `probe`".into(),
-                "a storage's state `.q` or `.p` is the integral that a law may use",
+                "a storage's state `.q` or `.p` is the integral that a law may use; what a controller integrates is `state z = 0 { dz = ... }`",
             );
         }
         let [rate_ast, start_ast] = args else {
-            return self.wrong(
-                "elaborate::arguments",
-                span,
-                "`integral` takes what is integrated and the value at the start".into(),
-                "write `integral(v.f, 0 m)`",
-            );
+            let help = match args {
+                [rate] => {
+                    format!("write `integral({}, 0 ...)`, with the unit of the integral", self.sources.slice(rate.span))
+                }
+                _ => "write `integral(v.f, 0 m)`".to_string(),
+            };
+            let message = "`integral` takes what is integrated and the value at the start".into();
+            return self.wrong("elaborate::arguments", span, message, &help);
         };
         let rate = self.express(rate_ast, scope)?;
         let mode = std::mem::replace(&mut self.mode, Mode::Constant);

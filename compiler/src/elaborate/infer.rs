@@ -296,6 +296,10 @@ impl Inference {
                     let what = source.map(|o| o.about.as_str()).unwrap_or_default();
                     format!("{what} is a bare number too, so that the units of its bonds are none of physics: give both units, as in `= 1 N` and `= 1 kg`")
                 }
+                Some(_) if e.about.starts_with("the ratio of") => format!(
+                    "the ratio of a TF is an effort over an effort, that of a GY an effort over a flow, as a motor's constant is: \
+                     take the other, or give {value}"
+                ),
                 Some(off) => {
                     format!("the unit is off by a factor of {off}: give {value}, or mend the expression")
                 }

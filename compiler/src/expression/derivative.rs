@@ -27,19 +27,30 @@ impl Pool {
     /// The derivatives with respect to several variables, as [`Pool::derivative`] gives them one by one: of a long sum,
     /// each looks only at the terms that it is in.
     pub fn derivatives(&mut self, e: Expr, all: &[Symbol]) -> Vec<Expr> {
-        let Node::Sum(_, terms) = self.node(e).clone() else {
-            return all.iter().map(|&s| self.derivative(e, s)).collect();
-        };
         if self.variables.few(e).is_some() {
             return all.iter().map(|&s| self.derivative(e, s)).collect();
         }
+        if let Some((before, sum)) = self.scaled_sum(e, all) {
+            let slopes = self.derivatives(sum, all);
+            let scaled = all.iter().zip(slopes).map(|(&s, slope)| {
+                let slope = self.mul(before, slope);
+                self.derivatives.insert(e, s, false, slope);
+                slope
+            });
+            return scaled.collect();
+        }
+        let Node::Sum(_, terms) = self.node(e).clone() else {
+            return all.iter().map(|&s| self.derivative(e, s)).collect();
+        };
         let place: FxHashMap<Symbol, usize> = all.iter().enumerate().map(|(i, &s)| (s, i)).collect();
         let mut terms_of: Vec<Vec<(Expr, Number)>> = vec![Vec::new(); all.len()];
         for &(t, n) in terms.iter() {
-            for s in self.symbols(t) {
-                if let Some(&i) = place.get(&s) {
-                    terms_of[i].push((t, n));
-                }
+            let own: Vec<Symbol> = self.symbols(t).into_iter().filter(|s| place.contains_key(s)).collect();
+            for s in &own {
+                terms_of[place[s]].push((t, n));
+            }
+            if self.variables.few(t).is_none() && self.scaled_sum(t, &own).is_some() {
+                self.derivatives(t, &own);
             }
         }
         let zero = self.zero();
@@ -50,7 +61,8 @@ impl Pool {
                 None if terms.is_empty() => zero,
                 None => {
                     self.one();
-                    let mut nodes: Vec<Expr> = terms.iter().flat_map(|t| self.dependents(t.0, &|x| x == s)).collect();
+                    let new = terms.iter().filter(|t| self.remembered(t.0, s).is_none());
+                    let mut nodes: Vec<Expr> = new.flat_map(|t| self.dependents(t.0, &|x| x == s)).collect();
                     nodes.sort_unstable();
                     nodes.dedup();
                     self.differentiate_all(nodes, s);
@@ -64,6 +76,15 @@ impl Pool {
             list.push(slope);
         }
         list
+    }
+
+    /// What stands before a long sum that is all of a product that the variables are in.
+    fn scaled_sum(&mut self, e: Expr, all: &[Symbol]) -> Option<(Expr, Expr)> {
+        let Node::Product(_, factors) = self.node(e) else { return None };
+        let is_long = |f: Expr| matches!(self.node(f), Node::Sum(..)) && self.variables.few(f).is_none();
+        let sum = factors.iter().find(|(f, n)| n.is_one() && is_long(*f))?.0;
+        let before = self.div(e, sum);
+        (!self.contains_any(before, &|s| all.contains(&s))).then_some((before, sum))
     }
 
     /// The derivative, where it was taken before.

@@ -13,6 +13,10 @@ use petgraph::Graph;
 use petgraph::graph::NodeIndex;
 use rustc_hash::FxHashMap;
 
+/// The mend for bonds in a loop that leave a variable free.
+const FREE: &str = "open the loop, or put an element into it that gives the missing variable; a circuit whose voltages \
+                    have no level gets it from a ground, `Se:ground = 0 V` bonded to one of its 0-junctions";
+
 /// Rows of all bond variables.
 pub(super) struct Rows {
     rows: Vec<Row>,
@@ -210,7 +214,7 @@ fn substitute(model: &Model, definitions: &[Vec<(Term, Expr)>], pool: &mut Pool)
             for b in bonds.iter().skip(1).take(16) {
                 error = error.label(model.bonds[*b].span, "is in the loop");
             }
-            return Err(vec![error.help("open the loop, or put an element into it that gives the missing variable")]);
+            return Err(vec![error.help(FREE)]);
         };
         for (m, row) in members.iter().zip(solved) {
             rows[*m] = row;

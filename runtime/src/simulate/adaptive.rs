@@ -427,6 +427,9 @@ impl Run {
                 continue;
             }
             let done = last.filter(|_| attempt.h >= h);
+            if done.is_none() && t + attempt.h <= t {
+                break (attempt.h, None);
+            }
             control.stood = self.fit.as_ref().and_then(|fit| fit.stood);
             let hard = refused.is_some() || last_failure.is_some() || attempt.event;
             control.crawl = match attempt.h < CRAWL.1 * usual && done.is_none() {

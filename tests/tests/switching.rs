@@ -1,0 +1,151 @@
+//! Resistances that switch: contacts, valves, choppers, the legs of bridges.
+
+use crate::common::{close, end, finish, probe, run, start, text, with};
+use bond::{Options, Steps};
+
+const METHODS: [&str; 5] = ["", "gonzalez", "collocation4", "collocation8", "radau"];
+
+fn by(method: &str) -> Options {
+    if method.is_empty() { Options::new() } else { Options::new().method(method) }
+}
+
+/// A contact between a source and a capacitor that closes after 5 us, in the ways to write it: `t`, `s` and `u` after
+/// 20 us by the charge of `R C = 10 ms`, then of `1 us`.
+#[test]
+fn a_contact_closes() {
+    let contacts = [
+        "R:sw = if t < 5 us then 10 kOhm else 1 Ohm",
+        "R:sw { conductance = if t < 5 us then 0.1 mS else 1 S }",
+        "R:sw { e = (if t < 5 us then 10 kOhm else 1 Ohm)*f }",
+        "R:sw { e = f*(10 kOhm - (if t < 5 us then 0 Ohm else 9999 Ohm)) }",
+        "let r = if sin(2*pi*t/(10 us)) > 0 then 10 kOhm else 1 Ohm  R:sw = if t < 7 us then r else 1 Ohm",
+    ];
+    let first = 5.0 * (1.0 - f64::exp(-5e-4));
+    let last = 5.0 - (5.0 - first) * f64::exp(-15.0);
+    for contact in contacts {
+        for method in METHODS {
+            let model =
+                format!("model M {{ Se:bat = 5 V  {contact}  C:c = 1 uF  bat -> 1:b -> sw, c  probe u = c.e }}");
+            let compiled = with(by(method), &model);
+            close(end(&compiled, Steps::new(), 20e-6, "u"), last, 1e-6, &format!("{contact}, {method}"));
+        }
+    }
+}
+
+/// The dual: a current source that a coil is switched to by a conductance.
+#[test]
+fn a_contact_beside_a_coil_opens() {
+    for law in ["{ conductance = if t < 5 us then 1 uS else 1 S }", "= if t < 5 us then 1 MOhm else 1 Ohm"] {
+        for method in METHODS {
+            let model =
+                format!("model M {{ Sf:i0 = 2.5 A  R:sw {law}  I:l = 1 uH  i0 -> 0:n -> sw, l  probe i = l.f }}");
+            let compiled = with(by(method), &model);
+            let last = 2.5 * (1.0 - f64::exp(-15.0) * f64::exp(-5e6));
+            close(end(&compiled, Steps::new(), 20e-6, "i"), last, 1e-5, &format!("{law}, {method}"));
+        }
+    }
+}
+
+/// It switches on the voltage that it charges, and on a sample.
+#[test]
+fn a_contact_switches_on_what_it_does() {
+    for method in ["", "gonzalez", "collocation8"] {
+        let model =
+            "model M { Se:bat = 5 V  R:sw = if c.e > 1 V then 1 MOhm else 1 Ohm  C:c = 1 uF  bat -> 1:b -> sw, c
+           probe u = c.e }";
+        let compiled = with(by(method), model);
+        // 1 V after ln(5/4) us.
+        let rest = 20e-6 - 1e-6 * f64::ln(1.25);
+        close(end(&compiled, Steps::new(), 20e-6, "u"), 5.0 - 4.0 * f64::exp(-rest), 1e-6, method);
+        let model = "model M {
+           sampled every 1 ms { state k = 0 { next = 1 - k } }
+           Sf:src = 1 A * k  C:c = 1 mF  R:sw = if t < 2 ms then 1 Ohm else 10 kOhm
+           src -> 0:n -> c, sw
+           probe u = c.e }";
+        let compiled = with(by(method), model);
+        // R C is 1 ms, and then 10 s; the current flows in every other millisecond.
+        let mut u = 1.0 - f64::exp(-1.0);
+        for k in 2..10 {
+            let (level, part) = (if k % 2 == 1 { 1e4 } else { 0.0 }, f64::exp(-1e-4));
+            u = level + (u - level) * part;
+        }
+        let (mut sim, stop) = (start(&compiled, Steps::new()), 10e-3);
+        finish(&mut sim, stop);
+        close(probe(&mut sim, "u"), u, 1e-5, &format!("sampled, {method}"));
+    }
+}
+
+/// A leg of a bridge: `up` opens at 0.1 ms, the current of the coil goes on through the diode, and `dn` closes beside it
+/// at 0.12 ms. No step sees the contacts' rounding, whatever they let through while they are open.
+#[test]
+fn a_leg_hands_its_current_over() {
+    for off in ["1e-9", "1e-6", "1e-3"] {
+        for (method, step) in METHODS.iter().flat_map(|m| [(m, None), (m, Some(1e-6))]) {
+            let model = format!(
+                "model Leg {{
+                   Se:dc = 300 V  Se:gnd = 0 V
+                   R:up {{ conductance = if t < 0.1 ms then 100 S else {off} S }}
+                   R:dn {{ conductance = if t > 0.12 ms then 100 S else {off} S }}
+                   R:dd {{ e = min(s, 0) * 1 V; f = max(s, 0) * 1 A }}
+                   I:l {{ inertia = 5 mH; f0 = 10 A }}
+                   R:w = 2 Ohm
+                   dc -> 1:ju -> up, 0:a
+                   gnd -> 0:n -> 1:fd -> dd, a
+                   a -> 1:jd -> dn, n
+                   a -> 1:ph -> l, w
+                   probe i = ph.f
+                 }}"
+            );
+            let compiled = with(by(method), &model);
+            let mut sim = start(&compiled, step.map_or(Steps::new(), Steps::fixed));
+            finish(&mut sim, 2e-4);
+            let what = format!("{off}, {method}, {step:?}");
+            // 2.01 Ohm to 300 V, then 2 Ohm to 0 V, then 2.01 Ohm (the contact is at most 1 mOhm beside an ideal diode).
+            let i = 300.0 / 2.01 + (10.0 - 300.0 / 2.01) * f64::exp(-2.01 / 5e-3 * 1e-4);
+            let i = i * f64::exp(-2.0 / 5e-3 * 1e-4);
+            let leaks = if off == "1e-3" { 5e-3 } else { 2e-5 };
+            close(probe(&mut sim, "i"), i, leaks * i, &what);
+            let summary = sim.summary();
+            assert!(summary.passive, "{what}: {:?}", summary.reasons);
+            // 300 V times the charge that the source gave until it was cut off.
+            let region = &summary.regions[0];
+            assert!(region.supplied < 0.5 && region.dissipated < 0.2, "{what}: {} J", region.supplied);
+        }
+    }
+}
+
+/// Converters of the library's parts keep their balance to rounding.
+#[test]
+fn converters_are_passive() {
+    let parts = [
+        "Se:vin = 24 V  Se:gnd = 0 V  Chopper:sw(frequency = 100 kHz)  IdealDiode:d  I:l = 47 uH  C:c = 100 uF  R:load = 2.4 Ohm
+         vin -> 1:in -> sw.p, 0:x  gnd -> 1:dm -> d.p, x  x -> 1:il -> l, 0:out  out -> c, load",
+        "Se:vin = 12 V  I:l = 100 uH  R:rl = 50 mOhm  Chopper:q(frequency = 50 kHz)  Diode:d  C:c = 100 uF  R:load = 20 Ohm
+         vin -> 1:a -> l, rl  a -> 0:sw -> q.p  sw -> 1:dd -> d.p  dd -> 0:o -> c, load",
+        "Se:bat = 12 V  R:sw = if t > 1 ms and t < 3 ms then 10 mOhm else 1 GOhm  I:coil = 50 mH  R:rc = 20 Ohm
+         R:fly { f = if e > 0 then e/(10 mOhm) else e/(1 GOhm) }  Se:g = 0 V
+         bat -> 1:a -> sw, 0:x  x -> 1:m -> coil, rc  g -> 1:b -> fly  b -> x",
+        "Se:bat = 24 V  R:hi = if sin(2*pi*20 kHz * t) > 0 then 10 mOhm else 1 MOhm
+         R:lo = if sin(2*pi*20 kHz * t) > 0 then 1 MOhm else 10 mOhm  I:l = 100 uH  R:rl = 1 Ohm  Se:gnd = 0 V
+         bat -> 1:a -> hi, 0:x  gnd -> 1:b -> lo  b -> x  x -> 1:m -> l, rl",
+    ];
+    for part in parts {
+        let summary = run(&text(&format!("use std.electrical\nmodel M {{ {part} simulate {{ stop = 1 ms }} }}")));
+        let summary = summary.unwrap_or_else(|e| panic!("{part}: {e}"));
+        assert!(summary.passive, "{part}: {:?}", summary.reasons);
+        assert!(summary.worst_step < 1e-13, "{part}: {:e}", summary.worst_step);
+    }
+}
+
+/// Where fixed steps end just when a contact switches, the step before sees nothing of it.
+#[test]
+fn fixed_steps_end_before_a_switch() {
+    let model =
+        "model M { Se:bat = 9 V  R:sw { conductance = if t >= 1 ms and t < 2 ms then 1 S else 1 pS }  R:r = 1 kOhm
+       C:c = 1 uF  bat -> 1:b -> sw, r, c  probe u = c.e }";
+    for method in METHODS {
+        let compiled = with(by(method).accuracy(bond_compiler::discretise::Accuracy::Fixed), model);
+        let last = 9.0 * (1.0 - f64::exp(-1.0 / 1.001));
+        close(end(&compiled, Steps::fixed(1e-6), 3e-3, "u"), last, 1e-6, method);
+    }
+}
