@@ -53,8 +53,7 @@ fn eval(e: &Expr) -> Result<Quantity, String> {
             let Some(unit) = unit else { return Ok((value.to_f64(), None)) };
             let (factor, dimension) = units::of(unit).map_err(|u| match u.suggestion {
                 _ if units::is_celsius(&u.symbol) => {
-                    let kelvin = value.to_f64() + 273.15;
-                    format!("temperatures are in kelvin: write `{kelvin}K`; a difference of them, `{digits}K`")
+                    "temperatures are in kelvin: add 273.15 and write `K`, as `293.15K` for 20 degrees; a difference of 1 degree is `1K`".to_string()
                 }
                 Some(s) => format!("there is no unit `{}`; did you mean `{s}`?", u.symbol),
                 None => format!("there is no unit `{}`", u.symbol),

@@ -290,7 +290,8 @@ impl<'a> Wreck<'a> {
         if fits && named && self.kind(self.at) == Some(Kind::Number) {
             return error.help(format!("a parameter is given with `=`: `{before} = {}`", self.word(self.at)));
         }
-        if self.word(self.at) == "[" && self.kind(self.before()) == Some(Kind::Number) {
+        let bracket = self.word(self.at) == "[" && self.word(self.at + 1) != "]";
+        if bracket && self.kind(self.before()) == Some(Kind::Number) {
             let end = (self.at..self.range.end).find(|index| self.word(*index) == "]").unwrap_or(self.at + 1);
             let unit = self.scan.slice(self.scan.span_of(self.at + 1).to(self.scan.span_of(end.max(self.at + 2) - 1)));
             let unit = unit.strip_prefix("1/").map_or(unit.to_string(), |below| format!("{below}^-1"));

@@ -8,7 +8,7 @@ use super::{
     Method, accounts, ahead, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray,
     sav, start, swing, unfit,
 };
-use crate::expression::{Expr, Pool, Symbol};
+use crate::expression::{Expr, Pool, Sign, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model};
 use crate::structure::{Bends, ColumnId, Form, Output, Role};
@@ -203,7 +203,8 @@ impl Cluster {
             let out = form.column(*c).out;
             let switched = match (how, super::tight::gain(form, *c)) {
                 (Output::Explicit(_), Some(k))
-                    if pool.any_node(k, &|n| matches!(n, crate::expression::Node::Select(..))) =>
+                    if pool.any_node(k, &|n| matches!(n, crate::expression::Node::Select(..)))
+                        && matches!(pool.sign(k, &|_| Sign::Unknown), Sign::Positive) =>
                 {
                     let (z, input) = (pool.var(out), form.input(pool, *c));
                     let z = pool.div(z, k);

@@ -6,10 +6,11 @@
 //! R that holds to rounding.
 
 use super::cluster::{Cluster, Node};
-use super::measure;
+use super::{measure, stiff};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output, Row};
+use bond_runtime::ir::Binary;
 use rustc_hash::FxHashMap;
 
 /// Steps of so many times R C, from which on the rounding shows: of a large voltage, the same way in each step.
@@ -66,8 +67,17 @@ impl Cluster {
         if law.linear.is_none() || row.len() < 2 {
             return None;
         }
-        let k = gain(form, column)?;
-        model.pool.constant(k)?;
+        let k = match (gain(form, column)?, node.switched) {
+            // As it is where it holds more tightly.
+            (k, Some(_)) => {
+                let sides = [true, false].map(|side| stiff::branch(&mut model.pool, k, side, node.out));
+                model.pool.binary(Binary::Max, sides[0], sides[1])
+            }
+            (k, None) => {
+                model.pool.constant(k)?;
+                k
+            }
+        };
         let stiffness = self.stiffness(model, row)?;
         Some(model.pool.mul(k, stiffness))
     }

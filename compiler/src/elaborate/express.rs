@@ -244,7 +244,12 @@ impl<'a> Elaborator<'a> {
                     {
                         "the digits of a number stand together, without `_`".to_string()
                     }
-                    _ if units::is_celsius(&unknown.symbol) => celsius(value, unit),
+                    _ if units::is_celsius(&unknown.symbol) => {
+                        // The sign in front of a number is not its own.
+                        let before = self.sources.get(span.source).text.get(..span.start as usize);
+                        let plain = !before.is_some_and(|text| text.trim_end().ends_with('-'));
+                        celsius(plain.then_some(value), unit)
+                    }
                     // No unit of the table, since `3 rad/s*t` would be one of it.
                     _ if unknown.symbol == "t" => {
                         "a tonne is `Mg`; if time is meant, put a space before the operator, as in `6 V * t`"
@@ -536,9 +541,9 @@ impl<'a> Elaborator<'a> {
 }
 
 /// How a number of degrees Celsius is to be written.
-fn celsius(value: f64, unit: &ast::Unit) -> String {
-    match &unit.factors[..] {
-        [(_, (1, 1), _)] => {
+fn celsius(value: Option<f64>, unit: &ast::Unit) -> String {
+    match (&unit.factors[..], value) {
+        ([(_, (1, 1), _)], Some(value)) => {
             let kelvin = libm::round((value + 273.15) * 1e9) / 1e9;
             format!(
                 "there is no degree Celsius, which is more than a factor: as a temperature this is `{} K`, as a difference of two `{} K`",
@@ -546,6 +551,7 @@ fn celsius(value: f64, unit: &ast::Unit) -> String {
                 told(value)
             )
         }
+        ([(_, (1, 1), _)], None) => "there is no degree Celsius, which is more than a factor: for a temperature add 273.15, and write `K`; a difference of 1 °C is one of 1 K".to_string(),
         _ => "there is no degree Celsius; a difference of 1 °C is one of 1 K: write `K`".to_string(),
     }
 }

@@ -221,7 +221,7 @@ impl<'a> Elaborator<'a> {
             let falls = drops.len() == 7 && drops[0] > 1e-9 * level(0).abs();
             falls
                 && drops.windows(2).all(|w| w[1] >= 0.5 * w[0])
-                && reaches(sign * libm::exp2(f64::from(end.min(FAR))), along)
+                && reaches(sign * libm::exp2(f64::from(end.saturating_sub(1).min(FAR))), along)
         };
         if directions.iter().any(|d| falls(d, 1.0) || falls(d, -1.0)) {
             return false;

@@ -92,8 +92,10 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
             let how = Output::Explicit(pool.mul(k, inputs[0]));
             return Ok(Some(Found { gain: Some(vec![(id, k)]), ..Found::plain(how) }));
         }
-        // One that may pass 0 is solved for.
-        if pool.constant(k).is_some() || matches!(pool.sign(k, &|_| Sign::Unknown), Sign::Positive) {
+        // One that may pass 0 is solved for; so is one that changes smoothly, which has digits of its own so.
+        let switched = pool.any_node(k, &|n| matches!(n, Node::Select(..)));
+        let is_positive = |pool: &Pool| matches!(pool.sign(k, &|_| Sign::Unknown), Sign::Positive);
+        if pool.constant(k).is_some() || (switched && is_positive(pool)) {
             let one = pool.int(1);
             let gain = Some(vec![(id, pool.div(one, k))]);
             let how = Output::Explicit(pool.div(inputs[0], k));
