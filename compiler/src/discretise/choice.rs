@@ -66,6 +66,8 @@ pub(super) fn nonlinear(
     let small = is_small(c);
     let damps =
         !c.is_led(&model.pool) && collocation::is_coupled(c, RADAU) && collocation::all_quadratic(c, &mut model.pool);
+    // Its steps end before a switch. What a state then has to take across, no node may find on either side.
+    let damps = damps && !stiff::is_steered(c, model, form);
     if damps && stiff::is_switched(c, model, form) {
         return (Method::Radau, "a law is all but a switch, and what it damps within a step must not ring on");
     }

@@ -8,8 +8,8 @@
 
 use super::cluster::Cluster;
 use crate::expression::{Expr, Node as Part, Pool, Symbol};
-use crate::model::Model;
-use crate::structure::{Form, Output};
+use crate::model::{Law, Model};
+use crate::structure::{ColumnId, Form, Output};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A law whose slope is less than this part of what it is elsewhere is all but a switch.
@@ -82,6 +82,23 @@ pub(super) fn switches(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Optio
 /// Whether a cluster has a law that is all but a switch, and may be asked for what it does not give.
 pub(super) fn is_switched(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     switches(c, model, form).iter().any(Option::is_some) || opens(c, model, form)
+}
+
+/// Whether a linear resistor is switched by the state of the cluster, as a contact by the current through a coil.
+pub(super) fn is_steered(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    let own: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(c.loops.iter().copied()).collect();
+    let is_linear = |column: ColumnId| match &model.element(form.column(column).element).law {
+        Law::Resistor(law) => law.linear.is_some(),
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
+    };
+    let linear = c.nodes.iter().filter(|n| n.resistor().is_some_and(is_linear));
+    let laws: Vec<Expr> = linear.flat_map(|n| n.how.expressions()).collect();
+    let laws: Vec<Expr> = laws.into_iter().map(|e| model.pool.substitute(e, &flat)).collect();
+    let pool = &model.pool;
+    let steered = |n: &Part| matches!(n, Part::Select(test, ..) if pool.contains_any(*test, &|s| own.contains(&s)));
+    laws.into_iter().any(|e| pool.any_node(e, &steered))
 }
 
 /// A switch, where a slope is less elsewhere than at rest, and differs by orders of magnitude; the choices made either

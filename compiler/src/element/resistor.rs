@@ -2,9 +2,14 @@
 
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Inference, Typed, told};
+use crate::expression::{Expr, Symbol};
 use crate::model::{BondId, Curve, ElementId, Resistor, Variable};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::ir;
+
+/// A law that is this much steeper than its inverse, in SI units, is turned about.
+const STEEP: f64 = 1e3;
 
 impl<'a> Elaborator<'a> {
     /// The law of a resistor.
@@ -86,7 +91,40 @@ impl<'a> Elaborator<'a> {
             )));
             return None;
         }
+        let (gives, output) = match self.turned(output, argument).filter(|_| !ast.active && linear.is_none()) {
+            Some(turned) => (gives.other(), turned),
+            None => (gives, output),
+        };
         Some(Resistor { argument, output, gives, curve: None, row: None, linear, dissipative })
+    }
+
+    /// A law that is one line to each side of rest, as that of a diode with a resistance that conducts and one that
+    /// blocks, solved for its argument, where it rises the less so: what is steep makes much of the rounding of what it
+    /// is given.
+    fn turned(&mut self, law: Expr, argument: Symbol) -> Option<Expr> {
+        if self.pool.symbols(law).iter().any(|s| *s != argument) {
+            return None;
+        }
+        let slope = |side: f64| {
+            let one = self.pool.eval(law, &|_| side) * side;
+            let sizes = [1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9];
+            let straight = |x: &f64| (self.pool.eval(law, &|_| side * x) * side - one * x).abs() <= 1e-12 * one * x;
+            (one > 0.0 && one.is_finite() && sizes.iter().all(straight)).then_some(one)
+        };
+        let (above, below) = (slope(1.0)?, slope(-1.0)?);
+        let (steepest, flattest) = (above.max(below), above.min(below));
+        if steepest * flattest <= STEEP {
+            return None;
+        }
+        let (x, zero) = (self.pool.var(argument), self.pool.zero());
+        let slope = self.pool.derivative(law, argument);
+        let sides = [1, -1].map(|side| {
+            let map = std::iter::once((argument, self.pool.int(side))).collect();
+            let k = self.pool.substitute(slope, &map);
+            self.pool.div(x, k)
+        });
+        let test = self.pool.binary(ir::Binary::Lt, zero, x);
+        Some(self.pool.select(test, sides[0], sides[1]))
     }
 
     /// A law that is a curve, `{ e = ...; f = ... }` in a bare number `s`: an ideal diode, a switch, friction that
