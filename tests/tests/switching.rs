@@ -32,6 +32,30 @@ fn a_contact_closes() {
     }
 }
 
+/// A resistance that is nothing after 5 us, and one that is before: `u` of a capacitor behind 1 kOhm, and of one beside it.
+#[test]
+fn a_contact_may_be_ideal() {
+    for (contact, law) in [
+        ("series", "= if t < 5 us then 9 kOhm else 0 Ohm"),
+        ("series", "{ e = if t < 5 us then 9 kOhm * f else 0 V }"),
+        ("beside", "{ conductance = if t < 5 us then 0 S else 1 mS }"),
+        ("beside", "{ f = if t > 5 us then 1 mS * e else 0 A }"),
+    ] {
+        let (graph, before, after) = match contact {
+            "series" => ("bat -> 1:b -> sw, r, c", (5.0, 1e-5), (5.0, 1e-6)),
+            _ => ("bat -> 1:b -> r, 0:n  n -> sw, c", (5.0, 1e-6), (2.5, 5e-7)),
+        };
+        let charged = before.0 * (1.0 - f64::exp(-5e-6 / before.1));
+        let last = after.0 - (after.0 - charged) * f64::exp(-15e-6 / after.1);
+        for method in ["", "gonzalez", "collocation8"] {
+            let model =
+                format!("model M {{ Se:bat = 5 V  R:sw {law}  R:r = 1 kOhm  C:c = 1 nF  {graph}  probe u = c.e }}");
+            let compiled = with(by(method), &model);
+            close(end(&compiled, Steps::new(), 20e-6, "u"), last, 2e-6, &format!("{contact} {law}, {method}"));
+        }
+    }
+}
+
 /// The dual: a current source that a coil is switched to by a conductance.
 #[test]
 fn a_contact_beside_a_coil_opens() {
@@ -125,6 +149,10 @@ fn converters_are_passive() {
         "Se:bat = 12 V  R:sw = if t > 1 ms and t < 3 ms then 10 mOhm else 1 GOhm  I:coil = 50 mH  R:rc = 20 Ohm
          R:fly { f = if e > 0 then e/(10 mOhm) else e/(1 GOhm) }  Se:g = 0 V
          bat -> 1:a -> sw, 0:x  x -> 1:m -> coil, rc  g -> 1:b -> fly  b -> x",
+        "Se:bat = 24 V  R:q = if sin(2*pi*20 kHz * t) > 0 then 20 mOhm else 1 MOhm  R:d { e = (if f > 0 then 20 mOhm else 1 MOhm)*f }
+         I:l = 1 mH  R:r = 1 Ohm  Se:gnd = 0 V  bat -> 1:a -> q, 0:x  gnd -> 1:b -> d  b -> x  x -> 1:m -> l, r",
+        "Se:bat = 10 V  R:r1 = 1 Ohm  I:l = 1 mH  R:rr = 0.3 Ohm  R:k = if l.f > 3 A then 2 Ohm else 2 MOhm
+         bat -> 1:a -> r1, 0:x  x -> k  x -> 1:m -> l, rr",
         "Se:bat = 24 V  R:hi = if sin(2*pi*20 kHz * t) > 0 then 10 mOhm else 1 MOhm
          R:lo = if sin(2*pi*20 kHz * t) > 0 then 1 MOhm else 10 mOhm  I:l = 100 uH  R:rl = 1 Ohm  Se:gnd = 0 V
          bat -> 1:a -> hi, 0:x  gnd -> 1:b -> lo  b -> x  x -> 1:m -> l, rl",

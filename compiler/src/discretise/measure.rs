@@ -207,6 +207,9 @@ fn magnitude(pool: &mut Pool, e: Expr, deep: u32) -> Expr {
     }
 }
 
+/// So many summands at most count by themselves where they stand in sums within a sum.
+const MANY: usize = 32;
+
 /// The summands of an expression; those of a sum that parameters alone stand before, too.
 fn parts(pool: &mut Pool, e: Expr, deep: u32) -> Vec<Expr> {
     match pool.node(e).clone() {
@@ -241,7 +244,9 @@ fn parts(pool: &mut Pool, e: Expr, deep: u32) -> Vec<Expr> {
 /// Sum of the magnitudes of an expression's summands, in sums within sums up to so deep, after a substitution.
 pub(super) fn summands(model: &mut Model, flat: &FxHashMap<Symbol, Expr>, e: Expr, deep: u32) -> Expr {
     let pool = &mut model.pool;
-    let parts = parts(pool, e, deep);
+    let all = parts(pool, e, deep);
+    // Of more no one would cancel all.
+    let parts = if all.len() > MANY { parts(pool, e, 1) } else { all };
     let sizes: Vec<Expr> = parts
         .into_iter()
         .map(|e| {

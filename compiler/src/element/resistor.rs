@@ -2,14 +2,19 @@
 
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Inference, Typed, told};
-use crate::expression::{Expr, Symbol};
+use crate::expression::{Expr, Node, Symbol};
 use crate::model::{BondId, Curve, ElementId, Resistor, Variable};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir;
 
-/// A law that is this much steeper than its inverse, in SI units, is turned about.
+/// A law that is this much steeper at one place than at another, and than its inverse (in SI units), is turned about.
 const STEEP: f64 = 1e3;
+
+/// Whether a law with these slopes, the least and the most, is to be turned about.
+fn is_steep(least: f64, most: f64) -> bool {
+    most > STEEP * least && most * least > STEEP
+}
 
 impl<'a> Elaborator<'a> {
     /// The law of a resistor.
@@ -91,11 +96,32 @@ impl<'a> Elaborator<'a> {
             )));
             return None;
         }
-        let (gives, output) = match self.turned(output, argument).filter(|_| !ast.active && linear.is_none()) {
-            Some(turned) => (gives.other(), turned),
-            None => (gives, output),
+        let turned = match linear {
+            _ if ast.active => None,
+            Some(k) => self.turned_switch(k, argument),
+            None => self.turned(output, argument),
+        };
+        let (gives, output, linear) = match turned {
+            Some(output) => {
+                (gives.other(), output, self.pool.linear(output, argument).map(|l| l.0).filter(|_| linear.is_some()))
+            }
+            None => (gives, output, linear),
         };
         Some(Resistor { argument, output, gives, curve: None, row: None, linear, dissipative })
+    }
+
+    /// The same of a resistance that is switched from one number to another.
+    fn turned_switch(&mut self, k: Expr, argument: Symbol) -> Option<Expr> {
+        let (mut stack, mut least, mut most) = (vec![k], f64::INFINITY, 0.0f64);
+        while let Some(e) = stack.pop() {
+            match (self.pool.constant(e), self.pool.node(e)) {
+                (Some(k), _) => (least, most) = (least.min(k), most.max(k)),
+                (None, Node::Select(_, a, b)) => stack.extend([*a, *b]),
+                (None, _) => return None,
+            }
+        }
+        let x = self.pool.var(argument);
+        (least > 0.0 && is_steep(least, most)).then(|| self.pool.div(x, k))
     }
 
     /// A law that is one line to each side of rest, as that of a diode with a resistance that conducts and one that
@@ -113,7 +139,7 @@ impl<'a> Elaborator<'a> {
         };
         let (above, below) = (slope(1.0)?, slope(-1.0)?);
         let (steepest, flattest) = (above.max(below), above.min(below));
-        if steepest * flattest <= STEEP {
+        if !is_steep(flattest, steepest) {
             return None;
         }
         let (x, zero) = (self.pool.var(argument), self.pool.zero());
