@@ -26,7 +26,7 @@
 //!      (Newton's method in the voltage of a junction that blocks, in the current of one that conducts; Nagel, SPICE2,
 //!      1975): else what lies beyond would be overshot, or come back from by one unit of the exponent at a time. `d` is
 //!      what was made of it; up to an eighth of a unit it stays.
-//! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)`, or `|d_i| <=` [`NOUGHT`], or, with its weight above 0,
+//! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`, where `|r|²` is no more than that sum: far out on an exponential one unknown
 //!   is too large for another to show.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
@@ -83,10 +83,6 @@ pub const HALVINGS: u32 = 30;
 /// may have to be larger first, as where a body that slid one way is to slide the other, or on the way to a solution of
 /// an energy that is not convex, over steps of many turns.
 pub const DAMPED: u32 = 140;
-
-/// An update of no more than this, in SI units, is none: along a row of bodies that touch at rest each is moved by the
-/// square of what moves the one before, and by no weight or size of its own.
-pub const NOUGHT: f64 = 1e-100;
 
 /// More unknowns than this have no bends.
 pub const BENT: usize = 48;
@@ -594,7 +590,7 @@ impl<'a> Measure<'a> {
             if size <= energy { t * t * energy } else { -1.0 }
         };
         for (i, (u_i, d_i)) in u.iter().zip(d).enumerate() {
-            if d_i.abs() <= t * (u_i.abs() + self.scale[i]) || d_i.abs() <= NOUGHT {
+            if d_i.abs() <= t * (u_i.abs() + self.scale[i]) {
                 continue;
             }
             let w = self.weight[i];

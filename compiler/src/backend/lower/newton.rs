@@ -6,7 +6,7 @@ use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Bend, Slot};
 use bond_runtime::solve::linear::Matrix;
 use bond_runtime::solve::newton::{
-    DAMPED, FALL, FAR, HALVINGS, NOUGHT, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCH, STRETCHES, TELLING, stretched,
+    DAMPED, FALL, FAR, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCH, STRETCHES, TELLING, stretched,
 };
 use bond_runtime::solve::quick::{LAST, Pattern};
 
@@ -885,9 +885,7 @@ impl Iteration {
                 let kd = w.mul(k, d);
                 let kdd = w.mul(kd, d);
                 let over = w.lt(bound, kdd);
-                let (d, nought) = (w.abs(d), w.number(NOUGHT));
-                let none = w.le(d, nought);
-                Cond::any([close, none, Cond::all([counted, over.not()])])
+                Cond::any([close, Cond::all([counted, over.not()])])
             });
             let x = w.select(all, one, zero);
             w.set(result, x);
