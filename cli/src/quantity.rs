@@ -112,6 +112,7 @@ mod tests {
         assert_eq!(quantity("0.1 kg"), Ok((0.1, Some(Dimension::KILOGRAM))));
         assert_eq!(quantity("0.1kg"), Ok((0.1, Some(Dimension::KILOGRAM))));
         assert_eq!(quantity("-2"), Ok((-2.0, None)));
+        assert_eq!(quantity(" +2e3"), Ok((2e3, None)));
         assert_eq!(quantity("-3mm"), Ok((-0.003, Some(Dimension::METRE))));
         assert_eq!(seconds("3ms"), Ok(0.003));
         assert_eq!(seconds("7.1ms"), Ok(0.0071));

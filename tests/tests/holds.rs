@@ -708,3 +708,27 @@ fn within_an_interval_more_may_cross() {
         "{between}, {at_samples} of {there}"
     );
 }
+
+/// A wall of k T^2 = 10 masses: its budget lets it give back what it was given, and there it rests, not where its spring
+/// would (10 um).
+#[test]
+fn a_wall_too_stiff_for_its_period_rests_where_its_budget_ends() {
+    let compiled = text(
+        "model Stiff {
+           Se:push = 1 N
+           I:handle = 10 g
+           R:hand = 1 N*s/m
+           push -> 1:v -> handle, hand
+           sampled at 1 kHz { C:wall { stiffness = 100 kN/m }  1:c -> wall }
+           v ||> c
+           probe x = integral(v.f, 0 m)
+           simulate { stop = 2 s }
+         }",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 2.0);
+    let summary = sim.summary();
+    let wall = summary.regions.iter().find(|r| r.period.is_some()).expect("the wall");
+    assert!(summary.passive && probe(&mut sim, "x") > 2e-5, "{:?}", summary.reasons);
+    assert!((wall.leaked / wall.h_final - 1.0).abs() < 1e-3, "{} {}", wall.leaked, wall.h_final);
+}

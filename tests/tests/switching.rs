@@ -165,6 +165,26 @@ fn converters_are_passive() {
     }
 }
 
+/// Many conductances that change in time: the matrix of the linear equations is another at each node of a step.
+#[test]
+fn many_that_change_in_time() {
+    let model = "model M { Se:bat = 5 V  0:n0  bat -> 1:b0  b0 -> n0  R:r0 = 1 Ohm  b0 -> r0
+       for i in 1..20 {
+         R:sw[i] { conductance = 1 S * (1.5 + sin(2*pi*100 kHz * t + i)) }
+         C:c[i] = 1 uF
+         n0 -> 1:b[i] -> sw[i], c[i]
+       }
+       probe u = c[20].e }";
+    let want = end(&with(by("gonzalez"), model), Steps::fixed(5e-9), 20e-6, "u");
+    for method in ["radau", "collocation4", "collocation8"] {
+        let compiled = with(by(method), model);
+        let mut sim = start(&compiled, Steps::fixed(5e-7));
+        finish(&mut sim, 20e-6);
+        close(probe(&mut sim, "u"), want, 1e-4, method);
+        assert!(sim.summary().worst_step < 1e-12, "{method}: {:e}", sim.summary().worst_step);
+    }
+}
+
 /// Where fixed steps end just when a contact switches, the step before sees nothing of it.
 #[test]
 fn fixed_steps_end_before_a_switch() {

@@ -8,7 +8,7 @@ use super::{
     Method, accounts, ahead, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray,
     sav, start, swing, unfit,
 };
-use crate::expression::{Expr, Pool, Sign, Symbol};
+use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Hold, Model};
 use crate::structure::{Bends, ColumnId, Form, Output, Role};
@@ -74,6 +74,11 @@ pub(super) struct Node {
 }
 
 impl Node {
+    /// One that is linear and iterated as it is.
+    fn plain(part: Part, out: Symbol, how: Output) -> Self {
+        Self { part, out, how, steep: None, switched: None, curved: false }
+    }
+
     /// The column of a source.
     pub(super) fn source(&self) -> Option<ColumnId> {
         match self.part {
@@ -185,14 +190,7 @@ impl Cluster {
             match form.column(c).role {
                 Role::Source(v) => {
                     let how = Output::Explicit(v);
-                    self.nodes.push(Node {
-                        part: Part::Source(c),
-                        out: form.column(c).out,
-                        how,
-                        steep: None,
-                        switched: None,
-                        curved: false,
-                    });
+                    self.nodes.push(Node::plain(Part::Source(c), form.column(c).out, how));
                 }
                 Role::Bar | Role::Open(_) => self.ports.push(c),
                 Role::Storage | Role::Resistor | Role::Dependent => {}
@@ -201,17 +199,12 @@ impl Cluster {
         for (c, how) in &r.resistors {
             let steep = r.steep.get(c).copied();
             let out = form.column(*c).out;
-            let switched = match (how, super::tight::gain(form, *c)) {
-                (Output::Explicit(_), Some(k))
-                    if pool.any_node(k, &|n| matches!(n, crate::expression::Node::Select(..)))
-                        && matches!(pool.sign(k, &|_| Sign::Unknown), Sign::Positive) =>
-                {
-                    let (z, input) = (pool.var(out), form.input(pool, *c));
-                    let z = pool.div(z, k);
-                    Some(Output::Implicit { residual: pool.sub(z, input), bends: None })
-                }
-                _ => None,
-            };
+            let gain = super::tight::gain(form, *c).filter(|k| pool.is_switched(*k));
+            let switched = gain.filter(|_| matches!(how, Output::Explicit(_))).map(|k| {
+                let (z, input) = (pool.var(out), form.input(pool, *c));
+                let z = pool.div(z, k);
+                Output::Implicit { residual: pool.sub(z, input), bends: None }
+            });
             self.nodes.push(Node {
                 part: Part::Resistor(*c),
                 out,
@@ -224,14 +217,7 @@ impl Cluster {
         for f in &r.following {
             let how = Output::Explicit(f.rate);
             let part = Part::Follower(f.state);
-            self.nodes.push(Node {
-                part,
-                out: form.column(f.column).out,
-                how,
-                steep: None,
-                switched: None,
-                curved: false,
-            });
+            self.nodes.push(Node::plain(part, form.column(f.column).out, how));
             self.followed.extend(f.sources.iter().copied());
         }
         for l in loops.iter().map(|l| &form.loops[*l]) {

@@ -147,9 +147,8 @@ fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, colum
             list.push(model.pool.unary(Unary::Abs, term));
             continue;
         };
-        let choice = |n: &expression::Node| matches!(n, expression::Node::Select(..));
         // What is switched off makes anything of what it is given.
-        let gain = tight::gain(form, j).filter(|k| through > 0 && !model.pool.any_node(*k, &choice));
+        let gain = tight::gain(form, j).filter(|k| through > 0 && !model.pool.is_chosen(*k));
         let Some(gain) = gain else { continue };
         let given = imposed(model, form, flat, j, through - 1);
         let pool = &mut model.pool;
@@ -325,13 +324,9 @@ pub(super) fn scales(
         laws.push(match law {
             Some((column, (k, forward))) => {
                 // Of what is switched off the law tells nothing: the rest of the loop holds it.
-                let sides = match node.switched {
-                    Some(_) => [true, false].map(|side| stiff::branch(&mut model.pool, k, side, node.out)),
-                    None => [k, k],
-                };
-                let [k, other] = sides.map(|k| lower(model, b, &mut at_start, k));
-                let [k, other] = [k?, other?].map(|k| b.unary(Unary::Abs, k));
-                let k = if k == other { k } else { b.binary(Binary::Max, k, other) };
+                let k = if node.switched.is_some() { stiff::steepest(&mut model.pool, k, node.out) } else { k };
+                let k = lower(model, b, &mut at_start, k)?;
+                let k = b.unary(Unary::Abs, k);
                 // What a tight resistor gives in a step is what the storages let it.
                 let slope = match (h, c.tight.contains(&node.out).then(|| c.pull(model, form, node)).flatten()) {
                     (Some(h), Some(pull)) => {

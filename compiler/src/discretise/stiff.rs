@@ -10,6 +10,7 @@ use super::cluster::Cluster;
 use crate::expression::{Expr, Node as Part, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
+use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A law whose slope is less than this part of what it is elsewhere is all but a switch.
@@ -138,8 +139,17 @@ fn opens(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     })
 }
 
+/// The larger size of what an expression is with its choices made either way.
+pub(super) fn steepest(pool: &mut Pool, e: Expr, z: Symbol) -> Expr {
+    let [a, b] = [true, false].map(|side| {
+        let one = branch(pool, e, side, z);
+        pool.unary(Unary::Abs, one)
+    });
+    pool.binary(Binary::Max, a, b)
+}
+
 /// An expression with each choice that does not depend on a symbol made: the first branch of all, or the second.
-pub(super) fn branch(pool: &mut Pool, e: Expr, first: bool, z: Symbol) -> Expr {
+fn branch(pool: &mut Pool, e: Expr, first: bool, z: Symbol) -> Expr {
     let (mut seen, mut stack, mut nodes) = (FxHashSet::default(), vec![e], Vec::new());
     while let Some(e) = stack.pop() {
         if seen.insert(e) {

@@ -3,7 +3,7 @@
 //! all follow one after the other there is nothing left to iterate.
 
 use super::write::System;
-use crate::expression::{Expr, Node, Pool, Sign, Symbol};
+use crate::expression::{Expr, Pool, Sign, Symbol};
 use rustc_hash::FxHashMap;
 
 /// More unknowns than this are left: their elimination finds its order from the pattern.
@@ -48,7 +48,7 @@ pub(super) fn tear(pool: &mut Pool, system: &mut System, h: Option<Symbol>) -> T
             continue;
         }
         // What is switched off is next to nothing, and to divide by it makes much of rounding.
-        if pool.any_node(own, &|n| matches!(n, Node::Select(..))) {
+        if pool.is_chosen(own) {
             continue;
         }
         let others: Vec<usize> = linear.iter().map(|t| t.0).filter(|j| *j != i).collect();

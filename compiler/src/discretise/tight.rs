@@ -10,7 +10,6 @@ use super::{measure, stiff};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output, Row};
-use bond_runtime::ir::Binary;
 use rustc_hash::FxHashMap;
 
 /// Steps of so many times R C, from which on the rounding shows: of a large voltage, the same way in each step.
@@ -69,10 +68,7 @@ impl Cluster {
         }
         let k = match (gain(form, column)?, node.switched) {
             // As it is where it holds more tightly.
-            (k, Some(_)) => {
-                let sides = [true, false].map(|side| stiff::branch(&mut model.pool, k, side, node.out));
-                model.pool.binary(Binary::Max, sides[0], sides[1])
-            }
+            (k, Some(_)) => stiff::steepest(&mut model.pool, k, node.out),
             (k, None) => {
                 model.pool.constant(k)?;
                 k

@@ -133,6 +133,16 @@ impl Pool {
         known.get(&e).copied().unwrap_or(Sign::Unknown)
     }
 
+    /// Whether a choice has a part in it.
+    pub fn is_chosen(&self, e: Expr) -> bool {
+        self.any_node(e, &|n| matches!(n, Node::Select(..)))
+    }
+
+    /// Whether it is above 0 whatever is chosen in it, by a choice: a resistance that is switched.
+    pub fn is_switched(&self, e: Expr) -> bool {
+        self.is_chosen(e) && self.sign(e, &|_| Sign::Unknown) == Sign::Positive
+    }
+
     fn sign_of_node(&self, e: Expr, of: &dyn Fn(Expr) -> Sign, assume: &dyn Fn(Symbol) -> Sign) -> Sign {
         match self.node(e) {
             Node::Number(n) => Sign::of(n.to_f64()),

@@ -3,7 +3,7 @@
 
 use super::resolve::Resolver;
 use super::{Bends, ColumnId, Form, Output, Row, inverse};
-use crate::expression::{Expr, Node, Pool, Sign, Symbol};
+use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::{ElementId, Law, Resistor, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Unary;
@@ -93,9 +93,7 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
             return Ok(Some(Found { gain: Some(vec![(id, k)]), ..Found::plain(how) }));
         }
         // One that may pass 0 is solved for; so is one that changes smoothly, which has digits of its own so.
-        let switched = pool.any_node(k, &|n| matches!(n, Node::Select(..)));
-        let is_positive = |pool: &Pool| matches!(pool.sign(k, &|_| Sign::Unknown), Sign::Positive);
-        if pool.constant(k).is_some() || (switched && is_positive(pool)) {
+        if pool.constant(k).is_some() || pool.is_switched(k) {
             let one = pool.int(1);
             let gain = Some(vec![(id, pool.div(one, k))]);
             let how = Output::Explicit(pool.div(inputs[0], k));

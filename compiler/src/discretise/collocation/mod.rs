@@ -232,7 +232,7 @@ impl Plan {
 
 /// The part of a step at whose end a node looks, where something switches in time: the end may be the instant of that,
 /// and the step is what comes before.
-const BEFORE: f64 = 1.0 - 1.0 / 68_719_476_736.0;
+const BEFORE: f64 = 1.0 - 1.0 / (1_u64 << 36) as f64;
 
 /// Whether a law or a source is one thing or another by the time.
 fn switches_in_time(c: &Cluster, pool: &Pool) -> bool {
