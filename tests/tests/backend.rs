@@ -244,6 +244,28 @@ fn scenes_side_by_side_give_the_bits_that_each_has_alone() {
     assert!(groups > 75 && differing > 50, "{groups} groups ran side by side, {differing} of scenes that differ");
 }
 
+/// What is held for a mass depends on the mass, by beta, which each scene of a make has for itself.
+#[test]
+fn scenes_of_one_make_are_answered_each_in_its_own_way() {
+    let text = "model M(m = 1 kg) {
+        I:cart { inertia = m; f0 = 1 m/s }  C:spring { stiffness = 50 N/m }  1:v -> cart, spring
+        sampled at 1 kHz { C:wall { stiffness = 500 N/m }  R:d = 10 N*s/m  1:w -> wall, d }
+        v ||> w
+        probe x = spring.q  probe f = wall.e
+    }";
+    let list = ["1.3 kg", "0.7 kg", "1.7 kg"].map(|m| with(Options::new().set("m", m), text));
+    let shared = Shared::new(u64::MAX);
+    let options: Vec<_> = list
+        .iter()
+        .map(|c| Steps::new().resolve(&c.stages().model.settings, 0.6, None).unwrap_or_else(|e| panic!("{e}")))
+        .collect();
+    let alone: Vec<_> = list.iter().zip(&options).map(|(c, o)| stretched(c, &Interpret, o, 0.6)).collect();
+    for ((c, o), alone) in list.iter().zip(&options).zip(&alone) {
+        assert_eq!(stretched(c, &shared, o, 0.6), *alone);
+    }
+    assert!(shared.makes().1 == 1 && alone[0] != alone[1]);
+}
+
 /// Asserts that a run by stretches is that by the interpreter; whether there are such.
 fn same_by_stretches(title: &str, compiled: &Compiled, h: f64, end: f64) -> bool {
     let settings = &compiled.stages().model.settings;

@@ -186,6 +186,8 @@ impl Simulation<'_> {
                 run.feed.aim(&mut run.input, now, now + p.h);
             }
             run.put(p, block);
+            // What is held is found from the inputs, a foretold alpha for each port, and beta.
+            put(block, p.input + run.input.len() + self.held[i].len(), &self.beta[i]);
             put(block, p.moved, &self.moved[i]);
             block[p.count] = self.next[i] as f64;
             let Caution { peak, trust, risk, most } = self.caution[i];
