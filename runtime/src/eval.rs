@@ -76,6 +76,7 @@ pub fn unary(f: Unary, a: f64) -> f64 {
         Unary::Neg => -a,
         Unary::Abs => a.abs(),
         Unary::Sign => sign(a),
+        Unary::Floor => a.floor(),
         Unary::Sqrt => a.sqrt(),
         Unary::Exp => pxfm::f_exp(a),
         Unary::Log => pxfm::f_log(a),

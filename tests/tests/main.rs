@@ -43,3 +43,4 @@ mod steep;
 mod stepped_over;
 mod switching;
 mod values;
+mod whole;

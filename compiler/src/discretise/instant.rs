@@ -5,7 +5,7 @@ use super::cluster::{self, Cluster, Recall, State, missing, verified};
 use super::stiff::{self, Switch};
 use super::write::{self, System};
 use super::{Method, measure};
-use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
+use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
@@ -342,6 +342,15 @@ pub(super) fn guards(
                 a
             }
             Node::Unary(Unary::Abs | Unary::Sign | Unary::Atan, a) => a,
+            // At each whole number; what is left of two of them keeps the digits of a large one.
+            Node::Unary(Unary::Floor, a) => {
+                let half = model.pool.scale(a, Number::HALF);
+                let pairs = model.pool.unary(Unary::Floor, half);
+                let rest = model.pool.combine(&[(a, Number::ONE), (pairs, Number::from(-2))]);
+                let pi = model.pool.float(std::f64::consts::PI);
+                let angle = model.pool.mul(pi, rest);
+                model.pool.unary(Unary::Sin, angle)
+            }
             Node::Binary(..)
             | Node::Unary(..)
             | Node::Number(_)

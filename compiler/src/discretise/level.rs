@@ -99,7 +99,7 @@ fn is_smooth(pool: &Pool, e: Expr) -> bool {
             n,
             Node::Select(..)
                 | Node::Binary(Binary::Min | Binary::Max | Binary::Lt | Binary::Le | Binary::Eq, ..)
-                | Node::Unary(Unary::Abs | Unary::Sign | Unary::Not, _)
+                | Node::Unary(Unary::Abs | Unary::Sign | Unary::Floor | Unary::Not, _)
         )
     };
     let is_curved = |n: &Node| match n {

@@ -206,7 +206,7 @@ fn quotient(pool: &mut Pool, (from, to): (Expr, Expr), c: &[f64]) -> Expr {
 /// Whether it is more than a polynomial.
 fn is_curved(n: &Node) -> bool {
     match n {
-        Node::Unary(f, _) => !matches!(f, Unary::Abs | Unary::Sign | Unary::Not),
+        Node::Unary(f, _) => !matches!(f, Unary::Abs | Unary::Sign | Unary::Floor | Unary::Not),
         Node::Power(..) => true,
         Node::Product(_, factors) => factors.iter().any(|f| f.1.integer().is_none_or(|n| n < 0)),
         Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Binary(..) | Node::Select(..) => false,

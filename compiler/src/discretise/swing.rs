@@ -10,31 +10,33 @@ use std::f64::consts::PI;
 /// Where in the run a rate that changes is looked at.
 const LOOKS: u32 = 61;
 
-/// The shortest period of a sine, cosine or tangent of time, s; where its argument is no straight line in time, the
-/// shortest that is found in a run to `stop`.
+/// The shortest period of a sine, cosine or tangent of time, or time between the jumps of `floor`, s; where its argument
+/// is no straight line in time, the shortest that is found in a run to `stop`.
 pub(super) fn shortest(c: &Cluster, model: &mut Model, laws: &[Expr], stop: f64) -> Option<f64> {
     let time = c.time?;
-    let found: RefCell<Vec<Expr>> = RefCell::default();
+    let found: RefCell<Vec<(Expr, f64)>> = RefCell::default();
     for law in laws.iter().filter(|e| model.pool.contains(**e, time)) {
         model.pool.any_node(*law, &|n| {
-            if let Node::Unary(Unary::Sin | Unary::Cos | Unary::Tan, a) = n {
-                found.borrow_mut().push(*a);
+            match n {
+                Node::Unary(Unary::Sin | Unary::Cos | Unary::Tan, a) => found.borrow_mut().push((*a, 1.0)),
+                Node::Unary(Unary::Floor, a) => found.borrow_mut().push((*a, 2.0 * PI)),
+                _ => {}
             }
             false
         });
     }
     let mut arguments = found.into_inner();
-    arguments.sort_unstable();
+    arguments.sort_unstable_by_key(|a| a.0);
     arguments.dedup();
     let mut fastest = 0.0f64;
-    for a in arguments.into_iter().filter(|a| model.pool.contains(*a, time)).collect::<Vec<Expr>>() {
+    for (a, turn) in arguments.into_iter().filter(|a| model.pool.contains(a.0, time)).collect::<Vec<_>>() {
         let rate = model.pool.derivative(a, time);
         if model.pool.symbols(rate).iter().any(|s| *s != time) {
             continue;
         }
         for k in 0..=LOOKS {
             let t = stop * f64::from(k) / f64::from(LOOKS);
-            let x = model.pool.eval(rate, &|_| t).abs();
+            let x = turn * model.pool.eval(rate, &|_| t).abs();
             if x.is_finite() {
                 fastest = fastest.max(x);
             }

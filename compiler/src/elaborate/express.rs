@@ -13,7 +13,7 @@ use bond_runtime::ir;
 type Extreme = (Symbol, crate::expression::Expr, bool);
 
 /// The functions of the language.
-const FUNCTIONS: [&str; 23] = [
+const FUNCTIONS: [&str; 27] = [
     "sin",
     "cos",
     "tan",
@@ -29,6 +29,10 @@ const FUNCTIONS: [&str; 23] = [
     "sqrt",
     "abs",
     "sign",
+    "floor",
+    "ceil",
+    "round",
+    "mod",
     "min",
     "max",
     "integral",
@@ -450,6 +454,37 @@ impl<'a> Elaborator<'a> {
             "sign" => {
                 count(1, self)?;
                 Some(Typed { expr: self.pool.unary(F::Sign, values[0].expr), unit: Unit::one() })
+            }
+            "floor" | "ceil" | "round" => {
+                count(1, self)?;
+                let x = values[0].expr;
+                self.require((&values[0].unit, args[0].span), Unit::one(), None, format!("the argument of `{f}`"), 3);
+                let expr = match f {
+                    "floor" => self.pool.unary(F::Floor, x),
+                    // -floor(-x)
+                    "ceil" => {
+                        let below = self.pool.neg(x);
+                        let whole = self.pool.unary(F::Floor, below);
+                        self.pool.neg(whole)
+                    }
+                    // floor(x + 1/2)
+                    _ => {
+                        let one = self.pool.int(1);
+                        let above = self.pool.combine(&[(x, Number::ONE), (one, Number::HALF)]);
+                        self.pool.unary(F::Floor, above)
+                    }
+                };
+                Some(Typed { expr, unit: Unit::one() })
+            }
+            // x - y floor(x/y)
+            "mod" => {
+                count(2, self)?;
+                let unit = self.same((&values[0], &args[0]), (&values[1], &args[1]), "the second argument of `mod`");
+                let (x, y) = (values[0].expr, values[1].expr);
+                let ratio = self.pool.div(x, y);
+                let whole = self.pool.unary(F::Floor, ratio);
+                let steps = self.pool.mul(y, whole);
+                Some(Typed { expr: self.pool.sub(x, steps), unit })
             }
             "atan2" => {
                 count(2, self)?;

@@ -56,10 +56,11 @@ pub fn foreign(f: &str, args: &[(String, String)]) -> Option<String> {
         "step" | "heaviside" | "unitstep" => instead("a step", "if t < 1 s then 0 else 1".into()),
         "interp1" | "lookup" | "interpolate" => instead("a table", format!("table({x}, [x1, x2, x3], [y1, y2, y3])")),
         "idt" | "integrate" => instead("an integral", format!("integral({x}, 0)")),
-        "mod" | "rem" | "fmod" | "wrap" => Some("no function jumps in its middle; an angle is turned back into -pi to pi by `atan2(sin(x), cos(x))`".into()),
-        "floor" | "ceil" | "round" | "trunc" | "fix" | "int" => {
-            Some("nothing rounds; where a number is to go in steps, say where: `if x < 1 then 0 else 1`".into())
-        }
+        "rem" | "fmod" | "modulo" => instead("what is left of a division", format!("mod({x}, {y})")),
+        "wrap" => instead("an angle from -pi to pi", format!("atan2(sin({x}), cos({x}))")),
+        "trunc" | "fix" | "int" => instead("this", format!("sign({x})*floor(abs({x}))")),
+        "frac" | "fract" => instead("this", format!("mod({x}, 1)")),
+        "ceiling" => instead("this", format!("ceil({x})")),
         "rand" | "random" | "randn" | "noise" => {
             Some("nothing is random in a run; give a table with `--input`, or draw parameters with `--monte-carlo`".into())
         }

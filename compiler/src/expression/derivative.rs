@@ -272,7 +272,7 @@ impl Pool {
         match f {
             Unary::Neg => self.int(-1),
             Unary::Abs => self.unary(Unary::Sign, a),
-            Unary::Sign | Unary::Not => self.zero(),
+            Unary::Sign | Unary::Not | Unary::Floor => self.zero(),
             Unary::Sqrt => {
                 let e = self.powers(&[(a, Number::ratio(-1, 2))]);
                 self.scale(e, Number::HALF)

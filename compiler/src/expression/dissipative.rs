@@ -53,7 +53,7 @@ impl Pool {
                         && self.proves(f, s, assume, depth + 1)
                 })
             }
-            Node::Unary(Unary::Sign | Unary::Sinh | Unary::Tanh | Unary::Atan | Unary::Asin, a) => {
+            Node::Unary(Unary::Sign | Unary::Sinh | Unary::Tanh | Unary::Atan | Unary::Asin | Unary::Floor, a) => {
                 self.proves(a, s, assume, depth + 1)
             }
             Node::Binary(Binary::Min | Binary::Max, a, b) => {
@@ -78,6 +78,10 @@ impl Pool {
     ) -> bool {
         let Some(threshold) = self.threshold(condition, s) else { return false };
         let Some(at) = self.constant(threshold).filter(|at| at.is_finite()) else { return false };
+        // What else it depends on may turn it round.
+        if self.symbols(condition).iter().any(|x| *x != s) {
+            return false;
+        }
         // beyond 0 as seen from the threshold, and further out
         let above = self.eval(condition, &|_| at + at.abs().max(1.0)) != 0.0;
         let below = self.eval(condition, &|_| at - at.abs().max(1.0)) != 0.0;
@@ -138,7 +142,7 @@ impl Pool {
                 | Unary::Tanh => true,
                 Unary::Log => self.sign(*a, &assume) == Sign::Positive,
                 Unary::Sqrt => self.sign(*a, &assume).is_nonnegative(),
-                Unary::Sign | Unary::Tan | Unary::Asin | Unary::Acos | Unary::Not => false,
+                Unary::Sign | Unary::Tan | Unary::Asin | Unary::Acos | Unary::Not | Unary::Floor => false,
             },
             Node::Binary(f, ..) => *f == Binary::Min || *f == Binary::Max,
             Node::Select(..) => false,

@@ -12,6 +12,10 @@ impl Pool {
                 Unary::Neg => -n,
                 Unary::Abs => n.abs(),
                 Unary::Sqrt => n.pow(Number::HALF),
+                Unary::Floor => match n {
+                    Number::Ratio(n, d) => Number::from(n.div_euclid(d)),
+                    Number::Float(x) => Number::float(eval::unary(f, x)),
+                },
                 Unary::Sign
                 | Unary::Exp
                 | Unary::Log
@@ -61,7 +65,7 @@ impl Pool {
                     None => self.intern(Node::Unary(f, a)),
                 }
             }
-            Unary::Exp | Unary::Acos => self.intern(Node::Unary(f, a)),
+            Unary::Exp | Unary::Acos | Unary::Floor => self.intern(Node::Unary(f, a)),
         }
     }
 

@@ -131,6 +131,9 @@ impl Pool {
             }
             Node::Unary(f, a) => match f {
                 Unary::Abs => (format!(r"\left|{}\right|", within(*a, Tightness::Logic)), Tightness::Atom),
+                Unary::Floor => {
+                    (format!(r"\left\lfloor {} \right\rfloor", within(*a, Tightness::Logic)), Tightness::Atom)
+                }
                 Unary::Not => (format!(r"\lnot {}", within(*a, Tightness::Atom)), Tightness::Power),
                 Unary::Exp => (format!("e^{{{}}}", within(*a, Tightness::Logic)), Tightness::Power),
                 Unary::Sign => {

@@ -423,6 +423,21 @@ fn unary_branch(b: &mut Builder, f: Unary, x: Value, side: Value) -> Value {
             let below = b.binary(Binary::Lt, at, zero);
             b.select(below, minus, x)
         }
+        // What switches is the sine of pi x: it is above 0 where the whole number is even.
+        Unary::Floor => {
+            let (zero, one) = (b.number(0.0), b.number(1.0));
+            let (half, two) = (b.number(0.5), b.number(2.0));
+            let odd = b.binary(Binary::Lt, side, zero);
+            let odd = b.select(odd, one, zero);
+            let from = b.sub(x, odd);
+            let middle = b.add(from, half);
+            let pairs = b.mul(half, middle);
+            let pairs = b.unary(f, pairs);
+            let even = b.mul(two, pairs);
+            let kept = b.add(even, odd);
+            let whole = b.unary(f, x);
+            b.select(side, kept, whole)
+        }
         _ => b.unary(f, at),
     }
 }

@@ -89,6 +89,12 @@ impl Pool {
                         u.iter().map(|x| side * x).collect()
                     }
                     Unary::Sign => constant(sign(&u), count),
+                    Unary::Floor => {
+                        // Where it jumps, on the side that the argument goes to.
+                        let whole = eval::unary(*f, u[0]);
+                        let past: Series = std::iter::once(u[0] - whole).chain(u.iter().skip(1).copied()).collect();
+                        constant(if sign(&past) < 0.0 { whole - 1.0 } else { whole }, count)
+                    }
                     Unary::Not => constant(f64::from(sign(&u) == 0.0), count),
                     Unary::Sqrt => power(&u, Number::HALF)?,
                     Unary::Exp => exponential(&u),

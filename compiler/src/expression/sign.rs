@@ -209,6 +209,7 @@ impl Pool {
                 Unary::Cosh => (1.0, f64::INFINITY),
                 Unary::Not => (0.0, 1.0),
                 Unary::Neg | Unary::Log | Unary::Tan | Unary::Asin | Unary::Acos | Unary::Atan | Unary::Sinh => all,
+                Unary::Floor => all,
             },
             Node::Product(c, factors) => {
                 // an even power of something bounded
@@ -277,6 +278,8 @@ fn sign_of_function(f: Unary, a: Sign) -> Sign {
             Sign::NonNegative | Sign::NonPositive | Sign::Unknown => Sign::NonNegative,
         },
         Unary::Sign | Unary::Sinh | Unary::Tanh | Unary::Atan | Unary::Asin => a,
+        Unary::Floor if a == Sign::Positive => Sign::NonNegative,
+        Unary::Floor => a,
         Unary::Sqrt => sign_of_power(a, Number::HALF),
         Unary::Exp | Unary::Cosh => Sign::Positive,
         Unary::Acos => Sign::NonNegative,

@@ -24,11 +24,13 @@ pub enum Unary {
     Tanh,
     /// 1 where the value is 0, else 0.
     Not,
+    /// The largest whole number that is not above the value.
+    Floor,
 }
 
 impl Unary {
     /// All of them.
-    pub const ALL: [Unary; 16] = [
+    pub const ALL: [Unary; 17] = [
         Unary::Neg,
         Unary::Abs,
         Unary::Sign,
@@ -45,6 +47,7 @@ impl Unary {
         Unary::Cosh,
         Unary::Tanh,
         Unary::Not,
+        Unary::Floor,
     ];
 
     /// As it is written in the language and in the text form of a program.
@@ -66,6 +69,7 @@ impl Unary {
             Unary::Cosh => "cosh",
             Unary::Tanh => "tanh",
             Unary::Not => "not",
+            Unary::Floor => "floor",
         }
     }
 }

@@ -271,6 +271,7 @@ impl Words<'_> {
                         format!("{name}({a})")
                     }
                     Unary::Sqrt
+                    | Unary::Floor
                     | Unary::Exp
                     | Unary::Log
                     | Unary::Sin

@@ -7,6 +7,7 @@ use bond_runtime::ir::{Binary, Unary};
 pub(super) fn unary(f: Unary) -> Option<&'static str> {
     match f {
         Unary::Neg | Unary::Abs | Unary::Sign | Unary::Sqrt | Unary::Not => None,
+        Unary::Floor => Some("bond_floor"),
         Unary::Exp => Some("bond_exp"),
         Unary::Log => Some("bond_log"),
         Unary::Sin => Some("bond_sin"),
@@ -50,7 +51,7 @@ macro_rules! one {
     };
 }
 
-one!(exp Exp, log Log, sin Sin, cos Cos, tan Tan, asin Asin, acos Acos, atan Atan, sinh Sinh, cosh Cosh, tanh Tanh);
+one!(floor Floor, exp Exp, log Log, sin Sin, cos Cos, tan Tan, asin Asin, acos Acos, atan Atan, sinh Sinh, cosh Cosh, tanh Tanh);
 
 extern "C" fn pow(a: f64, b: f64) -> f64 {
     eval::binary(Binary::Pow, a, b)

@@ -494,7 +494,8 @@ impl<M: Module> Translate<'_, '_, M> {
                 let (sine, cosine) = self.turn(a, x);
                 if f == Unary::Sin { sine } else { cosine }
             }
-            Unary::Exp
+            Unary::Floor
+            | Unary::Exp
             | Unary::Log
             | Unary::Sin
             | Unary::Cos

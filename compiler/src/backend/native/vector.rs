@@ -53,6 +53,7 @@ pub(super) fn unary(b: &mut FunctionBuilder, f: Unary, x: ir::Value) -> ir::Valu
             choose(b, above, one, rest)
         }
         Unary::Not
+        | Unary::Floor
         | Unary::Exp
         | Unary::Log
         | Unary::Sin

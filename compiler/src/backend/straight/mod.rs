@@ -67,7 +67,8 @@ pub fn is_call(op: &Op) -> bool {
             | Unary::Atan
             | Unary::Sinh
             | Unary::Cosh
-            | Unary::Tanh => true,
+            | Unary::Tanh
+            | Unary::Floor => true,
         },
         Op::Binary(f, ..) => matches!(f, Binary::Pow | Binary::Atan2),
         Op::Load(_) | Op::Get(_) | Op::Select(..) => false,

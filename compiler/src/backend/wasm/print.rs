@@ -40,7 +40,7 @@ pub(super) fn imported(routines: &[&Routine]) -> BTreeSet<(&'static str, usize)>
 
 /// Whether the machine has it, or it is written out.
 fn is_plain(f: Unary) -> bool {
-    matches!(f, Unary::Neg | Unary::Abs | Unary::Not | Unary::Sign | Unary::Sqrt)
+    matches!(f, Unary::Neg | Unary::Abs | Unary::Not | Unary::Sign | Unary::Floor | Unary::Sqrt)
 }
 
 /// Where functions and memories are.
@@ -277,6 +277,7 @@ impl Body<'_> {
                     Unary::Abs => self.push(I::F64Abs),
                     Unary::Sqrt => self.push(I::F64Sqrt),
                     Unary::Sign => self.call("sign"),
+                    Unary::Floor => self.push(I::F64Floor),
                     Unary::Not
                     | Unary::Exp
                     | Unary::Log

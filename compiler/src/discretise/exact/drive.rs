@@ -277,7 +277,7 @@ impl System {
                 Some(self.degree(pool, *a)?.max(self.degree(pool, *b)?))
             }
             Node::Unary(Unary::Abs, a) => below(*a, 1),
-            Node::Unary(Unary::Sign, a) => below(*a, 1).map(|_| 0),
+            Node::Unary(Unary::Sign | Unary::Floor, a) => below(*a, 1).map(|_| 0),
             Node::Unary(Unary::Not, a) => below(*a, 0),
             Node::Binary(Binary::Lt | Binary::Le | Binary::Eq, a, b) => below(*a, 1).and(below(*b, 1)).map(|_| 0),
             Node::Binary(Binary::And | Binary::Or, a, b) => below(*a, 0).and(below(*b, 0)),

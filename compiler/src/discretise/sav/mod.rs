@@ -252,7 +252,14 @@ fn grows(pool: &Pool, e: Expr, argument: &dyn Fn(Symbol) -> bool) -> bool {
             true
         }
         Node::Unary(op, _) => match op {
-            Unary::Neg | Unary::Abs | Unary::Sqrt | Unary::Exp | Unary::Sinh | Unary::Cosh | Unary::Tan => true,
+            Unary::Neg
+            | Unary::Abs
+            | Unary::Sqrt
+            | Unary::Exp
+            | Unary::Sinh
+            | Unary::Cosh
+            | Unary::Tan
+            | Unary::Floor => true,
             Unary::Sign
             | Unary::Log
             | Unary::Sin

@@ -166,6 +166,13 @@ impl Pool {
                 self.scale(product, Number::HALF)
             }
             Unary::Sign => self.unary(Unary::Abs, u),
+            Unary::Floor => {
+                // n u - n (n + 1)/2 with n = floor(u)
+                let one = self.one();
+                let next = self.add(one, e);
+                let (all, steps) = (self.mul(e, u), self.mul(e, next));
+                self.combine(&[(all, Number::ONE), (steps, -Number::HALF)])
+            }
             Unary::Sqrt | Unary::Neg | Unary::Not => return None,
         };
         Some(self.div(above, slope))

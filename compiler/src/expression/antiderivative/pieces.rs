@@ -11,7 +11,7 @@ const DEPTH: usize = 32;
 impl Pool {
     /// The same, but at single points, by choices `s < root` alone: no `abs`, `sign`, `min`, `max` or other comparison
     /// of `s` is left. `None` where it is not found at which places one turns over.
-    pub(super) fn by_pieces(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
+    pub(crate) fn by_pieces(&mut self, e: Expr, s: Symbol) -> Option<Expr> {
         self.cut(e, s, (f64::NEG_INFINITY, f64::INFINITY), &mut 0)
     }
 
@@ -243,7 +243,7 @@ impl Pool {
             Unary::Acos => (0.0..std::f64::consts::PI).contains(&value),
             Unary::Log | Unary::Sinh => true,
             Unary::Neg | Unary::Sqrt | Unary::Abs | Unary::Sign | Unary::Not => return None,
-            Unary::Sin | Unary::Cos | Unary::Tan => return None,
+            Unary::Sin | Unary::Cos | Unary::Tan | Unary::Floor => return None,
         };
         if !in_range {
             return Some(None);

@@ -107,7 +107,7 @@ impl Pool {
                 let positive = self.binary(Binary::Lt, zero, both);
                 self.select(positive, slope, zero)
             }
-            Unary::Sign | Unary::Not => self.along_jump((ends.from, ends.to), step),
+            Unary::Sign | Unary::Not | Unary::Floor => self.along_jump((ends.from, ends.to), step),
         }
     }
 

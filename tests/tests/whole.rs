@@ -1,0 +1,114 @@
+//! Whole numbers: `floor`, `ceil`, `round`, `mod`, and the jumps that they make.
+
+use crate::common::{close, end, finish, probe, start, with};
+use bond::{Options, Steps};
+
+/// A model of nothing but probes.
+fn values(probes: &[(&str, f64)], head: &str) {
+    let list: String = probes.iter().enumerate().map(|(i, (e, _))| format!("probe p{i} = {e}\n")).collect();
+    let compiled = with(Options::new(), &format!("model M {{ {head}\n {list} }}"));
+    for (i, (text, value)) in probes.iter().enumerate() {
+        close(end(&compiled, Steps::new(), 1.0, &format!("p{i}")), *value, 1e-14, text);
+    }
+}
+
+#[test]
+fn values_are_those_of_their_definitions() {
+    let known = [
+        ("floor(-1.5)", -2.0),
+        ("floor(2)", 2.0),
+        ("ceil(-1.5)", -1.0),
+        ("ceil(1.2)", 2.0),
+        ("round(-1.5)", -1.0),
+        ("round(2.5)", 3.0),
+        ("mod(7, 3)", 1.0),
+        ("mod(-1 s, 3 s)/(1 s)", 2.0),
+        ("mod(7 m, -3 m)/(1 m)", -2.0),
+        ("floor(1e300)", 1e300),
+    ];
+    values(&known, "");
+    // The same of what moves: z is 1 at the end.
+    let moving = [
+        ("floor(-1.5*z)", -2.0),
+        ("ceil(-1.5*z)", -1.0),
+        ("round(2.5*z)", 3.0),
+        ("mod(-z, 3)", 2.0),
+        ("mod(t, 0.3 s)/(1 s)", 0.1),
+        ("floor(floor(2.5*z)/2)", 1.0),
+    ];
+    values(&moving, "state z = 0 { dz = 1 Hz }");
+    // Known before the run, it chooses what is built.
+    let built = "model M { Se:u = 1 V  1:v  u -> v
+        for i in 1..5 { if mod(i, 2) == 0 { R:r[i] = 1 Ohm  v -> r[i] } else { R:s[i] = 10 Ohm  v -> s[i] } }
+        probe i = v.f }";
+    close(end(&with(Options::new(), built), Steps::new(), 1.0, "i"), 1.0 / 32.0, 1e-14, "two of 1 Ohm, three of 10");
+}
+
+/// A chopper and a ramp into a coil with resistance, by their closed forms at the end of a period.
+#[test]
+fn jumps_in_time_are_met() {
+    let (r, l, period, duty) = (2.0, 1e-3, 50e-6, 0.4);
+    let decay = |t: f64| f64::exp(-r * t / l);
+    let (mut chopped, mut ramp) = (0.0, 0.0);
+    for _ in 0..20 {
+        chopped = (24.0 / r - (24.0 / r - chopped) * decay(duty * period)) * decay((1.0 - duty) * period);
+        // i' = (24 t/T - r i)/l
+        let slope = 24.0 / period / r;
+        ramp = (ramp + slope * l / r) * decay(period) + slope * (period - l / r);
+    }
+    for (source, wanted) in [("if mod(t, T) < 0.4*T then 24 V else 0 V", chopped), ("24 V * mod(t, T)/T", ramp)] {
+        let text = format!(
+            "model M(T = 50 us) {{ Se:u = {source}  I:l = 1 mH  R:r = 2 Ohm  u -> 1:v -> l, r  probe i = l.f }}"
+        );
+        for method in ["", "gonzalez", "collocation6", "radau", "rk45", "dop853"] {
+            let options = if method.is_empty() { Options::new() } else { Options::new().method(method) };
+            let steps = Steps::tolerance(1e-8);
+            close(end(&with(options, &text), steps, 20.0 * period, "i"), wanted, 1e-5, &format!("{source}, {method}"));
+        }
+    }
+}
+
+/// What states switch: a flow that grows by 1 at each whole number takes 1 + 1/2 + 1/3 + 1/4 s to come to 4.
+#[test]
+fn jumps_of_states_are_met() {
+    let text = "model M { state z = 0 { dz = 1 Hz * (1 + floor(z)) }  probe x = z }";
+    for method in ["gonzalez", "collocation4", "radau", "rk4", "dop853"] {
+        let compiled = with(Options::new().method(method), text);
+        close(end(&compiled, Steps::tolerance(1e-8), 25.0 / 12.0, "x"), 4.0, 1e-7, method);
+    }
+}
+
+/// A detent gives its energy back, at any step: H is the antiderivative of a staircase.
+#[test]
+fn a_staircase_keeps_energy() {
+    let text = "model M { I:m { inertia = 1 kg; f0 = 3 m/s }  C:c { e = 1 N * floor(q/(1 m)) }  1:v -> m, c
+        probe x = c.q  probe stored = c.H  probe total = c.H + m.H }";
+    let compiled = with(Options::new().method("gonzalez"), text);
+    for h in [1e-3, 0.03, 1.0] {
+        let mut sim = start(&compiled, Steps::fixed(h));
+        finish(&mut sim, 10.0);
+        let summary = sim.summary();
+        assert!(summary.passive && summary.worst_step <= 1e-12, "{h}: {summary:?}");
+        let (x, stored) = (probe(&mut sim, "x"), probe(&mut sim, "stored"));
+        let n = x.floor();
+        close(stored, n * x - n * (n + 1.0) / 2.0, 1e-12, "H");
+        close(probe(&mut sim, "total"), 4.5, 1e-12, "all");
+    }
+}
+
+/// A wall by an encoder of 1 mm: the force is that of the sample's whole millimetres.
+#[test]
+fn an_encoder_tells_whole_steps() {
+    let text = "model M(res = 1 mm) {
+        I:m { inertia = 1 kg; f0 = 0.1 m/s }  Se:motor = -force  motor -> 1:v -> m
+        let x = integral(v.f, 0 m)
+        sampled at 1 kHz { state seen = 0 m { next = res*floor(x/res) } }
+        let force = 100 N/m * seen
+        probe steps = seen/res  probe off = mod(x, res)/res
+    }";
+    let compiled = with(Options::new(), text);
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 0.05);
+    let (steps, off) = (probe(&mut sim, "steps"), probe(&mut sim, "off"));
+    assert!((steps - steps.round()).abs() < 1e-9 && steps >= 4.0 && (0.0..1.0).contains(&off), "{steps}, {off}");
+}
