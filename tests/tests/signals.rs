@@ -636,3 +636,69 @@ fn fields_in_a_closed_loop() {
     close(ends[0].0, ends[1].0, 1e-10, "current");
     close(ends[0].1, ends[1].1, 1e-10, "charge");
 }
+
+/// What samples hold stands still between them, and time and inputs do not: w is 0.5, 1.5, ... for 0.3 s each.
+#[test]
+fn integrals_of_what_is_sampled() {
+    let model = "model M {
+        input u = 1
+        sampled every 0.3 s { state w = 0.5 { next = w + 1 } }
+        sampled every 0.1 s { state v = 0 { next = v + 1 } }
+        probe one = integral(1, 0 s)
+        probe wave = integral(sin(2 Hz * t), 0 s)
+        probe ramp = integral(u, 0 s)
+        probe both = integral(w*t, 0 s^2)
+        probe held = integral(w, 0 s)
+        probe fast = integral(v, 0 s)
+        probe rates = integral(w*v, 0 s)
+    }";
+    let compiled = text(model);
+    let mut sim = fed(&compiled, Steps::new(), "u", course(&[(0.0, 0.0), (2.0, 2.0)], false));
+    let held = |k: i32| 0.5 + f64::from(k);
+    for t in [0.25, 1.0] {
+        advance(&mut sim, t);
+        // Over each tenth of a second, or what has gone of it.
+        let parts = (0..10).map(|k| (k, 0.1 * f64::from(k), (0.1 * f64::from(k + 1)).min(t))).filter(|p| p.1 < p.2);
+        let sum = |of: &dyn Fn(i32, f64, f64) -> f64| parts.clone().map(|(k, a, b)| of(k, a, b)).sum::<f64>();
+        let wanted = [
+            ("one", t),
+            ("wave", (1.0 - f64::cos(2.0 * t)) / 2.0),
+            ("ramp", t * t / 2.0),
+            ("both", sum(&|k, a, b| held(k / 3) * (b * b - a * a) / 2.0)),
+            ("held", sum(&|k, a, b| held(k / 3) * (b - a))),
+            ("fast", sum(&|k, a, b| f64::from(k) * (b - a))),
+            ("rates", sum(&|k, a, b| held(k / 3) * f64::from(k) * (b - a))),
+        ];
+        for (name, value) in wanted {
+            close(probe(&mut sim, name), value, 1e-9, &format!("{name} at {t} s"));
+        }
+    }
+    // One that a source reads: 1 N/s for 1 s, on 1 kg.
+    let driven = text(
+        "model M { sampled every 0.3 s { state w = 1 { next = w } }
+           let force = integral(w, 0 s)  Se:s = 1 N/s * force  I:m = 1 kg  s -> 1:v -> m  probe f = v.f }",
+    );
+    let mut sim = start(&driven, Steps::new());
+    finish(&mut sim, 1.0);
+    close(probe(&mut sim, "f"), 0.5, 1e-12, "driven");
+}
+
+/// A computer's source of time is what it was at the sample, to whoever looks, and to another region.
+#[test]
+fn samples_hold_the_time() {
+    let compiled = text(
+        "model M {
+           sampled every 0.1 s { Se:u = (2 V/s)*t  R:r = 1 Ohm  u -> r }
+           sampled every 0.025 s { Se:w = u.e  R:q = 1 Ohm  w -> q }
+           Se:s = u.e  R:p = 1 Ohm  s -> p
+           probe ue = u.e  probe power = r.P  probe se = s.e  probe we = w.e
+         }",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    for (t, e) in [(0.05, 0.0), (0.1, 0.2), (0.175, 0.2), (0.25, 0.4), (0.31, 0.6)] {
+        advance(&mut sim, t);
+        for (name, value) in [("ue", e), ("se", e), ("we", e), ("power", e * e)] {
+            close(probe(&mut sim, name), value, 1e-12, &format!("{name} at {t} s"));
+        }
+    }
+}

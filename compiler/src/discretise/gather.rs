@@ -31,9 +31,6 @@ fn atoms(model: &Model, form: &Form) -> Vec<Atom> {
             }
         }
     }
-    if atoms.is_empty() && !model.integrals.is_empty() {
-        atoms.push(Atom::default());
-    }
     atoms
 }
 
@@ -139,14 +136,24 @@ pub(super) fn gather(model: &mut Model, form: &Form, apart: bool) -> Vec<Cluster
         loops[l.region.at()].push(i);
     }
     let read_by: Vec<Vec<Symbol>> = atoms.iter().map(|a| reads(&pool, form, (&columns, &loops), a)).collect();
-    // An integral belongs with what it reads.
+    // An integral belongs with the continuous atom that it reads, or the one sampled region whose variables are all that
+    // it reads; what else samples hold is integrated as it is held.
+    let flowing = |s: &Symbol| matches!(model.signals.get(s), Some(Signal::Time | Signal::Input(_) | Signal::Slope(_)));
     let mut homes: Vec<usize> = Vec::new();
     for (integral, e) in model.integrals.iter().zip(&form.integrals) {
         let continuous = |i: &usize| atoms[*i].sampling.is_none();
-        let mut read: Vec<usize> = pool.symbols(*e).iter().filter_map(|s| owner.get(s).copied()).collect();
+        let symbols = pool.symbols(*e);
+        let mut read: Vec<usize> = symbols.iter().filter_map(|s| owner.get(s).copied()).collect();
         read.sort_unstable();
-        let home = read.iter().copied().find(continuous).or(read.first().copied());
-        let home = home.or_else(|| (0..atoms.len()).find(continuous)).unwrap_or(0);
+        read.dedup();
+        let home = match read[..] {
+            [one] if atoms[one].region.is_some() && !symbols.iter().any(flowing) => Some(one),
+            _ => read.iter().copied().find(continuous).or_else(|| (0..atoms.len()).find(continuous)),
+        };
+        let home = home.unwrap_or_else(|| {
+            atoms.push(Atom::default());
+            atoms.len() - 1
+        });
         owner.insert(integral.symbol, home);
         homes.push(home);
     }

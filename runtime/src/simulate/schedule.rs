@@ -182,7 +182,7 @@ impl<'a> Simulation<'a> {
     /// sampled region, whose step may fail yet. Fitted steps are tried before.
     pub fn settled(&self) -> f64 {
         let settled = |i: usize| match self.scene.clusters[i].period {
-            Some(_) => self.instant(i, self.next[i].saturating_sub(1)),
+            Some(_) => self.own_time(i, self.time),
             None if self.runs[i].fit.is_none() => self.runs[i].time(),
             None => f64::INFINITY,
         };
@@ -342,12 +342,21 @@ impl<'a> Simulation<'a> {
         }
     }
 
+    /// What a cluster takes for the time: a sampled one that of its last sample, which it holds.
+    fn own_time(&self, i: usize, t: f64) -> f64 {
+        match self.scene.clusters[i].period {
+            Some(_) => self.instant(i, self.next[i].saturating_sub(1)),
+            None => t,
+        }
+    }
+
     /// Samples the signals that clusters read of each other, and those given from outside: continuous clusters at each
     /// sample, sampled ones when they are due.
     fn refresh_foreign(&mut self, at: f64, due: &[usize]) -> Result<(), Error> {
         for k in 0..self.read.len() {
             let i = self.read[k];
-            self.runs[i].observe(&self.scene.clusters[i], at)?;
+            let t = if due.contains(&i) { at } else { self.own_time(i, at) };
+            self.runs[i].observe(&self.scene.clusters[i], t)?;
         }
         for (i, c) in self.scene.clusters.iter().enumerate() {
             if c.period.is_some() && !due.contains(&i) {
@@ -372,7 +381,8 @@ impl<'a> Simulation<'a> {
     pub fn probes(&mut self) -> Result<&[f64], Error> {
         for k in 0..self.probed.len() {
             let i = self.probed[k];
-            self.runs[i].observe(&self.scene.clusters[i], self.time)?;
+            let t = self.own_time(i, self.time);
+            self.runs[i].observe(&self.scene.clusters[i], t)?;
         }
         self.probe_input[0] = self.time;
         for (k, (cluster, output)) in self.scene.probes.gather.iter().enumerate() {

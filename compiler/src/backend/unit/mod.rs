@@ -15,7 +15,7 @@ mod sample;
 mod step;
 mod stretch;
 
-use super::code::{Memory, Place, Reason, Routine, Stmt, Value, size};
+use super::code::{Cond, Memory, Place, Reason, Routine, Stmt, Value, size};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
 use super::straight::{Straight, straight};
@@ -23,7 +23,7 @@ use apart::{Answer, Apart};
 use block::{Block, Cluster};
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
-use bond_runtime::ir::Program;
+use bond_runtime::ir::{Array, Program};
 use bond_runtime::scene::{GIVEN, Respond, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start};
 use lift::{Lifted, Uses, lift};
@@ -447,7 +447,7 @@ impl Writing<'_> {
         let told: Vec<usize> = self.start.probed.iter().flat_map(|i| self.told(*i)).collect();
         let before: Vec<Value> = told.iter().map(|at| w.kept(*at)).collect();
         for &i in &self.start.probed {
-            w = self.look(w, i)?;
+            w = self.look(w, i, None)?;
         }
         // Who looks and saves then has what who only saves has.
         for (at, x) in told.into_iter().zip(before) {
@@ -480,10 +480,17 @@ impl Writing<'_> {
         Ok((routine, read))
     }
 
-    /// Writes an observation of a cluster at the time that is now.
-    fn look(&mut self, mut w: Writer, i: usize) -> Result<Writer, String> {
+    /// Writes an observation of a cluster at the time that is now, a sampled one's last sample; where it is `due`, one is
+    /// taken now.
+    fn look(&mut self, mut w: Writer, i: usize, due: Option<Cond>) -> Result<Writer, String> {
         let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
-        let t = w.kept(self.time);
+        let mut t = w.kept(self.time);
+        if c.period.is_some() && c.instant.reads(Array::Input, 0..1) {
+            let (count, one, length) = (w.kept(place.count), w.number(1.0), w.number(self.plan.steps[i].h));
+            let last = w.sub(count, one);
+            let last = w.mul(last, length);
+            t = due.map_or(last, |due| w.select(due, t, last));
+        }
         w.keep(place.input, t);
         if c.period.is_none() {
             self.latch(&mut w, i);

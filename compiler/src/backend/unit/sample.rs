@@ -511,7 +511,8 @@ impl Writing<'_> {
     /// Samples the signals that clusters read of each other.
     fn foreign(&mut self, mut w: Writer) -> Result<Writer, String> {
         for i in self.start.read.clone() {
-            w = self.look(w, i)?;
+            let due = self.scene.clusters[i].period.map(|_| self.due(&mut w, i));
+            w = self.look(w, i, due)?;
         }
         for i in 0..self.clusters.len() {
             let c = &self.scene.clusters[i];
