@@ -149,6 +149,8 @@ pub struct Resistor {
     pub output: Expr,
     /// What the law gives.
     pub gives: Variable,
+    /// What it gives as it is written: the other one, where it is turned about.
+    pub written: Variable,
     /// A law that is a curve (e(s), f(s)); `output` and `argument` then mean nothing.
     pub curve: Option<Curve>,
     /// Of a port of a linear field, the coefficients of the arguments of all ports, in their order.

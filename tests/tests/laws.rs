@@ -1,6 +1,6 @@
 //! Storages that are given by a law: what drives a run is the law as it is written, and its integral the energy.
 
-use crate::common::{close, errors, finish, probe, start, with};
+use crate::common::{close, end, errors, finish, probe, start, with};
 use bond::{Options, Steps};
 
 /// A law in a length q, where it starts, its value there, and its integral from 1 m to there.
@@ -226,4 +226,31 @@ fn a_gas_is_as_far_as_its_start_leads() {
     let other = crate::common::text(&text("pa*n*log((V0 + A*x)/n)"));
     let excluded = &other.scene().excluded;
     assert!(excluded.iter().any(|why| why.contains("no lower bound")), "{excluded:?}");
+}
+
+/// A stiffness that depends on the storage's own state is the law e = k(q) q, whose energy is not k(q) q^2/2.
+#[test]
+fn values_of_the_own_state_are_laws() {
+    for (short, law) in [
+        ("stiffness = 1 N/m + (1 N/m^3)*c.q^2", "e = 1 N/m * q + (1 N/m^3)*q^3"),
+        ("compliance = 1 m/N + (1/(1 N))*abs(c.q)", "e = q/(1 m/N + (1/(1 N))*abs(q))"),
+    ] {
+        let [own, plain] = [short, law].map(|field| {
+            let model = format!(
+                "model M {{ I:m = 1 kg  C:c {{ {field}; q0 = 1 m }}  1:v -> m, c  probe q = c.q  probe h = c.H }}"
+            );
+            with(Options::new(), &model)
+        });
+        for name in ["q", "h"] {
+            let [a, b] = [&own, &plain].map(|c| end(c, Steps::tolerance(1e-9), 0.5, name));
+            close(a, b, 1e-7, &format!("{name} of {short}"));
+        }
+    }
+    let pushed = with(
+        Options::new(),
+        "model M { Se:s = 1 N  I:m = 1 kg + (1 s/m)*abs(m.p)  s -> 1:v -> m  probe h = m.H  probe w = integral(s.P, 0 J) }",
+    );
+    for name in ["h", "w"] {
+        close(end(&pushed, Steps::tolerance(1e-9), 1.0, name), 1.0 - f64::ln(2.0), 1e-7, name);
+    }
 }

@@ -197,3 +197,43 @@ fn fixed_steps_end_before_a_switch() {
         close(end(&compiled, Steps::fixed(1e-6), 3e-3, "u"), last, 1e-6, method);
     }
 }
+
+/// A law of two lines means the same whichever of the two it is solved for: drawn away from the resistor, its argument
+/// is that of the bond, and what it gives is against it.
+#[test]
+fn two_lines_keep_the_sense_of_the_half_arrow() {
+    for (law, line) in [
+        ("{ e = if f > 0 m/s then b*f else (1e6 N*s/m)*f }", 10.0),
+        ("{ e = b*max(f, 0) + (1e6 N*s/m)*min(f, 0) }", 10.0),
+    ] {
+        for (bond, pull) in [("brake -> 1:v", -1.0), ("1:v -> brake", 1.0)] {
+            let model = format!(
+                "model M(b = 10 N*s/m) {{ I:m {{ inertia = 1 kg; f0 = 1 m/s }}  R:brake {law}  {bond}  v -> m
+                   probe speed = v.f  probe force = brake.e }}"
+            );
+            for method in METHODS {
+                let compiled = with(by(method), &model);
+                let what = format!("{law}, {bond}, {method}");
+                close(end(&compiled, Steps::tolerance(1e-8), 0.1, "speed"), f64::exp(-0.1 * line), 1e-6, &what);
+                close(
+                    end(&compiled, Steps::tolerance(1e-8), 0.1, "force"),
+                    pull * line * f64::exp(-0.1 * line),
+                    1e-5,
+                    &what,
+                );
+            }
+        }
+    }
+    let model = "model M { Sf:g = 1e-3 m^3/s  Se:env = 300 K
+        RS(r, th):b { e = if f > 0 then (1e8 Pa*s/m^3)*f else (1e13 Pa*s/m^3)*f }
+        b.r -> g  b.th -> env  probe e = b.r.e }";
+    close(end(&text(model), Steps::new(), 1.0, "e"), -1e5, 1e-9, "a valve that heats");
+}
+
+/// A third line far out is no less of the law.
+#[test]
+fn a_third_line_counts() {
+    let model = "model M { Sf:push = 10 m/s  push -> d  probe e = d.e
+        R:d { e = if f < 0 then (10 N*s/m)*f else (if f > 5 m/s and f < 100 m/s then (2e6 N*s/m)*f else (1e6 N*s/m)*f) } }";
+    close(end(&text(model), Steps::new(), 1.0, "e"), 2e7, 1e-12, "between 5 and 100 m/s");
+}

@@ -21,6 +21,8 @@ const RADAU: usize = 3;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
 const UNKNOWNS: usize = 16;
+/// The same where a linear region follows a source, which `exact` does not take: its matrix stays as it is.
+const LINEAR: usize = 64;
 
 /// What was asked of a run's accuracy besides the method.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,10 +81,12 @@ pub(super) fn nonlinear(
     let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
     let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }));
     if !c.followed.is_empty() {
-        if !small || kinked || !collocation::all_quadratic(c, &mut model.pool) {
+        let linear = c.nodes.iter().all(|n| !n.curved);
+        let fits = small || linear && count(c) <= LINEAR;
+        if !fits || kinked || !collocation::all_quadratic(c, &mut model.pool) {
             return (Method::Gonzalez, "a storage follows a source");
         }
-        if c.nodes.iter().all(|n| !n.curved) {
+        if linear {
             return (Method::Collocation8, "it is linear, but for a storage that follows a source");
         }
     }
@@ -121,7 +125,12 @@ pub(super) fn driven(c: &Cluster) -> Option<(Method, &'static str)> {
 
 /// Whether collocation is cheap. Arguments of exponentials come on top: what they are solved with is linear in the rest.
 fn is_small(c: &Cluster) -> bool {
-    c.states.len() + c.loops.len() - c.arguments().len() <= UNKNOWNS
+    count(c) <= UNKNOWNS
+}
+
+/// Unknowns of a stage, but arguments of exponentials.
+fn count(c: &Cluster) -> usize {
+    c.states.len() + c.loops.len() - c.arguments().len()
 }
 
 /// All that a step is solved for: laws, sources, rates and slopes of energies. What probes integrate is not.
@@ -135,7 +144,7 @@ pub(super) fn laws(c: &Cluster) -> Vec<Expr> {
 pub(super) fn is_kink(n: &Node) -> bool {
     match n {
         Node::Select(..) => true,
-        Node::Unary(f, _) => matches!(f, Unary::Abs | Unary::Sign | Unary::Not),
+        Node::Unary(f, _) => matches!(f, Unary::Abs | Unary::Sign | Unary::Floor | Unary::Not),
         Node::Binary(f, ..) => !matches!(f, Binary::Atan2 | Binary::Pow),
         Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) | Node::Power(..) => false,
     }

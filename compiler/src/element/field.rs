@@ -12,7 +12,7 @@ use bond_grammar::diagnostic::Diagnostic;
 use nalgebra::DMatrix;
 
 /// Largest part of a matrix by which its symmetric part may be off, or below 0.
-const ROUNDING: f64 = 1e-12;
+pub(super) const ROUNDING: f64 = 1e-12;
 
 impl<'a> Elaborator<'a> {
     /// The law of one port of a field. What is wrong with the field is said with its first port.
@@ -188,6 +188,7 @@ impl<'a> Elaborator<'a> {
                 argument: arguments[i],
                 output,
                 gives,
+                written: gives,
                 curve: None,
                 row: Some(row),
                 linear: None,
@@ -294,6 +295,7 @@ impl<'a> Elaborator<'a> {
             argument: *argument,
             output: law.expr,
             gives: *gives,
+            written: *gives,
             curve: None,
             row: None,
             linear: None,
@@ -339,6 +341,7 @@ impl<'a> Elaborator<'a> {
             argument: temperature,
             output,
             gives: Variable::Flow,
+            written: Variable::Flow,
             curve: None,
             row: None,
             linear: None,
@@ -382,7 +385,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// The matrix as numbers, scaled to a unit diagonal; `None` where an entry is no number.
-    fn scaled(&self, m: &[Vec<Expr>]) -> Option<DMatrix<f64>> {
+    pub(super) fn scaled(&self, m: &[Vec<Expr>]) -> Option<DMatrix<f64>> {
         let n = m.len();
         let mut a = DMatrix::<f64>::zeros(n, n);
         for (i, row) in m.iter().enumerate() {

@@ -96,6 +96,7 @@ impl<'a> Elaborator<'a> {
             )));
             return None;
         }
+        let written = gives;
         let turned = match linear {
             _ if ast.active => None,
             Some(k) => self.turned_switch(k, argument),
@@ -107,7 +108,7 @@ impl<'a> Elaborator<'a> {
             }
             None => (gives, output, linear),
         };
-        Some(Resistor { argument, output, gives, curve: None, row: None, linear, dissipative })
+        Some(Resistor { argument, output, gives, written, curve: None, row: None, linear, dissipative })
     }
 
     /// The same of a resistance that is switched from one number to another.
@@ -131,26 +132,24 @@ impl<'a> Elaborator<'a> {
         if self.pool.symbols(law).iter().any(|s| *s != argument) {
             return None;
         }
-        let slope = |side: f64| {
-            let one = self.pool.eval(law, &|_| side) * side;
-            let sizes = [1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9];
-            let straight = |x: &f64| (self.pool.eval(law, &|_| side * x) * side - one * x).abs() <= 1e-12 * one * x;
-            (one > 0.0 && one.is_finite() && sizes.iter().all(straight)).then_some(one)
-        };
-        let (above, below) = (slope(1.0)?, slope(-1.0)?);
-        let (steepest, flattest) = (above.max(below), above.min(below));
-        if !is_steep(flattest, steepest) {
+        let (x, zero) = (self.pool.var(argument), self.pool.zero());
+        let pieces = self.pool.by_pieces(law, argument)?;
+        let Node::Select(test, below, above) = *self.pool.node(pieces) else { return None };
+        if *self.pool.node(test) != Node::Binary(ir::Binary::Lt, x, zero) {
             return None;
         }
-        let (x, zero) = (self.pool.var(argument), self.pool.zero());
-        let slope = self.pool.derivative(law, argument);
-        let sides = [1, -1].map(|side| {
-            let map = std::iter::once((argument, self.pool.int(side))).collect();
-            let k = self.pool.substitute(slope, &map);
-            self.pool.div(x, k)
-        });
+        let mut slope = |piece: Expr| {
+            let (k, rest) = self.pool.linear(piece, argument)?;
+            let size = self.pool.constant(k).filter(|k| *k > 0.0 && k.is_finite())?;
+            self.pool.is_zero(rest).then_some((k, size))
+        };
+        let (above, below) = (slope(above)?, slope(below)?);
+        if !is_steep(above.1.min(below.1), above.1.max(below.1)) {
+            return None;
+        }
         let test = self.pool.binary(ir::Binary::Lt, zero, x);
-        Some(self.pool.select(test, sides[0], sides[1]))
+        let [above, below] = [above, below].map(|k| self.pool.div(x, k.0));
+        Some(self.pool.select(test, above, below))
     }
 
     /// A law that is a curve, `{ e = ...; f = ... }` in a bare number `s`: an ideal diode, a switch, friction that
@@ -233,6 +232,7 @@ impl<'a> Elaborator<'a> {
             argument,
             output,
             gives: Variable::Effort,
+            written: Variable::Effort,
             curve,
             row: None,
             linear: None,

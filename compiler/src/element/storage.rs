@@ -2,7 +2,7 @@
 
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Inference, Typed, Unit, told};
-use crate::expression::{Expr, Sign, Symbol};
+use crate::expression::{Expr, Number, Sign, Symbol};
 use crate::model::{BondId, ElementId, Kind, Signal, Storage};
 use crate::units::Dimension;
 use bond_grammar::ast;
@@ -14,6 +14,8 @@ const POWERS: u32 = 1000;
 const STRIDE: u32 = 32;
 /// The way from the start to a state is looked at in parts, each half of the one before, so many.
 const WAY: u32 = 256;
+/// So many pairs of states are looked between.
+const BETWEEN: usize = 66;
 /// To this power of two, where an energy falls without end.
 const FAR: u32 = 100;
 
@@ -45,6 +47,12 @@ impl<'a> Elaborator<'a> {
         let x = self.pool.var(state);
         let local = Typed { expr: x, unit: state_unit.clone() };
         let mut reach = None;
+        let mut by_law = |this: &mut Self, law: Expr, value: &'a ast::Expr| {
+            let law = this.pool.beyond_dead_zones(law);
+            let (h, reached) = this.energy_of_law(law, state);
+            reach = Some((reached, value)).filter(|r| r.0.is_finite());
+            (h, law)
+        };
         let (energy, coenergy, linear) = if let Some(value) = fields.get(short).or_else(|| fields.get("stiffness")) {
             let stiff = fields.get(short).is_none();
             let typed = self.with_signals(value, scope)?;
@@ -60,9 +68,15 @@ impl<'a> Elaborator<'a> {
             };
             self.own_states_only(k, &[state], value, &name)?;
             let co = self.pool.mul(k, x);
-            let half = self.pool.ratio(1, 2);
-            let square = self.pool.powi(x, 2);
-            (self.pool.product(&[half, k, square]), co, Some(k))
+            // One that depends on the state itself is a law.
+            if self.pool.contains(k, state) {
+                let (h, law) = by_law(self, co, value);
+                (h, law, None)
+            } else {
+                let half = self.pool.ratio(1, 2);
+                let square = self.pool.powi(x, 2);
+                (self.pool.product(&[half, k, square]), co, Some(k))
+            }
         } else {
             let (field, energy_given) = if fields.get("H").is_some() { ("H", true) } else { (law_name, false) };
             let value = fields.get(field)?;
@@ -77,10 +91,7 @@ impl<'a> Elaborator<'a> {
             let (h, co) = if energy_given {
                 (typed.expr, self.pool.derivative(typed.expr, state))
             } else {
-                let law = self.pool.beyond_dead_zones(typed.expr);
-                let (h, reached) = self.energy_of_law(law, state);
-                reach = Some((reached, value)).filter(|r| r.0.is_finite());
-                (h, law)
+                by_law(self, typed.expr, value)
             };
             let linear = self
                 .pool
@@ -169,28 +180,30 @@ impl<'a> Elaborator<'a> {
         None
     }
 
-    /// Whether H has a lower bound, as far as can be seen: by its sign, else by looking far out and near 0, where the
-    /// way from the start has values: `n*log(n/V)` has some where both are negative, which no gas gets to.
-    pub(super) fn is_bounded(&self, energy: Expr, states: &[Symbol], start: &[f64]) -> bool {
+    /// Whether H has a lower bound, as far as can be seen: by its sign or, of several states, as a quadratic form; else
+    /// by looking far out and near 0, where the way from the start has values: `n*log(n/V)` has some where both are
+    /// negative, which no gas gets to.
+    pub(super) fn is_bounded(&mut self, energy: Expr, states: &[Symbol], start: &[f64]) -> bool {
         if matches!(self.pool.sign(energy, &|_| Sign::Unknown), Sign::Zero | Sign::Positive | Sign::NonNegative) {
             return true;
         }
-        // In a number of directions; of one state, both ways.
         let n = states.len();
-        let directions: Vec<Vec<f64>> =
-            (0..if n == 1 { 1 } else { 40 })
-                .map(|k| {
-                    (0..n)
-                        .map(|i| {
-                            if k < n {
-                                f64::from(u8::from(i == k))
-                            } else {
-                                ((k * 37 + i * 101) % 19) as f64 / 9.0 - 1.0
-                            }
-                        })
-                        .collect()
-                })
-                .collect();
+        if let Some(bounded) = (n > 1).then(|| self.is_bounded_form(energy, states)).flatten() {
+            return bounded;
+        }
+        // In a number of directions, of which those between two states are the first to show a coupling; of one state,
+        // both ways.
+        let only = |i: usize, x: f64, j: usize, y: f64| -> Vec<f64> {
+            (0..n).map(|k| f64::from(u8::from(k == i)) * x + f64::from(u8::from(k == j)) * y).collect()
+        };
+        let mut directions: Vec<Vec<f64>> = (0..n).map(|i| only(i, 1.0, i, 0.0)).collect();
+        if n > 1 {
+            let many = |k: usize| (0..n).map(|i| ((k * 37 + i * 101) % 19) as f64 / 9.0 - 1.0).collect();
+            directions.extend((n..40).map(many));
+            let pairs = (0..n).flat_map(|i| (0..i).map(move |j| (i, j))).take(BETWEEN);
+            let ratios = [1.0, -1.0, 0.5, -0.5, 2.0, -2.0];
+            directions.extend(pairs.flat_map(|(i, j)| ratios.map(|x| only(i, 1.0, j, x))));
+        }
         let at = |x: f64, along: &[f64]| {
             self.pool.eval(energy, &|s| states.iter().position(|t| *t == s).map_or(f64::NAN, |i| x * along[i]))
         };
@@ -232,6 +245,21 @@ impl<'a> Elaborator<'a> {
         // What is far below may be all there is, as the heat of a body of 1 GJ/K at 0 K.
         let levels_off = farther > f64::NEG_INFINITY && farther >= far - 1e-9 * far.abs();
         near > f64::NEG_INFINITY && small >= deepest && (levels_off || far.min(farther) >= deepest)
+    }
+
+    /// Whether a quadratic energy has a lower bound, by the eigenvalues of its matrix; `None` of another one, and on the
+    /// border between the two.
+    fn is_bounded_form(&mut self, energy: Expr, states: &[Symbol]) -> Option<bool> {
+        let (pairs, _, _) = self.pool.quadratic(energy, states)?;
+        let zero = self.pool.zero();
+        let mut rows = vec![vec![zero; states.len()]; states.len()];
+        for (i, j, x) in pairs {
+            let half = self.pool.scale(x, Number::HALF);
+            rows[i][j] = self.pool.add(rows[i][j], half);
+            rows[j][i] = self.pool.add(rows[j][i], half);
+        }
+        let least = self.scaled(&rows)?.symmetric_eigenvalues().min();
+        (least.abs() > super::field::ROUNDING).then_some(least > 0.0)
     }
 
     /// The state at which the co-energy variable has a value.

@@ -356,7 +356,7 @@ fn held(model: &Model, graph: &BondGraph, causality: &Causality, error: Diagnost
 /// states, which is the value of a source, the argument of a law, `f0` of an inertia, `e0` of a compliance.
 fn sign_on(kind: Kind, law: &Law) -> Variable {
     match (kind, law) {
-        (_, Law::Resistor(r)) => r.gives,
+        (_, Law::Resistor(r)) => r.written,
         (Kind::Sf | Kind::De | Kind::I, _) => Variable::Effort,
         (Kind::Se | Kind::Df | Kind::C | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port, _) => {
             Variable::Flow

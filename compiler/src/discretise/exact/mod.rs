@@ -122,12 +122,25 @@ fn program(
                 }
             }
             for ((_, slot), columns) in e.dissipated.iter().zip(&account.dissipated) {
-                // An active resistor gives energy: minus a sum of squares.
-                let negative =
-                    |c: &ColumnId| model.element(form.column(*c).element).active && is_negative(model, form, *c);
-                let sign = if columns.iter().any(negative) { -1.0 } else { 1.0 };
-                linear.squares.push(energy(columns, sign));
-                sums.push((Slot::new(Array::Output, *slot), sign));
+                let slot = Slot::new(Array::Output, *slot);
+                let is_active = |c: &ColumnId| model.element(form.column(*c).element).active;
+                match columns[..] {
+                    // An active resistor gives energy: minus a sum of squares.
+                    [one] => {
+                        let sign = if is_active(&one) && is_negative(model, form, one) { -1.0 } else { 1.0 };
+                        linear.squares.push(energy(columns, sign));
+                        sums.push((slot, sign));
+                    }
+                    // An active field may do both.
+                    _ if columns.iter().any(is_active) => {
+                        linear.forms.push(energy(columns, 1.0));
+                        quads.push(slot);
+                    }
+                    _ => {
+                        linear.squares.push(energy(columns, 1.0));
+                        sums.push((slot, 1.0));
+                    }
+                }
             }
         }
     }
