@@ -56,7 +56,7 @@ fn paths(text: &str) -> Result<Paths, String> {
 }
 
 /// A path as models tell it: `cell[1, 2]` and `cell[1][2]` are `cell[1,2]`.
-fn path(text: &str) -> String {
+pub fn path(text: &str) -> String {
     text.split_whitespace().collect::<String>().replace("][", ",")
 }
 

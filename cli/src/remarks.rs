@@ -1,14 +1,22 @@
 //! What a model says that nobody may have meant, though it means something.
 
 use bond::Compiled;
+use bond_compiler::discretise::Method;
 use bond_compiler::model::{Kind, Model};
 use bond_compiler::structure::{ColumnId, Form, Region};
 
-/// A note for each: storages that a detector holds at rest, and pieces that nothing gives power.
+/// A note for each: storages that a detector holds at rest, pieces that nothing gives power, and what `ray` never moves.
 pub fn remarks(compiled: &Compiled) -> Vec<String> {
     let stages = compiled.stages();
     let (model, form) = (&stages.model, &stages.form);
-    form.regions.iter().flat_map(|r| held(model, form, r).into_iter().chain(loose(form, r))).collect()
+    let scene = compiled.scene();
+    // Regions that nothing asks for do not run.
+    let by_ray = |r: &Region| {
+        let found = scene.regions.iter().find(|x| x.name == r.name);
+        found.is_some_and(|x| scene.clusters[x.cluster].step.name == Method::Ray.name())
+    };
+    let of = |r| held(model, form, r).into_iter().chain(loose(form, r)).chain(unmoved(model, r, by_ray(r)));
+    form.regions.iter().flat_map(of).collect()
 }
 
 /// Storages that follow detectors alone: an ideal voltmeter in series, an ideal ammeter across.
@@ -31,6 +39,22 @@ fn held(model: &Model, form: &Form, r: &Region) -> Vec<String> {
             ))
         })
         .collect()
+}
+
+/// A region whose state `ray` leaves where it starts.
+fn unmoved(model: &Model, r: &Region, by_ray: bool) -> Option<String> {
+    let first = &r.states.first().filter(|_| by_ray)?.name;
+    if r.states.len() > 1 && r.resistors.is_empty() {
+        return Some(format!(
+            "`ray` stands still in the region of `{first}`, which has several states and loses nothing: its direction lies along the level set of H; another method moves it"
+        ));
+    }
+    let initial = |s| r.states.iter().find(|x| x.symbol == s).map_or(f64::NAN, |x| x.initial);
+    let mut slopes = r.groups.iter().flat_map(|g| &g.coenergy);
+    let flat = slopes.all(|z| model.pool.eval(*z, &initial) == 0.0);
+    flat.then(|| {
+        format!("`ray` does not leave a state at which dH/dx is 0, and `{first}` starts there, so that nothing loads it; another method does")
+    })
 }
 
 /// A piece without storage, source, port and double bar.

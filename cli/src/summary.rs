@@ -199,7 +199,9 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
         let grown = grown.unwrap_or_default();
         writeln!(out, "  {:11} of a modified energy, at most {most} {unit} ({part} relative) from H{grown}", "ledger")?;
     }
-    for x in r.resistors.iter().filter(|x| x.energy < 0.0 && -x.energy > 1e-9 * r.h_max) {
+    // What rounding leaves of a resistor that all but rests is no injection.
+    let turned = r.resistors.iter().fold(r.h_max, |most, x| most.max(x.energy.abs()));
+    for x in r.resistors.iter().filter(|x| x.energy < 0.0 && -x.energy > 1e-9 * turned) {
         writeln!(out, "  {:11} {} {unit} by {}", "injected", short(-x.energy), x.name)?;
     }
     for x in &r.produced {

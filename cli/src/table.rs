@@ -5,6 +5,7 @@ use crate::output;
 #[cfg(feature = "parquet")]
 use crate::parquet;
 use crate::stop::Stop;
+use std::collections::HashSet;
 use std::path::Path;
 
 /// What a column holds.
@@ -37,12 +38,11 @@ impl Column {
 }
 
 /// A name that is none of those taken: with a `_` more, or several. It is taken then.
-pub fn distinct(taken: &mut Vec<String>, name: &str) -> String {
+pub fn distinct(taken: &mut HashSet<String>, name: &str) -> String {
     let mut name = name.to_string();
-    while taken.contains(&name) {
+    while !taken.insert(name.clone()) {
         name.push('_');
     }
-    taken.push(name.clone());
     name
 }
 

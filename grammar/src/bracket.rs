@@ -50,6 +50,11 @@ pub(crate) fn is_misspelt_model(scan: &Scan, index: usize) -> bool {
     scan.is_name(index) && scan.is_name(index + 1) && matches!(scan.word(index + 2), "{" | "(")
 }
 
+/// A model seems to begin here, without the word.
+pub(crate) fn is_bare_model(scan: &Scan, index: usize) -> bool {
+    scan.is_name(index) && scan.word(index) != "model" && matches!(scan.word(index + 1), "{" | "(")
+}
+
 impl Brackets {
     /// Pairs the brackets of a text that the grammar has read, so that none is missing.
     pub fn balanced(scan: &Scan) -> Self {
@@ -102,9 +107,16 @@ impl Brackets {
                 {
                     block = false;
                 }
-                ":" => block &= range,
+                // One in a head, `Car(m: 1 kg)`, is its own mistake.
+                ":" => block &= range || stack.last().is_some_and(|open| open.inner),
                 // What is meant for a model holds statements, too.
-                _ if guess && stack.is_empty() && first && is_misspelt_model(scan, index) => block = true,
+                _ if guess
+                    && stack.is_empty()
+                    && first
+                    && (is_misspelt_model(scan, index) || is_bare_model(scan, index)) =>
+                {
+                    block = true;
+                }
                 "(" | "[" => stack.push(Open { token: index, inner: true }),
                 "{" => {
                     stack.push(Open { token: index, inner: !block });

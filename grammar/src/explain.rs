@@ -1,6 +1,6 @@
 //! Why a slice was refused, in a modeller's words, and the mend.
 
-use crate::bracket::is_misspelt_model;
+use crate::bracket::{is_bare_model, is_misspelt_model};
 use crate::diagnostic::Diagnostic;
 use crate::parse::Refused;
 use crate::scan::{Kind, Scan, is_symbol_start};
@@ -82,6 +82,14 @@ pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
     if is_misspelt_model(scan, range.start) && found != "model" {
         let message = format!("`{found}` begins nothing that a file may hold");
         let help = format!("a model begins with `model`: `model {} ...`", scan.word(range.start + 1));
+        return Diagnostic::error("syntax::outside", span, message).help(help);
+    }
+    if is_bare_model(scan, range.start) {
+        let message = format!("`{found}` stands outside of any model");
+        let help = format!(
+            "a model begins with `model`: `model {found}{}`",
+            if scan.word(range.start + 1) == "{" { " { ... }" } else { "(...) { ... }" }
+        );
         return Diagnostic::error("syntax::outside", span, message).help(help);
     }
     let message = format!("`{found}` stands outside of any model");

@@ -166,6 +166,8 @@ impl Search<'_> {
         let mut best: Option<Found> = None;
         let (mut worse, mut failures) = (0, 0);
         let mut lost = None;
+        let mut met = None;
+        let named = |setting: Setting| format!("{}, {}", runner.way.name, setting.words());
         for setting in settings {
             let run = match self.timed(runner, setting, left) {
                 Ok(run) => run,
@@ -182,12 +184,19 @@ impl Search<'_> {
             if let Some(last) = &last {
                 // Rows or samples may hold the steps so short that the tolerance does nothing: that tells nothing.
                 if (run.steps as f64) < MORE * last.steps as f64 {
+                    // But where there is little between the switches that they meet, and that fixed steps do not, what
+                    // they agree on is as exact as was asked for.
+                    if let Setting::Tolerance(x) = setting
+                        && run.events > 0
+                    {
+                        let (change, how) = (self.change(last, &run).max(x), named(setting));
+                        met = Some(Found { method: runner.way.name, run, change, how });
+                    }
                     continue;
                 }
                 let change = self.change(last, &run);
                 if best.as_ref().is_none_or(|b| change < b.change) {
-                    let how = format!("{}, {}", runner.way.name, setting.words());
-                    best = Some(Found { method: runner.way.name, run: run.clone(), change, how });
+                    best = Some(Found { method: runner.way.name, run: run.clone(), change, how: named(setting) });
                     worse = 0;
                 } else {
                     worse += 1;
@@ -200,7 +209,7 @@ impl Search<'_> {
         }
         match (best, lost) {
             (None, Some(lost)) if last.is_none() || lost == Lost::Late => Err(lost),
-            (best, _) => Ok(best),
+            (best, _) => Ok(best.or(met)),
         }
     }
 

@@ -68,6 +68,8 @@ pub struct Run {
     pub steps: u64,
     /// Newton iterations in them.
     pub iterations: u64,
+    /// Switches that were met.
+    pub events: u64,
     /// Processor time of stepping, s.
     pub seconds: f64,
     /// Processor time of setting it up, s.
@@ -164,10 +166,10 @@ impl<'a> Runner<'a> {
         let end = quantities(&end, &sim);
         enlarge(&mut largest, &end);
         let summary = sim.summary();
-        let (steps, iterations) = counts(&summary, &self.way.scene);
+        let (steps, iterations, events) = counts(&summary, &self.way.scene);
         let drift = f64::max(drift, drifted(&summary));
         let ((energy, power), balance) = (turned(&summary), balance(&summary));
-        Ok(Run { end, rows, largest, drift, balance, energy, power, steps, iterations, seconds, made: 0.0 })
+        Ok(Run { end, rows, largest, drift, balance, energy, power, steps, iterations, events, seconds, made: 0.0 })
     }
 
     /// Runs once without a row on the way, as often as asked in one reading, and takes the time of one.
@@ -191,10 +193,23 @@ impl<'a> Runner<'a> {
         let end = sim.probes()?[..shown].to_vec();
         let end = quantities(&end, sim);
         let summary = sim.summary();
-        let (steps, iterations) = counts(&summary, &self.way.scene);
+        let (steps, iterations, events) = counts(&summary, &self.way.scene);
         let largest = end.iter().map(|x| x.abs()).collect();
         let (drift, balance, (energy, power)) = (drifted(&summary), balance(&summary), turned(&summary));
-        Ok(Run { end, rows: Vec::new(), largest, drift, balance, energy, power, steps, iterations, seconds, made })
+        Ok(Run {
+            end,
+            rows: Vec::new(),
+            largest,
+            drift,
+            balance,
+            energy,
+            power,
+            steps,
+            iterations,
+            events,
+            seconds,
+            made,
+        })
     }
 }
 
@@ -242,15 +257,16 @@ fn turned(s: &Summary) -> (f64, f64) {
     (energy, if s.time > 0.0 { energy / s.time } else { 0.0 })
 }
 
-/// Steps and Newton iterations of continuous clusters: each of their regions tells those of its cluster.
-fn counts(s: &Summary, scene: &Scene) -> (u64, u64) {
+/// Steps, Newton iterations and events of continuous clusters: each of their regions tells those of its cluster.
+fn counts(s: &Summary, scene: &Scene) -> (u64, u64, u64) {
     let mut seen = vec![false; scene.clusters.len()];
-    let (mut steps, mut iterations) = (0, 0);
+    let (mut steps, mut iterations, mut events) = (0, 0, 0);
     for (r, region) in s.regions.iter().zip(&scene.regions) {
         if r.period.is_none() && !std::mem::replace(&mut seen[region.cluster], true) {
             steps += r.steps;
             iterations += r.newton_iterations;
+            events += r.events;
         }
     }
-    (steps, iterations)
+    (steps, iterations, events)
 }

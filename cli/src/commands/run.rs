@@ -21,6 +21,7 @@ use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::Error as Failed;
 use clap::builder::PossibleValuesParser;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -586,7 +587,7 @@ impl Files {
     ) -> Result<Self, Stop> {
         let columns = |names: &mut dyn Iterator<Item = &str>| -> Vec<Column> {
             // A probe may be called `t`.
-            let mut taken = Vec::new();
+            let mut taken = HashSet::new();
             let names = std::iter::once("t").chain(names);
             names.map(|name| Column::new(table::distinct(&mut taken, name), Kind::Number)).collect()
         };

@@ -83,7 +83,7 @@ pub fn parse(text: &str) -> Result<Draw, String> {
         Law::LogNormal { .. } => unit(alike)?,
     };
     possible(law)?;
-    Ok(Draw { path: path.to_string(), dimension, text: plain(rest), law })
+    Ok(Draw { path, dimension, text: plain(rest), law })
 }
 
 fn counted(n: usize) -> String {

@@ -6,6 +6,7 @@ use super::pool::Chunks;
 use super::statistics::Statistics;
 use crate::stop::Stop;
 use crate::table::{Cell, Column, Kind, Table, distinct};
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -82,7 +83,7 @@ impl Sheet {
 /// the name of one of the others, it gets a `_` more.
 fn columns(job: &Job) -> Vec<Column> {
     let fixed: &[&str] = if job.over_time { &OVER_TIME } else { &AT_THE_END };
-    let mut taken: Vec<String> = fixed.iter().map(|name| (*name).to_string()).collect();
+    let mut taken: HashSet<String> = fixed.iter().map(|name| (*name).to_string()).collect();
     let mut free = |name: &str| distinct(&mut taken, name);
     let mut list = vec![Column::new(INSTANCE, Kind::Whole)];
     list.extend(job.plan.paths().map(|p| Column::new(free(p), Kind::Repeated)));

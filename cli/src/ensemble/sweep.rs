@@ -82,13 +82,13 @@ pub fn parse(text: &str) -> Result<Sweep, String> {
         ));
     }
     let (values, dimension) = match rest.split_once("..") {
-        Some((from, range)) => self::range(path, from, range)?,
+        Some((from, range)) => self::range(&path, from, range)?,
         None => {
             let list = rest.split(',').map(bond::quantity).collect::<Result<Vec<_>, _>>()?;
             (Values::List(list.iter().map(|q| q.0).collect()), unit(&list)?)
         }
     };
-    Ok(Sweep { path: path.to_string(), dimension, text: plain(rest), values })
+    Ok(Sweep { path, dimension, text: plain(rest), values })
 }
 
 fn range(path: &str, from: &str, rest: &str) -> Result<(Values, Option<Dimension>), String> {
@@ -147,6 +147,7 @@ mod tests {
         assert_eq!(log, [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]);
         assert!((0..7).all(|i| (log[i] / 10f64.powi(i as i32) - 1.0).abs() < 1e-14), "{log:?}");
         assert!(values("k=-1..-100:3:log").iter().zip([-1.0, -10.0, -100.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-14));
+        assert_eq!(parse("cell[1][2].k = 2,3").unwrap().path, "cell[1,2].k");
         assert_eq!(parse("k=1 N/m..2 N/m:2").unwrap().dimension, bond::quantity("1 N/m").unwrap().1);
     }
 

@@ -3,16 +3,16 @@
 use bond::Quantity;
 use bond_compiler::units::Dimension;
 
-/// The path of a parameter, and what is said of it.
+/// The path of a parameter, as models tell it, and what is said of it.
 ///
 /// # Errors
 /// In a few words, what is missing; `example` is what follows the `=`.
-pub fn assignment<'a>(text: &'a str, example: &str) -> Result<(&'a str, &'a str), String> {
+pub fn assignment<'a>(text: &'a str, example: &str) -> Result<(String, &'a str), String> {
     let (path, rest) = text.split_once('=').ok_or_else(|| format!("write it as PATH={example}"))?;
     match (path.trim(), rest.trim()) {
         ("", _) => Err("the name of the parameter is missing".into()),
         (path, "") => Err(format!("the values are missing; write it as {path}={example}")),
-        (path, rest) => Ok((path, rest)),
+        (path, rest) => Ok((crate::input::path(path), rest)),
     }
 }
 

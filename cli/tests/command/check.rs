@@ -23,6 +23,15 @@ fn notes_are_made() {
     let b = "note: the detector `meter` holds the effort of `c` at 0: a Df stands on a 1-junction";
     here.bond(&["check", "b.bond"]).is(0, &[], &[b]);
     here.bond(&["check", "c.bond"]).is(0, &[], &["note: nothing gives power to `q`"]);
+    let still = "model Still { sampled at 100 Hz method ray { I:m { inertia = 1 kg; f0 = 1 m/s }  C:k = 1 m/N  1:v -> m, k }  probe x = k.q }";
+    let unloaded = "model Still { sampled at 100 Hz method ray { C:k = 1 m/N }  I:m = 1 kg  Se:u = 2 N  u -> 1:w -> m  w ||> k  probe x = k.q }";
+    let here = here.with("r.bond", still).with("s.bond", unloaded);
+    here.bond(&["check", "r.bond"]).is(0, &[], &["note: `ray` stands still in the region of `m.p`"]);
+    here.bond(&["run", "s.bond"]).is(
+        0,
+        &[],
+        &["note: `ray` does not leave a state at which dH/dx is 0, and `k.q` starts"],
+    );
     let done = here.with("d.bond", OSCILLATOR).bond(&["check", "d.bond"]).is(0, &[], &["ok: d.bond"]);
     assert!(!done.err.contains("note"), "{}", done.err);
 }

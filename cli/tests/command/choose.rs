@@ -177,3 +177,17 @@ fn what_does_not_go_together_is_told() {
     here.bond(&["run", "p.bond", "--error", "2"]).is(2, &[], &["between 0 and 1"]);
     here.bond(&["run", "p.bond", "--error", "1e-5", "--method", "exact"]).is(2, &[], &["not linear"]);
 }
+
+/// A kick of 4 ms in 100 s is met by fitted steps alone, which are the same for most tolerances.
+#[test]
+fn short_kicks_have_a_reference() {
+    let kick = "model Kick { Se:hammer = if t > 50.032 s and t < 50.036 s then 1000 N else 0 N
+        I:m = 1 kg  R:b = 0.01 N*s/m  hammer -> 1:v -> m, b  probe speed = v.f  simulate { stop = 100 s } }";
+    let here = Folder::new().with("kick.bond", kick);
+    let done = here.bond(&["run", "kick.bond", "--error", "1e-4", "--summary", "json"]).is(0, &[], &[]);
+    let summary: Value = serde_json::from_str(&done.out).unwrap();
+    let speed = summary["final"]["speed"].as_f64().unwrap();
+    // m v' = -b v from 4 N s on
+    let wanted = 1e5 * (f64::exp(0.01 * 0.004) - 1.0) * f64::exp(-0.01 * (100.0 - 50.032));
+    assert!((speed / wanted - 1.0).abs() < 1e-4, "{speed}, {wanted}");
+}

@@ -316,6 +316,14 @@ impl<'a> Elaborator<'a> {
                 );
                 continue;
             }
+            if let Some(input) = self.inputs.iter().find(|i| i.name == *path) {
+                let message = format!("--set {path}: `{path}` is an input, and no parameter");
+                let help = format!(
+                    "a run gives it by `--input FILE.csv`, with the columns t and {path}; or change what it is without, `input {path} = ...`"
+                );
+                self.errors.push(Diagnostic::error("elaborate::set", input.span, message).help(help));
+                continue;
+            }
             let names: Vec<String> = self.params.iter().map(|p| p.name.clone()).collect();
             let mut error =
                 Diagnostic::error("elaborate::set", at, format!("--set {path}: there is no parameter `{path}`"));

@@ -13,7 +13,7 @@ type Start = Option<(Unit, f64)>;
 /// `input u = value`
 pub(super) struct Given<'a> {
     pub(super) name: String,
-    span: Span,
+    pub(super) span: Span,
     value: &'a Expr,
     scope: ScopeId,
     start: Option<Start>,
@@ -23,7 +23,7 @@ pub(super) struct Given<'a> {
 pub(super) struct Remembered<'a> {
     pub(super) name: String,
     short: &'a str,
-    span: Span,
+    pub(super) span: Span,
     value: &'a Expr,
     fields: &'a [Field],
     scope: ScopeId,

@@ -34,6 +34,7 @@ impl Wreck<'_> {
             }
             "\u{a0}" => ("there is a no-break space here".to_string(), "write an ordinary space"),
             "#" => return Some(no_comment(self.scan, index)),
+            "?" => ("`?` is no operator".to_string(), "a choice is written `if t > 1 s then 5 N else 0`"),
             "'" => ("single quotes mean nothing".to_string(), "a path is written in double quotes"),
             _ => (format!("the character {:?} means nothing here", word.chars().next().unwrap_or(' ')), "remove it"),
         };
@@ -139,6 +140,7 @@ impl Wreck<'_> {
             (":", "=", _) if self.adjacent(self.before()) => (self.before(), "`:=` sets nothing", "write `=`"),
             (_, ":", "=") if self.adjacent(self.at) => (self.at, "`:=` sets nothing", "write `=`"),
             ("<", ">", _) => (self.before(), "`<>` is no comparison", "write `!=`"),
+            ("passive", "=", _) if self.is_expectation() => (self.at, "`=` compares nothing", "write `expect passive`"),
             (_, "=", _) if self.is_expectation() => {
                 let help = "write `==`, or tell the instant: `expect x at 5 s = 0.005 m within 1e-6 m`";
                 (self.at, "`=` compares nothing", help)
@@ -209,6 +211,11 @@ impl Wreck<'_> {
             if let Some(meant) = misspelt(word) {
                 let message = format!("`{word}` is neither a unit nor a word that may stand behind a value");
                 return self.error("syntax::unit", at, message).help(format!("did you mean `{meant}`?"));
+            }
+            if matches!(word, "e" | "f" | "p" | "q" | "t" | "x") {
+                let quantity = self.scan.slice(self.scan.span_of(start).to(self.scan.span_of(before)));
+                let message = format!("an operator is missing between `{quantity}` and `{word}`");
+                return self.error("syntax::operator", at, message).help(format!("write `{quantity} * {word}`"));
             }
             let message = format!("`{}`: a unit has no spaces inside", self.scan.slice(span));
             let left = self.scan.slice(self.scan.span_of(start + 1).to(self.scan.span_of(before)));

@@ -97,7 +97,10 @@ impl Wreck<'_> {
         if field && starts && self.kind(self.before()) == Some(Kind::Word) && self.at > self.before() {
             let name = self.word(self.before());
             let message = format!("`=` is expected after the field `{name}`, but {}", self.found());
-            return Some(self.error("syntax::equals", self.at, message).help(format!("write `{name} = ...`")));
+            // `q(0) = 1 m`
+            let start = self.word(self.at) == "(" && self.word(self.at + 1) == "0";
+            let zero = if start { "0" } else { "" };
+            return Some(self.error("syntax::equals", self.at, message).help(format!("write `{name}{zero} = ...`")));
         }
         None
     }
@@ -218,6 +221,9 @@ impl Wreck<'_> {
                 ("what is used is missing or unreadable", "write `use \"path/file.bond\"` or `use std.mechanics`")
             }
             (Piece::ModelHead, _) if start => ("a model's name is expected here", "write `model Name { ... }`"),
+            (Piece::ModelHead, _) if self.word(self.at) == ":" => {
+                ("a parameter's default is given with `=`", "write `model Name(m = 1 kg) { ... }`")
+            }
             (Piece::ForHead, _)
                 if self.word(self.range.start + 2) == "in"
                     && self.range.clone().any(|index| matches!(self.word(index), ":" | "to")) =>
