@@ -298,15 +298,7 @@ impl Cluster {
     /// The map for [`Self::flat`] at one instant: co-energies at the states.
     pub(super) fn at_instant(&self, pool: &mut Pool, form: &Form) -> FxHashMap<Symbol, Expr> {
         let mut map = FxHashMap::default();
-        let mut sources: FxHashMap<Symbol, Expr> = FxHashMap::default();
-        let followed: FxHashSet<ColumnId> = self.followed.iter().copied().collect();
-        for n in &self.nodes {
-            if let (Some(c), Output::Explicit(e)) = (n.source(), n.how)
-                && followed.contains(&c)
-            {
-                sources.insert(n.out, e);
-            }
-        }
+        let sources = self.leaders();
         for g in &self.groups {
             for (s, z) in g.states.iter().zip(&g.coenergy) {
                 if let Some(c) = self.states[*s].column {
@@ -315,6 +307,16 @@ impl Cluster {
             }
         }
         map
+    }
+
+    /// What the sources are that storages follow.
+    pub(super) fn leaders(&self) -> FxHashMap<Symbol, Expr> {
+        let followed: FxHashSet<ColumnId> = self.followed.iter().copied().collect();
+        let given = |n: &Node| match (n.source(), n.how) {
+            (Some(c), Output::Explicit(e)) if followed.contains(&c) => Some((n.out, e)),
+            _ => None,
+        };
+        self.nodes.iter().filter_map(given).collect()
     }
 
     /// Whether a storage follows a source that moves.
@@ -468,9 +470,9 @@ impl Cluster {
                         None => self.gonzalez(model, form)?,
                     },
                     Some(Method::Exact) => exact::write(self, model, form)?.map(|e| e.step).ok_or_else(|| {
-                        let why = match self.followed.is_empty() {
-                            true => "it is not linear with a quadratic energy, or too large",
-                            false => "a storage of it follows a source",
+                        let why = match self.is_led(&model.pool) {
+                            true => "a storage of it follows a source that moves",
+                            false => "it is not linear with a quadratic energy, or too large",
                         };
                         unfit(model, self, form, Method::Exact, why)
                     })?,

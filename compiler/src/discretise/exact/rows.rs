@@ -1,6 +1,6 @@
 //! A linear cluster in numbers: everything in it as a row over w.
 
-use super::super::cluster::Cluster;
+use super::super::cluster::{Cluster, Part};
 use super::drive::{Drive, Split, System};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Model;
@@ -79,9 +79,11 @@ impl Rows {
 pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     let time = c.time?;
     let n = c.states.len();
-    if n > LARGEST || c.nodes.len() > OUTPUTS {
+    if n > LARGEST || c.nodes.len() > OUTPUTS || c.is_led(&model.pool) {
         return None;
     }
+    // Where storages follow a source, that is a number.
+    let leaders = c.leaders();
     let state_symbols: Vec<Symbol> = c.states.iter().map(|s| s.symbol).collect();
     let given = c.inputs.iter().map(|(_, u, du)| (*u, *du)).collect();
     let mut system = System { n, time, given, held: c.foreign.clone(), drives: Vec::new(), moves: Vec::new() };
@@ -89,7 +91,8 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
     let mut sparse: FxHashMap<Symbol, Vec<(usize, f64)>> = FxHashMap::default();
     for g in &c.groups {
         for (s, z) in g.states.iter().zip(&g.coenergy) {
-            let (linear, rest) = model.pool.affine(*z, &state_symbols)?;
+            let z = model.pool.substitute(*z, &leaders);
+            let (linear, rest) = model.pool.affine(z, &state_symbols)?;
             let mut row =
                 linear.into_iter().map(|(i, k)| Some((i, model.pool.constant(k)?))).collect::<Option<Vec<_>>>()?;
             let rest = model.pool.constant(rest)?;
@@ -112,7 +115,8 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
     let mut solved: Vec<(Symbol, Split)> = Vec::new();
     for node in &c.nodes {
         let Output::Explicit(e) = node.how else { return None };
-        if node.source().is_none() {
+        // What a follower gives is the rate of its state.
+        if node.source().is_none() && !matches!(node.part, Part::Follower(_)) {
             let column = node.resistor()?;
             for (_, g) in form.regions[form.column(column).region.at()].gains.get(&column)? {
                 model.pool.constant(*g)?;
