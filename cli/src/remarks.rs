@@ -3,9 +3,10 @@
 use bond::Compiled;
 use bond_compiler::discretise::Method;
 use bond_compiler::model::{Kind, Model};
-use bond_compiler::structure::{ColumnId, Form, Region};
+use bond_compiler::structure::{Column, ColumnId, Form, Region, Role};
 
-/// A note for each: storages that a detector holds at rest, pieces that nothing gives power, and what `ray` never moves.
+/// A note for each: storages that a detector holds at rest, pieces that nothing gives power, what `ray` never
+/// moves, and what gives energy behind a budget that lets none out.
 pub fn remarks(compiled: &Compiled) -> Vec<String> {
     let stages = compiled.stages();
     let (model, form) = (&stages.model, &stages.form);
@@ -15,8 +16,11 @@ pub fn remarks(compiled: &Compiled) -> Vec<String> {
         let found = scene.regions.iter().find(|x| x.name == r.name);
         found.is_some_and(|x| scene.clusters[x.cluster].step.name == Method::Ray.name())
     };
-    let of = |r| held(model, form, r).into_iter().chain(loose(form, r)).chain(unmoved(model, r, by_ray(r)));
-    form.regions.iter().flat_map(of).collect()
+    let of = |(i, r)| {
+        let list = held(model, form, r).into_iter().chain(loose(form, r)).chain(unmoved(model, r, by_ray(r)));
+        list.chain(shut_in(model, form, i, r))
+    };
+    form.regions.iter().enumerate().flat_map(of).collect()
 }
 
 /// Storages that follow detectors alone: an ideal voltmeter in series, an ideal ammeter across.
@@ -55,6 +59,23 @@ fn unmoved(model: &Model, r: &Region, by_ray: bool) -> Option<String> {
     flat.then(|| {
         format!("`ray` does not leave a state at which dH/dx is 0, and `{first}` starts there, so that nothing loads it; another method does")
     })
+}
+
+/// What gives energy in a sampled region that holds something within its budget.
+fn shut_in(model: &Model, form: &Form, i: usize, r: &Region) -> Option<String> {
+    let budget = r.sampling.is_some_and(|s| model.samplings[s].budget);
+    let own = |c: &&Column| c.region.at() == i;
+    let holds = form.bars.iter().any(|b| form.column(b.holder).region.at() == i)
+        || form.columns.iter().filter(own).any(|c| matches!(c.role, Role::Open(_)));
+    if !(budget && holds) {
+        return None;
+    }
+    let active = form.columns.iter().filter(own).find(|c| model.element(c.element).active).map(|c| &c.name);
+    let unbounded = || r.groups.iter().find(|g| !g.bounded).and_then(|g| Some(&r.states.get(*g.states.first()?)?.name));
+    let name = active.or_else(unbounded)?;
+    Some(format!(
+        "the energy budget of the sampled region of `{name}` lets out what was put in, and no more: what `{name}` gives does not get across; `budget off` lets it"
+    ))
 }
 
 /// A piece without storage, source, port and double bar.

@@ -309,6 +309,14 @@ impl<'a> Simulation<'a> {
         })
     }
 
+    /// What is held at a double bar of the scene, as the side that it is held for is given it: an effort or a flow.
+    ///
+    /// # Panics
+    /// There is no such double bar.
+    pub fn held_at_bar(&self, bar: usize) -> f64 {
+        self.inner.held_at_bar(bar)
+    }
+
     /// The energy and signal states of all regions by name. In a run with fixed steps they are those at the end of the
     /// last whole step.
     pub fn states(&self) -> impl Iterator<Item = (&'a str, f64)> {

@@ -2,7 +2,7 @@
 
 use crate::Stages;
 use crate::expression::{Expr, Symbol};
-use crate::rates::{Point, SINGULAR};
+use crate::rates::Point;
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
@@ -104,7 +104,7 @@ pub fn linearize(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
                 right[(k, j)] = x;
             }
         }
-        let solved = lu.solve(&right).ok_or(SINGULAR)?;
+        let solved = lu.solve(&right).ok_or_else(|| point.singular(&model.pool))?;
         for (k, &i) in looped.iter().enumerate() {
             rows[i] = (0..width).map(|j| (j, solved[(k, j)])).filter(|t| t.1 != 0.0).collect();
         }

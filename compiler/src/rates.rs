@@ -9,9 +9,11 @@ use nalgebra::{DMatrix, DVector};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Why a state has no values.
-pub(crate) const SINGULAR: &str = "the loops of resistors are singular at this state";
+const SINGULAR: &str = "the loops of resistors are singular at this state";
 const OPEN: &str = "the loops of resistors have no solution that is found at this state";
 
+/// So many variables of loops are named.
+const MANY: usize = 5;
 /// Most iterations of a loop (from far up an exponential each goes down by one of its units, and there are some 700),
 /// and most halvings of one update.
 const ITERATIONS: usize = 800;
@@ -52,8 +54,29 @@ impl Point {
         };
         point.define(stages, time, states);
         point.settle(&stages.model.pool);
-        point.solve(&mut stages.model.pool)?;
+        if let Err(why) = point.solve(&mut stages.model.pool) {
+            return Err(point.unsolved(&stages.model.pool, why));
+        }
         Ok(point)
+    }
+
+    /// Says that the loops do not tell what is in them, and names them.
+    pub(crate) fn singular(&self, pool: &Pool) -> String {
+        self.unsolved(pool, SINGULAR)
+    }
+
+    fn unsolved(&self, pool: &Pool, why: &str) -> String {
+        let mut names: Vec<&str> = self.looped.iter().take(MANY).map(|i| pool.name(self.columns[*i].0)).collect();
+        if self.looped.len() > MANY {
+            names.push("others");
+        }
+        let stuck = match why == SINGULAR {
+            true => {
+                "; what friction holds at rest has no linear model: take another instant by `--at`, or other starts"
+            }
+            false => "",
+        };
+        format!("{why}: {}{stuck}", names.join(", "))
     }
 
     /// The value of an expression here.
@@ -87,9 +110,10 @@ impl Point {
                 match column.role {
                     Role::Source(v) => self.columns.push((column.out, v)),
                     Role::Bar | Role::Open(_) => {
-                        self.at.insert(column.out, 0.0);
+                        let name = format!("{}.{}", column.name, column.gives.letter());
+                        self.at.insert(column.out, states(&name).unwrap_or(0.0));
                         if here {
-                            self.inputs.push((format!("{}.{}", column.name, column.gives.letter()), column.out));
+                            self.inputs.push((name, column.out));
                         }
                     }
                     Role::Storage | Role::Resistor | Role::Dependent => {}
@@ -155,7 +179,7 @@ impl Point {
 
     /// Solves the definitions that wait for each other: by Newton's method from next to nothing, or where that does not
     /// get there, as to a diode that a battery drives hard, by what drives them growing from nothing bit by bit.
-    fn solve(&mut self, pool: &mut Pool) -> Result<(), String> {
+    fn solve(&mut self, pool: &mut Pool) -> Result<(), &'static str> {
         let n = self.looped.len();
         self.loops = DMatrix::identity(n, n);
         if n == 0 {
@@ -203,7 +227,7 @@ impl Point {
             }
         }
         self.at.extend(given);
-        if done < 1.0 { Err(why.into()) } else { Ok(()) }
+        if done < 1.0 { Err(why) } else { Ok(()) }
     }
 
     /// Newton's method for the definitions from some values; updates that make them fit worse are halved.

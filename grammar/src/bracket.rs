@@ -50,9 +50,21 @@ pub(crate) fn is_misspelt_model(scan: &Scan, index: usize) -> bool {
     scan.is_name(index) && scan.is_name(index + 1) && matches!(scan.word(index + 2), "{" | "(")
 }
 
-/// A model seems to begin here, without the word.
+/// A model seems to begin here, without the word: `Name {` or `Name(...) {`.
 pub(crate) fn is_bare_model(scan: &Scan, index: usize) -> bool {
-    scan.is_name(index) && scan.word(index) != "model" && matches!(scan.word(index + 1), "{" | "(")
+    let name = scan.is_name(index) && !matches!(scan.word(index), "model" | "simulate");
+    let mut body = index + 1;
+    let mut depth = 0u32;
+    while matches!(scan.word(body), "(") || depth > 0 {
+        match scan.word(body) {
+            "(" => depth += 1,
+            ")" => depth -= 1,
+            "" | "{" | "}" => return false,
+            _ => {}
+        }
+        body += 1;
+    }
+    name && scan.word(body) == "{"
 }
 
 impl Brackets {

@@ -68,6 +68,14 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
                 states.insert(name.clone(), x);
             }
         }
+        // What sampled regions hold is given to the others.
+        let (model, form) = (&compiled.stages().model, &compiled.stages().form);
+        for (k, bar) in compiled.scene().bars.iter().enumerate() {
+            if let Some(b) = form.bars.iter().find(|b| model.bond(b.bond).name == bar.name) {
+                let column = form.column(b.held);
+                states.insert(format!("{}.{}", column.name, column.gives.letter()), sim.held_at_bar(k));
+            }
+        }
     }
     let linear = compiled.linearize(time, &|name| states.get(name).copied()).map_err(Stop::Numerics)?;
     let text = serde_json::to_string_pretty(&linear.to_json()).map_err(|e| Stop::Usage(e.to_string()))?;

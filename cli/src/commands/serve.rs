@@ -80,7 +80,7 @@ pub struct How {
     /// How the report is written; it goes to standard error where standard output has the efforts
     #[arg(long, value_enum, default_value_t = Format::Text)]
     report: Format,
-    /// Write the ledger, a row an interval, to a CSV file
+    /// Write the ledger, a row an interval, to a file (`.csv`, or `.parquet`)
     #[arg(long, value_name = "FILE.csv")]
     ledger: Option<PathBuf>,
 }

@@ -133,7 +133,7 @@ pub fn json(o: &Outcome) -> String {
         "step": meter(&t.step),
         "answer": meter(&t.work),
         "round_trip": meter(&t.round),
-        "energy": { "put_in": c.put_in, "given_out": c.given_out, "net": o.exchange.energy(), "least_stored": c.least },
+        "energy": { "put_in": c.put_in, "given_out": c.given_out, "net": o.exchange.energy(), "least_stored": c.least + 0.0 },
         "passive": reasons.is_empty(),
         "reasons": reasons,
         "not_granted": o.without,

@@ -32,6 +32,11 @@ fn notes_are_made() {
         &[],
         &["note: `ray` does not leave a state at which dH/dx is 0, and `k.q` starts"],
     );
+    let shut = "model Shut { I:m { inertia = 1 kg; f0 = 1 m/s }  1:v -> m
+        sampled at 100 Hz { active R:n = -0.3 N*s/m  C:k = 1 m/N  1:w -> n, k }  v ||> w  probe x = k.q }";
+    let here = here.with("e.bond", shut).with("f.bond", shut.replace("Hz {", "Hz budget off {"));
+    here.bond(&["check", "e.bond"]).is(0, &[], &["note: the energy budget of the sampled region of `n` lets out"]);
+    assert!(!here.bond(&["check", "f.bond"]).is(0, &[], &[]).err.contains("note"));
     let done = here.with("d.bond", OSCILLATOR).bond(&["check", "d.bond"]).is(0, &[], &["ok: d.bond"]);
     assert!(!done.err.contains("note"), "{}", done.err);
 }

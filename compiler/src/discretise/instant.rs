@@ -342,14 +342,15 @@ pub(super) fn guards(
                 a
             }
             Node::Unary(Unary::Abs | Unary::Sign | Unary::Atan, a) => a,
-            // At each whole number; what is left of two of them keeps the digits of a large one.
+            // At each whole number: sin(pi a), by what is left of two of them, which keeps the digits of a large one. It
+            // is no less than 0 where the whole number is even, and 0 itself at an odd one.
             Node::Unary(Unary::Floor, a) => {
-                let half = model.pool.scale(a, Number::HALF);
-                let pairs = model.pool.unary(Unary::Floor, half);
-                let rest = model.pool.combine(&[(a, Number::ONE), (pairs, Number::from(-2))]);
-                let pi = model.pool.float(std::f64::consts::PI);
-                let angle = model.pool.mul(pi, rest);
-                model.pool.unary(Unary::Sin, angle)
+                let pool = &mut model.pool;
+                let (half, one, pi) = (pool.scale(a, Number::HALF), pool.int(1), pool.float(-std::f64::consts::PI));
+                let pairs = pool.unary(Unary::Floor, half);
+                let rest = pool.combine(&[(a, Number::ONE), (pairs, Number::from(-2)), (one, Number::MINUS_ONE)]);
+                let angle = pool.mul(pi, rest);
+                pool.unary(Unary::Sin, angle)
             }
             Node::Binary(..)
             | Node::Unary(..)

@@ -481,6 +481,10 @@ impl<'a> Elaborator<'a> {
                 count(2, self)?;
                 let unit = self.same((&values[0], &args[0]), (&values[1], &args[1]), "the second argument of `mod`");
                 let (x, y) = (values[0].expr, values[1].expr);
+                if self.pool.is_zero(y) {
+                    let message = format!("`mod` divides by `{}`, which is 0", self.words(&args[1]));
+                    return self.wrong("elaborate::zero", args[1].span, message, "mend the divisor");
+                }
                 let ratio = self.pool.div(x, y);
                 let whole = self.pool.unary(F::Floor, ratio);
                 let steps = self.pool.mul(y, whole);

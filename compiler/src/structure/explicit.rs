@@ -32,7 +32,12 @@ pub struct Explicit {
     pub s: Matrix,
 }
 
-/// Inverse by Gauss-Jordan elimination, pivots chosen by value; `None` if singular.
+/// A pivot that is no more than this part of the largest is none.
+const NOTHING: f64 = 1e-9;
+
+/// Inverse by Gauss-Jordan elimination; `None` if singular. What is inverted is a mass matrix, or has a symmetric part
+/// above 0 as `1 + S K` and `R - D_R`: its pivots on the diagonal pass 0 nowhere, which one off it may, however large it
+/// is where it is looked at. Numbers alone are taken by size.
 pub fn inverse(pool: &mut Pool, a: &Matrix) -> Option<Matrix> {
     let n = a.len();
     let (zero, one) = (pool.int(0), pool.int(1));
@@ -43,7 +48,10 @@ pub fn inverse(pool: &mut Pool, a: &Matrix) -> Option<Matrix> {
     let mut w: Matrix =
         (0..n).map(|i| a[i].iter().copied().chain((0..n).map(|j| if i == j { one } else { zero })).collect()).collect();
     for k in 0..n {
-        let pivot = (k..n).max_by(|i, j| size(pool, w[*i][k]).total_cmp(&size(pool, w[*j][k])))?;
+        let largest = (k..n).max_by(|i, j| size(pool, w[*i][k]).total_cmp(&size(pool, w[*j][k])))?;
+        let numbers = (k..n).all(|i| pool.constant(w[i][k]).is_some());
+        let stays = !numbers && size(pool, w[k][k]) > NOTHING * size(pool, w[largest][k]);
+        let pivot = if stays { k } else { largest };
         if pool.is_zero(w[pivot][k]) || size(pool, w[pivot][k]) == 0.0 {
             return None;
         }

@@ -223,6 +223,9 @@ fn substitute(model: &Model, definitions: &[Vec<(Term, Expr)>], pool: &mut Pool)
     Ok(rows)
 }
 
+/// A pivot that is no more than this is none.
+const NOTHING: f64 = 1e-9;
+
 /// Gauss-Jordan elimination with rows of outputs on the right side; `None` if singular.
 fn eliminate(pool: &mut Pool, mut a: Vec<Vec<Option<Expr>>>, mut right: Vec<Row>) -> Option<Vec<Row>> {
     let n = a.len();
@@ -232,8 +235,14 @@ fn eliminate(pool: &mut Pool, mut a: Vec<Vec<Option<Expr>>>, mut right: Vec<Row>
         if x.is_finite() { x } else { 0.0 }
     };
     for k in 0..n {
-        let pivot = (k..n).max_by(|i, j| size(pool, a[*i][k]).total_cmp(&size(pool, a[*j][k])))?;
-        if size(pool, a[pivot][k]) < 1e-9 {
+        // A number before what may pass 0.
+        let rank = |i: &usize| {
+            let (known, size) = (a[*i][k].is_some_and(|e| pool.constant(e).is_some()), size(pool, a[*i][k]));
+            (known && size >= NOTHING, size)
+        };
+        let order = |a: (bool, f64), b: (bool, f64)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1));
+        let pivot = (k..n).max_by(|i, j| order(rank(i), rank(j)))?;
+        if size(pool, a[pivot][k]) < NOTHING {
             return None;
         }
         a.swap(k, pivot);

@@ -322,6 +322,7 @@ impl Book {
             (p.h, self.h),
             (p.h_max, self.h_max),
             (p.h_top, self.h_top),
+            (p.least, e.least),
             (p.residual, self.residual),
             (p.turnover, self.turnover_max),
             (p.size, self.size_max),

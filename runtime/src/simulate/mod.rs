@@ -24,7 +24,7 @@ pub use ahead::{Make, Maker, Stretch};
 pub use cluster::GROSS;
 pub use given::{Course, Unfit};
 pub use hold::{BESIDE, FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};
-pub use pace::uneven;
+pub use pace::{paced, uneven};
 pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 pub use save::{Refused, made};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, Summary};

@@ -34,6 +34,11 @@ pub(super) struct Pace {
     betas: [Vec<f64>; 2],
 }
 
+/// The first sampled cluster that goes by another's clock.
+pub fn paced(scene: &Scene) -> Option<usize> {
+    Pace::all(scene).iter().position(Option::is_some)
+}
+
 impl Pace {
     /// By cluster, the clock that it goes by: of the sampled sides that it holds for, where one is in no whole ratio to it
     /// or goes by another clock itself, the slowest at whose samples all others sample; the slowest, if there is none.
@@ -216,6 +221,15 @@ impl Simulation<'_> {
     pub(super) fn met(&self, bar: &Bar) -> f64 {
         let (cluster, port) = bar.other;
         bar.sign * self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input]
+    }
+
+    /// What is held at a double bar, as the side that it is held for is given it: an effort or a flow.
+    ///
+    /// # Panics
+    /// There is no such double bar.
+    pub fn held_at_bar(&self, bar: usize) -> f64 {
+        let (cluster, port) = self.scene.bars[bar].other;
+        self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input]
     }
 
     /// How long the interval of a side that runs has lasted, s; 0 where it has just ended, and of a continuous one.

@@ -64,6 +64,8 @@ pub struct BookPlaces {
     pub h_max: usize,
     /// The highest.
     pub h_top: usize,
+    /// The least that it can be.
+    pub least: usize,
     /// Energy in, a sum.
     pub supplied: usize,
     /// Energy lost, a sum.

@@ -46,8 +46,8 @@ const H_TOP: usize = 16;
 const H_LEAST: usize = 17;
 
 /// The numbers of a ledger that a run goes on from, in the order of `bond_runtime::simulate::BookPlaces`.
-pub(super) const KEPT: [usize; 11] =
-    [H, H_MAX, H_TOP, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, TANK, DEBT];
+pub(super) const KEPT: [usize; 12] =
+    [H, H_MAX, H_TOP, H_LEAST, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, TANK, DEBT];
 
 /// What a ledger starts as, with so much energy, which is so much at least.
 pub(super) fn start(h: f64, least: f64) -> Vec<f64> {

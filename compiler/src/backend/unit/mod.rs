@@ -25,7 +25,7 @@ use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Program};
 use bond_runtime::scene::{GIVEN, Respond, Scene};
-use bond_runtime::simulate::{Options, Simulation, Start};
+use bond_runtime::simulate::{Options, Simulation, Start, paced};
 use lift::{Lifted, Uses, lift};
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -202,6 +202,12 @@ impl Plan {
         let wanted = options.step.unwrap_or(options.default_step);
         let sampled = periods.clone().next().is_some();
         let interval = common(periods).unwrap_or(wanted);
+        if let Some(c) = paced(scene).map(|i| &scene.clusters[i]) {
+            return Err(format!(
+                "`{}` holds for a sampled region whose period is in no whole ratio to its own: such scenes have no compiled form; make one period a multiple of the other, or take --emit exe",
+                c.name
+            ));
+        }
         let (mut ratio, mut steps) = (Vec::new(), Vec::new());
         for (c, s) in scene.clusters.iter().zip(&start.clusters) {
             let period = c.period.unwrap_or(interval);

@@ -108,12 +108,13 @@ impl Writing<'_> {
 }
 
 fn book(at: usize, m: &super::more::More) -> BookPlaces {
-    let [h, h_max, h_top, supplied, dissipated, leaked, residual, turnover, size, tank, debt] =
+    let [h, h_max, h_top, least, supplied, dissipated, leaked, residual, turnover, size, tank, debt] =
         ledger::KEPT.map(|k| at + k);
     BookPlaces {
         h,
         h_max,
         h_top,
+        least,
         supplied,
         dissipated,
         leaked,
