@@ -1,7 +1,7 @@
 //! Strokes.
 
-use crate::common::{example, file, models, text};
-use bond::Options;
+use crate::common::{close, example, file, finish, models, probe, start, text};
+use bond::{Options, Steps};
 
 #[test]
 fn strokes() {
@@ -154,5 +154,35 @@ fn modulated_valves_between_two_storages() {
         let compiled = tanks(law, graph);
         let p = crate::common::end(&compiled, bond::Steps::tolerance(1e-8), 0.5, "p");
         crate::common::close(p, exact, 1e-2, law);
+    }
+}
+
+/// A double pendulum by the coordinates of its masses: whichever junction comes first, and where the arms are at right
+/// angles, its mass matrix is inverted by what passes 0 nowhere.
+#[test]
+fn mass_matrices_are_inverted_by_their_diagonals() {
+    let junctions = ["1:w1 -> a1, tx1, ty1", "1:w2 -> a2, tx2, ty2"];
+    for [first, second] in [[0, 1], [1, 0]] {
+        let compiled = text(&format!(
+            "model S {{
+               C:a1 {{ H = 10 N*m * (1 - cos(q)); q0 = 1 rad }}  C:a2 {{ H = 10 N*m * (1 - cos(q)); q0 = 2 rad }}
+               I:x1 = 1 kg  I:y1 = 1 kg  I:x2 = 1 kg  I:y2 = 1 kg
+               MTF:tx1 = 1 m * cos(a1.q)  MTF:ty1 = 1 m * sin(a1.q)
+               MTF:tx2 = 5 m * cos(a2.q)  MTF:ty2 = 5 m * sin(a2.q)
+               {}
+               {}
+               tx1 -> 1:vx1 -> x1  ty1 -> 1:vy1 -> y1
+               tx2 -> 0:sx  vx1 -> sx -> 1:vx2 -> x2
+               ty2 -> 0:sy  vy1 -> sy -> 1:vy2 -> y2
+               probe q1 = a1.q  probe q2 = a2.q
+             }}",
+            junctions[first], junctions[second]
+        ));
+        let mut sim = start(&compiled, Steps::tolerance(1e-9));
+        finish(&mut sim, 3.0);
+        // By scipy.
+        close(probe(&mut sim, "q1"), 1.03368, 1e-5, "q1");
+        close(probe(&mut sim, "q2"), 0.00172258, 1e-5, "q2");
+        assert!(sim.summary().passive, "{:?}", sim.summary().reasons);
     }
 }

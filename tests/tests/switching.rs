@@ -237,3 +237,19 @@ fn a_third_line_counts() {
         R:d { e = if f < 0 then (10 N*s/m)*f else (if f > 5 m/s and f < 100 m/s then (2e6 N*s/m)*f else (1e6 N*s/m)*f) } }";
     close(end(&text(model), Steps::new(), 1.0, "e"), 2e7, 1e-12, "between 5 and 100 m/s");
 }
+
+/// A diode given as a conductance across a capacitor is as much of a switch as one given as a resistance: by scipy's
+/// Radau with 1e-9.
+#[test]
+fn a_conductance_may_be_a_diode() {
+    for diode in ["f = if e > 0 then 1000 S * e else 0.001 S * e", "e = if f > 0 then 0.001 Ohm * f else 1000 Ohm * f"]
+    {
+        let model = format!(
+            "model M {{ Se:s = 5 V * sin(2*pi*1 Hz * t)  R:r = 10 Ohm  C:c = 1 mF  R:d {{ {diode} }}
+               s -> 1:k -> r  k -> 0:j -> c, d  probe i = d.f }}"
+        );
+        for tolerance in [1e-6, 1e-8] {
+            close(end(&text(&model), Steps::tolerance(tolerance), 1.3, "i"), 0.475482, 2e-5, diode);
+        }
+    }
+}

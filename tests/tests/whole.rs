@@ -112,3 +112,24 @@ fn an_encoder_tells_whole_steps() {
     let (steps, off) = (probe(&mut sim, "steps"), probe(&mut sim, "off"));
     assert!((steps - steps.round()).abs() < 1e-9 && steps >= 4.0 && (0.0..1.0).contains(&off), "{steps}, {off}");
 }
+
+/// What stands on a whole number, odd or even, is that number throughout.
+#[test]
+fn whole_arguments_keep_their_value() {
+    let sources = [
+        ("floor(u)", 1.0),
+        ("mod(floor(t/(0.1 s)), 2)", 0.5),
+        ("round(min(t/(0.1 s), 0.5) + 2)", 2.95),
+        ("mod(n, 2)", 0.5),
+    ];
+    for (source, speed) in sources {
+        let text = format!(
+            "model M {{ input u = 1  sampled every 0.1 s {{ state n = 0 {{ next = n + 1 }} }}
+               Se:s = 1 N * {source}  I:m = 1 kg  s -> 1:v -> m  probe speed = v.f }}"
+        );
+        for method in ["gonzalez", "collocation6", "radau", "rk4", "rk45", "dop853"] {
+            let compiled = with(Options::new().method(method), &text);
+            close(end(&compiled, Steps::tolerance(1e-8), 1.0, "speed"), speed, 1e-6, &format!("{source}, {method}"));
+        }
+    }
+}

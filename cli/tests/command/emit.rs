@@ -79,6 +79,22 @@ model Charger {
     here.bond(&[&build[..], &["c"]].concat()).is(0, &[], &["built"]);
 }
 
+/// Two clocks in no whole ratio, joined by a double bar, are not what emitted code does.
+#[test]
+fn clocks_in_no_whole_ratio_are_refused() {
+    let two = |slow: &str| {
+        format!(
+            "model Two {{
+               sampled every 2 ms {{ I:m {{ inertia = 1 kg; f0 = 1 m/s }}  1:v -> m }}
+               sampled every {slow} {{ C:k = 1 mm/N  1:w -> k }}
+               v ||> w  probe x = k.q  simulate {{ stop = 0.1 s }} }}"
+        )
+    };
+    let here = Folder::new().with("odd.bond", two("3 ms")).with("even.bond", two("4 ms"));
+    here.bond(&["build", "odd.bond", "--emit", "c", "-o", "odd.c"]).is(1, &[], &["no whole ratio", "--emit exe"]);
+    here.bond(&["build", "even.bond", "--emit", "c", "-o", "even.c"]).is(0, &[], &[]);
+}
+
 #[test]
 fn files_go_where_they_are_told() {
     let here = Folder::new().with("my first.model.bond", OSCILLATOR).with("out/x", "").with("a.h", OSCILLATOR);

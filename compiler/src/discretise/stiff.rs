@@ -110,12 +110,18 @@ fn falls(pool: &Pool, slopes: [Expr; 2], z: Symbol, start: &Start) -> Option<Swi
     if !(rest > 0.0 && rest.is_finite()) {
         return None;
     }
-    let all = DECADES.flat_map(|k| [1.0, -1.0].map(|side| at(side * 10f64.powi(k))));
-    let (least, most) = all.flatten().fold((f64::INFINITY, 0.0f64), |(least, most), x| (least.min(x), most.max(x)));
+    let all: Vec<[f64; 2]> = DECADES.flat_map(|k| [1.0, -1.0].map(|side| at(side * 10f64.powi(k)))).collect();
+    let (least, most) = extent(all.as_flattened());
     (least < HELD * rest && least < SWITCH * most).then_some(Switch { rest, ends: least < END * rest })
 }
 
-/// Whether what a linear resistor gives for a state changes by orders of magnitude, as that of a contact that opens.
+/// The least and the most of some sizes.
+fn extent(sizes: &[f64]) -> (f64, f64) {
+    sizes.iter().fold((f64::INFINITY, 0.0), |(least, most): (f64, f64), x| (least.min(*x), most.max(*x)))
+}
+
+/// Whether what a resistor gives for a state changes by orders of magnitude, as that of a contact that opens, or of a
+/// diode that is given as a conductance.
 fn opens(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     let map = c.at_instant(&mut model.pool, form);
     let flat = c.flat(&mut model.pool, map);
@@ -129,12 +135,14 @@ fn opens(c: &Cluster, model: &mut Model, form: &Form) -> bool {
         .collect();
     laws.into_iter().any(|law| {
         c.states.iter().any(|s| {
-            let [a, b] = [true, false].map(|side| {
+            let slopes = [true, false].map(|side| {
                 let one = branch(&mut model.pool, law, side, s.symbol);
-                let slope = model.pool.derivative(one, s.symbol);
-                start.size(&model.pool, slope, (s.symbol, s.initial))
+                model.pool.derivative(one, s.symbol)
             });
-            a.min(b) < SWITCH * a.max(b) && a.max(b).is_finite() && a.min(b) > 0.0
+            let at = |x: f64| slopes.map(|slope| start.size(&model.pool, slope, (s.symbol, x)));
+            let all = [s.initial, 1e-6, -1e-6].map(at);
+            let (least, most) = extent(all.as_flattened());
+            least < SWITCH * most && most.is_finite() && least > 0.0
         })
     })
 }
