@@ -21,7 +21,7 @@ const RADAU: usize = 3;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
 const UNKNOWNS: usize = 16;
-/// The same where a linear region follows a source, which `exact` does not take: its matrix stays as it is.
+/// The same of a linear region with storages that follow a source which moves: its matrix stays as it is.
 const LINEAR: usize = 64;
 
 /// What was asked of a run's accuracy besides the method.

@@ -343,13 +343,13 @@ pub(super) fn guards(
             }
             Node::Unary(Unary::Abs | Unary::Sign | Unary::Atan, a) => a,
             // At each whole number: sin(pi a), by what is left of two of them, which keeps the digits of a large one. It
-            // is no less than 0 where the whole number is even, and 0 itself at an odd one.
+            // is above 0 from an even one on, and 0 itself at an odd one.
             Node::Unary(Unary::Floor, a) => {
                 let pool = &mut model.pool;
-                let (half, one, pi) = (pool.scale(a, Number::HALF), pool.int(1), pool.float(-std::f64::consts::PI));
+                let (half, one, turn) = (pool.scale(a, Number::HALF), pool.int(1), pool.float(-std::f64::consts::PI));
                 let pairs = pool.unary(Unary::Floor, half);
                 let rest = pool.combine(&[(a, Number::ONE), (pairs, Number::from(-2)), (one, Number::MINUS_ONE)]);
-                let angle = pool.mul(pi, rest);
+                let angle = pool.mul(turn, rest);
                 pool.unary(Unary::Sin, angle)
             }
             Node::Binary(..)

@@ -23,7 +23,7 @@ pub(super) struct Given<'a> {
 pub(super) struct Remembered<'a> {
     pub(super) name: String,
     short: &'a str,
-    pub(super) span: Span,
+    span: Span,
     value: &'a Expr,
     fields: &'a [Field],
     scope: ScopeId,

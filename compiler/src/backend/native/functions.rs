@@ -51,7 +51,10 @@ macro_rules! one {
     };
 }
 
-one!(floor Floor, exp Exp, log Log, sin Sin, cos Cos, tan Tan, asin Asin, acos Acos, atan Atan, sinh Sinh, cosh Cosh, tanh Tanh);
+one!(
+    floor Floor, exp Exp, log Log, sin Sin, cos Cos, tan Tan, asin Asin, acos Acos, atan Atan, sinh Sinh, cosh Cosh,
+    tanh Tanh
+);
 
 extern "C" fn pow(a: f64, b: f64) -> f64 {
     eval::binary(Binary::Pow, a, b)
