@@ -57,7 +57,7 @@ fn unmoved(model: &Model, r: &Region, by_ray: bool) -> Option<String> {
     let mut slopes = r.groups.iter().flat_map(|g| &g.coenergy);
     let flat = slopes.all(|z| model.pool.eval(*z, &initial) == 0.0);
     flat.then(|| {
-        format!("`ray` does not leave a state at which dH/dx is 0, and `{first}` starts there, so that nothing loads it; another method does")
+        format!("`ray` goes to no higher H from where dH/dx is 0, and `{first}` starts there, so that nothing loads it; another method does")
     })
 }
 

@@ -548,6 +548,20 @@ model A {
             0.3,
         ),
         (
+            "sources of time that are held from sample to sample, of two rates, and whole numbers",
+            "model A {
+  sampled every 40 ms { Se:slow = (2 V/s)*t R:r1 = 1 Ohm slow -> r1 }
+  sampled every 10 ms { Se:fast = slow.e*mod(floor(t/(30 ms)), 2) R:r2 = 1 Ohm fast -> r2 }
+  I:m = 1 H; R:r3 = 2 Ohm; Se:u = slow.e + fast.e; u -> 1:v -> m, r3
+  probe a = slow.e
+  probe b = fast.e
+  probe c = round(100*m.f/(1 A))
+  probe d = integral(slow.e*t, 0 V*s^2)
+  simulate { stop = 1 s }
+}",
+            1e-2,
+        ),
+        (
             "no probe and no port",
             "model A { C:s { stiffness = 1 N/m; q0 = 1 m } I:m = 1 kg 1:v -> s, m simulate { stop = 1 s } }",
             1e-2,
@@ -973,8 +987,10 @@ fn functions_mean_the_same_in_each_form() {
     if !is_there() {
         return;
     }
-    let one =
-        ["sqrt", "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "abs", "sign"];
+    let one = [
+        "sqrt", "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "abs", "sign",
+        "floor",
+    ];
     let two = ["min", "max", "atan2"];
     let mut text = "model F {\n  input x = 1\n  input y = 1\n  C:c = 1 F\n  R:r = 1 Ohm\n  c -> r\n".to_string();
     for name in one {

@@ -133,6 +133,7 @@ pub fn json(o: &Outcome) -> String {
         "step": meter(&t.step),
         "answer": meter(&t.work),
         "round_trip": meter(&t.round),
+        // A sum that comes to -0 is 0.
         "energy": { "put_in": c.put_in, "given_out": c.given_out, "net": o.exchange.energy(), "least_stored": c.least + 0.0 },
         "passive": reasons.is_empty(),
         "reasons": reasons,

@@ -30,7 +30,7 @@ fn notes_are_made() {
     here.bond(&["run", "s.bond"]).is(
         0,
         &[],
-        &["note: `ray` does not leave a state at which dH/dx is 0, and `k.q` starts"],
+        &["note: `ray` goes to no higher H from where dH/dx is 0, and `k.q` starts"],
     );
     let shut = "model Shut { I:m { inertia = 1 kg; f0 = 1 m/s }  1:v -> m
         sampled at 100 Hz { active R:n = -0.3 N*s/m  C:k = 1 m/N  1:w -> n, k }  v ||> w  probe x = k.q }";

@@ -208,8 +208,14 @@ impl Pool {
                 Unary::Abs | Unary::Exp | Unary::Sqrt => (0.0, f64::INFINITY),
                 Unary::Cosh => (1.0, f64::INFINITY),
                 Unary::Not => (0.0, 1.0),
-                Unary::Neg | Unary::Log | Unary::Tan | Unary::Asin | Unary::Acos | Unary::Atan | Unary::Sinh => all,
-                Unary::Floor => all,
+                Unary::Neg
+                | Unary::Log
+                | Unary::Tan
+                | Unary::Asin
+                | Unary::Acos
+                | Unary::Atan
+                | Unary::Sinh
+                | Unary::Floor => all,
             },
             Node::Product(c, factors) => {
                 // an even power of something bounded
