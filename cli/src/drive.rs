@@ -28,6 +28,11 @@ pub fn possible(scene: &Scene, options: &Options, stop: f64, by: By) -> Result<(
     if let Some(h) = options.step {
         refuse(stop / h, format!("steps of {} s", short(h)), Said::Step, &by.setting("step"))?;
     }
+    // None of those that are fitted is longer.
+    if let Some(h) = options.tolerance.and(options.longest) {
+        let what = format!("steps of at most {} s", short(h));
+        refuse(stop / h, what, Said::Step, "bound on them")?;
+    }
     for c in &scene.clusters {
         if let Some(period) = c.period {
             let what = format!("the period {} s of `{}`", short(period), c.name);

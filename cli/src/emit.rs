@@ -7,6 +7,7 @@ use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
 use bond_compiler::backend::{c, fmu, unit, wasm};
+use bond_compiler::discretise::switching;
 use std::ffi::{OsStr, OsString};
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
@@ -33,13 +34,12 @@ impl Emission<'_> {
         let (source, header) = self.places("c", compiled)?;
         let unit = self.unit(compiled)?;
         not_of_another(&header, false)?;
-        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: true };
+        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: true, begin: false };
         output::put_both(
             (&header, c::header(&unit, &options).as_bytes()),
             (&source, c::source(&unit, &options).as_bytes()),
         )?;
-        tell(&unit, &format!("{} and {}", source.display(), header.display()));
-        Ok(())
+        self.tell(compiled, &unit, &format!("{} and {}", source.display(), header.display()))
     }
 
     /// Writes NAME.fmu: the C as above, the functions of FMI 2.0 around it, and, where there is a C compiler, both as
@@ -52,7 +52,7 @@ impl Emission<'_> {
         let unit = self.unit(compiled)?;
         let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         let fmu = fmu::Fmu::new(compiled.scene(), &unit, &stem, compiled.stages().model.settings.stop);
-        let options = c::Options { prefix: "bond".into(), header: "scene.h".into(), single: true };
+        let options = c::Options { prefix: "bond".into(), header: "scene.h".into(), single: true, begin: true };
         let (scene, header) = (c::source(&unit, &options), c::header(&unit, &options));
         let of = |first: &str| {
             let mut hash = Hash::new();
@@ -79,8 +79,7 @@ impl Emission<'_> {
                      tools that compile can take it"
                 .to_string(),
         };
-        tell(&unit, &format!("{} ({inside})", path.display()));
-        Ok(())
+        self.tell(compiled, &unit, &format!("{} ({inside})", path.display()))
     }
 
     /// Writes NAME.wasm.
@@ -92,8 +91,7 @@ impl Emission<'_> {
         let unit = self.unit(compiled)?;
         let module = wasm::module(compiled.scene(), &unit).map_err(|why| refused(compiled, why))?;
         output::put_bytes(&path, &module)?;
-        tell(&unit, &format!("{} ({} kB)", path.display(), module.len().div_ceil(1000)));
-        Ok(())
+        self.tell(compiled, &unit, &format!("{} ({} kB)", path.display(), module.len().div_ceil(1000)))
     }
 
     /// Writes NAME.o and NAME.h.
@@ -106,18 +104,47 @@ impl Emission<'_> {
         let unit = self.unit(compiled)?;
         let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(|why| refused(compiled, why))?;
         not_of_another(&header, true)?;
-        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: false };
+        let options =
+            c::Options { prefix: self.prefix.to_string(), header: last(&header), single: false, begin: false };
         output::put_both((&header, c::header(&unit, &options).as_bytes()), (&object, &code))?;
-        tell(&unit, &format!("{} and {}", object.display(), header.display()));
+        self.tell(compiled, &unit, &format!("{} and {}", object.display(), header.display()))
+    }
+
+    /// Says what was written, and what a run of it does besides.
+    fn tell(&self, compiled: &Compiled, unit: &unit::Unit, built: &str) -> Result<(), Stop> {
+        let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+        report::say(&format!(
+            "built {built}: intervals of {:?} s, {}, {}, {}",
+            unit.interval,
+            count(unit.open.len(), "open port"),
+            count(unit.inputs.len(), "input"),
+            count(unit.probes.len(), "probe"),
+        ));
+        let settings = &compiled.stages().model.settings;
+        let stop = settings.stop.unwrap_or(1.0);
+        let options = self.options(compiled)?;
+        let wanted = options.step.unwrap_or(options.default_step);
+        let h = unit.interval / (unit.interval / wanted - 1e-9).ceil().max(1.0);
+        let fitted = Steps::new().resolve(settings, stop, settings.every)?.tolerance.is_some();
+        let clusters = compiled.scene().clusters.iter();
+        let list: Vec<_> = clusters.flat_map(|c| switching(compiled.stages(), c, (h, stop), fitted)).collect();
+        let named =
+            |timed: bool| list.iter().filter(|s| s.timed == timed).map(|s| format!("`{}`", s.name)).collect::<Vec<_>>();
+        switches(named(true), "", "take a step that divides them");
+        switches(named(false), "may ", "keep steps short");
         Ok(())
+    }
+
+    /// How it steps.
+    fn options(&self, compiled: &Compiled) -> Result<bond_runtime::simulate::Options, Stop> {
+        let settings = &compiled.stages().model.settings;
+        let steps = self.step.map_or_else(Steps::new, Steps::fixed);
+        Ok(steps.resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?)
     }
 
     /// The scene as a unit.
     fn unit(&self, compiled: &Compiled) -> Result<unit::Unit, Stop> {
-        let settings = &compiled.stages().model.settings;
-        let steps = self.step.map_or_else(Steps::new, Steps::fixed);
-        let options = steps.resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
-        unit::unit(compiled.scene(), &options).map_err(Stop::Model)
+        unit::unit(compiled.scene(), &self.options(compiled)?).map_err(Stop::Model)
     }
 
     /// The file; what comes from standard input has the scene's name.
@@ -184,15 +211,22 @@ fn not_of_another(header: &Path, object: bool) -> Result<(), Stop> {
     }
 }
 
-/// Says what was written.
-fn tell(unit: &unit::Unit, built: &str) {
-    let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+/// So many that switch are named.
+const MANY: usize = 5;
+
+/// Says of some names that they switch, and what to do about it.
+fn switches(mut names: Vec<String>, may: &str, mend: &str) {
+    if names.is_empty() {
+        return;
+    }
+    let verb = if names.len() > 1 || !may.is_empty() { "switch" } else { "switches" };
+    if names.len() > MANY {
+        names.truncate(MANY);
+        names.push("others".into());
+    }
+    let names = names.join(", ");
     report::say(&format!(
-        "built {built}: intervals of {:?} s, {}, {}, {}",
-        unit.interval,
-        count(unit.open.len(), "open port"),
-        count(unit.inputs.len(), "input"),
-        count(unit.probes.len(), "probe"),
+        "note: {names} {may}{verb} within steps: bond run meets these instants, what is built does not; {mend}"
     ));
 }
 

@@ -1,7 +1,7 @@
 //! Tables of what is given from outside: CSV with the column `t` and one column an input.
 
 use bond_compiler::elaborate::nearest;
-use bond_runtime::simulate::Course;
+use bond_runtime::simulate::{Course, Unfit};
 use thiserror::Error;
 
 /// What is wrong with a table, and in which line of its text, from 1.
@@ -18,6 +18,8 @@ pub struct TableError {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Given {
     names: Vec<String>,
+    /// The line of each row.
+    lines: Vec<usize>,
     instants: Vec<f64>,
     /// By column.
     values: Vec<Vec<f64>>,
@@ -46,13 +48,19 @@ impl Given {
             .map(|(i, l)| (i + 1, l.trim()))
             .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
         let Some((head, header)) = lines.next() else { return wrong(1, "the table is empty; it begins with `t,...`") };
+        let text = header;
         let header = cells(header).or_else(|why| wrong(head, why))?;
         let Some(time) = header.iter().position(|c| c == "t") else {
+            // As tables are written where the decimal sign is a comma.
+            if text.contains(';') {
+                return wrong(head, "columns are separated by commas, and not by `;`; the decimal sign is a point");
+            }
             return wrong(head, "there is no column `t`, the time in seconds");
         };
         columns(head, &header, known)?;
         let names = header.iter().enumerate().filter(|(i, _)| *i != time).map(|(_, n)| n.clone()).collect();
-        let mut table = Self { names, instants: Vec::new(), values: vec![Vec::new(); header.len() - 1] };
+        let values = vec![Vec::new(); header.len() - 1];
+        let mut table = Self { names, lines: Vec::new(), instants: Vec::new(), values };
         for (line, text) in lines {
             let row = cells(text).or_else(|why| wrong(line, why))?;
             if row.len() != header.len() {
@@ -65,6 +73,7 @@ impl Given {
                     ),
                 );
             }
+            table.lines.push(line);
             let mut columns = table.values.iter_mut();
             for (i, (cell, name)) in row.iter().zip(&header).enumerate() {
                 let x = match cell.parse::<f64>() {
@@ -94,6 +103,14 @@ impl Given {
     pub fn courses(&self, hold: bool) -> Result<Vec<(String, Course)>, TableError> {
         let one = |(name, values): (&String, &Vec<f64>)| match Course::table(&self.instants, values, hold) {
             Ok(course) => Ok((name.clone(), course)),
+            Err(Unfit::Steep(row)) => {
+                let line = |row: usize| self.lines.get(row).copied().unwrap_or_default();
+                let message = format!(
+                    "the column `{name}` changes faster than double numbers tell from line {} to this one",
+                    line(row)
+                );
+                wrong(line(row + 1), message)
+            }
             Err(e) => wrong(1, format!("the column `{name}`: {e}")),
         };
         self.names.iter().zip(&self.values).map(one).collect()
@@ -188,6 +205,7 @@ mod tests {
         let cases = [
             ("", 1, "empty"),
             ("time,u\n0,1\n", 1, "no column `t`"),
+            ("t;u\n0;1,5\n", 1, "columns are separated by commas"),
             ("t,v\n0,1\n", 1, "no input `v`; its inputs are u"),
             ("t,u,u\n0,1,1\n", 1, "two columns `u`"),
             ("t,u\n", 1, "no rows"),
@@ -201,9 +219,10 @@ mod tests {
             ("t,u\n0,1\"2\"\n", 2, "quotes stand around the whole of a cell"),
             ("t,u\n0,\"1\"\"\n", 2, "a quote is not closed"),
             ("t,u\n0,\"1\"\"2\"\n", 2, "is no number"),
+            ("t,u\n0,1e308\n\n1,-1e308\n", 4, "the column `u` changes faster than double numbers tell from line 2"),
         ];
         for (text, line, words) in cases {
-            match Given::read(text, &["u"]) {
+            match Given::read(text, &["u"]).and_then(|table| table.courses(false)) {
                 Ok(_) => panic!("{text:?} is read"),
                 Err(e) => assert!(e.line == line && e.message.contains(words), "{text:?}: {e}"),
             }

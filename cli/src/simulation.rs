@@ -2,6 +2,7 @@
 
 use bond_compiler::model::Settings;
 use bond_runtime::interpreter::Interpret;
+use bond_runtime::ir::{Array, Slot};
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{self, Course, Summary};
@@ -315,6 +316,18 @@ impl<'a> Simulation<'a> {
     /// There is no such double bar.
     pub fn held_at_bar(&self, bar: usize) -> f64 {
         self.inner.held_at_bar(bar)
+    }
+
+    /// What continuous parts of the scene took at the last sample for signals of sampled ones, by name.
+    pub fn held_signals(&self) -> Vec<(&'a str, f64)> {
+        let mut list = Vec::new();
+        for (i, c) in self.scene.clusters.iter().enumerate().filter(|(_, c)| c.period.is_none()) {
+            for (k, (from, output)) in c.foreign.iter().enumerate() {
+                let name = self.scene.clusters[*from].instant.name_of(Slot::new(Array::Output, *output));
+                list.extend(name.map(|name| (name, self.inner.held_signal(i, k))));
+            }
+        }
+        list
     }
 
     /// The energy and signal states of all regions by name. In a run with fixed steps they are those at the end of the

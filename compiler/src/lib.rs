@@ -14,6 +14,7 @@ pub mod expression;
 pub mod graph;
 pub mod linearize;
 pub mod model;
+mod modes;
 pub mod need;
 pub mod omit;
 pub mod rates;

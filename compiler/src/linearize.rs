@@ -12,7 +12,8 @@ use serde_json::{Value, json};
 pub struct Linearized {
     /// Energy states, signal states, then integrals.
     pub states: Vec<String>,
-    /// The scene's inputs, open ports, and what sampled regions hold at the others' bonds.
+    /// The scene's inputs, open ports, and what sampled regions hold at the others' bonds; then sampled signal states and
+    /// what else of samples is read between them.
     pub inputs: Vec<String>,
     /// Probes.
     pub outputs: Vec<String>,
@@ -51,7 +52,8 @@ fn finite(row: Row, name: &str) -> Result<Row, String> {
 }
 
 /// Linearizes what is continuous at a time and at values of the states (energy and signal states by name, then
-/// integrals). What is given from outside is at its default.
+/// integrals). What is given from outside is at its default. What is sampled stands still: by its values, the others
+/// are driven.
 ///
 /// # Errors
 /// In words, where loops of resistors cannot be solved at that state.
@@ -92,14 +94,22 @@ pub fn linearize(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
         sum
     };
     let waits_for_loop = |i: usize| row.contains_key(&i);
-    for &i in &point.order {
+    // What is sampled does not follow; what of it is read is varied by itself.
+    let still = |i: usize| point.still[i];
+    for &i in point.order.iter().filter(|i| !still(**i)) {
         rows[i] = total(&mut model.pool, &rows, columns[i].1, &|_| false);
     }
     if n > 0 {
-        let lu = point.loops.clone().lu();
+        let mut loops = point.loops.clone();
+        for k in (0..n).filter(|k| still(looped[*k])) {
+            loops.row_mut(k).fill(0.0);
+            loops.column_mut(k).fill(0.0);
+            loops[(k, k)] = 1.0;
+        }
+        let lu = loops.lu();
         let width = varied.len();
         let mut right = DMatrix::<f64>::zeros(n, width);
-        for (k, &i) in looped.iter().enumerate() {
+        for (k, &i) in looped.iter().enumerate().filter(|(_, i)| !still(**i)) {
             for (j, x) in total(&mut model.pool, &rows, columns[i].1, &waits_for_loop) {
                 right[(k, j)] = x;
             }

@@ -3,8 +3,8 @@
 
 use crate::Stages;
 use crate::expression::{Expr, Pool, Symbol};
-use crate::model::Signal;
-use crate::structure::{Group, Output, Role};
+use crate::model::{Model, Signal};
+use crate::structure::{Form, Group, Output, Role};
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -25,10 +25,13 @@ const LEAST: f64 = 1e-6;
 pub(crate) struct Point {
     /// Energy states, signal states, then integrals: name, symbol, rate.
     pub(crate) states: Vec<(String, Symbol, Expr)>,
-    /// What is given from outside, at its default; open ports and what sampled regions hold, at 0: name and symbol.
+    /// What is given from outside, at its default; open ports and what sampled regions hold at borders, at 0; then
+    /// sampled signal states and what else continuous parts read of samples: name and symbol.
     pub(crate) inputs: Vec<(String, Symbol)>,
     /// Definitions: outputs of storages, sources and resistors.
     pub(crate) columns: Vec<(Symbol, Expr)>,
+    /// By definition, whether it is one of a sampled region, which stands still between samples.
+    pub(crate) still: Vec<bool>,
     /// Definitions that need none but those before them, in that order.
     pub(crate) order: Vec<usize>,
     /// Definitions in loops, or behind one.
@@ -47,6 +50,7 @@ impl Point {
             states: vec![],
             inputs: vec![],
             columns: vec![],
+            still: vec![],
             order: vec![],
             looped: vec![],
             loops: DMatrix::zeros(0, 0),
@@ -87,6 +91,8 @@ impl Point {
     /// States get their values, everything else its definition.
     fn define(&mut self, stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option<f64>) {
         let (model, form) = (&mut stages.model, &stages.form);
+        let homes = sampled_integrals(model, form);
+        let held = held(model, form, &homes);
         self.at.extend(model.signals.iter().filter(|s| *s.1 == Signal::Time).map(|s| (*s.0, time)));
         for i in &model.inputs {
             self.at.insert(i.symbol, i.value);
@@ -132,11 +138,13 @@ impl Point {
                     }
                 }
             }
+            self.columns.extend(r.following.iter().map(|f| (form.column(f.column).out, f.rate)));
+            self.still.resize(self.columns.len(), !here);
         }
-        for f in form.regions.iter().flat_map(|r| &r.following) {
-            self.columns.push((form.column(f.column).out, f.rate));
+        for l in &form.loops {
+            self.columns.push((l.unknown, l.value));
+            self.still.push(form.regions[l.region.at()].sampling.is_some());
         }
-        self.columns.extend(form.loops.iter().map(|l| (l.unknown, l.value)));
         for (m, law) in model.memories.iter().zip(&form.memories) {
             self.at.insert(m.symbol, states(&m.name).unwrap_or(m.start));
             if m.sampling.is_none() {
@@ -146,8 +154,19 @@ impl Point {
         for (i, (integral, rate)) in model.integrals.iter().zip(&form.integrals).enumerate() {
             let name = format!("integral[{i}]");
             self.at.insert(integral.symbol, states(&name).unwrap_or(integral.start));
-            self.states.push((name, integral.symbol, *rate));
+            if homes[i].is_none() {
+                self.states.push((name, integral.symbol, *rate));
+            }
         }
+        // What is held is what the last sample gave; where none is told, what one would give now.
+        let told: FxHashMap<Symbol, f64> = held.iter().filter_map(|(name, s)| Some((*s, states(name)?))).collect();
+        let kept: Vec<bool> = self.columns.iter().map(|c| !told.contains_key(&c.0)).collect();
+        let mut keep = kept.iter();
+        self.columns.retain(|_| keep.next() == Some(&true));
+        let mut keep = kept.iter();
+        self.still.retain(|_| keep.next() == Some(&true));
+        self.at.extend(told);
+        self.inputs.extend(held);
     }
 
     /// Values of the definitions whose symbols all have values, until none is left that can be had so.
@@ -278,6 +297,61 @@ impl Point {
         self.at.extend(loops.symbols.iter().copied().zip(z.iter().copied()));
         DVector::from_iterator(z.len(), loops.misfits.iter().map(|e| self.value(pool, *e)))
     }
+}
+
+/// The sampled region, by index, that each integral is a sum over the steps of: the one whose variables are all that it
+/// reads.
+fn sampled_integrals(model: &Model, form: &Form) -> Vec<Option<usize>> {
+    // Signal states are in no region.
+    let mut owner: FxHashMap<Symbol, Option<usize>> = model.memories.iter().map(|m| (m.symbol, None)).collect();
+    for (i, r) in form.regions.iter().enumerate() {
+        owner.extend(r.states.iter().map(|s| (s.symbol, Some(i))));
+    }
+    owner.extend(form.columns.iter().map(|c| (c.out, Some(c.region.at()))));
+    owner.extend(form.loops.iter().map(|l| (l.unknown, Some(l.region.at()))));
+    let flows = |s: &Symbol| matches!(model.signals.get(s), Some(Signal::Time | Signal::Input(_) | Signal::Slope(_)));
+    let mut homes = Vec::with_capacity(form.integrals.len());
+    for (integral, e) in model.integrals.iter().zip(&form.integrals) {
+        let symbols = model.pool.symbols(*e);
+        let mut read: Vec<Option<usize>> = symbols.iter().filter_map(|s| owner.get(s).copied()).collect();
+        read.dedup();
+        let one = read.first().copied().flatten();
+        let one = one.filter(|i| form.regions[*i].sampling.is_some() && read.iter().all(|r| *r == Some(*i)));
+        let home = one.filter(|_| !symbols.iter().any(flows));
+        owner.insert(integral.symbol, home);
+        homes.push(home);
+    }
+    homes
+}
+
+/// What samples hold for the continuous parts by signals, name and symbol: the sampled signal states, then what else
+/// these parts read of sampled regions.
+fn held(model: &Model, form: &Form, homes: &[Option<usize>]) -> Vec<(String, Symbol)> {
+    let is_sampled = |region: usize| form.regions[region].sampling.is_some();
+    let mut read: Vec<Expr> = Vec::new();
+    for c in form.columns.iter().filter(|c| !is_sampled(c.region.at())) {
+        read.extend(c.row.iter().map(|t| t.1));
+        if let Role::Source(v) = c.role {
+            read.push(v);
+        }
+    }
+    for r in form.regions.iter().filter(|r| r.sampling.is_none()) {
+        read.extend(r.resistors.iter().flat_map(|(_, how)| how.expressions()));
+        read.extend(r.groups.iter().flat_map(|g| g.coenergy.iter().copied()));
+        read.extend(r.following.iter().map(|f| f.rate));
+    }
+    read.extend(form.loops.iter().filter(|l| !is_sampled(l.region.at())).map(|l| l.value));
+    read.extend(model.memories.iter().zip(&form.memories).filter(|(m, _)| m.sampling.is_none()).map(|(_, law)| *law));
+    read.extend(form.integrals.iter().zip(homes).filter(|(_, home)| home.is_none()).map(|(rate, _)| *rate));
+    let read: FxHashSet<Symbol> = read.into_iter().flat_map(|e| model.pool.symbols(e)).collect();
+    let sampled = form.regions.iter().filter(|r| r.sampling.is_some());
+    let mut others: Vec<Symbol> = sampled.flat_map(|r| r.states.iter().map(|s| s.symbol)).collect();
+    others.extend(form.columns.iter().filter(|c| is_sampled(c.region.at())).map(|c| c.out));
+    others.extend(form.loops.iter().filter(|l| is_sampled(l.region.at())).map(|l| l.unknown));
+    others.extend(model.integrals.iter().zip(homes).filter(|(_, home)| home.is_some()).map(|(i, _)| i.symbol));
+    let states = model.memories.iter().filter(|m| m.sampling.is_some()).map(|m| (m.name.clone(), m.symbol));
+    let others = others.into_iter().filter(|s| read.contains(s)).map(|s| (model.pool.name(s).to_string(), s));
+    states.chain(others).collect()
 }
 
 /// Definitions that wait for each other: what they define, by how much that is off, and the slopes of those by what they

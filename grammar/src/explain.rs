@@ -116,6 +116,7 @@ pub(crate) fn refused(scan: &Scan, piece: Piece, range: Range<usize>, refused: R
         Wreck::arrow,
         Wreck::bond_name,
         Wreck::operator,
+        Wreck::decimal_comma,
         Wreck::colon,
         Wreck::spaced_unit,
         Wreck::dotted_unit,
@@ -286,10 +287,18 @@ impl<'a> Wreck<'a> {
             let value = self.scan.slice(self.scan.span_of(start + 4).to(self.scan.span_of(self.before())));
             return self.several(self.at + 1, value);
         }
+        if self.word(self.at) == ".." && self.open_bracket().is_some() {
+            return error
+                .help("an index is one number: a loop goes over several, as in `for i in 0..n { C:cap[i] = c }`");
+        }
         let chain = (self.range.start..self.at).any(|index| matches!(self.word(index), "->" | "||>" | "->|" | "|->"));
         if chain && self.scan.is_name(self.before()) && self.scan.is_name(self.at) && self.open_bracket().is_none() {
             return error
                 .help(format!("elements of a list have commas between them: `{before}, {}`", self.word(self.at)));
+        }
+        let follows = self.word(self.at) == "," && self.scan.starts_element(self.at + 1);
+        if follows && self.piece == Piece::Statement && self.open_bracket().is_none() {
+            return error.help("statements have no comma between them: write `;`, a space or a new line");
         }
         let operand = |index| self.scan.ends_operand(index) && self.range.contains(&index);
         let starts = self.word(self.at).starts_with(|c: char| is_symbol_start(c) || c.is_ascii_digit() || c == '(');

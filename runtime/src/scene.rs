@@ -281,6 +281,9 @@ pub struct Guards {
     /// The step along a branch, where the stepper looks at the end of its step or beyond: what it saw behind a switch
     /// would spoil the step to there.
     pub branch: Option<Branch>,
+    /// Whether a guard jumps, as one of what comes again with each turn does: it may change its sign twice in a step, the
+    /// second time where it jumps.
+    pub jumps: bool,
 }
 
 /// A cluster's step with each law on one branch all along.

@@ -799,3 +799,28 @@ fn switching_ratios_are_met() {
         }
     }
 }
+
+/// A block on a table, pushed ever more, and what counts its way from 0: while dry friction holds it, its speed is rounding
+/// and so is the way. Free from 2 s on, it has moved (t - 2 s)^3/3 at 3 s.
+#[test]
+fn counters_of_what_rests() {
+    for counter in ["C:x { H = 0 J }  v -> x  probe way = x.q", "state x = 0 m { dx = v.f }  probe way = x"] {
+        let scene = format!(
+            "model Block {{
+              Se:push = 2 N/s * t
+              I:m = 1 kg
+              R:dry {{ e = 4 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*1 m/s }}
+              push -> 1:v -> m, dry
+              {counter}
+              simulate {{ stop = 3 s }}
+            }}"
+        );
+        for tolerance in [1e-6, 1e-7, 1e-8, 1e-9] {
+            let compiled = with(Options::new().accuracy(Accuracy::Tolerance(tolerance)), &scene);
+            let mut sim = start(&compiled, Steps::tolerance(tolerance));
+            finish(&mut sim, 3.0);
+            close(probe(&mut sim, "way"), 1.0 / 3.0, 1e-5, &format!("{counter} to {tolerance}"));
+            assert!(sim.summary().passive, "{counter} to {tolerance}: {:?}", sim.summary().reasons);
+        }
+    }
+}

@@ -37,6 +37,25 @@ fn a_graph_as_json_names_all() {
     }
 }
 
+/// In a round, a value that is not picked may name what is beyond the ends.
+#[test]
+fn ends_of_a_row() {
+    let row = text(
+        "model M(n = 3, first = 4 N) {
+            for i in 1..n {
+                C:c[i] { stiffness = 1 N/m; q0 = 1 m }
+                R:r[i] = 1 N*s/m
+                1:v[i] -> c[i], r[i]
+                probe before = if i == 1 then first else c[i-1].e
+                probe after = if i < n then c[i+1].e else 0
+            }
+        }",
+    );
+    let mut sim = crate::common::start(&row, bond::Steps::fixed(0.1));
+    let values = ["before[1]", "before[2]", "after[2]", "after[3]"].map(|x| crate::common::probe(&mut sim, x));
+    assert_eq!(values, [4.0, 1.0, 1.0, 0.0]);
+}
+
 /// The order of declaration does not matter to what is computed.
 #[test]
 fn order_of_declaration() {

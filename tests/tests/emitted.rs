@@ -224,7 +224,7 @@ pub fn emit(compiled: &Compiled, h: f64) -> Result<(unit::Unit, simulate::Option
 }
 
 pub fn options(prefix: &str, header: &str) -> c::Options {
-    c::Options { prefix: prefix.into(), header: header.into(), single: true }
+    c::Options { prefix: prefix.into(), header: header.into(), single: true, begin: false }
 }
 
 /// A folder with the C of a unit and a `main.c` beside it, built as `run`.

@@ -732,3 +732,32 @@ fn a_wall_too_stiff_for_its_period_rests_where_its_budget_ends() {
     assert!(summary.passive && probe(&mut sim, "x") > 2e-5, "{:?}", summary.reasons);
     assert!((wall.leaked / wall.h_final - 1.0).abs() < 1e-3, "{} {}", wall.leaked, wall.h_final);
 }
+
+/// beta is the linearisation at the start whatever the scene's forces are in: the same motion in N and in uN.
+#[test]
+fn what_is_measured_goes_by_the_size_of_the_scene() {
+    let x = |size: f64| {
+        let scene = format!(
+            "model Soft(A = {size:e}) {{
+              Se:push = A * 1 N * sin(3 Hz * t)
+              C:soft {{ e = A * 1 N * (q/(A * 1 m) + (q/(A * 1 m))^3) }}
+              R:drag = 1 N*s/m
+              push -> 1:v -> soft, drag
+              sampled at 20 Hz {{ C:spring {{ stiffness = 20 N/m }}  1:w -> spring }}
+              v ||> w
+              probe x = spring.q/A
+              simulate {{ stop = 2 s; tolerance = 1e-8 }}
+            }}"
+        );
+        let compiled = text(&scene);
+        let settings = &compiled.stages().model.settings;
+        let options = Steps::new().resolve(settings, 2.0, None).unwrap();
+        let mut sim = Simulation::new(compiled.scene(), &options).unwrap();
+        finish(&mut sim, 2.0);
+        probe(&mut sim, "x")
+    };
+    let one = x(1.0);
+    for size in [1e3, 1e-3, 1e-6, 1e-9] {
+        close(x(size), one, 1e-5, &format!("{size:e}"));
+    }
+}

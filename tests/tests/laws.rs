@@ -254,3 +254,23 @@ fn values_of_the_own_state_are_laws() {
         close(end(&pushed, Steps::tolerance(1e-9), 1.0, name), 1.0 - f64::ln(2.0), 1e-7, name);
     }
 }
+
+/// What else a condition depends on may turn it round: nothing is proved by it then.
+#[test]
+fn a_condition_of_another_signal_proves_nothing() {
+    let law = |condition: &str| {
+        let scene = format!(
+            "model M {{
+              Se:s = 1 N
+              I:m = 1 kg
+              state z = 0 {{ dz = -10 Hz }}
+              R:r {{ e = (if {condition} > 0 then (f/(1 m/s))^2 else -(f/(1 m/s))^2)*1 N }}
+              s -> 1:v -> m, r
+              probe x = r.e + z*1 N
+            }}"
+        );
+        with(Options::new(), &scene).show("phs")
+    };
+    assert!(law("f").contains("proved to take power"), "{}", law("f"));
+    assert!(law("f*(z + 3)").contains("not proved to take power"), "{}", law("f*(z + 3)"));
+}

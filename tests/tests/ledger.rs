@@ -461,3 +461,39 @@ fn a_diode_that_opens_late_balances() {
     finish(&mut sim, 0.1);
     assert!(sim.summary().passive, "{:?}", sim.summary().reasons);
 }
+
+/// Nothing moves: what a speed of 1e-33 m/s makes of the power is no energy. And coils tied together, one of which
+/// saturates, near rest: their energy is not the rounding of `log(cosh(p))`.
+#[test]
+fn rounding_at_rest_gives_nothing() {
+    let held = "model Held {
+      Se:push = 1 N
+      R:dry { e = 2 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*1 m/s }
+      I:block = 1 kg
+      push -> 1:v -> block, dry
+      simulate { stop = 1 s; tolerance = 1e-8 }
+    }";
+    let tied = |law: &str| {
+        format!(
+            "model Tied {{
+              Se:u = 0.6 V * sin(3 Hz * t)
+              R:r = 1 Ohm
+              I:a {{ f = ({law})*1 A }}
+              I:b = 0.94 H
+              I:c = 2 H
+              u -> 1:v -> r, 0:n
+              n -> a, c
+              v -> b
+              simulate {{ stop = 1 s; step = 1 ms }}
+            }}"
+        )
+    };
+    let laws = ["tanh(p/(1 Wb))", "p/(1.92 Wb) + 1.93*tanh(2*p/(1 Wb))", "atan(p/(1 Wb))"].map(tied);
+    for scene in std::iter::once(held.to_string()).chain(laws) {
+        for method in [None, Some("collocation4")] {
+            let compiled = with(method.into_iter().fold(Options::new(), |o, m| o.method(m)), &scene);
+            let summary = run(&compiled).unwrap_or_else(|e| panic!("{e}"));
+            assert!(summary.passive, "{scene}: {:?}", summary.reasons);
+        }
+    }
+}

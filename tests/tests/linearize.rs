@@ -130,10 +130,127 @@ fn a_balanced_loop() {
     assert!((l.d[(0, 0)] - 0.25).abs() < 1e-14, "{l:?}");
 }
 
+/// A controller that is sampled drives a mass by its state: that is an input, and the loop is not closed. It may be read
+/// by a source that switches on it, too, and what does not read it has no part of it.
+#[test]
+fn what_is_sampled_is_given() {
+    let compiled = text(
+        "model S {
+          input ref = 1 m/s
+          sampled at 100 Hz {
+            state u = 4 N { next = (3 N*s/m)*(ref - v.f) }
+            state d = 0.5 { next = d/2 }
+          }
+          MSe:F = u*u/(1 N)
+          Se:G = if mod(t, 1 s) < d*(1 s) then 3 N else 1 N
+          I:m = 2 kg
+          R:b = 1 N*s/m
+          F -> 1:v -> m, b
+          G -> v
+          probe speed = v.f
+          probe force = u
+          probe pulse = G.e
+        }",
+    );
+    let l = at(&compiled, &[]);
+    assert_eq!((l.states.len(), l.inputs.as_slice()), (1, ["ref", "u", "d"].map(String::from).as_slice()));
+    assert_eq!((l.a[(0, 0)], l.b.row(0).iter().copied().collect::<Vec<_>>()), (-0.5, vec![0.0, 8.0, 0.0]));
+    let d: Vec<Vec<f64>> = l.d.row_iter().map(|r| r.iter().copied().collect()).collect();
+    assert_eq!(d, [[0.0; 3], [0.0, 1.0, 0.0], [0.0; 3]]);
+    assert_eq!(at(&compiled, &[("u", 5.0)]).b[(0, 1)], 10.0);
+}
+
+/// What a source reads of a sampled region is held: its state, what its storage gives, and what a loop of resistors in
+/// it comes to. How these follow what is continuous is not looked through, and neither is a sum over samples.
+#[test]
+fn what_is_sampled_stands_still() {
+    let compiled = text(
+        "model S {
+          sampled every 1 ms {
+            Se:s = (2 N*s/m)*v.f  C:c = 1 m/N  R:r = 1 N*s/m  R:q { e = (1 N*s^2/m^2) * f*abs(f) }
+            s -> 1:x -> r, c, q
+          }
+          MSe:F = s.e - (3 N/m)*c.q - r.e
+          I:m = 2 kg
+          R:b = 1 N*s/m
+          F -> 1:v -> m, b
+          probe speed = v.f
+          probe sum = integral(c.e, 0 N*s)
+          probe gone = integral(F.e, 0 N*s)
+        }",
+    );
+    let l = at(&compiled, &[("m.p", 1.0)]);
+    assert_eq!((l.states.len(), l.inputs.len()), (2, 3), "{:?} {:?}", l.states, l.inputs);
+    close(l.a[(0, 0)], -0.5, 1e-15, "A");
+    assert_eq!(l.a[(1, 0)], 0.0);
+    for (name, wanted) in [("c.q", -3.0), ("c.e", 1.0), ("q.e", 1.0)] {
+        let k = l.inputs.iter().position(|n| n == name).unwrap_or_else(|| panic!("{:?}", l.inputs));
+        assert_eq!((l.b[(0, k)], l.b[(1, k)]), (wanted, wanted), "{name}");
+    }
+}
+
 /// A root at 0: no number is its slope.
 #[test]
 fn an_infinite_slope_is_told() {
     let compiled = text("model M { C:tank = 1 m^3/Pa  R:hole { f = 1 m^3/(s*Pa^(1/2)) * sqrt(e) }  tank -> hole }");
     let told = compiled.linearize(0.0, &|_| None);
     assert!(told.as_ref().is_err_and(|e| e.starts_with("`tank.q` has no finite slope there")), "{told:?}");
+}
+
+/// Poles and response of a damped oscillator driven by a force, whose probe x has the gain 1/(k - m w^2 + j b w): below,
+/// at and above resonance. The integral of a probe is a pole at 0 itself, beside fast ones.
+#[test]
+fn poles_and_response() {
+    let compiled = text(
+        "model M {
+          input u = 0 N
+          Se:force = u
+          C:spring { stiffness = 8e6 N/m }
+          I:mass = 2 kg
+          R:drag = 3 N*s/m
+          force -> 1:v -> spring, mass, drag
+          probe x = spring.q
+          probe gone = integral(mass.p, 0 N*s^2)
+        }",
+    );
+    let l = at(&compiled, &[]);
+    let poles = l.poles().unwrap();
+    let w = f64::sqrt(4e6 - 0.75 * 0.75);
+    assert_eq!((poles.len(), poles[0].re, poles[0].im), (3, 0.0, 0.0));
+    for (p, sign) in poles[1..].iter().zip([1.0, -1.0]) {
+        close(p.re, -0.75, 1e-12, "real part");
+        close(p.im, sign * w, 1e-9, "imaginary part");
+    }
+    for w in [1.0, 2e3, 1e5] {
+        let found = l.response(w / std::f64::consts::TAU)[(0, 0)];
+        let wanted = nalgebra::Complex::new(8e6 - 2.0 * w * w, 3.0 * w).inv();
+        close(found.re, wanted.re, 1e-9 * wanted.norm(), "real part");
+        close(found.im, wanted.im, 1e-9 * wanted.norm(), "imaginary part");
+    }
+    // Its integral has no gain at 0 Hz; it has one itself.
+    let still = l.response(0.0);
+    assert!(still[(1, 0)].re.is_infinite());
+    close(still[(0, 0)].re, 1.0 / 8e6, 1e-20, "compliance");
+}
+
+/// A chain of masses between walls, whose frequencies are 2 sin(k pi / (2 n + 2)) (Rayleigh), in units a million apart,
+/// so that A has to be balanced.
+#[test]
+fn poles_of_a_chain() {
+    let (n, last) = (40, 39);
+    let mut scene = format!(
+        "model Chain {{\n for i in 0..{last} {{ I:m[i] = 1e-6 kg  1:v[i] -> m[i] }}\n for i in 0..{n} {{ C:k[i] {{ \
+         stiffness = 1e6 N/m }} }}\n v[0] -> k[0]\n v[{last}] -> k[{n}]\n"
+    );
+    scene += &format!(" for i in 1..{last} {{ v[i-1] -> 0:d[i] -> v[i]  d[i] -> k[i] }}\n}}\n");
+    let poles = at(&text(&scene), &[]).poles().unwrap();
+    assert_eq!(poles.len(), 2 * n + 1);
+    // The springs' lengths have a sum that stays.
+    close(poles[0].norm(), 0.0, 1e-6, "the pole that is 0");
+    for (k, pair) in poles[1..].chunks(2).enumerate() {
+        let wanted = 2e6 * f64::sin((k + 1) as f64 * std::f64::consts::FRAC_PI_2 / (n + 1) as f64);
+        close(pair[0].im, wanted, 1e-9 * wanted, "frequency");
+        close(pair[0].re, 0.0, 1e-9 * wanted, "damping");
+        close(pair[1].im, -wanted, 1e-9 * wanted, "frequency");
+    }
 }

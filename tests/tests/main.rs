@@ -35,6 +35,7 @@ mod parse;
 mod program;
 mod random;
 mod roots;
+mod rows;
 mod sav;
 mod save;
 mod signals;

@@ -504,3 +504,46 @@ fn a_clamped_rod_is_stepped_exactly() {
         }
     }
 }
+
+/// A current goes on round two coils while a field of resistors lets the voltage die away to rounding. The number is of an
+/// implicit Runge-Kutta method with tolerances of 1e-11.
+#[test]
+fn what_dies_away_in_a_field_is_rounding_of_what_goes_on() {
+    let scene = "model Round {
+      I:a = 0.4 H
+      I:b { f = (p/(1 V*s)/0.38 + (p/(1 V*s))^3)*1 A; p0 = 0.4 V*s }
+      R(a, b):r = [[1 Ohm, 0.5 Ohm], [0.5 Ohm, 2 Ohm]]
+      0:n -> a, b
+      n -> r.a, r.b
+      probe ia = a.f
+      simulate { stop = 10 s }
+    }";
+    for method in [None, Some("collocation4"), Some("radau")] {
+        let compiled = with(method.into_iter().fold(Options::new(), |o, m| o.method(m)), scene);
+        close(end(&compiled, Steps::new(), 10.0, "ia"), -0.51634802, 1e-3, "the current");
+    }
+}
+
+/// Masses on one shaft, one by an exponential law whose size is far from 1 in SI units: the same motion in each.
+#[test]
+fn tied_storages_of_any_size() {
+    for s in [1.0, 1e-3, 1e-6, 1e3] {
+        let scene = format!(
+            "model M(s = {s:e} N*s) {{
+              Se:push = s/(1 s) * sin(2 Hz * t)
+              I:m = 1 kg
+              I:n {{ H = s^2/(1 kg) * cosh(p/s) }}
+              R:r = 1 N*s/m
+              push -> 1:v -> m, n, r
+              probe x = v.f/s*1 kg
+              simulate {{ stop = 1 s; tolerance = 1e-8 }}
+            }}"
+        );
+        let compiled = with(Options::new(), &scene);
+        let settings = &compiled.stages().model.settings;
+        let options = Steps::new().resolve(settings, 1.0, None).unwrap();
+        let mut sim = bond::Simulation::new(compiled.scene(), &options).unwrap();
+        finish(&mut sim, 1.0);
+        close(probe(&mut sim, "x"), 0.296001, 1e-5, &format!("{s:e}"));
+    }
+}

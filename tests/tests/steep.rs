@@ -495,3 +495,33 @@ fn logistics_are_hyperbolic_tangents() {
         }
     }
 }
+
+/// Laws in which what is left near 0 is the rounding of a number taken off: what they are asked for there is no more exact
+/// than that, and a mass that starts at rest and is pushed moves.
+#[test]
+fn laws_that_cancel_at_rest() {
+    for law in [
+        "1.8 m/s * log(1 + e/(1 N))",
+        "1.8 m/s * sign(e)*log(1 + abs(e)/(1 N))",
+        "2 m/s * sign(e)*(1 - 1/(1 + abs(e)/(1 N)))",
+        "3 m/s * sign(e)*(sqrt(abs(e)/(1 N) + 0.01) - 0.1)",
+    ] {
+        let scene = format!(
+            "model Cancels {{
+              Se:push = 0.62 N/s * t
+              I:m = 1 kg
+              R:r {{ f = {law} }}
+              push -> 1:w -> m, r
+              probe v = m.f
+              simulate {{ stop = 1 s }}
+            }}"
+        );
+        let compiled = with(Options::new(), &scene);
+        for steps in [Steps::new(), Steps::fixed(1e-2)] {
+            let mut sim = start(&compiled, steps);
+            finish(&mut sim, 1.0);
+            let v = probe(&mut sim, "v");
+            assert!(v > 0.1 && v < 0.31 && sim.summary().passive, "{law}: {v}, {:?}", sim.summary().reasons);
+        }
+    }
+}

@@ -2,6 +2,7 @@
 
 use crate::common::{close, end, finish, probe, start, with};
 use bond::{Options, Steps};
+use bond_compiler::discretise::Accuracy;
 
 /// A model of nothing but probes.
 fn values(probes: &[(&str, f64)], head: &str) {
@@ -130,6 +131,40 @@ fn whole_arguments_keep_their_value() {
         for method in ["gonzalez", "collocation6", "radau", "rk4", "rk45", "dop853"] {
             let compiled = with(Options::new().method(method), &text);
             close(end(&compiled, Steps::tolerance(1e-8), 1.0, "speed"), speed, 1e-6, &format!("{source}, {method}"));
+        }
+    }
+}
+
+/// A window that closes where the turn ends is met, however narrow: the guard of its condition changes its sign twice, the
+/// second time by a jump. Each of 20 pulses of 1 kV and 100 ns leaves 0.1 mV*s in a coil; the same over the last part of
+/// each turn of a disk, and over the first part of turns that go backwards.
+#[test]
+fn windows_at_the_end_of_a_turn() {
+    for tolerance in [None, Some(1e-4), Some(1e-9)] {
+        let options = || tolerance.map_or(Options::new(), |x| Options::new().accuracy(Accuracy::Tolerance(x)));
+        let steps = || tolerance.map_or(Steps::new(), Steps::tolerance);
+        let pulses = "model Pulses(d = 100 ns) {
+          Se:u = if mod(t, 1 ms) > 1 ms - d then 1 kV else 0
+          I:l = 1 mH
+          u -> 1:i -> l
+          probe flux = l.p
+          simulate { stop = 20.5 ms }
+        }";
+        let flux = end(&with(options(), pulses), steps(), 20.5e-3, "flux");
+        close(flux, 2e-3, 1e-9, "pulses at the end of each millisecond");
+        for (speed, window, kick) in [(1.0, "mod(a, 1) > 1 - 1e-5", 1e-5), (-1.0, "mod(a, 1) < 1e-5", 1e-5)] {
+            let turns = format!(
+                "model Turns {{
+                  state a = 0.5 {{ da = {speed} Hz }}
+                  Se:u = if {window} then 1 N else 0
+                  I:m = 1 kg
+                  u -> 1:v -> m
+                  probe p = m.p
+                  simulate {{ stop = 20 s }}
+                }}"
+            );
+            let p = end(&with(options(), &turns), steps(), 20.0, "p");
+            close(p, 20.0 * kick, 1e-9, &format!("{window} at {speed} turns a second"));
         }
     }
 }

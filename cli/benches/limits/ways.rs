@@ -195,7 +195,7 @@ impl<'a> Ways<'a> {
 /// The scene's unit, with its header in the folder.
 fn emit(folder: &Folder, figure: &Figure, compiled: &Compiled) -> Result<(unit::Unit, c::Options), String> {
     let unit = unit::unit(compiled.scene(), &scene::options(figure, compiled)?)?;
-    let options = c::Options { prefix: "bond".into(), header: "scene.h".into(), single: true };
+    let options = c::Options { prefix: "bond".into(), header: "scene.h".into(), single: true, begin: false };
     folder.put("scene.h", c::header(&unit, &options))?;
     Ok((unit, options))
 }

@@ -246,7 +246,7 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
     let (steps, stop, every) = asked(args, settings);
     let steps = chosen.map_or(steps, Chosen::steps);
     let rows = rows(args, settings, stop, by)?;
-    let by = by.unless(args.stop.is_some() || args.step.is_some());
+    let by = by.unless(args.stop.is_some() || args.step.is_some() || args.longest.is_some());
     let given = match &args.input {
         Some(path) => input::table(path, scene, args.input_hold)?,
         None => Vec::new(),

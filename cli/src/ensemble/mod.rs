@@ -18,7 +18,7 @@ mod sheet;
 mod side;
 mod statistics;
 mod summary;
-mod sweep;
+pub mod sweep;
 mod written;
 
 pub use run::{Setup, run};

@@ -178,3 +178,31 @@ fn what_has_no_compiled_form_is_told() {
     let rates = model("hard/irrational_rates.bond");
     here.bond(&["build", rates.to_str().unwrap(), "--emit", "c"]).is(1, &[], &["have no common measure"]);
 }
+
+/// What switches within steps, where a run would meet it, is named; not where steps end there, nor of what runs itself.
+#[test]
+fn what_switches_within_steps_is_named() {
+    let pwm = "model P { Se:u = if mod(t, 200 us) < 66 us then 24 V else 0  I:l = 2 mH  R:r = 1 Ohm  u -> 1:i -> l, r
+  probe cur = i.f  simulate { stop = 20 ms; step = 20 us } }";
+    let wall =
+        "model W { C:c { H = if q > 0 then 0.5*(1 N/m)*q^2 else 0; q0 = -1 m }  I:m { inertia = 1 kg; p0 = 1 N*s }
+  R:b { e = tanh(f/(1 m/s))*(1 N) }  1:v -> c, m, b  probe x = c.q SIMULATE }";
+    let here = Folder::new()
+        .with("p.bond", pwm)
+        .with("w.bond", wall.replace("SIMULATE", "simulate { stop = 1 s }"))
+        .with("f.bond", wall.replace("SIMULATE", "simulate { stop = 1 s; step = 1 ms }"));
+    let build = |file: &str, more: &[&str]| here.bond(&[&["build", file], more].concat()).is(0, &[], &["built "]).err;
+    let timed = "note: `u` switches within steps: bond run meets these instants, what is built does not; take a step";
+    for emit in ["c", "fmu", "wasm"] {
+        let told = build("p.bond", &["--emit", emit]);
+        assert!(told.contains(timed), "{told}");
+    }
+    for (file, more) in
+        [("p.bond", &["--emit", "c", "--step", "2us"][..]), ("p.bond", &[]), ("f.bond", &["--emit", "c"])]
+    {
+        let told = build(file, more);
+        assert!(!told.contains("note: "), "{file} {more:?}: {told}");
+    }
+    let told = build("w.bond", &["--emit", "c", "--step", "1ms"]);
+    assert!(told.contains("note: `c` may switch within") && told.contains("keep steps short"), "{told}");
+}

@@ -228,6 +228,69 @@ int main(void) {
     }
 }
 
+/// What is set before and in the initialization is so at t = 0: samples take it, of slower regions too, and what holds.
+#[test]
+fn inputs_of_the_start_are_met_by_its_samples() {
+    if !is_there("cc") {
+        return;
+    }
+    let here = Folder::new();
+    let scene = "model S {
+  input u = 1 N
+  input w = 0 N
+  sampled every 0.1 s { state last = 0 N { next = u }  Se:s = u  C:c = 1 m/N  R:r = 1 N*s/m  s -> 1:x -> r, c }
+  sampled every 0.2 s { state slow = 0 N { next = w + m.p/(1 s) } }
+  I:m = 1 kg
+  R:b = 1 N*s/m
+  1:v -> m, b
+  v ||> x
+  probe speed = v.f
+  probe F = s.e
+  probe l = last
+  probe k = slow
+  simulate { step = 10 ms; stop = 0.5 s }
+}";
+    std::fs::write(here.0.join("s.bond"), scene).unwrap();
+    std::fs::write(here.0.join("in.csv"), "t,u,w\n0,5,3\n1,5,3\n").unwrap();
+    here.bond(&["build", "s.bond", "--emit", "fmu", "-o", "s.fmu"]).is(0, &[], &[]);
+    let guid = sources(&here, "s.fmu");
+    let main = r#"
+static void row(void) { printf("%.17g,%.17g,%.17g,%.17g,%.17g\n", get(0), get(3), get(4), get(5), get(6)); }
+static void run(int k, int end) { for (; k < end; ++k) { row(); if (A(fmi2DoStep)(s, 0.1 * k, 0.1, 1)) exit(5); } }
+static void set(unsigned v, double x) { if (A(fmi2SetReal)(s, &v, 1, &x)) exit(6); }
+int main(void) {
+    void *at = 0;
+    begin();
+    if (A(fmi2Reset)(s)) return 7;
+    set(1, 4), set(1, 5);
+    if (A(fmi2EnterInitializationMode)(s)) return 8;
+    set(2, 3);
+    if (get(4) != 5 || A(fmi2GetFMUstate)(s, &at)) return 9;
+    set(1, 7);
+    if (get(4) != 7 || A(fmi2SetFMUstate)(s, at) || get(4) != 5) return 10;
+    if (A(fmi2ExitInitializationMode)(s)) return 11;
+    run(0, 5), row();
+    /* Later ones count from the interval that runs. */
+    if (A(fmi2SetFMUstate)(s, at)) return 12;
+    set(1, 8);
+    if (get(4) != 5) return 13;
+    if (A(fmi2Reset)(s) || get(1) != 1 || get(4) != 1 || A(fmi2FreeFMUstate)(s, &at)) return 14;
+    end();
+    return 0;
+}"#;
+    let text = taken(&here, &guid, None, main);
+    let run = here.bond(&["run", "s.bond", "--input", "in.csv", "--every", "0.1s", "-o", "-"]).is(0, &[], &[]).out;
+    let numbers = |text: &str| -> Vec<Vec<f64>> {
+        let rows = text.lines().filter(|l| !l.starts_with("t,") && l.contains(',') && !l.starts_with("it "));
+        rows.map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect()
+    };
+    let (here, there) = (numbers(&text), numbers(&run));
+    assert_eq!((here.len(), there.len()), (6, 6), "{text}{run}");
+    for (a, b) in here.iter().flatten().zip(there.iter().flatten()) {
+        assert!((a - b).abs() <= 1e-12, "{a} {b}: {text}{run}");
+    }
+}
+
 /// Without a C compiler there is the source alone, and that is said; one that fails is told with its words.
 #[cfg(unix)]
 #[test]

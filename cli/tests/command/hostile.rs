@@ -143,6 +143,8 @@ fn work_without_end_is_refused() {
     here.bond(&["run", "a.bond", "--every", "1e-300"]).is(2, &[], &["rows"]);
     here.bond(&["run", "a.bond", "--every", "9ns"]).is(2, &[], &["rows"]);
     here.bond(&["run", "a.bond", "--step", "1e-300"]).is(2, &[], &["steps"]);
+    here.bond(&["run", "a.bond", "--longest", "1e-30"]).is(2, &[], &["at most 1e10"]);
+    here.bond(&["run", "a.bond", "--step", "1e-30", "--tolerance", "1e-6"]).is(2, &[], &["at most 1e10"]);
     here.bond(&["run", "a.bond", "--stop", "1e300", "--step", "1"]).is(2, &[], &["steps in 1e300 s"]);
     let fast =
         "model A { I:m = 1 kg\n Se:F = 1 N\n F -> 1:v -> m\n sampled every 1e-15 s { R:r = 1 N*s/m }\n v ||> r\n }\n";

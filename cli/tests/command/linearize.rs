@@ -29,6 +29,32 @@ fn matrices_at_the_start_and_along_the_run() {
     assert!((slope(&["linearize", "p.bond", "--at", "1500ms"]) + angle.cos()).abs() < 1e-5);
 }
 
+/// R in parallel with C behind a source of current: a pole at -1/RC, and a gain R / (1 + j w R C).
+#[test]
+fn poles_and_response_as_tables() {
+    let here = Folder::new().with(
+        "rc.bond",
+        "model Rc { input u = 0 A  Sf:s = u  R:r = 2 Ohm  C:c = 0.5 F  s -> 0:n -> r, c  probe v = c.e }",
+    );
+    let table = |args: &[&str]| here.bond(args).is(0, &[], &[]).table();
+    let (names, rows) = table(&["linearize", "rc.bond", "--poles"]);
+    assert_eq!(names, ["real", "imaginary", "frequency", "damping"]);
+    assert_eq!(rows, [[-1.0, 0.0, 1.0 / std::f64::consts::TAU, 1.0]]);
+    let (names, rows) = table(&["linearize", "rc.bond", "--bode", "0, 0.15915494309189535"]);
+    assert_eq!(names, ["frequency", "v/u", "phase(v/u)"]);
+    assert_eq!(rows[0], [0.0, 2.0, 0.0]);
+    assert!((rows[1][1] - 2f64.sqrt()).abs() < 1e-14 && (rows[1][2] + 45.0).abs() < 1e-12, "{rows:?}");
+    let (_, rows) = table(&["linearize", "rc.bond", "--bode", "1 mHz..1 kHz:7:log"]);
+    assert_eq!(rows.iter().map(|r| r[0]).collect::<Vec<_>>(), [1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0, 1e3]);
+    here.bond(&["linearize", "rc.bond", "--poles", "-o", "p.csv"]).is(0, &[], &[]);
+    assert_eq!(here.read("p.csv").lines().count(), 2);
+    for (text, word) in [("1..10", "how many"), ("1 rad/s,2", "not in `rad`"), ("1 s,2 s", "are in Hz")] {
+        here.bond(&["linearize", "rc.bond", "--bode", text]).is(2, &[], &[word]);
+    }
+    let shut = here.with("a.bond", OSCILLATOR);
+    shut.bond(&["linearize", "a.bond", "--bode", "1"]).is(1, &[], &["declare both, such as `input u"]);
+}
+
 #[test]
 fn what_is_wrong_is_told() {
     let here = Folder::new().with("a.bond", OSCILLATOR);
@@ -56,6 +82,34 @@ fn what_is_held_is_given() {
     };
     let (held, own) = (slope("held.bond"), slope("own.bond"));
     assert!((held / own - 1.0).abs() < 1e-4 && held < -9.9, "{held} {own}");
+}
+
+/// What is sampled is given, and what it is in a run by --at: u^2 drives a mass, u = 3 - 2 v of the last sample.
+#[test]
+fn what_is_sampled_is_given() {
+    let here = Folder::new()
+        .with(
+            "s.bond",
+            "model S {
+        sampled every 0.1 s { state u = 0 N { next = 3 N - (2 N*s/m)*v.f } }
+        sampled every 0.1 s { Se:s = 3 N - (2 N*s/m)*v.f  R:r = 1 N*s/m  s -> r }
+        Se:F = u^2/(1 N)  Se:G = s.e^2/(1 N)  I:m = 2 kg  R:b = 1 N*s/m  F -> 1:v -> m, b  G -> v
+        probe speed = v.f  probe l = u  simulate { stop = 0.5 s } }",
+        )
+        .with("all.bond", "model All { sampled every 0.1 s { state u = 1 { next = u/2 } }  probe p = u }");
+    let done = here.bond(&["run", "s.bond", "--at", "0.4,0.45", "-o", "-"]).is(0, &[], &[]);
+    let rows = done.table().1;
+    let json = matrix(&here.bond(&["linearize", "s.bond", "--at", "0.45"]).is(0, &[], &[]).out);
+    assert_eq!(json["inputs"], serde_json::json!(["u", "s.e"]));
+    let close = |found: &serde_json::Value, wanted: f64| {
+        assert!((found.as_f64().unwrap() - wanted).abs() < 1e-6, "{found} {wanted}: {json}");
+    };
+    close(&json["B"][0][0], 2.0 * rows[1][2]);
+    close(&json["B"][0][1], 2.0 * (3.0 - 2.0 * rows[0][1]));
+    close(&json["A"][0][0], -0.5);
+    close(&json["D"][1][0], 1.0);
+    here.bond(&["linearize", "all.bond"]).is(0, &["\"states\": []"], &["is of what is continuous"]);
+    here.bond(&["linearize", "all.bond", "--poles"]).is(0, &["real,"], &["is of what is continuous"]);
 }
 
 /// Dry friction that holds has no slope: its loop is named.

@@ -627,6 +627,8 @@ fn wrong_tables_are_refused_with_their_line() {
         ("t,u\n0,1\n0,2\n", "a.csv:3: the time 0 s is not after 0 s"),
         ("t,u\n0,1,2\n", "a.csv:2: this row has 3 numbers for the 2 columns of the header"),
         ("t,u\n", "a.csv:1: there are no rows"),
+        ("t;u\n0;1,5\n", "a.csv:1: columns are separated by commas"),
+        ("t,u\n0,1e308\n1,-1e308\n", "a.csv:3: the column `u` changes faster than double numbers tell from line 2"),
     ];
     for (text, words) in cases {
         let here = Folder::new().with("a.bond", CHARGE).with("a.csv", text);

@@ -6,7 +6,7 @@ use super::level::Level;
 use super::near::Known;
 use super::{
     Method, accounts, ahead, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray,
-    sav, start, swing, unfit,
+    sav, start, swing, switching, unfit,
 };
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
@@ -402,7 +402,10 @@ impl Cluster {
                 let known = &mut self.near.borrow_mut();
                 Level::of(pool, known, self.states[*only].symbol, g.energy, *law)
             }
-            _ => Level { energy: g.energy, near: None },
+            _ => {
+                let states: Vec<Symbol> = g.states.iter().map(|s| self.states[*s].symbol).collect();
+                Level::of_several(pool, &mut self.near.borrow_mut(), &states, g.energy)
+            }
         })
     }
 
@@ -454,7 +457,7 @@ impl Cluster {
                         && found.is_some()
                         && self.guards(model, form, Method::Exact.name())?.is_some()
                     {
-                        (wanted, why) = (Some(Method::Gonzalez), "a source switches, and no step of it is cut there");
+                        (wanted, why) = (Some(Method::Gonzalez), switching::UNCUT);
                     } else {
                         linear = found.map(|e| e.step);
                         why = "it is linear";

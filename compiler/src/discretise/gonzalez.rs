@@ -71,13 +71,14 @@ pub(super) fn gradient(
     if let ([only], [s], false) = (&g.states[..], &symbols[..], driven) {
         let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
         let slope = pool.difference(g.energy, *s, x, d);
-        let near = c.level(pool, g).near.as_ref();
-        return vec![near.map_or(slope, |near| near.slope(pool, d, slope))];
+        let near = c.level(pool, g).near.first();
+        return vec![near.map_or(slope, |term| term.near.slope(pool, d, slope))];
     }
     if g.coenergy.iter().all(|z| whole::is_straight(pool, *z, &symbols)) {
         return g.coenergy.iter().map(|z| pool.substitute(*z, middle)).collect();
     }
     let half = pool.ratio(1, 2);
+    let level = c.level(pool, g);
     let ends: Vec<Expr> = g
         .states
         .iter()
@@ -90,13 +91,18 @@ pub(super) fn gradient(
         .map(|i| {
             let mut quotient = |moved: std::ops::Range<usize>| {
                 let map: FxHashMap<Symbol, Expr> = moved.map(|j| (symbols[j], ends[j])).collect();
-                let energy = pool.substitute(g.energy, &map);
+                let energy = pool.substitute(level.rest, &map);
                 let (x, d) = (pool.var(symbols[i]), pool.var(c.delta[g.states[i]]));
                 pool.difference(energy, symbols[i], x, d)
             };
             let (up, down) = (quotient(0..i), quotient(i + 1..g.states.len()));
             let sum = pool.add(up, down);
-            pool.mul(half, sum)
+            let slope = pool.mul(half, sum);
+            let Some(term) = level.near.iter().find(|t| t.place == i) else { return slope };
+            let (x, d) = (pool.var(symbols[i]), pool.var(c.delta[g.states[i]]));
+            let own = pool.difference(term.energy, symbols[i], x, d);
+            let own = term.near.slope(pool, d, own);
+            pool.add(slope, own)
         })
         .collect()
 }

@@ -93,8 +93,11 @@ pub(super) fn outputs(
         Switched::Free | Switched::AtEnd => None,
     };
     let mut half: Option<Expr> = None;
-    for ((((r, z), n), guess), switch) in
-        residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches)
+    let free = residuals.clone();
+    // Laws that may leave their unknowns open, and those of them for which the states alone decide that.
+    let (mut bare, mut open): (Vec<bool>, Vec<Option<Expr>>) = (Vec::new(), vec![None; c.loops.len()]);
+    for (((((r, z), n), guess), switch), open) in
+        residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches).zip(&mut open)
     {
         let is_bare = matches!(n.how, Output::Curve { bends: None, .. });
         let imposed = || !model.pool.contains_any(*r, &|s| s != *z && loops.contains(&s));
@@ -103,10 +106,19 @@ pub(super) fn outputs(
             Output::Implicit { .. } => switch,
             Output::Curve { .. } | Output::Explicit(_) => is_bare.then_some(pull.curves),
         };
+        bare.push(is_bare || midway && pull.is_some());
         if let Some(pull) = pull
             && imposed()
             && !reads(c, model, form, n)
         {
+            if let Some(column) = n.resistor().filter(|_| midway) {
+                let input = form.input(&mut model.pool, column);
+                let input = model.pool.substitute(input, &flat);
+                *open = Some(match n.how {
+                    Output::Curve { by, .. } => model.pool.mul(by, input),
+                    Output::Explicit(_) | Output::Implicit { .. } => input,
+                });
+            }
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
             lowering.bind(held, *guess);
             let (s, before) = (model.pool.var(*z), model.pool.var(held));
@@ -134,10 +146,21 @@ pub(super) fn outputs(
     let one = model.pool.int(1);
     let weight = measure::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let scale = measure::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
+    let mut start = guesses.to_vec();
+    if midway && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
+        let sizes = (&weight[..], &scale[..]);
+        let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, sizes };
+        let (found, loops) = ahead.solve((c, model, form), b, lowering, &start, last)?;
+        let known = ahead.unless(found, (c, model, lowering), &residuals, &loops);
+        for (value, start) in loops.into_iter().zip(&mut start) {
+            *start = b.select(found, value, *start);
+        }
+        residuals = known;
+    }
     let unknowns = kept(&c.loops, &needed);
     let bends = c.bends().into_iter().filter(|(z, _)| unknowns.contains(z)).collect();
     let system = System {
-        start: kept(guesses, &needed),
+        start: kept(&start, &needed),
         residuals: kept(&residuals, &needed),
         weight: kept(&weight, &needed),
         scale: kept(&scale, &needed),
@@ -147,6 +170,153 @@ pub(super) fn outputs(
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
+}
+
+/// A symbol for a value.
+fn bound(model: &mut Model, lowering: &mut Lowering, name: &str, value: Value) -> Expr {
+    let symbol = model.pool.symbol(name);
+    lowering.bind(symbol, value);
+    model.pool.var(symbol)
+}
+
+/// A law whose slope is less than this part of what it is half a step of the backward Euler method later does not tell
+/// its unknown: the states' way does.
+const TELLS: f64 = 1e-3;
+
+/// Loops of which some laws may stand upright, as dry friction that holds, or lie flat, as a diode that blocks, for what
+/// the states impose: what such a law gives follows from where the states go on to. A force that holds a body at rest is
+/// what leaves it there.
+struct Ahead<'a> {
+    flat: &'a FxHashMap<Symbol, Expr>,
+    /// The residuals of the instant, and with each law near what the step found.
+    free: &'a [Expr],
+    held: &'a [Expr],
+    /// Of laws that are asked for by the states alone, and may be such, what the residual takes of that.
+    open: &'a [Option<Expr>],
+    /// Weights and scales.
+    sizes: (&'a [Value], &'a [Value]),
+}
+
+impl Ahead<'_> {
+    /// Whether the loops were solved, and the unknowns: near what the step found; from there with the laws that tell
+    /// their unknowns as they are, the others over half a step of the backward Euler method from rest; and those of the
+    /// others that tell them then, as where a body is let go, as they are too. Where nothing is found near what the step
+    /// found, as of two dry frictions in series at rest, all over half such a step.
+    fn solve(
+        &self,
+        (c, model, form): (&Cluster, &mut Model, &Form),
+        b: &mut Builder,
+        lowering: &mut Lowering,
+        start: &[Value],
+        last: Option<Value>,
+    ) -> Result<(Value, Vec<Value>), Vec<Diagnostic>> {
+        let half = half_step(c, model, b, lowering, last);
+        let mut moved = FxHashMap::default();
+        for s in c.states.iter().filter(|s| !s.jumps) {
+            let rate = model.pool.substitute(s.rate, self.flat);
+            let step = model.pool.mul(half, rate);
+            let x = model.pool.var(s.symbol);
+            moved.insert(s.symbol, model.pool.add(x, step));
+        }
+        let later: Vec<Expr> = self.free.iter().map(|r| model.pool.substitute(*r, &moved)).collect();
+        let (near, mut loops) = self.find((c, model, form), b, lowering, self.held, start)?;
+        let ahead = self.unless(near, (c, model, lowering), &later, &loops);
+        let (far, ahead) = self.find((c, model, form), b, lowering, &ahead, start)?;
+        let found = b.binary(Binary::Max, near, far);
+        loops = loops.into_iter().zip(ahead).map(|(one, other)| b.select(near, one, other)).collect();
+        if self.open.iter().all(Option::is_none) {
+            return Ok((found, loops));
+        }
+        let mut tells: Vec<Value> = Vec::new();
+        for round in 0..2 {
+            let mut at = lowering.clone();
+            c.loops.iter().zip(&loops).for_each(|(z, value)| at.bind(*z, *value));
+            let mut residuals = self.free.to_vec();
+            let mut k = 0;
+            for (((r, later), z), open) in residuals.iter_mut().zip(&later).zip(&c.loops).zip(self.open) {
+                let Some(asked) = *open else { continue };
+                let pool = &mut model.pool;
+                let [now, then] = [*r, *later].map(|r| {
+                    let slope = pool.derivative(r, *z);
+                    pool.unary(Unary::Abs, slope)
+                });
+                let part = pool.scale(then, Number::float(TELLS));
+                let steep = pool.binary(Binary::Le, part, now);
+                let mut steep = at.lower(&model.pool, b, steep).map_err(|s| missing(model, s))?;
+                if round == 0 {
+                    tells.push(steep);
+                } else {
+                    steep = b.binary(Binary::Max, steep, tells[k]);
+                    k += 1;
+                }
+                let steep = bound(model, lowering, "tells", steep);
+                let pool = &mut model.pool;
+                let zero = pool.zero();
+                let steep = pool.binary(Binary::Lt, zero, steep);
+                // What moves by no more than its law's rounding is at rest.
+                let from_rest = pool.add(*later, asked);
+                *r = pool.select(steep, *r, from_rest);
+            }
+            let (good, now) = self.find((c, model, form), b, lowering, &residuals, &loops)?;
+            let good = b.mul(good, near);
+            loops = loops.into_iter().zip(now).map(|(before, now)| b.select(good, now, before)).collect();
+        }
+        Ok((found, loops))
+    }
+
+    /// Residuals that are 0 where the loops were found, and these others where they were not.
+    fn unless(
+        &self,
+        found: Value,
+        (c, model, lowering): (&Cluster, &mut Model, &mut Lowering),
+        others: &[Expr],
+        loops: &[Value],
+    ) -> Vec<Expr> {
+        let known = bound(model, lowering, "found", found);
+        let zero = model.pool.zero();
+        let known = model.pool.binary(Binary::Lt, zero, known);
+        let mut list = Vec::with_capacity(others.len());
+        for ((other, z), value) in others.iter().zip(&c.loops).zip(loops) {
+            let there = bound(model, lowering, &format!("{} there", model.pool.name(*z)), *value);
+            let z = model.pool.var(*z);
+            let off = model.pool.sub(z, there);
+            list.push(model.pool.select(known, off, *other));
+        }
+        list
+    }
+
+    /// Solves residuals: whether that was found, and the unknowns.
+    fn find(
+        &self,
+        (c, model, _): (&Cluster, &mut Model, &Form),
+        b: &mut Builder,
+        lowering: &Lowering,
+        residuals: &[Expr],
+        start: &[Value],
+    ) -> Result<(Value, Vec<Value>), Vec<Diagnostic>> {
+        let mut lowering = lowering.clone();
+        let flag = b.slot(Array::Local);
+        let one = b.number(1.0);
+        b.store(flag, one);
+        let system = System {
+            start: start.to_vec(),
+            residuals: residuals.to_vec(),
+            weight: self.sizes.0.to_vec(),
+            scale: self.sizes.1.to_vec(),
+            bends: c.bends(),
+            unknowns: c.loops.clone(),
+            flag: Some(flag),
+            ..System::default()
+        };
+        write::solve(model, b, &mut lowering, system)?;
+        let found = b.load(flag);
+        let mut values = Vec::with_capacity(c.loops.len());
+        for z in &c.loops {
+            let z = model.pool.var(*z);
+            values.push(lowering.lower(&model.pool, b, z).map_err(|s| missing(model, s))?);
+        }
+        Ok((found, values))
+    }
 }
 
 /// The length of the last step, where the stepper keeps it.
@@ -214,7 +384,7 @@ pub(super) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Prog
         list.push((format!("H({})", form.regions[r.at()].name), c.energy(&mut model.pool, *r)));
     }
     let curvatures = measure::curvatures(c, model);
-    let grains = grains(c, model, form);
+    let grains = grains(c, model, form, &curvatures);
     list.extend(c.states.iter().zip(curvatures).map(|(s, k)| (format!("curvature({})", s.name), k)));
     list.extend(c.states.iter().zip(grains).map(|(s, k)| (format!("grain({})", s.name), k)));
     for (name, e) in list {
@@ -227,8 +397,9 @@ pub(super) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Prog
 
 /// What the co-energy variable of each state is uncertain by where a curve has a corner: about there the curve's
 /// parameter is rounded by a part of itself, however little it is beyond the corner. A block that dry friction lets go,
-/// at s = 1, has no speed between 0 and the rounding of 1.
-fn grains(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Expr> {
+/// at s = 1, has no speed between 0 and the rounding of 1. Of a state without energy, what its rate is uncertain by for
+/// that.
+fn grains(c: &Cluster, model: &mut Model, form: &Form, curvatures: &[Expr]) -> Vec<Expr> {
     let mut list = vec![model.pool.int(0); c.states.len()];
     for node in c.loop_nodes() {
         let Output::Curve { residual, parameter, .. } = node.how else { continue };
@@ -252,6 +423,23 @@ fn grains(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Expr> {
                 *grain = pool.add(*grain, more);
             }
         }
+    }
+    let pool = &mut model.pool;
+    let stores: Vec<bool> = curvatures.iter().map(|k| !pool.is_zero(*k)).collect();
+    let known: Vec<(Symbol, Expr)> = (c.states.iter().zip(&list).zip(&stores))
+        .filter(|((_, grain), stores)| **stores && !pool.is_zero(**grain))
+        .filter_map(|((s, grain), _)| Some((form.column(s.column?).out, *grain)))
+        .collect();
+    for ((s, grain), _) in c.states.iter().zip(&mut list).zip(&stores).filter(|(_, stores)| !**stores) {
+        let by = pool.derivatives(s.rate, &known.iter().map(|k| k.0).collect::<Vec<_>>());
+        let mut parts = Vec::new();
+        for (by, (_, grain)) in by.into_iter().zip(&known) {
+            if let Some(by) = pool.constant(by) {
+                let by = pool.float(by.abs());
+                parts.push(pool.mul(by, *grain));
+            }
+        }
+        *grain = pool.sum(&parts);
     }
     list
 }
@@ -399,7 +587,10 @@ pub(super) fn guards(
     let at = |(e, guard): (Expr, Expr)| Some((e, found.binary_search(&guard).ok()?));
     let switches = switches.into_iter().filter_map(at).collect();
     let loops = if wide { loops.len() } else { 0 };
-    Ok(Some((Guards { program: verified(model, b.finish())?, count, loops, ends: false, branch: None }, switches)))
+    let is_floor = |n: &Node| matches!(n, Node::Unary(Unary::Floor, _));
+    let jumps = found.iter().any(|e| model.pool.any_node(*e, &is_floor));
+    let program = verified(model, b.finish())?;
+    Ok(Some((Guards { program, count, loops, ends: false, branch: None, jumps }, switches)))
 }
 
 /// Writes the observation of the signals `shows`.

@@ -2,7 +2,7 @@
 
 use super::cluster::{Cluster, Group};
 use super::near::{Known, Near};
-use crate::expression::{Expr, Node, Pool, Sign, Symbol};
+use crate::expression::{Expr, Node, Number, Pool, Sign, Symbol};
 use crate::model::Model;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
@@ -14,16 +14,65 @@ const DECADES: std::ops::RangeInclusive<i32> = -9..=9;
 #[derive(Clone, Debug)]
 pub(super) struct Level {
     pub(super) energy: Expr,
-    pub(super) near: Option<Near>,
+    /// The part of H that no polynomial stands for; of one state, and where none does, all of it.
+    pub(super) rest: Expr,
+    /// Terms of one state each.
+    pub(super) near: Vec<Term>,
+}
+
+/// A term of H that depends on one state alone, and a polynomial near rest.
+#[derive(Clone, Debug)]
+pub(super) struct Term {
+    /// The state, by its place in the group.
+    pub(super) place: usize,
+    /// The term as it was written, and its derivative.
+    pub(super) energy: Expr,
+    pub(super) law: Expr,
+    pub(super) near: Near,
 }
 
 impl Level {
     /// Of one state.
     pub(super) fn of(pool: &mut Pool, known: &mut Known, s: Symbol, energy: Expr, law: Expr) -> Level {
         let closed = self::energy(pool, s, energy);
-        let near = Near::of(pool, known, s, law, closed);
-        let energy = near.as_ref().map_or(closed, |near| near.energy(pool, closed));
-        Level { energy, near }
+        let Some(near) = Near::of(pool, known, s, law, closed) else {
+            return Level { energy: closed, rest: energy, near: Vec::new() };
+        };
+        let level = near.energy(pool, closed);
+        let rest = pool.zero();
+        Level { energy: level, rest, near: vec![Term { place: 0, energy, law, near }] }
+    }
+
+    /// Of several states: of the terms of H that depend on one of them alone there may be such polynomials.
+    pub(super) fn of_several(pool: &mut Pool, known: &mut Known, states: &[Symbol], energy: Expr) -> Level {
+        let mut level = Level { energy, rest: energy, near: Vec::new() };
+        let Node::Sum(_, pairs) = pool.node(energy).clone() else { return level };
+        for (place, s) in states.iter().enumerate() {
+            let is_own = |pool: &Pool, e: Expr| {
+                pool.contains(e, *s) && !pool.contains_any(e, &|x| x != *s && states.contains(&x))
+            };
+            let own: Vec<(Expr, Number)> = pairs.iter().filter(|(e, _)| is_own(pool, *e)).copied().collect();
+            let term = pool.combine(&own);
+            let law = pool.derivative(term, *s);
+            let closed = self::energy(pool, *s, term);
+            let near = Near::of(pool, known, *s, law, closed);
+            let rise = near.as_ref().map_or(closed, |near| near.energy(pool, closed));
+            let others = pool.sub(level.energy, term);
+            level.energy = pool.add(others, rise);
+            if let Some(near) = near {
+                level.rest = pool.sub(level.rest, term);
+                level.near.push(Term { place, energy: term, law, near });
+            }
+        }
+        level
+    }
+
+    /// The law of the state at a place, with the polynomials in it.
+    pub(super) fn law(&self, pool: &mut Pool, place: usize, law: Expr) -> Expr {
+        let Some(term) = self.near.iter().find(|t| t.place == place) else { return law };
+        let rest = pool.sub(law, term.law);
+        let near = term.near.law(pool, term.law);
+        pool.add(rest, near)
     }
 }
 

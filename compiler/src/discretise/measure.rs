@@ -341,7 +341,14 @@ pub(super) fn scales(
                 };
                 Size::Law { terms: terms(model, form, &flat, column), slope, forward }
             }
-            None => Size::Known(b.number(0.0)),
+            // A row of a field, or a law that reads signals: by the terms that it is made of.
+            None => match node.how {
+                Output::Explicit(e) if column.is_some() => {
+                    let e = model.pool.substitute(e, &flat);
+                    Size::Law { terms: magnitude(&mut model.pool, e, DEEP), slope: b.number(1.0), forward: true }
+                }
+                Output::Explicit(_) | Output::Implicit { .. } | Output::Curve { .. } => Size::Known(b.number(0.0)),
+            },
         });
     }
     // Loops are made of one another: what one of them is uncertain by, the next one is too.
@@ -394,7 +401,11 @@ pub(super) fn scales(
             scales.push(size);
             continue;
         };
-        let given = imposed(model, form, &flat, column, THROUGH);
+        let mut given = imposed(model, form, &flat, column, THROUGH);
+        if !forward && matches!(node.how, Output::Implicit { bends: None, .. }) {
+            let lost = cancelled(model, form, node, column);
+            given = model.pool.add(given, lost);
+        }
         let given = lower(model, b, &mut at_start, given)?;
         let slope = lower(model, b, &mut at_start, slope)?;
         let slope = b.unary(Unary::Abs, slope);
@@ -415,6 +426,71 @@ pub(super) fn scales(
         scales.push(b.add(size, more));
     }
     Ok(scales)
+}
+
+/// The magnitudes of what does not change with a law's argument in the sums of the law, by how the law goes with them:
+/// beside the 1 of `log(1 + e)` an `e` of 1e-17 is none.
+fn cancelled(model: &mut Model, form: &Form, node: &Node, column: ColumnId) -> Expr {
+    let zero = model.pool.zero();
+    let Law::Resistor(law) = &model.element(form.column(column).element).law else { return zero };
+    let (argument, output) = (law.argument, law.output);
+    if model.pool.symbols(output).iter().any(|s| *s != argument) {
+        return zero;
+    }
+    let mut list = Vec::new();
+    let one = model.pool.int(1);
+    beside(&mut model.pool, (output, argument), one, DEEPEST, &mut list);
+    let pool = &mut model.pool;
+    let sum = pool.sum(&list);
+    let out = pool.var(node.out);
+    pool.substitute(sum, &std::iter::once((argument, out)).collect())
+}
+
+/// Functions within functions that are looked through.
+const DEEPEST: u32 = 6;
+
+/// Lists what [`cancelled`] adds up of an expression that the law goes with by `by`.
+fn beside(pool: &mut Pool, (e, x): (Expr, Symbol), by: Expr, deep: u32, list: &mut Vec<Expr>) {
+    if deep == 0 || !pool.contains(e, x) {
+        return;
+    }
+    let mut inner = |pool: &mut Pool, e: Expr, by: Expr| beside(pool, (e, x), by, deep - 1, list);
+    match pool.node(e).clone() {
+        expression::Node::Sum(constant, pairs) => {
+            let mut rest = vec![pool.numeral(constant.abs())];
+            for (term, k) in pairs.iter() {
+                if pool.contains(*term, x) {
+                    let by = pool.scale(by, *k);
+                    inner(pool, *term, by);
+                } else {
+                    let size = pool.unary(Unary::Abs, *term);
+                    rest.push(pool.scale(size, k.abs()));
+                }
+            }
+            let (rest, by) = (pool.sum(&rest), pool.unary(Unary::Abs, by));
+            list.push(pool.mul(by, rest));
+        }
+        expression::Node::Select(c, a, b) => {
+            let zero = pool.zero();
+            for (branch, [then, other]) in [(a, [by, zero]), (b, [zero, by])] {
+                let by = pool.select(c, then, other);
+                inner(pool, branch, by);
+            }
+        }
+        node => {
+            let mut parts = Vec::new();
+            node.each_child(&mut |child| parts.push(child));
+            for part in parts {
+                let inside = pool.symbol("part");
+                let stands = pool.var(inside);
+                let whole = pool.rebuild(e, &|child| if child == part { stands } else { child });
+                let slope = pool.derivative(whole, inside);
+                let slope = pool.substitute(slope, &std::iter::once((inside, part)).collect());
+                let by = pool.mul(by, slope);
+                inner(pool, part, by);
+            }
+        }
+    }
 }
 
 /// What a loop's unknown is measured against besides itself.

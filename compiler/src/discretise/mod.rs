@@ -23,6 +23,7 @@ mod sav;
 mod start;
 mod stiff;
 mod swing;
+mod switching;
 mod tear;
 mod tight;
 mod turn;
@@ -40,6 +41,7 @@ use bond_runtime::scene::{self, Made, Scene};
 pub use choice::Accuracy;
 use cluster::Cluster;
 use rustc_hash::FxHashMap;
+pub use switching::{Switching, switching};
 
 /// A stepper that can be asked for by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

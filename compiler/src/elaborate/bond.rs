@@ -1,7 +1,7 @@
 //! Bonds as they are written: chains of ends, and the paths that lead to them.
 
 use super::suggest::nearest;
-use super::{Elaborator, Entity, RawBond, RawEnd, ScopeId, Sought};
+use super::{Elaborator, Entity, Mode, RawBond, RawEnd, ScopeId, Sought};
 use bond_grammar::ast::{Chain, End, Path, Segment};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -284,6 +284,9 @@ impl<'a> Elaborator<'a> {
         // Of so many, all names would be gone through for each.
         let names = if self.errors.len() < MEANT { Some(self.instances[at].names.keys()) } else { None };
         let mut known: Vec<&str> = names.into_iter().flatten().map(String::as_str).collect();
+        if sought == Sought::Value && self.mode == Mode::Expect {
+            known.push("passive");
+        }
         known.sort_unstable();
         let meant = match self.indices(segment, &known) {
             Some(range) => Some(range),
@@ -334,7 +337,11 @@ impl<'a> Elaborator<'a> {
             });
         }
         Some(if least == most {
-            format!("there is only `{name}[{least}]`")
+            // `C:c[n]` is one element, and not n of them.
+            let n = (*least).max(2);
+            format!(
+                "there is only `{name}[{least}]`; a loop declares several: `for i in 1..{n} {{ ... {name}[i] ... }}`"
+            )
         } else {
             format!("`{name}` goes from `{name}[{least}]` to `{name}[{most}]`")
         })

@@ -15,6 +15,8 @@ pub struct Names<'n> {
     /// The parameters that the values in an equation's expression come from, with the places of these values, the
     /// outermost first; and whether it is but the name of one.
     pub given: &'n dyn Fn(&Equation) -> (Given, bool),
+    /// The mend for a name in an equation's expression that is read as a unit there, so that the whole is off by this.
+    pub misread: &'n dyn Fn(&Equation, Option<Dimension>) -> Option<String>,
 }
 
 /// Parameters whose values were given somewhere, and where.

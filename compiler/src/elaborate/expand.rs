@@ -5,7 +5,8 @@ use super::{Decl, Elaborator, Entity, Let, Param, ParamState, PortDecl, ScopeId,
 use crate::element;
 use crate::model::{ElementId, Hold, Kind, Sampling};
 use bond_grammar::ast::{
-    Chain, Clock, Element as Decl_, End, Expr, Field, Model as ModelDecl, Name, Sampled, Statement, StatementKind,
+    Chain, Clock, Element as Decl_, End, Expr, ExprKind, Field, Model as ModelDecl, Name, Sampled, Statement,
+    StatementKind,
 };
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
@@ -191,6 +192,9 @@ impl<'a> Elaborator<'a> {
             None => format!("index it: `{indexed}`"),
         };
         self.errors.push(Diagnostic::error("elaborate::twice", span, message).help(help));
+        // What names it by an index follows from that.
+        let instance = self.scopes[scope].instance;
+        self.instances[instance].lost.insert(name.to_string());
     }
 
     /// Declares a name for an expression; its place among the `lets`, if the name was free.
@@ -676,9 +680,21 @@ impl<'a> Elaborator<'a> {
             }
             Clock::Every(e) => self.constant(e, scope, crate::units::Dimension::SECOND, "the period"),
         };
-        let clock = match &block.clock {
-            Clock::At(e) | Clock::Every(e) => e.span,
-        };
+        let (Clock::At(e) | Clock::Every(e)) = &block.clock;
+        let clock = e.span;
+        if let (Clock::At(e), Some(p)) = (&block.clock, period)
+            && let Some(unit) = angular(e)
+        {
+            let turns = 1.0 / p / std::f64::consts::TAU;
+            self.errors.push(
+                Diagnostic::error(
+                    "elaborate::period",
+                    clock,
+                    format!("samples are taken at a rate in Hz, and not in `{unit}`"),
+                )
+                .help(format!("write `at {} Hz` for one sample a turn", told(turns))),
+            );
+        }
         let period = match period {
             Some(p) if p > 0.0 && p.is_finite() => p,
             Some(p) => {
@@ -769,4 +785,17 @@ fn twice(key: &str, first: Span, second: Span) -> Diagnostic {
     Diagnostic::error("elaborate::twice", second, format!("`{key}` is declared twice"))
         .label(first, "is the first declaration")
         .help("a name is declared once in its model; rename one of them")
+}
+
+/// The unit of angle that a rate is written with: its number is that of radians, and not of turns.
+fn angular(e: &Expr) -> Option<&str> {
+    match &e.kind {
+        ExprKind::Number { unit, .. } => {
+            let symbols = unit.iter().flat_map(|u| &u.factors).map(|f| f.0.as_str());
+            symbols.into_iter().find(|s| matches!(*s, "rpm" | "rad" | "mrad" | "deg" | "°"))
+        }
+        ExprKind::Paren(e) | ExprKind::Unary(_, e) => angular(e),
+        ExprKind::Binary(_, a, b) => angular(a).or_else(|| angular(b)),
+        ExprKind::Bool(_) | ExprKind::Path(_) | ExprKind::If(..) | ExprKind::Call(..) | ExprKind::List(_) => None,
+    }
 }

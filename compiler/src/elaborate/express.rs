@@ -197,7 +197,14 @@ impl<'a> Elaborator<'a> {
             }
             ExprKind::Binary(op, a, b) => self.binary(*op, a, b, scope),
             ExprKind::If(c, a, b) => {
-                let (truth, x, y) = (self.express(c, scope), self.value(a, scope), self.value(b, scope));
+                let truth = self.express(c, scope);
+                if let Some(truth) = &truth
+                    && let Some(taken) = self.of_round(truth, c, scope)
+                {
+                    self.truth_of(truth, c, "the condition of an `if`");
+                    return self.value(if taken { a } else { b }, scope);
+                }
+                let (x, y) = (self.value(a, scope), self.value(b, scope));
                 let (truth, x, y) = (truth?, x?, y?);
                 self.truth_of(&truth, c, "the condition of an `if`");
                 if !self.same_shape("the branches of this `if` differ", (&x, a), (&y, b)) {
@@ -211,6 +218,21 @@ impl<'a> Elaborator<'a> {
             ExprKind::Call(name, args) => self.call(name, args, e.span, scope),
             ExprKind::List(items) => self.list(items, e.span, scope),
         }
+    }
+
+    /// What a condition comes to in this round of a `for` whose variable it names, if that is known. The branch that is
+    /// not taken may name what is beyond the ends: `if i == 1 then T else h[i - 1].e`.
+    fn of_round(&self, truth: &Typed, c: &ast::Expr, scope: ScopeId) -> Option<bool> {
+        let text = self.sources.slice(c.span);
+        let names = |v: &str| text.split(|l: char| !l.is_alphanumeric() && l != '_').any(|word| word == v);
+        let mut at = Some(scope);
+        while let Some(s) = at {
+            if self.scopes[s].loop_variable.as_ref().is_some_and(|(v, _)| names(v)) {
+                return self.pool.constant(truth.expr).map(|x| x != 0.0);
+            }
+            at = self.scopes[s].parent;
+        }
+        None
     }
 
     pub(super) fn quantity(&mut self, digits: &str, unit: Option<&ast::Unit>, span: Span) -> Option<Typed> {

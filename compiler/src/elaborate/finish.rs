@@ -1,7 +1,7 @@
 //! Second walk: laws, outputs, settings, units.
 
 use super::expand::{given, part};
-use super::{Broken, Elaborator, Entity, Inference, Mode, Typed, Unit};
+use super::{Broken, Elaborator, Entity, Inference, Mode, Typed, Unit, Value};
 use crate::Options;
 use crate::expression::Expr;
 use crate::model::{BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, Parameter, Probe, Signal};
@@ -43,6 +43,7 @@ impl<'a> Elaborator<'a> {
             inference.equate(e);
         }
         let (elements, functions, params, sources) = (&self.elements, &self.functions, &self.params, self.sources);
+        let (scopes, instances, lets) = (&self.scopes, &self.instances, &self.lets);
         let units = inference.solve(
             &mut self.errors,
             &super::domain::Names {
@@ -54,6 +55,31 @@ impl<'a> Elaborator<'a> {
                     let given = owner.map(|o| given(params, sources, part(&o.name), text));
                     let alone = text.trim().chars().all(|c| c.is_alphanumeric() || c == '_');
                     (given.unwrap_or_default(), alone)
+                },
+                misread: &|e, off| {
+                    let owner = e.owner.and_then(|id| elements.get(id.at()));
+                    let instance = &instances[owner.map_or(0, |o| scopes[o.scope].instance)];
+                    let known = |name: &str| {
+                        let value = match instance.names.get(name).map(|n| n.0) {
+                            Some(Entity::Param(p)) => match &params[p].state {
+                                super::ParamState::Done(value) => value.as_ref(),
+                                super::ParamState::New | super::ParamState::Open => None,
+                            },
+                            Some(Entity::Let(l)) => match &lets[l].state {
+                                super::LetState::Done(value) => value.as_ref(),
+                                super::LetState::New | super::LetState::Open => None,
+                            },
+                            _ => return false,
+                        };
+                        let of = match value {
+                            Some(Value::Scalar(Typed { unit: Unit::Form(d, _), .. })) => Some(*d),
+                            _ => None,
+                        };
+                        // Where both are known, it has to explain what the whole is off by.
+                        let ratio = of.zip(crate::units::lookup(name)).map(|(of, (_, unit))| of.div(unit));
+                        off.zip(ratio).is_none_or(|(off, ratio)| off == ratio || off.mul(ratio).is_one())
+                    };
+                    super::unknown::misread(sources.slice(e.found.1), &known)
                 },
             },
         );

@@ -125,6 +125,13 @@ pub struct Equation {
     pub calls: Calls,
 }
 
+impl Equation {
+    /// Whether what was found is a number without a unit.
+    fn is_bare(&self) -> bool {
+        self.found.0 == Unit::one()
+    }
+}
+
 /// The solved part of the system.
 #[derive(Default)]
 pub struct System {
@@ -256,9 +263,11 @@ impl Inference {
                 Some(u) => format!("in {u}"),
                 None => "of another unit".to_string(),
             };
-            let needed = match name(&e.needed.0) {
-                Some(u) if u == "1" => "a bare number without a unit".to_string(),
-                Some(u) => u,
+            let needed = match system.known(&e.needed.0) {
+                Some(d) if d.is_one() => "a bare number without a unit".to_string(),
+                // How often a second something comes.
+                Some(Dimension::HERTZ) if e.about == "the rate" => "Hz".to_string(),
+                Some(d) => d.written(),
                 None => "another unit".to_string(),
             };
             let value = match name(&e.needed.0) {
@@ -290,11 +299,13 @@ impl Inference {
                     && (o.about.starts_with("the effort of") || o.about.starts_with("the flow of"))
                     && name(&o.found.0).is_some_and(|u| u == "1")
             });
-            let error = error.help(match name(&e.found.0.div(&e.needed.0)) {
+            let help = match name(&e.found.0.div(&e.needed.0)) {
                 _ if other.is_some() => format!("{}; or give {value}", other.unwrap_or_default()),
                 _ if source.is_some() => {
                     let what = source.map(|o| o.about.as_str()).unwrap_or_default();
-                    format!("{what} is a bare number too, so that the units of its bonds are none of physics: give both units, as in `= 1 N` and `= 1 kg`")
+                    format!(
+                        "{what} is a bare number too, so that the units of its bonds are none of physics: give both units, as in `= 1 N` and `= 1 kg`"
+                    )
                 }
                 Some(_) if e.about.starts_with("the ratio of") => format!(
                     "the ratio of a TF is an effort over an effort, that of a GY an effort over a flow, as a motor's constant is: \
@@ -304,6 +315,10 @@ impl Inference {
                     format!("the unit is off by a factor of {off}: give {value}, or mend the expression")
                 }
                 None => format!("give {value}"),
+            };
+            let error = error.help(match (names.misread)(e, system.known(&e.found.0.div(&e.needed.0))) {
+                Some(misread) => format!("{misread}; else {help}"),
+                None => help,
             });
             // Effort and flow of a ratio say the same.
             if errors.last() != Some(&error) {
@@ -326,10 +341,8 @@ impl Inference {
             if trials == 0 {
                 break;
             }
-            let others = suspects.into_iter().map(|suspect| {
-                let last = self.doubting(suspect);
-                (last.believe(), last)
-            });
+            let doubts = suspects.into_iter().map(|suspect| self.doubting(suspect)).chain([self.doubting_bare()]);
+            let others = doubts.map(|last| (last.believe(), last));
             let best = others.min_by_key(|(other, last)| last.cost(other));
             let Some((other, last)) = best.filter(|(other, last)| last.cost(other) < self.cost(&belief)) else { break };
             (*self, belief) = (last, other);
@@ -352,19 +365,30 @@ impl Inference {
         belief.told.iter().copied().filter(|i| domains(*i).any(|d| odd.contains(&d))).collect()
     }
 
-    /// How much speaks against it: how many places of the text would have to be mended, then how many domains have a
+    /// How much speaks against it: whether a unit that is written is wrong because of units with broken powers, as of
+    /// resistances without one, then how many places of the text would have to be mended, then how many domains have a
     /// pair of units that no physics has.
-    fn cost(&self, belief: &Belief) -> (usize, usize) {
-        let off = belief.off.iter().copied().chain(belief.mixed.members());
-        let places: FxHashSet<Span> = off.filter_map(|i| self.equations.get(i)).map(|e| e.found.1).collect();
-        (places.len(), belief.strange)
+    fn cost(&self, belief: &Belief) -> (bool, usize, usize) {
+        let off = || belief.off.iter().copied().chain(belief.mixed.members()).filter_map(|i| self.equations.get(i));
+        let places: FxHashSet<Span> = off().map(|e| e.found.1).collect();
+        let broken = belief.broken && off().any(|e| !e.is_bare());
+        (broken, places.len(), belief.strange)
     }
 
     /// The same with one equation, and all of the same place, believed last.
     fn doubting(&self, suspect: usize) -> Inference {
         let doubted = self.equations.get(suspect).map(|e| e.found.1);
+        self.believing_last(|e| Some(e.found.1) == doubted)
+    }
+
+    /// The same with what elements are given without a unit believed last: of several, each says what the others do.
+    fn doubting_bare(&self) -> Inference {
+        self.believing_last(|e| e.owner.is_some() && e.is_bare())
+    }
+
+    fn believing_last(&self, doubted: impl Fn(&Equation) -> bool) -> Inference {
         let (last, mut equations): (Vec<Equation>, Vec<Equation>) =
-            self.equations.iter().cloned().partition(|e| Some(e.found.1) == doubted);
+            self.equations.iter().cloned().partition(|e| doubted(e));
         equations.extend(last);
         Inference { equations, domains: self.domains }
     }
@@ -407,7 +431,11 @@ impl Inference {
                 _ => false,
             })
             .count();
-        Belief { system, pseudo, mixed, told, off, strange }
+        let broken = (0..2 * self.domains).any(|v| {
+            let unit = system.known(&Unit::unknown(Unknown(v)));
+            unit.is_some_and(|d| d.whole().is_none())
+        });
+        Belief { system, pseudo, mixed, told, off, strange, broken }
     }
 }
 
@@ -422,6 +450,8 @@ struct Belief {
     off: Vec<usize>,
     /// How many domains have a pair of units that no physics has.
     strange: usize,
+    /// Whether one has a unit with a power that is no whole number.
+    broken: bool,
 }
 
 /// What may have been meant where a value's unit is one over what it should be.

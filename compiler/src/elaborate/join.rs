@@ -5,6 +5,9 @@ use crate::model::{Bond, BondId, ElementId, Kind};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 
+/// Elements in series of so many at most are told as they are to be bonded.
+const TOLD: usize = 8;
+
 impl Elaborator<'_> {
     /// Makes the flat bonds, and checks that everything is bonded as its kind asks for.
     pub(super) fn join_ports(&mut self) {
@@ -267,10 +270,43 @@ impl Elaborator<'_> {
                     span,
                     format!("`{name}` has {n} bonds, and takes one"),
                 ))
-                .help(format!("join them at a junction, as in `a, b -> 0:node -> {name}`")),
+                .help(match self.in_series(id) {
+                    Some(chain) => format!("elements in series share a 1-junction: write `{chain}`"),
+                    None => format!("join them at a junction, as in `a, b -> 0:node -> {name}`"),
+                }),
             ),
         };
         self.errors.extend(error);
+    }
+
+    /// How elements that are bonded as if power ran through them are to be bonded: `u -> 1:i -> r, c` for `u -> r -> c`.
+    fn in_series(&self, id: ElementId) -> Option<String> {
+        let through = |id: ElementId| {
+            let [a, b] = &self.bonds_of[id.at()][..] else { return None };
+            let (a, b) = (&self.bonds[a.at()], &self.bonds[b.at()]);
+            let (into, out) = if a.head == id { (a, b) } else { (b, a) };
+            let passive = matches!(self.elements[id.at()].kind, Kind::R | Kind::C | Kind::I);
+            (passive && into.head == id && out.tail == id).then_some((into.tail, out.head))
+        };
+        let (mut from, mut to) = through(id)?;
+        let mut chain = vec![id];
+        // In a ring it comes back; long ones are not told.
+        while let Some((before, _)) = through(from).filter(|_| !chain.contains(&from) && chain.len() < TOLD) {
+            chain.insert(0, from);
+            from = before;
+        }
+        while let Some((_, after)) = through(to).filter(|_| !chain.contains(&to) && chain.len() < TOLD) {
+            chain.push(to);
+            to = after;
+        }
+        let is_end =
+            |id: ElementId| !matches!(self.elements[id.at()].kind, Kind::Zero | Kind::One) && !chain.contains(&id);
+        if from == to || !is_end(from) || !is_end(to) || chain.len() == TOLD {
+            return None;
+        }
+        chain.push(to);
+        let name = |id: &ElementId| self.elements[id.at()].name.as_str();
+        Some(format!("{} -> 1:i -> {}", name(&from), chain.iter().map(name).collect::<Vec<_>>().join(", ")))
     }
 
     /// Plain bonds stay on one side of the border of a sampled region; double bars cross one.

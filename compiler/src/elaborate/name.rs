@@ -274,7 +274,7 @@ impl<'a> Elaborator<'a> {
                 (Some(given), Unit::Form(own, unknown)) if unknown.is_empty() && given != *own => {
                     let told = |d: Dimension| match d {
                         Dimension::DIMENSIONLESS => "a bare number".to_string(),
-                        d => format!("in {d}"),
+                        d => format!("in {}", d.written()),
                     };
                     let message = format!("--set {name}: the value is {}, and `{name}` is {}", told(given), told(*own));
                     let help = format!("give {}, or without a unit in SI", told(*own).replace("in ", "it in "));

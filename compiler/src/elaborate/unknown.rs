@@ -86,3 +86,38 @@ fn last_number(text: &str) -> Option<&str> {
     let number = &text[start..];
     number.parse::<f64>().ok().filter(|_| number.starts_with(|c: char| c.is_ascii_digit() || c == '.')).map(|_| number)
 }
+
+/// The mend for the first name that stands as a unit behind a number: `m` in `p^2/2 m`, where `m` is a parameter.
+pub(super) fn misread(text: &str, known: &dyn Fn(&str) -> bool) -> Option<String> {
+    let is_name = |c: char| c.is_alphanumeric() || c == '_';
+    let span = |text: &str, fits: &dyn Fn(char) -> bool| text.find(|c| !fits(c)).unwrap_or(text.len());
+    let mut rest = text;
+    while let Some(at) = rest.find(is_name) {
+        let digits = span(&rest[at..], &|c| c.is_ascii_digit() || c == '.');
+        if digits == 0 {
+            rest = &rest[at + span(&rest[at..], &is_name)..];
+            continue;
+        }
+        let (number, behind) = rest[at..].split_at(digits);
+        let spaced = behind.strip_prefix(' ').unwrap_or(behind);
+        let unit = &spaced[..span(spaced, &|c| is_name(c) || matches!(c, '*' | '/' | '^'))];
+        let quantity = &rest[at..rest.len() - spaced.len() + unit.len()];
+        let below = rest[..at].trim_end().ends_with('/');
+        rest = behind;
+        let mut start = 0;
+        for symbol in unit.split(['*', '/', '^']).take_while(|_| unit.starts_with(is_name)) {
+            if known(symbol) && units::lookup(symbol).is_some() {
+                let (head, rest) = unit.split_at(start);
+                let mend = match head.chars().last() {
+                    None if below => format!("({number}*{rest})"),
+                    None => format!("{number}*{rest}"),
+                    Some(sign) => format!("{number} {} {sign} {rest}", head.trim_end_matches(sign)),
+                };
+                let read = format!("`{symbol}` in `{quantity}` is read as a unit");
+                return Some(format!("{read}; if the name is meant, write `{mend}`"));
+            }
+            start += symbol.len() + 1;
+        }
+    }
+    None
+}

@@ -37,6 +37,10 @@ impl Pool {
         };
         let threshold = self.threshold(c, s)?;
         let at = self.constant(threshold).filter(|at| at.is_finite())?;
+        // What else it depends on may turn it round.
+        if self.contains_any(c, &|x| x != s && self.value(x).is_none()) {
+            return None;
+        }
         let far = at.abs().max(1.0);
         let (below, above) = (self.eval(c, &|_| at - far) != 0.0, self.eval(c, &|_| at + far) != 0.0);
         if below == above {

@@ -41,8 +41,12 @@ const NOTHING: f64 = 1e-9;
 pub fn inverse(pool: &mut Pool, a: &Matrix) -> Option<Matrix> {
     let n = a.len();
     let (zero, one) = (pool.int(0), pool.int(1));
+    // Where an exponential has no number, nearer to rest.
+    let value = |pool: &Pool, e: Expr, unit: f64| pool.eval(e, &|s| unit * (0.37 + 0.21 * f64::from(s.0 % 11))).abs();
+    let all = |unit: &f64| a.iter().flatten().all(|e| value(pool, *e, *unit).is_finite());
+    let unit = [1.0, 1e-3, 1e-6, 1e-9, 1e-12].into_iter().find(all).unwrap_or(1.0);
     let size = |pool: &Pool, e: Expr| {
-        let x = pool.eval(e, &|s| 0.37 + 0.21 * f64::from(s.0 % 11)).abs();
+        let x = value(pool, e, unit);
         if x.is_finite() { x } else { 0.0 }
     };
     let mut w: Matrix =

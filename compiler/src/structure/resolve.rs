@@ -2,7 +2,7 @@
 
 use super::dependent::Eliminated;
 use super::junction::Rows;
-use super::{ColumnId, Form, Group, Loop, Region, Role, Row, State, resistor};
+use super::{ColumnId, Form, Group, Loop, Output, Region, Role, Row, State, resistor};
 use crate::causality::holder;
 use crate::expression::{Expr, Symbol};
 use crate::graph::{BondGraph, RegionId};
@@ -278,6 +278,10 @@ pub(super) fn outputs(
             Role::Resistor => {}
         }
     }
+    // Curves that are asked for the same in the same way are at the same place of theirs, as two guides of one body: at
+    // rest nothing else would say which of them holds how much.
+    let any = r.model.pool.symbol("s");
+    let mut places: FxHashMap<Expr, Symbol> = FxHashMap::default();
     for i in 0..form.columns.len() {
         let id = ColumnId(i as u32);
         let c = form.column(id);
@@ -285,7 +289,18 @@ pub(super) fn outputs(
             continue;
         }
         let region = c.region.at();
-        if let Some(found) = resistor::output(&mut r, form, id).map_err(one)? {
+        if let Some(mut found) = resistor::output(&mut r, form, id).map_err(one)? {
+            if let Output::Curve { parameter, out, residual, bends: None, .. } = found.how {
+                let mut put = |e: Expr, s: Symbol| {
+                    let s = r.model.pool.var(s);
+                    r.model.pool.substitute(e, &FxHashMap::from_iter([(parameter, s)]))
+                };
+                let asked = put(residual, any);
+                let first = *places.entry(asked).or_insert(parameter);
+                if first != parameter {
+                    found.how = Output::Explicit(put(out, first));
+                }
+            }
             regions[region].resistors.push((id, found.how));
             regions[region].gains.extend(found.gain.map(|g| (id, g)));
             regions[region].laws.extend(found.law.map(|l| (id, l)));

@@ -152,6 +152,32 @@ impl Dimension {
         }
     }
 
+    /// A unit of that dimension as it may be written behind a number: `s^-1` and not `1/s`, `V/s` and not its base
+    /// units; `1` for none.
+    pub fn written(self) -> String {
+        use super::name::{composed, familiar, named};
+        if let Some(name) = familiar(self) {
+            return name.to_string();
+        }
+        if let Some(name) = named(self.pow(-1, 1)) {
+            return format!("{name}^-1");
+        }
+        let first = self.0.iter().position(|e| e.above < 0);
+        composed(self).unwrap_or_else(|| match (self.product(), first) {
+            (product, Some(i)) if product.starts_with("1/") => {
+                let mut rest = self;
+                rest.0[i] = Exponent::ZERO;
+                format!("{}^{}{}", BASE[i], self.0[i], rest.product().trim_start_matches('1'))
+            }
+            (product, _) => product,
+        })
+    }
+
+    /// How many symbols it takes to write it in base units; None where a power is no whole number.
+    pub(super) fn length(self) -> Option<u16> {
+        self.whole().map(|all| all.iter().map(|(_, e)| e.unsigned_abs()).sum())
+    }
+
     /// The powers of the base units, as a product: `kg*m^2/s^3`.
     fn product(self) -> String {
         let side = |positive: bool| -> Vec<String> {
@@ -196,6 +222,18 @@ mod tests {
         for text in ["", "*", "N*", "kgg", "m^", "m^(1/2", "m^(", "N)", "m^x"] {
             assert_eq!(Dimension::read(text), None, "{text:?}");
         }
+    }
+
+    #[test]
+    fn units_are_written_as_they_are_read() {
+        let per_second = Dimension::SECOND.pow(-1, 1);
+        assert_eq!(per_second.written(), "s^-1");
+        assert_eq!(Dimension::VOLT.pow(-1, 1).written(), "V^-1");
+        assert_eq!(Dimension::METRE.pow(-1, 2).written(), "m^(-1/2)");
+        assert_eq!(Dimension::METRE.mul(Dimension::SECOND).pow(-1, 1).written(), "m^-1/s");
+        assert_eq!(Dimension::VOLT.mul(per_second).written(), "V/s");
+        assert_eq!(Dimension::NEWTON.mul(per_second).written(), "N/s");
+        assert_eq!(Dimension::KILOGRAM.mul(Dimension::AREA).written(), "kg*m^2");
     }
 
     proptest! {

@@ -64,3 +64,24 @@ pub(super) fn familiar(of: D) -> Option<&'static str> {
     let product = |factors: &[(D, i32)]| factors.iter().fold(D::DIMENSIONLESS, |d, &(f, n)| d.mul(f.pow(n, 1)));
     COMBINED.iter().find(|(_, factors)| product(factors) == of).map(|(name, _)| *name)
 }
+
+/// A named unit times powers of s and m, where that is shorter than base units: `V/s`.
+pub(super) fn composed(of: D) -> Option<String> {
+    let mut best = (of.length()?, None);
+    for (name, unit) in FAMILIAR {
+        for (s, m) in (-3..=3).flat_map(|s| (-3..=3).map(move |m| (s, m))) {
+            let length = 1 + i32::unsigned_abs(s) as u16 + i32::unsigned_abs(m) as u16;
+            if length < best.0 && unit.mul(D::SECOND.pow(s, 1)).mul(D::METRE.pow(m, 1)) == of {
+                let factor = |symbol: &str, power: i32| match power {
+                    0 => String::new(),
+                    1 => format!("*{symbol}"),
+                    -1 => format!("/{symbol}"),
+                    2.. => format!("*{symbol}^{power}"),
+                    _ => format!("/{symbol}^{}", -power),
+                };
+                best = (length, Some(format!("{name}{}{}", factor("s", s), factor("m", m))));
+            }
+        }
+    }
+    best.1
+}

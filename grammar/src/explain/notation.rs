@@ -153,6 +153,35 @@ impl Wreck<'_> {
         Some(self.error("syntax::operator", index, message).help(help))
     }
 
+    /// `1,5 N`
+    pub(super) fn decimal_comma(&self) -> Option<Diagnostic> {
+        let comma = [self.at, self.before()].into_iter().find(|index| self.word(*index) == ",")?;
+        let before = comma.checked_sub(1)?;
+        let number = |index: usize| self.kind(index) == Some(Kind::Number);
+        if !(number(before) && number(comma + 1) && self.adjacent(before) && self.adjacent(comma)) {
+            return None;
+        }
+        // A list of numbers has more of them, or such as have a point.
+        let digits = |index: usize| self.word(index).bytes().all(|c| c.is_ascii_digit());
+        if !(digits(before) && digits(comma + 1)) || matches!(self.word(comma + 2), "," | "..") {
+            return None;
+        }
+        let span = self.scan.span_of(before).to(self.scan.span_of(comma + 1));
+        let mut end = comma + 1;
+        let unit = end + 1;
+        let named = matches!(self.word(unit + 1), "=" | ":" | "(" | "." | "[");
+        if self.kind(unit) == Some(Kind::Word) && !self.scan.tokens[unit].first && !named {
+            end = unit;
+            while self.adjacent(end) && !is_between(self.word(end + 1)) {
+                end += 1;
+            }
+        }
+        let rest = self.scan.slice(self.scan.span_of(comma + 1).to(self.scan.span_of(end)));
+        let message = format!("`{}` is no number", self.scan.slice(span));
+        let help = format!("write `{}.{rest}`: the decimal sign is a point", self.word(before));
+        Some(Diagnostic::error("syntax::number", span, message).help(help))
+    }
+
     /// `R:= 5 Ohm`: the name of an element is missing.
     fn nameless(&self) -> Option<Diagnostic> {
         let start = self.range.start;

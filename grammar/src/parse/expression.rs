@@ -121,6 +121,18 @@ impl Reader<'_> {
         };
         let is_number = matches!(right.kind, ExprKind::Number { .. });
         if unit.span.end == sign.start && sign.end == right.span.start && !is_number {
+            // `1 H*f*(x + 1)`: what laws are written in is no unit.
+            let plain = !self.scan.slice(unit.span).contains('(');
+            let variable = unit.factors.iter().skip(1).find(|f| matches!(f.0.as_str(), "e" | "f" | "p" | "q"));
+            if let Some((name, _, at)) = variable.filter(|_| plain) {
+                let text = self.scan.slice(last.span.to(right.span));
+                let (head, rest) = text.split_at((at.start - last.span.start) as usize);
+                let (head, sign) = head.split_at(head.len() - 1);
+                let message = format!("`{name}` is read as a unit, since that ends at the first space, and it is none");
+                let help = format!("put spaces around the operator: `{head} {sign} {rest}`");
+                self.errors.push(Diagnostic::error("syntax::unit", at.to(right.span), message).help(help));
+                return;
+            }
             let [unit, sign_, right_] = [unit.span, sign, right.span].map(|s| self.scan.slice(s).to_string());
             let message =
                 format!("`{unit}{sign_}{right_}` is read as a unit, which ends at the first space, and it is none");

@@ -21,6 +21,14 @@ const EFFORT: usize = 400_000;
 
 /// The same of a sampled side, whose steps are given: some tenths of a second.
 const SAMPLES: usize = 10_000_000;
+/// What is held more and less where the other side is not linear, at first, and the part of it that is tried next, so
+/// often at most, until it makes no more of a change than that: what is large depends on the scene.
+const PROBE: f64 = 1e-3;
+const FINER: f64 = 1e-3;
+const LOOKS: usize = 4;
+const SAME: f64 = 1e-3;
+/// Of a difference of two answers this part of their size is rounding.
+const ROUNDED: f64 = 64.0 * f64::EPSILON;
 /// An answer so many times that about what is held at the start is none.
 const BEYOND: f64 = 100.0;
 
@@ -52,11 +60,11 @@ impl Simulation<'_> {
                 mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
             let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
             let c = &self.scene.clusters[other];
-            let mut answers = self.runs[other].response(c, period, (&ports, &vec![0.0; mine.len()]));
+            let mut answers = self.runs[other].measured(c, period, (&ports, &vec![0.0; mine.len()]));
             let about: Vec<f64> = mine.iter().zip(&bars).map(|(k, bar)| bar.sign * calls[*k]).collect();
             if !c.is_linear && about.iter().any(|v| *v != 0.0) {
                 // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K.
-                let there = self.runs[other].response(c, period, (&ports, &about));
+                let there = self.runs[other].measured(c, period, (&ports, &about));
                 let most = |a: &Answers| a.first().map_or(f64::INFINITY, |m| m.iter().fold(0.0, |s, x| x.abs().max(s)));
                 let most = [most(&answers), most(&there)];
                 if most[1].is_finite() && (most[0].is_nan() || most[0] > BEYOND * most[1]) {
@@ -120,14 +128,35 @@ impl Simulation<'_> {
 }
 
 impl Run {
+    /// The answer ([`Self::response`]) to a change so small that it is in proportion.
+    fn measured(&mut self, c: &Cluster, period: f64, at: (&[usize], &[f64])) -> Answers {
+        if c.is_linear {
+            return self.response(c, period, at, 1.0);
+        }
+        let mut probe = PROBE;
+        let first = self.response(c, period, at, probe);
+        let mut answers = first.clone();
+        for _ in 0..LOOKS {
+            probe *= FINER;
+            let finer = self.response(c, period, at, probe);
+            let most = finer.iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
+            let pairs = || answers.iter().flatten().zip(finer.iter().flatten());
+            if finer.len() == answers.len() && pairs().all(|(x, y)| (x - y).abs() <= SAME * most) {
+                return answers;
+            }
+            answers = finer;
+        }
+        first
+    }
+
     /// How this cluster answers to what is held at `ports` for one `period` and then let go, about some values that are
     /// held all the time: for the interval of the hold and some after it, a matrix of the change, with each held input,
     /// of the integral of what each port gives out. Empty where a step fails.
     ///
-    /// Where its steps have an error, they are halved, and what they give is extrapolated (Romberg), until it changes no
+    /// `probe` is the size of the change. Where its steps have an error, they are halved, and what they give is extrapolated (Romberg), until it changes no
     /// more: the answer is the region's, not its stepper's.
-    fn response(&mut self, c: &Cluster, period: f64, (ports, about): (&[usize], &[f64])) -> Answers {
-        let at = (ports, about);
+    fn response(&mut self, c: &Cluster, period: f64, (ports, about): (&[usize], &[f64]), probe: f64) -> Answers {
+        let at = (ports, about, probe);
         let later = if EFFORT / (LATER * STEPS * ports.len()) < self.state.len() { 2 } else { LATER };
         if let Some(own) = c.period {
             let steps = (period / own).round().max(1.0);
@@ -183,13 +212,13 @@ impl Run {
         &mut self,
         c: &Cluster,
         (period, h, steps): (f64, f64, usize),
-        (ports, about): (&[usize], &[f64]),
+        (ports, about, probe): (&[usize], &[f64], f64),
         later: usize,
     ) -> Option<Answers> {
         let n = ports.len();
         let mut matrices = vec![vec![0.0; n * n]; later + 1];
+        let mut sizes = matrices.clone();
         self.step.prepare(h).ok()?;
-        let probe = if c.is_linear { 1.0 } else { 1e-3 };
         let iterations = self.step.work.newton_iterations;
         for (j, held) in ports.iter().enumerate() {
             for sign in [1.0, -1.0] {
@@ -202,7 +231,7 @@ impl Run {
                     input[c.ports[*p].input] = *v;
                 }
                 input[1] = h;
-                for (interval, matrix) in matrices.iter_mut().enumerate() {
+                for (interval, (matrix, size)) in matrices.iter_mut().zip(&mut sizes).enumerate() {
                     input[c.ports[*held].input] = about[j] + if interval == 0 { sign * probe } else { 0.0 };
                     for k in 0..steps {
                         input[0] = interval as f64 * period + k as f64 * h;
@@ -211,12 +240,18 @@ impl Run {
                         for (i, p) in ports.iter().enumerate() {
                             let q = h * self.step.work.output[c.ports[*p].mean];
                             matrix[i * n + j] += sign * q / (2.0 * probe);
+                            size[i * n + j] += q.abs() / (2.0 * probe);
                         }
                     }
                 }
             }
         }
         self.step.work.newton_iterations = iterations;
+        for (x, size) in matrices.iter_mut().flatten().zip(sizes.iter().flatten()).filter(|_| !c.is_linear) {
+            if x.abs() <= ROUNDED * size {
+                *x = 0.0;
+            }
+        }
         Some(matrices)
     }
 }

@@ -13,7 +13,7 @@ const APART: f64 = 1e-6;
 const THROWN: f64 = 10.0;
 /// The part of the faintest energy that is its rounding: an error of a state that is worth less is none.
 const ROUNDED: f64 = 1e-15;
-/// The same of an integral, in SI units.
+/// The same of what has no energy, a state or an integral, in SI units.
 const SMALLEST: f64 = 1e-24;
 
 /// Before the first step, so many are looked at, each this part of the one before.
@@ -60,6 +60,8 @@ pub(super) struct Scale {
     heat: bool,
     /// An error that is no more is rounding, as all is of a body that is held at rest.
     faintest: f64,
+    /// The same of a second's change, where the state has no energy: it may count the speed of such a body.
+    drift: f64,
 }
 
 /// States of which it is looked for where their energies bend, at most.
@@ -72,13 +74,15 @@ impl Scale {
             let (curvature, grain) = (stored[*curvature], stored[*grain]);
             let heat = c.heats.contains(&i);
             if curvature.is_nan() || curvature <= 0.0 {
-                return Self { natural: 0.0, heat, faintest: 0.0 };
+                let drift = if curvature == 0.0 && grain.is_finite() { grain } else { 0.0 };
+                return Self { natural: 0.0, heat, faintest: if curvature == 0.0 { SMALLEST } else { 0.0 }, drift };
             }
             let natural = (2.0 / curvature).sqrt();
             let natural = if natural.is_finite() { natural } else { 0.0 };
-            Self { natural, heat, faintest: (grain / curvature).max((2.0 * ROUNDED * FAINTEST / curvature).sqrt()) }
+            let faintest = (grain / curvature).max((2.0 * ROUNDED * FAINTEST / curvature).sqrt());
+            Self { natural, heat, faintest, drift: 0.0 }
         };
-        let integral = Self { natural: 0.0, heat: false, faintest: SMALLEST };
+        let integral = Self { natural: 0.0, heat: false, faintest: SMALLEST, drift: 0.0 };
         let states = c.curvatures.iter().zip(&c.grains).enumerate().map(state);
         states.chain(std::iter::repeat_n(integral, c.integrals)).collect()
     }
@@ -283,7 +287,7 @@ impl Run {
             if !off.is_finite() {
                 return Err(Failure::NotFinite { slot: Slot::new(Array::Next, i) });
             }
-            if off <= scale.faintest {
+            if off <= scale.faintest + scale.drift * fit.whole.h {
                 continue;
             }
             let (before, size) = match i.checked_sub(c.states) {

@@ -23,6 +23,11 @@ const FAINT: f64 = 1e-4;
 /// After so many switches of such guards.
 const CHATTER: u32 = 20;
 
+/// Switches before one that was located are looked for so often at most; and what changes its sign by less than this part
+/// of its largest is rounding.
+const SOONER: u32 = 4;
+const SLIGHT: f64 = 1e-9;
+
 /// What comes nearer to 0 in a step leaves no more than this part.
 const FALLS: f64 = 0.75;
 /// What turns below this part of what it is at both ends of a step all but touches 0.
@@ -163,6 +168,44 @@ impl Run {
     /// Locates the switch in a bracket.
     fn locate(&mut self, c: &Cluster, t: f64, h: f64, aim: f64, mut bracket: Bracket) -> Result<Located, Failure> {
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
+        let mut past = self.narrow(c, t, (aim, floor), &mut bracket)?;
+        // Another guard may have changed its sign before, and jump back there, as at the end of a turn.
+        for _ in 0..if c.guards.as_ref().is_some_and(|g| g.jumps) { SOONER } else { 0 } {
+            let Some(sooner) = self.sooner(c, t, &bracket, past)? else { break };
+            bracket = sooner;
+            past = self.narrow(c, t, (aim, floor), &mut bracket)?;
+        }
+        let found = bracket.high.0;
+        if found < STANDS * self.default_step {
+            return Ok(Located::Stands(bracket.guard));
+        }
+        let before = match &c.guards {
+            Some(guards) if guards.ends => self.end_before(c, t, &bracket, past)?,
+            _ => None,
+        };
+        Ok(Located::At(before.unwrap_or(found), bracket.guard))
+    }
+
+    /// Between which points a guard changes its sign before the switch in a bracket that was narrowed down, if one does.
+    /// The whole step then ends at the second of them.
+    fn sooner(&mut self, c: &Cluster, t: f64, bracket: &Bracket, past: f64) -> Result<Option<Bracket>, Failure> {
+        let (low, at) = (bracket.low.0, bracket.high.0 - 2.0 * past);
+        if at <= low {
+            return Ok(None);
+        }
+        self.stride(t, at, Part::Trial)?;
+        self.guards_at(c, t + at, Part::Trial);
+        let Some(fit) = &mut self.fit else { return Ok(None) };
+        let Some(guard) = earliest(&fit.below, &fit.seen).filter(|g| fit.seen[*g].abs() > SLIGHT * fit.tops[*g]) else {
+            return Ok(None);
+        };
+        std::mem::swap(&mut fit.trial, &mut fit.whole);
+        std::mem::swap(&mut fit.seen, &mut fit.beyond);
+        Ok(Some(Bracket::new(guard, (low, fit.below[guard]), (at, fit.beyond[guard]), None)))
+    }
+
+    /// Narrows a bracket down; how far its end is past the switch.
+    fn narrow(&mut self, c: &Cluster, t: f64, (aim, floor): (f64, f64), bracket: &mut Bracket) -> Result<f64, Failure> {
         let mut past = floor;
         let mut slow = false;
         for round in 0..ROUNDS {
@@ -183,15 +226,15 @@ impl Run {
             let at = if root + past < high { root + past } else { middle };
             self.stride(t, at, Part::Trial)?;
             self.guards_at(c, t + at, Part::Trial);
-            let Some(fit) = &mut self.fit else { return Ok(Located::Stands(bracket.guard)) };
+            let Some(fit) = &mut self.fit else { return Ok(past) };
             let least = bracket.low.1.abs().min(bracket.high.1.abs());
             let point;
             if let Some(guard) = earliest(&fit.below, &fit.seen) {
                 std::mem::swap(&mut fit.trial, &mut fit.whole);
                 std::mem::swap(&mut fit.seen, &mut fit.beyond);
                 point = (at, fit.beyond[guard]);
-                bracket = if guard == bracket.guard {
-                    Bracket { high: point, third: Some(bracket.high), ..bracket }
+                *bracket = if guard == bracket.guard {
+                    Bracket { high: point, third: Some(bracket.high), ..*bracket }
                 } else {
                     Bracket::new(guard, (low, fit.below[guard]), point, None)
                 };
@@ -202,19 +245,11 @@ impl Run {
                 }
                 point = (at, fit.seen[bracket.guard]);
                 let before = [Some(bracket.low), bracket.past[0]];
-                bracket = Bracket { low: point, third: Some(bracket.low), past: before, ..bracket };
+                *bracket = Bracket { low: point, third: Some(bracket.low), past: before, ..*bracket };
             }
             slow = bracket.high.0 - bracket.low.0 > SLOW * (high - low) && point.1.abs() > SLOW * least;
         }
-        let found = bracket.high.0;
-        if found < STANDS * self.default_step {
-            return Ok(Located::Stands(bracket.guard));
-        }
-        let before = match &c.guards {
-            Some(guards) if guards.ends => self.end_before(c, t, &bracket, past)?,
-            _ => None,
-        };
-        Ok(Located::At(before.unwrap_or(found), bracket.guard))
+        Ok(past)
     }
 
     /// Ends the whole step just before the switch in a bracket, where a step to there can be had: its length.
@@ -303,6 +338,21 @@ impl Run {
                 }
                 let low = if late { 0.5 * h } else { 0.0 };
                 return Ok(Some(Bracket::new(guard, (low, fit.below[guard]), (at, fit.beyond[guard]), None)));
+            }
+        }
+        // One that changes its sign in the second half, and jumps back right at its end.
+        let jumps = c.guards.as_ref().is_some_and(|g| g.jumps);
+        let is_there = |(x, top): (&f64, &f64)| x.abs() <= SLIGHT * top;
+        if jumps && self.fit.as_ref().is_some_and(|fit| fit.beyond.iter().zip(&fit.tops).any(is_there)) {
+            let at = h - (8.0 * f64::EPSILON * (t + h).abs()).max(1e-13 * h);
+            self.stride(t, at, Part::Trial)?;
+            self.guards_at(c, t + at, Part::Trial);
+            let Some(fit) = &mut self.fit else { return Ok(None) };
+            let firm = |g: &usize| fit.seen[*g].abs() > SLIGHT * fit.tops[*g];
+            if let Some(guard) = earliest(&fit.below, &fit.seen).filter(firm) {
+                std::mem::swap(&mut fit.seen, &mut fit.beyond);
+                std::mem::swap(&mut fit.trial, &mut fit.whole);
+                return Ok(Some(Bracket::new(guard, (0.5 * h, fit.below[guard]), (at, fit.beyond[guard]), None)));
             }
         }
         // A guard that was 0 at the start.

@@ -232,6 +232,15 @@ impl Simulation<'_> {
         self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input]
     }
 
+    /// What a continuous cluster took at the last sample for a signal of another, by its number in
+    /// [`crate::scene::Cluster::foreign`].
+    ///
+    /// # Panics
+    /// There is no such cluster or signal.
+    pub fn held_signal(&self, cluster: usize, signal: usize) -> f64 {
+        self.runs[cluster].input[self.scene.clusters[cluster].foreign_at + signal]
+    }
+
     /// How long the interval of a side that runs has lasted, s; 0 where it has just ended, and of a continuous one.
     fn since(&self, cluster: usize) -> f64 {
         let next = self.next[cluster];

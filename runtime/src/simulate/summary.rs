@@ -14,6 +14,9 @@ const GROWN: f64 = 0.1;
 const OWED: f64 = 1e-11;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
+/// J, and what that is a part of at least: k T in a room. Where next to nothing moves, rounding of a speed times a force
+/// may have any sign.
+const THERMAL: f64 = 4e-21;
 /// What rounding may make of an energy in each step.
 const ROUNDING: f64 = 1e-15;
 
@@ -168,8 +171,8 @@ impl Simulation<'_> {
             };
             let floor = b.floor().max(FLOOR * largest);
             // Beside heat, which is large, a step may give much before that is seen.
-            let rounding = run.steps as f64 * (GAIN * b.turnover_max + ROUNDING * b.largest());
-            gained.push((b.gained.above(floor), b.giver, b.owed, rounding));
+            let rounding = run.steps as f64 * (GAIN * b.turnover_max.max(THERMAL) + ROUNDING * b.largest());
+            gained.push((b.gained.above(floor.max(THERMAL)), b.giver, b.owed, rounding));
             regions.push(RegionSummary {
                 name: region.name.clone(),
                 kind: if region.period.is_some() { "sampled" } else { "continuous" },

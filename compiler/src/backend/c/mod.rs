@@ -21,6 +21,9 @@ pub struct Options {
     pub header: String,
     /// Whether numbers may be single, by a macro; an object's are double.
     pub single: bool,
+    /// Whether there is `bond_begin`, which the header does not declare, where the unit has it: it takes the first
+    /// samples anew, after `bond_init` and `bond_input`, and gives what a commit gives.
+    pub begin: bool,
 }
 
 /// Whether a name can be a prefix.
@@ -65,6 +68,8 @@ fn comment(text: &str) -> String {
 pub(super) fn scratch(unit: &Unit) -> (usize, usize) {
     let of = |r: &crate::backend::code::Routine| r.scratch as usize + solve::room(r);
     let (commit, observe) = (of(&unit.commit), of(&unit.observe));
+    // Nothing that is in use when the first samples are taken has to stay.
+    let commit = commit.max(unit.begin.as_ref().map_or(0, of));
     // Factors that are kept are not written over.
     let apart = if unit.commit.systems.is_empty() { 0 } else { commit };
     (commit.max(apart + observe).max(1), apart)

@@ -19,8 +19,13 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     let commit = function(&unit.commit, "commit", 0, turning, &mut needs);
     let observe = function(&unit.observe, "observe", after, turning, &mut needs);
     let many = unit.run.as_ref().map(|r| function(r, "many", 0, &[], &mut needs)).unwrap_or_default();
+    let begin = unit.begin.as_ref().filter(|_| options.begin);
+    let last = after + unit.observe.systems.len();
+    let again = begin.map(|r| function(r, "begin", last, turning, &mut needs)).unwrap_or_default();
     let lanes = super::lanes::source(unit, options, &mut needs);
-    let solvers = solve::functions(&unit.commit, 0, &mut needs) + &solve::functions(&unit.observe, after, &mut needs);
+    let mut solvers = solve::functions(&unit.commit, 0, &mut needs);
+    solvers += &solve::functions(&unit.observe, after, &mut needs);
+    solvers += &begin.map(|r| solve::functions(r, last, &mut needs)).unwrap_or_default();
     let mut out = format!(
         "/* {} as a program of its own, made by bond; see {}. C99 and libm. For the same bits on every machine: -ffp-contract=off. */\n\
          #include \"{}\"\n#include <math.h>\n#include <string.h>\n\n\
@@ -66,7 +71,17 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     out.push_str(&commit);
     out.push_str(&many);
     out.push_str(&observe);
+    out.push_str(&again);
     out.push_str(&interface(unit, turning, p));
+    if begin.is_some() {
+        let _ = write!(
+            out,
+            "\n/* Takes the first samples anew, after {p}_init and {p}_input. 0, or why it failed. */\n\
+             int {p}_begin({p}_state *b);\nint {p}_begin({p}_state *b) {{\n    \
+             const int failed = begin(b->x, 0, 0, b->s{});\n    memset(b->s, 0, sizeof b->s);\n    return failed;\n}}\n",
+            places(unit, turning)
+        );
+    }
     // An object's header, which may stand in the place of the own one, has no lanes.
     let _ = write!(out, "\n#ifdef {}_LANES\n{lanes}#endif\n", p.to_uppercase());
     out
@@ -139,14 +154,18 @@ fn each(late: &[Late], f: impl Fn(usize, &Late) -> String) -> String {
     late.iter().enumerate().map(|(k, l)| f(k, l)).collect()
 }
 
+/// Arguments: every second interval finds states where the one before put them, and puts the new ones where these were.
+fn places(unit: &Unit, turning: &[Late]) -> String {
+    each(turning, |_, l| {
+        let (turned, state, next) = (unit.turned, l.state.start, l.next);
+        format!(", b->x + (b->x[{turned}] == 0 ? {state} : {next}), b->x + (b->x[{turned}] == 0 ? {next} : {state})")
+    })
+}
+
 /// The public functions.
 fn interface(unit: &Unit, turning: &[Late], p: &str) -> String {
     let mut out = String::new();
-    // Every second interval finds states where the one before put them, and puts the new ones where these were.
-    let states = each(turning, |_, l| {
-        let (turned, state, next) = (unit.turned, l.state.start, l.next);
-        format!(", b->x + (b->x[{turned}] == 0 ? {state} : {next}), b->x + (b->x[{turned}] == 0 ? {next} : {state})")
-    });
+    let states = places(unit, turning);
     let saved = each(turning, |_, l| {
         let (turned, state, next, n) = (unit.turned, l.state.start, l.next, l.state.len());
         format!("    if (b->x[{turned}] != 0) memcpy(saved + {state}, b->x + {next}, {n} * sizeof *saved);\n")

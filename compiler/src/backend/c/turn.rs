@@ -9,7 +9,7 @@ use std::ops::Range;
 /// numbers of which some are states and some are not.
 pub(super) fn turning(unit: &Unit) -> &[Late] {
     let apart = |r: &Routine| Look { routine: r, late: &unit.late, ranges: FxHashMap::default() }.block(&r.body);
-    if apart(&unit.commit) && apart(&unit.observe) { &unit.late } else { &[] }
+    if [&unit.commit, &unit.observe].into_iter().chain(&unit.begin).all(apart) { &unit.late } else { &[] }
 }
 
 /// The names, numbers and beginnings of what changes places.

@@ -5,6 +5,7 @@
 
 mod description;
 
+use super::code::Routine;
 use super::unit::Unit;
 use bond_runtime::scene::Scene;
 use std::fmt::Write;
@@ -75,7 +76,9 @@ impl<'a> Fmu<'a> {
     /// The C that joins the scene, whose header is `header`, with the interface. `guid` as above.
     pub fn source(&self, guid: &str, header: &str) -> String {
         let mut out = format!("/* A bond scene as a functional mock-up unit. */\n#include \"{header}\"\n\n");
-        let _ = writeln!(out, "#define FMU_GUID \"{guid}\"\n#define FMU_RUN {}", u8::from(self.unit.run.is_some()));
+        let has = |routine: &Option<Routine>| u8::from(routine.is_some());
+        let (run, begin) = (has(&self.unit.run), has(&self.unit.begin));
+        let _ = writeln!(out, "#define FMU_GUID \"{guid}\"\n#define FMU_RUN {run}\n#define FMU_BEGIN {begin}");
         let open = &self.unit.open;
         let held = open.iter().map(|o| u8::from(o.held).to_string());
         let held: Vec<String> = held.chain(open.is_empty().then(|| "0".into())).collect();

@@ -66,6 +66,7 @@ typedef struct {
     memory now; /* but for what is saved, which is in the scene */
     bond_real probes[BOND_PROBES + 1];
     int looked; /* whether these are those of the scene */
+    int again;  /* whether inputs were set since the samples at t = 0 */
     int mode, logging;
     fmi2CallbackFunctions call;
     char name[128];
@@ -95,8 +96,25 @@ static void begin(slave *s) {
     memset(&s->now, 0, sizeof s->now);
     memcpy(s->now.given, start_of, sizeof start_of);
     for (i = 0; i < BOND_INPUTS; ++i) bond_input(&s->scene, i, s->now.given[BOND_PORTS + i]);
-    s->looked = 0;
+    s->looked = s->again = 0;
     s->mode = INSTANTIATED;
+}
+
+#if FMU_BEGIN
+int bond_begin(bond_state *b);
+#endif
+
+/* Takes the samples at t = 0 with the inputs that were set before the end of the initialization. */
+static fmi2Status sampled(slave *s) {
+#if FMU_BEGIN
+    int i;
+    if (!s->again) return fmi2OK;
+    bond_init(&s->scene);
+    for (i = 0; i < BOND_INPUTS; ++i) bond_input(&s->scene, i, s->now.given[BOND_PORTS + i]);
+    if (bond_begin(&s->scene)) return tell(s, fmi2Discard, "with these inputs, the samples at t = 0 have no value");
+#endif
+    s->again = 0;
+    return fmi2OK;
 }
 
 /* Ends the interval that runs. */
@@ -182,6 +200,7 @@ EXPORT fmi2Status FMI(fmi2EnterInitializationMode)(fmi2Component c) {
 EXPORT fmi2Status FMI(fmi2ExitInitializationMode)(fmi2Component c) {
     if (!c) return fmi2Error;
     if (((slave *)c)->mode != INITIALIZING) return tell(c, fmi2Error, "fmi2ExitInitializationMode: it is not being initialized");
+    if (sampled(c)) return fmi2Discard;
     ((slave *)c)->mode = RUNNING;
     return fmi2OK;
 }
@@ -205,6 +224,7 @@ EXPORT fmi2Status FMI(fmi2GetReal)(fmi2Component c, const fmi2ValueReference vr[
     bond_real held[BOND_PORTS + 1];
     size_t i;
     if (!s || (n > 0 && (!vr || !value))) return fmi2Error;
+    if (sampled(s)) return fmi2Discard;
     bond_output(&s->scene, held);
     held[BOND_PORTS] = 0;
     for (i = 0; i < n; ++i) {
@@ -237,6 +257,8 @@ EXPORT fmi2Status FMI(fmi2SetReal)(fmi2Component c, const fmi2ValueReference vr[
         if (vr[i] >= GIVEN + BOND_PORTS) {
             bond_input(&s->scene, (int)(vr[i] - GIVEN) - BOND_PORTS, value[i]);
             s->looked = 0;
+            /* A state that was put here may be a later one. */
+            if (s->mode < RUNNING && time_of(s) == 0) s->again = 1;
         }
     }
     return fmi2OK;
@@ -331,12 +353,13 @@ static void keep(const slave *s, memory *m) {
 static void put(slave *s, const memory *m) {
     s->now = *m;
     bond_restore(&s->scene, m->saved);
-    s->looked = 0;
+    s->looked = s->again = 0;
 }
 
 EXPORT fmi2Status FMI(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *state) {
     slave *s = c;
     if (!s || !state) return fmi2Error;
+    if (sampled(s)) return fmi2Discard;
     if (!*state) *state = take(&s->call, sizeof(memory));
     if (!*state) return tell(s, fmi2Error, "fmi2GetFMUstate: no memory");
     keep(s, *state);

@@ -63,6 +63,9 @@ pub struct Unit {
     pub straight: Vec<Straight>,
     /// Looks: [`Memory::Output`] gets the probes.
     pub observe: Routine,
+    /// Takes the first samples anew, of a block that is as at the start but for what is given from outside. None where
+    /// these do not depend on that.
+    pub begin: Option<Routine>,
     /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds
     /// it.
     pub open: Vec<Open>,
@@ -134,6 +137,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let mut unit = Writing::new(scene, &start, &plan, false, None)?;
     let (time, given) = (unit.time, unit.given);
     let (observe, looked) = unit.observe()?;
+    let begin = unit.begin()?;
     let mut kept = unit.public();
     kept.extend(looked);
     let Routines { commit, whole, run } = unit.routines(&kept)?;
@@ -155,6 +159,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
         run,
         straight,
         observe,
+        begin,
         open,
         inputs,
         probes: scene.probes.names.clone(),

@@ -3,7 +3,7 @@
 use super::apart::Answer;
 use super::ledger::{clamped, positive};
 use super::{Writing, programs};
-use crate::backend::code::{Cond, Reason, Stmt, Value};
+use crate::backend::code::{Cond, Reason, Routine, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 use bond_runtime::ir::Unary;
 use bond_runtime::scene::GIVEN;
@@ -77,6 +77,43 @@ impl Writing<'_> {
             }
         }
         Ok(w)
+    }
+
+    /// The routine that takes the first samples anew; see [`super::Unit::begin`].
+    pub(super) fn begin(&mut self) -> Result<Option<Routine>, String> {
+        let order = self.start.order.clone();
+        if self.scene.inputs.is_empty() || order.is_empty() {
+            return Ok(None);
+        }
+        let mut w = Writer::new();
+        let zero = w.number(0.0);
+        // Nothing is left of the samples that the image has taken.
+        for (c, place) in self.scene.clusters.iter().zip(&self.clusters) {
+            let ports = c.ports.iter().map(|p| p.input);
+            for at in ports.chain(c.foreign_at..c.given_at()) {
+                w.keep(place.input + at, zero);
+            }
+            for at in place.held.iter().flat_map(|h| [h.v, h.forecast]).chain([2, 3].map(|k| place.caution + k)) {
+                w.keep(at, zero);
+            }
+        }
+        // All are due.
+        for &i in order.iter().filter(|i| self.plan.ratio[**i] > 1) {
+            w.keep(self.clusters[i].left, zero);
+        }
+        w = self.foreign(w)?;
+        for &i in order.iter().rev() {
+            w = self.respond(w, i)?;
+        }
+        w = self.foreign(w)?;
+        for &i in order.iter().filter(|i| self.plan.ratio[**i] > 1) {
+            let full = w.number(f64::from(self.plan.ratio[i] - 1));
+            w.keep(self.clusters[i].left, full);
+        }
+        for &i in &order {
+            w = self.foretell(w, i)?;
+        }
+        Ok(Some(w.routine(format!("start of {}", self.scene.name))))
     }
 
     /// Fails where a sampled cluster has been told what its next step must fail for: a signal from outside that is no

@@ -352,8 +352,8 @@ fn gradients(
     let mut at_rules: FxHashMap<usize, Vec<FxHashMap<Symbol, Expr>>> = FxHashMap::default();
     for g in &c.groups {
         let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
-        let near = c.level(pool, g).near.as_ref();
-        let laws: Vec<Expr> = g.coenergy.iter().map(|z| near.map_or(*z, |near| near.law(pool, *z))).collect();
+        let level = c.level(pool, g);
+        let laws: Vec<Expr> = g.coenergy.iter().enumerate().map(|(i, z)| level.law(pool, i, *z)).collect();
         let (mut straight, bent): (Vec<Expr>, Vec<Expr>) = match nodes == Nodes::Radau || is_quadratic(c, pool, g) {
             true => (laws, Vec::new()),
             false => laws.iter().map(|z| whole::apart(pool, *z, &symbols)).unzip(),

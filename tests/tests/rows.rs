@@ -1,0 +1,163 @@
+//! What rows show of laws that the states alone do, or do not, tell.
+
+use crate::common::{advance, close, probe, start, with};
+use bond::{Options, Steps};
+use bond_compiler::discretise::Accuracy;
+
+/// Ways to step: the default, to a tolerance, and by equal steps of the default method.
+fn ways() -> [(Options, Steps, &'static str); 3] {
+    [
+        (Options::new(), Steps::new(), "default"),
+        (Options::new().accuracy(Accuracy::Tolerance(1e-8)), Steps::tolerance(1e-8), "1e-8"),
+        (Options::new(), Steps::fixed(0.01), "10 ms"),
+    ]
+}
+
+/// A probe over a run, at four instants, each way, against what is wanted at an instant.
+fn shows(text: &str, name: &str, tolerance: f64, wanted: impl Fn(f64) -> f64) {
+    for (options, steps, way) in ways() {
+        let compiled = with(options, text);
+        let mut sim = start(&compiled, steps);
+        for t in [0.5, 1.0, 1.37, 1.9] {
+            advance(&mut sim, t);
+            close(probe(&mut sim, name), wanted(t), tolerance, &format!("{name} at {t}, {way}"));
+        }
+        assert!(sim.summary().passive, "{name}, {way}: {:?}", sim.summary().reasons);
+    }
+}
+
+/// Laws that are solved for what the states impose, and steep enough to be told by it, hold in each row, however they are
+/// written: one that saturates, one with two slopes as a curve, dry friction of a body that slides.
+#[test]
+fn laws_hold_in_rows() {
+    shows(
+        "model Saturates {
+          Se:push = 10 N * (t/1 s)*exp(-t/(2 s))
+          I:m { f = 1 m/s * (p/(1 N*s) + (p/(1 N*s))^3) }
+          R:a { f = 3 m/s * atan(e/(0.3 N)) }
+          push -> 1:v -> m, a
+          probe off = a.e - 0.3 N * tan(a.f/(3 m/s))
+          simulate { stop = 2 s }
+        }",
+        "off",
+        1e-10,
+        |_| 0.0,
+    );
+    shows(
+        "model Curve {
+          Se:u = 1 V * sin(4 Hz * t)
+          R:feed = 1 Ohm
+          C:c = 0.1 F
+          R:d { e = max(s, 0)*0.01 V + min(s, 0)*1 V; f = max(s, 0)*3 A + min(s, 0)*0.01 A }
+          u -> 1:i -> feed, 0:n
+          n -> c, d
+          probe off = d.f - (if d.e > 0 then 300 S * d.e else 0.01 S * d.e)
+          simulate { stop = 2 s }
+        }",
+        "off",
+        1e-10,
+        |_| 0.0,
+    );
+    shows(
+        "model Slides {
+          Se:push = 6 N + 2 N * sin(3 Hz * t)
+          I:m = 1 kg
+          R:r { e = 1 N * min(max(s, -1), 1) + 2 N * (s - min(max(s, -1), 1)); f = (s - min(max(s, -1), 1))*1 m/s }
+          push -> 1:v -> m, r
+          probe off = r.e - 1 N - 2 N*s/m * r.f
+          simulate { stop = 2 s }
+        }",
+        "off",
+        1e-10,
+        |_| 0.0,
+    );
+}
+
+/// Where the states leave it open, as the force of dry friction on a body at rest and the voltage of a diode that keeps a
+/// coil without current, it is what leaves the states there, at the row and not in the middle of the last step.
+#[test]
+fn what_holds_is_what_it_holds_against() {
+    shows(
+        "model Stuck {
+          Sf:hand = 1 m/s
+          C:spring { stiffness = 2 N/m }
+          I:m = 1 kg
+          R:dry { e = 4 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*1 m/s }
+          hand -> 0:f -> spring
+          f -> 1:v -> m, dry
+          probe friction = dry.e
+          simulate { stop = 2 s }
+        }",
+        "friction",
+        1e-9,
+        |t| 2.0 * t,
+    );
+    shows(
+        "model Blocked {
+          Se:u = -5 V * t/(1 s)
+          I:l = 10 mH
+          R:d { e = min(s, 0)*1 V; f = max(s, 0)*1 A }
+          u -> 1:i -> l, d
+          probe bears = d.e
+          simulate { stop = 2 s }
+        }",
+        "bears",
+        1e-9,
+        |t| -5.0 * t,
+    );
+}
+
+/// Two dry frictions in series come to rest, and rows go on: the weaker one holds no more than it can.
+#[test]
+fn two_frictions_in_series() {
+    let text = "model Series {
+      I:a { inertia = 2 kg; p0 = 1 N*s }
+      R:r { e = 0.5 N * min(max(s, -1), 1) + 0.1 N * (s - min(max(s, -1), 1)); f = (s - min(max(s, -1), 1))*1 m/s }
+      R:q { e = 1.6 N * min(max(s, -1), 1) + 0.1 N * (s - min(max(s, -1), 1)); f = (s - min(max(s, -1), 1))*1 m/s }
+      a -> 1:J -> 0:K -> q, r
+      probe v = a.f
+      probe F = r.e
+      simulate { stop = 4 s }
+    }";
+    for (options, steps, way) in ways() {
+        let compiled = with(options, text);
+        let mut sim = start(&compiled, steps);
+        for k in 1..=16 {
+            advance(&mut sim, 0.25 * f64::from(k));
+            assert!(probe(&mut sim, "F").abs() < 0.7, "{way}: {} N", probe(&mut sim, "F"));
+        }
+        // Equal steps that go beyond where it stops leave a speed behind.
+        close(probe(&mut sim, "v"), 0.0, if way == "10 ms" { 2e-3 } else { 1e-9 }, way);
+    }
+}
+
+/// Two guides of one body: how they share the force at rest is open, so that they are at the same place of their curves,
+/// each with its part of what it can hold.
+#[test]
+fn two_frictions_on_one_body() {
+    let text = "use std.contact
+      model Guides {
+        Se:u = 4 N/s * t
+        I:m = 1 kg
+        CoulombFriction:left(Fc = 0.5 N)
+        CoulombFriction:right(Fc = 0.8 N)
+        u -> 1:w -> m, left.slide, right.slide
+        probe v = m.f
+        probe shared = left.friction.e/(0.5 N) - right.friction.e/(0.8 N)
+        probe held = left.friction.e + right.friction.e
+        simulate { stop = 1 s }
+      }";
+    // From 0.325 s on dv/dt = 4 N/s t - 1.3 N.
+    let v = |t: f64| if t < 0.325 { 0.0 } else { 2.0 * (t - 0.325) * (t - 0.325) };
+    for tolerance in [1e-6, 1e-7, 1e-9] {
+        let compiled = with(Options::new().accuracy(Accuracy::Tolerance(tolerance)), text);
+        let mut sim = start(&compiled, Steps::tolerance(tolerance));
+        for t in [0.1, 0.3, 0.7, 1.0] {
+            advance(&mut sim, t);
+            close(probe(&mut sim, "v"), v(t), 1e-5, "speed");
+            close(probe(&mut sim, "shared"), 0.0, 1e-9, "shared");
+            close(probe(&mut sim, "held"), f64::min(4.0 * t, 1.3), 1e-9, "held");
+        }
+        assert!(sim.summary().passive && sim.summary().regions[0].steps < 200, "{:?}", sim.summary());
+    }
+}
