@@ -95,7 +95,7 @@ pub(super) fn outputs(
     let mut half: Option<Expr> = None;
     let free = residuals.clone();
     // Laws that may leave their unknowns open, and those of them for which the states alone decide that.
-    let (mut bare, mut open): (Vec<bool>, Vec<Option<Expr>>) = (Vec::new(), vec![None; c.loops.len()]);
+    let (mut bare, mut open) = (Vec::new(), vec![false; c.loops.len()]);
     for (((((r, z), n), guess), switch), open) in
         residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches).zip(&mut open)
     {
@@ -111,14 +111,7 @@ pub(super) fn outputs(
             && imposed()
             && !reads(c, model, form, n)
         {
-            if let Some(column) = n.resistor().filter(|_| midway) {
-                let input = form.input(&mut model.pool, column);
-                let input = model.pool.substitute(input, &flat);
-                *open = Some(match n.how {
-                    Output::Curve { by, .. } => model.pool.mul(by, input),
-                    Output::Explicit(_) | Output::Implicit { .. } => input,
-                });
-            }
+            *open = midway;
             let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
             lowering.bind(held, *guess);
             let (s, before) = (model.pool.var(*z), model.pool.var(held));
@@ -191,15 +184,15 @@ struct Ahead<'a> {
     /// The residuals of the instant, and with each law near what the step found.
     free: &'a [Expr],
     held: &'a [Expr],
-    /// Of laws that are asked for by the states alone, and may be such, what the residual takes of that.
-    open: &'a [Option<Expr>],
+    /// Laws that are asked for by the states alone, and may be such.
+    open: &'a [bool],
     /// Weights and scales.
     sizes: (&'a [Value], &'a [Value]),
 }
 
 impl Ahead<'_> {
     /// Whether the loops were solved, and the unknowns: near what the step found; from there with the laws that tell
-    /// their unknowns as they are, the others over half a step of the backward Euler method from rest; and those of the
+    /// their unknowns as they are, the others over half a step of the backward Euler method; and those of the
     /// others that tell them then, as where a body is let go, as they are too. Where nothing is found near what the step
     /// found, as of two dry frictions in series at rest, all over half such a step.
     fn solve(
@@ -224,17 +217,16 @@ impl Ahead<'_> {
         let (far, ahead) = self.find((c, model, form), b, lowering, &ahead, start)?;
         let found = b.binary(Binary::Max, near, far);
         loops = loops.into_iter().zip(ahead).map(|(one, other)| b.select(near, one, other)).collect();
-        if self.open.iter().all(Option::is_none) {
+        if !self.open.contains(&true) {
             return Ok((found, loops));
         }
-        let mut tells: Vec<Value> = Vec::new();
+        let mut first: Vec<(Value, Expr)> = Vec::new();
         for round in 0..2 {
             let mut at = lowering.clone();
             c.loops.iter().zip(&loops).for_each(|(z, value)| at.bind(*z, *value));
             let mut residuals = self.free.to_vec();
             let mut k = 0;
-            for (((r, later), z), open) in residuals.iter_mut().zip(&later).zip(&c.loops).zip(self.open) {
-                let Some(asked) = *open else { continue };
+            for (((r, later), z), _) in residuals.iter_mut().zip(&later).zip(&c.loops).zip(self.open).filter(|t| *t.1) {
                 let pool = &mut model.pool;
                 let [now, then] = [*r, *later].map(|r| {
                     let slope = pool.derivative(r, *z);
@@ -243,19 +235,23 @@ impl Ahead<'_> {
                 let part = pool.scale(then, Number::float(TELLS));
                 let steep = pool.binary(Binary::Le, part, now);
                 let mut steep = at.lower(&model.pool, b, steep).map_err(|s| missing(model, s))?;
-                if round == 0 {
-                    tells.push(steep);
+                // What the law and the state differ by where it lies flat, as what rings by, is none of its way.
+                let off = if round == 0 {
+                    let off = at.lower(&model.pool, b, *r).map_err(|s| missing(model, s))?;
+                    let off = bound(model, lowering, "off", off);
+                    first.push((steep, off));
+                    off
                 } else {
-                    steep = b.binary(Binary::Max, steep, tells[k]);
+                    steep = b.binary(Binary::Max, steep, first[k].0);
                     k += 1;
-                }
+                    first[k - 1].1
+                };
                 let steep = bound(model, lowering, "tells", steep);
                 let pool = &mut model.pool;
                 let zero = pool.zero();
                 let steep = pool.binary(Binary::Lt, zero, steep);
-                // What moves by no more than its law's rounding is at rest.
-                let from_rest = pool.add(*later, asked);
-                *r = pool.select(steep, *r, from_rest);
+                let onward = pool.sub(*later, off);
+                *r = pool.select(steep, *r, onward);
             }
             let (good, now) = self.find((c, model, form), b, lowering, &residuals, &loops)?;
             let good = b.mul(good, near);

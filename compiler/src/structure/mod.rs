@@ -130,8 +130,6 @@ pub enum Output {
         residual: Expr,
         /// Power per square of the parameter.
         weight: Expr,
-        /// What the residual takes of the input.
-        by: Expr,
         /// Where the parameter is the argument of a law with exponentials: where these grow. Else it is a bare number.
         bends: Option<Bends>,
     },

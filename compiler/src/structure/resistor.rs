@@ -82,9 +82,7 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         let off = pool.sub(other, inputs[place]);
         let residual = pool.div(off, across);
         let weight = pool.mul(along, across);
-        let one = pool.int(1);
-        let by = pool.div(one, across);
-        let how = Output::Curve { parameter: curve.parameter, out, residual, weight, by, bends: None };
+        let how = Output::Curve { parameter: curve.parameter, out, residual, weight, bends: None };
         return Ok(Some(Found::plain(how)));
     }
     if let (None, Some(k)) = (r.model.element(c.element).field, law.linear) {
@@ -128,9 +126,9 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         let pool = &mut r.model.pool;
         let x = pool.var(law.argument);
         // The slope where an iteration starts says nothing of the slope where it ends: the argument counts by itself.
-        let (residual, weight, by) = (pool.sub(x, inputs[0]), pool.int(0), pool.int(1));
+        let (residual, weight) = (pool.sub(x, inputs[0]), pool.int(0));
         let bends = Some(bends(pool, law_output, law.argument));
-        found.steep = Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, by, bends });
+        found.steep = Some(Output::Curve { parameter: law.argument, out: law_output, residual, weight, bends });
     }
     Ok(Some(found))
 }
