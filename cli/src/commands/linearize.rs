@@ -12,7 +12,7 @@ use crate::stop::Stop;
 use crate::table::{Cell, Column, Kind, Table};
 use bond::{Simulation, Steps};
 use bond_compiler::linearize::Linearized;
-use bond_compiler::units::Dimension;
+use bond_compiler::units::{ANGULAR, Dimension};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -113,8 +113,7 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
 
 /// The frequencies of `--bode`.
 fn frequencies(text: &str) -> Result<Sweep, String> {
-    let angular = ["rad", "rpm", "deg", "°"].into_iter().find(|unit| text.contains(unit));
-    if let Some(unit) = angular {
+    if let Some(unit) = ANGULAR.into_iter().find(|unit| text.contains(unit)) {
         return Err(format!("frequencies are in Hz, turns a second, and not in `{unit}`: 1 Hz is 6.2832 rad/s"));
     }
     let list = sweep::parse(&format!("--bode={text}"))?;

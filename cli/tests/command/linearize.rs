@@ -51,6 +51,16 @@ fn poles_and_response_as_tables() {
     for (text, word) in [("1..10", "how many"), ("1 rad/s,2", "not in `rad`"), ("1 s,2 s", "are in Hz")] {
         here.bond(&["linearize", "rc.bond", "--bode", text]).is(2, &[], &[word]);
     }
+    // Nothing moves; and a position that is counted is no pole of the speed.
+    let here = here.with("r.bond", "model Rest { input u = 0 V  Se:s = u  R:r = 2 Ohm  s -> r  probe i = r.f }").with(
+        "m.bond",
+        "model M { input u = 0 N  Se:s = u  I:m = 1 kg  R:r = 4 N*s/m  s -> 1:n -> m, r
+               probe v = m.f  probe x = integral(m.f, 0 m) }",
+    );
+    let table = |args: &[&str]| here.bond(args).is(0, &[], &[]).table();
+    assert_eq!(table(&["linearize", "r.bond", "--bode", "1"]).1, [[1.0, 0.5, 0.0]]);
+    let (_, rows) = table(&["linearize", "m.bond", "--bode", "0"]);
+    assert!(rows[0][1] == 0.25 && rows[0][3].is_infinite(), "{rows:?}");
     let shut = here.with("a.bond", OSCILLATOR);
     shut.bond(&["linearize", "a.bond", "--bode", "1"]).is(1, &[], &["declare both, such as `input u"]);
 }

@@ -112,9 +112,8 @@ pub(super) fn outputs(
             && !reads(c, model, form, n)
         {
             *open = midway;
-            let held = model.pool.symbol(&format!("{} before", model.pool.name(*z)));
-            lowering.bind(held, *guess);
-            let (s, before) = (model.pool.var(*z), model.pool.var(held));
+            let before = bound(model, lowering, &format!("{} before", model.pool.name(*z)), *guess);
+            let s = model.pool.var(*z);
             let mut little = model.pool.float(pull);
             if switch.is_some() && midway {
                 let half = half.get_or_insert_with(|| half_step(c, model, b, lowering, last));
@@ -143,7 +142,7 @@ pub(super) fn outputs(
     if midway && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
         let sizes = (&weight[..], &scale[..]);
         let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, sizes };
-        let (found, loops) = ahead.solve((c, model, form), b, lowering, &start, last)?;
+        let (found, loops) = ahead.solve((c, model), b, lowering, &start, last)?;
         let known = ahead.unless(found, (c, model, lowering), &residuals, &loops);
         for (value, start) in loops.into_iter().zip(&mut start) {
             *start = b.select(found, value, *start);
@@ -197,7 +196,7 @@ impl Ahead<'_> {
     /// found, as of two dry frictions in series at rest, all over half such a step.
     fn solve(
         &self,
-        (c, model, form): (&Cluster, &mut Model, &Form),
+        (c, model): (&Cluster, &mut Model),
         b: &mut Builder,
         lowering: &mut Lowering,
         start: &[Value],
@@ -212,9 +211,9 @@ impl Ahead<'_> {
             moved.insert(s.symbol, model.pool.add(x, step));
         }
         let later: Vec<Expr> = self.free.iter().map(|r| model.pool.substitute(*r, &moved)).collect();
-        let (near, mut loops) = self.find((c, model, form), b, lowering, self.held, start)?;
+        let (near, mut loops) = self.find((c, model), b, lowering, self.held, start)?;
         let ahead = self.unless(near, (c, model, lowering), &later, &loops);
-        let (far, ahead) = self.find((c, model, form), b, lowering, &ahead, start)?;
+        let (far, ahead) = self.find((c, model), b, lowering, &ahead, start)?;
         let found = b.binary(Binary::Max, near, far);
         loops = loops.into_iter().zip(ahead).map(|(one, other)| b.select(near, one, other)).collect();
         if !self.open.contains(&true) {
@@ -253,7 +252,7 @@ impl Ahead<'_> {
                 let onward = pool.sub(*later, off);
                 *r = pool.select(steep, *r, onward);
             }
-            let (good, now) = self.find((c, model, form), b, lowering, &residuals, &loops)?;
+            let (good, now) = self.find((c, model), b, lowering, &residuals, &loops)?;
             let good = b.mul(good, near);
             loops = loops.into_iter().zip(now).map(|(before, now)| b.select(good, now, before)).collect();
         }
@@ -284,7 +283,7 @@ impl Ahead<'_> {
     /// Solves residuals: whether that was found, and the unknowns.
     fn find(
         &self,
-        (c, model, _): (&Cluster, &mut Model, &Form),
+        (c, model): (&Cluster, &mut Model),
         b: &mut Builder,
         lowering: &Lowering,
         residuals: &[Expr],
@@ -338,9 +337,7 @@ fn half_step(c: &Cluster, model: &mut Model, b: &mut Builder, lowering: &mut Low
     let known = b.binary(Binary::Lt, zero, last);
     let last = b.mul(half, last);
     let last = b.select(known, last, long);
-    let symbol = model.pool.symbol("half the last step");
-    lowering.bind(symbol, last);
-    model.pool.var(symbol)
+    bound(model, lowering, "half the last step", last)
 }
 
 /// Those of a list that are needed.
@@ -461,6 +458,19 @@ fn corner(pool: &Pool, e: Expr, with: Symbol) -> f64 {
     largest
 }
 
+/// So many times twice the turns of a state are looked at, beside each of them.
+const DOUBLINGS: usize = 8;
+
+/// 0 at each whole number: sin(pi a), by what is left of two of them, which keeps the digits of a large one. It is above 0
+/// from an even one on, and 0 itself at an odd one.
+fn turns(pool: &mut Pool, a: Expr) -> Expr {
+    let (half, one, turn) = (pool.scale(a, Number::HALF), pool.int(1), pool.float(-std::f64::consts::PI));
+    let pairs = pool.unary(Unary::Floor, half);
+    let rest = pool.combine(&[(a, Number::ONE), (pairs, Number::from(-2)), (one, Number::MINUS_ONE)]);
+    let angle = pool.mul(turn, rest);
+    pool.unary(Unary::Sin, angle)
+}
+
 /// What switches, each with its guard by index.
 pub(super) type Switches = Vec<(Expr, usize)>;
 
@@ -511,7 +521,7 @@ pub(super) fn guards(
                 roots.push(child);
             }
         });
-        let mut knee = None;
+        let mut more = Vec::new();
         let bends = matches!(node, Node::Unary(Unary::Tanh | Unary::Atan, _) | Node::Binary(Binary::Atan2, ..));
         let guard = match node {
             Node::Binary(Binary::Lt | Binary::Le | Binary::Min | Binary::Max, a, b) => model.pool.sub(a, b),
@@ -522,19 +532,20 @@ pub(super) fn guards(
             Node::Unary(Unary::Tanh, a) => {
                 let square = model.pool.mul(a, a);
                 let end = model.pool.float(KNEE * KNEE);
-                knee = Some(model.pool.sub(square, end));
+                more.push(model.pool.sub(square, end));
                 a
             }
             Node::Unary(Unary::Abs | Unary::Sign | Unary::Atan, a) => a,
-            // At each whole number: sin(pi a), by what is left of two of them, which keeps the digits of a large one. It
-            // is above 0 from an even one on, and 0 itself at an odd one.
-            Node::Unary(Unary::Floor, a) => {
-                let pool = &mut model.pool;
-                let (half, one, turn) = (pool.scale(a, Number::HALF), pool.int(1), pool.float(-std::f64::consts::PI));
-                let pairs = pool.unary(Unary::Floor, half);
-                let rest = pool.combine(&[(a, Number::ONE), (pairs, Number::from(-2)), (one, Number::MINUS_ONE)]);
-                let angle = pool.mul(turn, rest);
-                pool.unary(Unary::Sin, angle)
+            Node::Unary(Unary::Floor, mut a) => {
+                let guard = turns(&mut model.pool, a);
+                // Of a state a step may pass so many that as many lie on both sides: one of every second, fourth, ... of
+                // them it then passes alone.
+                let moves = c.states.iter().any(|s| model.pool.contains(a, s.symbol));
+                for _ in 0..if moves { DOUBLINGS } else { 0 } {
+                    a = model.pool.scale(a, Number::HALF);
+                    more.push(turns(&mut model.pool, a));
+                }
+                guard
             }
             Node::Binary(..)
             | Node::Unary(..)
@@ -547,7 +558,7 @@ pub(super) fn guards(
         let symbols = model.pool.symbols(guard);
         if !symbols.is_empty() && symbols.iter().all(|s| told.contains(s)) {
             found.push(guard);
-            found.extend(knee);
+            found.extend(more);
             if !bends {
                 switches.push((e, guard));
             }

@@ -792,7 +792,7 @@ fn angular(e: &Expr) -> Option<&str> {
     match &e.kind {
         ExprKind::Number { unit, .. } => {
             let symbols = unit.iter().flat_map(|u| &u.factors).map(|f| f.0.as_str());
-            symbols.into_iter().find(|s| matches!(*s, "rpm" | "rad" | "mrad" | "deg" | "°"))
+            symbols.into_iter().find(|s| crate::units::ANGULAR.contains(s))
         }
         ExprKind::Paren(e) | ExprKind::Unary(_, e) => angular(e),
         ExprKind::Binary(_, a, b) => angular(a).or_else(|| angular(b)),

@@ -25,6 +25,9 @@ pub struct UnknownSymbol {
     pub suggestion: Option<String>,
 }
 
+/// Symbols of angles and angular speeds, in which a rate counts radians, and not turns.
+pub const ANGULAR: [&str; 5] = ["rpm", "rad", "mrad", "deg", "°"];
+
 /// Whether a symbol is written for the degree Celsius, which is no unit: it has another zero.
 pub fn is_celsius(symbol: &str) -> bool {
     matches!(symbol, "°C" | "degC" | "deg_C" | "celsius" | "Celsius")

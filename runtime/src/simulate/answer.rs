@@ -153,8 +153,8 @@ impl Run {
     /// held all the time: for the interval of the hold and some after it, a matrix of the change, with each held input,
     /// of the integral of what each port gives out. Empty where a step fails.
     ///
-    /// `probe` is the size of the change. Where its steps have an error, they are halved, and what they give is extrapolated (Romberg), until it changes no
-    /// more: the answer is the region's, not its stepper's.
+    /// `probe` is the size of the change. Where its steps have an error, they are halved, and what they give is
+    /// extrapolated (Romberg), until it changes no more: the answer is the region's, not its stepper's.
     fn response(&mut self, c: &Cluster, period: f64, (ports, about): (&[usize], &[f64]), probe: f64) -> Answers {
         let at = (ports, about, probe);
         let later = if EFFORT / (LATER * STEPS * ports.len()) < self.state.len() { 2 } else { LATER };

@@ -25,7 +25,7 @@ const CHATTER: u32 = 20;
 
 /// Switches before one that was located are looked for so often at most; and what changes its sign by less than this part
 /// of its largest is rounding.
-const SOONER: u32 = 4;
+const SOONER: u32 = 16;
 const SLIGHT: f64 = 1e-9;
 
 /// What comes nearer to 0 in a step leaves no more than this part.
@@ -171,12 +171,12 @@ impl Run {
         let mut past = self.narrow(c, t, (aim, floor), &mut bracket)?;
         // Another guard may have changed its sign before, and jump back there, as at the end of a turn.
         for _ in 0..if c.guards.as_ref().is_some_and(|g| g.jumps) { SOONER } else { 0 } {
-            let Some(sooner) = self.sooner(c, t, &bracket, past)? else { break };
+            let Some(sooner) = self.sooner(c, t, (bracket.low.0, bracket.high.0 - 2.0 * past))? else { break };
             bracket = sooner;
             past = self.narrow(c, t, (aim, floor), &mut bracket)?;
         }
         let found = bracket.high.0;
-        if found < STANDS * self.default_step {
+        if found < STANDS * self.default_step && !self.jumped(c) {
             return Ok(Located::Stands(bracket.guard));
         }
         let before = match &c.guards {
@@ -186,10 +186,16 @@ impl Run {
         Ok(Located::At(before.unwrap_or(found), bracket.guard))
     }
 
-    /// Between which points a guard changes its sign before the switch in a bracket that was narrowed down, if one does.
-    /// The whole step then ends at the second of them.
-    fn sooner(&mut self, c: &Cluster, t: f64, bracket: &Bracket, past: f64) -> Result<Option<Bracket>, Failure> {
-        let (low, at) = (bracket.low.0, bracket.high.0 - 2.0 * past);
+    /// Whether a guard is clearly beyond 0 just past a switch: it jumps there, and may jump back within the step.
+    fn jumped(&self, c: &Cluster) -> bool {
+        let (true, Some(fit)) = (c.guards.as_ref().is_some_and(|g| g.jumps), &self.fit) else { return false };
+        let mut values = fit.below.iter().zip(&fit.beyond).zip(&fit.tops);
+        values.any(|((from, to), top)| from * to < 0.0 && to.abs() > SLIGHT * top)
+    }
+
+    /// The bracket of a guard that changes its sign between where all are as last seen and another place, if one does.
+    /// The whole step then ends there.
+    fn sooner(&mut self, c: &Cluster, t: f64, (low, at): (f64, f64)) -> Result<Option<Bracket>, Failure> {
         if at <= low {
             return Ok(None);
         }
@@ -345,14 +351,8 @@ impl Run {
         let is_there = |(x, top): (&f64, &f64)| x.abs() <= SLIGHT * top;
         if jumps && self.fit.as_ref().is_some_and(|fit| fit.beyond.iter().zip(&fit.tops).any(is_there)) {
             let at = h - (8.0 * f64::EPSILON * (t + h).abs()).max(1e-13 * h);
-            self.stride(t, at, Part::Trial)?;
-            self.guards_at(c, t + at, Part::Trial);
-            let Some(fit) = &mut self.fit else { return Ok(None) };
-            let firm = |g: &usize| fit.seen[*g].abs() > SLIGHT * fit.tops[*g];
-            if let Some(guard) = earliest(&fit.below, &fit.seen).filter(firm) {
-                std::mem::swap(&mut fit.seen, &mut fit.beyond);
-                std::mem::swap(&mut fit.trial, &mut fit.whole);
-                return Ok(Some(Bracket::new(guard, (0.5 * h, fit.below[guard]), (at, fit.beyond[guard]), None)));
+            if let Some(bracket) = self.sooner(c, t, (0.5 * h, at))? {
+                return Ok(Some(bracket));
             }
         }
         // A guard that was 0 at the start.
