@@ -96,7 +96,7 @@ impl Code {
     pub fn backend(self) -> &'static dyn Backend {
         match self {
             #[cfg(feature = "native")]
-            Code::Native => &bond_compiler::backend::native::Jit,
+            Code::Native => &bond_compiler::backend::native::JIT,
             #[cfg(not(feature = "native"))]
             Code::Native => &Interpret,
             Code::Interpreted => &Interpret,

@@ -113,7 +113,11 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
             writeln!(out, "{:11}     hint: {hint}", "")?;
         }
     }
-    writeln!(out, "{:11} worst step {}, total {} (relative)", "balance", short(s.worst_step), short(s.total))?;
+    if s.regions.iter().all(|r| !r.passive_stepper) && !s.regions.is_empty() {
+        writeln!(out, "{:11} not measured: no stepper of this run keeps it", "balance")?;
+    } else {
+        writeln!(out, "{:11} worst step {}, total {} (relative)", "balance", short(s.worst_step), short(s.total))?;
+    }
     if let Some(left) = left_out(&o.scene.left_out) {
         writeln!(out, "{:11} {left}", "left out")?;
     }

@@ -331,6 +331,8 @@ pub struct Cluster {
     pub instant: Program,
     /// Where its laws switch.
     pub guards: Option<Guards>,
+    /// Whether its laws have exponentials, by which a state may be moved in next to no time where it starts.
+    pub is_steep: bool,
     /// What is stored: H of each region, then d2H/dx2 and the grain of each state. Inputs as for `instant`; it depends on the state
     /// alone.
     pub stored: Program,

@@ -3,7 +3,7 @@
 use crate::common::{all_scenes, cases, file, read, stop, title, with};
 use bond::{Code, Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::code::Stmt;
-use bond_compiler::backend::native::{Jit, Shared};
+use bond_compiler::backend::native::{JIT, Shared};
 use bond_compiler::backend::{lower, unit};
 use bond_compiler::discretise::Accuracy;
 use bond_runtime::interpreter::Interpret;
@@ -82,12 +82,12 @@ impl Stretch for Counted {
 
 impl Backend for Eager {
     fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
-        Jit.kernel(program)
+        JIT.kernel(program)
     }
 
     fn stretches(&self) -> Option<Maker> {
         let make = |scene: &Scene, options: &simulate::Options, start: &Start| -> Option<Box<dyn Stretch>> {
-            Some(Box::new(Counted((Jit.stretches()?.make)(scene, options, start)?)))
+            Some(Box::new(Counted((JIT.stretches()?.make)(scene, options, start)?)))
         };
         Some(Maker { make: Arc::new(make), worth: 0 })
     }
@@ -388,7 +388,7 @@ const SPECIAL: [f64; 14] = [
 fn outputs(program: &Program, state: &[f64], input: &[f64]) -> [Vec<u64>; 3] {
     assert_eq!(program.verify(), Ok(()), "{program}");
     let shared = Shared::default();
-    let backends: [&dyn Backend; 3] = [&Interpret, &Jit, &shared];
+    let backends: [&dyn Backend; 3] = [&Interpret, &JIT, &shared];
     backends.map(|backend| {
         let kernel = backend.kernel(program);
         let mut work = kernel.workspace();
@@ -768,7 +768,7 @@ fn states_that_overflow_are_told() {
                 let mut state = vec![1.0; cells];
                 state[at] = x;
                 let slot = Slot::new(Array::Next, at);
-                for backend in [&Interpret as &dyn Backend, &Jit] {
+                for backend in [&Interpret as &dyn Backend, &JIT] {
                     let kernel = backend.kernel(&program);
                     let result = kernel.run(&state, &[], &[], &mut kernel.workspace());
                     let wanted = if fails { Err(Failure::NotFinite { slot }) } else { Ok(()) };

@@ -37,6 +37,29 @@ fn independent_storages_stay() {
     assert_eq!(counts("model M { Se:u = 1 V I:l = 1 H GY:g = 2 V*s/m I:m = 3 kg u -> 1:i -> l, g g -> m }"), (0, 2));
 }
 
+/// An attenuator whose every cell halves: the rows of its form have their neighbours in them alone, however many there are.
+#[test]
+fn many_free_resistors() {
+    let attenuator = text(
+        "model Attenuator {
+          Se:u = 1 V
+          for i in 1..400 { R:a[i] = 1 Ohm  R:b[i] = 2 Ohm  1:j[i] -> a[i], 0:k[i]  k[i] -> b[i] }
+          u -> j[1]
+          for i in 1..399 { k[i] -> j[i+1] }
+          R:end = 2 Ohm
+          k[400] -> end
+          probe first = b[1].e
+          probe last = b[400].e
+        }",
+    );
+    assert!(attenuator.stages().form.columns.iter().all(|c| c.row.len() <= 3));
+    let mut sim = start(&attenuator, Steps::new());
+    finish(&mut sim, 1.0);
+    close(probe(&mut sim, "first"), 0.5, 1e-15, "first");
+    let last = probe(&mut sim, "last") / (-400f64).exp2();
+    close(last, 1.0, 1e-12, "last");
+}
+
 #[test]
 fn asserted_strokes_are_kept() {
     let free = text("model M { Se:u = 1 V R:a = 1 Ohm R:b = 2 Ohm u -> 1:i -> a, b }");

@@ -1,8 +1,9 @@
 //! Exponential laws and resistors far shorter than a step: passive steppers go on at any step, with the balance kept.
 //! So does the exact one, whatever the time constants of a line.
 
-use crate::common::{cases, finish, probe, start, with};
+use crate::common::{cases, close, finish, probe, start, with};
 use bond::{Options, Steps, Summary};
+use bond_compiler::discretise::Accuracy;
 use proptest::prelude::*;
 
 const METHODS: [&str; 5] = ["gonzalez", "collocation4", "collocation8", "collocation12", "radau"];
@@ -277,6 +278,59 @@ model M {{ Sf:u = {given} A  R:line = {ohms} Ohm  I:l = {size} H  R:d {{ f = (1 
             }
         }
     }
+}
+
+/// Two capacitors and a diode that is given far more than it ever keeps: what moves within 1e-200 s at the start is seen, and
+/// the rest follows the closed form, `exp(-v/Vt) = 1 - (1 - exp(-v0/Vt)) exp(-k t)`.
+#[test]
+fn a_start_far_from_rest() {
+    let (c1, c2, vt, is) = (0.05, 0.2, 0.2, 1e-5);
+    let k = is * (1.0 / c1 + 1.0 / c2) / vt;
+    for v0 in [2.0, 8.0, 12.0, 20.0, 100.0] {
+        let text = format!(
+            "model Far {{
+              C:a {{ compliance = {c1} F; e0 = {v0} V }}
+              C:b = {c2} F
+              R:d {{ f = {is} A * (exp(e/({vt} V)) - 1) }}
+              0:n -> a
+              n -> 1:i -> d, b
+              probe q = a.q
+              simulate {{ stop = 1 s }}
+            }}"
+        );
+        let y = 1.0 - (1.0 - f64::exp(-v0 / vt)) * f64::exp(-k);
+        let wanted = (-vt * y.ln() + c1 * v0 / c2) / (1.0 / c1 + 1.0 / c2);
+        let tried = [(None, 1e-6), (None, 1e-3), (None, 1e-8), (Some("gonzalez"), 1e-6), (Some("collocation6"), 1e-6)];
+        for (method, tolerance) in tried {
+            let options = Options::new().accuracy(Accuracy::Tolerance(tolerance));
+            let compiled = with(method.iter().fold(options, |o, m| o.method(*m)), &text);
+            let mut sim = start(&compiled, Steps::tolerance(tolerance));
+            finish(&mut sim, 1.0);
+            let what = format!("{v0} V at {tolerance:e}, {method:?}");
+            close(probe(&mut sim, "q") / wanted, 1.0, (10.0 * tolerance).min(1e-3), &what);
+            assert!(sim.summary().passive, "{what}: {:?}", sim.summary().reasons);
+        }
+    }
+}
+
+/// At the far end of a line of diodes next to nothing arrives, and less than a number has digits for: that is not iterated.
+#[test]
+fn a_long_line_of_diodes() {
+    let text = "model Line {
+      Se:u = 1 V * sin(t * 1 Hz)
+      for i in 1..800 {
+        R:r[i] = 1 Ohm  C:c[i] = 1 mF  R:d[i] { f = 1 pA * (exp(e/(25 mV)) - 1) }
+        1:j[i] -> r[i], 0:k[i]
+        k[i] -> c[i], d[i]
+      }
+      u -> j[1]
+      for i in 1..799 { k[i] -> j[i+1] }
+      probe a = c[1].e
+    }";
+    let summary = ran(text, "gonzalez", 1e-3, 0.01);
+    let region = &summary.regions[0];
+    let (steps, iterations) = (region.steps, region.newton_iterations);
+    assert!(iterations <= 4 * steps && steps == 10, "{steps} steps, {iterations} iterations");
 }
 
 /// How long steps are is told by who runs, not by the model alone.

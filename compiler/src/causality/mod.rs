@@ -27,6 +27,8 @@ const LOOKED_AT: usize = 100_000;
 const SMALLER: f64 = 1e-4;
 /// So many dependent storages are looked at for that.
 const MOST_SWAPPED: usize = 16;
+/// More resistors than this, whose causality is free, are many.
+const MANY: usize = 64;
 
 /// Why a bond has its stroke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -256,14 +258,18 @@ fn strokes<'a>(
             }
         }
     }
+    let free = resistors.iter().filter(|(_, bond)| a.strokes[bond.at()].is_none()).count();
     for linear in [false, true] {
         for &(id, bond) in &resistors {
             let Some(r) = law(model, id).filter(|r| r.linear.is_some() == linear) else { continue };
             // What a curve has at rest is 0 itself, and not the difference of what stands beside it, where it gives its
-            // junction what all there have in common.
+            // junction what all there have in common. Of many resistors without storages between them, as the cells of
+            // an attenuator, each equation then has its neighbours in it, and not all that stand before it.
+            let common =
+                r.curve.is_some() || free > MANY && r.linear.is_some_and(|k| model.pool.constant(k) != Some(0.0));
             let gives = match model.element(model.bond(bond).other(id)).kind {
-                Kind::One if r.curve.is_some() => Variable::Flow,
-                Kind::Zero if r.curve.is_some() => Variable::Effort,
+                Kind::One if common => Variable::Flow,
+                Kind::Zero if common => Variable::Effort,
                 _ => r.gives,
             };
             a.prefer(bond, a.stroke_for(bond, id, gives), if linear { Cause::Free } else { Cause::Law(id) });

@@ -11,9 +11,6 @@ use bond_runtime::ir::{Binary, Unary};
 const LOOSE: f64 = 1e-3;
 /// One at most this asks for order 8, between the two for 6. Measured on smooth problems: Duffing, pendulum, Kepler.
 const TIGHT: f64 = 1e-5;
-/// One at most this asks for order 8 where a region has kinks, too. Steps to a looser one are so long that they may pass
-/// over what a kink brings, such as the pulse of a diode.
-const KINKS: f64 = 1e-7;
 /// Stages of the method of order 8.
 const ORDER_8: usize = 4;
 /// Stages of `radau`.
@@ -99,19 +96,15 @@ pub(super) fn nonlinear(
     if !small {
         return (Method::Gonzalez, "it is not linear, and large");
     }
-    if kinked && tolerance > KINKS {
-        return (Method::Gonzalez, "it is not linear, and not smooth");
-    }
     let apart = kinked && !collocation::is_coupled(c, ORDER_8);
     if apart && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
         return (Method::Gonzalez, "it is not linear, and has kinks and a root");
     }
-    if kinked {
-        return (Method::Collocation8, "steps end at its kinks, and the tolerance asks for order 8");
-    }
-    match tolerance <= TIGHT {
-        true => (Method::Collocation8, "it is smooth, and the tolerance asks for order 8"),
-        false => (Method::Collocation6, "it is smooth, and the tolerance asks for order 6"),
+    match (tolerance <= TIGHT, kinked) {
+        (true, false) => (Method::Collocation8, "it is smooth, and the tolerance asks for order 8"),
+        (false, false) => (Method::Collocation6, "it is smooth, and the tolerance asks for order 6"),
+        (true, true) => (Method::Collocation8, "steps end at its kinks, and the tolerance asks for order 8"),
+        (false, true) => (Method::Collocation6, "steps end at its kinks, and the tolerance asks for order 6"),
     }
 }
 
@@ -138,6 +131,11 @@ pub(super) fn laws(c: &Cluster) -> Vec<Expr> {
     let energies = c.groups.iter().flat_map(|g| g.coenergy.iter().copied());
     let nodes = c.nodes.iter().flat_map(|n| n.how.expressions());
     energies.chain(nodes).chain(c.states.iter().map(|s| s.rate)).collect()
+}
+
+/// Whether something is an exponential.
+pub(super) fn is_exponential(n: &Node) -> bool {
+    matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _))
 }
 
 /// Whether something has a kink or a jump.

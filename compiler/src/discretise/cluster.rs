@@ -612,6 +612,7 @@ impl Cluster {
             respond,
             instant,
             guards,
+            is_steep: choice::laws(self).iter().any(|e| model.pool.any_node(*e, &choice::is_exponential)),
             stored: instant::stored(self, model, form)?,
             energies: self.regions.iter().enumerate().map(|(i, r)| (r.at(), i)).collect(),
             curvatures: (0..self.states.len()).map(|i| self.regions.len() + i).collect(),

@@ -78,6 +78,7 @@ pub(super) fn outputs(
     // found.
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
     let midway = matches!(pull.switches, Switched::Midway { .. });
+    let observed = pull.switches != Switched::Free;
     let switches = match pull.switches {
         Switched::Free => vec![None; c.loops.len()],
         Switched::AtEnd => stiff::switches(c, model, form).into_iter().map(|s| Some(HOLD * s?.rest)).collect(),
@@ -106,12 +107,13 @@ pub(super) fn outputs(
             Output::Implicit { .. } => switch,
             Output::Curve { .. } | Output::Explicit(_) => is_bare.then_some(pull.curves),
         };
+        let may_be_open = if is_bare { observed } else { midway };
         bare.push(is_bare || midway && pull.is_some());
         if let Some(pull) = pull
             && imposed()
             && !reads(c, model, form, n)
         {
-            *open = midway;
+            *open = may_be_open;
             let before = bound(model, lowering, &format!("{} before", model.pool.name(*z)), *guess);
             let s = model.pool.var(*z);
             let mut little = model.pool.float(pull);
@@ -139,7 +141,7 @@ pub(super) fn outputs(
     let weight = measure::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let scale = measure::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
     let mut start = guesses.to_vec();
-    if midway && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
+    if observed && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
         let sizes = (&weight[..], &scale[..]);
         let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, sizes };
         let (found, loops) = ahead.solve((c, model), b, lowering, &start, last)?;

@@ -137,9 +137,24 @@ impl Known {
     }
 }
 
+/// An exponent that is less is none: what its law gives has lost its digits below the smallest normal number.
+const VANISHES: f64 = 1e-250;
+
+/// What [`imposed`] found, by column and how many resistors it looks through.
+type Imposed = FxHashMap<(ColumnId, u32), Expr>;
+
 /// Sum of the magnitudes of what others than resistors give to a column's input, in terms of states and loops; through
 /// so many linear resistors too.
-fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId, through: u32) -> Expr {
+fn imposed(
+    model: &mut Model,
+    form: &Form,
+    (flat, found): (&FxHashMap<Symbol, Expr>, &mut Imposed),
+    column: ColumnId,
+    through: u32,
+) -> Expr {
+    if let Some(sum) = found.get(&(column, through)) {
+        return *sum;
+    }
     let mut list = Vec::new();
     for &(j, k) in &form.column(column).row {
         let Law::Resistor(_) = model.element(form.column(j).element).law else {
@@ -150,14 +165,16 @@ fn imposed(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, colum
         // What is switched off makes anything of what it is given.
         let gain = tight::gain(form, j).filter(|k| through > 0 && !model.pool.is_chosen(*k));
         let Some(gain) = gain else { continue };
-        let given = imposed(model, form, flat, j, through - 1);
+        let given = imposed(model, form, (flat, found), j, through - 1);
         let pool = &mut model.pool;
         let k = pool.mul(k, gain);
         let k = pool.substitute(k, flat);
         let k = pool.unary(Unary::Abs, k);
         list.push(pool.mul(k, given));
     }
-    model.pool.sum(&list)
+    let sum = model.pool.sum(&list);
+    found.insert((column, through), sum);
+    sum
 }
 
 /// Linear resistors in a row that are looked through.
@@ -304,16 +321,19 @@ pub(super) fn scales(
     let lower = |model: &Model, b: &mut Builder, lowering: &mut Lowering, e: Expr| {
         lowering.lower(&model.pool, b, e).map_err(|s| missing(model, s))
     };
+    let mut found = Imposed::default();
     let mut laws = Vec::with_capacity(c.loops.len());
     for node in c.loop_nodes() {
         if let Output::Curve { bends, .. } = node.how {
             // The argument of an exponential is what it is given, and so known to the rounding of that. What resistors
             // give of it is not known at the start: the slope changes too fast.
             let one = b.number(1.0);
-            laws.push(match node.resistor().filter(|_| bends.is_some()) {
-                Some(column) => {
-                    let terms = imposed(model, form, &flat, column, THROUGH);
-                    Size::Law { terms, slope: one, forward: true }
+            laws.push(match node.resistor().zip(bends) {
+                Some((column, bends)) => {
+                    let terms = imposed(model, form, (&flat, &mut found), column, THROUGH);
+                    let sides = bends.above.into_iter().chain(bends.below);
+                    let least = model.pool.float(sides.map(|b| VANISHES / b.1.abs()).fold(0.0, f64::max));
+                    Size::Law { terms: model.pool.add(terms, least), slope: one, forward: true }
                 }
                 None => Size::Known(one),
             });
@@ -401,7 +421,7 @@ pub(super) fn scales(
             scales.push(size);
             continue;
         };
-        let mut given = imposed(model, form, &flat, column, THROUGH);
+        let mut given = imposed(model, form, (&flat, &mut found), column, THROUGH);
         if !forward && matches!(node.how, Output::Implicit { bends: None, .. }) {
             let lost = cancelled(model, form, node, column);
             given = model.pool.add(given, lost);

@@ -4,7 +4,7 @@
 //! kept until the cluster is advanced past its end. So rows of output lie inside of steps, and an input that is set at
 //! a row ends the step there. A plan is a cache: the state of a run without it gives the same plan again.
 
-use super::attempt::{Taken, copy, is_stateless};
+use super::attempt::{Attempt, Taken, copy, is_stateless};
 use super::cluster::{Run, advance_ports, book};
 use super::event::{STANDS, noise};
 use super::{Error, Options};
@@ -20,6 +20,11 @@ const CRAWL: (u32, f64) = (20_000, 1e-5);
 const TAKEN_BACK: u32 = 4;
 /// Of steps as short as this part of the usual one a run has more than it will ever come through.
 const ENDLESS: f64 = 1e-7;
+/// No step is shorter than the first part of the time that it begins at, nor than the second one of the usual step: at the
+/// start of a run a law may be far faster than where it goes on.
+const SHORTEST: (f64, f64) = (1e-13, 1e-290);
+/// What begins at rest moves by less than this part of what a step of twice the length moves it by.
+const LESS: f64 = 0.95;
 /// What a step is shorter than the controller's best guess.
 const SAFE: f64 = 0.9;
 /// Steps grow and shrink by no more than this at once.
@@ -358,10 +363,10 @@ impl Run {
             // It rose between.
             (control.chatter, control.faint, control.noisy) = (0, None, 0);
         }
-        let (mut last_failure, mut refused) = (None, None::<(f64, f64, usize)>);
+        let (mut last_failure, mut refused) = (None, None::<Attempt>);
         let usual = self.default_step;
         let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
-        let shortest = (1e-13 * t.abs().max(1e-300)).max(1e-12 * usual);
+        let shortest = (SHORTEST.0 * t.abs()).max(SHORTEST.1 * usual);
         let (smallest, result) = loop {
             if let Some(fit) = &mut self.fit {
                 fit.spare = failures >= OWN;
@@ -414,16 +419,18 @@ impl Run {
             };
             let ratio = attempt.error / tolerance;
             // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small
-            // enough.
-            let vain = attempt.fresh
-                && attempt.h < 1e-3 * usual
-                && refused.is_some_and(|(longer, worse, _)| attempt.h < 0.5 * longer && attempt.error > 0.25 * worse);
+            // enough, where it moves by less than a longer one.
+            let alike = |longer: &Attempt| {
+                let apart = attempt.worst == longer.worst && attempt.size > LESS * longer.size;
+                attempt.h < 0.5 * longer.h && attempt.error > 0.25 * longer.error && !apart
+            };
+            let vain = attempt.fresh && attempt.h < 1e-3 * usual && refused.as_ref().is_some_and(alike);
             // A method that looks at the end of its step sees what holds beyond the switch, however near that is.
             let brief = attempt.event && attempt.h < BRIEF * usual;
             if ratio > 1.0 && !vain && !brief {
                 control.ahead = attempt.h * (SAFE * exp(-log(ratio) / order)).clamp(SHRINK, SAFE);
                 control.rejected += 1;
-                refused = Some((attempt.h, attempt.error, attempt.worst));
+                refused = Some(attempt);
                 continue;
             }
             let done = last.filter(|_| attempt.h >= h);
@@ -493,7 +500,7 @@ impl Run {
                 if endless {
                     return Err(Error::Endless { time: t, region, step: smallest });
                 }
-                let state = refused.and_then(|r| c.names.get(r.2).cloned());
+                let state = refused.and_then(|r| c.names.get(r.worst).cloned());
                 Err(Error::TooSmall { time: t, region, state, step: smallest })
             }
         }

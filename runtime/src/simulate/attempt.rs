@@ -16,8 +16,11 @@ const ROUNDED: f64 = 1e-15;
 /// The same of what has no energy, a state or an integral, in SI units.
 const SMALLEST: f64 = 1e-24;
 
-/// Before the first step, so many are looked at, each this part of the one before.
+/// Before the first step, so many are looked at, each this part of the one before; where laws have exponentials, up to so
+/// many more, until no state moves by more than this part of its size.
 const LOOKS: i32 = 4;
+const MORE: i32 = 110;
+const MOVES: f64 = 1.0 / 256.0;
 const SHORTER: f64 = 1.0 / 256.0;
 /// The power of [`SHORTER`] with the exponent 5/2: states begin to move by no higher power of the time, by its square where
 /// a source begins at 0.
@@ -131,6 +134,8 @@ pub(super) struct Attempt {
     pub(super) error: f64,
     /// What is off most was next to nothing before: by the step's own work alone its error is measured.
     pub(super) fresh: bool,
+    /// The size of that.
+    pub(super) size: f64,
     /// What is off most: a state, or an integral after them.
     pub(super) worst: usize,
     /// Whether the whole step counts, or else its halves.
@@ -145,6 +150,7 @@ pub(super) struct Attempt {
 struct Estimate {
     error: f64,
     fresh: bool,
+    size: f64,
     worst: usize,
 }
 
@@ -178,42 +184,50 @@ impl Run {
         }
         // What ends at a switch was found with a whole step, and so that one counts.
         let near = !is_event && self.is_near();
-        let Estimate { error, fresh, worst } = self.estimate(c, is_event, near)?;
+        let Estimate { error, fresh, size, worst } = self.estimate(c, is_event, near)?;
         let whole = is_event || c.step.estimate.is_some();
         let off = self.off(c, whole);
         let Some(fit) = self.fit.as_mut().filter(|_| off != 0.0) else {
-            return Ok(Attempt { h, error, fresh, worst, whole, event: is_event, faint });
+            return Ok(Attempt { h, error, fresh, size, worst, whole, event: is_event, faint });
         };
         fit.off = off;
         Err(Failure::Balance)
     }
 
     /// The first step of a run, at most `h`: where a method lets stay what is far too fast for it (Gauss' of an even
-    /// number of stages does), a whole step and its halves say the same, and no estimate tells that both are wrong. So
+    /// number of stages does), a whole step and its halves say the same, and no estimate tells that both are wrong. By
+    /// exponentials a state may be moved so far, too, where it starts, that what all of them say is worth nothing. So
     /// steps that are ever shorter are looked at first, by which no state may move by more than its size in the first.
     pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> f64 {
         if !c.step.passive {
             return self.first_explicit(c, t, h);
         }
-        if !(c.step.name.starts_with("collocation") && c.step.order.is_multiple_of(4)) {
-            return h;
-        }
+        let stays = c.step.name.starts_with("collocation") && c.step.order.is_multiple_of(4);
+        let least = if stays { LOOKS } else { 0 };
+        let looks = if c.is_steep { LOOKS + MORE } else { least };
         let root = self.cool(c, self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum()).sqrt();
         let mut first = h;
-        for k in 1..=LOOKS {
+        for k in 1..=looks {
             let short = h * SHORTER.powi(k);
             if self.stride(t, short, Part::Trial).is_err() {
                 continue;
             }
             let Some(fit) = &self.fit else { return h };
+            let mut most = 0.0f64;
             for ((x, y), scale) in self.state.iter().zip(&fit.trial.next).zip(&self.scales).take(c.states) {
                 let (moved, size) = ((y - x).abs(), x.abs().max(root * scale.natural));
                 if size > 0.0 && moved * first > size * short {
                     first = size * short / moved;
                 }
+                if size > 0.0 {
+                    most = most.max(moved / size);
+                }
+            }
+            if k >= least && most < MOVES {
+                break;
             }
         }
-        first.max(h * SHORTER.powi(LOOKS))
+        first.max(h * SHORTER.powi(looks))
     }
 
     /// The first step of an explicit method, at most `h`: one that is too long for what is stiff moves states by the power
@@ -263,7 +277,7 @@ impl Run {
     /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. Where the step is
     /// `near` a switch, that difference itself.
     fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<Estimate, Failure> {
-        let mut most = Estimate { error: 0.0, fresh: false, worst: usize::MAX };
+        let mut most = Estimate { error: 0.0, fresh: false, size: 0.0, worst: usize::MAX };
         let Some(fit) = &self.fit else { return Ok(most) };
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
         let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
@@ -273,7 +287,7 @@ impl Run {
         let mut tell = |worst: usize, off: f64, before: f64, now: f64| {
             if off > most.error * now {
                 let error = if now > 0.0 { off / now } else { f64::INFINITY };
-                most = Estimate { error, fresh: before <= 0.1 * now, worst };
+                most = Estimate { error, fresh: before <= 0.1 * now, size: now, worst };
             }
         };
         let (root, cool) = (h_max.sqrt(), self.cool(c, h_max).sqrt());

@@ -176,7 +176,7 @@ impl Run {
             past = self.narrow(c, t, (aim, floor), &mut bracket)?;
         }
         let found = bracket.high.0;
-        if found < STANDS * self.default_step && !self.jumped(c) {
+        if found < STANDS * self.default_step && (t + found <= t || !self.jumped(c)) {
             return Ok(Located::Stands(bracket.guard));
         }
         let before = match &c.guards {

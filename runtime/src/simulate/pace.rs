@@ -188,9 +188,9 @@ impl Simulation<'_> {
     }
 
     /// Hands over to those who go by a clock that has just ended an interval, but for those who are due themselves.
-    pub(super) fn hand_over_to_others(&mut self, due: &[usize]) {
+    pub(super) fn hand_over_to_others(&mut self, due: &[bool]) {
         for i in 0..self.pace.len() {
-            if self.pace[i].as_ref().is_some_and(|p| due.contains(&p.clock)) && !due.contains(&i) {
+            if self.pace[i].as_ref().is_some_and(|p| due[p.clock]) && !due[i] {
                 self.hand_over(i);
             }
         }

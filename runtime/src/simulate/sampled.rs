@@ -11,6 +11,8 @@ use crate::scene::{Entries, Respond};
 #[derive(Default)]
 pub(super) struct Scratch {
     pub(super) due: Vec<usize>,
+    /// The same, by cluster.
+    pub(super) is_due: Vec<bool>,
     alpha: Vec<f64>,
     doubt: Vec<f64>,
     ahead: Vec<Held>,
@@ -24,6 +26,7 @@ impl Scratch {
         let room = || Vec::with_capacity(ports);
         Self {
             due: Vec::with_capacity(clusters),
+            is_due: vec![false; clusters],
             alpha: room(),
             doubt: room(),
             ahead: Vec::with_capacity(ports),

@@ -299,22 +299,24 @@ impl<'a> Simulation<'a> {
         scratch
             .due
             .extend(self.order.iter().filter(|i| (self.instant(**i, self.next[**i]) - at).abs() <= 1e-12 * at.abs()));
+        scratch.is_due.fill(false);
         for k in 0..scratch.due.len() {
             let i = scratch.due[k];
+            scratch.is_due[i] = true;
             if self.next[i] > 0 {
                 self.hand_over(i);
                 self.commit(i)?;
                 self.collect(Some(i));
             }
         }
-        self.hand_over_to_others(&scratch.due);
-        self.refresh_foreign(at, &scratch.due)?;
+        self.hand_over_to_others(&scratch.is_due);
+        self.refresh_foreign(at, &scratch.is_due)?;
         for k in (0..scratch.due.len()).rev() {
             let i = scratch.due[k];
             self.respond(i, at, scratch)?;
             self.next[i] += 1;
         }
-        self.refresh_foreign(at, &scratch.due)
+        self.refresh_foreign(at, &scratch.is_due)
     }
 
     /// Hands what continuous and sampled clusters gave out at their ports to those who hold them; of sampled ones, what
@@ -352,14 +354,14 @@ impl<'a> Simulation<'a> {
 
     /// Samples the signals that clusters read of each other, and those given from outside: continuous clusters at each
     /// sample, sampled ones when they are due.
-    fn refresh_foreign(&mut self, at: f64, due: &[usize]) -> Result<(), Error> {
+    fn refresh_foreign(&mut self, at: f64, due: &[bool]) -> Result<(), Error> {
         for k in 0..self.read.len() {
             let i = self.read[k];
-            let t = if due.contains(&i) { at } else { self.own_time(i, at) };
+            let t = if due[i] { at } else { self.own_time(i, at) };
             self.runs[i].observe(&self.scene.clusters[i], t)?;
         }
         for (i, c) in self.scene.clusters.iter().enumerate() {
-            if c.period.is_some() && !due.contains(&i) {
+            if c.period.is_some() && !due[i] {
                 continue;
             }
             let run = &mut self.runs[i];

@@ -6,6 +6,9 @@ use std::borrow::Cow;
 
 /// What the balance of a step is off by at most, relative, where it is said to be kept.
 pub const KEPT: f64 = 1e-12;
+/// The same for each state, where there are many: a sum of n terms is rounded by up to n parts in 1e16 of itself (Higham,
+/// Accuracy and Stability of Numerical Algorithms, 4.2), and there are two of them in a balance.
+const KEPT_EACH: f64 = 2.0 * f64::EPSILON;
 /// Energies below this part of the scene's largest are rounding.
 const FLOOR: f64 = 1e-14;
 /// What H may be above all that was given, as a part of what was held before, where another energy keeps the balance.
@@ -243,7 +246,8 @@ impl Simulation<'_> {
             if !(region.h_initial.is_finite() && region.h_final.is_finite()) {
                 reasons.push(format!("H of `{}` is no finite number", region.name));
             }
-            if region.passive_stepper && (region.worst_step > KEPT || region.worst_step.is_nan()) {
+            let kept = KEPT.max(KEPT_EACH * region.states as f64);
+            if region.passive_stepper && (region.worst_step > kept || region.worst_step.is_nan()) {
                 reasons
                     .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
             }

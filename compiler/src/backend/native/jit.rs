@@ -8,8 +8,8 @@ use super::functions::{self, ONE, SOLVE, TWO};
 use super::lanes::{self, LANES};
 use super::translate::{Made, NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
 use crate::backend::code::Routine;
-use crate::backend::lower;
 use crate::backend::unit::{self, Own};
+use crate::backend::{is_large, lower};
 use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::{Array, Program};
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
@@ -19,7 +19,7 @@ use bond_runtime::solve::linear;
 use cranelift_codegen::settings::{self, Configurable};
 use cranelift_jit::{JITBuilder, JITModule};
 use cranelift_module::{FuncId, Linkage, default_libcall_names};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// Statements in a function at most: above, compiling takes longer than it saves.
 const LARGEST: usize = 30_000;
@@ -28,13 +28,49 @@ const LARGEST: usize = 30_000;
 pub(super) const WORTH: u64 = 40_000;
 
 /// Compiles programs to machine code. A program that is too large, or has a form that machine code is not written for,
-/// is interpreted; so is all on a machine that Cranelift does not know.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Jit;
+/// is interpreted; so is all on a machine that Cranelift does not know. Equal ones, as of regions that differ in name
+/// alone, are compiled once, as long as one of them is in use.
+pub static JIT: Jit = Jit { made: Mutex::new(Vec::new()) };
+
+/// What [`JIT`] is.
+pub struct Jit {
+    made: Mutex<Vec<Known>>,
+}
+
+/// A program without its names, with its code and the data of that.
+struct Known {
+    program: Program,
+    code: Weak<Code>,
+    data: Vec<f64>,
+}
+
+impl Jit {
+    fn compiled(&self, program: &Program) -> Option<Compiled> {
+        let fresh = || {
+            let mut routine = lower(program)?;
+            let data = std::mem::take(&mut routine.data);
+            Some((Arc::new(Code::new(routine)?), data))
+        };
+        if is_large(program) {
+            let (code, data) = fresh()?;
+            return Some(Compiled::of(program, code, data));
+        }
+        let nameless = Program { name: String::new(), names: Vec::new(), ..program.clone() };
+        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = made.iter().find(|m| m.program == nameless).and_then(|m| Some((m.code.upgrade()?, m.data.clone())));
+        if let Some((code, data)) = known {
+            return Some(Compiled::of(program, code, data));
+        }
+        made.retain(|m| m.code.strong_count() > 0);
+        let (code, data) = fresh()?;
+        made.push(Known { program: nameless, code: Arc::downgrade(&code), data: data.clone() });
+        Some(Compiled::of(program, code, data))
+    }
+}
 
 impl Backend for Jit {
     fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
-        match Compiled::new(program) {
+        match self.compiled(program) {
             Some(compiled) => Box::new(compiled),
             None => Box::new(Interpreter::new(program)),
         }
@@ -141,13 +177,6 @@ pub(super) struct Compiled {
 }
 
 impl Compiled {
-    /// With code of its own.
-    fn new(program: &Program) -> Option<Self> {
-        let mut routine = lower(program)?;
-        let data = std::mem::take(&mut routine.data);
-        Some(Self::of(program, Arc::new(Code::new(routine)?), data))
-    }
-
     /// With code and data that were made for it.
     pub(super) fn of(program: &Program, code: Arc<Code>, data: Vec<f64>) -> Self {
         Self { program: program.clone(), code, data }

@@ -10,6 +10,6 @@ mod shared;
 mod translate;
 mod vector;
 
-pub use jit::Jit;
+pub use jit::{JIT, Jit};
 pub use object::object;
 pub use shared::Shared;

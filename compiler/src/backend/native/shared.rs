@@ -1,6 +1,6 @@
 //! Machine code for many scenes of one make: it is made once, and takes the numbers in which they differ from its data.
 
-use super::jit::{Abreast, Code, Compiled, Jit, WORTH, Whole, Wide};
+use super::jit::{Abreast, Code, Compiled, JIT, WORTH, Whole, Wide};
 use super::lanes::LANES;
 use crate::backend::code::Routine;
 use crate::backend::unit::{self, Own};
@@ -88,7 +88,7 @@ fn known<K: PartialEq, V>(list: &Makes<K, V>, key: K, make: impl FnOnce() -> Opt
 impl Backend for Shared {
     fn kernel(&self, program: &Program) -> Box<dyn Kernel> {
         if is_large(program) {
-            return Jit.kernel(program);
+            return JIT.kernel(program);
         }
         let make = || {
             let mut routine = lower_apart(program)?;
