@@ -265,8 +265,8 @@ fn strokes<'a>(
             // What a curve has at rest is 0 itself, and not the difference of what stands beside it, where it gives its
             // junction what all there have in common. Of many resistors without storages between them, as the cells of
             // an attenuator, each equation then has its neighbours in it, and not all that stand before it.
-            let common =
-                r.curve.is_some() || free > MANY && r.linear.is_some_and(|k| model.pool.constant(k) != Some(0.0));
+            let turns = r.linear.map_or(!one_way[id.at()], |k| model.pool.constant(k) != Some(0.0));
+            let common = r.curve.is_some() || free > MANY && turns;
             let gives = match model.element(model.bond(bond).other(id)).kind {
                 Kind::One if common => Variable::Flow,
                 Kind::Zero if common => Variable::Effort,

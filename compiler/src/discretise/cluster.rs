@@ -5,8 +5,8 @@ use super::collocation::{self, Nodes};
 use super::level::Level;
 use super::near::Known;
 use super::{
-    Method, accounts, ahead, choice, exact, explicit, gonzalez, hold, input_of, instant, is_time, jump, level, ray,
-    sav, start, swing, switching, unfit,
+    Method, accounts, ahead, choice, exact, explicit, gonzalez, guard, hold, input_of, instant, is_time, jump, level,
+    ray, sav, start, stored, swing, switching, unfit,
 };
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
@@ -613,7 +613,7 @@ impl Cluster {
             instant,
             guards,
             is_steep: choice::laws(self).iter().any(|e| model.pool.any_node(*e, &choice::is_exponential)),
-            stored: instant::stored(self, model, form)?,
+            stored: stored::stored(self, model, form)?,
             energies: self.regions.iter().enumerate().map(|(i, r)| (r.at(), i)).collect(),
             curvatures: (0..self.states.len()).map(|i| self.regions.len() + i).collect(),
             heats: self.heats(model, form),
@@ -638,7 +638,7 @@ impl Cluster {
 
     /// Where its laws switch, and its step along a branch where that looks beyond them.
     fn guards(&self, model: &mut Model, form: &Form, stepper: &str) -> Result<Option<scene::Guards>, Vec<Diagnostic>> {
-        let Some((mut guards, switches)) = instant::guards(self, model, form)? else { return Ok(None) };
+        let Some((mut guards, switches)) = guard::guards(self, model, form)? else { return Ok(None) };
         guards.ends = stepper == Method::Radau.name();
         guards.branch = explicit::branch(self, model, form, stepper, &switches)?;
         Ok(Some(guards))

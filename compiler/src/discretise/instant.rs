@@ -1,16 +1,14 @@
 //! Observation: what signals are at one instant, from the states and what comes in.
 
-use super::choice;
-use super::cluster::{self, Cluster, Recall, State, missing, verified};
+use super::cluster::{self, Cluster, Recall, missing, verified};
 use super::stiff::{self, Switch};
 use super::write::{self, System};
 use super::{Method, measure};
-use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
+use crate::expression::{Expr, Lowering, Number, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Program, Slot, Unary, Value};
-use bond_runtime::scene::Guards;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
@@ -18,11 +16,8 @@ pub(super) const HOLD: f64 = 1e-2;
 /// The same where a passive step goes by what it gives: next to nothing, so that the law takes power.
 pub(super) const SLIGHT: f64 = 1e-9;
 
-/// Laws that switch on what so many loops tell at most are watched.
+/// So many loops at most are solved so that laws may leave some of them open.
 const LOOPS: usize = 16;
-/// Where the turn of a `tanh` ends, in its argument: 2e-7 are missing to 1 there.
-const KNEE: f64 = 8.0;
-
 /// Where things are among the outputs: the signals shown come first.
 pub(super) struct Layout {
     pub(super) ports: usize,
@@ -367,239 +362,6 @@ fn reads(c: &Cluster, model: &mut Model, form: &Form, n: &cluster::Node) -> bool
     let input = form.input(&mut model.pool, column);
     let symbols = model.pool.symbols(input);
     c.nodes.iter().any(|m| m.source().is_none() && symbols.contains(&m.out))
-}
-
-/// Writes what is stored: H of each region, then the curvature and the grain of each state.
-pub(super) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Program, Vec<Diagnostic>> {
-    let mut b = Builder::new(c.title(form, "what is stored"));
-    let inputs = write::inputs(&mut b, c, form, model);
-    let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let mut list: Vec<(String, Expr)> = Vec::new();
-    for r in &c.regions {
-        list.push((format!("H({})", form.regions[r.at()].name), c.energy(&mut model.pool, *r)));
-    }
-    let curvatures = measure::curvatures(c, model);
-    let grains = grains(c, model, form, &curvatures);
-    list.extend(c.states.iter().zip(curvatures).map(|(s, k)| (format!("curvature({})", s.name), k)));
-    list.extend(c.states.iter().zip(grains).map(|(s, k)| (format!("grain({})", s.name), k)));
-    for (name, e) in list {
-        let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
-        let slot = b.named(Array::Output, name);
-        b.store(slot, v);
-    }
-    verified(model, b.finish())
-}
-
-/// What the co-energy variable of each state is uncertain by where a curve has a corner: about there the curve's
-/// parameter is rounded by a part of itself, however little it is beyond the corner. A block that dry friction lets go,
-/// at s = 1, has no speed between 0 and the rounding of 1. Of a state without energy, what its rate is uncertain by for
-/// that.
-fn grains(c: &Cluster, model: &mut Model, form: &Form, curvatures: &[Expr]) -> Vec<Expr> {
-    let mut list = vec![model.pool.int(0); c.states.len()];
-    for node in c.loop_nodes() {
-        let Output::Curve { residual, parameter, .. } = node.how else { continue };
-        let pool = &mut model.pool;
-        let corner = corner(pool, residual, parameter);
-        let along = pool.derivative(residual, parameter);
-        let slope = [1.5, -1.5].map(|part| {
-            let beyond = pool.float(part * corner);
-            let there = pool.substitute(along, &FxHashMap::from_iter([(parameter, beyond)]));
-            pool.constant(there).map_or(0.0, f64::abs)
-        });
-        let off = 4.0 * f64::EPSILON * corner * slope[0].max(slope[1]);
-        if !(off > 0.0 && off.is_finite()) {
-            continue;
-        }
-        for (s, grain) in c.states.iter().zip(&mut list) {
-            let Some(column) = s.column else { continue };
-            let by = pool.derivative(residual, form.column(column).out);
-            if let Some(by) = pool.constant(by).filter(|k| *k != 0.0 && k.is_finite()) {
-                let more = pool.float(off / by.abs());
-                *grain = pool.add(*grain, more);
-            }
-        }
-    }
-    let pool = &mut model.pool;
-    let stores: Vec<bool> = curvatures.iter().map(|k| !pool.is_zero(*k)).collect();
-    let known: Vec<(Symbol, Expr)> = (c.states.iter().zip(&list).zip(&stores))
-        .filter(|((_, grain), stores)| **stores && !pool.is_zero(**grain))
-        .filter_map(|((s, grain), _)| Some((form.column(s.column?).out, *grain)))
-        .collect();
-    for ((s, grain), _) in c.states.iter().zip(&mut list).zip(&stores).filter(|(_, stores)| !**stores) {
-        let by = pool.derivatives(s.rate, &known.iter().map(|k| k.0).collect::<Vec<_>>());
-        let mut parts = Vec::new();
-        for (by, (_, grain)) in by.into_iter().zip(&known) {
-            if let Some(by) = pool.constant(by) {
-                let by = pool.float(by.abs());
-                parts.push(pool.mul(by, *grain));
-            }
-        }
-        *grain = pool.sum(&parts);
-    }
-    list
-}
-
-/// The largest number, by magnitude, that an expression compares a symbol with.
-fn corner(pool: &Pool, e: Expr, with: Symbol) -> f64 {
-    let (mut seen, mut stack) = (FxHashSet::default(), vec![e]);
-    let mut largest = 0.0f64;
-    while let Some(e) = stack.pop() {
-        if !seen.insert(e) {
-            continue;
-        }
-        let node = pool.node(e);
-        if let Node::Binary(Binary::Min | Binary::Max | Binary::Lt | Binary::Le, a, b) = node {
-            for (x, y) in [(*a, *b), (*b, *a)] {
-                if let Some(k) = pool.constant(y).filter(|_| pool.contains_any(x, &|s| s == with)) {
-                    largest = largest.max(k.abs());
-                }
-            }
-        }
-        node.each_child(&mut |child| stack.push(child));
-    }
-    largest
-}
-
-/// So many times twice the turns of a state are looked at, beside each of them.
-const DOUBLINGS: usize = 8;
-
-/// 0 at each whole number: sin(pi a), by what is left of two of them, which keeps the digits of a large one. It is above 0
-/// from an even one on, and 0 itself at an odd one.
-fn turns(pool: &mut Pool, a: Expr) -> Expr {
-    let (half, one, turn) = (pool.scale(a, Number::HALF), pool.int(1), pool.float(-std::f64::consts::PI));
-    let pairs = pool.unary(Unary::Floor, half);
-    let rest = pool.combine(&[(a, Number::ONE), (pairs, Number::from(-2)), (one, Number::MINUS_ONE)]);
-    let angle = pool.mul(turn, rest);
-    pool.unary(Unary::Sin, angle)
-}
-
-/// What switches, each with its guard by index.
-pub(super) type Switches = Vec<(Expr, usize)>;
-
-/// Writes the guards of a cluster's laws and integrands, and tells what switches on them; `None` where none switches on
-/// something that states, time and loops tell.
-pub(super) fn guards(
-    c: &Cluster,
-    model: &mut Model,
-    form: &Form,
-) -> Result<Option<(Guards, Switches)>, Vec<Diagnostic>> {
-    let map = c.at_instant(&mut model.pool, form);
-    let mut roots: Vec<Expr> = map.values().copied().collect();
-    let flat = c.flat(&mut model.pool, map);
-    let residuals: Vec<Expr> =
-        c.loop_residuals(&mut model.pool).into_iter().map(|r| model.pool.substitute(r, &flat)).collect();
-    roots.extend(flat.values().chain(&residuals).copied());
-    // What storages are given is a sum of all that, with ratios of transformers and gyrators in it, which may switch too.
-    let ratio = |s: &&State| s.column.is_none() || model.pool.any_node(s.rate, &choice::is_kink);
-    let rates: Vec<Expr> = c.states.iter().filter(ratio).map(|s| s.rate).collect();
-    for rate in rates.into_iter().chain(c.integrals.iter().map(|i| i.rate)) {
-        roots.push(model.pool.substitute(rate, &flat));
-    }
-    roots.sort_unstable();
-    let mut seen: FxHashSet<Expr> = FxHashSet::default();
-    let mut found: Vec<Expr> = Vec::new();
-    let mut switches: Vec<(Expr, Expr)> = Vec::new();
-    let given = c.inputs.iter().map(|i| i.1).chain(c.time);
-    // Signals of samples stay until the next one, where a step ends in any case.
-    let given = given.chain(c.foreign.iter().copied());
-    let mut told: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(given).collect();
-    let loops: &[Symbol] = if c.loops.len() <= LOOPS { &c.loops } else { &[] };
-    told.extend(loops);
-    while let Some(e) = roots.pop() {
-        if !seen.insert(e) {
-            continue;
-        }
-        let node = model.pool.node(e).clone();
-        // x |x| has a slope everywhere. Of a flow that a loop tells, and that comes to rest, rounding makes the sign.
-        let even = |child: Expr| match (&node, model.pool.node(child)) {
-            (Node::Product(_, factors), Node::Unary(Unary::Abs, x)) => {
-                let is_in = |e: Expr| factors.iter().any(|f| f.0 == e && f.1.integer().is_some_and(|n| n > 0));
-                is_in(*x) && is_in(child) && model.pool.contains_any(*x, &|s| loops.contains(&s))
-            }
-            _ => false,
-        };
-        node.each_child(&mut |child| {
-            if !even(child) {
-                roots.push(child);
-            }
-        });
-        let mut more = Vec::new();
-        let bends = matches!(node, Node::Unary(Unary::Tanh | Unary::Atan, _) | Node::Binary(Binary::Atan2, ..));
-        let guard = match node {
-            Node::Binary(Binary::Lt | Binary::Le | Binary::Min | Binary::Max, a, b) => model.pool.sub(a, b),
-            // It jumps by 2 pi where y passes 0 below x = 0: where this does, and does not elsewhere but for y < 0.
-            Node::Binary(Binary::Atan2, y, x) => model.pool.binary(Binary::Max, y, x),
-            // This and `atan` may be switches but for a little, as friction is often written: what a step over such a
-            // turn misses, neither it nor its halves see. So a step ends where this one's does, too.
-            Node::Unary(Unary::Tanh, a) => {
-                let square = model.pool.mul(a, a);
-                let end = model.pool.float(KNEE * KNEE);
-                more.push(model.pool.sub(square, end));
-                a
-            }
-            Node::Unary(Unary::Abs | Unary::Sign | Unary::Atan, a) => a,
-            Node::Unary(Unary::Floor, mut a) => {
-                let guard = turns(&mut model.pool, a);
-                // Of a state a step may pass so many that as many lie on both sides: one of every second, fourth, ... of
-                // them it then passes alone.
-                let moves = c.states.iter().any(|s| model.pool.contains(a, s.symbol));
-                for _ in 0..if moves { DOUBLINGS } else { 0 } {
-                    a = model.pool.scale(a, Number::HALF);
-                    more.push(turns(&mut model.pool, a));
-                }
-                guard
-            }
-            Node::Binary(..)
-            | Node::Unary(..)
-            | Node::Number(_)
-            | Node::Symbol(_)
-            | Node::Sum(..)
-            | Node::Product(..) => continue,
-            Node::Power(..) | Node::Select(..) => continue,
-        };
-        let symbols = model.pool.symbols(guard);
-        if !symbols.is_empty() && symbols.iter().all(|s| told.contains(s)) {
-            found.push(guard);
-            found.extend(more);
-            if !bends {
-                switches.push((e, guard));
-            }
-        }
-    }
-    if found.is_empty() {
-        return Ok(None);
-    }
-    found.sort_unstable();
-    found.dedup();
-    let mut b = Builder::new(c.title(form, "guards"));
-    let inputs = write::inputs(&mut b, c, form, model);
-    let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let count = found.len();
-    let mut list: Vec<(String, Expr)> = found.iter().map(|g| (model.pool.print(*g), *g)).collect();
-    let wide = found.iter().any(|g| model.pool.contains_any(*g, &|s| loops.contains(&s)));
-    if wide {
-        for (z, guess) in loops.iter().zip(&inputs.guesses) {
-            lowering.bind(*z, *guess);
-        }
-        let names: Vec<String> = loops.iter().map(|z| model.pool.name(*z).to_string()).collect();
-        list.extend(names.iter().zip(&residuals).map(|(z, r)| (format!("residual of {z}"), *r)));
-        for (what, e) in names.iter().zip(&residuals).map(|(z, r)| (z.clone(), *r)).chain(list[..count].to_vec()) {
-            let slopes = model.pool.derivatives(e, loops);
-            list.extend(names.iter().zip(slopes).map(|(z, d)| (format!("d {what} / d {z}"), d)));
-        }
-    }
-    for (name, e) in list {
-        let v = lowering.lower(&model.pool, &mut b, e).map_err(|s| missing(model, s))?;
-        let slot = b.named(Array::Output, name);
-        b.store(slot, v);
-    }
-    let at = |(e, guard): (Expr, Expr)| Some((e, found.binary_search(&guard).ok()?));
-    let switches = switches.into_iter().filter_map(at).collect();
-    let loops = if wide { loops.len() } else { 0 };
-    let is_floor = |n: &Node| matches!(n, Node::Unary(Unary::Floor, _));
-    let jumps = found.iter().any(|e| model.pool.any_node(*e, &is_floor));
-    let program = verified(model, b.finish())?;
-    Ok(Some((Guards { program, count, loops, ends: false, branch: None, jumps }, switches)))
 }
 
 /// Writes the observation of the signals `shows`.
