@@ -331,8 +331,11 @@ pub struct Cluster {
     pub instant: Program,
     /// Where its laws switch.
     pub guards: Option<Guards>,
-    /// Whether its laws have exponentials, by which a state may be moved in next to no time where it starts.
-    pub is_steep: bool,
+    /// Whether it is solved for arguments of exponentials: by such laws a state may be moved in next to no time where it
+    /// starts.
+    pub has_exponentials: bool,
+    /// Whether a law is a curve with corners, as that of dry friction: what that holds moves by less than it begins to.
+    pub has_corners: bool,
     /// What is stored: H of each region, then d2H/dx2 and the grain of each state. Inputs as for `instant`; it depends on the state
     /// alone.
     pub stored: Program,

@@ -58,6 +58,27 @@ fn many_free_resistors() {
     close(probe(&mut sim, "first"), 0.5, 1e-15, "first");
     let last = probe(&mut sim, "last") / (-400f64).exp2();
     close(last, 1.0, 1e-12, "last");
+    // Laws that can be turned do the same.
+    let clamped = text(
+        "model Clamped {
+          Se:u = 1 V * sin(100 Hz * t)
+          for i in 1..100 {
+            R:a[i] = 1 Ohm  R:d[i] { f = 1 pA * (exp(e/(25 mV)) - 1) }
+            1:j[i] -> a[i], 0:k[i]
+            k[i] -> d[i]
+          }
+          u -> j[1]
+          for i in 1..99 { k[i] -> j[i+1] }
+          C:c = 1 mF
+          k[100] -> c
+          probe off = d[1].f - 1 pA * (exp(d[1].e/(25 mV)) - 1)
+        }",
+    );
+    assert!(clamped.stages().form.columns.iter().all(|c| c.row.len() <= 4));
+    let mut sim = start(&clamped, Steps::fixed(1e-3));
+    finish(&mut sim, 0.05);
+    close(probe(&mut sim, "off"), 0.0, 1e-12, "the law of a diode");
+    assert!(sim.summary().passive, "{:?}", sim.summary().reasons);
 }
 
 #[test]

@@ -9,8 +9,12 @@ use bond_runtime::ir::{Binary, Unary};
 
 /// A tolerance above this asks for nothing better than order 2.
 const LOOSE: f64 = 1e-3;
-/// One at most this asks for order 8, between the two for 6. Measured on smooth problems: Duffing, pendulum, Kepler.
+/// One at most this asks for order 8, between the two for 6. Measured on smooth problems: Duffing, pendulum, Kepler. Of a
+/// region with kinks it asks for order 8 or for none above 2: steps to a looser one are so long that they may pass over what
+/// a kink brings, such as the pulse of a diode.
 const TIGHT: f64 = 1e-5;
+/// The same of a region with laws that are curves with corners.
+const CORNERS: f64 = 1e-7;
 /// Stages of the method of order 8.
 const ORDER_8: usize = 4;
 /// Stages of `radau`.
@@ -76,7 +80,7 @@ pub(super) fn nonlinear(
     }
     let laws = laws(c);
     let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
-    let kinked = any(model, &is_kink) || c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }));
+    let kinked = any(model, &is_kink) || has_corners(c);
     if !c.followed.is_empty() {
         let linear = c.nodes.iter().all(|n| !n.curved);
         let fits = small || linear && count(c) <= LINEAR;
@@ -96,15 +100,20 @@ pub(super) fn nonlinear(
     if !small {
         return (Method::Gonzalez, "it is not linear, and large");
     }
+    // Where curves hold one another, as dry friction on both sides of a gear, only steps of order 2 go on well.
+    if kinked && (tolerance > TIGHT || has_corners(c) && tolerance > CORNERS) {
+        return (Method::Gonzalez, "it is not linear, and not smooth");
+    }
     let apart = kinked && !collocation::is_coupled(c, ORDER_8);
     if apart && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
         return (Method::Gonzalez, "it is not linear, and has kinks and a root");
     }
-    match (tolerance <= TIGHT, kinked) {
-        (true, false) => (Method::Collocation8, "it is smooth, and the tolerance asks for order 8"),
-        (false, false) => (Method::Collocation6, "it is smooth, and the tolerance asks for order 6"),
-        (true, true) => (Method::Collocation8, "steps end at its kinks, and the tolerance asks for order 8"),
-        (false, true) => (Method::Collocation6, "steps end at its kinks, and the tolerance asks for order 6"),
+    if kinked {
+        return (Method::Collocation8, "steps end at its kinks, and the tolerance asks for order 8");
+    }
+    match tolerance <= TIGHT {
+        true => (Method::Collocation8, "it is smooth, and the tolerance asks for order 8"),
+        false => (Method::Collocation6, "it is smooth, and the tolerance asks for order 6"),
     }
 }
 
@@ -133,9 +142,9 @@ pub(super) fn laws(c: &Cluster) -> Vec<Expr> {
     energies.chain(nodes).chain(c.states.iter().map(|s| s.rate)).collect()
 }
 
-/// Whether something is an exponential.
-pub(super) fn is_exponential(n: &Node) -> bool {
-    matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _))
+/// Whether a law is a curve with corners, as that of dry friction.
+pub(super) fn has_corners(c: &Cluster) -> bool {
+    c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }))
 }
 
 /// Whether something has a kink or a jump.

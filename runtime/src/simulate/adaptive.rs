@@ -20,9 +20,10 @@ const CRAWL: (u32, f64) = (20_000, 1e-5);
 const TAKEN_BACK: u32 = 4;
 /// Of steps as short as this part of the usual one a run has more than it will ever come through.
 const ENDLESS: f64 = 1e-7;
-/// No step is shorter than the first part of the time that it begins at, nor than the second one of the usual step: at the
-/// start of a run a law may be far faster than where it goes on.
-const SHORTEST: (f64, f64) = (1e-13, 1e-290);
+/// No step is shorter than the first part of the time that it begins at, nor than the third one of the usual step; one of
+/// exponential laws than the second one of that, since where they begin to move things they may be far faster than where they
+/// go on. Nor is one that is not solved shorter than the third part of what was tried first.
+const SHORTEST: (f64, f64, f64) = (1e-13, 1e-290, 1e-12);
 /// What begins at rest moves by less than this part of what a step of twice the length moves it by.
 const LESS: f64 = 0.95;
 /// What a step is shorter than the controller's best guess.
@@ -145,6 +146,8 @@ pub(super) struct Fit {
     pub(super) second: Taken,
     /// A look on the way.
     pub(super) trial: Taken,
+    /// By how much each state was moved by a look at a short step.
+    pub(super) moves: Vec<f64>,
     /// The guard that the step which is tried ends just before.
     pub(super) stood: Option<usize>,
     /// The guards before a switch, beyond it, and where they were looked at last.
@@ -202,6 +205,7 @@ impl Fit {
             first: Taken::new(c),
             second: Taken::new(c),
             trial: Taken::new(c),
+            moves: vec![0.0; c.states],
             stood: None,
             below: vec![0.0; guards],
             beyond: vec![0.0; guards],
@@ -347,8 +351,17 @@ impl Run {
         let Some(fit) = &self.fit else { return Ok((t, true)) };
         let (tolerance, longest, limit, mut control) = (fit.tolerance, fit.longest, fit.limit, fit.control);
         let order = f64::from(c.step.order + 1);
-        if self.steps == 0 && control.events == 0 {
-            control.ahead = self.first_step(c, t, control.ahead.min(longest));
+        // A law has switched where the step begins. By exponentials things may go far before the time does.
+        let mut begins = t > 0.0 && control.began == t;
+        if self.steps == 0 && control.events == 0 || begins && c.has_exponentials {
+            let first = control.ahead.min(longest);
+            control.ahead = match self.first_step(c, t, first) {
+                None if self.steps == 0 => {
+                    let (region, step) = (c.name.clone(), SHORTEST.1 * first);
+                    return Err(Error::TooSmall { time: t, region, state: None, step });
+                }
+                found => found.unwrap_or(first),
+            };
         }
         let limit = Some(limit).filter(|l| *l > t + SAME * t.abs());
         let end = end.into_iter().chain(limit).min_by(f64::total_cmp);
@@ -366,7 +379,11 @@ impl Run {
         let (mut last_failure, mut refused) = (None, None::<Attempt>);
         let usual = self.default_step;
         let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
-        let shortest = (SHORTEST.0 * t.abs()).max(SHORTEST.1 * usual);
+        let shortest = match c.has_exponentials {
+            true => SHORTEST.1 * usual,
+            false => (SHORTEST.0 * t.abs()).max(SHORTEST.2 * usual),
+        };
+        let unsolved = shortest.max(SHORTEST.2 * control.ahead.min(longest).min(usual));
         let (smallest, result) = loop {
             if let Some(fit) = &mut self.fit {
                 fit.spare = failures >= OWN;
@@ -392,7 +409,7 @@ impl Run {
                     h = 0.5 * (end - t);
                 }
             }
-            if h <= shortest {
+            if h <= if last_failure.is_some() { unsolved } else { shortest } {
                 break (h, None);
             }
             let attempt = match self.attempt(c, t, h, control.aim - t) {
@@ -419,9 +436,9 @@ impl Run {
             };
             let ratio = attempt.error / tolerance;
             // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small
-            // enough, where it moves by less than a longer one.
+            // enough; where far shorter ones can be taken, where it moves by less than a longer one.
             let alike = |longer: &Attempt| {
-                let apart = attempt.worst == longer.worst && attempt.size > LESS * longer.size;
+                let apart = c.has_exponentials && attempt.worst == longer.worst && attempt.size > LESS * longer.size;
                 attempt.h < 0.5 * longer.h && attempt.error > 0.25 * longer.error && !apart
             };
             let vain = attempt.fresh && attempt.h < 1e-3 * usual && refused.as_ref().is_some_and(alike);
@@ -433,8 +450,16 @@ impl Run {
                 refused = Some(attempt);
                 continue;
             }
+            if begins && !attempt.event {
+                begins = false;
+                if let Some(shorter) = self.set_off(c, t, attempt.h).filter(|h| *h > shortest) {
+                    control.ahead = shorter;
+                    control.rejected += 1;
+                    continue;
+                }
+            }
             let done = last.filter(|_| attempt.h >= h);
-            if done.is_none() && t + attempt.h <= t {
+            if done.is_none() && t + attempt.h <= t && !c.has_exponentials {
                 break (attempt.h, None);
             }
             control.stood = self.fit.as_ref().and_then(|fit| fit.stood);

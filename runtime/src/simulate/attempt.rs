@@ -1,5 +1,6 @@
 //! An attempt at an adaptive step: what is computed of it, and its estimated error.
 
+use super::adaptive::Fit;
 use super::cluster::{Book, FAINTEST, Run, imbalance};
 use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
@@ -21,6 +22,14 @@ const SMALLEST: f64 = 1e-24;
 const LOOKS: i32 = 4;
 const MORE: i32 = 110;
 const MOVES: f64 = 1.0 / 256.0;
+/// What begins to move by the square root of the time moves by a sixteenth of what a step of 256 times the length moves it by;
+/// this many times as much are looked at.
+const ALIKE: f64 = 32.0;
+/// What a state moves by misses no more than this part of what it begins to move by.
+const MISSED: f64 = 0.75;
+/// How much shorter the next step is that is looked at for that, and how many are: to 1e-6 of the first.
+const QUARTER: f64 = 0.25;
+const QUARTERS: i32 = 10;
 const SHORTER: f64 = 1.0 / 256.0;
 /// The power of [`SHORTER`] with the exponent 5/2: states begin to move by no higher power of the time, by its square where
 /// a source begins at 0.
@@ -197,37 +206,79 @@ impl Run {
     /// The first step of a run, at most `h`: where a method lets stay what is far too fast for it (Gauss' of an even
     /// number of stages does), a whole step and its halves say the same, and no estimate tells that both are wrong. By
     /// exponentials a state may be moved so far, too, where it starts, that what all of them say is worth nothing. So
-    /// steps that are ever shorter are looked at first, by which no state may move by more than its size in the first.
-    pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> f64 {
+    /// steps that are ever shorter are looked at first, by which no state may move by more than its size in the first. None
+    /// where the shortest of them still moves one of them so.
+    pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
         if !c.step.passive {
-            return self.first_explicit(c, t, h);
+            return Some(self.first_explicit(c, t, h));
         }
         let stays = c.step.name.starts_with("collocation") && c.step.order.is_multiple_of(4);
         let least = if stays { LOOKS } else { 0 };
-        let looks = if c.is_steep { LOOKS + MORE } else { least };
+        let looks = if c.has_exponentials { LOOKS + MORE } else { least };
         let root = self.cool(c, self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum()).sqrt();
-        let mut first = h;
+        let (mut first, mut most, mut thrown) = (h, 0.0f64, false);
         for k in 1..=looks {
             let short = h * SHORTER.powi(k);
             if self.stride(t, short, Part::Trial).is_err() {
                 continue;
             }
-            let Some(fit) = &self.fit else { return h };
-            let mut most = 0.0f64;
-            for ((x, y), scale) in self.state.iter().zip(&fit.trial.next).zip(&self.scales).take(c.states) {
+            let Some(fit) = &mut self.fit else { return Some(h) };
+            most = 0.0;
+            let states = self.state.iter().zip(&fit.trial.next).zip(&self.scales).zip(&mut fit.moves);
+            for (((x, y), scale), longer) in states {
                 let (moved, size) = ((y - x).abs(), x.abs().max(root * scale.natural));
-                if size > 0.0 && moved * first > size * short {
-                    first = size * short / moved;
-                }
                 if size > 0.0 {
+                    first = if moved * first > size * short { size * short / moved } else { first };
                     most = most.max(moved / size);
+                } else if moved > 0.0 {
+                    // At rest it has no size: what is moved as far by a far shorter step is thrown there.
+                    let part = if k == 1 { 1.0 } else { moved / (ALIKE * *longer) };
+                    thrown |= k > 1 && part >= MOVES;
+                    most = most.max(part);
                 }
+                *longer = moved;
             }
             if k >= least && most < MOVES {
-                break;
+                return Some(if thrown { first.min(short) } else { first });
             }
         }
-        first.max(h * SHORTER.powi(looks))
+        (!c.has_exponentials || looks == least || most < MOVES).then_some(first.max(h * SHORTER.powi(looks)))
+    }
+
+    /// Where a law has switched, and a step of a Gauss method that begins there was found good: how long one may be that sees
+    /// how the states begin to move, where that one does not. What is far too fast for it stays, or turns round, and so it
+    /// does in its halves. None where each moves on as it begins, or in no step that is not far shorter still.
+    pub(super) fn set_off(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
+        let is_of = !c.has_corners && c.step.name.starts_with("collocation");
+        if !is_of || self.fit.as_ref().is_none_or(|fit| fit.spare) {
+            return None;
+        }
+        let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
+        let root = self.cool(c, h_max).sqrt();
+        let least = h * SHORTER.powi(LOOKS);
+        self.stride(t, least, Part::Trial).ok()?;
+        let fit = self.fit.as_mut()?;
+        let states = self.state.iter().zip(&fit.trial.next).zip(&mut fit.moves);
+        states.for_each(|((x, y), begins)| *begins = y - x);
+        if self.goes_on((h, least), root, |fit| &fit.second.next) {
+            return None;
+        }
+        (1..=QUARTERS).map(|k| h * QUARTER.powi(k)).find(|length| {
+            let found = self.stride(t, *length, Part::Trial).is_ok();
+            found && self.goes_on((*length, least), root, |fit| &fit.trial.next)
+        })
+    }
+
+    /// Whether no state moves by far less in a step of a length than it begins to move by, as over the least step.
+    fn goes_on(&self, (length, least): (f64, f64), root: f64, end: impl Fn(&Fit) -> &[f64]) -> bool {
+        let Some(fit) = &self.fit else { return true };
+        let mut states = self.state.iter().zip(end(fit)).zip(&fit.moves).zip(&self.scales).zip(&self.largest);
+        states.all(|((((x, y), begins), scale), largest)| {
+            let (moved, wanted) = (y - x, begins * (length / least));
+            let size = x.abs().max(*largest).max(APART * root * scale.natural);
+            let off = (moved - wanted).abs();
+            off <= (fit.tolerance * size).max(MISSED * wanted.abs()) || moved.abs() >= wanted.abs()
+        })
     }
 
     /// The first step of an explicit method, at most `h`: one that is too long for what is stiff moves states by the power
