@@ -3,7 +3,7 @@
 use crate::common::{all_scenes, cases, file, read, stop, title, with};
 use bond::{Code, Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::code::Stmt;
-use bond_compiler::backend::native::{JIT, Shared};
+use bond_compiler::backend::native::{JIT, Jit, Shared};
 use bond_compiler::backend::{lower, unit};
 use bond_compiler::discretise::Accuracy;
 use bond_runtime::interpreter::Interpret;
@@ -798,4 +798,23 @@ fn matrices_are_kept_as_long_as_the_step() {
             assert_eq!(run(&compiled, Code::Native, steps, 0.1), interpreted, "{method}");
         }
     }
+}
+
+/// Programs that differ in names alone have one code between them.
+#[test]
+fn equal_programs_are_compiled_once() {
+    let text = "model Two {
+      for i in 1..2 { I:m[i] { inertia = 1 kg; f0 = 1 m/s }  C:k[i] { e = 1 N/m * q + 1 N/m^3 * q^3 }  1:v[i] -> m[i], k[i] }
+      probe a = m[1].f
+      probe b = m[2].f
+    }";
+    let compiled = with(Options::new().method("gonzalez"), text);
+    let [first, second] = [0, 1].map(|i| &compiled.scene().clusters[i].step.program);
+    assert_ne!(first.names, second.names);
+    let jit = Jit::new();
+    let kernels = [first, second].map(|program| jit.kernel(program));
+    assert_eq!(jit.makes(), 1);
+    let other = jit.kernel(&compiled.scene().clusters[0].instant);
+    assert_eq!(jit.makes(), 2);
+    drop((kernels, other));
 }

@@ -497,3 +497,18 @@ fn rounding_at_rest_gives_nothing() {
         }
     }
 }
+
+/// What is off in a region of tens of thousands of states is the rounding of its sums, and no gain.
+#[test]
+fn large_regions_are_judged_by_their_sums() {
+    let star = "model Star(n = 25600) {
+      I:hub { inertia = 1 kg; f0 = 1 m/s }
+      1:h -> hub
+      for i in 1..n { C:k[i] { stiffness = 10 N/m }  I:m[i] = 1 g  1:v[i] -> m[i]  h -> 0:x[i] -> k[i], v[i] }
+    }";
+    let compiled = with(Options::new(), star);
+    let mut sim = start(&compiled, Steps::fixed(1e-3));
+    finish(&mut sim, 0.05);
+    let summary = sim.summary();
+    assert!(summary.passive && summary.worst_step < 1e-11, "{:e} {:?}", summary.worst_step, summary.reasons);
+}

@@ -20,10 +20,13 @@ const CRAWL: (u32, f64) = (20_000, 1e-5);
 const TAKEN_BACK: u32 = 4;
 /// Of steps as short as this part of the usual one a run has more than it will ever come through.
 const ENDLESS: f64 = 1e-7;
-/// No step is shorter than the first part of the time that it begins at, nor than the third one of the usual step; one of
-/// exponential laws than the second one of that, since where they begin to move things they may be far faster than where they
-/// go on. Nor is one that is not solved shorter than the third part of what was tried first.
-const SHORTEST: (f64, f64, f64) = (1e-13, 1e-290, 1e-12);
+/// No step is shorter than this part of the time that it begins at, nor than that part of the usual step, nor, where longer
+/// ones are not solved, than that part of what was tried first.
+const RESOLVED: f64 = 1e-13;
+const SHORTEST: f64 = 1e-12;
+/// No step of exponential laws is shorter than this part of the usual one, whatever the time: where they begin to move
+/// things they may be far faster than where they go on.
+const AT_ONCE: f64 = 1e-290;
 /// What begins at rest moves by less than this part of what a step of twice the length moves it by.
 const LESS: f64 = 0.95;
 /// What a step is shorter than the controller's best guess.
@@ -357,8 +360,8 @@ impl Run {
             let first = control.ahead.min(longest);
             control.ahead = match self.first_step(c, t, first) {
                 None if self.steps == 0 => {
-                    let (region, step) = (c.name.clone(), SHORTEST.1 * first);
-                    return Err(Error::TooSmall { time: t, region, state: None, step });
+                    let (region, step) = (c.name.clone(), AT_ONCE * first);
+                    return Err(Error::TooSmall { time: t, region, state: None, at_once: true, step });
                 }
                 found => found.unwrap_or(first),
             };
@@ -380,10 +383,10 @@ impl Run {
         let usual = self.default_step;
         let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
         let shortest = match c.has_exponentials {
-            true => SHORTEST.1 * usual,
-            false => (SHORTEST.0 * t.abs()).max(SHORTEST.2 * usual),
+            true => AT_ONCE * usual,
+            false => (RESOLVED * t.abs()).max(SHORTEST * usual),
         };
-        let unsolved = shortest.max(SHORTEST.2 * control.ahead.min(longest).min(usual));
+        let unsolved = shortest.max(SHORTEST * control.ahead.min(longest).min(usual));
         let (smallest, result) = loop {
             if let Some(fit) = &mut self.fit {
                 fit.spare = failures >= OWN;
@@ -526,7 +529,7 @@ impl Run {
                     return Err(Error::Endless { time: t, region, step: smallest });
                 }
                 let state = refused.and_then(|r| c.names.get(r.worst).cloned());
-                Err(Error::TooSmall { time: t, region, state, step: smallest })
+                Err(Error::TooSmall { time: t, region, state, at_once: c.has_exponentials, step: smallest })
             }
         }
     }

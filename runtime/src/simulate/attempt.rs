@@ -242,7 +242,7 @@ impl Run {
                 return Some(if thrown { first.min(short) } else { first });
             }
         }
-        (!c.has_exponentials || looks == least || most < MOVES).then_some(first.max(h * SHORTER.powi(looks)))
+        (!c.has_exponentials || most < MOVES).then_some(first.max(h * SHORTER.powi(looks)))
     }
 
     /// Where a law has switched, and a step of a Gauss method that begins there was found good: how long one may be that sees

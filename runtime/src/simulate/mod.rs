@@ -58,12 +58,18 @@ fn mend(jumps: &[String]) -> String {
     )
 }
 
+/// A time to be read, s: with its power of ten where it is short.
+fn instant(time: f64) -> String {
+    if time != 0.0 && time.abs() < 1e-5 { format!("{time:e}") } else { format!("{time}") }
+}
+
 /// Why a run stopped early.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum Error {
     /// A step failed.
     #[error(
-        "at t = {time} s, a step of `{region}` failed: {why}{}{}",
+        "at t = {} s, a step of `{region}` failed: {why}{}{}",
+        instant(*time),
         state.as_ref().map(|s| format!(" (`{s}`)")).unwrap_or_default(),
         mend(jumps)
     )]
@@ -81,12 +87,13 @@ pub enum Error {
     },
     /// An adaptive step became too small.
     #[error(
-        "at t = {time} s, the step of `{region}` would have to be smaller than {step:.0e} s to meet the tolerance{}; {}, or give a fixed step",
+        "at t = {} s, the step of `{region}` would have to be smaller than {step:.0e} s to meet the tolerance{}; {}, or give a fixed step",
+        instant(*time),
         state.as_ref().map(|s| format!(" of `{s}`")).unwrap_or_default(),
-        if *time == 0.0 {
-            "it starts so far from rest that a law moves it at once: start it nearer to where it settles"
-        } else {
-            "a law may switch to and fro there: make it steep instead of a jump"
+        match (*time == 0.0, *at_once) {
+            (true, _) => "it starts so far from rest that a law moves it at once: start it nearer to where it settles",
+            (false, true) => "a law moves it at once there: put in the resistance that the real parts have",
+            (false, false) => "a law may switch to and fro there: make it steep instead of a jump",
         }
     )]
     TooSmall {
@@ -96,12 +103,15 @@ pub enum Error {
         region: String,
         /// The state that is off most, where one can be named.
         state: Option<String>,
+        /// Whether an exponential law may move it so.
+        at_once: bool,
         /// The step that failed.
         step: f64,
     },
     /// Adaptive steps are good, and so short that a run would never end.
     #[error(
-        "at t = {time} s, `{region}` still takes steps of {step:.0e} s, of which the run would have more than 1e10: end it earlier, or allow larger errors"
+        "at t = {} s, `{region}` still takes steps of {step:.0e} s, of which the run would have more than 1e10: end it earlier, or allow larger errors",
+        instant(*time)
     )]
     Endless {
         /// When.
@@ -112,7 +122,7 @@ pub enum Error {
         step: f64,
     },
     /// An energy is infinite or no number, or no energy.
-    #[error("at t = {time} s, the ledger of `{region}` fails: {what}")]
+    #[error("at t = {} s, the ledger of `{region}` fails: {what}", instant(*time))]
     Energy {
         /// When.
         time: f64,

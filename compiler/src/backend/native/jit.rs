@@ -30,9 +30,10 @@ pub(super) const WORTH: u64 = 40_000;
 /// Compiles programs to machine code. A program that is too large, or has a form that machine code is not written for,
 /// is interpreted; so is all on a machine that Cranelift does not know. Equal ones, as of regions that differ in name
 /// alone, are compiled once, as long as one of them is in use.
-pub static JIT: Jit = Jit { made: Mutex::new(Vec::new()) };
+pub static JIT: Jit = Jit::new();
 
 /// What [`JIT`] is.
+#[derive(Default)]
 pub struct Jit {
     made: Mutex<Vec<Known>>,
 }
@@ -45,6 +46,16 @@ struct Known {
 }
 
 impl Jit {
+    /// Nothing compiled yet.
+    pub const fn new() -> Self {
+        Self { made: Mutex::new(Vec::new()) }
+    }
+
+    /// How many programs it knows that may be in use.
+    pub fn makes(&self) -> usize {
+        self.made.lock().unwrap_or_else(PoisonError::into_inner).len()
+    }
+
     fn compiled(&self, program: &Program) -> Option<Compiled> {
         let fresh = || {
             let mut routine = lower(program)?;
