@@ -7,7 +7,7 @@ use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
 use bond_compiler::backend::{c, fmu, unit, wasm};
-use bond_compiler::discretise::switching;
+use bond_compiler::discretise::{is_uncut, switching};
 use std::ffi::{OsStr, OsString};
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
@@ -126,6 +126,12 @@ impl Emission<'_> {
         let wanted = options.step.unwrap_or(options.default_step);
         let h = unit.interval / (unit.interval / wanted - 1e-9).ceil().max(1.0);
         let fitted = Steps::new().resolve(settings, stop, settings.every)?.tolerance.is_some();
+        for c in compiled.scene().clusters.iter().filter(|c| is_uncut(c)) {
+            report::say(&format!(
+                "note: `{}` is stepped by gonzalez here, and by exact in bond run: a source of it switches, where exact steps end; give --method gonzalez there to compare, and take a step that is short beside what moves",
+                c.name
+            ));
+        }
         let clusters = compiled.scene().clusters.iter();
         let list: Vec<_> = clusters.flat_map(|c| switching(compiled.stages(), c, (h, stop), fitted)).collect();
         let named =
@@ -226,7 +232,7 @@ fn switches(mut names: Vec<String>, may: &str, mend: &str) {
     }
     let names = names.join(", ");
     report::say(&format!(
-        "note: {names} {may}{verb} within steps: bond run meets these instants, what is built does not; {mend}"
+        "note: {names} {may}{verb} within steps: bond run meets these instants, where its step is not given; what is built does not; {mend}"
     ));
 }
 

@@ -329,3 +329,27 @@ fn what_overflows_ends_the_run() {
     }
     assert!(failed.is_some_and(|e| e.contains("not a finite number") || e.contains("not finite")), "it goes on");
 }
+
+/// A ratio that reads what is solved for stands where it was foretold, and so it does where powers are counted.
+#[test]
+fn a_source_behind_a_ratio_of_its_own_region() {
+    let text = "model G(k = 1 V*s/A) {
+      Sf:turbine = 150 rad/s
+      MGY:arm = k*coil.f
+      R:loss = 2 Ohm
+      I:coil { inertia = 1 H; f0 = 10 mA }
+      Se:battery = 3 V
+      turbine -> arm -> 1:j -> loss, coil
+      battery -> j
+      probe i = coil.f
+    }";
+    // d(i)/dt = 148 i + 3
+    let wanted = 0.01 * f64::exp(148.0 * 0.02) + 3.0 / 148.0 * f64::exp_m1(148.0 * 0.02);
+    let compiled = with(options(), text);
+    for (h, tolerance) in [(1e-3, 1e-2), (1e-4, 1e-4)] {
+        let mut sim = start(&compiled, Steps::fixed(h));
+        finish(&mut sim, 0.02);
+        close(probe(&mut sim, "i") / wanted, 1.0, tolerance, &format!("{h:e} s"));
+        assert!(sim.summary().worst_step <= 1e-14, "{h:e} s: {:?}", sim.summary().reasons);
+    }
+}

@@ -2,6 +2,7 @@
 
 use crate::common::{advance, close, finish, probe, start, text, with};
 use bond::{Compiled, Course, Options, Simulation, Steps};
+use bond_compiler::discretise::Accuracy;
 use nalgebra::{DMatrix, DVector};
 
 const FILTER: &str = "model Filter {
@@ -701,4 +702,74 @@ fn samples_hold_the_time() {
             close(probe(&mut sim, name), value, 1e-12, &format!("{name} at {t} s"));
         }
     }
+}
+
+/// What counts whole numbers comes to whole numbers, whatever they are divided by, as numbers of the text or of parameters:
+/// a 49th times 49 is less than 1.
+#[test]
+fn counters_count() {
+    for n in [3, 6, 7, 14, 24, 28, 29, 49, 54, 68, 98, 103, 107, 112, 119] {
+        let text = format!(
+            "model Ring(N = {n}) {{
+              sampled every 1 s {{
+                state ring = 0 {{ next = mod(ring + 1, {n}) }}
+                state half = 0 {{ next = mod(half*0.5 + 0.5, 0.5*{n})*2 }}
+                state back = 0 {{ next = if mod(back + 1, N) == 0 then 0 else back + 1 }}
+                state turns = 0 {{ next = floor((all + 1)/N) }}
+                state all = 0 {{ next = all + 1 }}
+              }}
+              probe rings = ring
+              probe halves = half
+              probe backs = back
+              probe all_turns = turns
+              probe rest = mod(all, N)
+              probe over = if all/{n} >= 1 then 1 else 0
+              probe third = floor(all/{n} + 1/3 + (N - 1)/(3*N))
+            }}"
+        );
+        let compiled = with(Options::new(), &text);
+        let mut sim = start(&compiled, Steps::new());
+        for k in 1..=2 * n + 1 {
+            advance(&mut sim, f64::from(k));
+            let (rest, turns) = (f64::from(k % n), f64::from(k / n));
+            for (name, wanted) in
+                [("rings", rest), ("halves", rest), ("backs", rest), ("rest", rest), ("all_turns", turns)]
+            {
+                assert_eq!(probe(&mut sim, name), wanted, "{name} of {n} at {k}");
+            }
+            assert_eq!(probe(&mut sim, "over"), f64::from(u8::from(k >= n)), "over {n} at {k}");
+            let third = f64::from((3 * k + 2 * n - 1) / (3 * n));
+            assert_eq!(probe(&mut sim, "third"), third, "third of {n} at {k}");
+        }
+    }
+}
+
+/// What only samples and inputs move does not switch within a step: where no step is cut, as in what is built, it is stepped
+/// exactly too.
+#[test]
+fn limits_of_what_is_held_are_no_switches() {
+    let limited = |what: &str| {
+        with(
+            Options::new().accuracy(Accuracy::Uncut),
+            &format!(
+                "model Limited {{
+                  input v = 3 V
+                  sampled every 5 ms {{ state u = 0 V {{ next = u + 1 V }} }}
+                  Se:source = {what}
+                  R:r = 1 Ohm
+                  I:l = 2 mH
+                  source -> 1:i -> r, l
+                  probe current = l.f
+                }}"
+            ),
+        )
+    };
+    for what in ["min(u, 24 V)", "max(min(v, 24 V), -24 V)", "if u > v then 24 V else 0"] {
+        let compiled = limited(what);
+        let held = compiled.scene().clusters.iter().find(|c| c.period.is_none()).expect("the coil");
+        assert_eq!((&*held.step.name, held.guards.is_none()), ("exact", true), "{what}");
+    }
+    let compiled = limited("if t < 7 ms then u else 0");
+    let cut = compiled.scene().clusters.iter().find(|c| c.period.is_none()).expect("the coil");
+    assert_eq!(cut.step.name, "gonzalez");
 }

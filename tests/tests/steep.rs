@@ -335,6 +335,43 @@ fn a_source_far_from_rest() {
     }
 }
 
+/// The same where the source jumps within the run: whatever ends just before that is seen from just past it. A jump that no
+/// number has digits for is refused.
+#[test]
+fn a_jump_far_from_rest() {
+    let jump = |volts: f64| {
+        format!(
+            "model Jump {{
+              Se:u = if t > 1 ms then {volts} V else 0 V
+              R:d {{ f = 1e-12 A * (exp(e/(25 mV)) - 1) }}
+              C:c = 1 uF
+              u -> 1:i -> d, c
+              probe v = c.e
+              simulate {{ stop = 3 ms }}
+            }}"
+        )
+    };
+    let options = [None, Some(1e-3), Some(1e-6)].map(|tolerance| {
+        let options = tolerance.map_or(Options::new(), |x| Options::new().accuracy(Accuracy::Tolerance(x)));
+        (options, tolerance.map_or(Steps::new(), Steps::tolerance))
+    });
+    for (options, steps) in options {
+        for volts in [2.0, 3.0, 12.0, 16.0] {
+            let compiled = with(options.clone(), &jump(volts));
+            let mut sim = start(&compiled, steps);
+            finish(&mut sim, 3e-3);
+            // exp(-w/Vt) = 1 - exp(-k t) for w = u - v, from w = u on, where that is far.
+            let wanted = volts + 0.025 * (-f64::exp_m1(-1e-12 * 2e-3 / (1e-6 * 0.025))).ln();
+            close(probe(&mut sim, "v") / wanted, 1.0, 1e-3, &format!("{volts} V"));
+            assert!(sim.summary().passive, "{:?}", sim.summary().reasons);
+        }
+        let compiled = with(options, &jump(30.0));
+        let mut sim = start(&compiled, steps);
+        let error = sim.finish(3e-3).expect_err("exp(1200) is no number").to_string();
+        assert!(error.contains("a law moves it at once there"), "{error}");
+    }
+}
+
 /// At the far end of a line of diodes next to nothing arrives, and less than a number has digits for: that is not iterated.
 #[test]
 fn a_long_line_of_diodes() {

@@ -755,3 +755,30 @@ fn a_stiff_branch_that_is_entered_again() {
         }
     }
 }
+
+/// The far end of a row of springs with a kink is moved by next to nothing, whose square is nothing. To a tight tolerance a
+/// row as long takes a method of high order, in far fewer steps.
+#[test]
+fn springs_with_a_kink_in_a_row() {
+    let text = "model Chain {
+      for i in 1..40 {
+        I:m[i] = 1 kg
+        C:k[i] { e = (if q > 0 then 2 N/m else 1 N/m) * q }
+        R:r[i] = 0.01 N*s/m
+        1:v[i] -> m[i]
+        0:f[i] -> 1:d[i] -> k[i], r[i]
+      }
+      for i in 1..39 { v[i] -> f[i] -> v[i+1] }
+      v[40] -> f[40]
+      Se:u = 1 N * sin(t * 2 rad/s)
+      u -> v[1]
+      probe x = k[1].q
+    }";
+    let plain = compiled(text, None, None);
+    let (x, many) = at(&plain, None, "x", 5.0);
+    let tight = compiled(text, None, Some(1e-6));
+    assert_eq!(tight.scene().clusters[0].step.name, "collocation6");
+    let (y, few) = at(&tight, Some(1e-6), "x", 5.0);
+    close(x / y, 1.0, 1e-3, "the first spring");
+    assert!(4 * few < many, "{few} steps, {many} by order 2");
+}

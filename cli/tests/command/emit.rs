@@ -192,14 +192,17 @@ fn what_switches_within_steps_is_named() {
         .with("w.bond", wall.replace("SIMULATE", "simulate { stop = 1 s }"))
         .with("f.bond", wall.replace("SIMULATE", "simulate { stop = 1 s; step = 1 ms }"));
     let build = |file: &str, more: &[&str]| here.bond(&[&["build", file], more].concat()).is(0, &[], &["built "]).err;
-    let timed = "note: `u` switches within steps: bond run meets these instants, what is built does not; take a step";
+    let timed = "note: `u` switches within steps: bond run meets these instants, where its step is not given; what is built does not; take a step";
     for emit in ["c", "fmu", "wasm"] {
         let told = build("p.bond", &["--emit", emit]);
         assert!(told.contains(timed), "{told}");
     }
-    for (file, more) in
-        [("p.bond", &["--emit", "c", "--step", "2us"][..]), ("p.bond", &[]), ("f.bond", &["--emit", "c"])]
-    {
+    let told = build("p.bond", &["--emit", "c", "--step", "2us"]);
+    assert!(
+        !told.contains("within steps") && told.contains("stepped by gonzalez here, and by exact in bond run"),
+        "{told}"
+    );
+    for (file, more) in [("p.bond", &[][..]), ("f.bond", &["--emit", "c"])] {
         let told = build(file, more);
         assert!(!told.contains("note: "), "{file} {more:?}: {told}");
     }

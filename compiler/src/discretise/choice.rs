@@ -22,6 +22,8 @@ const RADAU: usize = 3;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
 const UNKNOWNS: usize = 16;
+/// The same where the tolerance is tight, by the method of order 6: far fewer steps then are worth what compiling it takes.
+const LARGE: usize = 512;
 /// The same of a linear region with storages that follow a source which moves: its matrix stays as it is.
 const LINEAR: usize = 64;
 
@@ -97,7 +99,7 @@ pub(super) fn nonlinear(
     let Some(tolerance) = tolerance.filter(|t| *t <= LOOSE) else {
         return (Method::Gonzalez, "it is not linear");
     };
-    if !small {
+    if !small && (tolerance > TIGHT || has_corners(c) || count(c) > LARGE) {
         return (Method::Gonzalez, "it is not linear, and large");
     }
     // Where curves hold one another, as dry friction on both sides of a gear, only steps of order 2 go on well.
@@ -107,6 +109,9 @@ pub(super) fn nonlinear(
     let apart = kinked && !collocation::is_coupled(c, ORDER_8);
     if apart && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
         return (Method::Gonzalez, "it is not linear, and has kinks and a root");
+    }
+    if !small {
+        return (Method::Collocation6, "it is large, and the tolerance asks for order 6");
     }
     if kinked {
         return (Method::Collocation8, "steps end at its kinks, and the tolerance asks for order 8");

@@ -455,7 +455,7 @@ impl Cluster {
                         (wanted, why) = (Some(method), reason);
                     } else if accuracy == Accuracy::Uncut
                         && found.is_some()
-                        && self.guards(model, form, Method::Exact.name())?.is_some()
+                        && self.guards(model, form, Method::Exact.name(), accuracy)?.is_some()
                     {
                         (wanted, why) = (Some(Method::Gonzalez), switching::UNCUT);
                     } else {
@@ -569,7 +569,7 @@ impl Cluster {
             Some(_) => None,
         };
         let guards = match sampling {
-            None => self.guards(model, form, &step.name)?,
+            None => self.guards(model, form, &step.name, accuracy)?,
             Some(_) => None,
         };
         let ports = self
@@ -638,8 +638,15 @@ impl Cluster {
     }
 
     /// Where its laws switch, and its step along a branch where that looks beyond them.
-    fn guards(&self, model: &mut Model, form: &Form, stepper: &str) -> Result<Option<scene::Guards>, Vec<Diagnostic>> {
-        let Some((mut guards, switches)) = guard::guards(self, model, form)? else { return Ok(None) };
+    fn guards(
+        &self,
+        model: &mut Model,
+        form: &Form,
+        stepper: &str,
+        accuracy: Accuracy,
+    ) -> Result<Option<scene::Guards>, Vec<Diagnostic>> {
+        let found = guard::guards(self, model, form, accuracy == Accuracy::Uncut)?;
+        let Some((mut guards, switches)) = found else { return Ok(None) };
         guards.ends = stepper == Method::Radau.name();
         guards.branch = explicit::branch(self, model, form, stepper, &switches)?;
         Ok(Some(guards))

@@ -10,13 +10,16 @@ use super::measure;
 use super::turn;
 use super::whole;
 use super::write::{self, System};
-use crate::expression::{Expr, Lowering, Pool, Symbol};
+use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
 use crate::model::{Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Slot, Value};
 use bond_runtime::scene::{Entries, Stepper};
 use rustc_hash::{FxHashMap, FxHashSet};
+
+/// Among more states than this some may be moved by less than has a square.
+const FAR: usize = 16;
 
 /// States at the midpoint, storages' outputs as discrete gradients, time at the midpoint (of what is sampled, at its
 /// sample).
@@ -71,6 +74,9 @@ pub(super) fn gradient(
     if let ([only], [s], false) = (&g.states[..], &symbols[..], driven) {
         let (x, d) = (pool.var(*s), pool.var(c.delta[*only]));
         let slope = pool.difference(g.energy, *s, x, d);
+        // The last of many are moved by powers of what the first are: there even squares are nothing.
+        let far = c.states.len() > FAR && pool.any_node(g.energy, &|n| matches!(n, Node::Select(..)));
+        let slope = if far { pool.beyond_nothing((g.energy, *s), slope, x, d) } else { slope };
         let near = c.level(pool, g).near.first();
         return vec![near.map_or(slope, |term| term.near.slope(pool, d, slope))];
     }

@@ -32,11 +32,13 @@ fn turns(pool: &mut Pool, a: Expr) -> Expr {
 pub(super) type Switches = Vec<(Expr, usize)>;
 
 /// Writes the guards of a cluster's laws and integrands, and tells what switches on them; `None` where none switches on
-/// something that states, time and loops tell.
+/// something that states, time and loops tell, and that moves within a step. What is given from outside may be `held`
+/// over each.
 pub(super) fn guards(
     c: &Cluster,
     model: &mut Model,
     form: &Form,
+    held: bool,
 ) -> Result<Option<(Guards, Switches)>, Vec<Diagnostic>> {
     let map = c.at_instant(&mut model.pool, form);
     let mut roots: Vec<Expr> = map.values().copied().collect();
@@ -54,10 +56,11 @@ pub(super) fn guards(
     let mut seen: FxHashSet<Expr> = FxHashSet::default();
     let mut found: Vec<Expr> = Vec::new();
     let mut switches: Vec<(Expr, Expr)> = Vec::new();
-    let given = c.inputs.iter().map(|i| i.1).chain(c.time);
+    let inputs = c.inputs.iter().map(|i| i.1);
+    let mut told: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(inputs.clone()).chain(c.time).collect();
     // Signals of samples stay until the next one, where a step ends in any case.
-    let given = given.chain(c.foreign.iter().copied());
-    let mut told: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(given).collect();
+    told.extend(&c.foreign);
+    let still: FxHashSet<Symbol> = c.foreign.iter().copied().chain(inputs.filter(|_| held)).collect();
     let loops: &[Symbol] = if c.loops.len() <= LOOPS { &c.loops } else { &[] };
     told.extend(loops);
     while let Some(e) = roots.pop() {
@@ -113,7 +116,8 @@ pub(super) fn guards(
             Node::Power(..) | Node::Select(..) => continue,
         };
         let symbols = model.pool.symbols(guard);
-        if !symbols.is_empty() && symbols.iter().all(|s| told.contains(s)) {
+        let moves = symbols.iter().any(|s| !still.contains(s));
+        if moves && symbols.iter().all(|s| told.contains(s)) {
             found.push(guard);
             found.extend(more);
             if !bends {

@@ -43,7 +43,7 @@ use bond_runtime::scene::{self, Made, Scene};
 pub use choice::Accuracy;
 use cluster::Cluster;
 use rustc_hash::FxHashMap;
-pub use switching::{Switching, switching};
+pub use switching::{Switching, is_uncut, switching};
 
 /// A stepper that can be asked for by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

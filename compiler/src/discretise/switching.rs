@@ -21,6 +21,11 @@ const ODD: [f64; 3] = [0.141_592_653, 0.414_213_562, 0.718_281_828];
 /// So near to a step's end, as a part of it, is at its end.
 const NEAR: f64 = 1e-6;
 
+/// Whether a linear cluster that a run steps exactly, in steps that end where a source switches, is not stepped so here.
+pub fn is_uncut(c: &Cluster) -> bool {
+    c.step.why == UNCUT
+}
+
 /// Something that switches.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Switching {
@@ -34,7 +39,7 @@ pub struct Switching {
 /// the instants: it does so with `fitted` steps, and by `exact`. What switches in time alone where steps end is not of
 /// them.
 pub fn switching(stages: &Stages, c: &Cluster, (h, stop): (f64, f64), fitted: bool) -> Vec<Switching> {
-    let met = c.guards.is_some() && (fitted || c.step.why == UNCUT || c.step.name == Method::Exact.name());
+    let met = c.guards.is_some() && (fitted || is_uncut(c) || c.step.name == Method::Exact.name());
     if !met || c.period.is_some() {
         return Vec::new();
     }

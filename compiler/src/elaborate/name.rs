@@ -243,12 +243,15 @@ impl<'a> Elaborator<'a> {
                 given = Some((value?, ast));
             }
             None if over.is_none() => {
-                let help = self.where_given(p);
-                self.errors.push(
-                    Diagnostic::error("elaborate::parameter", at, format!("the parameter `{name}` has no value"))
-                        .label(self.params[p].span, "has no default")
-                        .help(help),
-                );
+                let Param { instance, span, .. } = self.params[p];
+                // What is wrong is the instance, and not the model that it is one of.
+                let place = if instance == 0 { at } else { self.instances[instance].span };
+                let message = format!("the parameter `{name}` has no value");
+                let mut error = Diagnostic::error("elaborate::parameter", place, message).label(span, "has no default");
+                if instance != 0 {
+                    error = error.label(at, "needs it");
+                }
+                self.errors.push(error.help(self.where_given(p)));
                 return None;
             }
             None => {}

@@ -85,6 +85,7 @@ impl<'a> Elaborator<'a> {
                 self.require((&found, value.span), needed, None, format!("{about} `{name}`"), 2);
             }
             self.own_states_only(typed.expr, &symbols, value, &name)?;
+            self.sound(typed.expr, value, "energy", &name)?;
             typed.expr
         } else {
             let short = laws[0];

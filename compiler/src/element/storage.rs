@@ -2,7 +2,7 @@
 
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Inference, Typed, Unit, told};
-use crate::expression::{Expr, Number, Sign, Symbol};
+use crate::expression::{Expr, Node, Number, Sign, Symbol};
 use crate::model::{BondId, ElementId, Kind, Signal, Storage};
 use crate::units::Dimension;
 use bond_grammar::ast;
@@ -88,6 +88,7 @@ impl<'a> Elaborator<'a> {
             let what = if energy_given { "energy" } else { "law" };
             self.require((&typed.unit, value.span), needed, None, format!("the {what} of `{name}`"), 2);
             self.own_states_only(typed.expr, &[state], value, &name)?;
+            self.sound(typed.expr, value, what, &name)?;
             let (h, co) = if energy_given {
                 (typed.expr, self.pool.derivative(typed.expr, state))
             } else {
@@ -166,6 +167,26 @@ impl<'a> Elaborator<'a> {
             format!("the {what} of `{name}` is {}, and must be positive", told(x))
         };
         self.errors.push(Diagnostic::error("elaborate::value", ast.span, how).help(help));
+        None
+    }
+
+    /// No number of an energy or of a storage's law is infinite or none, as `acos(2)`.
+    pub(super) fn sound(&mut self, e: Expr, ast: &ast::Expr, what: &str, name: &str) -> Option<()> {
+        let is_off = |node: &Node| match node {
+            Node::Sum(n, parts) | Node::Product(n, parts) => {
+                !n.is_finite() || parts.iter().any(|part| !part.1.is_finite())
+            }
+            Node::Number(n) => !n.is_finite(),
+            Node::Symbol(_) | Node::Power(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => false,
+        };
+        if !self.pool.any_node(e, &is_off) {
+            return Some(());
+        }
+        let message = format!("a number in the {what} of `{name}` is infinite, or none, as a root of what is below 0");
+        self.errors.push(
+            Diagnostic::error("elaborate::value", ast.span, message)
+                .help("every constant part of it must be a finite number"),
+        );
         None
     }
 

@@ -2,7 +2,7 @@
 
 use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::eval;
-use bond_runtime::ir::Binary;
+use bond_runtime::ir::{Binary, Unary};
 
 /// The part of its terms that is rounding of a sum.
 const ROUNDED: f64 = 8.0 * f64::EPSILON;
@@ -88,7 +88,15 @@ impl Pool {
                 if below == 1.0 { above } else { above / below }
             }
             Node::Power(a, b) => eval::binary(Binary::Pow, of(*a), of(*b)),
+            Node::Unary(Unary::Floor, a) => {
+                let (above, below) = self.fraction(*a, of);
+                eval::unary(Unary::Floor, above / below)
+            }
             Node::Unary(f, a) => eval::unary(*f, of(*a)),
+            Node::Binary(f @ (Binary::Lt | Binary::Le | Binary::Eq), a, b) => {
+                let [(a, p), (b, q)] = [*a, *b].map(|e| self.fraction(e, of));
+                if p == q { eval::binary(*f, a, b) } else { eval::binary(*f, a * q, b * p) }
+            }
             Node::Binary(f, a, b) => eval::binary(*f, of(*a), of(*b)),
             Node::Select(c, a, b) => {
                 if of(*c) != 0.0 {
@@ -98,6 +106,37 @@ impl Pool {
                 }
             }
         }
+    }
+
+    /// What is rounded or compared, as the value above and a number below: fractions have one denominator, by which is
+    /// divided last, so that whole numbers and their ratios come out as they are (a 49th times 49 is less than 1).
+    fn fraction(&self, e: Expr, of: &dyn Fn(Expr) -> f64) -> (f64, f64) {
+        match self.whole(e) {
+            Some((whole, d)) => (self.evaluate(&whole, of, &|_| f64::NAN), d),
+            None => (of(e), 1.0),
+        }
+    }
+
+    /// A sum or product whose numbers are whole, and by what to divide it; None where that is no more than halves.
+    pub(super) fn whole(&self, e: Expr) -> Option<(Node, f64)> {
+        let d = match self.node(e) {
+            Node::Sum(c, terms) => Number::denominator(terms.iter().map(|t| t.1).chain([*c])),
+            Node::Product(c, _) => Number::denominator([*c]),
+            Node::Number(_)
+            | Node::Symbol(_)
+            | Node::Power(..)
+            | Node::Unary(..)
+            | Node::Binary(..)
+            | Node::Select(..) => None,
+        };
+        let d = d.filter(|d| !d.unsigned_abs().is_power_of_two())?;
+        let by = Number::from(d);
+        let whole = match self.node(e) {
+            Node::Sum(c, terms) => Node::Sum(*c * by, terms.iter().map(|&(t, n)| (t, n * by)).collect()),
+            Node::Product(c, factors) => Node::Product(*c * by, factors.clone()),
+            other => other.clone(),
+        };
+        Some((whole, d as f64))
     }
 }
 

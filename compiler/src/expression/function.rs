@@ -78,6 +78,7 @@ impl Pool {
         }
         if let Node::Product(c, _) = *self.node(a)
             && !c.abs().is_one()
+            && c.is_finite()
         {
             let bare = self.scale(a, c.recip());
             let size = self.abs(bare);

@@ -191,14 +191,20 @@ impl Lowering {
                 {
                     return Ok(value);
                 }
-                let a = self.child(builder, *a, folded);
+                let a = match (f, self.fraction(pool, builder, *a, folded)) {
+                    (Unary::Floor, Some((above, below))) => {
+                        let below = builder.number(below);
+                        builder.div(above, below)
+                    }
+                    _ => self.child(builder, *a, folded),
+                };
                 match self.branches.get(&e) {
                     Some(side) => unary_branch(builder, *f, a, *side),
                     None => builder.unary(*f, a),
                 }
             }
             Node::Binary(f, a, b) => {
-                let (a, b) = (self.child(builder, *a, folded), self.child(builder, *b, folded));
+                let (a, b) = self.sides(pool, builder, *f, (*a, *b), folded);
                 match self.branches.get(&e) {
                     Some(side) => binary_branch(builder, *f, (a, b), *side),
                     None => builder.binary(*f, a, b),
@@ -209,6 +215,58 @@ impl Lowering {
                 builder.select(c, a, b)
             }
         })
+    }
+
+    /// Both sides of a function of two; of a comparison without what they are divided by, as in [`Pool::eval`].
+    fn sides(
+        &mut self,
+        pool: &Pool,
+        builder: &mut Builder,
+        f: Binary,
+        (a, b): (Expr, Expr),
+        folded: &dyn Fn(Expr) -> Option<f64>,
+    ) -> (Value, Value) {
+        let (mut sides, mut below) = ([self.child(builder, a, folded), self.child(builder, b, folded)], [1.0; 2]);
+        if matches!(f, Binary::Lt | Binary::Le | Binary::Eq) {
+            for (i, e) in [a, b].into_iter().enumerate() {
+                if let Some((above, by)) = self.fraction(pool, builder, e, folded) {
+                    (sides[i], below[i]) = (above, by);
+                }
+            }
+        }
+        let [p, q] = below;
+        if p == q { (sides[0], sides[1]) } else { (scaled(builder, sides[0], q), scaled(builder, sides[1], p)) }
+    }
+
+    /// A sum or product as what is above and a positive number below, where that is no power of two.
+    fn fraction(
+        &mut self,
+        pool: &Pool,
+        builder: &mut Builder,
+        e: Expr,
+        folded: &dyn Fn(Expr) -> Option<f64>,
+    ) -> Option<(Value, f64)> {
+        if folded(e).is_some() {
+            return None;
+        }
+        let whole = pool.whole(e);
+        let (node, mut below) = whole.as_ref().map_or((pool.node(e), 1.0), |(node, d)| (node, *d));
+        match node {
+            Node::Sum(c, terms) if whole.is_some() => Some((self.sum(pool, builder, *c, terms, folded), below)),
+            Node::Product(c, factors) => {
+                let is_below = |f: &&(Expr, Number)| f.1.is_negative() && folded(f.0).is_some();
+                for (f, n) in factors.iter().filter(is_below) {
+                    below *= bond_runtime::eval::binary(Binary::Pow, folded(*f)?, n.abs().to_f64());
+                }
+                if is_power_of_two(below) || !below.is_normal() {
+                    return None;
+                }
+                let above: Vec<_> = factors.iter().filter(|f| !is_below(f)).copied().collect();
+                let above = self.product(builder, if below < 0.0 { -*c } else { *c }, &above, folded);
+                Some((above, below.abs()))
+            }
+            _ => None,
+        }
     }
 
     /// The sine, or else the cosine, of a sum or difference of two angles whose own are there.

@@ -201,6 +201,22 @@ impl Number {
         }
     }
 
+    /// The least whole number by which some numbers are whole, where doubles have all of these.
+    pub(super) fn denominator(numbers: impl IntoIterator<Item = Number>) -> Option<i64> {
+        const EXACT: i128 = 1 << 53;
+        numbers
+            .into_iter()
+            .try_fold((1i128, 0i128), |(all, most), n| {
+                let Number::Ratio(n, d) = n else { return None };
+                let (n, d) = (i128::from(n.abs()), i128::from(d));
+                let common = all / gcd(all.unsigned_abs(), d.unsigned_abs()) as i128 * d;
+                // The largest of the numbers, rounded up.
+                let most = most.max(n / d + 1);
+                (common <= EXACT && most * common <= EXACT).then_some((common, most))
+            })
+            .and_then(|(all, _)| i64::try_from(all).ok())
+    }
+
     /// Whether it is neither infinite nor NaN.
     pub fn is_finite(self) -> bool {
         match self {

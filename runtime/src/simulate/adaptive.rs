@@ -151,8 +151,8 @@ pub(super) struct Fit {
     pub(super) trial: Taken,
     /// By how much each state was moved by a look at a short step.
     pub(super) moves: Vec<f64>,
-    /// The guard that the step which is tried ends just before.
-    pub(super) stood: Option<usize>,
+    /// The guard that the step which is tried ends just before, and the length of a step that ends just past its change.
+    pub(super) stood: Option<(usize, f64)>,
     /// The guards before a switch, beyond it, and where they were looked at last.
     pub(super) below: Vec<f64>,
     pub(super) beyond: Vec<f64>,
@@ -358,13 +358,11 @@ impl Run {
         let mut begins = t > 0.0 && control.began == t;
         if self.steps == 0 && control.events == 0 || begins && c.has_exponentials {
             let first = control.ahead.min(longest);
-            control.ahead = match self.first_step(c, t, first) {
-                None if self.steps == 0 => {
-                    let (region, step) = (c.name.clone(), AT_ONCE * first);
-                    return Err(Error::TooSmall { time: t, region, state: None, at_once: true, step });
-                }
-                found => found.unwrap_or(first),
+            let Some(found) = self.first_step(c, t, first) else {
+                let (region, step) = (c.name.clone(), AT_ONCE * first);
+                return Err(Error::TooSmall { time: t, region, state: None, at_once: true, step });
             };
+            control.ahead = found;
         }
         let limit = Some(limit).filter(|l| *l > t + SAME * t.abs());
         let end = end.into_iter().chain(limit).min_by(f64::total_cmp);
@@ -465,7 +463,10 @@ impl Run {
             if done.is_none() && t + attempt.h <= t && !c.has_exponentials {
                 break (attempt.h, None);
             }
-            control.stood = self.fit.as_ref().and_then(|fit| fit.stood);
+            // What ends just before a switch goes on just past it, where looks at the next step see what holds there.
+            let stood = self.fit.as_ref().and_then(|fit| fit.stood);
+            let ends = t + stood.map_or(attempt.h, |(_, past)| past);
+            control.stood = stood.map(|(guard, _)| guard);
             let hard = refused.is_some() || last_failure.is_some() || attempt.event;
             control.crawl = match attempt.h < CRAWL.1 * usual && done.is_none() {
                 true if hard || attempt.h < ENDLESS * usual => control.crawl + TAKEN_BACK,
@@ -478,11 +479,10 @@ impl Run {
             }
             if attempt.event {
                 // Beyond the switch another law holds.
-                let end = t + attempt.h;
-                let most = (GROW * attempt.h).min(PHASE * (end - control.began));
+                let most = (GROW * attempt.h).min(PHASE * (ends - control.began));
                 let here = control.ahead.min(most.max(FIRST * usual));
                 (control.ahead, control.other) = (control.other, here);
-                (control.began, control.aim, control.missed) = (end, f64::INFINITY, 0);
+                (control.began, control.aim, control.missed) = (ends, f64::INFINITY, 0);
                 control.events += 1;
                 control.chatter = if attempt.faint.is_some() { control.chatter.saturating_add(1) } else { 0 };
                 control.noisy = attempt.faint.map_or(0, |guard| control.noisy | noise(guard));
@@ -514,7 +514,7 @@ impl Run {
                 control.shift = if shift.is_finite() { shift } else { 0.0 };
                 control.aim = if further && !control.falls { f64::INFINITY } else { aim };
             }
-            break (h, Some((done.unwrap_or(t + attempt.h), attempt.whole)));
+            break (h, Some((done.unwrap_or(ends), attempt.whole)));
         };
         if let Some(fit) = &mut self.fit {
             fit.control = control;

@@ -272,7 +272,7 @@ impl Run {
             let Some(fit) = &mut self.fit else { return Ok(None) };
             if earliest(&self.before, &fit.seen).is_none() {
                 std::mem::swap(&mut fit.trial, &mut fit.whole);
-                fit.stood = Some(bracket.guard);
+                fit.stood = Some((bracket.guard, high));
                 return Ok(Some(at));
             }
             if at == low {

@@ -25,7 +25,7 @@ use super::write::{self, Inputs, System};
 use super::{Method, gonzalez, unfit};
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Sign, Symbol};
 use crate::model::Model;
-use crate::structure::{ColumnId, Form, Output};
+use crate::structure::{ColumnId, Form, Output, Row};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
@@ -86,15 +86,26 @@ impl Writing<'_> {
         self.hold(e)
     }
 
+    /// The ratios of the cluster as they are foretold: with these the step is solved and its powers are counted.
+    fn ratios(&mut self) -> Found<Vec<(usize, Row)>> {
+        let form = self.form;
+        let own = form.columns.iter().enumerate().filter(|(_, column)| self.c.regions.contains(&column.region));
+        let mut list = Vec::new();
+        for (i, column) in own.collect::<Vec<_>>() {
+            let told = column.row.iter().map(|(j, k)| Ok((*j, self.tell(*k)?))).collect::<Found<Row>>()?;
+            list.push((i, told));
+        }
+        Ok(list)
+    }
+
     /// What a column receives, in terms of the unknowns.
     fn input(&mut self, column: ColumnId) -> Found<Expr> {
         let form = self.form;
         let mut terms = Vec::new();
         for (j, k) in &form.column(column).row {
-            let k = self.tell(*k)?;
             let out = form.column(*j).out;
             let z = self.map.get(&out).copied().unwrap_or_else(|| self.model.pool.var(out));
-            terms.push(self.model.pool.mul(k, z));
+            terms.push(self.model.pool.mul(*k, z));
         }
         Ok(self.model.pool.sum(&terms))
     }
@@ -335,6 +346,8 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
 
 /// A step in terms of its unknowns.
 pub(super) struct Plan {
+    /// The form with the ratios as foretold.
+    form: Form,
     /// Outputs, with states and time in the middle as foretold.
     pub(super) flat: FxHashMap<Symbol, Expr>,
     pub(super) unknowns: Vec<Symbol>,
@@ -387,7 +400,10 @@ pub(super) fn plan(
         map.insert(s.symbol, model.pool.add(x, d));
     }
     middle(c, &mut model.pool, &mut map);
+    let mut told = form.clone();
     let mut w = Writing { c, model, form, b, lowering, foretold, held: FxHashMap::default(), unknowns: all, map };
+    w.ratios()?.into_iter().for_each(|(i, row)| told.columns[i].row = row);
+    w.form = &told;
     let works = w.storages(&stores, layout)?;
     w.nodes()?;
     let mut residuals = w.changes()?;
@@ -400,7 +416,8 @@ pub(super) fn plan(
             flat.insert(s, *there);
         }
     }
-    Ok(Plan { flat, unknowns, residuals, start, works, memory: w.foretold.memory })
+    let memory = w.foretold.memory;
+    Ok(Plan { form: told, flat, unknowns, residuals, start, works, memory })
 }
 
 impl Writing<'_> {
@@ -599,7 +616,7 @@ pub(super) fn write(c: &mut Cluster, model: &mut Model, form: &Form) -> Found<(S
         let change = b.mul(inputs.h, rate);
         integrals.push(b.add(*start, change));
     }
-    write::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &plan.flat)], &entries, inputs.h)?;
+    write::ledger(c, model, &plan.form, &mut b, &mut lowering, &[(1.0, &plan.flat)], &entries, inputs.h)?;
     let sizes = energies(c, model, form, &mut b, &stores, (&next, &rests, &kept), &inputs, &mut entries)?;
     b.slots(Array::Next, c.slots());
     let store = |b: &mut Builder, at: usize, list: &[Value]| {

@@ -119,18 +119,22 @@ impl Pool {
                     Some(across) => self.along_threshold((c.from, c.to), (a, b), across, step),
                     None => self.along_choice((c.from, c.to), a, b, step),
                 };
-                if self.any_node(e, &is_steep) { self.beyond_nothing(e, slope, step) } else { slope }
+                if self.any_node(e, &is_steep) {
+                    self.beyond_nothing((e, step.symbol), slope, step.from, step.delta)
+                } else {
+                    slope
+                }
             }
         }
     }
 
     /// A divided difference; over next to nothing, where the slopes of quotients are none, the derivative at the start. A
     /// row of bodies that touch moves its last ones by such: each contact passes on a power of what the one before does.
-    fn beyond_nothing(&mut self, e: Expr, slope: Expr, step: &Step) -> Expr {
-        let derivative = self.derivative(e, step.symbol);
-        let start = [(step.symbol, step.from)].into_iter().collect();
+    pub(crate) fn beyond_nothing(&mut self, (e, s): (Expr, Symbol), slope: Expr, from: Expr, delta: Expr) -> Expr {
+        let derivative = self.derivative(e, s);
+        let start = [(s, from)].into_iter().collect();
         let derivative = self.substitute(derivative, &start);
-        let (size, nothing) = (self.unary(Unary::Abs, step.delta), self.float(NOTHING));
+        let (size, nothing) = (self.unary(Unary::Abs, delta), self.float(NOTHING));
         let moves = self.binary(Binary::Lt, nothing, size);
         self.select(moves, slope, derivative)
     }
