@@ -381,7 +381,7 @@ fn a_run_that_is_asked_to_end_keeps_what_it_has() {
     let long = ["run", "a.bond", "--stop", "1e6", "--step", "1ms", "--every", "100ms", "-o", "a.csv"];
     let long = [&long[..], &["--checkpoint", "s", "--ledger", "l.csv"]].concat();
     // Twice at once is once: `timeout` does so.
-    let Some((status, out, err)) = asked_to_end(&here, &long, "l.csv", [0, 0]) else { return };
+    let Some((status, out, err)) = asked_to_end(&here, &long, "l.csv", [200, 0]) else { return };
     assert_eq!(status, Some(130), "{err}");
     assert!(out.contains("of 1e6 s, then it was asked to end") && out.contains("at the end"), "{out}");
     assert!(err.contains("asked to end") && err.contains("s has the state at "), "{err}");
@@ -405,7 +405,7 @@ fn a_run_that_is_asked_again_ends_at_once() {
     let here = Folder::new().with("a.bond", OSCILLATOR);
     // The next row is far.
     let long = ["run", "a.bond", "--stop", "1e6", "--step", "1ms", "--at", "9e5", "-o", "a.csv"];
-    let Some((status, out, err)) = asked_to_end(&here, &long, "a.csv", [0, 700]) else { return };
+    let Some((status, out, err)) = asked_to_end(&here, &long, "a.csv", [200, 700]) else { return };
     assert_eq!((status, out.as_str()), (Some(130), ""), "{err}");
     assert!(err.contains("once more, and it ends at once"), "{err}");
     assert_eq!(here.list(), ["a.bond"]);

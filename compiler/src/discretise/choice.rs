@@ -22,8 +22,9 @@ const RADAU: usize = 3;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
 const UNKNOWNS: usize = 16;
-/// The same where the tolerance is tight, by the method of order 6: far fewer steps then are worth what compiling it takes.
-const LARGE: usize = 512;
+/// The same where the tolerance is at most this, or of a region with kinks [`CORNERS`], by the method of order 6: far fewer
+/// steps then are worth what each and compiling it takes. Of many diodes it would begin in far more.
+const LARGE: (usize, f64) = (512, 1e-6);
 /// The same of a linear region with storages that follow a source which moves: its matrix stays as it is.
 const LINEAR: usize = 64;
 
@@ -99,7 +100,9 @@ pub(super) fn nonlinear(
     let Some(tolerance) = tolerance.filter(|t| *t <= LOOSE) else {
         return (Method::Gonzalez, "it is not linear");
     };
-    if !small && (tolerance > TIGHT || has_corners(c) || count(c) > LARGE) {
+    let asks = tolerance <= if kinked { CORNERS } else { LARGE.1 };
+    let fits = count(c) <= LARGE.0 && c.arguments().is_empty() && !has_corners(c);
+    if !small && !(asks && fits) {
         return (Method::Gonzalez, "it is not linear, and large");
     }
     // Where curves hold one another, as dry friction on both sides of a gear, only steps of order 2 go on well.

@@ -282,10 +282,9 @@ impl<'a> Elaborator<'a> {
                             .to_string()
                     }
                     // What follows an operator may be a variable, whatever it looks like.
-                    Some(s) if unknown.span.start > unit.span.start => format!(
-                        "if `{}` is a variable, put a space before the operator, as in `6 V * x`; or did you mean `{s}`?",
-                        unknown.symbol
-                    ),
+                    Some(s) if unknown.span.start > unit.span.start => {
+                        format!("{}; or did you mean `{s}`?", self.set_apart(&unknown, unit, span))
+                    }
                     // A number before a name alone is a unit's; a product has its sign.
                     _ if unknown.span == unit.span && is_name(&unknown.symbol) => {
                         let product = format!("write the product out: `{}*{}`", super::told(value), unknown.symbol);
@@ -295,10 +294,7 @@ impl<'a> Elaborator<'a> {
                         }
                     }
                     Some(s) => format!("did you mean `{s}`?"),
-                    None => format!(
-                        "if `{}` is a variable, put a space before the operator, as in `6 V * x`",
-                        unknown.symbol
-                    ),
+                    None => self.set_apart(&unknown, unit, span),
                 };
                 self.errors.push(
                     Diagnostic::error("units::unknown", unknown.span, format!("`{}` is no unit", unknown.symbol))
@@ -306,6 +302,19 @@ impl<'a> Elaborator<'a> {
                 );
                 None
             }
+        }
+    }
+
+    /// How to write a quantity in whose unit stands what may be a variable.
+    fn set_apart(&self, unknown: &units::UnknownSymbol, unit: &ast::Unit, number: Span) -> String {
+        let whole = self.sources.slice(number.to(unit.span));
+        let (head, rest) = whole.split_at_checked((unknown.span.start - number.start) as usize).unwrap_or((whole, ""));
+        let symbol = &unknown.symbol;
+        match head.strip_suffix('*').map(|head| (head, '*')).or(head.strip_suffix('/').map(|head| (head, '/'))) {
+            Some((head, sign)) if !head.contains('(') => {
+                format!("if `{symbol}` is a variable, put spaces around the operator: `{head} {sign} {rest}`")
+            }
+            _ => format!("if `{symbol}` is a variable, put a space before the operator, as in `6 V * x`"),
         }
     }
 

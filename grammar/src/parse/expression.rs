@@ -123,7 +123,10 @@ impl Reader<'_> {
         if unit.span.end == sign.start && sign.end == right.span.start && !is_number {
             // `1 H*f*(x + 1)`: what laws are written in is no unit.
             let plain = !self.scan.slice(unit.span).contains('(');
-            let variable = unit.factors.iter().skip(1).find(|f| matches!(f.0.as_str(), "e" | "f" | "p" | "q"));
+            let is_variable = |name: &str| {
+                matches!(name, "e" | "f" | "p" | "q") || name.contains(|c: char| c.is_ascii_digit() || c == '_')
+            };
+            let variable = unit.factors.iter().skip(1).find(|f| is_variable(&f.0));
             if let Some((name, _, at)) = variable.filter(|_| plain) {
                 let text = self.scan.slice(last.span.to(right.span));
                 let (head, rest) = text.split_at((at.start - last.span.start) as usize);
