@@ -191,12 +191,13 @@ impl Lowering {
                 {
                     return Ok(value);
                 }
-                let a = match (f, self.fraction(pool, builder, *a, folded)) {
-                    (Unary::Floor, Some((above, below))) => {
+                let fraction = if *f == Unary::Floor { self.fraction(pool, builder, *a, folded) } else { None };
+                let a = match fraction {
+                    Some((above, below)) => {
                         let below = builder.number(below);
                         builder.div(above, below)
                     }
-                    _ => self.child(builder, *a, folded),
+                    None => self.child(builder, *a, folded),
                 };
                 match self.branches.get(&e) {
                     Some(side) => unary_branch(builder, *f, a, *side),
