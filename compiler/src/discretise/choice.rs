@@ -102,7 +102,7 @@ pub(super) fn nonlinear(
     };
     let asks = tolerance <= if kinked { CORNERS } else { LARGE.1 };
     let fits = count(c) <= LARGE.0 && c.arguments().is_empty() && !has_corners(c);
-    if !small && !(asks && fits) {
+    if !(small || asks && fits) {
         return (Method::Gonzalez, "it is not linear, and large");
     }
     // Where curves hold one another, as dry friction on both sides of a gear, only steps of order 2 go on well.
