@@ -22,9 +22,11 @@ const RADAU: usize = 3;
 /// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
 /// cheap.
 const UNKNOWNS: usize = 16;
-/// The same where the tolerance is at most this, or of a region with kinks [`CORNERS`], by the method of order 6: far fewer
+/// The same by the method of order 6 where the tolerance is at most [`FINE`], or of a region with kinks [`CORNERS`]: far fewer
 /// steps then are worth what each and compiling it takes. Of many diodes it would begin in far more.
-const LARGE: (usize, f64) = (512, 1e-6);
+const LARGE: usize = 512;
+/// See [`LARGE`].
+const FINE: f64 = 1e-6;
 /// The same of a linear region with storages that follow a source which moves: its matrix stays as it is.
 const LINEAR: usize = 64;
 
@@ -100,8 +102,8 @@ pub(super) fn nonlinear(
     let Some(tolerance) = tolerance.filter(|t| *t <= LOOSE) else {
         return (Method::Gonzalez, "it is not linear");
     };
-    let asks = tolerance <= if kinked { CORNERS } else { LARGE.1 };
-    let fits = count(c) <= LARGE.0 && c.arguments().is_empty() && !has_corners(c);
+    let asks = tolerance <= if kinked { CORNERS } else { FINE };
+    let fits = count(c) <= LARGE && c.arguments().is_empty() && !has_corners(c);
     if !(small || asks && fits) {
         return (Method::Gonzalez, "it is not linear, and large");
     }

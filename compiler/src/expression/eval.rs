@@ -119,24 +119,19 @@ impl Pool {
 
     /// A sum or product whose numbers are whole, and by what to divide it; None where that is no more than halves.
     pub(super) fn whole(&self, e: Expr) -> Option<(Node, f64)> {
-        let d = match self.node(e) {
-            Node::Sum(c, terms) => Number::denominator(terms.iter().map(|t| t.1).chain([*c])),
-            Node::Product(c, _) => Number::denominator([*c]),
-            Node::Number(_)
-            | Node::Symbol(_)
-            | Node::Power(..)
-            | Node::Unary(..)
-            | Node::Binary(..)
-            | Node::Select(..) => None,
+        let by = |d: Option<i64>| d.filter(|d| !d.unsigned_abs().is_power_of_two()).map(Number::from);
+        let (whole, d) = match self.node(e) {
+            Node::Sum(c, terms) => {
+                let d = by(Number::denominator(terms.iter().map(|t| t.1).chain([*c])))?;
+                (Node::Sum(*c * d, terms.iter().map(|&(t, n)| (t, n * d)).collect()), d)
+            }
+            Node::Product(c, factors) => {
+                let d = by(Number::denominator([*c]))?;
+                (Node::Product(*c * d, factors.clone()), d)
+            }
+            _ => return None,
         };
-        let d = d.filter(|d| !d.unsigned_abs().is_power_of_two())?;
-        let by = Number::from(d);
-        let whole = match self.node(e) {
-            Node::Sum(c, terms) => Node::Sum(*c * by, terms.iter().map(|&(t, n)| (t, n * by)).collect()),
-            Node::Product(c, factors) => Node::Product(*c * by, factors.clone()),
-            other => other.clone(),
-        };
-        Some((whole, d as f64))
+        Some((whole, d.to_f64()))
     }
 }
 

@@ -176,6 +176,9 @@ fn nothing_panics_at_the_edge() {
         "log(0)",
         "(x/0)^2 + x/0",
         "(-8)^(1/3)",
+        "abs(sqrt(-1)*x)",
+        "abs(1e300*1e300*x)",
+        "sign(1e-320*x) + abs(1e-320*x)",
     ] {
         let e = bench.read(text);
         let q = bench.symbol("x");
