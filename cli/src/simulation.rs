@@ -65,18 +65,20 @@ impl Steps {
             return Err(RunError::Tolerance(x));
         }
         positive("the longest step", self.longest)?;
+        // What is longer than the run says nothing.
+        let bound = |x: f64| if stop > 0.0 { x.min(stop) } else { x };
+        let longest = self.longest.map(bound);
         match (step, tolerance) {
             (None, None) => tolerance = Some(1e-6),
             // With a tolerance, a step can only be the longest one.
             (Some(h), Some(_)) => {
                 step = None;
-                let longest = self.longest.map_or(h, |l| l.min(h));
+                let longest = longest.map_or(bound(h), |l| l.min(h));
                 return Ok(simulate::Options { step, tolerance, default_step: longest, longest: Some(longest) });
             }
             _ => {}
         }
         let usual = every.filter(|e| *e > 0.0).map_or(stop / Self::PARTS, |e| e.min(stop / Self::PARTS));
-        let longest = self.longest;
         Ok(simulate::Options { step, tolerance, default_step: longest.unwrap_or(usual), longest })
     }
 }

@@ -223,6 +223,8 @@ pub struct Entries {
     pub dissipated: Vec<(String, usize)>,
     /// What of H is no more than its zero: the sum of the storages' least energies.
     pub floor: f64,
+    /// Which of `supplied` are ports that a sampled region holds: what crossed there is booked at the end of the interval.
+    pub held: Vec<usize>,
     /// The least that H can be, where there is such a level: what a sampled region has to give is counted from there.
     pub least: f64,
     /// Entropy produced in each field with thermal ports.

@@ -10,6 +10,7 @@ mod backend;
 mod bounds;
 mod causality;
 mod classics;
+mod debts;
 mod determinism;
 mod diagnostics;
 mod elaborate;

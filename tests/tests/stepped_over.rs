@@ -223,6 +223,68 @@ fn what_is_far_too_fast_at_the_start() {
     }
 }
 
+/// What moves within microseconds is seen by the first step, however long the run is: a coil that is thrown onto a
+/// charged capacitor, against DOP853 of scipy at 1e-12.
+#[test]
+fn a_start_is_resolved_in_a_run_of_any_length() {
+    for stop in ["1 ms", "60 s", "3600 s", "1e6 s"] {
+        let text = format!(
+            "model Coil {{
+              C:cap {{ compliance = 100 nF; e0 = 10 V }}
+              I:coil {{ f = p/(1 mH) + p^3 * 1e9 A/Wb^3 }}
+              R:wire = 5 Ohm
+              1:loop -> coil, wire
+              cap -> loop
+              probe i = loop.f
+              simulate {{ stop = {stop} }}
+            }}"
+        );
+        for (method, tolerance) in [(None, None), (Some("radau"), None), (Some("sav"), None), (None, Some(1e-8))] {
+            let compiled = compiled(&text, method, tolerance);
+            for (t, wanted) in [(1e-5, 0.0825864), (1e-4, -0.0439912)] {
+                let (i, _) = at(&compiled, tolerance, "i", t);
+                close(i, wanted, 2e-5, &format!("at {t} s of {stop}, {method:?}, {tolerance:?}"));
+            }
+        }
+    }
+}
+
+/// `radau` damps what is too fast for its steps: after a long rest its steps are long, and a push then throws a mass on
+/// a spring, that must not be passed over.
+#[test]
+fn a_push_after_a_long_rest() {
+    let text = "model Jump {
+      Se:u = if t < 1e6 s then 0 N else 1 N
+      I:mass = 1 kg
+      C:spring { H = 0.5*(1 N/m)*q^2 + 0.25*(1 N/m^3)*q^4; q0 = 0.1 m }
+      R:d = 0.05 N*s/m
+      u -> 1:v -> mass, spring, d
+      probe x = spring.q
+      simulate { stop = 2e6 s }
+    }";
+    let (x, _) = at(&compiled(text, Some("radau"), None), None, "x", 1e6 + 10.0);
+    close(x, 0.93419, 1e-4, "10 s after the push");
+}
+
+/// A longest step that is longer than the run says nothing.
+#[test]
+fn a_longest_step_beyond_the_run() {
+    let text = "model Duffing {
+      I:mass = 1 kg
+      C:spring { H = 0.5*(1 N/m)*q^2 + 0.25*(1 N/m^3)*q^4; q0 = 1 m }
+      1:v -> mass, spring
+      probe x = spring.q
+      simulate { stop = 10 s }
+    }";
+    let compiled = compiled(text, None, None);
+    let run = |longest: f64| crate::common::end(&compiled, Steps::new().longest(longest), 10.0, "x");
+    let whole = run(10.0);
+    close(whole, 0.79888, 1e-3, "with a step as long as the run");
+    for longest in [20.0, 1e5, 1e50, 1e300] {
+        assert_eq!(run(longest), whole, "{longest}");
+    }
+}
+
 /// A small circuit heats a body: its errors are measured by its own sizes, however much heat there is.
 #[test]
 fn small_beside_heat() {

@@ -26,6 +26,7 @@ impl Cluster {
         for c in &self.ports {
             b.named(Array::Output, format!("mean({})", form.column(*c).name));
         }
+        let holds: Vec<ColumnId> = super::hold::held_ports(self, form).into_iter().map(|p| self.ports[p]).collect();
         let mut list = Vec::new();
         for (r, accounts) in self.regions.iter().zip(self.accounts(model, form)) {
             let name = &form.regions[r.at()].name;
@@ -48,6 +49,9 @@ impl Cluster {
             for c in accounts.supplied {
                 let name = form.column(c).name.clone();
                 let slot = b.named(Array::Output, format!("supplied({name})"));
+                if holds.contains(&c) {
+                    e.held.push(e.supplied.len());
+                }
                 e.supplied.push((name, slot.index as usize));
             }
             let mut named = |what: &str, members: &[ColumnId]| {

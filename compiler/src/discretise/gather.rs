@@ -55,10 +55,59 @@ fn reads(pool: &Pool, form: &Form, (columns, loops): (&[Vec<usize>], &[Vec<usize
 /// Ports that regions which hold together have at most: each of them answers to each.
 const TOGETHER: usize = 12;
 
+/// Regions that hold for other sampled ones of their period: such a sample is taken in an order, what answers first.
+struct Ranks {
+    /// By region, those that it holds for.
+    held: FxHashMap<usize, Vec<usize>>,
+    /// By the first of a set, its regions, where they are several.
+    members: FxHashMap<usize, Vec<usize>>,
+}
+
+impl Ranks {
+    fn new(model: &Model, form: &Form, bars: &[(usize, usize)]) -> Self {
+        let period = |i: usize| form.regions[i].sampling.map(|s| model.samplings[s].period);
+        let mut held: FxHashMap<usize, Vec<usize>> = FxHashMap::default();
+        for &(holder, other) in bars.iter().filter(|b| period(b.1).is_some() && period(b.0) == period(b.1)) {
+            held.entry(holder).or_default().push(other);
+        }
+        Self { held, members: FxHashMap::default() }
+    }
+
+    /// Whether one region waits for another, over however many: together they would wait for what waits for them.
+    fn waits(&self, sets: &petgraph::unionfind::UnionFind<usize>, i: usize, j: usize) -> bool {
+        let (mut seen, mut left) = (FxHashSet::default(), vec![sets.find(i)]);
+        while let Some(set) = left.pop() {
+            let alone = [set];
+            for member in self.members.get(&set).map_or(&alone[..], Vec::as_slice) {
+                for other in self.held.get(member).into_iter().flatten() {
+                    let next = sets.find(*other);
+                    if next == sets.find(j) {
+                        return true;
+                    }
+                    if seen.insert(next) {
+                        left.push(next);
+                    }
+                }
+            }
+        }
+        false
+    }
+
+    /// Has two step as one.
+    fn join(&mut self, sets: &mut petgraph::unionfind::UnionFind<usize>, i: usize, j: usize) {
+        let [a, b] = [i, j].map(|i| sets.find(i));
+        if !sets.union(i, j) {
+            return;
+        }
+        let [mut all, more] = [a, b].map(|set| self.members.remove(&set).unwrap_or_else(|| vec![set]));
+        all.extend(more);
+        self.members.insert(sets.find(i), all);
+    }
+}
+
 /// Sampled regions that hold for the same cluster at the same instants and in the same way: what one holds is part of
 /// what the others are answered, so that they find it together. Not by the construction along a line, which is of one
-/// level set; not where a double bar joins them, one `reads` the other's signals (at the samples), or the outside is held
-/// for too.
+/// level set; not where one waits for the other at a sample, or `reads` its signals there, or the outside is held for too.
 fn hold_together(
     model: &Model,
     form: &Form,
@@ -74,7 +123,7 @@ fn hold_together(
         let ray = form.regions[*i].sampling.is_some_and(|s| model.samplings[s].method.as_deref() == Some("ray"));
         ray || open.contains(i)
     };
-    let bound: FxHashSet<(usize, usize)> = bars.iter().chain(reads).copied().collect();
+    let mut ranks = Ranks::new(model, form, &bars);
     let mut ports: FxHashMap<usize, usize> = FxHashMap::default();
     bars.iter().for_each(|b| *ports.entry(b.0).or_default() += 1);
     let alike = |i: usize, j: usize| {
@@ -91,7 +140,10 @@ fn hold_together(
         if more > TOGETHER || alone(&holder) {
             continue;
         }
-        let joined = |i: usize, j: usize| bound.contains(&(i, j)) || bound.contains(&(j, i));
+        let joined = |i: usize, j: usize| {
+            let bound = |i: usize, j: usize| reads.contains(&(i, j)) || ranks.waits(sets, i, j);
+            bound(i, j) || bound(j, i)
+        };
         let fits = |(of, members, count): &&mut (usize, Vec<usize>, usize)| {
             *of == root
                 && (members.contains(&holder) || count + more <= TOGETHER)
@@ -103,7 +155,7 @@ fn hold_together(
                 // Who holds for several may be with others already.
                 let (own, theirs) = (sets.find(holder), sets.find(members[0]));
                 if own == holder || own == theirs {
-                    sets.union(members[0], holder);
+                    ranks.join(sets, members[0], holder);
                     members.push(holder);
                     *count += more;
                 }

@@ -4,7 +4,7 @@
 //! kept until the cluster is advanced past its end. So rows of output lie inside of steps, and an input that is set at
 //! a row ends the step there. A plan is a cache: the state of a run without it gives the same plan again.
 
-use super::attempt::{Attempt, Taken, copy, is_stateless};
+use super::attempt::{Attempt, RADAU, Taken, copy, is_stateless};
 use super::cluster::{Run, advance_ports, book};
 use super::event::{STANDS, noise};
 use super::{Error, Options};
@@ -356,7 +356,7 @@ impl Run {
         let order = f64::from(c.step.order + 1);
         // A law has switched where the step begins. By exponentials things may go far before the time does.
         let mut begins = t > 0.0 && control.began == t;
-        if self.steps == 0 && control.events == 0 || begins && c.has_exponentials {
+        if self.steps == 0 && control.events == 0 || begins && (c.has_exponentials || c.step.name == RADAU) {
             let first = control.ahead.min(longest);
             let Some(found) = self.first_step(c, t, first) else {
                 let (region, step) = (c.name.clone(), AT_ONCE * first);

@@ -326,7 +326,8 @@ impl Book {
             (p.residual, self.residual),
             (p.turnover, self.turnover_max),
             (p.size, self.size_max),
-            (p.tank, self.tank),
+            (p.stored, self.stored),
+            (p.stored_max, self.stored_max),
             (p.debt, self.debt_max),
             (p.owed, self.owed),
             (p.crossed, self.crossed_max),
@@ -352,7 +353,8 @@ impl Book {
     fn fetch(&mut self, p: &BookPlaces, e: &Entries, block: &[f64]) {
         (self.h, self.h_max, self.h_top) = (block[p.h], block[p.h_max], block[p.h_top]);
         (self.residual, self.turnover_max, self.size_max) = (block[p.residual], block[p.turnover], block[p.size]);
-        (self.tank, self.debt_max, self.crossed_max) = (block[p.tank], block[p.debt], block[p.crossed]);
+        (self.stored, self.stored_max) = (block[p.stored], block[p.stored_max]);
+        (self.debt_max, self.crossed_max) = (block[p.debt], block[p.crossed]);
         self.owed = block[p.owed];
         self.leaps = block[p.leaps] as u64;
         self.giver = (block[p.giver] as usize, block[p.giver + 1]);

@@ -35,6 +35,9 @@ const SHORTER: f64 = 1.0 / 256.0;
 /// a source begins at 0.
 const BEGINS: f64 = 1.0 / 1_048_576.0;
 
+/// What damps that is far too fast for its steps, and passes over it.
+pub(super) const RADAU: &str = "radau";
+
 /// The largest energy so far, above the least that there is, J.
 fn above(b: &Book, e: &Entries) -> f64 {
     // What is counted as turned over at least says nothing of sizes.
@@ -209,12 +212,12 @@ impl Run {
     /// steps that are ever shorter are looked at first, by which no state may move by more than its size in the first. None
     /// where the shortest of them still moves one of them so.
     pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
-        if !c.step.passive {
+        if !c.step.passive && c.step.name != RADAU {
             return Some(self.first_explicit(c, t, h));
         }
         let stays = c.step.name.starts_with("collocation") && c.step.order.is_multiple_of(4);
         let least = if stays { LOOKS } else { 0 };
-        let looks = if c.has_exponentials { LOOKS + MORE } else { least };
+        let looks = if c.has_exponentials { LOOKS + MORE } else { LOOKS };
         let root = self.cool(c, self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum()).sqrt();
         let (mut first, mut most, mut thrown) = (h, 0.0f64, false);
         for k in 1..=looks {
@@ -227,7 +230,7 @@ impl Run {
             let states = self.state.iter().zip(&fit.trial.next).zip(&self.scales).zip(&mut fit.moves);
             for (((x, y), scale), longer) in states {
                 let (moved, size) = ((y - x).abs(), x.abs().max(root * scale.natural));
-                if size > 0.0 {
+                if size > scale.faintest {
                     first = if moved * first > size * short { size * short / moved } else { first };
                     most = most.max(moved / size);
                 } else if moved > 0.0 {

@@ -152,8 +152,11 @@ pub(super) struct Book {
     /// The worst fall of entropy in a step, as heat at the temperature there.
     pub(super) sunk: Worst,
     pub(super) leaps: u64,
-    /// What may be given besides H: what the tank holds, and H where it is least, below 0.
-    pub(super) tank: f64,
+    /// What a sampled region has to give, S: H above its least and what the tank holds. Counted by itself: where a hold
+    /// has H grow and shrink by far more than crosses, that would be lost in the rounding of H.
+    pub(super) stored: f64,
+    /// The most that ever was.
+    pub(super) stored_max: f64,
     pub(super) debt_max: f64,
     /// The largest debt beside the energies that were there then.
     pub(super) owed: f64,
@@ -176,7 +179,12 @@ impl Book {
         self.h_max.max(self.turnover_max).max(self.size_max)
     }
 
-    /// What may be given besides H at most: the largest energy above the least seen, likewise counted.
+    /// What the tank holds, and H where it is least, below 0.
+    pub(super) fn tank(&self) -> f64 {
+        self.stored - self.h
+    }
+
+    /// The most that may be: the largest energy above the least seen, likewise counted.
     pub(super) fn cap(&self, e: &Entries) -> f64 {
         if e.least == 0.0 { self.h_max } else { self.h_top - 2.0 * e.least }
     }
@@ -267,7 +275,8 @@ impl Run {
                     h,
                     h_max: h.abs(),
                     h_top: h,
-                    tank: -e.least,
+                    stored: h - e.least,
+                    stored_max: h - e.least,
                     turnover_max: FAINTEST,
                     sources: vec![Sum::new(); e.supplied.len()],
                     resistors: vec![Sum::new(); e.dissipated.len()],
@@ -762,8 +771,8 @@ pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
 /// What of it is no number, or makes no sense.
 pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), String> {
     for (b, e) in books.iter_mut().zip(&c.entries) {
-        let (mut supplied, mut dissipated, mut turnover, mut given) = (0.0, 0.0, 0.0, 0.0);
-        for ((name, slot), sum) in e.supplied.iter().zip(&mut b.sources) {
+        let (mut supplied, mut own, mut dissipated, mut turnover, mut given) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (k, ((name, slot), sum)) in e.supplied.iter().zip(&mut b.sources).enumerate() {
             let w = out[*slot];
             if !w.is_finite() {
                 return Err(format!("what `{name}` supplies is not a finite number"));
@@ -771,9 +780,12 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
             supplied += w;
             given += f64::max(w, 0.0);
             turnover += f64::abs(w);
-            sum.add(w);
+            if !e.held.contains(&k) {
+                own += w;
+                sum.add(w);
+            }
         }
-        b.supplied.add(supplied);
+        b.supplied.add(own);
         let mut least = 0.0f64;
         for (k, ((name, slot), sum)) in e.dissipated.iter().zip(&mut b.resistors).enumerate() {
             let w = out[*slot];
@@ -824,6 +836,10 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
             }
         }
         let before = e.before.map_or(b.h, |slot| out[slot]);
+        if e.before.is_some() && c.period.is_some() {
+            // What time alone did to it.
+            b.stored += before - b.h;
+        }
         let residual = (h - before) - ((supplied - dissipated) + leap);
         let scale = size.max(b.h.abs()).max(turnover);
         if c.step.linear.is_some() && residual.abs() > GROSS * scale.max(b.floor()) {

@@ -24,9 +24,10 @@ const MANY: f64 = 1e6;
 pub(super) struct Pace {
     /// The clock's cluster.
     clock: usize,
-    /// Its period, and the holder's own, s.
+    /// Its period, s.
     pub(super) step: f64,
-    period: f64,
+    /// The holder's own period beside it, a little less: instants that are one must not be told apart by rounding.
+    ratio: f64,
     /// The cluster at whose samples those of the clock are, and which goes by no other clock, and its period, s.
     root: (usize, f64),
     /// beta of an interval of `low` of the clock's, and of one more.
@@ -58,17 +59,19 @@ impl Pace {
             let Some(&(step, clock)) = others.iter().rev().find(leads).or(others.last()) else { continue };
             let root = all[clock].as_ref().map_or((clock, step), |p| p.root);
             let low = (period / step * (1.0 + SAME)) as u64;
-            all[i] = Some(Pace { clock, step, period, root, low, ..Self::default() });
+            let ratio = |step: f64| period / step * (1.0 - SAME);
+            all[i] = Some(Pace { clock, step, ratio: ratio(step), root, low, ..Self::default() });
             for (_, o) in follow {
-                all[o] = Some(Pace { clock: i, step: period, period, root, low: 1, ..Self::default() });
+                let clock = Pace { clock: i, step: period, ratio: ratio(period), root, low: 1, ..Self::default() };
+                all[o] = Some(clock);
             }
         }
         all
     }
 
-    /// The sample of the clock at which the holder's k-th is.
+    /// The sample of the clock at which the holder's k-th is. Rounded once, so that each has an interval of its own.
     fn number(&self, k: u64) -> u64 {
-        (k as f64 * self.period / self.step * (1.0 - SAME)).ceil() as u64
+        (k as f64 * self.ratio).ceil() as u64
     }
 
     /// beta of so many intervals of the clock, from what one of them and the recurrence tell: what is held goes on to be

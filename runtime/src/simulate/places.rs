@@ -82,8 +82,10 @@ pub struct BookPlaces {
     pub turnover: usize,
     /// The largest sum of magnitudes.
     pub size: usize,
-    /// Energy in the tank.
-    pub tank: usize,
+    /// What it has to give: H above its least, and the tank.
+    pub stored: usize,
+    /// The most that ever was.
+    pub stored_max: usize,
     /// The largest debt.
     pub debt: usize,
     /// The largest debt beside the energies that were there then.

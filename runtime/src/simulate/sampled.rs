@@ -1,11 +1,11 @@
 //! An interval of a sampled region: what it holds from its start on, and what is booked at its end.
 
 use super::Error;
-use super::cluster::Book;
-use super::hold::{BESIDE, Held, NOISE, RECURRENCE, TERMS, UNTOLD, within_budget};
+use super::cluster::{Book, Run};
+use super::hold::{BESIDE, Held, LOSS, NOISE, RECURRENCE, REPAID, TERMS, UNTOLD, within_budget};
 use super::pace::beta_of;
 use super::schedule::Simulation;
-use crate::scene::{Entries, Respond};
+use crate::scene::{Cluster, Entries, Respond};
 
 /// Room for what a sample works out, so that taking one allocates nothing.
 #[derive(Default)]
@@ -44,30 +44,29 @@ fn share(books: &mut [Book], entries: &[Entries]) {
     }
     let (mut there, mut lacking) = (0.0, 0.0);
     for b in books.iter() {
-        let own = b.h + b.tank;
-        if own < 0.0 {
-            lacking -= own;
+        if b.stored < 0.0 {
+            lacking -= b.stored;
         } else {
-            there += own;
+            there += b.stored;
         }
     }
     if there > 0.0 && lacking > 0.0 {
         let cover = if lacking < there { lacking } else { there };
         let (taken, given) = (cover / there, cover / lacking);
         for b in books.iter_mut() {
-            let own = b.h + b.tank;
-            b.tank -= own * if own < 0.0 { given } else { taken };
+            b.stored -= b.stored * if b.stored < 0.0 { given } else { taken };
         }
     }
     let (mut over, mut full) = (0.0, 0.0);
     for (b, e) in books.iter().zip(entries) {
-        over += b.tank - b.cap(e);
-        full += if b.tank > 0.0 { b.tank } else { 0.0 };
+        let tank = b.tank();
+        over += tank - b.cap(e);
+        full += if tank > 0.0 { tank } else { 0.0 };
     }
     if over > 0.0 {
         let part = over / full;
-        for b in books.iter_mut().filter(|b| b.tank > 0.0) {
-            b.tank -= b.tank * part;
+        for b in books.iter_mut().filter(|b| b.tank() > 0.0) {
+            b.stored -= b.tank() * part;
         }
     }
 }
@@ -141,24 +140,29 @@ impl Simulation<'_> {
             let (mut called, mut crossed) = (0.0, 0.0);
             for h in self.held[i].iter().filter(|h| c.ports[h.port].region == e.region) {
                 let port = &c.ports[h.port];
-                let own = h.q * run.output()[port.mean];
-                called += own;
+                called += h.q * run.output()[port.mean];
                 crossed += h.crossed;
                 if let Some(k) = e.supplied.iter().position(|s| s.0 == port.name) {
-                    run.books[r].sources[k].add(h.crossed - own);
+                    run.books[r].sources[k].add(h.crossed);
                 }
             }
-            let leak = called - crossed;
             let out = run.output();
-            let dissipated: f64 = e.dissipated.iter().map(|d| out[d.1]).sum();
-            let leap = e.leap.map_or(0.0, |l| out[l.0]);
+            let sources = e.supplied.iter().enumerate().filter(|(k, _)| !e.held.contains(k));
+            let own: f64 = sources.map(|(_, (_, slot))| out[*slot]).sum();
             let b = &mut run.books[r];
-            b.supplied.add(-leak);
-            b.leaked.add(leak);
-            b.crossed_max = b.crossed_max.max(crossed.abs());
-            // What was promised is not let go; several regions have no open ports.
-            let most = if alone { b.cap(e).max(self.reserve[i] - b.h) } else { f64::INFINITY };
-            b.tank = (b.tank + dissipated - leak - leap).min(most);
+            if !e.held.is_empty() {
+                b.supplied.add(crossed);
+                b.leaked.add(called - crossed);
+                b.crossed_max = b.crossed_max.max(crossed.abs());
+            }
+            // What a source of its own takes was not given to the outside, and makes no debt.
+            let there = b.stored + crossed;
+            b.stored = (there + own).max(there.min(0.0));
+            if alone {
+                // What was promised is not let go; several regions have no open ports.
+                let most = (b.h + b.cap(e)).max(self.reserve[i]);
+                b.stored = b.stored.min(most);
+            }
         }
         if run.books.is_empty() {
             return;
@@ -166,12 +170,13 @@ impl Simulation<'_> {
         share(&mut run.books, &c.entries);
         let mut stored = 0.0;
         for b in &mut run.books {
-            let own = b.h + b.tank;
-            b.debt_max = b.debt_max.max(-own);
-            stored += own;
+            b.debt_max = b.debt_max.max(-b.stored);
+            b.stored_max = b.stored_max.max(b.stored);
+            stored += b.stored;
         }
+        let clear = |j: usize, stored: f64| -stored <= LOSS * self.caution[j].most;
         let easy = self.caution[i].is_easy();
-        let free = stored >= 0.0 && (easy || self.near[i].iter().all(|j| self.kept(*j) >= 0.0));
+        let free = clear(i, stored) && (easy || self.near[i].iter().all(|j| clear(*j, self.kept(*j))));
         let cost = self.caution[i].settle((-stored, free), crossed);
         if cost > 1.0 {
             // What it gave out, the others may lose too.
@@ -179,17 +184,23 @@ impl Simulation<'_> {
                 self.caution[*j].trust /= cost;
             }
         }
-        if stored < 0.0 {
+        if !free {
             self.owe(i);
         }
     }
 
     /// Notes what debts are beside the energies that there were until now: what comes later excuses none.
     fn owe(&mut self, i: usize) {
-        let largest = self.runs.iter().flat_map(|run| &run.books).map(Book::largest).fold(0.0, f64::max);
+        let clusters = self.runs.iter().zip(&self.scene.clusters);
+        let of = |(run, c): (&Run, &Cluster)| {
+            // What holds alone have a sampled one store is no energy that was there.
+            let largest = |b: &Book| if c.period.is_some() { b.stored_max } else { b.largest() };
+            run.books.iter().map(largest).fold(0.0, f64::max)
+        };
+        let largest = clusters.map(of).fold(0.0, f64::max);
         for b in &mut self.runs[i].books {
-            let own = b.h_max.max(b.supplied.value().abs()).max(b.crossed_max);
-            b.owed = b.owed.max(-(b.h + b.tank) / own.max(BESIDE * largest));
+            let own = b.stored_max.max(b.supplied.value().abs()).max(b.crossed_max);
+            b.owed = b.owed.max(-b.stored / own.max(BESIDE * largest));
         }
     }
 
@@ -274,10 +285,11 @@ impl Simulation<'_> {
         if c.budget {
             let (mut stored, mut size) = (0.0, 0.0);
             for b in &self.runs[i].books {
-                stored += b.h + b.tank;
+                stored += b.stored;
                 size += b.h.abs();
             }
-            let room = ((stored - NOISE * size) + foreseen.max(0.0)).max(0.0);
+            let own = foreseen.max(0.0);
+            let room = ((stored - NOISE * size) + own).max(REPAID * own);
             let rules = self.decay[i].chunks(RECURRENCE);
             doubt.clear();
             doubt.extend(self.held[i].iter().zip(rules).map(|(h, r)| h.doubt(r)));

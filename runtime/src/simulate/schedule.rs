@@ -445,7 +445,7 @@ impl<'a> Simulation<'a> {
     /// # Panics
     /// If there is no such cluster.
     pub fn kept(&self, cluster: usize) -> f64 {
-        self.runs[cluster].books.iter().map(|b| b.h + b.tank).sum()
+        self.runs[cluster].books.iter().map(|b| b.stored).sum()
     }
 
     /// Keeps so much for the outside, J, though the tank be fuller than its cap: it was promised, and may be drawn yet.

@@ -196,7 +196,7 @@ impl Simulation<'_> {
                 dissipated: b.dissipated.value(),
                 leaked: b.leaked.value(),
                 debt_max: b.debt_max,
-                tank: b.tank + e.least,
+                tank: if region.period.is_some() { b.tank() + e.least } else { 0.0 },
                 leaps: b.leaps,
                 worst_step: b.worst.above(floor),
                 total: if b.largest() > 0.0 { b.residual.abs() / b.largest() } else { 0.0 },

@@ -23,7 +23,7 @@ pub const NAMES: [&str; 18] = [
     "worst",
     "turnover_max",
     "size_max",
-    "tank",
+    "stored",
     "debt_max",
     "gained",
     "h_top",
@@ -39,7 +39,7 @@ const RESIDUAL: usize = 9;
 const WORST: usize = 10;
 const TURNOVER: usize = 11;
 const SIZE: usize = 12;
-const TANK: usize = 13;
+const STORED: usize = 13;
 const DEBT: usize = 14;
 const GAINED: usize = 15;
 const H_TOP: usize = 16;
@@ -47,13 +47,13 @@ const H_LEAST: usize = 17;
 
 /// The numbers of a ledger that a run goes on from, in the order of `bond_runtime::simulate::BookPlaces`.
 pub(super) const KEPT: [usize; 12] =
-    [H, H_MAX, H_TOP, H_LEAST, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, TANK, DEBT];
+    [H, H_MAX, H_TOP, H_LEAST, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, STORED, DEBT];
 
 /// What a ledger starts as, with so much energy, which is so much at least.
 pub(super) fn start(h: f64, least: f64) -> Vec<f64> {
     let mut list = vec![0.0; NAMES.len()];
     (list[H], list[1], list[H_MAX], list[H_TOP]) = (h, h, h.abs(), h);
-    (list[TANK], list[H_LEAST]) = (-least, least);
+    (list[STORED], list[H_LEAST]) = (h - least, least);
     list
 }
 
@@ -99,17 +99,22 @@ impl Writing<'_> {
             let zero = w.number(0.0);
             let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
             let (mut supplied, mut dissipated, mut turnover, mut least) = (zero, zero, zero, zero);
+            let mut own = None; // of it, what holds have no part in
             for (k, (_, slot)) in e.supplied.iter().enumerate() {
                 let x = out(w, *slot);
                 supplied = if k == 0 { x } else { w.add(supplied, x) };
                 let size = w.abs(x);
                 turnover = if k == 0 { size } else { w.add(turnover, size) };
-                if let Some(own) = more.and_then(|m| m.sources) {
-                    w.gather(own + 2 * k, x);
+                if e.held.contains(&k) {
+                    continue;
+                }
+                own = Some(own.map_or(x, |sum| w.add(sum, x)));
+                if let Some(sums) = more.and_then(|m| m.sources) {
+                    w.gather(sums + 2 * k, x);
                 }
             }
-            if !e.supplied.is_empty() {
-                w.gather(at + SUPPLIED, supplied);
+            if let Some(own) = &own {
+                w.gather(at + SUPPLIED, *own);
             }
             let rolled = match more.and_then(|m| m.resistors) {
                 None => row(&e.dissipated),
@@ -148,6 +153,12 @@ impl Writing<'_> {
             let h = out(w, e.energy);
             let last = w.kept(at + H);
             let before = e.before.map_or(last, |slot| out(w, slot));
+            if e.before.is_some() && c.period.is_some() {
+                // What time alone did to it.
+                let (stored, more) = (w.kept(at + STORED), w.sub(before, last));
+                let stored = w.add(stored, more);
+                w.keep(at + STORED, stored);
+            }
             let (rise, mut net) = (w.sub(h, before), w.sub(supplied, dissipated));
             if e.leap.is_some() {
                 net = w.add(net, leap);
@@ -257,47 +268,54 @@ impl Writing<'_> {
                 crossed = if k == 0 { own } else { w.add(crossed, own) };
                 let named = e.supplied.iter().position(|s| s.0 == port.name);
                 if let (Some(k), Some(sources)) = (named, more.and_then(|m| m.sources)) {
-                    let off = w.sub(own, x);
-                    w.gather(sources + 2 * k, off);
+                    w.gather(sources + 2 * k, own);
                 }
             }
-            let leak = w.sub(called, crossed);
-            if let Some(more) = more {
-                let size = w.abs(crossed);
-                w.raise(more.crossed, size);
-            }
-            let mut dissipated = None;
-            for (_, slot) in &e.dissipated {
-                let x = out(w, *slot);
-                dissipated = Some(dissipated.map_or(x, |sum| w.add(sum, x)));
-            }
-            let leap = e.leap.map_or(zero, |(slot, _)| out(w, slot));
-            let back = w.unary(bond_runtime::ir::Unary::Neg, leak);
-            w.gather(at + SUPPLIED, back);
-            w.gather(at + LEAKED, leak);
-            let tank = w.kept(at + TANK);
-            let tank = w.add(tank, dissipated.unwrap_or(zero));
-            let tank = w.sub(tank, leak);
-            let tank = w.sub(tank, leap);
-            let tank = match place.books.len() {
-                1 => {
-                    let most = cap(w, at, e);
-                    let over = w.lt(most, tank);
-                    w.select(over, most, tank)
+            if !e.held.is_empty() {
+                let leak = w.sub(called, crossed);
+                if let Some(more) = more {
+                    let size = w.abs(crossed);
+                    w.raise(more.crossed, size);
                 }
-                _ => tank,
-            };
-            w.keep(at + TANK, tank);
+                w.gather(at + SUPPLIED, crossed);
+                w.gather(at + LEAKED, leak);
+            }
+            let mut stored = w.kept(at + STORED);
+            if !e.held.is_empty() {
+                stored = w.add(stored, crossed);
+            }
+            let mut sources = e.supplied.iter().enumerate().filter(|(k, _)| !e.held.contains(k)).map(|(_, s)| s.1);
+            if let Some(first) = sources.next() {
+                let own = out(w, first);
+                let own = sources.fold(own, |sum, slot| {
+                    let x = out(w, slot);
+                    w.add(sum, x)
+                });
+                let below = w.lt(stored, zero);
+                let least = w.select(below, stored, zero);
+                let all = w.add(stored, own);
+                stored = w.larger(least, all);
+            }
+            w.keep(at + STORED, stored);
+            if place.books.len() == 1 {
+                let (h, stored, cap) = (w.kept(at + H), w.kept(at + STORED), cap(w, at, e));
+                let most = w.add(h, cap);
+                let over = w.lt(most, stored);
+                let stored = w.select(over, most, stored);
+                w.keep(at + STORED, stored);
+            }
         }
         if place.books.is_empty() {
             return;
         }
         self.share(w, i);
-        for &at in &place.books {
-            let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
-            let own = w.add(h, tank);
-            let debt = w.unary(bond_runtime::ir::Unary::Neg, own);
+        for (k, &at) in place.books.iter().enumerate() {
+            let stored = w.kept(at + STORED);
+            let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
             w.raise(at + DEBT, debt);
+            if let Some(more) = place.more.get(k) {
+                w.raise(more.stored, stored);
+            }
         }
         let stored = self.stored(w, i);
         let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
@@ -313,13 +331,13 @@ impl Writing<'_> {
             return;
         }
         let zero = w.number(0.0);
-        let own = |w: &mut Writer, at: usize| {
-            let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
-            w.add(h, tank)
+        let tank = |w: &mut Writer, at: usize| {
+            let (stored, h) = (w.kept(at + STORED), w.kept(at + H));
+            w.sub(stored, h)
         };
         let (mut there, mut lacking) = (zero, zero);
         for &at in books {
-            let own = own(w, at);
+            let own = w.kept(at + STORED);
             let below = w.lt(own, zero);
             let (more, less) = (w.add(there, own), w.sub(lacking, own));
             there = w.select(below.clone(), there, more);
@@ -331,18 +349,17 @@ impl Writing<'_> {
             let cover = w.select(less, lacking, there);
             let (taken, given) = (w.div(cover, there), w.div(cover, lacking));
             for &at in books {
-                let own = own(w, at);
+                let own = w.kept(at + STORED);
                 let below = w.lt(own, zero);
                 let part = w.select(below, given, taken);
                 let moved = w.mul(own, part);
-                let tank = w.kept(at + TANK);
-                let tank = w.sub(tank, moved);
-                w.keep(at + TANK, tank);
+                let left = w.sub(own, moved);
+                w.keep(at + STORED, left);
             }
         });
         let (mut over, mut full) = (zero, zero);
         for (&at, e) in books.iter().zip(&self.scene.clusters[i].entries) {
-            let (tank, most) = (w.kept(at + TANK), cap(w, at, e));
+            let (tank, most) = (tank(w, at), cap(w, at, e));
             let more = w.sub(tank, most);
             over = w.add(over, more);
             let there = positive(w, tank);
@@ -352,12 +369,12 @@ impl Writing<'_> {
         w.when(some, |w| {
             let part = w.div(over, full);
             for &at in books {
-                let tank = w.kept(at + TANK);
+                let (stored, tank) = (w.kept(at + STORED), tank(w, at));
                 let there = w.lt(zero, tank);
                 let less = w.mul(tank, part);
-                let less = w.sub(tank, less);
-                let tank = w.select(there, less, tank);
-                w.keep(at + TANK, tank);
+                let less = w.sub(stored, less);
+                let stored = w.select(there, less, stored);
+                w.keep(at + STORED, stored);
             }
         });
     }
@@ -367,10 +384,11 @@ impl Writing<'_> {
         let [peak, trust, risk, largest] = [0, 1, 2, 3].map(|k| self.clusters[i].caution + k);
         let (zero, one) = (w.number(0.0), w.number(1.0));
         let near = self.scene.near().swap_remove(i);
-        let mut free = vec![w.le(debt, zero)];
+        let mut free = vec![self.clear(w, i, debt)];
         for &j in &near {
             let stored = self.stored(w, j);
-            free.push(w.le(zero, stored));
+            let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
+            free.push(self.clear(w, j, debt));
         }
         w.branch(
             Cond::all(free),
@@ -411,6 +429,13 @@ impl Writing<'_> {
         );
     }
 
+    /// Whether a debt is none but for rounding.
+    fn clear(&self, w: &mut Writer, i: usize, debt: Value) -> Cond {
+        let (loss, most) = (w.number(LOSS), w.kept(self.clusters[i].caution + 3));
+        let least = w.mul(loss, most);
+        w.le(debt, least)
+    }
+
     /// Notes what debts are beside the energies that there were until now.
     fn owe(&self, w: &mut Writer, i: usize) {
         let place = &self.clusters[i];
@@ -418,10 +443,14 @@ impl Writing<'_> {
             return;
         }
         let mut largest = w.number(0.0);
-        for at in self.clusters.iter().flat_map(|c| &c.books) {
-            for k in [H_MAX, TURNOVER, SIZE] {
-                let x = w.kept(at + k);
-                largest = w.larger(largest, x);
+        for (c, place) in self.scene.clusters.iter().zip(&self.clusters) {
+            for (at, more) in place.books.iter().zip(&place.more) {
+                let parts = [at + H_MAX, at + TURNOVER, at + SIZE];
+                let alone = [more.stored];
+                for &at in if c.period.is_some() { &alone[..] } else { &parts[..] } {
+                    let x = w.kept(at);
+                    largest = w.larger(largest, x);
+                }
             }
         }
         let beside = w.number(BESIDE);
@@ -430,23 +459,21 @@ impl Writing<'_> {
             let (sum, rest) = (w.kept(at + SUPPLIED), w.kept(at + SUPPLIED + 1));
             let supplied = w.add(sum, rest);
             let mut scale = beside;
-            for x in [w.kept(at + H_MAX), w.kept(more.crossed), w.abs(supplied)] {
+            for x in [w.kept(more.stored), w.kept(more.crossed), w.abs(supplied)] {
                 scale = w.larger(scale, x);
             }
-            let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
-            let own = w.add(h, tank);
-            let debt = w.unary(bond_runtime::ir::Unary::Neg, own);
+            let stored = w.kept(at + STORED);
+            let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
             let part = w.div(debt, scale);
             w.raise(more.owed, part);
         }
     }
 
-    /// What a cluster has to give: H and the tanks; 0 where it has no ledger.
+    /// What a cluster has to give; 0 where it has no ledger.
     pub(super) fn stored(&self, w: &mut Writer, i: usize) -> Value {
         let mut stored = w.number(0.0);
         for (k, &at) in self.clusters[i].books.iter().enumerate() {
-            let (h, tank) = (w.kept(at + H), w.kept(at + TANK));
-            let own = w.add(h, tank);
+            let own = w.kept(at + STORED);
             stored = if k == 0 { own } else { w.add(stored, own) };
         }
         stored

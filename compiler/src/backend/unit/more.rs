@@ -8,6 +8,8 @@ use bond_runtime::scene::{self, Entries};
 /// Places of it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct More {
+    /// The most that it ever had to give.
+    pub(super) stored: usize,
     /// The largest energy that crossed its ports in an interval.
     pub(super) crossed: usize,
     /// The largest debt beside the energies that were there then.
@@ -28,6 +30,7 @@ impl More {
     pub(super) fn new(block: &mut Block, c: &scene::Cluster, e: &Entries) -> Self {
         let alone = c.holds.is_empty();
         Self {
+            stored: block.take(1),
             crossed: block.take(1),
             owed: block.take(1),
             leaps: block.take(1),

@@ -108,7 +108,7 @@ impl Writing<'_> {
 }
 
 fn book(at: usize, m: &super::more::More) -> BookPlaces {
-    let [h, h_max, h_top, least, supplied, dissipated, leaked, residual, turnover, size, tank, debt] =
+    let [h, h_max, h_top, least, supplied, dissipated, leaked, residual, turnover, size, stored, debt] =
         ledger::KEPT.map(|k| at + k);
     BookPlaces {
         h,
@@ -123,7 +123,8 @@ fn book(at: usize, m: &super::more::More) -> BookPlaces {
         gained: m.gained,
         turnover,
         size,
-        tank,
+        stored,
+        stored_max: m.stored,
         debt,
         crossed: m.crossed,
         owed: m.owed,

@@ -1,0 +1,179 @@
+//! What a sampled region has to give, what it owes, and in which order regions find what they hold.
+
+use crate::common::{close, end, finish, probe, start, text};
+use bond::Steps;
+
+/// Two masses and two springs, each sampled, in a ring in which nobody waits for himself: two springs hold for one mass,
+/// but one of them for another one too, which holds for the first.
+fn ring(period: Option<f64>) -> bond::Compiled {
+    let block = |inner: &str| match period {
+        Some(t) => format!("sampled every {t} s {{ {inner} }}"),
+        None => inner.to_string(),
+    };
+    let bar = if period.is_some() { "||>" } else { "->" };
+    text(&format!(
+        "model Ring {{
+  {}
+  {}
+  {}
+  {}
+  a {bar} b
+  b {bar} c
+  a {bar} d
+  c {bar} d
+  probe vm = m.f
+  probe vn = n.f
+  probe qk = k.q
+  probe ql = l.q
+  simulate {{ stop = 1 s }}
+}}",
+        block("C:k = 0.2 m/N  0:d -> k"),
+        block("I:m { inertia = 1 kg; f0 = 1 m/s }  1:a -> m"),
+        block("C:l = 0.2 m/N  0:b -> l"),
+        block("I:n = 1 kg  1:c -> n"),
+    ))
+}
+
+#[test]
+fn a_ring_of_sampled_regions_keeps_its_order() {
+    let ends = |period: Option<f64>| {
+        let compiled = ring(period);
+        let mut sim = start(&compiled, Steps::new());
+        finish(&mut sim, 1.0);
+        ["vm", "vn", "qk", "ql"].map(|name| probe(&mut sim, name))
+    };
+    let exact = ends(None);
+    let off = |period: f64| ends(Some(period)).iter().zip(exact).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+    let [coarse, fine] = [off(0.05), off(0.0125)];
+    assert!(coarse < 0.02 && fine < coarse / 12.0, "{coarse} and {fine}");
+}
+
+/// A mass that bounces about, with sampled springs and a sampled mass at three rates: which of them has a debt of 1e-18 J
+/// at a sample must not tell what the others hold.
+#[test]
+fn rounding_makes_no_debt() {
+    let run = |speed: &str| {
+        let compiled = text(&format!(
+            "model Bounce {{
+  I:m {{ inertia = 1 kg; f0 = {speed} m/s }}
+  C:stop {{ H = 0.5*(3 N/m)*q^2 + 0.25*(20 N/m^3)*q^4 + (if q > 0.2 m then 0.5*(400 N/m)*(q - 0.2 m)^2 else 0); q0 = 0.1 m }}
+  1:v -> m, stop
+  sampled every 0.1 s {{ C:k = 0.2 m/N  1:w -> k }}
+  sampled every 0.06 s {{ I:j = 0.5 kg }}
+  sampled every 0.03 s {{ C:l = 0.1 m/N  0:n -> l }}
+  v ||> w
+  v ||> n
+  n ||> j
+  probe q = stop.q
+  simulate {{ stop = 3 s }}
+}}"
+        ));
+        end(&compiled, Steps::tolerance(1e-8), 3.0, "q")
+    };
+    close(run("1.0000000000001"), run("1"), 1e-9, "where it is after 3 s");
+}
+
+/// A wall far too stiff for its period has H go up and down by 1e13 J, and what crosses by some: that is not lost in the
+/// rounding of H.
+#[test]
+fn a_debt_is_not_lost_beside_what_holds_make() {
+    let compiled = text(
+        "model Wall {
+  Se:push = 10.4 N * sin(3.19 rad/s * t)
+  I:m { inertia = 1 kg; f0 = 1.58 m/s }
+  push -> 1:v -> m
+  sampled every 0.5 s { C:s { H = if q > 0 then 0.5*(1e13 N/m)*q^2 else 0 } }
+  v ||> s
+  simulate { stop = 5 s }
+}",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 5.0);
+    let summary = sim.summary();
+    let wall = summary.regions.iter().find(|r| r.name == "s").expect("the wall has a ledger");
+    assert_eq!(wall.supplied, summary.bars[0].holder);
+    assert!(!summary.passive && wall.debt_max > 1.0, "{summary:?}");
+}
+
+/// What a source of the sampled region's own takes makes no debt, and what it gives pays one back bit by bit: whatever
+/// the period, all comes to where it rests without bars.
+#[test]
+fn a_source_of_its_own_keeps_nobody_in_debt() {
+    for start in ["0.3", "0.5"] {
+        for period in ["1 ms", "2.5 ms", "10 ms", "100 ms"] {
+            let compiled = text(&format!(
+                "model Driven {{
+  sampled every {period} {{
+    Se:u = 0.6 N
+    R:r = 1.2 N*s/m
+    I:a {{ inertia = 2 kg; p0 = -0.02 N*s }}
+    R:s = 1.3 N*s/m
+    u -> 1:x -> r
+    x -> 0:y -> a, s
+  }}
+  I:m {{ inertia = 1 kg; p0 = {start} N*s }}
+  R:d = 1 N*s/m
+  Se:v = 0.5 N
+  0:n -> 1:w -> m, d
+  R:e = 1.1 N*s/m
+  n -> e
+  v -> w
+  n ||> x
+  probe own = a.p
+  probe other = m.p
+  simulate {{ stop = 100 s }}
+}}"
+            ));
+            let mut sim = crate::common::start(&compiled, Steps::new());
+            finish(&mut sim, 100.0);
+            for (name, there) in [("own", 0.392265193370), ("other", 0.135359116022)] {
+                close(probe(&mut sim, name), there, 1e-9, &format!("`{name}` from {start} N*s at {period}"));
+            }
+        }
+    }
+}
+
+/// An orifice has an infinite slope at rest, so that no small change tells how it answers: in whatever units, the damper
+/// beside it holds the same.
+#[test]
+fn beta_at_a_root_knows_no_units() {
+    let run = |effort: f64, flow: f64| {
+        let compiled = text(&format!(
+            "model Pipe {{
+  let le = {effort}
+  let lf = {flow}
+  I:pipe {{ inertia = 1.9 H * le/lf; f0 = -2.83 A * lf }}
+  sampled every 0.05 s hold lagged {{ R:damper = 1 Ohm * le/lf }}
+  0:j -> pipe
+  j ||> damper
+  R:orifice {{ f = lf * 0.9 A * sign(e/(0.57 V * le)) * sqrt(abs(e/(0.57 V * le))) }}
+  j -> orifice
+  probe e = orifice.e/le
+  simulate {{ stop = 0.05 s; step = 10 ms; method = gonzalez }}
+}}"
+        ));
+        end(&compiled, Steps::new(), 0.05, "e")
+    };
+    let there = run(1.0, 1.0);
+    close(there, 2.83, 1e-9, "what the damper holds, V");
+    for (effort, flow) in [(16.0, 16.0), (1024.0, 1.0), (0.000244140625, 128.0)] {
+        close(run(effort, flow), there, 1e-12, &format!("the same, in {effort} V and {flow} A"));
+    }
+}
+
+/// Two clocks that differ by as much as is still taken for one.
+#[test]
+fn clocks_that_all_but_agree() {
+    for off in ["1e-12", "1.00001e-12", "-1e-12", "-1.1e-12", "9.9e-13"] {
+        let compiled = text(&format!(
+            "model Clocks {{
+  sampled every 0.1 s {{ I:m {{ inertia = 1 kg; f0 = 1 m/s }}  1:a -> m }}
+  sampled every 0.1 s * (1 + {off}) {{ C:k = 0.2 m/N  0:b -> k }}
+  a ||> b
+  probe q = k.q
+  simulate {{ stop = 60 s }}
+}}"
+        ));
+        assert!(end(&compiled, Steps::new(), 60.0, "q").abs() < 0.5, "{off}");
+    }
+}
