@@ -2,6 +2,7 @@
 
 use super::suggest::nearest;
 use super::{Elaborator, Entity, Mode, RawBond, RawEnd, ScopeId, Sought};
+use crate::model::Kind;
 use bond_grammar::ast::{Chain, End, Path, Segment};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -13,6 +14,7 @@ impl<'a> Elaborator<'a> {
     pub(super) fn chain(&mut self, chain: &'a Chain, scope: ScopeId) {
         let groups: Vec<Vec<Option<(RawEnd, String)>>> =
             chain.groups.iter().map(|g| g.iter().map(|e| self.end(e, scope)).collect()).collect();
+        self.keep_lists(chain, &groups);
         for (i, arrow) in chain.arrows.iter().enumerate() {
             let (tails, heads) = (&groups[i], &groups[i + 1]);
             if tails.len() > 1 && heads.len() > 1 {
@@ -83,6 +85,37 @@ impl<'a> Elaborator<'a> {
                     });
                 }
             }
+        }
+    }
+
+    /// Keeps the mend for 1-ports in a list in the middle of a chain, which all bonds of it go through.
+    fn keep_lists(&mut self, chain: &Chain, groups: &[Vec<Option<(RawEnd, String)>>]) {
+        let (Some(first), Some(last)) = (chain.groups.first(), chain.groups.last()) else { return };
+        let (Some(first), Some(last)) = (first.first(), last.last()) else { return };
+        for (i, arrow) in chain.arrows.iter().enumerate().skip(1) {
+            let (ends, made) = (&chain.groups[i], &groups[i]);
+            let [_, .., end] = &ends[..] else { continue };
+            let passes = |end: &Option<(RawEnd, String)>| {
+                let Some((RawEnd::Element(id), _)) = end else { return false };
+                matches!(self.elements[id.at()].kind, Kind::Zero | Kind::One | Kind::Tf | Kind::Gy)
+            };
+            let (on, stay): (Vec<_>, Vec<_>) = ends.iter().zip(made).partition(|(_, made)| passes(made));
+            if on.is_empty() {
+                continue;
+            }
+            let words = |span: Span| self.sources.slice(span).split_whitespace().collect::<Vec<_>>().join(" ");
+            let names: Vec<&str> = on.iter().map(|(end, _)| self.sources.slice(named(end))).collect();
+            let mend = format!(
+                "a list ends its chain: write `{}` and on its own line `{} {}`",
+                words(written(first).to(written(end))),
+                names.join(", "),
+                words(arrow.span.to(written(last)))
+            );
+            let stay = stay.into_iter().filter_map(|(_, made)| match made {
+                Some((RawEnd::Element(id), _)) => Some((*id, mend.clone())),
+                _ => None,
+            });
+            self.listed.extend(stay);
         }
     }
 
@@ -308,8 +341,10 @@ impl<'a> Elaborator<'a> {
                 }
             };
         }
-        let by_place =
-            if sought == Sought::Value { self.in_law(segment).or_else(|| self.as_unit(segment)) } else { None };
+        let by_place = self.in_field_law(segment).or_else(|| match sought {
+            Sought::Value => self.in_law(segment).or_else(|| self.as_unit(segment)),
+            Sought::Element | Sought::Part => None,
+        });
         Diagnostic::error("elaborate::unknown", span, format!("there is no `{key}` here")).help(
             match by_place.or(meant) {
                 Some(help) => help,
@@ -345,5 +380,21 @@ impl<'a> Elaborator<'a> {
         } else {
             format!("`{name}` goes from `{name}[{least}]` to `{name}[{most}]`")
         })
+    }
+}
+
+/// Where an end stands.
+fn written(end: &End) -> Span {
+    match end {
+        End::Path(path) => path.span,
+        End::Declare(e) => e.span,
+    }
+}
+
+/// Where its name does, without a declaration's kind.
+fn named(end: &End) -> Span {
+    match end {
+        End::Path(path) => path.span,
+        End::Declare(e) => e.name.span.to(e.span),
     }
 }

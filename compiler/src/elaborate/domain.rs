@@ -99,6 +99,35 @@ fn only_domain(e: &Equation) -> Option<u32> {
     needed.iter().all(|d| *d == first).then_some(first)
 }
 
+/// The mend for an RS whose thermal port is bonded to elements of heat as a flow: the first equation is its own.
+pub(super) fn entropy(all: &[Equation], e: &Equation, system: &System, names: &Names<'_>) -> Option<String> {
+    let (_, rest) = e.about.split_once("the power of `")?;
+    let (source, _) = rest.split_once("` on its two ports (the thermal one")?;
+    let Unit::Form(_, terms) = &e.found.0 else { return None };
+    let graph = terms.iter().find(|(_, (n, d))| (*n < 0) != (*d < 0)).map(|(v, _)| v.0 / 2)?;
+    let pair = [Inference::effort(graph as usize), Inference::flow(graph as usize)].map(|unit| system.known(&unit));
+    if pair != [Some(Dimension::KELVIN), Some(Dimension::WATT)] {
+        return None;
+    }
+    let asks_flow = |e: &&Equation| {
+        only_domain(e) == Some(graph)
+            && matches!(&e.needed.0, Unit::Form(_, terms) if terms.iter().any(|t| t.0.0 % 2 == 1))
+    };
+    let mut told: Vec<String> = Vec::new();
+    for owner in all.iter().filter(asks_flow).filter_map(|e| e.owner) {
+        let name = format!("`{}`", (names.element)(owner));
+        if !told.contains(&name) {
+            told.push(name);
+        }
+    }
+    Some(format!(
+        "an RS gives entropy, at a true bond (K, W/K), and what it leads to ({}) is written for heat, as a pseudo bond (K, W): \
+         give that for entropy, as J/K^2 and K^2/W, or make it `R:{source}` and lead its heat on by \
+         `Sf:heat = {source}.e*{source}.f`",
+        told.join(", ")
+    ))
+}
+
 /// The domains of physics that fit an element's equation by itself.
 fn fitting(e: &Equation, graph: u32, system: &System) -> Vec<Domain> {
     let keep = |v: Unknown| v.0 / 2 == graph;

@@ -2,7 +2,7 @@
 
 use super::{Elaborator, Equation, Mode, ScopeId, Typed, Unit, Value, told};
 use crate::expression::{Number, Symbol};
-use crate::model::{ElementId, Integral, Signal};
+use crate::model::{ElementId, Integral, Kind, Signal};
 use crate::units::{self, Dimension};
 use bond_grammar::ast::{self, Binary, ExprKind, Unary};
 use bond_grammar::diagnostic::Diagnostic;
@@ -42,6 +42,9 @@ const FUNCTIONS: [&str; 27] = [
     "len",
     "transpose",
 ];
+
+/// Prefixes that are no units by themselves.
+const PREFIXES: [&str; 8] = ["p", "n", "u", "µ", "μ", "k", "M", "G"];
 
 impl<'a> Elaborator<'a> {
     /// Asks for a unit.
@@ -263,6 +266,9 @@ impl<'a> Elaborator<'a> {
                 Some(Typed { expr, unit: Unit::known(dimension) })
             }
             Err(unknown) => {
+                if self.mend_apart(&unknown, unit, span) {
+                    return None;
+                }
                 let help = match &unknown.suggestion {
                     // `12_000`
                     _ if unknown.symbol.starts_with('_')
@@ -278,8 +284,33 @@ impl<'a> Elaborator<'a> {
                     }
                     // No unit of the table, since `3 rad/s*t` would be one of it.
                     _ if unknown.symbol == "t" => {
-                        "a tonne is `Mg`; if time is meant, put a space before the operator, as in `6 V * t`"
-                            .to_string()
+                        let time = match unknown.span.start > unit.span.start {
+                            true => self.set_apart(&unknown, unit, span),
+                            false => format!("if `t` is a variable, write the product out: `{}*t`", super::told(value)),
+                        };
+                        format!("a tonne is `Mg`; {}", time.replace("`t` is a variable", "time is meant"))
+                    }
+                    // `2.2k`
+                    _ if unknown.span == unit.span && PREFIXES.contains(&unknown.symbol.as_str()) => {
+                        let (digits, prefix) = (super::told(value), &unknown.symbol);
+                        let of = self.owner.and_then(|id| self.elements.get(id.at())).map(|e| e.kind);
+                        let unit = match of {
+                            Some(Kind::C) => "F",
+                            Some(Kind::I) => "H",
+                            Some(Kind::Se) => "V",
+                            Some(Kind::Sf) => "A",
+                            Some(_) => "Ohm",
+                            None if matches!(prefix.as_str(), "k" | "M" | "G") => "Ohm",
+                            None => "F",
+                        };
+                        format!(
+                            "a prefix needs its unit, as in `{digits} {prefix}{unit}`; \
+                             if `{prefix}` is a variable, write the product out: `{digits}*{prefix}`"
+                        )
+                    }
+                    // `kg/m3`
+                    Some(power) if power.contains('^') && unknown.span.start > unit.span.start => {
+                        format!("did you mean `{power}`? Or, {}", self.set_apart(&unknown, unit, span))
                     }
                     // What follows an operator may be a variable, whatever it looks like.
                     Some(s) if unknown.span.start > unit.span.start => {
@@ -307,15 +338,33 @@ impl<'a> Elaborator<'a> {
 
     /// How to write a quantity in whose unit stands what may be a variable.
     fn set_apart(&self, unknown: &units::UnknownSymbol, unit: &ast::Unit, number: Span) -> String {
-        let whole = self.sources.slice(number.to(unit.span));
-        let (head, rest) = whole.split_at_checked((unknown.span.start - number.start) as usize).unwrap_or((whole, ""));
         let symbol = &unknown.symbol;
-        match head.strip_suffix('*').map(|head| (head, '*')).or(head.strip_suffix('/').map(|head| (head, '/'))) {
-            Some((head, sign)) if !head.contains('(') => {
-                format!("if `{symbol}` is a variable, put spaces around the operator: `{head} {sign} {rest}`")
-            }
-            _ => format!("if `{symbol}` is a variable, put a space before the operator, as in `6 V * x`"),
+        match self.apart(unknown, unit, number) {
+            Some(text) => format!("if `{symbol}` is a variable, put spaces around the operator: `{text}`"),
+            None => format!("if `{symbol}` is a variable, put a space before the operator, as in `6 V * x`"),
         }
+    }
+
+    /// The quantity with spaces around the operator before the symbol.
+    fn apart(&self, unknown: &units::UnknownSymbol, unit: &ast::Unit, number: Span) -> Option<String> {
+        let whole = self.sources.slice(number.to(unit.span));
+        let (head, rest) = whole.split_at_checked((unknown.span.start - number.start) as usize)?;
+        let (head, sign) = head.split_at_checked(head.len().checked_sub(1)?)?;
+        (matches!(sign, "*" | "/") && !head.contains('(')).then(|| format!("{head} {sign} {rest}"))
+    }
+
+    /// Where it is said already that the unit ends too late, its symbol is set apart in that mend too; whether it is.
+    fn mend_apart(&mut self, unknown: &units::UnknownSymbol, unit: &ast::Unit, number: Span) -> bool {
+        let Some(apart) = self.apart(unknown, unit, number) else { return false };
+        let whole = format!("`{} ", self.sources.slice(number.to(unit.span)));
+        let is_behind = |d: &Diagnostic| {
+            d.code == "syntax::unit"
+                && d.labels.first().is_some_and(|l| (l.span.source, l.span.start) == (unit.span.source, unit.span.end))
+        };
+        let said = self.errors.iter_mut().find(|d| is_behind(d)).and_then(|d| d.help.as_mut());
+        let Some(help) = said.filter(|help| help.contains(&whole)) else { return false };
+        *help = help.replacen(&whole, &format!("`{apart} "), 1);
+        true
     }
 
     /// Two things that must have one unit; gives that unit.

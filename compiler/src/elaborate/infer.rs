@@ -294,12 +294,19 @@ impl Inference {
             let turned = name(&e.found.0.mul(&e.needed.0)).is_some_and(|u| u == "1");
             let other = reciprocal(&e.about).filter(|_| turned && name(&e.found.0).is_some_and(|u| u != "1"));
             let bare = name(&e.found.0).is_some_and(|u| u == "1");
+            // Where the unit is known apart from those of the bonds, they have no part in it.
+            let bonded = !matches!(&e.needed.0, Unit::Form(_, terms) if terms.is_empty());
             let source = self.equations.iter().find(|o| {
-                bare && o.about != e.about
+                bare && bonded
+                    && o.about != e.about
                     && (o.about.starts_with("the effort of") || o.about.starts_with("the flow of"))
                     && name(&o.found.0).is_some_and(|u| u == "1")
             });
+            let quoted = e.about.strip_suffix("`,").and_then(|about| about.rsplit_once('`')).map(|(_, text)| text);
+            let number = quoted.filter(|text| bare && text.parse::<f64>().is_ok());
+            let entropy = domain::entropy(&self.equations, e, &system, names);
             let help = match name(&e.found.0.div(&e.needed.0)) {
+                _ if entropy.is_some() => entropy.unwrap_or_default(),
                 _ if other.is_some() => format!("{}; or give {value}", other.unwrap_or_default()),
                 _ if source.is_some() => {
                     let what = source.map(|o| o.about.as_str()).unwrap_or_default();
@@ -311,6 +318,9 @@ impl Inference {
                     "the ratio of a TF is an effort over an effort, that of a GY an effort over a flow, as a motor's constant is: \
                      take the other, or give {value}"
                 ),
+                Some(off) if number.is_some() => {
+                    format!("the unit is off by a factor of {off}: write `{} {needed}`", number.unwrap_or_default())
+                }
                 Some(off) => {
                     format!("the unit is off by a factor of {off}: give {value}, or mend the expression")
                 }

@@ -5,8 +5,11 @@ use crate::model::{Bond, BondId, ElementId, Kind};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 
-/// Elements in series of so many at most are told as they are to be bonded.
+/// So many elements at most are told as they are to be bonded together.
 const TOLD: usize = 8;
+
+/// After so many errors it is no longer looked for what is to be bonded together.
+const TOLD_OF: usize = 100;
 
 impl Elaborator<'_> {
     /// Makes the flat bonds, and checks that everything is bonded as its kind asks for.
@@ -182,15 +185,25 @@ impl Elaborator<'_> {
                 // The port is the tail of one and the head of the other, if the half arrows run the same way.
                 if inside.1 == outside.1 {
                     let how = if inside.1 { "both point away from it" } else { "both point at it" };
+                    let bond = &self.raw_bonds[outside.0];
+                    let instance = &self.instances[self.instances[port.instance].outer];
+                    let seen = |end: RawEnd| within(self.end_name(end), &instance.path);
+                    let (own, other, node) = (seen(bond.tail), seen(bond.head), instance.free("n"));
+                    let junction = match inside.1 {
+                        true => format!("`0:{node} -> {own}, {other}`"),
+                        false => format!("`{own}, {other} -> 0:{node}`"),
+                    };
                     self.errors.push(
                         Diagnostic::error(
                             "elaborate::head_on",
-                            self.raw_bonds[outside.0].span,
+                            bond.span,
                             format!("the half arrows on the two sides of the port `{name}` meet head on: {how}"),
                         )
                         .label(self.raw_bonds[inside.0].span, "is the bond inside")
                         .label(span, "is the port")
-                        .help("turn one of the two around, so that power runs through the port in one direction"),
+                        .help(format!(
+                            "turn one of the two around, so that power runs through the port in one direction, or join both at a junction, {junction}"
+                        )),
                     );
                     return false;
                 }
@@ -249,6 +262,16 @@ impl Elaborator<'_> {
         let error = match (decl.kind, bonds.len()) {
             (Kind::Zero | Kind::One, 0) => whole
                 .then(|| unconnected(name, span).help(format!("bond it, as in `a -> {name} -> b`, or take it out"))),
+            (Kind::Se | Kind::Sf, 0) => whole.then(|| {
+                let error = unconnected(name, span);
+                let Some(value) = decl.ast.and_then(|ast| ast.value.as_ref()) else { return error };
+                let letter = if decl.kind == Kind::Se { 'e' } else { 'f' };
+                let path = &self.instances[self.scopes[decl.scope].instance].path;
+                let (own, value) = (within(name, path), self.sources.slice(value.span));
+                error.help(format!(
+                    "bond it, as in `{own} -> 1:v`; or, if it is only read, write `let {own} = {value}`, and `{own}` for `{own}.{letter}`"
+                ))
+            }),
             (_, 0) => whole.then(|| unconnected(name, span)),
             (Kind::Zero | Kind::One, _) => None,
             (Kind::Tf | Kind::Gy, _) => {
@@ -270,43 +293,87 @@ impl Elaborator<'_> {
                     span,
                     format!("`{name}` has {n} bonds, and takes one"),
                 ))
-                .help(match self.in_series(id) {
-                    Some(chain) => format!("elements in series share a 1-junction: write `{chain}`"),
-                    None => format!("join them at a junction, as in `a, b -> 0:node -> {name}`"),
+                .help(match self.listed.get(&id) {
+                    Some(mend) => mend.clone(),
+                    None => self.at_junction(id),
                 }),
             ),
         };
         self.errors.extend(error);
     }
 
-    /// How elements that are bonded as if power ran through them are to be bonded: `u -> 1:i -> r, c` for `u -> r -> c`.
-    fn in_series(&self, id: ElementId) -> Option<String> {
-        let through = |id: ElementId| {
-            let [a, b] = &self.bonds_of[id.at()][..] else { return None };
-            let (a, b) = (&self.bonds[a.at()], &self.bonds[b.at()]);
-            let (into, out) = if a.head == id { (a, b) } else { (b, a) };
+    /// The mend for what has several bonds and takes one: what they lead to, joined with it at a junction of either
+    /// kind. Elements that are bonded as if power ran through them, `u -> r -> c`, are taken together.
+    fn at_junction(&self, id: ElementId) -> String {
+        let decl = &self.elements[id.at()];
+        let general = format!("join them at a junction, as in `a, b -> 0:node -> {}`", decl.name);
+        if self.errors.len() > TOLD_OF || self.bonds_of[id.at()].iter().any(|b| self.bonds[b.at()].sampled) {
+            return general;
+        }
+        let through = |end: RawEnd| {
+            let RawEnd::Element(id) = end else { return None };
             let passive = matches!(self.elements[id.at()].kind, Kind::R | Kind::C | Kind::I);
-            (passive && into.head == id && out.tail == id).then_some((into.tail, out.head))
+            let [from, to] = self.neighbours(id);
+            let ([from], [to]) = (&from[..], &to[..]) else { return None };
+            passive.then_some((*from, *to))
         };
-        let (mut from, mut to) = through(id)?;
-        let mut chain = vec![id];
-        // In a ring it comes back; long ones are not told.
-        while let Some((before, _)) = through(from).filter(|_| !chain.contains(&from) && chain.len() < TOLD) {
-            chain.insert(0, from);
-            from = before;
+        let [mut tails, mut heads] = self.neighbours(id);
+        let mut chain = vec![RawEnd::Element(id)];
+        if let Some((mut from, mut to)) = through(chain[0]) {
+            // In a ring it comes back; long ones are not told.
+            while let Some((before, _)) = through(from).filter(|_| !chain.contains(&from) && chain.len() < TOLD) {
+                chain.insert(0, from);
+                from = before;
+            }
+            while let Some((_, after)) = through(to).filter(|_| !chain.contains(&to) && chain.len() < TOLD) {
+                chain.push(to);
+                to = after;
+            }
+            (tails, heads) = (vec![from], vec![to]);
         }
-        while let Some((_, after)) = through(to).filter(|_| !chain.contains(&to) && chain.len() < TOLD) {
-            chain.push(to);
-            to = after;
+        let first_one = matches!(decl.kind, Kind::R | Kind::I) && through(RawEnd::Element(id)).is_some();
+        for ends in [&mut tails, &mut heads] {
+            ends.retain(|end| !chain.contains(end));
         }
-        let is_end =
-            |id: ElementId| !matches!(self.elements[id.at()].kind, Kind::Zero | Kind::One) && !chain.contains(&id);
-        if from == to || !is_end(from) || !is_end(to) || chain.len() == TOLD {
-            return None;
+        heads.retain(|end| !tails.contains(end));
+        if matches!(decl.kind, Kind::Se | Kind::Sf) && !heads.is_empty() {
+            tails.append(&mut chain);
+        } else if tails.is_empty() {
+            tails.push(chain.remove(0));
         }
-        chain.push(to);
-        let name = |id: &ElementId| self.elements[id.at()].name.as_str();
-        Some(format!("{} -> 1:i -> {}", name(&from), chain.iter().map(name).collect::<Vec<_>>().join(", ")))
+        heads.splice(0..0, chain);
+        if tails.len() + heads.len() > TOLD || heads.is_empty() {
+            return general;
+        }
+        let instance = &self.instances[self.scopes[decl.scope].instance];
+        let list = |ends: &[RawEnd]| {
+            let names = ends.iter().map(|end| within(self.end_name(*end), &instance.path));
+            names.collect::<Vec<_>>().join(", ")
+        };
+        let form = |kind: char, wish: &str| {
+            format!("`{} -> {kind}:{} -> {}`", list(&tails), instance.free(wish), list(&heads))
+        };
+        let mut forms = [
+            format!("{} where they share the effort", form('0', "node")),
+            format!("{} where one flow runs through all", form('1', "i")),
+        ];
+        forms[..].rotate_left(usize::from(first_one));
+        format!("join them at a junction: {}", forms.join(", "))
+    }
+
+    /// What the bonds of an element come from, and what they lead to, as they are written.
+    fn neighbours(&self, id: ElementId) -> [Vec<RawEnd>; 2] {
+        let this = RawEnd::Element(id);
+        let into = self.raw_bonds.iter().filter(|b| b.head == this).map(|b| b.tail);
+        let out = self.raw_bonds.iter().filter(|b| b.tail == this).map(|b| b.head);
+        [into.collect(), out.collect()]
+    }
+
+    fn end_name(&self, end: RawEnd) -> &str {
+        match end {
+            RawEnd::Element(id) => &self.elements[id.at()].name,
+            RawEnd::Port(p, _) => &self.ports[p].name,
+        }
     }
 
     /// Plain bonds stay on one side of the border of a sampled region; double bars cross one.
@@ -353,11 +420,16 @@ impl Elaborator<'_> {
 
 /// A bond outside of a port, in the names of the instance at this path: its half arrow runs on as the one inside does.
 fn outside(port: &PortDecl, path: &str) -> String {
-    let own = port.name.strip_prefix(path).map_or(port.name.as_str(), |n| n.trim_start_matches('.'));
+    let own = within(&port.name, path);
     match port.inside.first() {
         Some((_, false)) => format!("`{own} -> 1:v`"),
         Some((_, true)) | None => format!("`1:v -> {own}`"),
     }
+}
+
+/// A full name as it is written in the instance at this path.
+fn within<'n>(name: &'n str, path: &str) -> &'n str {
+    name.strip_prefix(path).map_or(name, |n| n.trim_start_matches('.'))
 }
 
 fn unconnected(name: &str, span: Span) -> Diagnostic {

@@ -27,7 +27,7 @@ mod value;
 pub use infer::{Equation, Inference, Unit};
 pub use library::LIBRARY;
 pub use load::{Files, Loader, NoFiles, load};
-pub use suggest::{distance, foreign, nearest};
+pub use suggest::{distance, foreign, meant, nearest};
 pub(crate) use value::Value;
 
 use crate::Options;
@@ -40,7 +40,7 @@ use bond_grammar::source::{SourceId, Sources, Span};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A number as messages tell it: with an exponent where it would be a row of zeros.
-pub(crate) fn told(x: f64) -> String {
+pub fn told(x: f64) -> String {
     if x == 0.0 || !x.is_finite() || (1e-9..1e15).contains(&x.abs()) { x.to_string() } else { format!("{x:e}") }
 }
 
@@ -94,6 +94,15 @@ impl Instance {
     fn new(model: load::ModelRef, path: String, scope: ScopeId, outer: usize, span: Span) -> Self {
         let (names, lost) = (FxHashMap::default(), FxHashSet::default());
         Self { model, path, scope, names, outer, span, lost, unmade: Vec::new(), frayed: false }
+    }
+
+    /// A name that is not taken, for a mend.
+    fn free(&self, wish: &str) -> String {
+        let mut numbered = (2..).map(|n| format!("{wish}{n}"));
+        match self.names.contains_key(wish) {
+            true => numbered.find(|name| !self.names.contains_key(name)).unwrap_or_default(),
+            false => wish.to_string(),
+        }
     }
 }
 
@@ -157,7 +166,7 @@ pub(crate) struct FieldDecl<'a> {
     pub(crate) members: Vec<ElementId>,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum RawEnd {
     Element(ElementId),
     /// A port of an instance; true for its inside.
@@ -205,6 +214,8 @@ pub(crate) struct Elaborator<'a> {
     open_ports: Vec<(ElementId, &'a [ast::Field], ScopeId)>,
     ports: Vec<PortDecl>,
     raw_bonds: Vec<RawBond>,
+    /// 1-ports in a list that does not end its chain, and the mend.
+    listed: FxHashMap<ElementId, String>,
     samplings: Vec<Sampling>,
     /// Name, place, and which `let` it is.
     probes: Vec<(String, Span, usize)>,
@@ -320,6 +331,7 @@ pub fn elaborate(
         open_ports: vec![],
         ports: vec![],
         raw_bonds: vec![],
+        listed: FxHashMap::default(),
         samplings: vec![],
         probes: vec![],
         simulate: vec![],

@@ -1,6 +1,6 @@
 //! `simulate`, `expect` and `--set`.
 
-use super::{Elaborator, Mode, ScopeId, Unit, told};
+use super::{Elaborator, Entity, Mode, ScopeId, Unit, told};
 use crate::Options;
 use crate::model::{Expectation, ExpectationKind, Settings};
 use crate::units::Dimension;
@@ -77,7 +77,7 @@ impl<'a> Elaborator<'a> {
                             field.span,
                             format!("`simulate` has no setting `{name}`"),
                         );
-                        e = match super::nearest(name, known) {
+                        e = match super::meant(name, &known) {
                             Some(n) => e.help(format!("did you mean `{n}`?")),
                             None => e.help(format!("the settings are {}", known.join(", "))),
                         };
@@ -149,6 +149,9 @@ impl<'a> Elaborator<'a> {
                         ExpectationKind::At { value: value_.expr, time, target, tolerance }
                     }
                     ast::Expect::Holds(e) => {
+                        if let Some(mend) = self.at_instant(e, scope) {
+                            self.wrong::<()>("elaborate::expect", e.span, "a value has no arguments".into(), &mend)?;
+                        }
                         let (typed, extremes) = self.expected(e, scope)?;
                         if !is_condition(e) {
                             self.errors.push(
@@ -163,6 +166,23 @@ impl<'a> Elaborator<'a> {
                 Some(Expectation { text, kind, span })
             })
             .collect()
+    }
+
+    /// The mend for a value at an instant that is written as a call: `y(5 s) == 0.3 m`.
+    fn at_instant(&self, e: &ast::Expr, scope: ScopeId) -> Option<String> {
+        let ExprKind::Binary(ast::Binary::Eq, call, target) = &e.kind else { return None };
+        let ExprKind::Call(name, args) = &call.kind else { return None };
+        let names = &self.instances[self.scopes[scope].instance].names;
+        let (Some((Entity::Let(_), _)), [at]) = (names.get(&name.text), &args[..]) else { return None };
+        let unit = match &target.kind {
+            ExprKind::Number { unit: Some(unit), .. } => format!(" {}", self.sources.slice(unit.span)),
+            _ => String::new(),
+        };
+        let [at, target] = [at.span, target.span].map(|span| self.sources.slice(span));
+        Some(format!(
+            "write `expect {} at {at} = {target} within 1e-3{unit}`, with how far it may be off behind `within`",
+            name.text
+        ))
     }
 
     /// The least inertia that the outside shows at an open port.

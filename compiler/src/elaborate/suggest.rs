@@ -18,6 +18,27 @@ pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         .map(|(_, c)| c)
 }
 
+/// What fields and settings are called elsewhere.
+const ALIASES: &[(&str, &[&str])] = &[
+    ("inertia", &["m", "M", "mass", "J", "L"]),
+    ("stiffness", &["k", "K"]),
+    ("compliance", &["c", "C", "capacitance"]),
+    ("resistance", &["r", "b", "d", "damping"]),
+    ("conductance", &["g", "G"]),
+    ("f0", &["v0", "w0", "i0"]),
+    ("q0", &["x0"]),
+    ("step", &["dt", "h"]),
+    ("stop", &["t", "T", "end", "tend", "t_end", "tmax", "duration", "until"]),
+    ("method", &["solver", "integrator"]),
+    ("tolerance", &["tol", "rtol"]),
+];
+
+/// Which of the names of fields or settings may have been meant.
+pub fn meant<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
+    let is_called = |name: &str| ALIASES.iter().any(|(own, others)| *own == name && others.contains(&word));
+    known.iter().copied().find(|name| is_called(name)).or_else(|| nearest(word, known.iter().copied()))
+}
+
 /// How what other languages have a function for is written, of a call of it with these arguments: in words, and as they
 /// stand beside an operator.
 pub fn foreign(f: &str, args: &[(String, String)]) -> Option<String> {

@@ -32,6 +32,13 @@ impl Elaborator<'_> {
         Some(format!("a {is}, as `= value` gives it; write a law in braces: {law}").replace("a inertia", "an inertia"))
     }
 
+    /// The mend for a port of a field, of which one of its laws reads what another one gives.
+    pub(super) fn in_field_law(&self, segment: &Segment) -> Option<String> {
+        let is_port = |local: &str| local.split_once('.').is_some_and(|(port, _)| port == segment.name.text);
+        let (read, _) = self.locals.iter().find(|(local, _)| is_port(local))?;
+        Some(format!("a law reads `{read}`, and not what a law of the field gives: write that out"))
+    }
+
     /// What the law that is being read is written in.
     fn written_in(&self) -> String {
         let owner = self.owner.and_then(|id| self.elements.get(id.at()));

@@ -1,6 +1,6 @@
 //! `= value` and `{ field = value }` of an element's declaration.
 
-use crate::elaborate::{Elaborator, nearest};
+use crate::elaborate::{Elaborator, meant};
 use bond_grammar::ast::{Element, Expr};
 use bond_grammar::diagnostic::Diagnostic;
 
@@ -31,7 +31,7 @@ impl<'a> Fields<'a> {
                     f.span,
                     format!("`{name}` (a `{}`) has no field `{path}`", ast.kind.text),
                 );
-                error = match nearest(&path, known.iter().copied()) {
+                error = match meant(&path, &known) {
                     Some(n) => error.help(format!("did you mean `{n}`?")),
                     None => error.help(format!("its fields are {}", known.join(", "))),
                 };

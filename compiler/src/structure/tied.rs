@@ -182,8 +182,12 @@ pub(super) fn check(model: &mut Model, form: &Form, d: ColumnId) -> Option<Diagn
     let soft = soft(column.gives);
     let part = format!("put a stiff {soft} and some resistance between the two, as the real parts have");
     if column.row.is_empty() {
-        let part = "what it meets is always 0: take it out, or bond it to what is to drive it".to_string();
-        return refuse("nothing drives it".into(), None, part);
+        let part = "take it out, mend the ratios that hold it, or bond it to what is to drive it".to_string();
+        let held = match column.gives {
+            Variable::Effort => "held at rest, by a flow that is always 0",
+            Variable::Flow => "held at 0, by an effort that is always 0",
+        };
+        return refuse(held.into(), None, part);
     }
     if !linear {
         let other = column.row.iter().map(|t| form.column(t.0)).find(|c| c.role == Role::Storage);

@@ -81,6 +81,9 @@ pub(super) fn suggest(symbol: &str) -> Option<String> {
     if let Some((_, unit)) = NAMES.iter().find(|(name, _)| *name == symbol || name.eq_ignore_ascii_case(symbol)) {
         return Some((*unit).to_string());
     }
+    if let Some(power) = power(symbol) {
+        return Some(power);
+    }
     if let Some(unit) = prefixed(symbol, &|a, b| a.to_lowercase() == b.to_lowercase()) {
         return Some(unit);
     }
@@ -88,6 +91,13 @@ pub(super) fn suggest(symbol: &str) -> Option<String> {
     let like = |a: &str, b: &str| a.chars().count() > 1 && a.chars().next() == b.chars().next() && distance(a, b) == 1;
     let near = if symbol.chars().count() > 2 { prefixed(symbol, &like) } else { None };
     near.or_else(|| run_together(symbol))
+}
+
+/// The power of a unit that is written without its sign: `m2`.
+fn power(symbol: &str) -> Option<String> {
+    let (unit, exponent) = symbol.split_at_checked(symbol.len().checked_sub(1)?)?;
+    let told = matches!(exponent, "2" | "3" | "4") && table::find(unit).is_some();
+    told.then(|| format!("{unit}^{exponent}"))
 }
 
 /// The product of two units whose symbols stand together: `kgm`.

@@ -248,7 +248,13 @@ impl Wreck<'_> {
             }
             let message = format!("`{}`: a unit has no spaces inside", self.scan.slice(span));
             let left = self.scan.slice(self.scan.span_of(start + 1).to(self.scan.span_of(before)));
-            let help = format!("join its symbols with `*` or `/`: `{} {left}*{word}`", self.word(start));
+            let number = self.word(start);
+            // `100k Ohm`
+            let prefix = matches!(left, "p" | "n" | "u" | "µ" | "μ" | "m" | "k" | "M" | "G") && self.adjacent(start);
+            let help = match prefix {
+                true => format!("a prefix stands before its unit: `{number} {left}{word}`"),
+                false => format!("join its symbols with `*` or `/`: `{number} {left}*{word}`"),
+            };
             Diagnostic::error("syntax::unit", span, message).help(help)
         })
     }

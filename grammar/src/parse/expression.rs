@@ -123,23 +123,21 @@ impl Reader<'_> {
         if unit.span.end == sign.start && sign.end == right.span.start && !is_number {
             // `1 H*f*(x + 1)`: what laws are written in is no unit.
             let plain = !self.scan.slice(unit.span).contains('(');
-            let is_variable = |name: &str| {
-                matches!(name, "e" | "f" | "p" | "q") || name.contains(|c: char| c.is_ascii_digit() || c == '_')
-            };
             let variable = unit.factors.iter().skip(1).find(|f| is_variable(&f.0));
             if let Some((name, _, at)) = variable.filter(|_| plain) {
                 let text = self.scan.slice(last.span.to(right.span));
                 let (head, rest) = text.split_at((at.start - last.span.start) as usize);
                 let (head, sign) = head.split_at(head.len() - 1);
                 let message = format!("`{name}` is read as a unit, since that ends at the first space, and it is none");
-                let help = format!("put spaces around the operator: `{head} {sign} {rest}`");
+                let help = format!("put spaces around the operator: `{head} {sign} {}`", set_apart(rest));
                 self.errors.push(Diagnostic::error("syntax::unit", at.to(right.span), message).help(help));
                 return;
             }
             let [unit, sign_, right_] = [unit.span, sign, right.span].map(|s| self.scan.slice(s).to_string());
             let message =
                 format!("`{unit}{sign_}{right_}` is read as a unit, which ends at the first space, and it is none");
-            let help = format!("put spaces around the operator: `{unit} {sign_} {right_}`");
+            let left = self.scan.slice(last.span);
+            let help = format!("put spaces around the operator: `{left} {sign_} {}`", set_apart(&right_));
             self.errors.push(Diagnostic::error("syntax::unit", sign.to(right.span), message).help(help));
         }
     }
@@ -245,3 +243,24 @@ static PRECEDENCE: LazyLock<PrattParser<Rule>> = LazyLock::new(|| {
         .op(Op::prefix(Rule::neg))
         .op(Op::infix(Rule::pow, Assoc::Right))
 });
+
+/// Whether this is no unit, but what laws are written in, time, or a name.
+fn is_variable(name: &str) -> bool {
+    matches!(name, "e" | "f" | "p" | "q" | "t") || name.contains(|c: char| c.is_ascii_digit() || c == '_')
+}
+
+/// A text with spaces around the operators before variables, which would else be read as units.
+fn set_apart(text: &str) -> String {
+    let is_name = |c: char| c.is_alphanumeric() || c == '_';
+    let mut apart = String::new();
+    for (at, c) in text.char_indices() {
+        let rest = &text[at + c.len_utf8()..];
+        let name = &rest[..rest.find(|c| !is_name(c)).unwrap_or(rest.len())];
+        let joined = matches!(c, '*' | '/') && text[..at].ends_with(is_name) && name.starts_with(char::is_alphabetic);
+        match joined && is_variable(name) {
+            true => apart.extend([' ', c, ' ']),
+            false => apart.push(c),
+        }
+    }
+    apart
+}
