@@ -4,6 +4,7 @@ use crate::input::name;
 use crate::output;
 use crate::stop::Stop;
 use bond::{Code, Course, RunError, Simulation};
+use bond_compiler::elaborate::told;
 use bond_runtime::scene::{Made, Scene};
 use bond_runtime::simulate;
 use std::path::Path;
@@ -53,7 +54,7 @@ impl<'a> Checkpoints<'a> {
     pub fn left(&self) -> String {
         match (self.saved, self.every) {
             (Some(t), _) => {
-                format!("note: {} has the state at {t} s, to go on from with --resume", self.path.display())
+                format!("note: {} has the state at {} s, to go on from with --resume", self.path.display(), told(t))
             }
             (None, None) => "note: no state was saved; --checkpoint-every saves on the way".into(),
             (None, Some(_)) => "note: no state was saved; it was not yet time to".into(),
@@ -95,8 +96,10 @@ pub fn resume<'a>(
     let at = sim.time();
     if at * (1.0 + 1e-12) >= stop {
         return Err(Stop::Usage(format!(
-            "{} was saved at {at} s, and the run ends at {stop} s; give a later end with --stop",
-            name(path)
+            "{} was saved at {} s, and the run ends at {} s; give a later end with --stop",
+            name(path),
+            told(at),
+            told(stop)
         )));
     }
     Ok(sim)

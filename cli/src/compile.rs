@@ -322,6 +322,12 @@ impl Compiled {
         bond_compiler::rates::energies(&mut self.inner.stages.clone(), time, states)
     }
 
+    /// What has no finite value at a time and at values of the states by name, as a law that takes a root of what is
+    /// below 0, in words; of loops nothing is told.
+    pub fn undefined(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Option<String> {
+        bond_compiler::rates::undefined(&mut self.inner.stages.clone(), time, states)
+    }
+
     /// Puts it at its start. The model's own `simulate` settings hold where `steps` says nothing.
     ///
     /// # Errors

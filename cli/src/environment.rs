@@ -9,6 +9,7 @@ use crate::blame::By;
 use crate::commands::{run, serve};
 use crate::report;
 use crate::stop::Stop;
+use bond_compiler::elaborate;
 use bond_compiler::model::Settings;
 use bond_runtime::envelope::{self, Kind};
 use bond_runtime::scene::{Input, Open, Scene};
@@ -224,6 +225,8 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
     let about = format!("The virtual environment `{}`, built by bond {}", e.scene.name, e.version);
     let version = format!("{} (bond {})", e.scene.name, e.version);
     let command = Line::command().about(about).after_help(told(e)).version(version);
+    // Nobody is met where there is no open port.
+    let command = command.mut_subcommand("serve", |c| c.hide(e.scene.open.is_empty()));
     let line = match command.try_get_matches_from(arguments::words()).and_then(|m| Line::from_arg_matches(&m)) {
         Ok(line) => line,
         Err(e) => e.exit(),
@@ -278,10 +281,10 @@ fn tell(out: &mut String, e: &Environment) -> std::fmt::Result {
     section(out, "Set when it was built", e.set.clone())?;
     section(out, "Left out when it was built", e.without.clone())?;
     let mut fixed: Vec<String> = e.method.iter().map(|m| format!("method {m}")).collect();
-    fixed.extend(e.stop.map(|t| format!("stop {t} s")));
-    fixed.extend(e.step.map(|h| format!("step {h} s")));
+    fixed.extend(e.stop.map(|t| format!("stop {} s", elaborate::told(t))));
+    fixed.extend(e.step.map(|h| format!("step {} s", elaborate::told(h))));
     fixed.extend(e.tolerance.map(|x| format!("tolerance {x}")));
-    fixed.extend(e.every.map(|t| format!("a row every {t} s")));
+    fixed.extend(e.every.map(|t| format!("a row every {} s", elaborate::told(t))));
     section(out, "Where the command line says nothing", fixed)?;
     write!(
         out,

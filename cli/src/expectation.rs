@@ -2,6 +2,7 @@
 
 use crate::summary::short;
 use bond::Summary;
+use bond_compiler::elaborate::told;
 use bond_runtime::scene::{ExpectationKind, Scene};
 use bond_runtime::{Interpreter, Kernel};
 
@@ -109,7 +110,7 @@ impl<'a> Watch<'a> {
             }
             ExpectationKind::Holds { extremes, .. } if extremes.is_empty() => match seen.broken {
                 None => Outcome::Held(format!("at {} rows", seen.rows)),
-                Some(t) => Outcome::Broken(format!("not at t = {t} s")),
+                Some(t) => Outcome::Broken(format!("not at t = {} s", told(t))),
             },
             ExpectationKind::Holds { extremes, program, .. } => {
                 let measured: Vec<String> = extremes

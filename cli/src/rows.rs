@@ -2,6 +2,7 @@
 
 use crate::blame::{By, Said};
 use crate::stop::Stop;
+use bond_compiler::elaborate::told;
 
 /// More rows than this are refused.
 const ROWS: f64 = 1e8;
@@ -59,7 +60,9 @@ impl Rows {
         at.dedup();
         if let Some(late) = at.iter().find(|t| **t > stop * (1.0 + 1e-9)) {
             return Err(Stop::Usage(format!(
-                "--at {late} is beyond the end of the run, {stop} s; make it longer with --stop"
+                "--at {} is beyond the end of the run, {} s; make it longer with --stop",
+                told(*late),
+                told(stop)
             )));
         }
         let points = match grid {

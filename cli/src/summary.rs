@@ -4,6 +4,7 @@ use crate::bench::Setting;
 use crate::choose::Chosen;
 use crate::stop::Stop;
 use bond::{RegionSummary, RunError, Summary};
+use bond_compiler::elaborate::told;
 use bond_runtime::scene::{LeftOut, Scene};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt::Write;
@@ -38,7 +39,7 @@ impl std::fmt::Display for Early {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Early::Failed(e) => e.fmt(f),
-            Early::Asked(t) => write!(f, "it was asked to end at t = {t} s"),
+            Early::Asked(t) => write!(f, "it was asked to end at t = {} s", told(*t)),
         }
     }
 }

@@ -2,9 +2,11 @@
 //! states change.
 
 use crate::Stages;
-use crate::expression::{Expr, Pool, Symbol};
-use crate::model::{Model, Signal};
+use crate::elaborate::told;
+use crate::expression::{Expr, Node, Pool, Symbol};
+use crate::model::{Law, Model, Signal};
 use crate::structure::{Form, Group, Output, Role};
+use bond_runtime::ir::Unary;
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -46,6 +48,15 @@ impl Point {
     /// The scene at a time and at values of its states (energy and signal states by name, then `integral[0]` and so
     /// on); a state that is not given is at its start.
     pub(crate) fn new(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Point, String> {
+        let mut point = Point::settled(stages, time, states);
+        if let Err(why) = point.solve(&mut stages.model.pool) {
+            return Err(point.unsolved(&stages.model.pool, why));
+        }
+        Ok(point)
+    }
+
+    /// The same without what is in loops, or behind one.
+    fn settled(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Point {
         let mut point = Point {
             states: vec![],
             inputs: vec![],
@@ -58,10 +69,7 @@ impl Point {
         };
         point.define(stages, time, states);
         point.settle(&stages.model.pool);
-        if let Err(why) = point.solve(&mut stages.model.pool) {
-            return Err(point.unsolved(&stages.model.pool, why));
-        }
-        Ok(point)
+        point
     }
 
     /// Says that the loops do not tell what is in them, and names them.
@@ -86,6 +94,22 @@ impl Point {
     /// The value of an expression here.
     pub(crate) fn value(&self, pool: &Pool, e: Expr) -> f64 {
         pool.eval(e, &|s| self.at.get(&s).copied().unwrap_or(0.0))
+    }
+
+    /// The first operation within an expression that has no finite value here, though what it is of has one.
+    fn break_of(&self, pool: &Pool, mut e: Expr) -> Expr {
+        let is_off = |e: Expr| !self.value(pool, e).is_finite();
+        loop {
+            let mut below = Vec::new();
+            match pool.node(e) {
+                Node::Select(c, a, b) => below.extend([*c, if self.value(pool, *c) == 0.0 { *b } else { *a }]),
+                node => node.each_child(&mut |child| below.push(child)),
+            }
+            match below.into_iter().find(|child| is_off(*child)) {
+                Some(child) => e = child,
+                None => return e,
+            }
+        }
     }
 
     /// States get their values, everything else its definition.
@@ -406,4 +430,56 @@ pub fn energies(
     let energy = |g: &Group| point.value(&stages.model.pool, g.energy);
     let regions = stages.form.regions.iter().filter(|r| r.sampling.is_none());
     Ok(regions.map(|r| (r.name.clone(), r.groups.iter().map(energy).sum())).collect())
+}
+
+/// What has no finite value at a time and at values of the states as for [`rates`], though all that it reads has one:
+/// a law, an energy or a rate of the continuous regions, in words, with the mend where there is one. Loops are not
+/// looked into.
+pub fn undefined(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Option<String> {
+    let point = Point::settled(stages, time, states);
+    let (model, pool) = (&stages.model, &stages.model.pool);
+    let laws = point.order.iter().map(|i| (pool.name(point.columns[*i].0), point.columns[*i].1));
+    let regions = stages.form.regions.iter().filter(|r| r.sampling.is_none());
+    let energies = regions.flat_map(|r| r.groups.iter().map(|g| (r.states[g.states[0]].name.as_str(), g.energy)));
+    let rates = point.states.iter().map(|(name, _, rate)| (name.as_str(), *rate));
+    let is_told = |e: Expr| pool.symbols(e).iter().all(|s| point.at.contains_key(s));
+    let (name, e) = laws
+        .map(|law| ("", law))
+        .chain(energies.map(|energy| ("the energy of ", energy)))
+        .chain(rates.map(|rate| ("the rate of ", rate)))
+        .find(|(_, (_, e))| is_told(*e) && !point.value(pool, *e).is_finite())
+        .map(|(what, (name, e))| (format!("{what}`{name}`"), point.break_of(pool, e)))?;
+    let of = |e: Expr| format!("`{}`, which is {}", pool.print(e), told(point.value(pool, e)));
+    let is = |what: String| format!("{name} has no finite value there: it takes {what}");
+    match pool.node(e) {
+        Node::Unary(Unary::Log, a) => Some(format!(
+            "{}; keep it above 0, by the start or as in `log(max(x, 1e-9))`",
+            is(format!("the logarithm of {}", of(*a)))
+        )),
+        Node::Product(_, pairs) => {
+            let zero = pairs.iter().find(|(x, n)| point.value(pool, *x) == 0.0 && n.to_f64() < 0.0);
+            let below = pairs.iter().find(|(x, n)| point.value(pool, *x) < 0.0 && n.to_f64().fract() != 0.0);
+            let ratio = |x: Expr| model.elements.iter().find(|e| matches!(e.law, Law::Ratio(r) if r == x));
+            match (zero.map(|(x, _)| (*x, ratio(*x))), below) {
+                (Some((_, Some(two_port))), _) => Some(format!(
+                    "the ratio of `{}` is 0 there, and {name} takes something divided by it; a switch is a resistor, \
+                     as in `R:sw = if ... then 1 mOhm else 1 MOhm`",
+                    two_port.name
+                )),
+                (Some((x, None)), _) => Some(is(format!("something divided by {}", of(x)))),
+                (None, Some((x, _))) => Some(format!(
+                    "{}; a root with both signs is `sign(x)*sqrt(abs(x))`",
+                    is(format!("a root of {}", of(*x)))
+                )),
+                (None, None) => Some(is(of(e))),
+            }
+        }
+        Node::Number(_)
+        | Node::Symbol(_)
+        | Node::Sum(..)
+        | Node::Power(..)
+        | Node::Unary(..)
+        | Node::Binary(..)
+        | Node::Select(..) => Some(is(of(e))),
+    }
 }

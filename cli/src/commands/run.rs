@@ -17,7 +17,9 @@ use crate::table::{self, Column, Kind, Table};
 use crate::{checkpoint, choose, draw, ensemble, output, report, signal};
 use bond::{Code, RunError, Simulation, Steps, Summary, Text};
 use bond_compiler::discretise::{Accuracy, Method};
+use bond_compiler::elaborate::told;
 use bond_compiler::model::Settings;
+use bond_runtime::Failure;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::Error as Failed;
 use clap::builder::PossibleValuesParser;
@@ -235,13 +237,16 @@ fn later(at: &[f64], from: f64) -> Result<(), Stop> {
     match at.iter().find(|t| from > 0.0 && **t <= from * (1.0 + 1e-12)) {
         None => Ok(()),
         Some(t) => Err(Stop::Usage(format!(
-            "--at {t} is not after {from} s, from which the saved state goes on; leave it out, or run without --resume"
+            "--at {} is not after {} s, from which the saved state goes on; leave it out, or run without --resume",
+            told(*t),
+            told(from)
         ))),
     }
 }
 
 /// Runs a scene, with steps that were chosen or that are told.
 fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<&Chosen>)) -> Result<(), Stop> {
+    let model = by;
     places(args, None)?;
     let (steps, stop, every) = asked(args, settings);
     let steps = chosen.map_or(steps, Chosen::steps);
@@ -304,7 +309,7 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<
     if early.is_none() && matches!(kept, Err(Stop::Pipe)) {
         return kept;
     }
-    let told = tell(args, (scene, chosen), &mut sim, (from, stop), started, early);
+    let told = tell(args, (scene, model, chosen), &mut sim, (from, stop), started, early);
     if let (Err(Stop::Numerics(_) | Stop::Said(_)), Some(checkpoints)) = (&told, &checkpoints) {
         report::say(&checkpoints.left());
     }
@@ -402,7 +407,7 @@ impl Watch for OnTheWay<'_> {
 /// The summary, and the error of a run that failed.
 fn tell(
     args: &How,
-    (scene, chosen): (&Scene, Option<&Chosen>),
+    (scene, model, chosen): (&Scene, By, Option<&Chosen>),
     sim: &mut Simulation<'_>,
     (from, stop): (f64, f64),
     started: Instant,
@@ -439,12 +444,30 @@ fn tell(
     }
     match early {
         None => printed,
-        Some(Early::Failed(e)) => match shorter(&e, sim) {
-            Some(mend) => Err(Stop::Numerics(format!("{e}; {mend}"))),
-            None => Err(e.into()),
+        Some(Early::Failed(e)) => match (cause(&e, model, args, sim), shorter(&e, sim)) {
+            (Some(cause), _) => Err(Stop::Numerics(cause)),
+            (None, Some(mend)) => Err(Stop::Numerics(format!("{e}; {mend}"))),
+            (None, None) => Err(e.into()),
         },
         Some(Early::Asked(_)) => Err(Stop::Said(signal::ASKED)),
     }
+}
+
+/// What a step failed by, where that is a law that has no finite value at its start. Of what samples hold, or the
+/// outside gives, the model does not tell.
+fn cause(e: &RunError, model: By, args: &How, sim: &Simulation<'_>) -> Option<String> {
+    let (RunError::Numerics(Failed::Step { time, region, why, .. }), By::Text(compiled)) = (e, model) else {
+        return None;
+    };
+    let is_off = match why {
+        Failure::NoConvergence { change, .. } => *change == 0.0,
+        Failure::NotFinite { .. } => true,
+        Failure::Singular { .. } | Failure::Balance => false,
+    };
+    let scene = compiled.scene();
+    let alone = args.input.is_none() && scene.open.is_empty() && scene.clusters.iter().all(|c| c.period.is_none());
+    let what = compiled.undefined(*time, &|name| sim.state(name)).filter(|_| is_off && alone)?;
+    Some(format!("at t = {} s, a step of `{region}` failed: {what}", told(*time)))
 }
 
 /// What may help where a step of a fixed length failed.

@@ -6,6 +6,7 @@ use super::sweep::Sweep;
 use super::{Args, INSTANCES};
 use crate::stop::Stop;
 use bond::Quantity;
+use bond_compiler::elaborate::told;
 
 /// The grid of the sweeps, times the draws at each of its points.
 ///
@@ -81,7 +82,7 @@ impl Plan {
     /// An instance and its values, for people.
     pub fn named(&self, instance: u64) -> String {
         let values = self.values(instance);
-        let list: Vec<String> = self.paths().zip(values).map(|(p, (x, _))| format!("{p} = {x}")).collect();
+        let list: Vec<String> = self.paths().zip(values).map(|(p, (x, _))| format!("{p} = {}", told(x))).collect();
         format!("instance {instance} ({})", list.join(", "))
     }
 

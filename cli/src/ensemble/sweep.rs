@@ -60,6 +60,10 @@ impl Sweep {
             Spacing::Log => {
                 let (ratio, m, k) = (to / from, (n - 1) as f64, k as f64);
                 let pow = |x: f64, n: f64| eval::binary(Binary::Pow, x, n);
+                // Their quotient may be beyond all numbers where what lies between them is not.
+                if !ratio.is_normal() {
+                    return from.signum() * pow(from.abs(), 1.0 - part) * pow(to.abs(), part);
+                }
                 let x = pow(ratio, part);
                 // 1/6 is rounded, and so is the power by it: 10 is that of 1e6 all the same.
                 let off = (pow(x, m) / pow(ratio, k) - 1.0) / m;
@@ -146,6 +150,8 @@ mod tests {
         let log = values("k=1..1e6:7:log");
         assert_eq!(log, [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]);
         assert!((0..7).all(|i| (log[i] / 10f64.powi(i as i32) - 1.0).abs() < 1e-14), "{log:?}");
+        let wide = values("k=1e300..1e-300:5:log");
+        assert!((0..5).all(|i| (wide[i] / 10f64.powi(300 - 150 * i as i32) - 1.0).abs() < 1e-12), "{wide:?}");
         assert!(values("k=-1..-100:3:log").iter().zip([-1.0, -10.0, -100.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-14));
         assert_eq!(parse("cell[1][2].k = 2,3").unwrap().path, "cell[1,2].k");
         assert_eq!(parse("k=1 N/m..2 N/m:2").unwrap().dimension, bond::quantity("1 N/m").unwrap().1);

@@ -104,6 +104,8 @@ impl Loop<'_, '_> {
         let mut again = clock::now() + period;
         loop {
             if self.hear()? {
+                // How long a device takes to come is no round trip.
+                self.times.round = Meter::new();
                 return Ok(true);
             }
             if asked.load(Ordering::Relaxed) || self.link.is_over() {

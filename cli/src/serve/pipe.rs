@@ -68,9 +68,17 @@ impl Pipe {
             return Ok(out.flush()?);
         }
         let place = |k: u64| (k % SENT as u64) as usize;
+        // All of it may be drawn at ports of one region.
+        let groups = effort.group[..self.ports].iter().copied().max().unwrap_or(0);
+        let rooms = (0..=groups).filter(|_| groups > 0).filter_map(|group| {
+            let own = |i: &usize| effort.group[*i] == group;
+            let given: f64 = (0..self.ports).filter(own).map(|i| self.sums.w[i]).sum();
+            (0..self.ports).find(own).map(|i| given - effort.limit[i])
+        });
+        let stored = rooms.fold(effort.stored, f64::min);
         // What lines without an answer allow may still be drawn under them.
         let open = (self.sums.sequence..effort.sequence).rev().take(SENT).map(|k| self.promised[place(k)]).sum::<f64>();
-        let promised = (effort.stored - open).max(0.0);
+        let promised = (stored - open).max(0.0);
         self.promised[place(effort.sequence)] = promised;
         self.sent[place(effort.sequence)] = effort.v;
         self.next = effort.sequence + 1;

@@ -60,6 +60,8 @@ fn it_tells_what_it_is() {
     let told = ["`Oscillator`", "x [m]", "v [m/s]", "m = 2 kg", "method gonzalez", "stop 1 s", "run "];
     environment(&here, "here", &["--help"]).is(0, &told, &[]);
     environment(&here, "here", &[]).is(2, &[], &told);
+    // It meets nobody.
+    assert!(!environment(&here, "here", &["--help"]).is(0, &[], &[]).out.contains("serve"));
     environment(&here, "here", &["--version"]).is(0, &["Oscillator (bond "], &[]);
     environment(&here, "here", &["run"]).is(0, &["gonzalez (order 2)"], &[]);
     for fixed in [["--set", "k=1"], ["--method", "exact"], ["--model", "Oscillator"]] {

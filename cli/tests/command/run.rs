@@ -725,3 +725,52 @@ fn quotes_of_a_table_of_inputs() {
     let here = here.with("u.csv", "t,\"u\"\n0, \"1\" \n\"1\",1\n");
     here.bond(&["run", "a.bond", "--input", "u.csv"]).is(0, &[], &[]);
 }
+
+/// What has no finite value is named, where it stands, and not what is solved for.
+#[test]
+fn what_has_no_value_is_named() {
+    let log = "model M(RT = 2478 J/mol, k = 1 mol/s) {
+      C:A { e = RT*log(q/1 mol); q0 = 1 mol }
+      C:AB { e = RT*log(q/1 mol) }
+      R(f, r):re { f.f = k*(exp(f.e/RT) - exp(r.e/RT)); r.f = k*(exp(r.e/RT) - exp(f.e/RT)) }
+      A -> re.f
+      AB -> re.r
+      simulate { stop = 1 s }
+    }";
+    let root = "model M {
+      C:tank1 { compliance = 1e-4 m^3/Pa; e0 = 1000 Pa }
+      R:pipe = 1e6 Pa*s/m^3
+      C:tank2 { compliance = 1e-4 m^3/Pa; e0 = 500 Pa }
+      R:far { f = 1e-6 m^3/(s*Pa^(1/2)) * sqrt(e) }
+      C:tank3 { compliance = 1e-4 m^3/Pa; e0 = 800 Pa }
+      tank1 -> 0:a -> 1:q -> pipe
+      q -> 0:b -> tank2
+      b -> 1:q2 -> far
+      q2 -> 0:c -> tank3
+      simulate { stop = 1 s }
+    }";
+    let ratio = "model M {
+      Se:src = 24 V
+      MTF:sw = if mod(t, 20 us) < 10 us then 1 else 0
+      I:L1 = 100 uH
+      C:C1 = 100 uF
+      R:load = 5 Ohm
+      src -> sw -> 1:i -> L1
+      i -> 0:out -> C1, load
+      simulate { stop = 1 ms }
+    }";
+    let here = Folder::new().with("log.bond", log).with("root.bond", root).with("ratio.bond", ratio);
+    for (file, told) in [
+        ("log.bond", "`AB.e` has no finite value there: it takes the logarithm of `AB.q`, which is 0"),
+        ("root.bond", "`far.f` has no finite value there: it takes a root of `tank2.e - tank3.e`, which is -300"),
+        ("ratio.bond", "the ratio of `sw` is 0 there"),
+    ] {
+        here.bond(&["run", file]).is(3, &[], &[told]);
+    }
+}
+
+#[test]
+fn large_numbers_are_told_by_their_power() {
+    let here = Folder::new().with("a.bond", OSCILLATOR);
+    here.bond(&["run", "a.bond", "--at", "1e300"]).is(2, &[], &["--at 1e300 is beyond the end of the run, 1 s"]);
+}

@@ -303,6 +303,37 @@ fn lines_without_an_answer_allow_nothing_more() {
     child.wait().unwrap();
 }
 
+/// Ports of several regions: a line allows what each of them has, and not their sum. How long the device takes to come
+/// is no round trip.
+#[test]
+fn a_line_allows_what_each_region_has() {
+    let text = "model M {
+      port a
+      port b
+      sampled at 500 Hz { C:ca { stiffness = 400 N/m; q0 = 0.02 m }  R:ra = 1 N*s/m  1:va -> ca, ra }
+      sampled at 500 Hz { C:cb { stiffness = 100 N/m; q0 = 0.01 m }  R:rb = 1 N*s/m  1:vb -> cb, rb }
+      a ||> va
+      b ||> vb
+    }";
+    let here = Folder::new().with("a.bond", text);
+    let mut child = here.spawn(&["serve", "a.bond", "--stdio", "--lockstep", "--report", "json"]);
+    let (mut input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+    let mut lines = BufReader::new(output).lines().map(|l| l.unwrap());
+    let mut allowed = || lines.next().unwrap().split(',').nth(2).unwrap().parse::<f64>().unwrap();
+    assert!((allowed() - 0.005).abs() < 1e-15);
+    std::thread::sleep(Duration::from_millis(600));
+    // The first is bent further, so that the second still is what bounds them; then the second is let go in part.
+    for (line, least) in [("1e-3,0\n", 0.005), ("0,-5e-3\n", 0.0051)] {
+        std::io::Write::write_all(&mut input, line.as_bytes()).unwrap();
+        let x = allowed();
+        assert!(x > 0.0 && x < least, "{line}: {x}");
+    }
+    drop(input);
+    let told = child.wait_with_output().unwrap();
+    let json: Value = serde_json::from_slice(&told.stderr).unwrap();
+    assert!(json["round_trip"]["max_us"].as_f64().unwrap() < 5e5, "{json:#}");
+}
+
 #[test]
 fn what_cannot_be_served_is_told() {
     let here = Folder::new()

@@ -58,9 +58,15 @@ fn mend(jumps: &[String]) -> String {
     )
 }
 
-/// A time to be read, s: with its power of ten where it is short.
+/// A time to be read, s: with its power of ten where it is short or long.
 fn instant(time: f64) -> String {
-    if time != 0.0 && time.abs() < 1e-5 { format!("{time:e}") } else { format!("{time}") }
+    let plain = time == 0.0 || !time.is_finite() || (1e-5..1e15).contains(&time.abs());
+    if plain { format!("{time}") } else { format!("{time:e}") }
+}
+
+/// A step to be read, s, which may be too small for any number.
+fn length(step: f64) -> String {
+    format!("{:.0e}", step.max(f64::from_bits(1)))
 }
 
 /// Why a run stopped early.
@@ -87,8 +93,9 @@ pub enum Error {
     },
     /// An adaptive step became too small.
     #[error(
-        "at t = {} s, the step of `{region}` would have to be smaller than {step:.0e} s to meet the tolerance{}; {}, or give a fixed step",
+        "at t = {} s, the step of `{region}` would have to be smaller than {} s to meet the tolerance{}; {}, or give a fixed step",
         instant(*time),
+        length(*step),
         state.as_ref().map(|s| format!(" of `{s}`")).unwrap_or_default(),
         match (*time == 0.0, *at_once) {
             (true, _) => "it starts so far from rest that a law moves it at once: start it nearer to where it settles",
@@ -110,8 +117,9 @@ pub enum Error {
     },
     /// Adaptive steps are good, and so short that a run would never end.
     #[error(
-        "at t = {} s, `{region}` still takes steps of {step:.0e} s, of which the run would have more than 1e10: end it earlier, or allow larger errors",
-        instant(*time)
+        "at t = {} s, `{region}` still takes steps of {} s, of which the run would have more than 1e10: end it earlier, or allow larger errors",
+        instant(*time),
+        length(*step)
     )]
     Endless {
         /// When.
