@@ -16,6 +16,8 @@ const OPEN: &str = "the loops of resistors have no solution that is found at thi
 
 /// So many variables of loops are named.
 const MANY: usize = 5;
+/// Expressions of so many letters are shown.
+const LONG: usize = 80;
 /// Most iterations of a loop (from far up an exponential each goes down by one of its units, and there are some 700),
 /// and most halvings of one update.
 const ITERATIONS: usize = 800;
@@ -449,7 +451,10 @@ pub fn undefined(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
         .chain(rates.map(|rate| ("the rate of ", rate)))
         .find(|(_, (_, e))| is_told(*e) && !point.value(pool, *e).is_finite())
         .map(|(what, (name, e))| (format!("{what}`{name}`"), point.break_of(pool, e)))?;
-    let of = |e: Expr| format!("`{}`, which is {}", pool.print(e), told(point.value(pool, e)));
+    let of = |e: Expr| match (pool.print(e), told(point.value(pool, e))) {
+        (text, x) if text.len() <= LONG => format!("`{text}`, which is {x}"),
+        (_, x) => format!("what is {x}"),
+    };
     let is = |what: String| format!("{name} has no finite value there: it takes {what}");
     match pool.node(e) {
         Node::Unary(Unary::Log, a) => Some(format!(

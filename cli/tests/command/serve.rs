@@ -322,11 +322,11 @@ fn a_line_allows_what_each_region_has() {
     let mut allowed = || lines.next().unwrap().split(',').nth(2).unwrap().parse::<f64>().unwrap();
     assert!((allowed() - 0.005).abs() < 1e-15);
     std::thread::sleep(Duration::from_millis(600));
-    // The first is bent further, so that the second still is what bounds them; then the second is let go in part.
-    for (line, least) in [("1e-3,0\n", 0.005), ("0,-5e-3\n", 0.0051)] {
+    // The first is bent further, and the second still is what bounds them; then 2 mJ are drawn from that.
+    for (line, least) in [("1e-3,0\n", 0.005), ("0,-2e-3\n", 0.003)] {
         std::io::Write::write_all(&mut input, line.as_bytes()).unwrap();
         let x = allowed();
-        assert!(x > 0.0 && x < least, "{line}: {x}");
+        assert!(x > 0.0 && x <= least * (1.0 + 1e-12), "{line}: {x}");
     }
     drop(input);
     let told = child.wait_with_output().unwrap();

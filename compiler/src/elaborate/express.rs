@@ -355,7 +355,10 @@ impl<'a> Elaborator<'a> {
 
     /// Where it is said already that the unit ends too late, its symbol is set apart in that mend too; whether it is.
     fn mend_apart(&mut self, unknown: &units::UnknownSymbol, unit: &ast::Unit, number: Span) -> bool {
-        let Some(apart) = self.apart(unknown, unit, number) else { return false };
+        // What may be a misspelt unit is told apart, unless a name is declared so.
+        let is_name = self.instances.iter().any(|i| i.names.contains_key(&unknown.symbol));
+        let apart = self.apart(unknown, unit, number).filter(|_| is_name || unknown.suggestion.is_none());
+        let Some(apart) = apart else { return false };
         let whole = format!("`{} ", self.sources.slice(number.to(unit.span)));
         let is_behind = |d: &Diagnostic| {
             d.code == "syntax::unit"

@@ -331,7 +331,7 @@ impl Elaborator<'_> {
             }
             (tails, heads) = (vec![from], vec![to]);
         }
-        let first_one = matches!(decl.kind, Kind::R | Kind::I) && through(RawEnd::Element(id)).is_some();
+        let in_series = matches!(decl.kind, Kind::R | Kind::I) && through(RawEnd::Element(id)).is_some();
         for ends in [&mut tails, &mut heads] {
             ends.retain(|end| !chain.contains(end));
         }
@@ -357,7 +357,7 @@ impl Elaborator<'_> {
             format!("{} where they share the effort", form('0', "node")),
             format!("{} where one flow runs through all", form('1', "i")),
         ];
-        forms[..].rotate_left(usize::from(first_one));
+        forms[..].rotate_left(usize::from(in_series));
         format!("join them at a junction: {}", forms.join(", "))
     }
 

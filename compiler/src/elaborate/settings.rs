@@ -125,8 +125,12 @@ impl<'a> Elaborator<'a> {
                         let time = self.constant(time, scope, Dimension::SECOND, "the instant")?;
                         if time < 0.0 || !time.is_finite() {
                             self.errors.push(
-                                Diagnostic::error("elaborate::expect", span, format!("there is no instant {time} s"))
-                                    .help("the run starts at 0 s"),
+                                Diagnostic::error(
+                                    "elaborate::expect",
+                                    span,
+                                    format!("there is no instant {} s", told(time)),
+                                )
+                                .help("the run starts at 0 s"),
                             );
                             return None;
                         }
