@@ -593,6 +593,8 @@ impl Iteration {
                         self.nudge(w, nudges);
                         w.push(Stmt::Continue);
                     });
+                    let nudged = w.lt(zero, nudges);
+                    w.when(nudged, |w| w.each(self.n, |w, at| w.put(&self.update, at, zero)));
                     self.finish(w, NO_CONVERGENCE);
                 });
             });
@@ -825,6 +827,9 @@ impl Iteration {
         let most = w.number(NUDGES.len() as f64);
         let beside = Cond::all([Cond::True(made).not(), w.lt(nudges, most)]);
         w.when(beside, |w| {
+            let none = w.number(0.0);
+            let first = w.le(nudges, none);
+            w.when(first, |w| self.beside(w));
             self.nudge(w, nudges);
             w.set(self.best, infinite);
             w.set(self.from, infinite);
@@ -833,6 +838,22 @@ impl Iteration {
         let first = w.number(0.0);
         w.when(solved, |w| w.set(self.row, first));
         self.finish(w, SINGULAR);
+    }
+
+    /// Has the update hold what the unknowns are nudged by.
+    fn beside(&self, w: &mut Writer) {
+        let (zero, one, most) = (w.number(0.0), w.number(1.0), w.number(f64::MAX));
+        let square = w.get(self.size);
+        w.each(self.n, |w, at| {
+            let (k, s) = (self.weight(w, at), w.value(&self.scale, at));
+            let own = w.div(square, k);
+            let own = w.unary(ir::Unary::Sqrt, own);
+            let told = Cond::all([w.lt(zero, own), w.le(own, most)]);
+            let own = w.select(told, own, one);
+            let positive = w.lt(zero, s);
+            let size = w.select(positive, s, own);
+            w.put(&self.update, at, size);
+        });
     }
 
     /// Moves the start to the next place beside it.
@@ -848,10 +869,8 @@ impl Iteration {
         let k = w.add(nudges, one);
         w.set(self.nudges, k);
         w.each(self.n, |w, at| {
-            let s = w.value(&self.scale, at);
-            let positive = w.lt(zero, s);
-            let s = w.select(positive, s, one);
-            let more = w.mul(side, s);
+            let size = w.at(&self.update, at);
+            let more = w.mul(side, size);
             let u = w.at(&self.unknowns, at);
             let u = w.add(u, more);
             w.put(&self.unknowns, at, u);
