@@ -43,9 +43,9 @@ pub(super) enum Switched {
     /// leaves it: for a current `i` of a coil that a diode stops, `g(u) + k (u - u_middle) = i` with `k = h / (2 L)`. A
     /// midpoint rule does not damp what is stiff, so that `i` may end where the law has no voltage for it. Where the law
     /// is steep beside `k`, as that of a diode that conducts, it tells `u` by itself, and `k^2 / (k + g'(u_middle))`
-    /// stands for `k`. `h` is that of the last step; where it is not known, or 0, that of a long one. A
-    /// law whose slope is less than the part `flat` of that at rest makes too much of what steps leave the states off by.
-    Midway { last: Option<Value>, flat: f64 },
+    /// stands for `k`. `h` is that of the last step; where it is not known, or 0, that of a long one.
+    /// See [`Ahead::part`] for the other part.
+    Midway { last: Option<Value>, part: f64 },
 }
 
 /// Solves the loops at one instant, those that `wanted` depends on or all, and gives all outputs' expressions.
@@ -75,33 +75,28 @@ pub(super) fn outputs(
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
     let midway = matches!(pull.switches, Switched::Midway { .. });
     let observed = pull.switches != Switched::Free;
-    let mut least = vec![0.0; c.loops.len()];
+    let mut rest = vec![0.0; c.loops.len()];
     let switches = match pull.switches {
         Switched::Free => vec![None; c.loops.len()],
         Switched::AtEnd => stiff::switches(c, model, form).into_iter().map(|s| Some(HOLD * s?.rest)).collect(),
-        Switched::Midway { flat, .. } => {
+        Switched::Midway { .. } => {
             let all = stiff::switches(c, model, form);
-            least = all.iter().map(|s| s.map_or(0.0, |s| flat * s.rest)).collect();
+            rest = all.iter().map(|s| s.map_or(0.0, |s| s.rest)).collect();
             let nodes: Vec<_> = c.loop_nodes().into_iter().map(|n| n.resistor()).collect();
             let ends = |(s, column): (Option<Switch>, Option<ColumnId>)| column.filter(|_| s.is_some_and(|s| s.ends));
             all.into_iter().zip(nodes).map(|s| c.stiffness_at_start(model, form, ends(s)?)).collect()
         }
     };
-    let last = match pull.switches {
-        Switched::Midway { last, .. } => last,
-        Switched::Free | Switched::AtEnd => None,
+    let (last, part) = match pull.switches {
+        Switched::Midway { last, part } => (last, part),
+        Switched::Free | Switched::AtEnd => (None, 0.0),
     };
     let mut half: Option<Expr> = None;
     let free = residuals.clone();
     // Laws that may leave their unknowns open, and those of them for which the states alone decide that.
     let (mut bare, mut open) = (Vec::new(), vec![None; c.loops.len()]);
-    for (((((r, z), n), guess), switch), (open, least)) in residuals
-        .iter_mut()
-        .zip(&c.loops)
-        .zip(c.loop_nodes())
-        .zip(guesses)
-        .zip(switches)
-        .zip(open.iter_mut().zip(least))
+    for (((((r, z), n), guess), switch), (open, rest)) in
+        residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches).zip(open.iter_mut().zip(rest))
     {
         let is_bare = matches!(n.how, Output::Curve { bends: None, .. });
         let imposed = || !model.pool.contains_any(*r, &|s| s != *z && loops.contains(&s));
@@ -116,7 +111,7 @@ pub(super) fn outputs(
             && imposed()
             && !reads(c, model, form, n)
         {
-            *open = may_be_open.then_some(least);
+            *open = may_be_open.then_some(rest);
             let before = bound(model, lowering, &format!("{} before", model.pool.name(*z)), *guess);
             let s = model.pool.var(*z);
             let mut little = model.pool.float(pull);
@@ -146,7 +141,7 @@ pub(super) fn outputs(
     let mut start = guesses.to_vec();
     if observed && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
         let sizes = (&weight[..], &scale[..]);
-        let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, sizes };
+        let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, part, sizes };
         let (found, loops) = ahead.solve((c, model), b, lowering, &start, last)?;
         let known = ahead.unless(found, (c, model, lowering), &residuals, &loops);
         for (value, start) in loops.into_iter().zip(&mut start) {
@@ -181,6 +176,8 @@ fn bound(model: &mut Model, lowering: &mut Lowering, name: &str, value: Value) -
 const TELLS: f64 = 1e-3;
 /// The tolerance of steps where none was said.
 const TOLERANCE: f64 = 1e-6;
+/// See [`Ahead::part`].
+const UNTOLD: f64 = 100.0;
 
 /// Loops of which some laws may stand upright, as dry friction that holds, or lie flat, as a diode that blocks, for what
 /// the states impose: what such a law gives follows from where the states go on to. A force that holds a body at rest is
@@ -190,8 +187,12 @@ struct Ahead<'a> {
     /// The residuals of the instant, and with each law near what the step found.
     free: &'a [Expr],
     held: &'a [Expr],
-    /// Of laws that are asked for by the states alone, and may be such, the least slope that tells anything.
+    /// Laws that are asked for by the states alone, and may be such: the slope at rest, 0 of a curve.
     open: &'a [Option<f64>],
+    /// Nor does a law tell its unknown, for what it makes of the error of the states, whose slope is less than this part of
+    /// that at rest, and less than [`UNTOLD`] times the part of what it is half a step later: it is the root of the
+    /// tolerance, since what the law does to the states' way grows as that error falls.
+    part: f64,
     /// Weights and scales.
     sizes: (&'a [Value], &'a [Value]),
 }
@@ -248,14 +249,17 @@ impl Ahead<'_> {
             let mut residuals = self.free.to_vec();
             let mut k = 0;
             for (i, z) in c.loops.iter().enumerate().filter(|(i, _)| self.open[*i].is_some()) {
-                let (r, later, least) = (&mut residuals[i], later[i], self.open[i].unwrap_or(0.0));
+                let (r, later, rest) = (&mut residuals[i], later[i], self.open[i].unwrap_or(0.0));
                 let pool = &mut model.pool;
                 let [now, then] = [*r, later].map(|r| {
                     let slope = pool.derivative(r, *z);
                     pool.unary(Unary::Abs, slope)
                 });
-                let (part, least) = (pool.scale(then, Number::float(TELLS)), pool.float(least));
-                let part = pool.binary(Binary::Max, part, least);
+                let untold = pool.scale(then, Number::float(UNTOLD * self.part));
+                let rest = pool.float(self.part * rest);
+                let untold = pool.binary(Binary::Min, untold, rest);
+                let part = pool.scale(then, Number::float(TELLS));
+                let part = pool.binary(Binary::Max, part, untold);
                 let steep = pool.binary(Binary::Le, part, now);
                 let mut steep = at.lower(&model.pool, b, steep).map_err(|s| missing(model, s))?;
                 // What the law and the state differ by where it lies flat, as what rings by, is none of its way.
@@ -405,11 +409,7 @@ pub(super) fn write(
     // The last stage of this one stands at the end of the step: what it found is the answer there.
     let switches = match stepper == Method::Radau.name() {
         true => Switched::AtEnd,
-        false => {
-            // What the law makes of an error, and the states' way of what the law does meanwhile, are as much there.
-            let flat = tolerance.unwrap_or(TOLERANCE).sqrt();
-            Switched::Midway { last: last_length(c, &mut b), flat }
-        }
+        false => Switched::Midway { last: last_length(c, &mut b), part: tolerance.unwrap_or(TOLERANCE).sqrt() },
     };
     let pull = Pull { curves: HOLD, switches };
     let mut list: Vec<(String, Expr)> = Vec::new();
