@@ -181,7 +181,7 @@ const UNTOLD: f64 = 100.0;
 
 /// Loops of which some laws may stand upright, as dry friction that holds, or lie flat, as a diode that blocks, for what
 /// the states impose: what such a law gives follows from where the states go on to. A force that holds a body at rest is
-/// what leaves it there.
+/// what leaves it there; where a source drives a law that has nothing more to give, the states go with the source.
 struct Ahead<'a> {
     flat: &'a FxHashMap<Symbol, Expr>,
     /// The residuals of the instant, and with each law near what the step found.
@@ -189,9 +189,9 @@ struct Ahead<'a> {
     held: &'a [Expr],
     /// Laws that are asked for by the states alone, and may be such: the slope at rest, 0 of a curve.
     open: &'a [Option<f64>],
-    /// Nor does a law tell its unknown, for what it makes of the error of the states, whose slope is less than this part of
-    /// that at rest, and less than [`UNTOLD`] times the part of what it is half a step later: it is the root of the
-    /// tolerance, since what the law does to the states' way grows as that error falls.
+    /// Nor does a law tell its unknown, for what it makes of the states' error, whose slope is less than this part of that
+    /// at rest, and less than [`UNTOLD`] times the part of what it is half a step later. The root of the tolerance: the
+    /// law is off by that over its slope, and the states' way by what the slope does to it.
     part: f64,
     /// Weights and scales.
     sizes: (&'a [Value], &'a [Value]),
@@ -199,9 +199,9 @@ struct Ahead<'a> {
 
 impl Ahead<'_> {
     /// Whether the loops were solved, and the unknowns: near what the step found; from there with the laws that tell
-    /// their unknowns as they are, the others over half a step of the backward Euler method; and those of the
-    /// others that tell them then, as where a body is let go, as they are too. Where nothing is found near what the step
-    /// found, as of two dry frictions in series at rest, all over half such a step.
+    /// their unknowns as they are, the others as the states and what drives them go on; and those of the others that tell
+    /// them then, as where a body is let go, as they are too. Where nothing is found near what the step found, as of two
+    /// dry frictions in series at rest, all over half a step of the backward Euler method.
     fn solve(
         &self,
         (c, model): (&Cluster, &mut Model),
@@ -221,7 +221,7 @@ impl Ahead<'_> {
         }
         let (moved, rates): (Vec<Symbol>, Vec<Expr>) = moves.into_iter().unzip();
         let rates: Vec<Expr> = rates.into_iter().map(|e| model.pool.substitute(e, self.flat)).collect();
-        // Of what the states tell alone, a last step that was cut short says too little.
+        // A last step that was cut short says too little of the states' way.
         let long = model.pool.float(0.5 * c.start(model).step);
         let long = model.pool.binary(Binary::Max, half, long);
         let (mut later, mut far) = (Vec::with_capacity(self.free.len()), Vec::with_capacity(self.free.len()));
