@@ -16,9 +16,9 @@
 //!   2. Where all of `r` is 0, or after [`DAMPED`] iterations `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where
 //!      a body that all but rests sticks, rounding leaves open what holds it.
 //!   3. Solve `J d = r`. Where that fails, or `J` or `d` is not finite: halve as in 1, if that is still allowed; before the
-//!      first update, add 1e-3 of the scale (where that is 0, of `|r| / sqrt(w_i)`, and of 1 where that is no size either)
-//!      to the unknowns and start over, and another time, or where `|r|²` is not finite there, take 2e-3 of it off, and so
-//!      on by [`NUDGES`]; else fail.
+//!      first update, add 1e-3 of the scale (where that is 0, of 1; beside a slope that is infinite, of `|r| / sqrt(w_i)`,
+//!      which of a law that is flat there says nothing) to the unknowns and start over, and another time, or where `|r|²`
+//!      is not finite there, take 2e-3 of it off, and so on by [`NUDGES`]; else fail.
 //!   4. Where `|d + e|²` is at most `|e|² / 16`, with the update `e` before, neither halved nor doubled: half of `d`.
 //!      It only takes back what `e` did, as about the infinite slope of a root, where such updates go to and fro for
 //!      ever.
@@ -413,7 +413,7 @@ fn iterate<S: System>(
             if before.is_none() && nudges < NUDGES.len() {
                 // A law with an infinite slope just where the iteration starts, or none: start beside it.
                 if nudges == 0 {
-                    measure.beside(&mut scratch.update, size);
+                    measure.beside(&mut scratch.update, if told { 0.0 } else { size });
                 }
                 nudge(&mut nudges, system.unknowns(), &scratch.update);
                 (best, from) = (f64::INFINITY, f64::INFINITY);

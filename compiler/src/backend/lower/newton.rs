@@ -633,9 +633,9 @@ impl Iteration {
         let (row, zero, one) = (w.get(self.row), w.number(0.0), w.number(1.0));
         let solved = w.lt(row, zero);
         let sound = w.finite(square);
-        w.when(Cond::all([solved.clone(), sound, told]).not(), |w| {
+        w.when(Cond::all([solved.clone(), sound, told.clone()]).not(), |w| {
             if !self.given {
-                return self.rescue(w, solved);
+                return self.rescue(w, solved, told);
             }
             let may = self.may_halve(w);
             w.when(may, |w| self.halve(w));
@@ -782,7 +782,7 @@ impl Iteration {
     }
 
     /// Where the system cannot be solved: further along, back, or beside the start.
-    fn rescue(&self, w: &mut Writer, solved: Cond) {
+    fn rescue(&self, w: &mut Writer, solved: Cond, told: Cond) {
         let (made, stretches) = (w.get(self.made), w.get(self.stretches));
         let (one, two, limit) = (w.number(1.0), w.number(2.0), w.number(f64::from(STRETCHES)));
         let infinite = w.number(f64::INFINITY);
@@ -829,7 +829,7 @@ impl Iteration {
         w.when(beside, |w| {
             let none = w.number(0.0);
             let first = w.le(nudges, none);
-            w.when(first, |w| self.beside(w));
+            w.when(first, |w| self.beside(w, told));
             self.nudge(w, nudges);
             w.set(self.best, infinite);
             w.set(self.from, infinite);
@@ -840,10 +840,11 @@ impl Iteration {
         self.finish(w, SINGULAR);
     }
 
-    /// Has the update hold what the unknowns are nudged by.
-    fn beside(&self, w: &mut Writer) {
+    /// Has the update hold what the unknowns are nudged by; whether the matrix is finite (`told`).
+    fn beside(&self, w: &mut Writer, told: Cond) {
         let (zero, one, most) = (w.number(0.0), w.number(1.0), w.number(f64::MAX));
         let square = w.get(self.size);
+        let square = w.select(told, zero, square);
         w.each(self.n, |w, at| {
             let (k, s) = (self.weight(w, at), w.value(&self.scale, at));
             let own = w.div(square, k);
