@@ -95,44 +95,6 @@ fn a_debt_is_not_lost_beside_what_holds_make() {
     assert!(!summary.passive && wall.debt_max > 1.0, "{summary:?}");
 }
 
-/// What a source of the sampled region's own takes makes no debt, and what it gives pays one back bit by bit: whatever
-/// the period, all comes to where it rests without bars.
-#[test]
-fn a_source_of_its_own_keeps_nobody_in_debt() {
-    for start in ["0.3", "0.5"] {
-        for period in ["1 ms", "2.5 ms", "10 ms", "100 ms"] {
-            let compiled = text(&format!(
-                "model Driven {{
-  sampled every {period} {{
-    Se:u = 0.6 N
-    R:r = 1.2 N*s/m
-    I:a {{ inertia = 2 kg; p0 = -0.02 N*s }}
-    R:s = 1.3 N*s/m
-    u -> 1:x -> r
-    x -> 0:y -> a, s
-  }}
-  I:m {{ inertia = 1 kg; p0 = {start} N*s }}
-  R:d = 1 N*s/m
-  Se:v = 0.5 N
-  0:n -> 1:w -> m, d
-  R:e = 1.1 N*s/m
-  n -> e
-  v -> w
-  n ||> x
-  probe own = a.p
-  probe other = m.p
-  simulate {{ stop = 100 s }}
-}}"
-            ));
-            let mut sim = crate::common::start(&compiled, Steps::new());
-            finish(&mut sim, 100.0);
-            for (name, there) in [("own", 0.392265193370), ("other", 0.135359116022)] {
-                close(probe(&mut sim, name), there, 1e-9, &format!("`{name}` from {start} N*s at {period}"));
-            }
-        }
-    }
-}
-
 /// An orifice has an infinite slope at rest, so that no small change tells how it answers: in whatever units, the damper
 /// beside it holds the same.
 #[test]

@@ -27,6 +27,8 @@ const PROBE: f64 = 1e-3;
 const FINER: f64 = 1e-3;
 const LOOKS: usize = 4;
 const SAME: f64 = 1e-3;
+/// What the first two differ by about a root; where they do by less, and yet none is in proportion, that is rounding.
+const BENDS: f64 = 0.5;
 /// Of a difference of two answers this part of their size is rounding.
 const ROUNDED: f64 = 64.0 * f64::EPSILON;
 /// An answer so many times that about what is held at the start is none.
@@ -169,8 +171,9 @@ impl Run {
             return self.response(c, period, at, &vec![1.0; n]);
         }
         let mut probe = PROBE;
-        let mut answers = self.response(c, period, at, &vec![probe; n]);
-        for _ in 0..LOOKS {
+        let first = self.response(c, period, at, &vec![probe; n]);
+        let (mut answers, mut bends) = (first.clone(), false);
+        for k in 0..LOOKS {
             probe *= FINER;
             let finer = self.response(c, period, at, &vec![probe; n]);
             let most = finer.iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
@@ -178,7 +181,11 @@ impl Run {
             if finer.len() == answers.len() && pairs().all(|(x, y)| (x - y).abs() <= SAME * most) {
                 return answers;
             }
+            bends |= k == 0 && pairs().any(|(x, y)| (x - y).abs() > BENDS * most);
             answers = finer;
+        }
+        if !bends {
+            return first;
         }
         let whole: Vec<f64> = sizes.iter().map(|s| if *s > 0.0 { *s } else { PROBE }).collect();
         self.response(c, period, at, &whole)

@@ -21,9 +21,6 @@ pub const LOSS: f64 = 1e-12;
 /// What of an energy is its rounding. What is stored, H and a tank that may all but cancel, is no budget as far as it is
 /// that: of next to nothing, held against what was not foretold, its root would be given out.
 pub const NOISE: f64 = 1e-14;
-/// Of what the region's own sources put in no more than the rest of this part has to repay a debt at once: it may be more
-/// than they give in many intervals.
-pub const REPAID: f64 = 0.5;
 /// Beside this part of the scene's largest energy a debt counts, where the region's own are smaller: what crosses from
 /// there has the rounding of that.
 pub const BESIDE: f64 = 1e-2;

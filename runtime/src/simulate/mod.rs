@@ -23,7 +23,7 @@ pub use abreast::{Abreast, Lanes};
 pub use ahead::{Make, Maker, Stretch};
 pub use cluster::GROSS;
 pub use given::{Course, Unfit};
-pub use hold::{BESIDE, FORGET, LOSS, NOISE, RECURRENCE, REPAID, Report, TERMS, WARY};
+pub use hold::{BESIDE, FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};
 pub use pace::{paced, uneven};
 pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
 pub use save::{Refused, made};

@@ -2,7 +2,7 @@
 
 use super::Error;
 use super::cluster::{Book, Run};
-use super::hold::{BESIDE, Held, LOSS, NOISE, RECURRENCE, REPAID, TERMS, UNTOLD, within_budget};
+use super::hold::{BESIDE, Held, LOSS, NOISE, RECURRENCE, TERMS, UNTOLD, within_budget};
 use super::pace::beta_of;
 use super::schedule::Simulation;
 use crate::scene::{Cluster, Entries, Respond};
@@ -155,9 +155,8 @@ impl Simulation<'_> {
                 b.leaked.add(called - crossed);
                 b.crossed_max = b.crossed_max.max(crossed.abs());
             }
-            // What a source of its own takes was not given to the outside, and makes no debt.
-            let there = b.stored + crossed;
-            b.stored = (there + own).max(there.min(0.0));
+            b.stored += crossed;
+            b.stored += own;
             if alone {
                 // What was promised is not let go; several regions have no open ports.
                 let most = (b.h + b.cap(e)).max(self.reserve[i]);
@@ -288,8 +287,7 @@ impl Simulation<'_> {
                 stored += b.stored;
                 size += b.h.abs();
             }
-            let own = foreseen.max(0.0);
-            let room = ((stored - NOISE * size) + own).max(REPAID * own);
+            let room = ((stored - NOISE * size) + foreseen.max(0.0)).max(0.0);
             let rules = self.decay[i].chunks(RECURRENCE);
             doubt.clear();
             doubt.extend(self.held[i].iter().zip(rules).map(|(h, r)| h.doubt(r)));

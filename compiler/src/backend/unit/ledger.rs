@@ -291,10 +291,7 @@ impl Writing<'_> {
                     let x = out(w, slot);
                     w.add(sum, x)
                 });
-                let below = w.lt(stored, zero);
-                let least = w.select(below, stored, zero);
-                let all = w.add(stored, own);
-                stored = w.larger(least, all);
+                stored = w.add(stored, own);
             }
             w.keep(at + STORED, stored);
             if place.books.len() == 1 {

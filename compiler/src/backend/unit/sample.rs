@@ -7,7 +7,7 @@ use crate::backend::code::{Cond, Reason, Routine, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 use bond_runtime::ir::Unary;
 use bond_runtime::scene::GIVEN;
-use bond_runtime::simulate::{FORGET, RECURRENCE, REPAID, TERMS};
+use bond_runtime::simulate::{FORGET, RECURRENCE, TERMS};
 
 impl Writing<'_> {
     /// Takes the samples at the end of the interval.
@@ -355,9 +355,9 @@ impl Writing<'_> {
             let stored = self.stored(&mut w, i);
             let foreseen = positive(&mut w, foreseen);
             let noise = self.noise(&mut w, i);
-            let (room, repaid) = (w.sub(stored, noise), w.number(REPAID));
-            let (room, least) = (w.add(room, foreseen), w.mul(repaid, foreseen));
-            let room = w.larger(least, room);
+            let room = w.sub(stored, noise);
+            let room = w.add(room, foreseen);
+            let room = positive(&mut w, room);
             let two = w.number(2.0);
             let twice = w.mul(two, room);
             let doubt: Vec<Value> = (0..n).map(|k| self.doubt(&mut w, i, k)).collect();
