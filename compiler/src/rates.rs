@@ -5,7 +5,7 @@ use crate::Stages;
 use crate::elaborate::told;
 use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::{Law, Model, Signal};
-use crate::structure::{Form, Group, Output, Role};
+use crate::structure::{Form, Group, Output, Region, Role};
 use bond_runtime::ir::Unary;
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -442,7 +442,10 @@ pub fn undefined(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
     let (model, pool) = (&stages.model, &stages.model.pool);
     let laws = point.order.iter().map(|i| (pool.name(point.columns[*i].0), point.columns[*i].1));
     let regions = stages.form.regions.iter().filter(|r| r.sampling.is_none());
-    let energies = regions.flat_map(|r| r.groups.iter().map(|g| (r.states[g.states[0]].name.as_str(), g.energy)));
+    // What follows a source has no state.
+    let name = |r: &'_ Region, g: &Group| g.states.first().map_or(r.name.clone(), |s| r.states[*s].name.clone());
+    let energies: Vec<(String, Expr)> = regions.flat_map(|r| r.groups.iter().map(|g| (name(r, g), g.energy))).collect();
+    let energies = energies.iter().map(|(name, energy)| (name.as_str(), *energy));
     let rates = point.states.iter().map(|(name, _, rate)| (name.as_str(), *rate));
     let is_told = |e: Expr| pool.symbols(e).iter().all(|s| point.at.contains_key(s));
     let (name, e) = laws

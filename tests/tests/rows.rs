@@ -1,7 +1,7 @@
 //! What rows show of laws that the states alone do, or do not, tell.
 
 use crate::common::{advance, close, probe, start, with};
-use bond::{Course, Options, Steps};
+use bond::{Options, Steps};
 use bond_compiler::discretise::Accuracy;
 
 /// Ways to step: the default, to a tolerance, by equal steps of the default method, and by a method that ends on a stage.
@@ -146,71 +146,6 @@ fn what_holds_while_its_limit_jumps() {
         1e-9,
         |_| 5.0,
     );
-}
-
-/// What drives a law that has nothing more to give may move: its flow then is what keeps the states with the source, and
-/// not that of rest. Of a source in time, one of rows, and laws that level out as `tanh` and as an exponential.
-#[test]
-fn what_a_flat_law_gives_follows_the_source() {
-    for law in ["0.05 N * tanh(f/(0.2 m/s))", "0.05 N * (1 - exp(-f/(0.1 m/s)))"] {
-        for pull in ["t * 4 N/s", "hand * 1 N"] {
-            let text = format!(
-                "model Pulled {{
-                  input hand = 0
-                  Se:pull = {pull}
-                  R:dry {{ e = {law} }}
-                  C:spring {{ H = 0.5 N/m * q^2 + 0.25 N/m^3 * q^4 }}
-                  R:damper = 1 N*s/m
-                  pull -> 1:v -> dry
-                  v -> 0:n -> spring, damper
-                  probe rate = spring.f
-                  simulate {{ stop = 2 s }}
-                }}"
-            );
-            // Steps of 10 ms leave the state to and fro by more than what the law is short of.
-            for (options, steps, way) in ways().into_iter().filter(|w| w.2 != "10 ms") {
-                let compiled = with(options, &text);
-                let hand = Course::table(&[0.0, 2.0], &[0.0, 8.0], false).unwrap_or_else(|e| panic!("{e}"));
-                let sim = compiled.simulate_with(steps, [("hand".to_string(), hand)]);
-                let mut sim = sim.unwrap_or_else(|e| panic!("{e}"));
-                for t in [0.45, 1.0, 1.37, 1.9] {
-                    advance(&mut sim, t);
-                    // q + q^3 = s
-                    let s = 4.0 * t - 0.05;
-                    let root = f64::sqrt(s * s / 4.0 + 1.0 / 27.0);
-                    let q = f64::cbrt(root + s / 2.0) - f64::cbrt(root - s / 2.0);
-                    let wanted = 4.0 / (1.0 + 3.0 * q * q);
-                    close(probe(&mut sim, "rate"), wanted, 1e-4, &format!("{law} at {t}, {way}"));
-                }
-            }
-        }
-    }
-}
-
-/// Laws that are flat at 0 and are asked for nothing give nothing, in rows too.
-#[test]
-fn flat_laws_rest() {
-    let text = "model Rests {
-      I:a { inertia = 1 H; p0 = 1.2 Wb }
-      R:cubic { f = 1 A * (e/(1 V))^3 }
-      R:square { f = 1 A * (e/(1 V))*abs(e/(1 V)) }
-      I:b = 1 H
-      0:n -> 1:i -> a, cubic
-      n -> 1:j -> square, b
-      1:k -> n
-      probe moves = cubic.e
-      probe rests = square.e
-      simulate { stop = 1 s }
-    }";
-    let compiled = with(Options::new(), text);
-    let mut sim = start(&compiled, Steps::new());
-    for k in 1..=100 {
-        advance(&mut sim, 0.01 * f64::from(k));
-        close(probe(&mut sim, "rests"), 0.0, 1e-12, "what rests");
-    }
-    // dp/dt = -p^(1/3)
-    let p = (f64::cbrt(1.2f64 * 1.2) - 2.0 / 3.0).powf(1.5);
-    close(probe(&mut sim, "moves"), f64::cbrt(p), 1e-4, "what moves");
 }
 
 /// Two dry frictions in series come to rest, and rows go on: the weaker one holds no more than it can.

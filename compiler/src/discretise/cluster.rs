@@ -563,7 +563,7 @@ impl Cluster {
             Some(hold) => hold::write(self, model, form, hold, &holds, is_ray)?,
             None => None,
         };
-        let (instant, layout) = instant::write(self, model, form, shows, (&step.name, tolerance))?;
+        let (instant, layout) = instant::write(self, model, form, shows, &step.name)?;
         let swing = match sampling {
             None => swing::shortest(self, model, &choice::laws(self), model.settings.end),
             Some(_) => None,

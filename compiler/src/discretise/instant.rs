@@ -44,8 +44,7 @@ pub(super) enum Switched {
     /// midpoint rule does not damp what is stiff, so that `i` may end where the law has no voltage for it. Where the law
     /// is steep beside `k`, as that of a diode that conducts, it tells `u` by itself, and `k^2 / (k + g'(u_middle))`
     /// stands for `k`. `h` is that of the last step; where it is not known, or 0, that of a long one.
-    /// See [`Ahead::part`] for the other part.
-    Midway { last: Option<Value>, part: f64 },
+    Midway { last: Option<Value> },
 }
 
 /// Solves the loops at one instant, those that `wanted` depends on or all, and gives all outputs' expressions.
@@ -75,28 +74,26 @@ pub(super) fn outputs(
     let loops: FxHashSet<Symbol> = c.loops.iter().copied().collect();
     let midway = matches!(pull.switches, Switched::Midway { .. });
     let observed = pull.switches != Switched::Free;
-    let mut rest = vec![0.0; c.loops.len()];
     let switches = match pull.switches {
         Switched::Free => vec![None; c.loops.len()],
         Switched::AtEnd => stiff::switches(c, model, form).into_iter().map(|s| Some(HOLD * s?.rest)).collect(),
         Switched::Midway { .. } => {
             let all = stiff::switches(c, model, form);
-            rest = all.iter().map(|s| s.map_or(0.0, |s| s.rest)).collect();
             let nodes: Vec<_> = c.loop_nodes().into_iter().map(|n| n.resistor()).collect();
             let ends = |(s, column): (Option<Switch>, Option<ColumnId>)| column.filter(|_| s.is_some_and(|s| s.ends));
             all.into_iter().zip(nodes).map(|s| c.stiffness_at_start(model, form, ends(s)?)).collect()
         }
     };
-    let (last, part) = match pull.switches {
-        Switched::Midway { last, part } => (last, part),
-        Switched::Free | Switched::AtEnd => (None, 0.0),
+    let last = match pull.switches {
+        Switched::Midway { last } => last,
+        Switched::Free | Switched::AtEnd => None,
     };
     let mut half: Option<Expr> = None;
     let free = residuals.clone();
     // Laws that may leave their unknowns open, and those of them for which the states alone decide that.
-    let (mut bare, mut open) = (Vec::new(), vec![None; c.loops.len()]);
-    for (((((r, z), n), guess), switch), (open, rest)) in
-        residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches).zip(open.iter_mut().zip(rest))
+    let (mut bare, mut open) = (Vec::new(), vec![false; c.loops.len()]);
+    for (((((r, z), n), guess), switch), open) in
+        residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches).zip(&mut open)
     {
         let is_bare = matches!(n.how, Output::Curve { bends: None, .. });
         let imposed = || !model.pool.contains_any(*r, &|s| s != *z && loops.contains(&s));
@@ -111,7 +108,7 @@ pub(super) fn outputs(
             && imposed()
             && !reads(c, model, form, n)
         {
-            *open = may_be_open.then_some(rest);
+            *open = may_be_open;
             let before = bound(model, lowering, &format!("{} before", model.pool.name(*z)), *guess);
             let s = model.pool.var(*z);
             let mut little = model.pool.float(pull);
@@ -141,7 +138,7 @@ pub(super) fn outputs(
     let mut start = guesses.to_vec();
     if observed && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
         let sizes = (&weight[..], &scale[..]);
-        let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, part, sizes };
+        let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, sizes };
         let (found, loops) = ahead.solve((c, model), b, lowering, &start, last)?;
         let known = ahead.unless(found, (c, model, lowering), &residuals, &loops);
         for (value, start) in loops.into_iter().zip(&mut start) {
@@ -174,34 +171,26 @@ fn bound(model: &mut Model, lowering: &mut Lowering, name: &str, value: Value) -
 /// A law whose slope is less than this part of what it is half a step of the backward Euler method later does not tell
 /// its unknown: the states' way does.
 const TELLS: f64 = 1e-3;
-/// The tolerance of steps where none was said.
-const TOLERANCE: f64 = 1e-6;
-/// See [`Ahead::part`].
-const UNTOLD: f64 = 100.0;
 
 /// Loops of which some laws may stand upright, as dry friction that holds, or lie flat, as a diode that blocks, for what
 /// the states impose: what such a law gives follows from where the states go on to. A force that holds a body at rest is
-/// what leaves it there; where a source drives a law that has nothing more to give, the states go with the source.
+/// what leaves it there.
 struct Ahead<'a> {
     flat: &'a FxHashMap<Symbol, Expr>,
     /// The residuals of the instant, and with each law near what the step found.
     free: &'a [Expr],
     held: &'a [Expr],
-    /// Laws that are asked for by the states alone, and may be such: the slope at rest, 0 of a curve.
-    open: &'a [Option<f64>],
-    /// Nor does a law tell its unknown, for what it makes of the states' error, whose slope is less than this part of that
-    /// at rest, and less than [`UNTOLD`] times the part of what it is half a step later. The root of the tolerance: the
-    /// law is off by that over its slope, and the states' way by what the slope does to it.
-    part: f64,
+    /// Laws that are asked for by the states alone, and may be such.
+    open: &'a [bool],
     /// Weights and scales.
     sizes: (&'a [Value], &'a [Value]),
 }
 
 impl Ahead<'_> {
     /// Whether the loops were solved, and the unknowns: near what the step found; from there with the laws that tell
-    /// their unknowns as they are, the others as the states and what drives them go on; and those of the others that tell
-    /// them then, as where a body is let go, as they are too. Where nothing is found near what the step found, as of two
-    /// dry frictions in series at rest, all over half a step of the backward Euler method.
+    /// their unknowns as they are, the others over half a step of the backward Euler method; and those of the
+    /// others that tell them then, as where a body is let go, as they are too. Where nothing is found near what the step
+    /// found, as of two dry frictions in series at rest, all over half such a step.
     fn solve(
         &self,
         (c, model): (&Cluster, &mut Model),
@@ -211,35 +200,20 @@ impl Ahead<'_> {
         last: Option<Value>,
     ) -> Result<(Value, Vec<Value>), Vec<Diagnostic>> {
         let half = half_step(c, model, b, lowering, last);
-        // What moves, and how fast.
-        let one = model.pool.int(1);
-        let states = c.states.iter().filter(|s| !s.jumps).map(|s| (s.symbol, s.rate));
-        let mut moves: Vec<(Symbol, Expr)> = states.chain(c.integrals.iter().map(|i| (i.symbol, i.rate))).collect();
-        moves.extend(c.time.map(|t| (t, one)));
-        for (_, value, slope) in &c.inputs {
-            moves.push((*value, model.pool.var(*slope)));
+        let mut moved = FxHashMap::default();
+        for s in c.states.iter().filter(|s| !s.jumps) {
+            let rate = model.pool.substitute(s.rate, self.flat);
+            let step = model.pool.mul(half, rate);
+            let x = model.pool.var(s.symbol);
+            moved.insert(s.symbol, model.pool.add(x, step));
         }
-        let (moved, rates): (Vec<Symbol>, Vec<Expr>) = moves.into_iter().unzip();
-        let rates: Vec<Expr> = rates.into_iter().map(|e| model.pool.substitute(e, self.flat)).collect();
-        // A last step that was cut short says too little of the states' way.
-        let long = model.pool.float(0.5 * c.start(model).step);
-        let long = model.pool.binary(Binary::Max, half, long);
-        let (mut later, mut far) = (Vec::with_capacity(self.free.len()), Vec::with_capacity(self.free.len()));
-        for r in self.free {
-            let gradient = model.pool.gradient(*r, &moved);
-            let terms: Vec<Expr> = gradient.into_iter().map(|(i, slope)| model.pool.mul(slope, rates[i])).collect();
-            let rate = model.pool.sum(&terms);
-            for (list, time) in [(&mut later, half), (&mut far, long)] {
-                let change = model.pool.mul(time, rate);
-                list.push(model.pool.add(*r, change));
-            }
-        }
+        let later: Vec<Expr> = self.free.iter().map(|r| model.pool.substitute(*r, &moved)).collect();
         let (near, mut loops) = self.find((c, model), b, lowering, self.held, start)?;
         let ahead = self.unless(near, (c, model, lowering), &later, &loops);
-        let (other, ahead) = self.find((c, model), b, lowering, &ahead, start)?;
-        let found = b.binary(Binary::Max, near, other);
+        let (far, ahead) = self.find((c, model), b, lowering, &ahead, start)?;
+        let found = b.binary(Binary::Max, near, far);
         loops = loops.into_iter().zip(ahead).map(|(one, other)| b.select(near, one, other)).collect();
-        if self.open.iter().all(Option::is_none) {
+        if !self.open.contains(&true) {
             return Ok((found, loops));
         }
         let mut first: Vec<(Value, Expr)> = Vec::new();
@@ -248,18 +222,13 @@ impl Ahead<'_> {
             c.loops.iter().zip(&loops).for_each(|(z, value)| at.bind(*z, *value));
             let mut residuals = self.free.to_vec();
             let mut k = 0;
-            for (i, z) in c.loops.iter().enumerate().filter(|(i, _)| self.open[*i].is_some()) {
-                let (r, later, rest) = (&mut residuals[i], later[i], self.open[i].unwrap_or(0.0));
+            for (((r, later), z), _) in residuals.iter_mut().zip(&later).zip(&c.loops).zip(self.open).filter(|t| *t.1) {
                 let pool = &mut model.pool;
-                let [now, then] = [*r, later].map(|r| {
+                let [now, then] = [*r, *later].map(|r| {
                     let slope = pool.derivative(r, *z);
                     pool.unary(Unary::Abs, slope)
                 });
-                let untold = pool.scale(then, Number::float(UNTOLD * self.part));
-                let rest = pool.float(self.part * rest);
-                let untold = pool.binary(Binary::Min, untold, rest);
                 let part = pool.scale(then, Number::float(TELLS));
-                let part = pool.binary(Binary::Max, part, untold);
                 let steep = pool.binary(Binary::Le, part, now);
                 let mut steep = at.lower(&model.pool, b, steep).map_err(|s| missing(model, s))?;
                 // What the law and the state differ by where it lies flat, as what rings by, is none of its way.
@@ -277,7 +246,7 @@ impl Ahead<'_> {
                 let pool = &mut model.pool;
                 let zero = pool.zero();
                 let steep = pool.binary(Binary::Lt, zero, steep);
-                let onward = pool.sub(far[i], off);
+                let onward = pool.sub(*later, off);
                 *r = pool.select(steep, *r, onward);
             }
             let (good, now) = self.find((c, model), b, lowering, &residuals, &loops)?;
@@ -401,7 +370,7 @@ pub(super) fn write(
     model: &mut Model,
     form: &Form,
     shows: &[Symbol],
-    (stepper, tolerance): (&str, Option<f64>),
+    stepper: &str,
 ) -> Result<(Program, Layout), Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "observation"));
     let inputs = write::inputs(&mut b, c, form, model);
@@ -409,7 +378,7 @@ pub(super) fn write(
     // The last stage of this one stands at the end of the step: what it found is the answer there.
     let switches = match stepper == Method::Radau.name() {
         true => Switched::AtEnd,
-        false => Switched::Midway { last: last_length(c, &mut b), part: tolerance.unwrap_or(TOLERANCE).sqrt() },
+        false => Switched::Midway { last: last_length(c, &mut b) },
     };
     let pull = Pull { curves: HOLD, switches };
     let mut list: Vec<(String, Expr)> = Vec::new();

@@ -373,23 +373,6 @@ fn iterate(
             e.2 = new;
         }
     }
-    // A law of one unknown that is flat where it holds, as `e |e|` at 0, leaves it there.
-    for k in 0..jacobian.len() {
-        let (i, j, slope) = jacobian[k];
-        let other = |k: Option<usize>| k.and_then(|k| jacobian.get(k)).is_some_and(|e| e.0 == i);
-        let z = system.unknowns[i as usize];
-        if i != j || other(k.checked_sub(1)) || other(Some(k + 1)) || !model.pool.contains(slope, z) {
-            continue;
-        }
-        let zero = model.pool.zero();
-        let pool = &mut model.pool;
-        if pool.substitute(slope, &FxHashMap::from_iter([(z, zero)])) == zero {
-            let sizes = [system.residuals[i as usize], slope].map(|e| pool.unary(Unary::Abs, e));
-            let (sum, one) = (pool.sum(&sizes), pool.int(1));
-            let rests = pool.binary(ir::Binary::Le, sum, zero);
-            jacobian[k].2 = pool.select(rests, one, slope);
-        }
-    }
     // Few unknowns are cheap to look at again, which takes the rounding of the solution off.
     let affine = (n > LARGE || system.once) && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &is_unknown));
     if affine && !system.once {

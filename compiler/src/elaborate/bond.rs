@@ -395,6 +395,6 @@ fn written(end: &End) -> Span {
 fn named(end: &End) -> Span {
     match end {
         End::Path(path) => path.span,
-        End::Declare(e) => e.name.span.to(e.span),
+        End::Declare(e) => e.name.span,
     }
 }

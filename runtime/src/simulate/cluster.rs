@@ -716,7 +716,7 @@ impl Run {
         self.look_at(c, t)?;
         self.input[0] = t;
         if c.period.is_none() {
-            self.feed.show(&mut self.input, t);
+            self.feed.latch(&mut self.input, t);
         }
         let result = self.instant.run(&self.glanced, &self.input).map(|_| ());
         result.map_err(|why| self.failure(c, t, why))

@@ -187,13 +187,6 @@ impl Feed {
         }
     }
 
-    /// Tells the programs what is at an instant, and how it goes on from there.
-    pub(super) fn show(&self, input: &mut [f64], t: f64) {
-        for (slots, course) in input[self.at..].chunks_exact_mut(GIVEN).zip(&self.courses) {
-            slots.copy_from_slice(&[course.value(t), course.piece(t + SAME * t.abs()).slope, t]);
-        }
-    }
-
     /// Tells the programs what is at an instant, and holds from then on.
     pub(super) fn latch(&self, input: &mut [f64], t: f64) {
         for (slots, course) in input[self.at..].chunks_exact_mut(GIVEN).zip(&self.courses) {

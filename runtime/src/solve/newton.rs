@@ -16,9 +16,8 @@
 //!   2. Where all of `r` is 0, or after [`DAMPED`] iterations `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where
 //!      a body that all but rests sticks, rounding leaves open what holds it.
 //!   3. Solve `J d = r`. Where that fails, or `J` or `d` is not finite: halve as in 1, if that is still allowed; before the
-//!      first update, add 1e-3 of the scale (where that is 0, of 1; beside a slope that is infinite, of `|r| / sqrt(w_i)`,
-//!      which of a law that is flat there says nothing) to the unknowns and start over, and another time, or where `|r|²`
-//!      is not finite there, take 2e-3 of it off, and so on by [`NUDGES`]; else fail.
+//!      first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time, or
+//!      where `|r|²` is not finite there, take 2e-3 of it off, and so on by [`NUDGES`]; else fail.
 //!   4. Where `|d + e|²` is at most `|e|² / 16`, with the update `e` before, neither halved nor doubled: half of `d`.
 //!      It only takes back what `e` did, as about the infinite slope of a root, where such updates go to and fro for
 //!      ever.
@@ -354,11 +353,8 @@ fn iterate<S: System>(
             if !size.is_finite() {
                 // Beside the start there may be no value on one side alone.
                 if (1..NUDGES.len()).contains(&nudges) {
-                    nudge(&mut nudges, system.unknowns(), &scratch.update);
+                    nudge(&mut nudges, system.unknowns(), &scratch.scale);
                     continue;
-                }
-                if nudges > 0 {
-                    scratch.update[..n].fill(0.0);
                 }
                 break;
             }
@@ -412,10 +408,7 @@ fn iterate<S: System>(
             }
             if before.is_none() && nudges < NUDGES.len() {
                 // A law with an infinite slope just where the iteration starts, or none: start beside it.
-                if nudges == 0 {
-                    measure.beside(&mut scratch.update, if told { 0.0 } else { size });
-                }
-                nudge(&mut nudges, system.unknowns(), &scratch.update);
+                nudge(&mut nudges, system.unknowns(), &scratch.scale);
                 (best, from) = (f64::INFINITY, f64::INFINITY);
                 continue;
             }
@@ -470,12 +463,12 @@ fn iterate<S: System>(
     Err(Failure::NoConvergence { iterations: plan.limit, unknown: plan.unknowns + worst, change })
 }
 
-/// Moves the start to the next place beside it, by sizes.
-fn nudge(nudges: &mut usize, unknowns: &mut [f64], sizes: &[f64]) {
+/// Moves the start to the next place beside it.
+fn nudge(nudges: &mut usize, unknowns: &mut [f64], scale: &[f64]) {
     let side = NUDGES[*nudges] - nudges.checked_sub(1).map_or(0.0, |k| NUDGES[k]);
     *nudges += 1;
-    for (u, s) in unknowns.iter_mut().zip(sizes) {
-        *u += side * *s;
+    for (u, s) in unknowns.iter_mut().zip(scale) {
+        *u += side * if *s > 0.0 { *s } else { 1.0 };
     }
 }
 
@@ -606,21 +599,6 @@ impl<'a> Measure<'a> {
             }
         }
         true
-    }
-
-    /// What the unknowns are nudged by: the scale; where that is 0, what has the energy of the residual, whose square
-    /// is given; 1 where that is not known either.
-    fn beside(&self, sizes: &mut [f64], square: f64) {
-        for (i, (size, s)) in sizes.iter_mut().zip(self.scale).enumerate() {
-            let own = (square / if self.weighted { self.weight(i) } else { 1.0 }).sqrt();
-            *size = if *s > 0.0 {
-                *s
-            } else if own > 0.0 && own <= f64::MAX {
-                own
-            } else {
-                1.0
-            };
-        }
     }
 
     /// The unknown whose change is largest beside itself, and the change.

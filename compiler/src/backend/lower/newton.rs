@@ -593,8 +593,6 @@ impl Iteration {
                         self.nudge(w, nudges);
                         w.push(Stmt::Continue);
                     });
-                    let nudged = w.lt(zero, nudges);
-                    w.when(nudged, |w| w.each(self.n, |w, at| w.put(&self.update, at, zero)));
                     self.finish(w, NO_CONVERGENCE);
                 });
             });
@@ -633,9 +631,9 @@ impl Iteration {
         let (row, zero, one) = (w.get(self.row), w.number(0.0), w.number(1.0));
         let solved = w.lt(row, zero);
         let sound = w.finite(square);
-        w.when(Cond::all([solved.clone(), sound, told.clone()]).not(), |w| {
+        w.when(Cond::all([solved.clone(), sound, told]).not(), |w| {
             if !self.given {
-                return self.rescue(w, solved, told);
+                return self.rescue(w, solved);
             }
             let may = self.may_halve(w);
             w.when(may, |w| self.halve(w));
@@ -782,7 +780,7 @@ impl Iteration {
     }
 
     /// Where the system cannot be solved: further along, back, or beside the start.
-    fn rescue(&self, w: &mut Writer, solved: Cond, told: Cond) {
+    fn rescue(&self, w: &mut Writer, solved: Cond) {
         let (made, stretches) = (w.get(self.made), w.get(self.stretches));
         let (one, two, limit) = (w.number(1.0), w.number(2.0), w.number(f64::from(STRETCHES)));
         let infinite = w.number(f64::INFINITY);
@@ -827,9 +825,6 @@ impl Iteration {
         let most = w.number(NUDGES.len() as f64);
         let beside = Cond::all([Cond::True(made).not(), w.lt(nudges, most)]);
         w.when(beside, |w| {
-            let none = w.number(0.0);
-            let first = w.le(nudges, none);
-            w.when(first, |w| self.beside(w, told));
             self.nudge(w, nudges);
             w.set(self.best, infinite);
             w.set(self.from, infinite);
@@ -838,23 +833,6 @@ impl Iteration {
         let first = w.number(0.0);
         w.when(solved, |w| w.set(self.row, first));
         self.finish(w, SINGULAR);
-    }
-
-    /// Has the update hold what the unknowns are nudged by; whether the matrix is finite (`told`).
-    fn beside(&self, w: &mut Writer, told: Cond) {
-        let (zero, one, most) = (w.number(0.0), w.number(1.0), w.number(f64::MAX));
-        let square = w.get(self.size);
-        let square = w.select(told, zero, square);
-        w.each(self.n, |w, at| {
-            let (k, s) = (self.weight(w, at), w.value(&self.scale, at));
-            let own = w.div(square, k);
-            let own = w.unary(ir::Unary::Sqrt, own);
-            let told = Cond::all([w.lt(zero, own), w.le(own, most)]);
-            let own = w.select(told, own, one);
-            let positive = w.lt(zero, s);
-            let size = w.select(positive, s, own);
-            w.put(&self.update, at, size);
-        });
     }
 
     /// Moves the start to the next place beside it.
@@ -870,8 +848,10 @@ impl Iteration {
         let k = w.add(nudges, one);
         w.set(self.nudges, k);
         w.each(self.n, |w, at| {
-            let size = w.at(&self.update, at);
-            let more = w.mul(side, size);
+            let s = w.value(&self.scale, at);
+            let positive = w.lt(zero, s);
+            let s = w.select(positive, s, one);
+            let more = w.mul(side, s);
             let u = w.at(&self.unknowns, at);
             let u = w.add(u, more);
             w.put(&self.unknowns, at, u);
