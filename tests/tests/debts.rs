@@ -95,34 +95,6 @@ fn a_debt_is_not_lost_beside_what_holds_make() {
     assert!(!summary.passive && wall.debt_max > 1.0, "{summary:?}");
 }
 
-/// An orifice has an infinite slope at rest, so that no small change tells how it answers: in whatever units, the damper
-/// beside it holds the same.
-#[test]
-fn beta_at_a_root_knows_no_units() {
-    let run = |effort: f64, flow: f64| {
-        let compiled = text(&format!(
-            "model Pipe {{
-  let le = {effort}
-  let lf = {flow}
-  I:pipe {{ inertia = 1.9 H * le/lf; f0 = -2.83 A * lf }}
-  sampled every 0.05 s hold lagged {{ R:damper = 1 Ohm * le/lf }}
-  0:j -> pipe
-  j ||> damper
-  R:orifice {{ f = lf * 0.9 A * sign(e/(0.57 V * le)) * sqrt(abs(e/(0.57 V * le))) }}
-  j -> orifice
-  probe e = orifice.e/le
-  simulate {{ stop = 0.05 s; step = 10 ms; method = gonzalez }}
-}}"
-        ));
-        end(&compiled, Steps::new(), 0.05, "e")
-    };
-    let there = run(1.0, 1.0);
-    close(there, 2.83, 1e-9, "what the damper holds, V");
-    for (effort, flow) in [(16.0, 16.0), (1024.0, 1.0), (0.000244140625, 128.0)] {
-        close(run(effort, flow), there, 1e-12, &format!("the same, in {effort} V and {flow} A"));
-    }
-}
-
 /// Two clocks that differ by as much as is still taken for one.
 #[test]
 fn clocks_that_all_but_agree() {

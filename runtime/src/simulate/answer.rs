@@ -1,9 +1,9 @@
 //! How the other side of a double bar answers to what is held, measured at the start of a run by its own stepper.
 
-use super::cluster::{Book, Run};
+use super::cluster::Run;
 use super::hold::{RECURRENCE, TERMS};
 use super::schedule::Simulation;
-use crate::scene::{Bar, Cluster, Respond};
+use crate::scene::{Bar, Cluster};
 
 /// Intervals after that of the hold that are looked at: as many as weights are found from, and as many again to see
 /// whether they hold.
@@ -27,14 +27,10 @@ const PROBE: f64 = 1e-3;
 const FINER: f64 = 1e-3;
 const LOOKS: usize = 4;
 const SAME: f64 = 1e-3;
-/// What the first two differ by about a root; where they do by less, and yet none is in proportion, that is rounding.
-const BENDS: f64 = 0.5;
 /// Of a difference of two answers this part of their size is rounding.
 const ROUNDED: f64 = 64.0 * f64::EPSILON;
 /// An answer so many times that about what is held at the start is none.
 const BEYOND: f64 = 100.0;
-/// Energy that crosses in an interval, beside what is stored: what is less is the rounding of a side at rest.
-const STIRS: f64 = 1e-24;
 
 /// By interval, a matrix of the ports.
 type Answers = Vec<Vec<f64>>;
@@ -56,7 +52,7 @@ impl Simulation<'_> {
             self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
         others.sort_unstable();
         others.dedup();
-        let calls = self.calls(i, &vec![0.0; n]);
+        let calls = self.calls(i);
         for other in others {
             let mine: Vec<usize> =
                 (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
@@ -64,13 +60,11 @@ impl Simulation<'_> {
                 mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
             let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
             let c = &self.scene.clusters[other];
-            let sizes = if c.is_linear { Vec::new() } else { self.sizes(i, period, &mine, &calls) };
-            let about = vec![0.0; mine.len()];
-            let mut answers = self.runs[other].measured(c, period, (&ports, &about), &sizes);
+            let mut answers = self.runs[other].measured(c, period, (&ports, &vec![0.0; mine.len()]));
             let about: Vec<f64> = mine.iter().zip(&bars).map(|(k, bar)| bar.sign * calls[*k]).collect();
             if !c.is_linear && about.iter().any(|v| *v != 0.0) {
                 // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K.
-                let there = self.runs[other].measured(c, period, (&ports, &about), &sizes);
+                let there = self.runs[other].measured(c, period, (&ports, &about));
                 let most = |a: &Answers| a.first().map_or(f64::INFINITY, |m| m.iter().fold(0.0, |s, x| x.abs().max(s)));
                 let most = [most(&answers), most(&there)];
                 if most[1].is_finite() && (most[0].is_nan() || most[0] > BEYOND * most[1]) {
@@ -115,30 +109,8 @@ impl Simulation<'_> {
 }
 
 impl Simulation<'_> {
-    /// How large what is held at some ports of a cluster is at first: what they call for while nothing moves, and where
-    /// the other side, which is one, goes on as it does by itself for a period; 0 where that is nothing or not told.
-    fn sizes(&mut self, i: usize, period: f64, mine: &[usize], calls: &[f64]) -> Vec<f64> {
-        let bars: Vec<&Bar> = mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
-        let mut alpha = vec![0.0; self.held[i].len()];
-        if let Some(other) = bars.first().map(|bar| bar.other.0) {
-            let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
-            let gone = self.runs[other].gone(&self.scene.clusters[other], period, &ports).unwrap_or_default();
-            for ((k, bar), q) in mine.iter().zip(&bars).zip(gone) {
-                alpha[*k] = bar.sign * q;
-            }
-            let moved = self.calls(i, &alpha);
-            let floor = STIRS * self.runs[other].books.iter().map(Book::largest).fold(0.0, f64::max);
-            let size = |k: &usize| {
-                let there = if (moved[*k] * alpha[*k]).abs() > floor { moved[*k].abs() } else { 0.0 };
-                calls[*k].abs().max(there)
-            };
-            return mine.iter().map(size).collect();
-        }
-        Vec::new()
-    }
-
-    /// What a cluster's ports call for while the other sides move so far in a period; 0 where that is no number.
-    fn calls(&mut self, i: usize, alpha: &[f64]) -> Vec<f64> {
+    /// What a cluster's ports call for while nothing moves; 0 where that is no number.
+    fn calls(&mut self, i: usize) -> Vec<f64> {
         let (c, n) = (&self.scene.clusters[i], self.held[i].len());
         if c.respond.is_none() {
             return vec![0.0; n];
@@ -146,14 +118,7 @@ impl Simulation<'_> {
         let mut input = self.respond_input[i].clone();
         let own = self.runs[i].input.len();
         input[..own].copy_from_slice(&self.runs[i].input);
-        let period = c.period.unwrap_or(0.0);
-        input[1] = period;
-        for (h, q) in self.held[i].iter().zip(alpha) {
-            input[c.ports[h.port].input] = -q / period;
-        }
-        if matches!(c.respond, Some(Respond::Matched(..))) {
-            input[own..own + n].copy_from_slice(alpha);
-        }
+        input[1] = c.period.unwrap_or(0.0);
         let run = &mut self.runs[i];
         let found = run.respond.as_mut().and_then(|look| Some(look.run(&run.state, &input).ok()?[..n].to_vec()));
         let mut calls = found.unwrap_or_else(|| vec![0.0; n]);
@@ -163,63 +128,34 @@ impl Simulation<'_> {
 }
 
 impl Run {
-    /// The answer ([`Self::response`]) to a change so small that it is in proportion; where there is none, as about a
-    /// root, to one of the size of what is held.
-    fn measured(&mut self, c: &Cluster, period: f64, at: (&[usize], &[f64]), sizes: &[f64]) -> Answers {
-        let n = at.0.len();
+    /// The answer ([`Self::response`]) to a change so small that it is in proportion.
+    fn measured(&mut self, c: &Cluster, period: f64, at: (&[usize], &[f64])) -> Answers {
         if c.is_linear {
-            return self.response(c, period, at, &vec![1.0; n]);
+            return self.response(c, period, at, 1.0);
         }
         let mut probe = PROBE;
-        let first = self.response(c, period, at, &vec![probe; n]);
-        let (mut answers, mut bends) = (first.clone(), false);
-        for k in 0..LOOKS {
+        let first = self.response(c, period, at, probe);
+        let mut answers = first.clone();
+        for _ in 0..LOOKS {
             probe *= FINER;
-            let finer = self.response(c, period, at, &vec![probe; n]);
+            let finer = self.response(c, period, at, probe);
             let most = finer.iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
             let pairs = || answers.iter().flatten().zip(finer.iter().flatten());
             if finer.len() == answers.len() && pairs().all(|(x, y)| (x - y).abs() <= SAME * most) {
                 return answers;
             }
-            bends |= k == 0 && pairs().any(|(x, y)| (x - y).abs() > BENDS * most);
             answers = finer;
         }
-        if !bends {
-            return first;
-        }
-        let whole: Vec<f64> = sizes.iter().map(|s| if *s > 0.0 { *s } else { PROBE }).collect();
-        self.response(c, period, at, &whole)
-    }
-
-    /// What ports give out in all in a period in which nothing is held.
-    fn gone(&mut self, c: &Cluster, period: f64, ports: &[usize]) -> Option<Vec<f64>> {
-        let steps = c.period.map_or(STEPS as f64, |own| (period / own).round().clamp(1.0, SAMPLES as f64));
-        let h = c.period.unwrap_or(period / steps);
-        self.step.prepare(h).ok()?;
-        let iterations = self.step.work.newton_iterations;
-        let (mut state, mut input) = (self.state.clone(), self.input.clone());
-        c.ports.iter().for_each(|p| input[p.input] = 0.0);
-        input[1] = h;
-        let mut all = vec![0.0; ports.len()];
-        for k in 0..steps as usize {
-            input[0] = k as f64 * h;
-            self.step.run(&state, &input).ok()?;
-            state.copy_from_slice(&self.step.work.next);
-            for (sum, p) in all.iter_mut().zip(ports) {
-                *sum += h * self.step.work.output[c.ports[*p].mean];
-            }
-        }
-        self.step.work.newton_iterations = iterations;
-        Some(all)
+        first
     }
 
     /// How this cluster answers to what is held at `ports` for one `period` and then let go, about some values that are
     /// held all the time: for the interval of the hold and some after it, a matrix of the change, with each held input,
     /// of the integral of what each port gives out. Empty where a step fails.
     ///
-    /// `probe` is the size of the change, by port. Where its steps have an error, they are halved, and what they give is
+    /// `probe` is the size of the change. Where its steps have an error, they are halved, and what they give is
     /// extrapolated (Romberg), until it changes no more: the answer is the region's, not its stepper's.
-    fn response(&mut self, c: &Cluster, period: f64, (ports, about): (&[usize], &[f64]), probe: &[f64]) -> Answers {
+    fn response(&mut self, c: &Cluster, period: f64, (ports, about): (&[usize], &[f64]), probe: f64) -> Answers {
         let at = (ports, about, probe);
         let later = if EFFORT / (LATER * STEPS * ports.len()) < self.state.len() { 2 } else { LATER };
         if let Some(own) = c.period {
@@ -276,7 +212,7 @@ impl Run {
         &mut self,
         c: &Cluster,
         (period, h, steps): (f64, f64, usize),
-        (ports, about, probe): (&[usize], &[f64], &[f64]),
+        (ports, about, probe): (&[usize], &[f64], f64),
         later: usize,
     ) -> Option<Answers> {
         let n = ports.len();
@@ -296,15 +232,15 @@ impl Run {
                 }
                 input[1] = h;
                 for (interval, (matrix, size)) in matrices.iter_mut().zip(&mut sizes).enumerate() {
-                    input[c.ports[*held].input] = about[j] + if interval == 0 { sign * probe[j] } else { 0.0 };
+                    input[c.ports[*held].input] = about[j] + if interval == 0 { sign * probe } else { 0.0 };
                     for k in 0..steps {
                         input[0] = interval as f64 * period + k as f64 * h;
                         self.step.run(&state, &input).ok()?;
                         state.copy_from_slice(&self.step.work.next);
                         for (i, p) in ports.iter().enumerate() {
                             let q = h * self.step.work.output[c.ports[*p].mean];
-                            matrix[i * n + j] += sign * q / (2.0 * probe[j]);
-                            size[i * n + j] += q.abs() / (2.0 * probe[j]);
+                            matrix[i * n + j] += sign * q / (2.0 * probe);
+                            size[i * n + j] += q.abs() / (2.0 * probe);
                         }
                     }
                 }
