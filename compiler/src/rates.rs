@@ -459,35 +459,26 @@ pub fn undefined(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
         (_, x) => format!("what is {x}"),
     };
     let is = |what: String| format!("{name} has no finite value there: it takes {what}");
-    match pool.node(e) {
-        Node::Unary(Unary::Log, a) => Some(format!(
-            "{}; keep it above 0, by the start or as in `log(max(x, 1e-9))`",
-            is(format!("the logarithm of {}", of(*a)))
-        )),
-        Node::Product(_, pairs) => {
-            let zero = pairs.iter().find(|(x, n)| point.value(pool, *x) == 0.0 && n.to_f64() < 0.0);
-            let below = pairs.iter().find(|(x, n)| point.value(pool, *x) < 0.0 && n.to_f64().fract() != 0.0);
-            let ratio = |x: Expr| model.elements.iter().find(|e| matches!(e.law, Law::Ratio(r) if r == x));
-            match (zero.map(|(x, _)| (*x, ratio(*x))), below) {
-                (Some((_, Some(two_port))), _) => Some(format!(
-                    "the ratio of `{}` is 0 there, and {name} takes something divided by it; a switch is a resistor, \
-                     as in `R:sw = if ... then 1 mOhm else 1 MOhm`",
-                    two_port.name
-                )),
-                (Some((x, None)), _) => Some(is(format!("something divided by {}", of(x)))),
-                (None, Some((x, _))) => Some(format!(
-                    "{}; a root with both signs is `sign(x)*sqrt(abs(x))`",
-                    is(format!("a root of {}", of(*x)))
-                )),
-                (None, None) => Some(is(of(e))),
-            }
-        }
-        Node::Number(_)
-        | Node::Symbol(_)
-        | Node::Sum(..)
-        | Node::Power(..)
-        | Node::Unary(..)
-        | Node::Binary(..)
-        | Node::Select(..) => Some(is(of(e))),
+    if let Node::Unary(Unary::Log, a) = pool.node(e) {
+        let what = is(format!("the logarithm of {}", of(*a)));
+        return Some(format!("{what}; keep it above 0, by the start or as in `log(max(x, 1e-9))`"));
     }
+    let Node::Product(_, pairs) = pool.node(e) else { return Some(is(of(e))) };
+    if let Some((x, _)) = pairs.iter().find(|(x, n)| point.value(pool, *x) == 0.0 && n.to_f64() < 0.0) {
+        return Some(match model.elements.iter().find(|e| matches!(e.law, Law::Ratio(r) if r == *x)) {
+            Some(two_port) => format!(
+                "the ratio of `{}` is 0 there, and {name} takes something divided by it; a switch is a resistor, \
+                 as in `R:sw = if ... then 1 mOhm else 1 MOhm`",
+                two_port.name
+            ),
+            None => is(format!("something divided by {}", of(*x))),
+        });
+    }
+    let below = pairs.iter().find(|(x, n)| point.value(pool, *x) < 0.0 && n.to_f64().fract() != 0.0);
+    Some(match below {
+        Some((x, _)) => {
+            format!("{}; a root with both signs is `sign(x)*sqrt(abs(x))`", is(format!("a root of {}", of(*x))))
+        }
+        None => is(of(e)),
+    })
 }

@@ -245,13 +245,12 @@ fn later(at: &[f64], from: f64) -> Result<(), Stop> {
 }
 
 /// Runs a scene, with steps that were chosen or that are told.
-fn go(scene: &Scene, settings: &Settings, args: &How, (by, chosen): (By, Option<&Chosen>)) -> Result<(), Stop> {
-    let model = by;
+fn go(scene: &Scene, settings: &Settings, args: &How, (model, chosen): (By, Option<&Chosen>)) -> Result<(), Stop> {
     places(args, None)?;
     let (steps, stop, every) = asked(args, settings);
     let steps = chosen.map_or(steps, Chosen::steps);
-    let rows = rows(args, settings, stop, by)?;
-    let by = by.unless(args.stop.is_some() || args.step.is_some() || args.longest.is_some());
+    let rows = rows(args, settings, stop, model)?;
+    let by = model.unless(args.stop.is_some() || args.step.is_some() || args.longest.is_some());
     let given = match &args.input {
         Some(path) => input::table(path, scene, args.input_hold)?,
         None => Vec::new(),

@@ -759,11 +759,24 @@ fn what_has_no_value_is_named() {
       i -> 0:out -> C1, load
       simulate { stop = 1 ms }
     }";
+    // What follows a source has an energy and no state, and is sound here: the loop is not.
+    let open = "model M {
+      Se:u = 1 V * t/(1 s)
+      C:c = 1 F
+      Sf:i = 2 A * t/(1 s)
+      R:r { f = 1 A * tanh(e/(1 V)) }
+      u -> 0:n -> c
+      n -> 1:j -> r
+      i -> j
+      simulate { stop = 4 s }
+    }";
     let here = Folder::new().with("log.bond", log).with("root.bond", root).with("ratio.bond", ratio);
+    let here = here.with("open.bond", open);
     for (file, told) in [
         ("log.bond", "`AB.e` has no finite value there: it takes the logarithm of `AB.q`, which is 0"),
         ("root.bond", "`far.f` has no finite value there: it takes a root of `tank2.e - tank3.e`, which is -300"),
         ("ratio.bond", "the ratio of `sw` is 0 there"),
+        ("open.bond", "a step of `n` failed: singular matrix"),
     ] {
         here.bond(&["run", file]).is(3, &[], &[told]);
     }

@@ -207,10 +207,10 @@ impl Run {
     }
 
     /// The first step of a run, at most `h`: where a method lets stay what is far too fast for it (Gauss' of an even
-    /// number of stages does), a whole step and its halves say the same, and no estimate tells that both are wrong. By
-    /// exponentials a state may be moved so far, too, where it starts, that what all of them say is worth nothing. So
-    /// steps that are ever shorter are looked at first, by which no state may move by more than its size in the first. None
-    /// where the shortest of them still moves one of them so.
+    /// number of stages does), or damps it (`radau`), or a step is of many turns, a whole step and its halves may say the
+    /// same, and no estimate tells that both are wrong. By exponentials a state may be moved so far, too, where it starts,
+    /// that what all of them say is worth nothing. So steps that are ever shorter are looked at first, by which no state may
+    /// move by more than its size in the first. None where the shortest of them still moves one of them so.
     pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
         if !c.step.passive && c.step.name != RADAU {
             return Some(self.first_explicit(c, t, h));

@@ -15,11 +15,11 @@ pub const WARY: f64 = 16.0;
 /// What an interval of which nothing was foretold could lose, J: what it does lose says nothing of forecasts, and costs
 /// no trust.
 pub(super) const UNTOLD: f64 = f64::INFINITY;
-/// A loss of less than this part of the most that was ever at risk is rounding, and counts as none.
+/// A loss, or a debt, of less than this part of the most that was ever at risk is rounding, and counts as none.
 pub const LOSS: f64 = 1e-12;
 
-/// What of an energy is its rounding. What is stored, H and a tank that may all but cancel, is no budget as far as it is
-/// that: of next to nothing, held against what was not foretold, its root would be given out.
+/// What of an energy is its rounding. What is stored is no budget as far as it is that: of next to nothing, held against
+/// what was not foretold, its root would be given out.
 pub const NOISE: f64 = 1e-14;
 /// Beside this part of the scene's largest energy a debt counts, where the region's own are smaller: what crosses from
 /// there has the rounding of that.
