@@ -258,16 +258,24 @@ impl Simulation<'_> {
             let run = &mut self.runs[i];
             let state = &run.state;
             if let Some(look) = &mut run.respond {
-                let out = look.run(state, input).map_err(|why| Error::Step {
-                    time: at,
-                    region: c.name.clone(),
-                    state: None,
-                    why,
-                    jumps: Vec::new(),
-                })?;
+                let stopped =
+                    |why| Error::Step { time: at, region: c.name.clone(), state: None, why, jumps: Vec::new() };
+                let out = look.run(state, input).map_err(stopped)?;
                 values.copy_from_slice(&out[..n]);
                 foreseen = out[n + usize::from(matched)];
-                if matched && out.get(n) == Some(&0.0) {
+                let lost = matched && out[n] == 0.0;
+                let mut rests =
+                    self.held[i].iter().zip(alpha.iter()).map(|(h, alpha)| h.last_q == 0.0 && *alpha == 0.0);
+                if c.budget && !matched && c.entries.iter().any(Entries::is_driven) && rests.all(|r| r) {
+                    // From rest, what its sources put in goes by the motion that begins.
+                    let (beta, rate) = (beta_of(&self.pace[i], &self.beta[i], next), 1.0 / period);
+                    for (k, h) in self.held[i].iter().enumerate() {
+                        let given: f64 = (0..n).map(|j| beta[k * n + j] * values[j]).sum();
+                        input[c.ports[h.port].input] = given * rate;
+                    }
+                    foreseen = look.run(state, input).map_err(stopped)?[n];
+                }
+                if lost {
                     self.search(i, at, alpha, values, q)?;
                 }
             }

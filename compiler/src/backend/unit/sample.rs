@@ -6,7 +6,7 @@ use super::{Writing, programs};
 use crate::backend::code::{Cond, Reason, Routine, Stmt, Value};
 use crate::backend::lower::writer::Writer;
 use bond_runtime::ir::Unary;
-use bond_runtime::scene::GIVEN;
+use bond_runtime::scene::{Entries, GIVEN};
 use bond_runtime::simulate::{FORGET, RECURRENCE, TERMS};
 
 impl Writing<'_> {
@@ -338,7 +338,41 @@ impl Writing<'_> {
                 var
             })
             .collect();
-        let foreseen = w.kept(place.called + n + usize::from(fallback.is_some()));
+        let mut foreseen = w.kept(place.called + n + usize::from(fallback.is_some()));
+        if c.budget && fallback.is_none() && c.entries.iter().any(Entries::is_driven) {
+            // From rest, what its sources put in goes by the motion that begins.
+            let zero = w.number(0.0);
+            let rests = Cond::all(
+                place
+                    .held
+                    .iter()
+                    .zip(&alpha)
+                    .flat_map(|(held, alpha)| {
+                        let q = w.kept(held.last_q);
+                        [w.eq(q, zero), w.eq(*alpha, zero)]
+                    })
+                    .collect::<Vec<_>>(),
+            );
+            let found = w.holding(foreseen);
+            w.open();
+            for (k, h) in start.held.iter().enumerate() {
+                let mut given = None;
+                for (j, v) in values.iter().enumerate() {
+                    let (b, v) = (self.answer(&mut w, i, Answer::Beta, k * n + j), w.get(*v));
+                    let x = w.mul(b, v);
+                    given = Some(given.map_or(x, |sum| w.add(sum, x)));
+                }
+                let flow = w.mul(given.unwrap_or(zero), rate);
+                w.keep(place.input + c.ports[h.port].input, flow);
+            }
+            w = self.program(w, program, place.state, 0, place.input, place.called, &c.name)?;
+            let begun = w.kept(place.called + n);
+            w.set(found, begun);
+            told(&mut w);
+            let body = w.close();
+            w.push(Stmt::If(rests, body, Vec::new()));
+            foreseen = w.get(found);
+        }
         if let Some(fallback) = fallback {
             let (found, zero) = (w.kept(place.called + n), w.number(0.0));
             let none = w.eq(found, zero);
