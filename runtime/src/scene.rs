@@ -202,6 +202,13 @@ pub enum Respond {
     Matched(Program, Program),
 }
 
+impl Entries {
+    /// Whether energy comes in by more than the ports that a sampled region holds.
+    pub fn is_driven(&self) -> bool {
+        self.held.len() < self.supplied.len()
+    }
+}
+
 /// Where the parts of a region's ledger are among the outputs of a step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Entries {
@@ -277,6 +284,8 @@ pub struct Guards {
     pub count: usize,
     /// How many unknowns of loops they depend on: all, or 0.
     pub loops: usize,
+    /// Which of them time alone tells.
+    pub times: Vec<usize>,
     /// Whether the stepper's last node is the end of its step: such a step ends just before a switch, where others end
     /// just past it.
     pub ends: bool,

@@ -452,3 +452,87 @@ fn laws_that_read_what_they_give() {
         assert!(torque.abs() < 1e-5 && volts.abs() < 1e-4, "{w} {i}: {torque} {volts}");
     }
 }
+
+/// Stribeck's friction has an exponential that never grows: a stop beside it gives back what it was given, and dry
+/// friction beside it holds a body that begins at rest.
+#[test]
+fn a_bell_is_no_knee() {
+    let speed = |steps: Steps| {
+        let text = "use std.contact
+            model Bounce {
+              I:mass { inertia = 1 kg; f0 = 1 m/s }
+              RigidStop:wall(gap = 10 cm)
+              StribeckFriction:guide(Fc = 1 mN, Fs = 1.5 mN, b = 1e-6 N*s/m)
+              1:v -> mass, wall.tip, guide.slide
+              probe speed = v.f
+            }";
+        end(&with(Options::new(), text), steps, 0.2, "speed")
+    };
+    // 0.2 mJ of 500 mJ are lost on the way.
+    for steps in [Steps::new(), Steps::tolerance(1e-4), Steps::tolerance(1e-6), Steps::tolerance(1e-8)] {
+        let v = speed(steps);
+        assert!((v + 0.9998).abs() < 1e-5, "{v} m/s after the stop");
+    }
+    let pulled = "model Pulled {
+          Se:pull = 60 mN
+          I:m = 0.8 kg
+          R:guide { e = 20 mN * (1 + 0.5*exp(-(f/(20 mm/s))^2))*tanh(f/(2 mm/s)) }
+          R:dry { e = 20 mN * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }
+          C:k { stiffness = 10 N/m }
+          I:n = 0.8 kg
+          1:w -> guide, m, dry  1:v -> n  w -> 0:s -> k  s -> v  pull -> v
+          probe speed = w.f
+        }";
+    let exact = end(&with(Options::new(), pulled), Steps::tolerance(1e-8), 1.0, "speed");
+    for steps in [Steps::new(), Steps::tolerance(1e-6)] {
+        let w = end(&with(Options::new(), pulled), steps, 1.0, "speed");
+        assert!((w - exact).abs() < 1e-3 * exact.abs(), "{w} m/s, and {exact} m/s");
+    }
+}
+
+/// What is told by a very short step is told before an instant at which a source switches, and not beyond: a chopper with a
+/// coil that has run empty behind its diode.
+#[test]
+fn a_chopper_meets_each_turn() {
+    let scene = |pulse: &str| {
+        let text = format!(
+            "use std.electrical
+            model Chopper(T = 10 ms) {{
+              Se:src = if {pulse} then 5 V else 0 V
+              Inductor:coil(L = 30 mH, R = 2 Ohm)
+              IdealDiode:d
+              Capacitor:cap(C = 4 uF)
+              Resistor:load(R = 6 kOhm)
+              src -> 1:mesh -> coil.p, d.p, 0:out
+              out -> cap.p, load.p
+              probe u = cap.p.e
+            }}"
+        );
+        let compiled = with(Options::new(), &text);
+        let mut sim = start(&compiled, Steps::new());
+        finish(&mut sim, 0.2);
+        (probe(&mut sim, "u"), sim.summary().regions[0].steps)
+    };
+    // The same pulses, by a cosine about the middle of each.
+    let (exact, _) = scene("cos(2*pi*(t - 0.1*T)/T) > cos(0.2*pi)");
+    let (u, steps) = scene("mod(t, T) < 0.2*T");
+    assert!((u - exact).abs() < 1e-4 && steps < 10_000, "{u} V and {exact} V, {steps} steps");
+}
+
+/// A bell that is divided by does grow.
+#[test]
+fn an_inverse_bell_is_a_knee() {
+    let text = "model Braked {
+      I:m { inertia = 1 kg; f0 = 0.6 m/s }
+      R:r { e = 1 N * (f/(1 m/s)) / exp(-(f/(0.05 m/s))^2) }
+      1:n -> m, r
+      probe speed = m.f
+    }";
+    // dt = -exp(-(v/0.05)^2)/v dv: Simpson's rule from 0.6 m/s down to where it comes to.
+    let v = end(&with(Options::new(), text), Steps::tolerance(1e-9), 0.1, "speed");
+    let slope = |v: f64| (-(v / 0.05).powi(2)).exp() / v;
+    let (n, h) = (20_000, (0.6 - v) / 20_000.0);
+    let weight = |k: i32| if k == 0 || k == n { 1.0 } else { f64::from(2 + 2 * (k % 2)) };
+    let time: f64 = (0..=n).map(|k| weight(k) * slope(v + f64::from(k) * h)).sum::<f64>() * h / 3.0;
+    assert!((time - 0.1).abs() < 1e-6, "{v} m/s, which takes {time} s");
+}

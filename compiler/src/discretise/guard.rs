@@ -157,6 +157,8 @@ pub(super) fn guards(
     let loops = if wide { loops.len() } else { 0 };
     let is_floor = |n: &Node| matches!(n, Node::Unary(Unary::Floor, _));
     let jumps = found.iter().any(|e| model.pool.any_node(*e, &is_floor));
+    let alone = |e: &Expr| model.pool.symbols(*e).iter().all(|s| Some(*s) == c.time);
+    let times = (0..count).filter(|k| alone(&found[*k])).collect();
     let program = verified(model, b.finish())?;
-    Ok(Some((Guards { program, count, loops, ends: false, branch: None, jumps }, switches)))
+    Ok(Some((Guards { program, count, loops, times, ends: false, branch: None, jumps }, switches)))
 }

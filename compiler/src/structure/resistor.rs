@@ -3,7 +3,7 @@
 
 use super::resolve::Resolver;
 use super::{Bends, ColumnId, Form, Output, Row, inverse};
-use crate::expression::{Expr, Node, Pool, Symbol};
+use crate::expression::{Expr, Node, Number, Pool, Sign, Symbol};
 use crate::model::{ElementId, Law, Resistor, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Unary;
@@ -110,7 +110,16 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     let law_output = r.resolve(law.output, Some(c.region), span)?;
     let value = r.model.pool.substitute(law_output, &arguments);
     let own = (members.len() == 1).then_some((law.argument, law_output));
-    let grows = |n: &Node| matches!(n, Node::Unary(Unary::Exp | Unary::Sinh | Unary::Cosh, _) | Node::Power(..));
+    // A bell, as Stribeck's, does not grow, unless it is divided by.
+    let pool = &r.model.pool;
+    let is_exp = |n: &Node| matches!(n, Node::Unary(Unary::Exp, _));
+    let divides = |f: &(Expr, Number)| f.1.to_f64() < 0.0 && pool.any_node(f.0, &is_exp);
+    let rises = |e: Expr| !pool.sign(e, &|_| Sign::Unknown).is_nonpositive();
+    let grows = |n: &Node| match n {
+        Node::Unary(Unary::Exp, e) => rises(*e),
+        Node::Product(_, factors) => factors.iter().any(divides),
+        _ => matches!(n, Node::Unary(Unary::Sinh | Unary::Cosh, _) | Node::Power(..)),
+    };
     let is_steep = members.len() == 1
         && r.model.pool.any_node(law.output, &grows)
         && !levels_off(&mut r.model.pool, law_output, law.argument);

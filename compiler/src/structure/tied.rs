@@ -159,7 +159,7 @@ pub(super) fn refused(model: &Model, form: &Form, d: ColumnId, why: &str, becaus
     }
     let soft = soft(form.column(d).gives);
     error.help(format!(
-        "put a stiff {soft} and some resistance between the two, as the real parts have; a ratio may depend on the state of a `C` of its region, such as one with `H = 0` that counts the angle"
+        "put some resistance between the two, as the real parts have, or a stiff {soft} with some; a ratio may depend on the state of a `C` of its region, such as one with `H = 0` that counts the angle"
     ))
 }
 
@@ -180,7 +180,7 @@ pub(super) fn check(model: &mut Model, form: &Form, d: ColumnId) -> Option<Diagn
         Some(error.help(help))
     };
     let soft = soft(column.gives);
-    let part = format!("put a stiff {soft} and some resistance between the two, as the real parts have");
+    let part = format!("put some resistance between the two, as the real parts have, or a stiff {soft} with some");
     if column.row.is_empty() {
         let part = "take it out, mend the ratios that hold it, or bond it to what is to drive it".to_string();
         let held = match column.gives {

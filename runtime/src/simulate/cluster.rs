@@ -518,7 +518,7 @@ impl Run {
     pub(super) fn guard_at(&mut self, t: f64) {
         self.input[0] = t;
         if let Some(guards) = &mut self.guards {
-            let _ = guards.run(&self.state, &self.input); // a guard that cannot be told switches nothing
+            let _ = guards.run(&self.state, &mut self.input, 0.0); // a guard that cannot be told switches nothing
         }
     }
 

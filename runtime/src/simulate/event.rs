@@ -97,7 +97,7 @@ impl Run {
         let Some(guards) = &mut self.guards else { return };
         self.input[0] = t;
         self.input[1] = PEEK * h;
-        look(c, guards, &mut self.step, (&self.state, &self.input), None, &mut self.before);
+        look(c, guards, &mut self.step, (&self.state, &mut self.input), None, &mut self.before);
         if let Some(fit) = &mut self.fit {
             fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
             hush(&fit.control, &fit.tops, &mut self.before);
@@ -393,7 +393,7 @@ impl Run {
         self.input[0] = t;
         self.input[1] = PEEK * taken.h;
         let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
-        look(c, guards, step, (&taken.next, &self.input), Some(&self.before), &mut fit.seen);
+        look(c, guards, step, (&taken.next, &mut self.input), Some(&self.before), &mut fit.seen);
         hush(&fit.control, &fit.tops, &mut fit.seen);
         self.branch();
     }
@@ -404,16 +404,20 @@ fn look(
     c: &Cluster,
     guards: &mut Watch,
     step: &mut Ready,
-    (state, input): (&[f64], &[f64]),
+    (state, input): (&[f64], &mut [f64]),
     start: Option<&[f64]>,
     seen: &mut [f64],
 ) {
-    match guards.run(state, input) {
-        Ok(open) => {
+    let (t, peek) = (input[0], input[1]);
+    match guards.run(state, input, peek) {
+        Ok((open, passed)) => {
             let loops = c.states + c.integrals;
+            // What time switches on the way is yet to come.
+            input[0] = if passed { (t - peek).max(0.0) } else { t };
             if open && step.run(state, input).is_ok() {
                 guards.told(&step.work.next[loops..], &state[loops..], start);
             }
+            input[0] = t;
             seen.copy_from_slice(guards.values());
         }
         Err(_) => seen.fill(0.0),

@@ -19,6 +19,9 @@ pub(super) struct Watch {
     look: Look,
     count: usize,
     loops: usize,
+    times: Vec<usize>,
+    /// Those that time alone tells, somewhat later.
+    later: Vec<f64>,
     /// Residuals and matrix, row by row with the residual at the end.
     rows: Vec<f64>,
     /// By row: its pivot's column, where it has one.
@@ -35,6 +38,8 @@ impl Watch {
             look: Look::new(&guards.program, backend),
             count: guards.count,
             loops: m,
+            times: guards.times.clone(),
+            later: vec![0.0; guards.times.len()],
             rows: vec![0.0; m * (m + 1)],
             pivots: vec![None; m],
             largest: vec![0.0; m],
@@ -47,8 +52,18 @@ impl Watch {
         &self.values
     }
 
-    /// Looks at the guards, and whether there is something that the state does not tell.
-    pub(super) fn run(&mut self, state: &[f64], input: &[f64]) -> Result<bool, Failure> {
+    /// Looks at the guards: whether there is something that the state does not tell, and whether one that time alone tells
+    /// switches within so long a time.
+    pub(super) fn run(&mut self, state: &[f64], input: &mut [f64], ahead: f64) -> Result<(bool, bool), Failure> {
+        let known = ahead > 0.0 && self.loops > 0 && !self.times.is_empty();
+        if known {
+            let t = input[0];
+            input[0] = t + ahead;
+            let out = self.look.run(state, input);
+            input[0] = t;
+            let out = out?;
+            self.later.iter_mut().zip(&self.times).for_each(|(x, k)| *x = out[*k]);
+        }
         let (n, m) = (self.count, self.loops);
         let out = self.look.run(state, input)?;
         self.values.copy_from_slice(&out[..n]);
@@ -68,7 +83,10 @@ impl Watch {
                 }
             }
         }
-        Ok(self.pivots.contains(&None))
+        let switches =
+            |(x, k): (&f64, &usize)| (*x > 0.0 && self.values[*k] < 0.0) || (*x < 0.0 && self.values[*k] > 0.0);
+        let passed = known && self.later.iter().zip(&self.times).any(switches);
+        Ok((self.pivots.contains(&None), passed))
     }
 
     /// Has what the state does not tell from a short step, which found these unknowns where the step before found
