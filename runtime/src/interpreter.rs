@@ -166,7 +166,7 @@ impl Machine<'_> {
             }
             None => {
                 *newton_iterations += 1;
-                result
+                result.map(|_| ())
             }
         }
     }

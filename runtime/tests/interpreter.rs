@@ -34,6 +34,7 @@ fn root(flag: bool) -> Program {
         update: Vec::new(),
         left: ROUNDING,
         affine: false,
+        open: false,
         flag: flag.then_some(flag_slot),
     });
     let v = b.load(u);
@@ -75,6 +76,7 @@ fn rests_are_what_the_residual_tells() {
             update: Vec::new(),
             left: ROUNDING,
             affine: false,
+            open: false,
             flag: None,
         });
         let (v, rest) = (b.load(u), b.load(rest));
@@ -132,6 +134,7 @@ fn iterations_nest() {
         update: Vec::new(),
         left: ROUNDING,
         affine: false,
+        open: false,
         flag: None,
     };
     b.store(a, one);

@@ -54,6 +54,7 @@ fn ladder(n: usize) -> Program {
         update: Vec::new(),
         left: 0.0,
         affine: false,
+        open: false,
         flag: None,
     });
     for i in 0..n {

@@ -536,3 +536,60 @@ fn an_inverse_bell_is_a_knee() {
     let time: f64 = (0..=n).map(|k| weight(k) * slope(v + f64::from(k) * h)).sum::<f64>() * h / 3.0;
     assert!((time - 0.1).abs() < 1e-6, "{v} m/s, which takes {time} s");
 }
+
+/// Frictions on both sides of a gear: what each holds while both stick is open; sliding they are one, reflected.
+#[test]
+fn frictions_about_a_gear() {
+    let friction = |name: &str, most: f64| {
+        format!("R:{name} {{ e = {most} N*m * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 rad/s }}")
+    };
+    for (ratio, most, sticks) in [(5.0, 2.0, true), (5.0, 20.0, false), (0.2, 0.5, true), (0.2, 2.0, false)] {
+        let two = format!(
+            "model Two {{
+  Se:u = {most} N*m * sin(3 rad/s * t)
+  I:rotor = 0.01 kg*m^2
+  TF:g = {ratio}
+  I:load = 0.2 kg*m^2
+  {}
+  {}
+  u -> 1:w -> rotor, fm
+  w -> g -> 1:v -> load, fl
+  probe speed = w.f
+  probe held = fm.e + {ratio} * fl.e
+}}",
+            friction("fm", 0.3),
+            friction("fl", 1.5)
+        );
+        let one = format!(
+            "model One {{
+  Se:u = {most} N*m * sin(3 rad/s * t)
+  I:rotor = {} kg*m^2
+  {}
+  u -> 1:w -> rotor, f
+  probe speed = w.f
+}}",
+            0.01 + 0.2 * ratio * ratio,
+            friction("f", 0.3 + 1.5 * ratio)
+        );
+        for tolerance in [1e-5, 1e-6, 1e-8] {
+            let compiled = [&two, &one].map(|text| with(Options::new().method("gonzalez"), text));
+            let [mut two, mut one] = [0, 1].map(|k| start(&compiled[k], Steps::tolerance(tolerance)));
+            let what = format!("{ratio}, {most} N*m, {tolerance:e}");
+            for t in [0.7, 1.3, 2.0] {
+                advance(&mut two, t);
+                advance(&mut one, t);
+                let (v, wanted) = (probe(&mut two, "speed"), probe(&mut one, "speed"));
+                assert!((v - wanted).abs() < 1e4 * tolerance, "{what}: {v} and {wanted} rad/s at {t} s");
+                if sticks {
+                    let (held, u) = (probe(&mut two, "held"), most * (3.0 * t).sin());
+                    assert!(v.abs() < 1e-15 && (held - u).abs() < 1e-12, "{what}: {held} of {u} N*m at {t} s");
+                }
+            }
+            let summary = two.summary();
+            let region = &summary.regions[0];
+            assert!(summary.passive, "{what}: {summary:?}");
+            let most = if sticks { 30 } else { 6 } * region.steps;
+            assert!(region.newton_iterations < most, "{what}: {} in {}", region.newton_iterations, region.steps);
+        }
+    }
+}

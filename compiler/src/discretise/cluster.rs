@@ -339,6 +339,12 @@ impl Cluster {
         self.loops.iter().filter_map(|z| by.get(z).copied()).collect()
     }
 
+    /// Whether laws that stand upright or lie flat may leave open how they share a load.
+    pub(super) fn is_open(&self) -> bool {
+        let curve = |n: &&&Node| matches!(n.how, Output::Curve { bends: None, .. });
+        self.loop_nodes().iter().filter(curve).count() > 1
+    }
+
     /// Unknowns that laws with exponentials have as their arguments, and where these grow: of such a law it is its own
     /// unknown or, where it is run backwards, what it gives.
     pub(super) fn bends(&self) -> Vec<(Symbol, Bends)> {

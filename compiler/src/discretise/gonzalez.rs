@@ -269,6 +269,7 @@ pub(super) fn write(
         small: if whole { carries } else { Vec::new() },
         states,
         bends: c.bends(),
+        open: c.is_open(),
         ..System::default()
     };
     let apart = !is_stiff(c, model, form);

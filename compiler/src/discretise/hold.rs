@@ -128,7 +128,18 @@ fn respond(
         model,
         &mut b,
         &mut lowering,
-        System { unknowns, h: c.h, start, residuals, weight, scale, flag, bends: c.bends(), ..System::default() },
+        System {
+            unknowns,
+            h: c.h,
+            start,
+            residuals,
+            weight,
+            scale,
+            flag,
+            bends: c.bends(),
+            open: c.is_open(),
+            ..System::default()
+        },
     )?;
     for (i, e) in outs.iter().enumerate() {
         let e = model.pool.substitute(*e, &flat);

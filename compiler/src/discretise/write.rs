@@ -230,6 +230,8 @@ pub(super) struct System {
     pub(super) states: Vec<(Symbol, Option<Value>)>,
     /// Unknowns that exponentials are of, and where these grow.
     pub(super) bends: Vec<(Symbol, Bends)>,
+    /// Whether laws that hold at once may leave open how they share the load.
+    pub(super) open: bool,
 }
 
 /// The part of the unknowns of a step that its iteration may leave.
@@ -450,6 +452,7 @@ fn iterate(
         bends,
         limit: 200,
         affine,
+        open: system.open && !affine,
         flag: system.flag,
     });
     for (i, s) in system.unknowns.iter().enumerate() {

@@ -109,6 +109,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     if newton.affine {
         write!(f, " affine")?;
     }
+    if newton.open {
+        write!(f, " open")?;
+    }
     if !newton.update.is_empty() {
         write!(f, " left {:e}", newton.left)?;
     }
@@ -181,6 +184,7 @@ mod tests {
             update: Vec::new(),
             left: 0.0,
             affine: false,
+            open: false,
             flag: Some(flag),
         });
         let program = b.finish();

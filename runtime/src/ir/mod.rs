@@ -255,6 +255,8 @@ pub struct Newton {
     pub limit: u32,
     /// Whether the residual is affine in the unknowns: the first update is the solution.
     pub affine: bool,
+    /// Whether laws that hold at once may leave open how they share the load, as frictions on both sides of a gear.
+    pub open: bool,
     /// Where the step fails when the method does not converge; with a slot, the slot (of `Local`) gets 1 or 0 and the
     /// program goes on with the last iterate.
     pub flag: Option<Slot>,

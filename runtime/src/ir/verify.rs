@@ -306,6 +306,7 @@ mod tests {
             update: Vec::new(),
             left: 0.0,
             affine: false,
+            open: false,
             flag: None,
         });
         let v = b.load(u);

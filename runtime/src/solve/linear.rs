@@ -16,6 +16,7 @@ const AGAIN: usize = 200;
 #[derive(Clone, Debug)]
 pub struct Plan {
     n: usize,
+    open: bool,
     method: Method,
 }
 
@@ -37,6 +38,8 @@ pub enum Matrix {
     Changing,
     /// Most solutions are with that of the one before, for whose factors more may be done.
     Kept,
+    /// Each solution is with another one, and rows may say the same: what they leave open is 0 then.
+    Open,
     /// Of complex numbers: of each value and of each entry of a vector first the real part, then the imaginary one.
     Complex,
 }
@@ -68,7 +71,12 @@ impl Plan {
                 Err(row) => Method::Never(row),
             }
         };
-        Self { n, method }
+        Self { n, open: matrix == Matrix::Open, method }
+    }
+
+    /// Whether rows may say the same.
+    pub fn is_open(&self) -> bool {
+        self.open
     }
 
     /// The sparse elimination, where that is what is done; else it is dense.
@@ -98,7 +106,7 @@ impl Plan {
 
     /// Solves `J x = b`, `b` in and `x` out, with the values of `J` in the order of the pattern given to [`Plan::new`].
     /// `same` where these are known to be those of the last solution with this scratch, whose factors are then good
-    /// again.
+    /// again. Says whether something was left open.
     ///
     /// # Errors
     /// A row for which no pivot is found; `vector` then means nothing. `x` may be infinite or NaN without an error.
@@ -112,23 +120,23 @@ impl Plan {
         vector: &mut [f64],
         scratch: &mut Scratch,
         same: bool,
-    ) -> Result<(), usize> {
+    ) -> Result<bool, usize> {
         match &self.method {
             Method::Dense => self.dense(pattern, values, vector, scratch),
             Method::Sparse(symbolic) => match scratch.numeric.factor(symbolic, values, same) {
                 Ok(()) => {
                     scratch.numeric.solve(symbolic, values, vector);
-                    Ok(())
+                    Ok(false)
                 }
                 Err(_) if self.n <= AGAIN => self.dense(pattern, values, vector, scratch),
-                Err(_) => scratch.numeric.solve_raised(symbolic, values, vector),
+                Err(_) => scratch.numeric.solve_raised(symbolic, values, vector).map(|()| false),
             },
             Method::Complex(symbolic) => match scratch.complex.factor(symbolic, values, same) {
                 Ok(()) => {
                     scratch.complex.solve(symbolic, values, vector);
-                    Ok(())
+                    Ok(false)
                 }
-                Err(_) => scratch.complex.solve_raised(symbolic, values, vector),
+                Err(_) => scratch.complex.solve_raised(symbolic, values, vector).map(|()| false),
             },
             Method::Never(row) => Err(*row),
         }
@@ -140,13 +148,13 @@ impl Plan {
         values: &[f64],
         vector: &mut [f64],
         scratch: &mut Scratch,
-    ) -> Result<(), usize> {
+    ) -> Result<bool, usize> {
         let matrix = &mut scratch.matrix[..self.n * self.n];
         matrix.fill(0.0);
         for (&(row, column), value) in pattern.iter().zip(values) {
             matrix[row as usize * self.n + column as usize] = *value;
         }
-        dense::solve(self.n, matrix, vector, &mut scratch.dense)
+        dense::solve(self.n, matrix, vector, &mut scratch.dense, self.open)
     }
 }
 
@@ -188,7 +196,7 @@ impl System {
     ///
     /// # Panics
     /// Where a slice is too short.
-    pub fn solve(&mut self, values: &[f64], vector: &mut [f64], same: bool) -> Result<(), usize> {
+    pub fn solve(&mut self, values: &[f64], vector: &mut [f64], same: bool) -> Result<bool, usize> {
         self.plan.solve(&self.pattern, values, vector, &mut self.scratch, same)
     }
 }
@@ -217,7 +225,7 @@ mod tests {
         let mut random = Random::new(11);
         let right: Vec<f64> = (0..n).map(|_| random.next()).collect();
         let mut x = right.clone();
-        assert_eq!(plan.solve(&pattern, &values, &mut x, &mut plan.scratch(), false), Ok(()));
+        assert_eq!(plan.solve(&pattern, &values, &mut x, &mut plan.scratch(), false), Ok(false));
         let mut rest = right;
         for (r, c, v) in entries {
             rest[r as usize] -= v * x[c as usize];

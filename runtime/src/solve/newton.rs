@@ -26,6 +26,10 @@
 //!      (Newton's method in the voltage of a junction that blocks, in the current of one that conducts; Nagel, SPICE2,
 //!      1975): else what lies beyond would be overshot, or come back from by one unit of the exponent at a time. `d` is
 //!      what was made of it; up to an eighth of a unit it stays.
+//! - Where laws may leave `open` how they share a load, so may the matrix ([`super::dense::solve`]): those unknowns stay,
+//!   the residual that comes of such an update is not compared with those before, and from then on one that is rounding,
+//!   as in 2, is enough after [`PATIENT`] iterations or where the matrix has no pivot: what is the same is not to the
+//!   last digit.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`, where `|r|²` is no more than that sum: far out on an exponential one unknown
 //!   is too large for another to show.
@@ -126,7 +130,9 @@ pub struct Plan {
 impl Plan {
     /// The plan of an iteration.
     pub fn new(newton: &ir::Newton) -> Self {
-        let pattern = newton.jacobian.iter().map(|&(row, column, _)| (row, column)).collect();
+        let matrix = if newton.open { linear::Matrix::Open } else { linear::Matrix::Changing };
+        let pattern: Vec<_> = newton.jacobian.iter().map(|&(row, column, _)| (row, column)).collect();
+        let linear = linear::Plan::new(newton.residual.len(), &pattern, matrix);
         let flag = newton.flag.map(|slot| slot.index as usize);
         let plan = Self::of(newton.unknowns as usize, newton.residual.len(), pattern, newton.limit, flag);
         Self {
@@ -138,6 +144,7 @@ impl Plan {
             small: newton.small.len(),
             bends: newton.bends.clone(),
             quick: quick::Pattern::of(newton),
+            linear,
             ..plan
         }
     }
@@ -328,6 +335,7 @@ fn iterate<S: System>(
     let mut halvings = 0; // of the update made last
     let mut stretches = 0; // the same, doubled
     let mut nudges = 0;
+    let mut opened = false; // whether an update left something open
     let mut stalls = 0; // updates in a row that were not much smaller than the one before
     let (mut from, mut reach) = (f64::INFINITY, 1.0 - FALL); // `|r|²` before the update made last, and the part allowed
     for k in done..plan.limit {
@@ -361,14 +369,15 @@ fn iterate<S: System>(
         }
         best = best.min(size);
         from = size;
-        if residual.iter().all(|&r| r == 0.0) || (k >= DAMPED && size <= 1e-32 * measure.energy(system.unknowns())) {
+        let long = k >= DAMPED || (opened && k >= PATIENT);
+        if residual.iter().all(|&r| r == 0.0) || (long && measure.rounds(size, system.unknowns())) {
             system.pairs().1.fill(0.0);
             return Ok(());
         }
         let trial = &mut scratch.trial[..n];
         let solved = if plan.given {
             trial.copy_from_slice(&scratch.jacobian);
-            Ok(())
+            Ok(false)
         } else {
             trial.copy_from_slice(residual);
             plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear, false)
@@ -377,6 +386,10 @@ fn iterate<S: System>(
         // By an infinite slope the update is 0 whatever the residual.
         let told = plan.given || scratch.jacobian.iter().all(|x| x.is_finite());
         if solved.is_err() || !square.is_finite() || !told {
+            if opened && solved.is_err() && measure.rounds(size, system.unknowns()) {
+                system.pairs().1.fill(0.0);
+                return Ok(());
+            }
             if before.is_some() && solved.is_err() && stretches < STRETCHES {
                 // On the flat part of a law, such as one that sticks: beyond it there may be a slope again.
                 let factor = stretch(stretches);
@@ -453,6 +466,10 @@ fn iterate<S: System>(
         };
         if done || (!plan.given && stalls >= STALLS && (small(1e-10) || (small(1e-6) && quiet()))) {
             return Ok(());
+        }
+        if solved == Ok(true) {
+            opened = true;
+            (best, from) = (f64::INFINITY, f64::INFINITY);
         }
         before = Some(square);
         halvings = 0;
@@ -580,6 +597,11 @@ impl<'a> Measure<'a> {
         }
         let own = |i: usize, u: f64| if counts(self.weight[i]) { u * u } else { 0.0 };
         u.iter().zip(self.scale).enumerate().map(|(i, (u, s))| self.weight(i) * (own(i, *u) + s * s)).sum()
+    }
+
+    /// Whether `|r|²` is what rounding leaves.
+    fn rounds(&self, size: f64, u: &[f64]) -> bool {
+        size <= 1e-32 * self.energy(u)
     }
 
     /// Whether an update is small beside the unknowns; `size` is `|r|²` before it.

@@ -74,14 +74,18 @@ BOND_SPARE bond_real bond_lane_max(bond_real a, bond_real b) {
 }
 #endif
 /* -- bond_dense */
-/* Gauss' elimination with scaled partial pivoting; w has room for n n + 4 n numbers. -1, or the row without a pivot. */
+/* Gauss' elimination with scaled partial pivoting; w has room for n n + 7 n numbers. -1, -2 where
+   something was left open, or the row without a pivot. */
 static bond_real bond_dense(unsigned long n, const unsigned short *at, unsigned long count, const bond_real *values,
-                            bond_real *b, bond_real *w) {
-    bond_real *a = w, *column = w + n * n, *scale = column + n, *inverse = scale + n, *order = inverse + n;
+                            bond_real *b, bond_real *w, int open) {
+    bond_real *a = w, *column = w + n * n, *scale = column + n, *inverse = scale + n, *order = inverse + n,
+              *right = order + n, *parked = right + n, *told = parked + n, left = -1;
     unsigned long i, j, k, p;
+    for (k = 0; k < n; ++k) right[k] = b[k];
+again:
     for (k = 0; k < n * n; ++k) a[k] = 0;
     for (k = 0; k < count; ++k) a[at[2 * k] * n + at[2 * k + 1]] = values[k];
-    for (j = 0; j < n; ++j) column[j] = 0;
+    for (j = 0; j < n; ++j) column[j] = 0, told[j] = BOND_M(fabs)(b[j]);
     for (i = 0; i < n; ++i) {
         bond_real largest = 0;
         for (j = 0; j < n; ++j) {
@@ -106,7 +110,11 @@ static bond_real bond_dense(unsigned long n, const unsigned short *at, unsigned 
                 best = size;
             }
         }
-        if (best <= BOND_SMALL(1e-16, 1e-7) * column[k]) return order[k];
+        parked[k] = open && best <= BOND_SMALL(1e-14, 1e-5) * column[k];
+        if (parked[k] != 0) {
+            p = k;
+            left = -2;
+        } else if (best <= BOND_SMALL(1e-16, 1e-7) * column[k]) return order[k];
         if (p > k) {
             bond_real x;
             for (j = k; j < n; ++j) {
@@ -117,20 +125,31 @@ static bond_real bond_dense(unsigned long n, const unsigned short *at, unsigned 
             x = b[k], b[k] = b[p], b[p] = x;
             x = order[k], order[k] = order[p], order[p] = x;
             x = scale[k], scale[k] = scale[p], scale[p] = x;
+            x = told[k], told[k] = told[p], told[p] = x;
         }
-        inverse[k] = 1 / a[k * n + k];
+        inverse[k] = parked[k] != 0 ? scale[k] : 1 / a[k * n + k];
         for (i = k + 1; i < n; ++i) {
             const bond_real l = a[i * n + k] * inverse[k];
             for (j = k + 1; j < n; ++j) a[i * n + j] -= l * a[k * n + j];
             b[i] -= l * b[k];
+            told[i] += BOND_M(fabs)(l * b[k]);
         }
     }
     for (k = n; k-- > 0;) {
         bond_real rest = b[k];
         for (j = k + 1; j < n; ++j) rest -= a[k * n + j] * b[j];
         b[k] = rest * inverse[k];
+        if (parked[k] != 0) {
+            if (BOND_M(fabs)(rest) > BOND_SMALL(1e-6, 3e-3) * told[k]) {
+                for (k = 0; k < n; ++k) b[k] = right[k];
+                open = 0;
+                left = -1;
+                goto again;
+            }
+            b[k] = 0;
+        }
     }
-    return -1;
+    return left;
 }
 /* -- bond_pattern */
 /* A pattern: pivots by row and column, entries by step of their row, and both factors, row by row, in stretches: from, to, and how

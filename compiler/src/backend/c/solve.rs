@@ -14,7 +14,7 @@ fn rooms(routine: &Routine) -> impl Iterator<Item = usize> {
             let packed = t.line.map_or(0, |line| 2 * line.packed());
             parts * (t.lower.columns.len() + t.upper.columns.len() + 3 * s.n) + 2 * s.n + 1 + packed
         }
-        None => s.n * s.n + 4 * s.n,
+        None => s.n * s.n + 7 * s.n,
     })
 }
 
@@ -84,7 +84,12 @@ pub(super) fn functions(routine: &Routine, first: usize, needs: &mut Needs) -> S
                 needs.insert("bond_dense");
                 let list: Vec<u32> = s.pattern.iter().flat_map(|p| [p.0, p.1]).collect();
                 numbers(&mut out, &format!("static const unsigned short solve_{k}_at[]"), &list);
-                format!("(void)same, bond_dense({}, solve_{k}_at, {}, a, b, w)", s.n, s.pattern.len())
+                format!(
+                    "(void)same, bond_dense({}, solve_{k}_at, {}, a, b, w, {})",
+                    s.n,
+                    s.pattern.len(),
+                    u8::from(plan.is_open())
+                )
             }
         };
         let _ = writeln!(

@@ -2,8 +2,11 @@
 
 use super::writer::{Vector, Writer};
 use crate::backend::code::{Cond, Stmt, System, Value, Var};
-use bond_runtime::solve::dense::TINY;
+use bond_runtime::solve::dense::{ALIKE, POOR, TINY};
 use bond_runtime::solve::linear::Matrix;
+
+/// What tells that a system was solved, and left something open.
+pub(in crate::backend) const LEFT_OPEN: f64 = -2.0;
 
 impl Writer {
     /// The number of a system that is solved elsewhere.
@@ -12,8 +15,15 @@ impl Writer {
         self.systems.len() as u32 - 1
     }
 
-    /// Solves a system of the entries (row, column, value); `row` becomes -1, or the row without a pivot.
-    pub(super) fn eliminate(&mut self, n: usize, entries: &[(u32, u32, Value)], right: &[Value], row: Var) -> Vector {
+    /// Solves a system of the entries (row, column, value); `row` becomes -1, [`LEFT_OPEN`] where something may be and was
+    /// left open, or the row without a pivot.
+    pub(super) fn eliminate(
+        &mut self,
+        n: usize,
+        entries: &[(u32, u32, Value)],
+        right: &[Value],
+        (row, open): (Var, bool),
+    ) -> Vector {
         let zero = self.number(0.0);
         let mut a = vec![zero; n * n];
         for (i, j, v) in entries {
@@ -29,14 +39,14 @@ impl Writer {
                 self.set(x[0], q);
                 self.when(singular, |w| w.set(row, zero));
             }
-            2 => self.two(&a, right, &x, row),
-            _ => self.pivoted(n, &a, right, &x, row),
+            2 => self.two(&a, right, &x, (row, open)),
+            _ => self.pivoted(n, &a, right, &x, (row, open)),
         }
         Vector::Vars(x)
     }
 
     /// By Cramer's rule where the determinant has digits, else with pivots.
-    fn two(&mut self, a: &[Value], b: &[Value], x: &[Var], row: Var) {
+    fn two(&mut self, a: &[Value], b: &[Value], x: &[Var], how: (Var, bool)) {
         let (p, q) = (self.mul(a[0], a[3]), self.mul(a[1], a[2]));
         let det = self.sub(p, q);
         let (size, p, q) = (self.abs(det), self.abs(p), self.abs(q));
@@ -58,13 +68,15 @@ impl Writer {
                 w.set(x[0], first);
                 w.set(x[1], second);
             }),
-            self.block(|w| w.pivoted(2, a, b, x, row)),
+            self.block(|w| w.pivoted(2, a, b, x, how)),
         );
         self.push(Stmt::If(plain, yes, no));
     }
 
     /// With scaled partial pivoting.
-    fn pivoted(&mut self, n: usize, matrix: &[Value], right: &[Value], x: &[Var], row: Var) {
+    fn pivoted(&mut self, n: usize, matrix: &[Value], right: &[Value], x: &[Var], (row, open): (Var, bool)) {
+        // Whether unknowns may be left open, as yet.
+        let may = open.then(|| self.starting(1.0));
         self.repeat(|w| {
             let (zero, one) = (w.number(0.0), w.number(1.0));
             let fail = |w: &mut Writer, at: Value| {
@@ -106,7 +118,12 @@ impl Writer {
             for (x, b) in x.iter().zip(right) {
                 w.set(*x, *b);
             }
-            let mut inverse = Vec::new();
+            let size = |b: &Value| {
+                let size = w.abs(*b);
+                w.holding(size)
+            };
+            let told: Vec<Var> = if open { right.iter().map(size).collect() } else { Vec::new() };
+            let (mut inverse, mut parked) = (Vec::new(), Vec::new());
             for k in 0..n {
                 let size = |w: &mut Writer, i: usize| {
                     let (x, s) = (w.get(a[i * n + k]), w.get(scale[i]));
@@ -124,7 +141,19 @@ impl Writer {
                 }
                 let tiny = w.number(TINY);
                 let least = w.mul(tiny, column[k]);
-                let none = w.le(best, least);
+                let mut none = w.le(best, least);
+                if let Some(may) = may {
+                    let (poor, may) = (w.tolerance(POOR), w.get(may));
+                    let poor = w.mul(poor, column[k]);
+                    let park = Cond::all([Cond::True(may), w.le(best, poor)]);
+                    let own = w.number(k as f64);
+                    p = w.select(park.clone(), own, p);
+                    let flag = w.select(park.clone(), one, zero);
+                    parked.push(w.holding(flag));
+                    let left = w.number(LEFT_OPEN);
+                    w.when(park.clone(), |w| w.set(row, left));
+                    none = Cond::all([park.not(), none]);
+                }
                 w.when(none, |w| {
                     let at = w.get(order[k]);
                     fail(w, at);
@@ -135,7 +164,8 @@ impl Writer {
                     w.when(is, |w| {
                         let pairs = (k..n).map(|j| (a[k * n + j], a[i * n + j]));
                         let rest = [(x[k], x[i]), (scale[k], scale[i]), (order[k], order[i])];
-                        for (one, other) in pairs.chain(rest) {
+                        let told = told.get(k).copied().zip(told.get(i).copied());
+                        for (one, other) in pairs.chain(rest).chain(told) {
                             let (u, v) = (w.get(one), w.get(other));
                             w.set(one, v);
                             w.set(other, u);
@@ -143,7 +173,11 @@ impl Writer {
                     });
                 }
                 let pivot = w.get(a[k * n + k]);
-                let r = w.div(one, pivot);
+                let mut r = w.div(one, pivot);
+                if let Some(flag) = parked.get(k) {
+                    let (flag, own) = (w.get(*flag), w.get(scale[k]));
+                    r = w.select(Cond::True(flag), own, r);
+                }
                 inverse.push(r);
                 let tail: Vec<Value> = (k + 1..n).map(|j| w.get(a[k * n + j])).collect();
                 let bk = w.get(x[k]);
@@ -160,6 +194,11 @@ impl Writer {
                     let term = w.mul(l, bk);
                     let v = w.sub(v, term);
                     w.set(x[i], v);
+                    if let Some(told) = told.get(i) {
+                        let (t, term) = (w.get(*told), w.abs(term));
+                        let t = w.add(t, term);
+                        w.set(*told, t);
+                    }
                 }
             }
             for k in (0..n).rev() {
@@ -169,7 +208,21 @@ impl Writer {
                     let term = w.mul(u, v);
                     rest = w.sub(rest, term);
                 }
-                let value = w.mul(rest, inverse[k]);
+                let mut value = w.mul(rest, inverse[k]);
+                if let (Some(may), Some(flag)) = (may, parked.get(k)) {
+                    let flag = w.get(*flag);
+                    let flag = Cond::True(flag);
+                    let (part, told, size) = (w.tolerance(ALIKE), w.get(told[k]), w.abs(rest));
+                    let bound = w.mul(part, told);
+                    let other = Cond::all([flag.clone(), w.lt(bound, size)]);
+                    w.when(other, |w| {
+                        let none = w.number(-1.0);
+                        w.set(row, none);
+                        w.set(may, zero);
+                        w.push(Stmt::Continue);
+                    });
+                    value = w.select(flag, zero, value);
+                }
                 w.set(x[k], value);
             }
             w.push(Stmt::Break);

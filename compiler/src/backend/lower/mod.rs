@@ -11,6 +11,7 @@ mod roll;
 mod tidy;
 pub(super) mod writer;
 
+pub(super) use eliminate::LEFT_OPEN;
 pub(super) use fuse::may_pair;
 
 use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};

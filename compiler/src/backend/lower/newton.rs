@@ -1,5 +1,6 @@
 //! Newton's method as `bond_runtime::solve::newton` does it, step by step; its doc says what and why.
 
+use super::eliminate::LEFT_OPEN;
 use super::writer::{At, ELIMINATED, UNROLLED, Values, Vector, Writer, scratch};
 use super::{Local, Lower};
 use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
@@ -46,12 +47,16 @@ pub(super) struct Iteration {
     stretches: Var,
     nudges: Var,
     stalls: Var,
+    /// Whether an update left something open.
+    opened: Var,
     pub(super) end: Var,
     row: Var,
     bends: Vec<Bend>,
     /// Whether the update is given, and whether the first one is all.
     given: bool,
     affine: bool,
+    /// Whether unknowns may be left open.
+    open: bool,
     /// The part of the unknowns that may be left.
     left: f64,
 }
@@ -138,7 +143,7 @@ impl Lower {
         } else {
             let entries: Vec<(u32, u32, Value)> =
                 solve.matrix.iter().zip(matrix).map(|(&(i, j, _), v)| (i, j, v)).collect();
-            w.eliminate(numbers, &entries, &right, row)
+            w.eliminate(numbers, &entries, &right, (row, false))
         };
         for i in 0..numbers {
             let x = self.w.at(&solution, At::One(i));
@@ -185,7 +190,7 @@ impl Lower {
                     it.judge(w, &residual);
                 }
                 let r: Vec<Value> = (0..n).map(|i| w.value(&residual, At::One(i))).collect();
-                let solution = w.eliminate(n, &entries, &r, it.row);
+                let solution = w.eliminate(n, &entries, &r, (it.row, it.open));
                 if newton.affine {
                     it.once(w, &solution);
                 } else {
@@ -260,11 +265,13 @@ impl Iteration {
             stretches: w.var(),
             nudges: w.var(),
             stalls: w.var(),
+            opened: w.var(),
             end: w.var(),
             row: w.var(),
             bends: newton.bends.clone(),
             given: !newton.update.is_empty(),
             affine,
+            open: newton.open,
             left: newton.left,
         }
     }
@@ -283,6 +290,9 @@ impl Iteration {
         let clear =
             [self.count, self.made, self.before, self.halvings, self.stretches, self.nudges, self.stalls, self.end];
         clear.into_iter().for_each(|v| w.set(v, zero));
+        if self.open {
+            w.set(self.opened, zero);
+        }
         w.set(self.best, infinite);
         w.set(self.from, infinite);
         self.hope(w);
@@ -374,7 +384,8 @@ impl Iteration {
             }),
         };
         let pattern = newton.jacobian.iter().map(|e| (e.0, e.1)).collect();
-        let system = w.system(self.n, pattern, Matrix::Changing);
+        let matrices = if self.open { Matrix::Open } else { Matrix::Changing };
+        let system = w.system(self.n, pattern, matrices);
         w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row, same: None });
         let solution = Vector::Memory(self.trial);
         if !newton.affine {
@@ -613,15 +624,22 @@ impl Iteration {
             });
         });
         let (so_far, long) = (w.get(self.count), w.number(f64::from(DAMPED)));
-        let many = w.lt(long, so_far);
-        w.when(many, |w| {
-            let (told, part) = (self.energy(w), w.tolerance(1e-32));
-            let allowed = w.mul(part, told);
-            let rounding = w.le(size, allowed);
-            w.when(rounding, |w| {
-                self.no_rests(w);
-                self.finish(w, DONE);
-            });
+        let mut many = w.lt(long, so_far);
+        if self.open {
+            let (opened, patient) = (w.get(self.opened), w.number(f64::from(PATIENT)));
+            many = Cond::any([many, Cond::all([Cond::True(opened), w.lt(patient, so_far)])]);
+        }
+        w.when(many, |w| self.rest(w));
+    }
+
+    /// Ends where the residual is what rounding leaves.
+    fn rest(&self, w: &mut Writer) {
+        let (told, part, size) = (self.energy(w), w.tolerance(1e-32), w.get(self.size));
+        let allowed = w.mul(part, told);
+        let rounding = w.le(size, allowed);
+        w.when(rounding, |w| {
+            self.no_rests(w);
+            self.finish(w, DONE);
         });
     }
 
@@ -705,6 +723,15 @@ impl Iteration {
         w.set(self.halvings, zero);
         self.hope(w);
         w.set(self.stretches, zero);
+        if self.open {
+            let (row, left, infinite) = (w.get(self.row), w.number(LEFT_OPEN), w.number(f64::INFINITY));
+            let some = w.eq(row, left);
+            w.when(some, |w| {
+                w.set(self.opened, one);
+                w.set(self.best, infinite);
+                w.set(self.from, infinite);
+            });
+        }
     }
 
     /// Makes an update along an exponential of its unknown.
@@ -784,6 +811,10 @@ impl Iteration {
         let (made, stretches) = (w.get(self.made), w.get(self.stretches));
         let (one, two, limit) = (w.number(1.0), w.number(2.0), w.number(f64::from(STRETCHES)));
         let infinite = w.number(f64::INFINITY);
+        if self.open {
+            let opened = w.get(self.opened);
+            w.when(Cond::all([Cond::True(opened), solved.clone().not()]), |w| self.rest(w));
+        }
         let further = Cond::all([Cond::True(made), solved.clone().not(), w.lt(stretches, limit)]);
         w.when(further, |w| {
             let k = w.add(stretches, one);

@@ -8,6 +8,7 @@ use super::functions::{self, ONE, SOLVE, TWO};
 use super::lanes::{self, LANES};
 use super::translate::{Made, NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
 use crate::backend::code::Routine;
+use crate::backend::lower::LEFT_OPEN;
 use crate::backend::unit::{self, Own};
 use crate::backend::{is_large, lower};
 use bond_runtime::interpreter::Interpreter;
@@ -397,7 +398,7 @@ fn beside<T>(to: &mut Vec<f64>, lanes: &[T], of: impl Fn(&T) -> &[f64]) {
     }
 }
 
-/// Solves a large system for compiled code: -1, or the row without a pivot. `same` is not 0 where the matrix is that of
+/// Solves a large system for compiled code: -1, -2 where something was left open, or the row without a pivot. `same` is not 0 where the matrix is that of
 /// the last time.
 extern "C" fn solve(
     systems: *mut Vec<linear::System>,
@@ -414,7 +415,8 @@ extern "C" fn solve(
     let (matrix, vector) =
         unsafe { (std::slice::from_raw_parts(matrix, entries), std::slice::from_raw_parts_mut(vector, n)) };
     match system.solve(matrix, vector, same != 0.0) {
-        Ok(()) => -1.0,
+        Ok(false) => -1.0,
+        Ok(true) => LEFT_OPEN,
         Err(row) => row as f64,
     }
 }

@@ -209,6 +209,7 @@ impl Apart {
             bends: Vec::new(),
             limit: LIMIT,
             affine: false,
+            open: false,
             flag: None,
         });
         for (i, s) in system.unknowns.iter().enumerate() {

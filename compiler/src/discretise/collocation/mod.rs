@@ -535,6 +535,7 @@ pub(super) fn write(
             left: write::left(c).filter(|_| whole),
             states,
             bends,
+            open: c.is_open(),
             ..System::default()
         };
         taken = match apart {
