@@ -240,7 +240,7 @@ mod tests {
         let row = |gear: f64| [-0.3 * gear, 0.0, 0.0];
         let matrix = [[1.0, 1e-6, 3e-7], row(1.0), row(0.7)].concat();
         let mut b = [0.1, -0.06, -0.06 * 0.7];
-        let mut solve_so = |open, b: &mut [f64]| solve(3, &mut matrix.clone(), b, &mut Scratch::new(3), open);
+        let solve_so = |open, b: &mut [f64]| solve(3, &mut matrix.clone(), b, &mut Scratch::new(3), open);
         assert_eq!(solve_so(true, &mut b), Ok(true));
         assert!((b[0] - 0.2).abs() < 1e-15 && (b[1] + 1e5).abs() < 1e-9 && b[2] == 0.0, "{b:?}");
         // Two that don't are left to themselves.
