@@ -6,7 +6,7 @@ use bond_compiler::model::{Kind, Model};
 use bond_compiler::structure::{Column, ColumnId, Form, Region, Role};
 
 /// A note for each: storages that a detector holds at rest, pieces that nothing gives power, what `ray` never
-/// moves, and what gives energy behind a budget that lets none out.
+/// moves, what gives energy behind a budget that lets none out, and what tied storages divide by.
 pub fn remarks(compiled: &Compiled) -> Vec<String> {
     let stages = compiled.stages();
     let (model, form) = (&stages.model, &stages.form);
@@ -20,7 +20,20 @@ pub fn remarks(compiled: &Compiled) -> Vec<String> {
         let list = held(model, form, r).into_iter().chain(loose(form, r)).chain(unmoved(model, r, by_ray(r)));
         list.chain(shut_in(model, form, i, r))
     };
-    form.regions.iter().enumerate().flat_map(of).collect()
+    form.regions.iter().enumerate().flat_map(of).chain(divided(model, form)).collect()
+}
+
+/// What storages that are tied together divide by, where their mass matrix is singular where that is 0.
+fn divided(model: &Model, form: &Form) -> Option<String> {
+    let mut names: Vec<String> = form.poles.iter().map(|e| format!("`{}`", model.pool.print(*e))).collect();
+    names.sort();
+    names.dedup();
+    (!names.is_empty()).then(|| {
+        format!(
+            "storages that are tied together follow from one another by a division by {}: where that is 0 the run stops or its numbers are wrong; an inertia in integral causality on the 1-junction that moves them by this ratio keeps it out, as may leaving out asserted strokes",
+            names.join(" and by ")
+        )
+    })
 }
 
 /// Storages that follow detectors alone: an ideal voltmeter in series, an ideal ammeter across.

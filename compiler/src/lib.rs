@@ -29,7 +29,7 @@ use bond_runtime::scene::{LeftOut, Scene};
 use causality::Causality;
 use elaborate::{Broken, Loader};
 use graph::BondGraph;
-use model::Model;
+use model::{Element, ElementId, Kind, Model};
 use need::Unneeded;
 use structure::Form;
 use units::Dimension;
@@ -225,19 +225,22 @@ fn all_errors(Broken { mut errors, model }: Broken, options: &Options) -> Vec<Di
 /// The form. Where several storages are tied together by ratios that are divided by, and may pass 0, the junctions that
 /// drive them get speeds of their own first.
 fn form(mut model: Model, graph: BondGraph, causality: Causality) -> Result<Stages, Vec<Diagnostic>> {
-    let speeds = causality::speeds(&model, &graph, &causality);
-    let with = (!speeds.is_empty()).then(|| model.clone());
+    let is_inertia = |d: &ElementId| model.element(*d).kind == Kind::I;
+    let may = causality::moves(&model) && causality.dependent.iter().any(is_inertia);
+    let spare = (may && !model.elements.iter().any(Element::is_massless)).then(|| model.clone());
     let plain = structure::build(&mut model, &graph, &causality);
-    if let Some(mut with) = with.filter(|_| plain.as_ref().map_or(true, |form| form.divided)) {
-        for j in speeds {
-            with.add_massless(j);
-        }
-        let graph = graph::build(&with);
-        if let Ok(causality) = causality::assign(&mut with, &graph, &[])
-            && causality.dependent.iter().all(|d| !with.element(*d).is_massless())
-            && let Ok(form) = structure::build(&mut with, &graph, &causality)
+    if let Some(mut with) = spare.filter(|_| plain.as_ref().map_or(true, |form| form.divided)) {
+        let speeds = causality::speeds(&mut with, &graph, &causality);
+        speeds.iter().for_each(|j| with.add_massless(*j));
+        let again = (!speeds.is_empty()).then(|| {
+            let graph = graph::build(&with);
+            to_form(with, graph)
+        });
+        if let Some(Ok(made)) = again
+            && made.causality.dependent.iter().all(|d| !made.model.element(*d).is_massless())
+            && plain.as_ref().map_or(true, |form| made.form.poles.is_empty() || !form.poles.is_empty())
         {
-            return Ok(Stages { model: with, graph, causality, form });
+            return Ok(made);
         }
     }
     Ok(Stages { model, graph, causality, form: plain? })

@@ -7,26 +7,26 @@
 
 mod complete;
 mod conflict;
+mod part;
 mod propagate;
 mod rank;
+mod size;
 
 use crate::expression::{Pool, Sign};
 use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Law, Model, Resistor, Signal, Variable};
+use crate::model::{BondId, ElementId, Kind, Law, Model, Resistor, Variable};
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
+use part::Parts;
+pub use part::moves;
 use propagate::Assignment;
-pub use rank::{by_rank, has_rings};
+pub use rank::{by_rank, has_rings, speeds};
 
 /// So many asserted strokes are taken off one by one, to see which of them does it.
 const MOST_TRIED: usize = 100;
 
 /// So many pairs of a law that cannot be run backwards and a storage are looked at before the storages are assigned.
 const LOOKED_AT: usize = 100_000;
-/// A storage less than this part of another one's size rather follows that one than the other way round.
-const SMALLER: f64 = 1e-4;
-/// So many dependent storages are looked at for that.
-const MOST_SWAPPED: usize = 16;
 /// More resistors than this, whose causality is free, are many.
 const MANY: usize = 64;
 
@@ -152,17 +152,18 @@ fn law(model: &Model, id: ElementId) -> Option<&Resistor> {
     }
 }
 
-/// What is known of laws: which cannot be run backwards, and which are of quadratic energies.
+/// What is known of laws: which cannot be run backwards, which are of quadratic energies, and what moves what.
 struct Laws {
     one_way: Vec<bool>,
     quadratic: Vec<bool>,
+    parts: Parts,
 }
 
 /// Gives every bond its stroke, choice by choice; `thorough` takes only those that leave the rest a completion.
 fn strokes<'a>(
     model: &'a Model,
     graph: &'a BondGraph,
-    Laws { one_way, quadratic }: &Laws,
+    Laws { one_way, quadratic, parts }: &Laws,
     given: &[(ElementId, Variable)],
     thorough: bool,
 ) -> Result<Assignment<'a>, Vec<Diagnostic>> {
@@ -226,7 +227,7 @@ fn strokes<'a>(
     }
     let keeps = |id: ElementId| match &model.element(id).law {
         Law::Storage(s) => {
-            s.massless || s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()])
+            !s.massless && s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()])
         }
         Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
     };
@@ -246,16 +247,11 @@ fn strokes<'a>(
     // Of storages that are tied together, those with quadratic energies can best be the dependent ones; those of which
     // a ratio reads the state have to keep it. Of the rest, what moves others through ratios that change goes before
     // these: from their speeds it does not follow where such a ratio passes 0.
-    let moves = |&(id, bond): &(ElementId, BondId)| {
-        let other = model.bond(bond).other(id);
-        model.element(id).kind == Kind::I && model.element(other).kind == Kind::One && drives(model, graph, other)
-    };
-    let rank = |s: &(ElementId, BondId)| if keeps(s.0) { 0 } else { 2 - usize::from(moves(s)) };
-    for now in 0..3 {
-        for &(id, bond) in storages.iter().filter(|s| rank(s) == now) {
-            if let Some(gives) = integral(model.element(id).kind) {
-                a.prefer(bond, a.stroke_for(bond, id, gives), Cause::Storage(id));
-            }
+    let mut order = storages.clone();
+    order.sort_by_key(|s| if keeps(s.0) { None } else { Some(parts.turn(model, s.0)) });
+    for (id, bond) in order {
+        if let Some(gives) = integral(model.element(id).kind) {
+            a.prefer(bond, a.stroke_for(bond, id, gives), Cause::Storage(id));
         }
     }
     let free = resistors.iter().filter(|(_, bond)| a.strokes[bond.at()].is_none()).count();
@@ -301,55 +297,10 @@ pub fn assign(
         model.elements.iter().map(|e| matches!(&e.law, Law::Resistor(r) if one_way(&mut pool, r))).collect();
     let quadratic: Vec<bool> = model.elements.iter().map(|e| quadratic(&mut pool, &e.law)).collect();
     model.pool = pool;
-    let laws = Laws { one_way, quadratic };
     let model = &*model;
+    let laws = Laws { one_way, quadratic, parts: Parts::of(model, graph) };
     let first = assigned(model, graph, &laws, given)?;
-    Ok(by_size(model, graph, &laws, given, first))
-}
-
-/// Of three storages or more that are tied together the small ones rather follow the large: what is left of a large one's
-/// state, told from small ones', has as many digits less as they are unequal (a node of 200 pF beside 47 uF: five). So a
-/// dependent storage takes the place of one that is [`SMALLER`], where that costs no other. Of two, as a motor's rotor and
-/// its load, nothing is told by a difference, and the one that was declared first keeps its state.
-fn by_size(
-    model: &Model,
-    graph: &BondGraph,
-    laws: &Laws,
-    given: &[(ElementId, Variable)],
-    first: Causality,
-) -> Causality {
-    let size = |id: ElementId| match &model.element(id).law {
-        Law::Storage(s) if !s.massless && model.element(id).field.is_none() => {
-            s.linear.and_then(|k| model.pool.constant(k)).map(|k| 1.0 / k)
-        }
-        Law::Storage(_) | Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
-    };
-    let mut best = first;
-    let mut given = given.to_vec();
-    for id in best.dependent.clone().into_iter().take(MOST_SWAPPED) {
-        let kind = model.element(id).kind;
-        let (Some(large), Some(gives)) = (size(id), integral(kind)) else { continue };
-        let is_small =
-            |other: ElementId| model.element(other).kind == kind && size(other).is_some_and(|x| x < SMALLER * large);
-        if !best.dependent.contains(&id) || !model.ids().any(|(other, _)| is_small(other)) {
-            continue;
-        }
-        given.push((id, gives));
-        let most = best.dependent.len();
-        let attempt = |given: &[(ElementId, Variable)]| {
-            assigned(model, graph, laws, given).ok().filter(|c| c.dependent.len() <= most)
-        };
-        let found = attempt(&given).filter(|c| {
-            let fresh: Vec<ElementId> = c.dependent.iter().filter(|d| !best.dependent.contains(d)).copied().collect();
-            let third = || attempt(&[&given[..], &fresh.iter().map(|d| (*d, gives)).collect::<Vec<_>>()].concat());
-            !c.dependent.contains(&id) && fresh.iter().all(|d| is_small(*d)) && third().is_some()
-        });
-        match found {
-            Some(found) => best = found,
-            None => _ = given.pop(),
-        }
-    }
-    best
+    Ok(size::by_size(model, graph, &laws, given, first))
 }
 
 /// Assigns causality, in the order of declaration.
@@ -399,43 +350,6 @@ pub fn holding(model: &Model, graph: &BondGraph, storage: ElementId) -> Vec<Bond
     }
     let alone = asserted.iter().take(MOST_TRIED).find(|b| free(&[**b]));
     alone.map_or(asserted.clone(), |b| vec![*b])
-}
-
-/// The 1-junctions that drive others through ratios which change with states, where storages are tied together by those
-/// and nothing on the junction gives it a flow of its own: the turning of a pendulum whose mass has two Cartesian
-/// speeds. Read the other way, such a ratio would be divided by, and it may pass 0.
-pub fn speeds(model: &Model, graph: &BondGraph, causality: &Causality) -> Vec<ElementId> {
-    if !causality.dependent.iter().any(|d| model.element(*d).kind == Kind::I) {
-        return Vec::new();
-    }
-    // A storage, or a source of flow, on the junction.
-    let has_flow = |j: ElementId, b: BondId| {
-        let other = model.bond(b).other(j);
-        match model.element(other).kind {
-            Kind::I | Kind::Sf | Kind::De | Kind::Port => true,
-            Kind::Tf | Kind::Gy => model.bond(b).head == j,
-            Kind::Zero | Kind::One => true,
-            Kind::Se | Kind::C | Kind::R | Kind::Df => model.bond(b).sampled,
-        }
-    };
-    model
-        .ids()
-        .filter(|(_, e)| e.kind == Kind::One)
-        .map(|(id, _)| id)
-        .filter(|id| drives(model, graph, *id) && !graph.bonds_of[id.at()].iter().any(|b| has_flow(*id, *b)))
-        .collect()
-}
-
-/// Whether a junction drives something through a ratio that changes with states.
-fn drives(model: &Model, graph: &BondGraph, junction: ElementId) -> bool {
-    let changes = |id: ElementId| match &model.element(id).law {
-        Law::Ratio(v) => model.pool.symbols(*v).iter().any(|s| matches!(model.signals.get(s), Some(Signal::State(_)))),
-        Law::Source(_) | Law::Storage(_) | Law::Resistor(_) | Law::Junction | Law::Port(_) => false,
-    };
-    graph.bonds_of[junction.at()].iter().any(|b| {
-        let other = model.bond(*b).other(junction);
-        model.element(other).kind == Kind::Tf && model.bond(*b).head == other && changes(other)
-    })
 }
 
 /// The end of a double bar that holds its variable: the sampled one; of two, the slower; of two alike, the head.

@@ -5,9 +5,12 @@
 //! other one else. The junction structure being a Dirac structure, one of the two always is free (van der Schaft and
 //! Jeltsema, Port-Hamiltonian Systems Theory, 2014), and in the end what all give determines all there is.
 
-use super::{Causality, forced, integral, law, one_way};
+use super::{Causality, Parts, forced, integral, law, one_way};
+use crate::expression::Pool;
 use crate::graph::BondGraph;
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
+use rustc_hash::FxHashMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Models of more bonds are not looked at.
 const MOST: usize = 5000;
@@ -15,29 +18,49 @@ const MOST: usize = 5000;
 const ROUNDING: f64 = 1e-9;
 
 /// Linear equations, each free of the pivots of those before it.
+#[derive(Clone, Default)]
 struct Echelon {
     rows: Vec<(usize, Vec<(usize, f64)>)>,
-    size: usize,
+    /// The equation of which a variable is the pivot.
+    of: FxHashMap<usize, usize>,
 }
 
 impl Echelon {
-    /// Takes an equation, unless it follows from the others.
-    fn take(&mut self, terms: &[(usize, f64)]) -> bool {
-        let mut row = vec![0.0; self.size];
-        terms.iter().for_each(|(i, x)| row[*i] += x);
-        let size = row.iter().fold(0.0f64, |m, x| m.max(x.abs()));
-        for (pivot, other) in &self.rows {
-            let part = row[*pivot];
+    /// What an equation says besides the others, without what is rounding; nothing where it follows from them.
+    fn rest(&self, terms: &[(usize, f64)]) -> BTreeMap<usize, f64> {
+        let mut row = BTreeMap::new();
+        terms.iter().for_each(|(i, x)| *row.entry(*i).or_insert(0.0) += x);
+        let size = row.values().fold(0.0f64, |m, x| m.max(x.abs()));
+        let mut due: BTreeSet<usize> = row.keys().filter_map(|i| self.of.get(i)).copied().collect();
+        while let Some(k) = due.pop_first() {
+            let (pivot, other) = &self.rows[k];
+            let part = row.remove(pivot).unwrap_or(0.0);
             if part != 0.0 {
-                other.iter().for_each(|(i, x)| row[*i] -= part * x);
-                row[*pivot] = 0.0;
+                for (i, x) in other.iter().filter(|t| t.0 != *pivot) {
+                    *row.entry(*i).or_insert(0.0) -= part * x;
+                    due.extend(self.of.get(i));
+                }
             }
         }
-        let largest = (0..self.size).max_by(|a, b| row[*a].abs().total_cmp(&row[*b].abs()));
-        let Some(pivot) = largest.filter(|i| row[*i].abs() > ROUNDING * size) else { return false };
-        let scale = 1.0 / row[pivot];
-        let left = row.iter().enumerate().filter(|(_, x)| x.abs() > 1e-3 * ROUNDING * size);
-        self.rows.push((pivot, left.map(|(i, x)| (i, x * scale)).collect()));
+        if row.values().all(|x| x.abs() <= ROUNDING * size) {
+            row.clear();
+        }
+        row.retain(|_, x| x.abs() > 1e-3 * ROUNDING * size);
+        row
+    }
+
+    /// Whether an equation follows from the others.
+    fn follows(&self, terms: &[(usize, f64)]) -> bool {
+        self.rest(terms).is_empty()
+    }
+
+    /// Takes an equation, unless it follows from the others.
+    fn take(&mut self, terms: &[(usize, f64)]) -> bool {
+        let row = self.rest(terms);
+        let Some((&pivot, &x)) = row.iter().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())) else { return false };
+        let scale = 1.0 / x;
+        self.of.insert(pivot, self.rows.len());
+        self.rows.push((pivot, row.into_iter().map(|(i, x)| (i, x * scale)).collect()));
         true
     }
 }
@@ -45,7 +68,7 @@ impl Echelon {
 /// What the junctions, TF and GY ask for.
 fn equations(model: &Model, graph: &BondGraph) -> Echelon {
     use Variable::{Effort, Flow};
-    let mut all = Echelon { rows: Vec::new(), size: 4 * model.bonds.len() };
+    let mut all = Echelon::default();
     for (id, e) in model.ids() {
         let bonds = &graph.bonds_of[id.at()];
         let at = |b: BondId, v: Variable| model.place(b, id, v);
@@ -95,32 +118,33 @@ pub fn has_rings(model: &Model, graph: &BondGraph) -> bool {
     model.bonds.len() <= MOST && petgraph::algo::is_cyclic_undirected(&graph.graph)
 }
 
-/// What each storage and resistor is to give. What sources, double bars, open ports and asserted strokes of elements give
-/// is as `causality` has it. None where these contradict one another.
-pub fn by_rank(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Option<Vec<(ElementId, Variable)>> {
+/// The elements with one port, by when they choose what they give: first what cannot be turned, then storages, those
+/// first that can least be dependent, then resistors; none for what chooses nothing.
+fn ports(model: &mut Model, graph: &BondGraph) -> Vec<(usize, ElementId, BondId)> {
+    let parts = Parts::of(model, graph);
     let mut pool = std::mem::take(&mut model.pool);
-    // In what order they choose: what cannot be turned, then storages, those first that can least be dependent.
-    let rank = |pool: &mut crate::expression::Pool, id: ElementId, asserted: bool| match &model.element(id).law {
-        Law::Source(_) | Law::Port(_) => 0,
-        _ if asserted => 0,
-        Law::Resistor(r) if r.curve.is_some() || one_way(pool, r) => 1,
-        Law::Storage(s) if s.massless || s.linear.is_none() => 2,
-        Law::Storage(_) => 3,
-        Law::Resistor(r) if r.linear.is_none() => 4,
-        Law::Resistor(_) => 5,
-        Law::Ratio(_) | Law::Junction => 6,
+    let rank = |pool: &mut Pool, id: ElementId, asserted: bool| match &model.element(id).law {
+        Law::Source(_) | Law::Port(_) => Some(0),
+        Law::Ratio(_) | Law::Junction => None,
+        _ if asserted => Some(0),
+        Law::Resistor(r) if r.curve.is_some() || one_way(pool, r) => Some(1),
+        Law::Storage(s) if !s.massless && s.linear.is_none() => Some(2),
+        Law::Storage(_) => Some(3),
+        Law::Resistor(r) if r.linear.is_none() => Some(4),
+        Law::Resistor(_) => Some(5),
     };
     let mut ports = Vec::new();
     for (id, _) in model.ids() {
         let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
-        let rank = rank(&mut pool, id, model.bond(bond).stroke.is_some());
-        if rank < 6 {
-            ports.push((rank, id, bond));
-        }
+        ports.extend(rank(&mut pool, id, model.bond(bond).stroke.is_some()).map(|rank| (rank, id, bond)));
     }
     model.pool = pool;
-    let model = &*model;
-    ports.sort_by_key(|p| p.0);
+    ports.sort_by_key(|p| (p.0, if p.0 == 3 { parts.turn(model, p.1) } else { 0 }));
+    ports
+}
+
+/// What junctions, TF, GY and double bars ask for. None where these contradict one another.
+fn asked(model: &Model, graph: &BondGraph, causality: &Causality) -> Option<Echelon> {
     let mut known = equations(model, graph);
     for (i, b) in model.bonds.iter().enumerate().filter(|(_, b)| b.sampled) {
         let bond = BondId(i as u32);
@@ -131,13 +155,26 @@ pub fn by_rank(model: &mut Model, graph: &BondGraph, causality: &Causality) -> O
             }
         }
     }
+    Some(known)
+}
+
+/// What an element of this rank is to give, if it can.
+fn wish(model: &Model, causality: &Causality, (rank, id, bond): (usize, ElementId, BondId)) -> Option<Variable> {
+    let kind = model.element(id).kind;
+    (rank == 0)
+        .then(|| forced(kind).unwrap_or_else(|| causality.gives(model, bond, id)))
+        .or_else(|| integral(kind))
+        .or_else(|| law(model, id).map(|r| r.gives))
+}
+
+/// What each storage and resistor is to give. What sources, double bars, open ports and asserted strokes of elements give
+/// is as `causality` has it. None where these contradict one another.
+pub fn by_rank(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Option<Vec<(ElementId, Variable)>> {
+    let ports = ports(model, graph);
+    let mut known = asked(model, graph, causality)?;
     let mut list = Vec::new();
     for (rank, id, bond) in ports {
-        let wanted = forced(model.element(id).kind)
-            .filter(|_| rank == 0)
-            .or_else(|| (rank == 0).then(|| causality.gives(model, bond, id)))
-            .or_else(|| integral(model.element(id).kind))
-            .or_else(|| law(model, id).map(|r| r.gives))?;
+        let wanted = wish(model, causality, (rank, id, bond))?;
         let free = known.take(&[(model.place(bond, id, wanted), 1.0)]);
         let gives = if free { wanted } else { wanted.other() };
         if !free && (rank == 0 || !known.take(&[(model.place(bond, id, gives), 1.0)])) {
@@ -148,4 +185,38 @@ pub fn by_rank(model: &mut Model, graph: &BondGraph, causality: &Causality) -> O
         }
     }
     Some(list)
+}
+
+/// The 1-junctions whose flows, with those of the inertias of their parts, tell the flows of all that moves others
+/// through ratios which change with states: the joints of an arm whose masses have Cartesian speeds. They follow from the
+/// storages' own, but maybe by a division by such a ratio, which may be 0; those follow from them without one.
+pub fn speeds(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<ElementId> {
+    let ports = ports(model, graph);
+    let parts = Parts::of(model, graph);
+    let Some(mut known) = asked(model, graph, causality) else { return Vec::new() };
+    let mut all = known.clone();
+    let mut order: Vec<(usize, usize, ElementId, BondId)> = Vec::new();
+    for &(rank, id, bond) in ports.iter().filter(|p| matches!(p.0, 0 | 2 | 3)) {
+        let Some(gives) = wish(model, causality, (rank, id, bond)) else { continue };
+        let given = [(model.place(bond, id, gives), 1.0)];
+        all.take(&given);
+        if rank < 3 {
+            known.take(&given);
+        } else if parts.turn(model, id) < usize::MAX {
+            order.push((parts.turn(model, id), 0, id, bond));
+        }
+    }
+    for (id, _) in model.ids().filter(|(id, e)| e.kind == Kind::One && parts.turn(model, *id) < usize::MAX) {
+        let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
+        order.push((parts.turn(model, id), if parts.is_direct(id) { 1 } else { 2 }, id, bond));
+    }
+    order.sort_by_key(|o| (o.0, o.1));
+    let mut list = Vec::new();
+    for (_, own, id, bond) in order {
+        let flow = [(model.place(bond, id, Variable::Flow), 1.0)];
+        if (own == 0 || all.follows(&flow)) && known.take(&flow) && own > 0 {
+            list.push(id);
+        }
+    }
+    list
 }

@@ -169,7 +169,7 @@ impl Pool {
 
     /// Products of sums and whole powers of sums multiplied out, at the top of the expression. `None` where that has
     /// too many terms or nothing is to be multiplied.
-    pub(super) fn expand(&mut self, e: Expr) -> Option<Expr> {
+    pub(crate) fn expand(&mut self, e: Expr) -> Option<Expr> {
         let Node::Product(c, factors) = self.node(e).clone() else { return None };
         let is_open = |pool: &Pool, &(f, n): &(Expr, Number)| {
             matches!(pool.node(f), Node::Sum(..)) && n.integer().is_some_and(|n| (1..=16).contains(&n))

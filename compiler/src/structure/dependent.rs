@@ -49,6 +49,8 @@ pub(super) struct Eliminated {
     pub(super) following: Vec<Following>,
     /// See [`Form::divided`].
     pub(super) divided: bool,
+    /// See [`Form::poles`].
+    pub(super) poles: Vec<Expr>,
 }
 
 pub(super) fn storage(model: &Model, id: ElementId) -> Option<&Storage> {

@@ -11,6 +11,7 @@ mod junction;
 mod quadratic;
 mod resistor;
 mod resolve;
+mod singular;
 mod start;
 mod tied;
 
@@ -259,6 +260,8 @@ pub struct Form {
     pub column_of: FxHashMap<Symbol, ColumnId>,
     /// Whether several tied storages see one another through ratios that are divided by.
     pub divided: bool,
+    /// Of what is divided by there, that at whose zeros their mass matrix is singular.
+    pub poles: Vec<Expr>,
     /// Signals that a ratio depends on and sets itself: unknowns of the step.
     pub loops: Vec<Loop>,
     /// Probes, integrals and conditions in terms of states, outputs and time.
@@ -316,6 +319,7 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         bars: Vec::new(),
         loops: Vec::new(),
         divided: false,
+        poles: Vec::new(),
         probes: Vec::new(),
         integrals: Vec::new(),
         memories: Vec::new(),
@@ -327,6 +331,7 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         errors.collect::<Vec<_>>()
     })?;
     form.divided = eliminated.divided;
+    form.poles.clone_from(&eliminated.poles);
     resolve::outputs(model, graph, &rows, &eliminated, &mut form)?;
     form.bars = bars(model, &form);
     form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;

@@ -14,7 +14,7 @@ use super::change::{self, Change};
 use super::dependent::{Eliminated, Following, Merged, family, stiffness, storage};
 use super::start::{self, Stated, at_start};
 use super::tied::{Tied, refused};
-use super::{ColumnId, Form, Role, inverse};
+use super::{ColumnId, Form, Role, inverse, singular};
 use crate::expression::{Expr, Node, Symbol};
 use crate::model::{Model, Signal};
 use bond_grammar::diagnostic::Diagnostic;
@@ -30,16 +30,20 @@ pub(super) fn merge(model: &mut Model, form: &mut Form, tied: &Tied, done: &mut 
     let (zero, one) = (model.pool.int(0), model.pool.int(1));
     // P: a factor for each independent storage, and what the dependent ones see of it.
     let is_state = |s: Symbol| matches!(model.signals.get(&s), Some(Signal::State(_)));
-    let factors: Vec<Expr> = (0..n)
-        .map(|i| {
-            let column: Vec<Expr> = tied.ratio.iter().map(|r| r[i]).collect();
-            denominator(&mut model.pool, &column, &is_state)
-        })
-        .collect();
-    done.divided |= n > 1 && factors.iter().any(|g| !model.pool.is_one(*g));
+    let pool = &mut model.pool;
+    let ratio: Vec<Vec<Expr>> =
+        tied.ratio.iter().map(|row| row.iter().map(|a| opened(pool, *a, &is_state)).collect()).collect();
+    let divisors: Vec<Vec<(Expr, i64)>> =
+        (0..n).map(|i| divisors(pool, &ratio.iter().map(|r| r[i]).collect::<Vec<_>>(), &is_state)).collect();
+    let product = |pool: &mut crate::expression::Pool, list: &[(Expr, i64)]| {
+        let powers: Vec<Expr> = list.iter().map(|(b, n)| pool.powi(*b, *n)).collect();
+        pool.product(&powers)
+    };
+    let factors: Vec<Expr> = divisors.iter().map(|list| product(pool, list)).collect();
+    done.divided |= n > 1 && divisors.iter().any(|list| !list.is_empty());
     let mut p: Vec<Vec<Expr>> =
         (0..n).map(|i| (0..n).map(|j| if i == j { factors[i] } else { zero }).collect()).collect();
-    for row in &tied.ratio {
+    for row in &ratio {
         p.push(row.iter().zip(&factors).map(|(a, g)| spread(&mut model.pool, *a, *g)).collect());
     }
     // B u by storage; sources as functions of time.
@@ -105,6 +109,9 @@ pub(super) fn merge(model: &mut Model, form: &mut Form, tied: &Tied, done: &mut 
     };
     let (lb, nu) = loads(pool, &driven);
     let (lb_t, nu_t) = loads(pool, &driven_by_time);
+    if n > 1 {
+        done.poles.extend(singular::poles(pool, divisors.iter().flatten().map(|t| t.0), &m));
+    }
     let known = m.iter().flatten().all(|e| pool.constant(*e).is_some());
     if n > LARGEST && !known {
         let why = format!("{n} storages are tied together by ratios that change, more than {LARGEST}");
@@ -305,8 +312,8 @@ fn singular(model: &Model, form: &Form, tied: &Tied) -> Diagnostic {
         .help("check their values")
 }
 
-/// The product of what the entries are divided by and changes with states.
-fn denominator(pool: &mut crate::expression::Pool, entries: &[Expr], is_state: &dyn Fn(Symbol) -> bool) -> Expr {
+/// What the entries are divided by and changes with states, with the power of it.
+fn divisors(pool: &crate::expression::Pool, entries: &[Expr], is_state: &dyn Fn(Symbol) -> bool) -> Vec<(Expr, i64)> {
     let mut bases: Vec<(Expr, i64)> = Vec::new();
     for e in entries {
         let terms: Vec<Expr> = match pool.node(*e).clone() {
@@ -328,8 +335,31 @@ fn denominator(pool: &mut crate::expression::Pool, entries: &[Expr], is_state: &
         }
     }
     bases.sort_unstable();
-    let factors: Vec<Expr> = bases.iter().map(|(b, n)| pool.powi(*b, *n)).collect();
-    pool.product(&factors)
+    bases
+}
+
+/// A product of sums multiplied out where one of them divides by what changes with states, as `r (1 + b/a)`.
+fn opened(pool: &mut crate::expression::Pool, e: Expr, is_state: &dyn Fn(Symbol) -> bool) -> Expr {
+    match pool.node(e).clone() {
+        Node::Sum(constant, list) => {
+            let mut terms = vec![pool.numeral(constant)];
+            for &(t, k) in list.iter() {
+                let t = opened(pool, t, is_state);
+                terms.push(pool.scale(t, k));
+            }
+            pool.sum(&terms)
+        }
+        Node::Product(_, factors) => {
+            let sums = factors.iter().filter(|(f, n)| matches!(pool.node(*f), Node::Sum(..)) && n.to_f64() > 0.0);
+            let inner: Vec<Expr> = sums.map(|t| t.0).collect();
+            let inner: Vec<Expr> = inner.into_iter().map(|f| opened(pool, f, is_state)).collect();
+            if divisors(pool, &inner, is_state).is_empty() {
+                return e;
+            }
+            pool.expand(e).map_or(e, |e| opened(pool, e, is_state))
+        }
+        _ => e,
+    }
 }
 
 /// `a g`, term by term, so that g cancels what a is divided by.
