@@ -395,6 +395,21 @@ model Wall(k = 1000 N/m, b = 5 N*s/m, gap = 1e-4 m) {
 }
 ";
 
+/// More frictions than are eliminated where they stand, until they come to rest: no step of this length goes there.
+const TRAIN: &str = "
+model A(n = 10) {
+  Se:u = 10 N*m * sin(3 rad/s * t)
+  I:a { inertia = 0.5 kg*m^2; f0 = 2 rad/s }
+  for i in 1..n {
+    R:f[i] { e = 1 N*m * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 rad/s }
+    1:w[i] -> f[i]
+  }
+  for i in 2..n { TF:g[i] = 1.2  w[i - 1] -> g[i] -> w[i] }
+  u -> w[1] -> a
+  probe p = a.p
+  simulate { stop = 1 s }
+}";
+
 /// Springs with natural lengths, and a pendulum counted from its rest.
 pub const FROM_BELOW: &str = "
 model A {
@@ -435,6 +450,22 @@ fn what_the_examples_do_not_have() {
 }",
             1e-3,
         ),
+        (
+            "a source of a region's own, from rest",
+            "model A {
+  sampled at 1 kHz hold lagged { Se:u = 1 N  R:r = 0.8 N*s/m  1:x  u -> x -> r }
+  sampled at 500 Hz hold predicted { Se:z = 0.5 N  C:k = 0.1 m/N  1:y  z -> y -> k }
+  I:m = 1 kg  I:n = 2 kg
+  1:v -> m  1:w -> n
+  v ||> x
+  w ||> y
+  probe p = m.p
+  probe q = n.p
+  simulate { stop = 1 s }
+}",
+            1e-3,
+        ),
+        ("frictions of a train of gears, which leave their shares open", TRAIN, 1e-3),
         ("energies that are least below 0, of two regions together and of one", FROM_BELOW, 1e-3),
         (
             "roots that begin where nothing flows",

@@ -74,9 +74,9 @@ fn tied(model: &Model, graph: &BondGraph, id: ElementId, gives: Variable) -> FxH
             continue;
         }
         let e = model.element(at);
-        let (variable, x) = match (e.kind, &e.law) {
-            (Kind::Zero | Kind::One, _) => (variable, x),
-            (Kind::Tf | Kind::Gy, Law::Ratio(v)) => {
+        let (variable, x) = match &e.law {
+            Law::Junction => (variable, x),
+            Law::Ratio(v) => {
                 let Some(ratio) = model.pool.constant(*v).filter(|v| *v != 0.0) else { continue };
                 // Of the flow at the tail a TF makes that at the head by its ratio, of efforts the other way round.
                 let times = match (e.kind, variable) {
@@ -88,19 +88,7 @@ fn tied(model: &Model, graph: &BondGraph, id: ElementId, gives: Variable) -> FxH
                 let other = if e.kind == Kind::Gy { variable.other() } else { variable };
                 (other, if times { x * ratio } else { x / ratio })
             }
-            (
-                Kind::Se
-                | Kind::Sf
-                | Kind::C
-                | Kind::I
-                | Kind::R
-                | Kind::De
-                | Kind::Df
-                | Kind::Port
-                | Kind::Tf
-                | Kind::Gy,
-                _,
-            ) => {
+            Law::Storage(_) | Law::Source(_) | Law::Resistor(_) | Law::Port(_) => {
                 if e.kind == model.element(id).kind && integral(e.kind) == Some(variable) {
                     found.insert(at, x);
                 }

@@ -398,8 +398,8 @@ fn beside<T>(to: &mut Vec<f64>, lanes: &[T], of: impl Fn(&T) -> &[f64]) {
     }
 }
 
-/// Solves a large system for compiled code: -1, -2 where something was left open, or the row without a pivot. `same` is not 0 where the matrix is that of
-/// the last time.
+/// Solves a large system for compiled code: -1, [`LEFT_OPEN`], or the row without a pivot. `same` is not 0 where the
+/// matrix is that of the last time.
 extern "C" fn solve(
     systems: *mut Vec<linear::System>,
     which: usize,

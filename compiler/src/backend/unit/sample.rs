@@ -254,16 +254,10 @@ impl Writing<'_> {
         let t = w.mul(last, length);
         let mut w = self.one(w, i, t, period, false)?;
         self.settle(&mut w, i, &crossed);
-        let n = start.held.len();
         for (k, held) in place.held.iter().enumerate() {
-            let mut response = None;
-            for (j, other) in place.held.iter().enumerate() {
-                let (b, v) = (self.answer(&mut w, i, Answer::Beta, k * n + j), w.kept(other.v));
-                let x = w.mul(b, v);
-                response = Some(response.map_or(x, |sum| w.add(sum, x)));
-            }
-            let (q, zero) = (w.kept(held.q), w.number(0.0));
-            let alpha = w.add(q, response.unwrap_or(zero));
+            let v: Vec<Value> = place.held.iter().map(|h| w.kept(h.v)).collect();
+            let (response, q) = (self.response(&mut w, i, k, &v), w.kept(held.q));
+            let alpha = w.add(q, response);
             let (from, intervals) =
                 (self.answer(&mut w, i, Answer::Decay, k * RECURRENCE + TERMS + 2), w.kept(held.intervals));
             let told = w.lt(from, intervals);
@@ -342,27 +336,17 @@ impl Writing<'_> {
         if c.budget && fallback.is_none() && c.entries.iter().any(Entries::is_driven) {
             // From rest, what its sources put in goes by the motion that begins.
             let zero = w.number(0.0);
-            let rests = Cond::all(
-                place
-                    .held
-                    .iter()
-                    .zip(&alpha)
-                    .flat_map(|(held, alpha)| {
-                        let q = w.kept(held.last_q);
-                        [w.eq(q, zero), w.eq(*alpha, zero)]
-                    })
-                    .collect::<Vec<_>>(),
-            );
+            let rests = place.held.iter().zip(&alpha).flat_map(|(held, alpha)| {
+                let q = w.kept(held.last_q);
+                [w.eq(q, zero), w.eq(*alpha, zero)]
+            });
+            let rests = Cond::all(rests.collect::<Vec<_>>());
             let found = w.holding(foreseen);
             w.open();
             for (k, h) in start.held.iter().enumerate() {
-                let mut given = None;
-                for (j, v) in values.iter().enumerate() {
-                    let (b, v) = (self.answer(&mut w, i, Answer::Beta, k * n + j), w.get(*v));
-                    let x = w.mul(b, v);
-                    given = Some(given.map_or(x, |sum| w.add(sum, x)));
-                }
-                let flow = w.mul(given.unwrap_or(zero), rate);
+                let v: Vec<Value> = values.iter().map(|v| w.get(*v)).collect();
+                let response = self.response(&mut w, i, k, &v);
+                let flow = w.mul(response, rate);
                 w.keep(place.input + c.ports[h.port].input, flow);
             }
             w = self.program(w, program, place.state, 0, place.input, place.called, &c.name)?;
@@ -607,6 +591,17 @@ impl Writing<'_> {
             }
         }
         Ok(w)
+    }
+
+    /// How far the other side gives way at a held port, beta v.
+    fn response(&self, w: &mut Writer, i: usize, k: usize, v: &[Value]) -> Value {
+        let mut sum = None;
+        for (j, x) in v.iter().enumerate() {
+            let b = self.answer(w, i, Answer::Beta, k * v.len() + j);
+            let x = w.mul(b, *x);
+            sum = Some(sum.map_or(x, |sum| w.add(sum, x)));
+        }
+        sum.unwrap_or_else(|| w.number(0.0))
     }
 
     /// What the other side gives way by itself, v beta v.
