@@ -1,6 +1,6 @@
 //! Laws whose slope is infinite where a run begins, as of a hole in an empty tank.
 
-use crate::common::{close, end, with};
+use crate::common::{close, end, run, text, with};
 use bond::{Options, Steps};
 
 /// The level of a tank of 1 m^2 at `t`, which 1 m^3/s fills and a hole of 1 m^3/s at 1 m empties: `t = -2 (r + ln(1 - r))`
@@ -67,5 +67,65 @@ fn a_root_that_a_current_is_imposed_on() {
     for method in ["gonzalez", "collocation6", "radau", "euler"] {
         let compiled = with(Options::new().method(method), model);
         close(end(&compiled, Steps::new(), 1.0, "x"), i, 2e-4, method);
+    }
+}
+
+/// Pipes whose orifices turn over together, and a valve between: the equations of the roots weigh far less than those of
+/// the charges, and whole updates are right though what is left grows.
+#[test]
+fn orifices_take_few_iterations() {
+    let valve = |resistance: &str| {
+        format!("R:valve {{ e = min(s, 0) * 1 bar + {resistance} * max(s, 0) * 1 L/min; f = max(s, 0) * 1 L/min }}")
+    };
+    let scenes = [
+        // From rest, at once at 1 MPa, into next to nothing.
+        format!(
+            "Se:pump = if mod(t, 60 ms) < 12 ms then 1 MPa else 0 Pa
+            C:c1 = 1.01e-13 m^3/Pa
+            C:c2 = 4.47e-13 m^3/Pa
+            C:c3 = 4e-13 m^3/Pa
+            R:r1 {{ f = 2.12e-8 m^3/(s*Pa^(1/2)) * sign(e) * sqrt(abs(e)) }}
+            R:s1 {{ f = 2.12e-8 m^3/(s*Pa^(1/2)) * sign(e) * sqrt(abs(e)) }}
+            R:s2 {{ f = 2.12e-8 m^3/(s*Pa^(1/2)) * sign(e) * sqrt(abs(e)) }}
+            I:pipe = 32.4e6 kg/m^4
+            {}
+            pump -> 1:b1 -> r1, 0:n1
+            n1 -> 1:b2 -> pipe, 0:n2
+            n2 -> 1:b3 -> valve, 0:n3
+            n1 -> c1, s1
+            n2 -> c2, s2
+            n3 -> c3
+            simulate {{ stop = 0.2 s }}",
+            valve("47.1e9 Pa*s/m^3")
+        ),
+        format!(
+            "Se:pump = 0.1 MPa * sin(2*pi*30 Hz * t)
+            C:c2 = 3e-12 m^3/Pa
+            C:c3 = 4e-13 m^3/Pa
+            C:c4 = 8e-11 m^3/Pa
+            R:r1 {{ f = 5e-6 m^3/(s*Pa^(1/2)) * sign(e) * sqrt(abs(e)) }}
+            R:leak = 60e6 Pa*s/m^3
+            R:r2 = 600e6 Pa*s/m^3
+            I:pipe = 2e6 kg/m^4
+            {}
+            R:s4 {{ f = 2e-6 m^3/(s*Pa^(1/2)) * sign(e) * sqrt(abs(e)) }}
+            pump -> 1:b1 -> r1, 0:n1
+            n1 -> 1:b2 -> r2, 0:n2
+            n2 -> 1:b3 -> pipe, 0:n3
+            n3 -> 1:b4 -> valve, 0:n4
+            n1 -> leak
+            n2 -> c2
+            n3 -> c3
+            n4 -> c4, s4
+            simulate {{ stop = 0.07 s }}",
+            valve("60e6 Pa*s/m^3")
+        ),
+    ];
+    for (scene, most) in scenes.iter().zip([45, 400]) {
+        let summary = run(&text(&format!("model Pipes {{ {scene} }}"))).unwrap();
+        let region = &summary.regions[0];
+        assert!(summary.passive && region.worst_step < 1e-13, "{scene}: {summary:?}");
+        let (steps, iterations) = (region.steps, region.newton_iterations);
+        assert!(10 * iterations < most * steps, "{scene}: {iterations} in {steps}");
     }
 }

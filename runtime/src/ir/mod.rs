@@ -17,6 +17,7 @@ pub use op::{Binary, Unary};
 pub use verify::Invalid;
 
 use crate::solve::linear::Matrix;
+use rustc_hash::FxHashSet;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::cell::Cell;
@@ -262,6 +263,47 @@ pub struct Newton {
     pub flag: Option<Slot>,
 }
 
+impl Newton {
+    /// Whether what an unknown moves may have a pole, beyond which the residual goes on from the other side: something is
+    /// divided by it, or raised to a power that need not be above 0.
+    pub fn has_poles(&self) -> bool {
+        let mut moved: FxHashSet<Value> = FxHashSet::default();
+        let mut powers: FxHashSet<Value> = FxHashSet::default();
+        for inst in &self.body {
+            let Inst::Let(value, op) = inst else {
+                // What it gives may be anything.
+                if matches!(inst, Inst::Store(..)) {
+                    continue;
+                }
+                return true;
+            };
+            let is_moved = match op {
+                Op::Load(slot) => slot.array == Array::Local,
+                Op::Const(x) => {
+                    if *x >= 0.0 {
+                        powers.insert(*value);
+                    }
+                    false
+                }
+                Op::Unary(..) | Op::Binary(..) | Op::Select(..) => op.operands().any(|v| moved.contains(&v)),
+            };
+            let pole = match op {
+                Op::Unary(Unary::Tan, _) => is_moved,
+                Op::Binary(Binary::Div, _, b) => moved.contains(b),
+                Op::Binary(Binary::Pow, _, b) => is_moved && !powers.contains(b),
+                Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => false,
+            };
+            if pole {
+                return true;
+            }
+            if is_moved {
+                moved.insert(*value);
+            }
+        }
+        false
+    }
+}
+
 /// An exponential of an unknown of an iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bend {
@@ -332,5 +374,45 @@ impl Program {
     /// The name of a slot, where it has one.
     pub fn name_of(&self, slot: Slot) -> Option<&str> {
         self.names.iter().find(|n| n.0 == slot).map(|n| n.1.as_str())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_divided_by_an_unknown_has_a_pole() {
+        let unknown = Inst::Let(Value(1), Op::Load(Slot { array: Array::Local, index: 0 }));
+        let constant = |x| Inst::Let(Value(2), Op::Const(x));
+        let binary = |f, a, b| Inst::Let(Value(3), Op::Binary(f, Value(a), Value(b)));
+        let poles = |body: Vec<Inst>| {
+            let newton = Newton {
+                unknowns: 0,
+                rests: None,
+                body,
+                residual: vec![Value(3)],
+                jacobian: vec![(0, 0, Value(3))],
+                update: Vec::new(),
+                left: 4e-16,
+                weight: vec![Value(0)],
+                scale: vec![Value(0)],
+                cold: Vec::new(),
+                small: Vec::new(),
+                bends: Vec::new(),
+                limit: 200,
+                affine: false,
+                open: false,
+                flag: None,
+            };
+            newton.has_poles()
+        };
+        let with = |x, f, a, b| poles(vec![unknown.clone(), constant(x), binary(f, a, b)]);
+        assert!(with(2.0, Binary::Div, 2, 1) && with(-1.0, Binary::Pow, 1, 2) && with(2.0, Binary::Pow, 2, 1));
+        assert!(!with(2.0, Binary::Div, 1, 2) && !with(3.0, Binary::Pow, 1, 2) && !with(2.0, Binary::Mul, 1, 1));
+        // By what comes from an unknown, too; a value of before the iteration is none.
+        let square = Inst::Let(Value(2), Op::Binary(Binary::Mul, Value(1), Value(1)));
+        assert!(poles(vec![unknown.clone(), square, binary(Binary::Div, 0, 2)]));
+        assert!(!poles(vec![unknown.clone(), binary(Binary::Div, 1, 0)]));
     }
 }

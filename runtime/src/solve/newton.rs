@@ -5,16 +5,21 @@
 //!
 //! - `|v|² = Σ w_i v_i²`. A weight that is not finite or not above 0 (as of a spring that is not in contact yet) is the
 //!   mean of the other `w_j s_j²` over `s_i²`, so that no equation goes unseen, and in sums of `u_i² + s_i²` counts
-//!   `s_i²` alone; where there is no weight at all, all are 1.
+//!   `s_i²` alone; without a scale either, as of a root from rest, its scale is the first update (if that is not one of two
+//!   to begin with), but in sums it counts nothing; where there is no weight at all, all are 1.
 //! - Up to `limit` times: compute `r`, `J`.
 //!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far
 //!      (from the iteration [`PATIENT`] on, where the update's `|d|²` was above [`TELLING`] times
 //!      `Σ w_i (u_i² + s_i²)`, above `1 - FALL / 2^halvings` times that before the update; not where the update is given)
 //!      and above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first [`DAMPED`] iterations, and the
 //!      last update was halved fewer than [`HALVINGS`] times: take half of it back (`d = d / 2`, `u = u + d`) and start
-//!      over.
-//!   2. Where all of `r` is 0, or after [`DAMPED`] iterations `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where
-//!      a body that all but rests sticks, rounding leaves open what holds it.
+//!      over. Of a whole update that left `|r|²` above 4 times the smallest this waits for the next one: where that one's
+//!      `|d|²` is at most [`CLOSER`] times as large, the iteration converges whatever the residual, whose equations may
+//!      weigh little or much, and goes on from there. Not beside an exponential ([`Bend`]) or a pole
+//!      ([`ir::Newton::has_poles`]), from beyond which the update is small by nature.
+//!   2. Where all of `r` is 0, or after [`DAMPED`] iterations, once an update is more than half of the smallest before or
+//!      after [`GRACE`] more, `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where a body that all but rests sticks,
+//!      rounding leaves open what holds it.
 //!   3. Solve `J d = r`. Where that fails, or `J` or `d` is not finite: halve as in 1, if that is still allowed; before the
 //!      first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time, or
 //!      where `|r|²` is not finite there, take 2e-3 of it off, and so on by [`NUDGES`]; else fail.
@@ -36,9 +41,10 @@
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
 //!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-11, left |e|² / |d|²)`:
 //!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below what may be left (`left`, 4e-16 as
-//!   a rule); or small(1e-12), where `|d|` is at least half of `|e|`: rounding keeps it from falling; or small(1e-10), where that was so [`STALLS`]
-//!   times in a row: the equations hardly tell that unknown; or small(1e-6) then, where besides the smallest `|r|²` so
-//!   far is at most `1e-20 Σ w_i (u_i² + s_i²)`, which is rounding.
+//!   a rule); or small(1e-12), where `|d|` is at least half of `|e|`: rounding keeps it from falling; or small(1e-10),
+//!   where besides it was at least half of the smallest before it [`STALLS`] times in a row: the equations hardly tell
+//!   that unknown; or small(1e-6) then, where the smallest `|r|²` so far is at most `1e-20 Σ w_i (u_i² + s_i²)`, which is
+//!   rounding.
 //!
 //! Few unknowns begin with two updates by one matrix, [`quick`], which mostly is all. Where the start was foretold and
 //! the iteration fails from there, it begins anew from the other start that is given.
@@ -87,6 +93,11 @@ pub const HALVINGS: u32 = 30;
 /// may have to be larger first, as where a body that slid one way is to slide the other, or on the way to a solution of
 /// an energy that is not convex, over steps of many turns.
 pub const DAMPED: u32 = 140;
+/// What converges then needs no more iterations than these.
+pub const GRACE: u32 = 20;
+/// The square of an update over that of the one before, at most, after which a residual that is larger says nothing: its
+/// equations weigh more than they tell (a natural test of monotonicity; Deuflhard, Numer. Math. 22, 1974).
+pub const CLOSER: f64 = 0.25;
 
 /// More unknowns than this have no bends.
 pub const BENT: usize = 48;
@@ -122,6 +133,8 @@ pub struct Plan {
     pub small: usize,
     /// Unknowns that exponentials are of.
     pub bends: Vec<Bend>,
+    /// Whether an update may be judged by the next one.
+    doubts: bool,
     /// Where it begins with two updates by one matrix.
     quick: Option<quick::Pattern>,
     linear: linear::Plan,
@@ -143,6 +156,7 @@ impl Plan {
             foretold: !newton.cold.is_empty(),
             small: newton.small.len(),
             bends: newton.bends.clone(),
+            doubts: doubts(newton),
             quick: quick::Pattern::of(newton),
             linear,
             ..plan
@@ -155,9 +169,26 @@ impl Plan {
     /// Where the pattern is not within `n` rows and columns.
     pub fn of(unknowns: usize, n: usize, pattern: Vec<(u32, u32)>, limit: u32, flag: Option<usize>) -> Self {
         let linear = linear::Plan::new(n, &pattern, linear::Matrix::Changing);
-        let (quick, foretold, bends, rests) = (None, false, Vec::new(), None);
+        let (quick, foretold, bends, rests, doubts) = (None, false, Vec::new(), None, true);
         let (affine, given, left) = (false, false, quick::ROUNDING);
-        Self { unknowns, n, rests, pattern, limit, affine, given, left, flag, foretold, small: 0, bends, quick, linear }
+        let small = 0;
+        Self {
+            unknowns,
+            n,
+            rests,
+            pattern,
+            limit,
+            affine,
+            given,
+            left,
+            flag,
+            foretold,
+            small,
+            bends,
+            doubts,
+            quick,
+            linear,
+        }
     }
 
     /// The plans of all iterations of a program, in order of appearance, an outer one before those inside it.
@@ -192,6 +223,7 @@ impl Plan {
             jacobian: vec![0.0; if self.given { n } else { self.pattern.len() }],
             update: vec![0.0; n],
             trial: vec![0.0; n],
+            first: vec![0.0; n],
             cold: vec![0.0; if self.foretold { n } else { 0 }],
             small: vec![0.0; self.small],
             room: quick::Room::new(self.quick.as_ref().map_or(0, |q| q.size())),
@@ -215,6 +247,8 @@ pub struct Scratch {
     pub(super) jacobian: Vec<f64>,
     pub(super) update: Vec<f64>,
     pub(super) trial: Vec<f64>,
+    /// The first update, where the iteration does not begin with two.
+    pub(super) first: Vec<f64>,
     pub(super) room: quick::Room,
     linear: linear::Scratch,
 }
@@ -283,6 +317,7 @@ pub fn solve<S: System>(plan: &Plan, scratch: &mut Scratch, count: &mut u64, sys
     }
     // Where no update is made at all, a failure tells none, rather than that of an earlier step.
     scratch.update[..n].fill(0.0);
+    scratch.first[..n].fill(0.0);
     system.pairs().1.fill(0.0);
     let (mut way, mut again) = (Way { done: 0, before: None, best: f64::INFINITY }, plan.foretold);
     if let Some(pattern) = &plan.quick {
@@ -321,6 +356,11 @@ struct Way {
     best: f64,
 }
 
+/// Whether an update may be judged by the next one: far up an exponential, and beyond a pole, that is small by nature.
+pub fn doubts(newton: &ir::Newton) -> bool {
+    newton.update.is_empty() && newton.bends.is_empty() && !newton.has_poles()
+}
+
 /// Iterates.
 fn iterate<S: System>(
     plan: &Plan,
@@ -330,13 +370,14 @@ fn iterate<S: System>(
     way: Way,
 ) -> Result<(), Failure> {
     let n = plan.n;
-    let measure = Measure::new(&scratch.weight[..n], &scratch.scale[..n]);
     let Way { done, mut before, mut best } = way;
+    let mut measure = Measure::new(&scratch.weight[..n], &scratch.scale[..n], &scratch.first[..n]);
     let mut halvings = 0; // of the update made last
     let mut stretches = 0; // the same, doubled
     let mut nudges = 0;
     let mut opened = false; // whether an update left something open
-    let mut stalls = 0; // updates in a row that were not much smaller than the one before
+    let mut stalls = 0; // updates in a row that were not much smaller than the smallest before
+    let mut least = before.unwrap_or(f64::INFINITY); // `|d|²` of that
     let (mut from, mut reach) = (f64::INFINITY, 1.0 - FALL); // `|r|²` before the update made last, and the part allowed
     for k in done..plan.limit {
         *count += 1;
@@ -351,7 +392,9 @@ fn iterate<S: System>(
                 let energy = measure.energy(system.unknowns());
                 k < DAMPED && (up || last > TELLING * energy) && size > 1e-26 * energy
             });
-        if !size.is_finite() || worse {
+        // An update that is much smaller than the one before says more than a residual.
+        let doubted = worse && up && halvings == 0 && stretches == 0 && plan.doubts;
+        if !size.is_finite() || (worse && !doubted) {
             if may_halve {
                 halve(&mut scratch.update, system.unknowns());
                 halvings += 1;
@@ -367,9 +410,8 @@ fn iterate<S: System>(
                 break;
             }
         }
-        best = best.min(size);
-        from = size;
-        let long = k >= DAMPED || (opened && k >= PATIENT);
+        // What still converges is not to be left where rounding would allow it.
+        let long = (k >= DAMPED && (stalls > 0 || k >= DAMPED + GRACE)) || (opened && k >= PATIENT);
         if residual.iter().all(|&r| r == 0.0) || (long && measure.rounds(size, system.unknowns())) {
             system.pairs().1.fill(0.0);
             return Ok(());
@@ -382,9 +424,27 @@ fn iterate<S: System>(
             trial.copy_from_slice(residual);
             plan.linear.solve(&plan.pattern, &scratch.jacobian, trial, &mut scratch.linear, false)
         };
+        let mut size = size;
+        if before.is_none() && solved.is_ok() && measure.is_blind() {
+            scratch.first[..n].copy_from_slice(trial);
+            measure = Measure::new(&scratch.weight[..n], &scratch.scale[..n], &scratch.first[..n]);
+            size = measure.square(residual);
+        }
         let square = measure.square(trial);
         // By an infinite slope the update is 0 whatever the residual.
         let told = plan.given || scratch.jacobian.iter().all(|x| x.is_finite());
+        if let Some(last) = before.filter(|_| doubted) {
+            let closer = solved.is_ok() && told && square <= CLOSER * last;
+            if !closer {
+                halve(&mut scratch.update, system.unknowns());
+                halvings += 1;
+                reach = 0.5 * reach + 0.5;
+                continue;
+            }
+            best = size;
+        }
+        best = best.min(size);
+        from = size;
         if solved.is_err() || !square.is_finite() || !told {
             if opened && solved.is_err() && measure.rounds(size, system.unknowns()) {
                 system.pairs().1.fill(0.0);
@@ -459,12 +519,14 @@ fn iterate<S: System>(
             Some(_) | None => 4e-16,
         };
         let done = small(t);
-        stalls = if before.is_some_and(|last| square >= 0.25 * last) { stalls + 1 } else { 0 };
+        stalls = if !plan.given && square >= 0.25 * least { stalls + 1 } else { 0 };
+        least = least.min(square);
         let quiet = || {
             let told = measure.energy(u);
             told == 0.0 || best <= 1e-20 * told
         };
-        if done || (!plan.given && stalls >= STALLS && (small(1e-10) || (small(1e-6) && quiet()))) {
+        let slow = before.is_some_and(|last| square >= 0.25 * last);
+        if done || (!plan.given && slow && stalls >= STALLS && (small(1e-10) || (small(1e-6) && quiet()))) {
             return Ok(());
         }
         if solved == Ok(true) {
@@ -555,24 +617,37 @@ pub(super) struct Measure<'a> {
     weighted: bool,
     /// The mean of `w_j s_j²`: what an unknown without a weight counts for at its scale.
     share: f64,
+    /// The first update: the scale of what has none.
+    first: &'a [f64],
 }
 
 impl<'a> Measure<'a> {
-    pub(super) fn new(weight: &'a [f64], scale: &'a [f64]) -> Self {
+    pub(super) fn new(weight: &'a [f64], scale: &'a [f64], first: &'a [f64]) -> Self {
         let known = || weight.iter().zip(scale).filter(|&(&w, _)| counts(w));
         let count = known().count();
         let share = known().map(|(w, s)| w * s * s).sum::<f64>() / count as f64;
-        Self { weight, scale, weighted: count > 0, share }
+        Self { weight, scale, weighted: count > 0, share, first }
     }
 
     /// The weight of an unknown; 0 where nothing tells it.
     fn weight(&self, i: usize) -> f64 {
-        let (w, s) = (self.weight[i], self.scale[i]);
-        if counts(w) {
-            return w;
+        let known = self.known(i);
+        if counts(known) {
+            return known;
         }
-        let w = self.share / (s * s);
+        let w = self.share / (self.first[i] * self.first[i]);
         if counts(w) { w } else { 0.0 }
+    }
+
+    /// That by its own weight or its scale, where it has one.
+    fn known(&self, i: usize) -> f64 {
+        let (w, s) = (self.weight[i], self.scale[i]);
+        if counts(w) { w } else { self.share / (s * s) }
+    }
+
+    /// Whether there are unknowns without a weight and without a scale.
+    fn is_blind(&self) -> bool {
+        self.weighted && (0..self.weight.len()).any(|i| !counts(self.known(i)))
     }
 
     /// `|v|²`
@@ -762,6 +837,17 @@ mod tests {
         });
         assert_eq!(result, Ok(()));
         assert!((u[1] - 8.0).abs() < 1e-13 && (u[2] - 8.0).abs() < 1e-13, "{u:?}");
+    }
+
+    /// Rosenbrock's valley: a whole update ends far up its side, from where the next one is at the bottom.
+    #[test]
+    fn a_residual_may_rise() {
+        let (result, u, count) = run(&[0.5, 0.25], 1.0, 1.0, |u, r, j| {
+            (r[0], r[1]) = (u[0] - 1.0, 1e4 * (u[1] - u[0] * u[0]));
+            j.copy_from_slice(&[1.0, 0.0, -2e4 * u[0], 1e4]);
+        });
+        assert_eq!(result, Ok(()));
+        assert!((u[0] - 1.0).abs() < 1e-15 && (u[1] - 1.0).abs() < 1e-15 && count <= 5, "{u:?}, {count}");
     }
 
     #[test]

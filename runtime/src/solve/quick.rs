@@ -210,7 +210,7 @@ pub(super) fn begin<S: System>(
     system: &mut S,
 ) -> Result<Begun, Failure> {
     let n = pattern.n;
-    let Scratch { weight, scale, cold, residual, jacobian, update, trial, room, .. } = scratch;
+    let Scratch { weight, scale, cold, residual, jacobian, update, trial, first: unscaled, room, .. } = scratch;
     let foretold = !cold.is_empty();
     room.start.copy_from_slice(if foretold { cold } else { system.unknowns() });
     let left_out = system.coarse(residual, jacobian)?;
@@ -270,7 +270,7 @@ pub(super) fn begin<S: System>(
     if !first.is_finite() {
         return Ok(Begun::Anew);
     }
-    let measure = Measure::new(weight, scale);
+    let measure = Measure::new(weight, scale, unscaled);
     if good {
         update.copy_from_slice(trial);
         return Ok(Begun::On { before: measure.square(trial), best: measure.square(residual), again: true });

@@ -7,7 +7,8 @@ use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Bend, Slot};
 use bond_runtime::solve::linear::Matrix;
 use bond_runtime::solve::newton::{
-    DAMPED, FALL, FAR, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCH, STRETCHES, TELLING, stretched,
+    CLOSER, DAMPED, FALL, FAR, GRACE, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCH, STRETCHES, TELLING, doubts,
+    stretched,
 };
 use bond_runtime::solve::quick::{LAST, Pattern};
 
@@ -33,10 +34,15 @@ pub(super) struct Iteration {
     plain: Option<Vec<Value>>,
     /// 1 where there is a weight at all.
     weighted: Option<Var>,
+    /// 1 where an unknown has neither a weight nor a scale, and what one without a weight counts for at its scale.
+    blind: Var,
+    share: Var,
     pub(super) scale: Values,
     /// `|r|²`: of the last residual, and the least.
     size: Var,
     pub(super) best: Var,
+    /// Whether the update made last waits for the next one to be judged.
+    doubted: Var,
     /// `|r|²` before the update made last, and the part of it that is allowed.
     from: Var,
     reach: Var,
@@ -46,7 +52,9 @@ pub(super) struct Iteration {
     halvings: Var,
     stretches: Var,
     nudges: Var,
+    /// Updates in a row that were not much smaller than the smallest before, and `|d|²` of that.
     stalls: Var,
+    pub(super) least: Var,
     /// Whether an update left something open.
     opened: Var,
     pub(super) end: Var,
@@ -57,6 +65,8 @@ pub(super) struct Iteration {
     affine: bool,
     /// Whether unknowns may be left open.
     open: bool,
+    /// Whether an update may be judged by the next one.
+    doubts: bool,
     /// The part of the unknowns that may be left.
     left: f64,
 }
@@ -179,7 +189,7 @@ impl Lower {
                     }
                     false => Vector::Vars(update.into_iter().map(|v| w.holding(v)).collect()),
                 };
-                it.advance(w, &solution, Cond::all([]));
+                it.advance(w, &residual, &solution, Cond::all([]));
             } else if n > ELIMINATED {
                 for (i, (_, _, v)) in entries.iter().enumerate() {
                     w.push(Stmt::Store(scratch(matrix, At::One(i)), *v));
@@ -195,7 +205,7 @@ impl Lower {
                     it.once(w, &solution);
                 } else {
                     let told: Vec<Cond> = entries.iter().map(|(_, _, x)| w.finite(*x)).collect();
-                    it.advance(w, &solution, Cond::all(told));
+                    it.advance(w, &residual, &solution, Cond::all(told));
                 }
             }
         })
@@ -253,10 +263,13 @@ impl Iteration {
             raw_weight: weight,
             plain,
             weighted: None,
+            blind: w.var(),
+            share: w.var(),
             scale,
             count: w.var(),
             size: w.var(),
             best: w.var(),
+            doubted: w.var(),
             from: w.var(),
             reach: w.var(),
             made: w.var(),
@@ -265,6 +278,7 @@ impl Iteration {
             stretches: w.var(),
             nudges: w.var(),
             stalls: w.var(),
+            least: w.var(),
             opened: w.var(),
             end: w.var(),
             row: w.var(),
@@ -272,6 +286,7 @@ impl Iteration {
             given: !newton.update.is_empty(),
             affine,
             open: newton.open,
+            doubts: doubts(newton),
             left: newton.left,
         }
     }
@@ -295,6 +310,7 @@ impl Iteration {
         }
         w.set(self.best, infinite);
         w.set(self.from, infinite);
+        w.set(self.least, infinite);
         self.hope(w);
         w.set(self.row, none);
         if !self.affine {
@@ -389,7 +405,7 @@ impl Iteration {
         w.push(Stmt::Solve { system, matrix, vector: self.trial, row: self.row, same: None });
         let solution = Vector::Memory(self.trial);
         if !newton.affine {
-            return self.advance(w, &solution, told);
+            return self.advance(w, residual, &solution, told);
         }
         self.once(w, &solution);
     }
@@ -442,6 +458,9 @@ impl Iteration {
     fn weigh(&mut self, w: &mut Writer) {
         let weighted = w.starting(1.0);
         self.weighted = Some(weighted);
+        let zero = w.number(0.0);
+        w.set(self.blind, zero);
+        w.set(self.share, zero);
         w.each(self.n, |w, at| {
             let x = w.value(&self.raw_weight, at);
             w.put(&self.weight, at, x);
@@ -467,20 +486,54 @@ impl Iteration {
                 w.add(sum, term)
             });
             let share = w.div(total, count);
+            w.set(self.share, share);
             let none = w.eq(count, zero);
             w.when(none.clone(), |w| w.set(weighted, zero));
             w.each(self.n, |w, at| {
-                let (x, s) = (w.value(&self.raw_weight, at), w.value(&self.scale, at));
-                let ss = w.mul(s, s);
-                let part = w.div(share, ss);
-                let good = counts(w, part);
-                let part = w.select(good, part, zero);
+                let x = self.known(w, at);
                 let good = counts(w, x);
-                let x = w.select(good, x, part);
+                let x = w.select(good, x, zero);
                 let x = w.select(none.clone(), one, x);
                 w.put(&self.weight, at, x);
             });
+            let all = w.holds(self.n, |w, at| {
+                let x = self.known(w, at);
+                counts(w, x)
+            });
+            let blind = Cond::all([all.not(), none.not()]);
+            w.when(blind, |w| w.set(self.blind, one));
         });
+    }
+
+    /// A weight by its own number or by the scale; what need not count.
+    fn known(&self, w: &mut Writer, at: At) -> Value {
+        let (x, s) = (w.value(&self.raw_weight, at), w.value(&self.scale, at));
+        let (share, ss) = (w.get(self.share), w.mul(s, s));
+        let part = w.div(share, ss);
+        let good = counts(w, x);
+        w.select(good, x, part)
+    }
+
+    /// Takes an update for the scale of what has none.
+    fn see(&self, w: &mut Writer, update: &Vector) {
+        w.each(self.n, |w, at| {
+            let (known, d, share, zero) = (self.known(w, at), w.at(update, at), w.get(self.share), w.number(0.0));
+            let dd = w.mul(d, d);
+            let part = w.div(share, dd);
+            let good = counts(w, part);
+            let part = w.select(good, part, zero);
+            let good = counts(w, known);
+            let x = w.select(good, known, part);
+            w.put(&self.weight, at, x);
+        });
+    }
+
+    /// Whether an unknown has neither a weight nor a scale.
+    fn is_blind(&self, w: &mut Writer) -> Cond {
+        match &self.plain {
+            Some(_) => Cond::any([]),
+            None => Cond::True(w.get(self.blind)),
+        }
     }
 
     fn weight(&self, w: &mut Writer, at: At) -> Value {
@@ -574,6 +627,7 @@ impl Iteration {
         let (best, four, zero) = (w.get(self.best), w.number(4.0), w.number(0.0));
         let allowed = w.mul(four, best);
         let (finite, above) = (w.finite(size), w.lt(allowed, size));
+        w.set(self.doubted, zero);
         let late = match self.given {
             true => Cond::any([]),
             false => {
@@ -591,9 +645,17 @@ impl Iteration {
             let noise = w.mul(part, energy);
             let (part, last) = (w.tolerance(TELLING), w.get(self.before));
             let telling = w.mul(part, energy);
-            let above = Cond::any([above, Cond::all([late, w.lt(telling, last)])]);
+            let high = Cond::any([above.clone(), Cond::all([late, w.lt(telling, last)])]);
             let (so_far, damped) = (w.get(self.count), w.number(f64::from(DAMPED)));
-            let worse = Cond::all([Cond::True(made), above, w.lt(noise, size), w.le(so_far, damped)]);
+            let mut worse = Cond::all([Cond::True(made), high, w.lt(noise, size), w.le(so_far, damped)]);
+            if self.doubts {
+                let (halvings, stretches, one) = (w.get(self.halvings), w.get(self.stretches), w.number(1.0));
+                let whole = Cond::all([w.eq(halvings, zero), w.eq(stretches, zero)]);
+                let doubted = Cond::all([finite.clone(), worse.clone(), above, whole]);
+                w.when(doubted, |w| w.set(self.doubted, one));
+                let doubted = w.get(self.doubted);
+                worse = Cond::all([worse, Cond::True(doubted).not()]);
+            }
             w.when(Cond::any([finite.clone().not(), worse]), |w| {
                 let may = self.may_halve(w);
                 w.when(may, |w| self.halve(w));
@@ -608,10 +670,6 @@ impl Iteration {
                 });
             });
         });
-        let smaller = w.lt(size, best);
-        let least = w.select(smaller, size, best);
-        w.set(self.best, least);
-        w.set(self.from, size);
         let none = w.le(size, zero);
         w.when(none, |w| {
             let all = w.holds(self.n, |w, at| {
@@ -623,8 +681,11 @@ impl Iteration {
                 self.finish(w, DONE);
             });
         });
-        let (so_far, long) = (w.get(self.count), w.number(f64::from(DAMPED)));
-        let mut many = w.lt(long, so_far);
+        let (so_far, long, longer) =
+            (w.get(self.count), w.number(f64::from(DAMPED)), w.number(f64::from(DAMPED + GRACE)));
+        let stalls = w.get(self.stalls);
+        let last = Cond::any([w.lt(zero, stalls), w.lt(longer, so_far)]);
+        let mut many = Cond::all([w.lt(long, so_far), last]);
         if self.open {
             let (opened, patient) = (w.get(self.opened), w.number(f64::from(PATIENT)));
             many = Cond::any([many, Cond::all([Cond::True(opened), w.lt(patient, so_far)])]);
@@ -644,10 +705,31 @@ impl Iteration {
     }
 
     /// Takes the solution off the unknowns, and tests; or finds another start, as where the matrix is not finite (`told`).
-    fn advance(&self, w: &mut Writer, solution: &Vector, told: Cond) {
-        let square = self.square(w, |w, at| w.at(solution, at));
+    fn advance(&self, w: &mut Writer, residual: &Values, solution: &Vector, told: Cond) {
         let (row, zero, one) = (w.get(self.row), w.number(0.0), w.number(1.0));
         let solved = w.lt(row, zero);
+        let (made, blind) = (w.get(self.made), self.is_blind(w));
+        w.when(Cond::all([blind, Cond::True(made).not(), solved.clone()]), |w| {
+            self.see(w, solution);
+            let size = self.square(w, |w, at| w.value(residual, at));
+            w.set(self.size, size);
+        });
+        let square = self.square(w, |w, at| w.at(solution, at));
+        if self.doubts {
+            let (doubted, last, part) = (w.get(self.doubted), w.get(self.before), w.number(CLOSER));
+            let bound = w.mul(part, last);
+            let closer = Cond::all([solved.clone(), told.clone(), w.le(square, bound)]);
+            w.when(Cond::True(doubted), |w| {
+                w.when(closer.not(), |w| self.halve(w));
+                let size = w.get(self.size);
+                w.set(self.best, size);
+            });
+        }
+        let (size, best) = (w.get(self.size), w.get(self.best));
+        let smaller = w.lt(size, best);
+        let least = w.select(smaller, size, best);
+        w.set(self.best, least);
+        w.set(self.from, size);
         let sound = w.finite(square);
         w.when(Cond::all([solved.clone(), sound, told]).not(), |w| {
             if !self.given {
@@ -698,14 +780,21 @@ impl Iteration {
         let t = w.select(slow.clone(), stalled, t);
         let small = self.small(w, t);
         w.when(small, |w| self.finish(w, DONE));
+        let smallest = w.get(self.least);
+        let part = w.number(0.25);
+        let bound = w.mul(part, smallest);
+        let stalls = w.le(bound, square);
+        let smaller = w.lt(square, smallest);
+        let smallest = w.select(smaller, square, smallest);
+        w.set(self.least, smallest);
         w.branch(
-            slow,
+            stalls,
             |w| {
                 let k = w.get(self.stalls);
                 let k = w.add(k, one);
                 w.set(self.stalls, k);
                 let most = w.number(f64::from(STALLS));
-                let many = w.le(most, k);
+                let many = Cond::all([slow, w.le(most, k)]);
                 w.when(many, |w| {
                     let (little, few, part) = (w.tolerance(1e-10), w.tolerance(1e-6), w.tolerance(1e-20));
                     let (tiny, near) = (self.small(w, little), self.small(w, few));

@@ -369,6 +369,7 @@ impl Iteration {
         let (before, best) =
             (self.square(w, |w, at| w.at(&self.update, at)), self.square(w, |w, at| w.value(&residual, at)));
         w.set(self.before, before);
+        w.set(self.least, before);
         w.set(self.best, best);
         w.set(self.made, one);
     }
