@@ -88,7 +88,7 @@ pub(super) struct Control {
     /// of the one that comes.
     other: f64,
     /// When the last switch was, s.
-    began: f64,
+    pub(super) began: f64,
     /// When the next one is foretold, s; infinite where none is.
     aim: f64,
     /// By how much that differs from what was foretold a step before, s.

@@ -28,6 +28,9 @@ const CHATTER: u32 = 20;
 const SOONER: u32 = 16;
 const SLIGHT: f64 = 1e-9;
 
+/// So many times what two instants are told apart by may be passed over at a switch.
+const SHORT: f64 = 1e3;
+
 /// What comes nearer to 0 in a step leaves no more than this part.
 const FALLS: f64 = 0.75;
 /// What turns below this part of what it is at both ends of a step all but touches 0.
@@ -98,11 +101,19 @@ impl Run {
         self.input[0] = t;
         self.input[1] = PEEK * h;
         look(c, guards, &mut self.step, (&self.state, &mut self.input), None, &mut self.before);
+        let stood = self.fit.as_ref().and_then(|fit| fit.control.stood.map(|guard| (guard, self.before[guard])));
+        if let Some(fit) = &self.fit
+            && t > 0.0
+            && fit.control.began == t
+            && self.before.iter().zip(&fit.tops).any(|(x, top)| x.abs() <= FAINT * top)
+        {
+            beyond(c, guards, &mut self.step, (&self.state, &mut self.input), (&fit.tops, &mut self.before));
+        }
         if let Some(fit) = &mut self.fit {
             fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
             hush(&fit.control, &fit.tops, &mut self.before);
             // The step before this one ended just before its switch.
-            if let Some(guard) = fit.control.stood {
+            if let Some((guard, _)) = stood.filter(|(guard, last)| self.before[*guard] * last >= 0.0) {
                 self.before[guard] = 0.0;
             }
         }
@@ -180,7 +191,7 @@ impl Run {
             return Ok(Located::Stands(bracket.guard));
         }
         let before = match &c.guards {
-            Some(guards) if guards.ends => self.end_before(c, t, &bracket, past)?,
+            Some(guards) if guards.ends => self.end_before(c, t, &bracket, (past, floor))?,
             _ => None,
         };
         Ok(Located::At(before.unwrap_or(found), bracket.guard))
@@ -258,17 +269,25 @@ impl Run {
         Ok(past)
     }
 
-    /// Ends the whole step just before the switch in a bracket, where a step to there can be had: its length.
-    fn end_before(&mut self, c: &Cluster, t: f64, bracket: &Bracket, past: f64) -> Result<Option<f64>, Failure> {
+    /// Ends the whole step just before the switch in a bracket, where a step to there can be had: its length. What is
+    /// between is passed over: it has to be rounding.
+    fn end_before(
+        &mut self,
+        c: &Cluster,
+        t: f64,
+        bracket: &Bracket,
+        (past, floor): (f64, f64),
+    ) -> Result<Option<f64>, Failure> {
         let (low, high) = (bracket.low.0, bracket.high.0);
         let mut back = 2.0 * past;
         loop {
             let at = low.max(high - back);
-            if at <= 0.5 * high {
+            if high - at > SHORT * floor || at <= 0.5 * high {
                 return Ok(None);
             }
             self.stride(t, at, Part::Trial)?;
-            self.guards_at(c, t + at, Part::Trial);
+            // A look ahead would be beyond the switch.
+            self.guards_ahead(c, t + at, Part::Trial, 0.0);
             let Some(fit) = &mut self.fit else { return Ok(None) };
             if earliest(&self.before, &fit.seen).is_none() {
                 std::mem::swap(&mut fit.trial, &mut fit.whole);
@@ -382,6 +401,11 @@ impl Run {
 
     /// Looks at the guards at the end of a step.
     fn guards_at(&mut self, c: &Cluster, t: f64, part: Part) {
+        self.guards_ahead(c, t, part, PEEK);
+    }
+
+    /// Looks at the guards at the end of a step, and ahead by a part of its length for what the end does not tell.
+    fn guards_ahead(&mut self, c: &Cluster, t: f64, part: Part, ahead: f64) {
         self.free();
         let (Some(guards), Some(fit)) = (&mut self.guards, &mut self.fit) else { return };
         let taken = match part {
@@ -391,7 +415,7 @@ impl Run {
             Part::Trial => &fit.trial,
         };
         self.input[0] = t;
-        self.input[1] = PEEK * taken.h;
+        self.input[1] = ahead * taken.h;
         let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
         look(c, guards, step, (&taken.next, &mut self.input), Some(&self.before), &mut fit.seen);
         hush(&fit.control, &fit.tops, &mut fit.seen);
@@ -414,13 +438,43 @@ fn look(
             let loops = c.states + c.integrals;
             // What time switches on the way is yet to come.
             input[0] = if passed { (t - peek).max(0.0) } else { t };
-            if open && step.run(state, input).is_ok() {
+            if open && peek > 0.0 && step.run(state, input).is_ok() {
                 guards.told(&step.work.next[loops..], &state[loops..], start);
             }
             input[0] = t;
             seen.copy_from_slice(guards.values());
         }
         Err(_) => seen.fill(0.0),
+    }
+}
+
+/// Where a law has just switched, guards that all but vanish are as the branch tells that was left, which says no more
+/// than where it ends: a body that came to rest may be held there for long. Where a very short step leads they may be far
+/// from 0, and then that is what they are, unless time switches something on the way.
+fn beyond(
+    c: &Cluster,
+    guards: &mut Watch,
+    step: &mut Ready,
+    (state, input): (&[f64], &mut [f64]),
+    (tops, seen): (&[f64], &mut [f64]),
+) {
+    let (t, peek) = (input[0], input[1]);
+    if step.run(state, input).is_err() {
+        return;
+    }
+    input[0] = t + peek;
+    let found = guards.run(&step.work.next, input, 0.0);
+    input[0] = t;
+    let times = c.guards.iter().flat_map(|g| &g.times);
+    let values = guards.values();
+    if found.is_err() || times.clone().any(|k| values[*k] * seen[*k] < 0.0) {
+        return;
+    }
+    let known = |k: usize| times.clone().any(|time| *time == k);
+    for (k, ((x, value), top)) in seen.iter_mut().zip(values).zip(tops).enumerate() {
+        if x.abs() <= FAINT * top && value.abs() > FAINT * top && *x * value >= 0.0 && !known(k) {
+            *x = *value;
+        }
     }
 }
 
