@@ -1,6 +1,6 @@
 //! What a sampled region has to give, what it owes, and in which order regions find what they hold.
 
-use crate::common::{close, end, finish, probe, start, text};
+use crate::common::{advance, close, end, finish, probe, start, text};
 use bond::Steps;
 
 /// Two masses and two springs, each sampled, in a ring in which nobody waits for himself: two springs hold for one mass,
@@ -71,6 +71,46 @@ fn rounding_makes_no_debt() {
         end(&compiled, Steps::tolerance(1e-8), 3.0, "q")
     };
     close(run("1.0000000000001"), run("1"), 1e-9, "where it is after 3 s");
+}
+
+/// The outside stands still, and then moves with or against the region's own source, which puts in what crosses but for
+/// rounding: that nothing was at risk before makes that no debt.
+#[test]
+fn rounding_of_an_own_source_makes_no_debt() {
+    let cases =
+        [("", "2 N * sin(40 Hz * t)"), ("", "3 N"), ("hold predicted", "2 N"), ("hold lagged", "2 N * t/(1 s)")];
+    for (hold, source) in cases {
+        let compiled = text(&format!(
+            "model A {{
+  port tip
+  sampled every 3 ms {hold} {{
+    Se:own = 1 N + {source}
+    C:k {{ stiffness = 100 N/m }}
+    R:b = 4 N*s/m
+    own -> 1:v -> k, b
+  }}
+  tip ||> v
+}}"
+        ));
+        let held = |first: f64| {
+            let mut sim = start(&compiled, Steps::new());
+            let one = |(k, q): (u32, f64)| {
+                sim.report("tip", q).expect("there is a port");
+                advance(&mut sim, f64::from(k) * 3e-3);
+                sim.held()[0].1
+            };
+            (1..).zip([0.0, first, 0.91e-3, 0.14e-3, -0.7e-3]).map(one).collect::<Vec<f64>>()
+        };
+        for k in 0..20 {
+            let first = 1e-4 * f64::from(k - 10);
+            let wanted = held(first);
+            for near in [first * (1.0 + 2.3e-16), first * (1.0 - 2.3e-16), first * (1.0 + 1e-14)] {
+                for (x, y) in held(near).iter().zip(&wanted) {
+                    close(*x, *y, 1e-9, &format!("what is held after {first} m beside {source} {hold}"));
+                }
+            }
+        }
+    }
 }
 
 /// A wall far too stiff for its period has H go up and down by 1e13 J, and what crosses by some: that is not lost in the

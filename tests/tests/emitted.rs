@@ -465,6 +465,31 @@ fn what_the_examples_do_not_have() {
 }",
             1e-3,
         ),
+        (
+            "an own source that the outside balances but for rounding, from rest",
+            "model A {
+  port a
+  port b
+  port c
+  port d
+  sampled every 6 ms { Wall:x }
+  sampled every 6 ms { Wall:y }
+  sampled every 6 ms { Wall:z }
+  sampled every 6 ms {
+    Se:own = -1 N - 2 N * sin(40 Hz * t)
+    C:k { stiffness = 100 N/m }
+    R:l = 4 N*s/m
+    own -> 1:v -> k, l
+  }
+  a ||> x.tip
+  b ||> y.tip
+  c ||> z.tip
+  d ||> v
+  probe q = k.q
+  simulate { stop = 1 s }
+}",
+            6e-3,
+        ),
         ("frictions of a train of gears, which leave their shares open", TRAIN, 1e-3),
         ("energies that are least below 0, of two regions together and of one", FROM_BELOW, 1e-3),
         (

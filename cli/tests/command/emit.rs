@@ -177,6 +177,14 @@ fn what_has_no_compiled_form_is_told() {
     here.bond(&exact).is(1, &[], &["switches inside exact steps"]);
     let rates = model("hard/irrational_rates.bond");
     here.bond(&["build", rates.to_str().unwrap(), "--emit", "c"]).is(1, &[], &["have no common measure"]);
+    let stages = "model S { Se:s = 2 V + 1 V * sin(60 Hz * t)  R:r = 2 Ohm  R:d { f = 1e-3 A * (exp(e/(1 V)) - 1) }
+  I:l { H = p^2/(2*10 mH) + 1e3 J/Wb^4 * p^4 }  C:c { H = q^2/(2*100 uF) + 3e9 J/C^4 * q^4 }
+  state z = 0 V { dz = (out.e - z)/(2 ms) }  s -> 1:m -> l, r  m -> 0:out -> c, d  probe i = m.f }";
+    let here = here.with("s.bond", stages);
+    for method in ["collocation6", "collocation8"] {
+        let build = ["build", "s.bond", "--emit", "object", "--step", "1ms", "--method", method];
+        here.bond(&build).is(1, &[], &["solves for more than 8 unknowns at once"]);
+    }
 }
 
 /// What switches within steps, where a run would meet it, is named; not where steps end there, nor of what runs itself.

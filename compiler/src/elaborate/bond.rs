@@ -160,23 +160,23 @@ impl<'a> Elaborator<'a> {
             Entity::Element(id) => Some((RawEnd::Element(id), shown)),
             Entity::Port(p) => Some((RawEnd::Port(p, at == instance), shown)),
             Entity::Instance(i) => {
-                let ports = self.port_names(i);
-                let help = match ports.split_first() {
-                    Some((p, [])) => format!("name its port: `{shown}.{p}`"),
-                    Some(_) => {
-                        let list: Vec<String> = ports.iter().map(|p| format!("`{shown}.{p}`")).collect();
-                        format!("name one of its ports: {}", list.join(", "))
-                    }
-                    None => "the model has no ports; declare one with `port name`".to_string(),
+                let help = match &self.port_names(i)[..] {
+                    [] => "the model has no ports; declare one with `port name`".to_string(),
+                    [p] => format!("name its port: `{shown}.{p}`"),
+                    ports => format!("name one of its ports: {}", within(&shown, ports)),
                 };
                 self.errors.push(wrong(&format!("`{shown}` is an instance, and a bond ends at a port of it"), help));
                 None
             }
             Entity::Param(_) | Entity::Let(_) | Entity::Function(_) | Entity::Input(_) | Entity::Memory(_) => {
-                self.errors.push(wrong(
-                    &format!("`{shown}` is a value, and a bond joins elements"),
-                    format!("did you mean an element, such as `R:{last}`?"),
-                ));
+                let ports = if at == instance { Vec::new() } else { self.port_names(at) };
+                let help = if ports.is_empty() {
+                    format!("did you mean an element, such as `R:{last}`?")
+                } else {
+                    let owner = &self.instances[at].path;
+                    format!("bond to a port of `{owner}`: {}", within(owner, &ports))
+                };
+                self.errors.push(wrong(&format!("`{shown}` is a value, and a bond joins elements"), help));
                 None
             }
             Entity::Bond(_) => {
@@ -397,4 +397,9 @@ fn named(end: &End) -> Span {
         End::Path(path) => path.span,
         End::Declare(e) => e.name.span,
     }
+}
+
+/// Ports of an instance, in words.
+fn within(instance: &str, ports: &[String]) -> String {
+    ports.iter().map(|p| format!("`{instance}.{p}`")).collect::<Vec<_>>().join(", ")
 }

@@ -15,7 +15,8 @@ pub const WARY: f64 = 16.0;
 /// What an interval of which nothing was foretold could lose, J: what it does lose says nothing of forecasts, and costs
 /// no trust.
 pub(super) const UNTOLD: f64 = f64::INFINITY;
-/// A loss, or a debt, of less than this part of the most that was ever at risk is rounding, and counts as none.
+/// A loss, or a debt, of less than this part of the most that an interval ever risked, or that crossed and was put in, is
+/// rounding, and counts as none.
 pub const LOSS: f64 = 1e-12;
 
 /// What of an energy is its rounding. What is stored is no budget as far as it is that: of next to nothing, held against
@@ -167,7 +168,7 @@ pub(super) struct Caution {
     /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
     /// foretold to move at all.
     pub(super) risk: f64,
-    /// The most that it ever was, J.
+    /// The most that it ever was, or that crossed and sources put in in an interval, by magnitude, J.
     pub(super) most: f64,
 }
 
@@ -181,6 +182,11 @@ impl Caution {
     /// Whether it lost nothing.
     pub(super) fn is_easy(&self) -> bool {
         self.peak == 0.0 && self.trust == 1.0
+    }
+
+    /// Notes an energy of an interval that debts are rounding beside.
+    pub(super) fn note(&mut self, energy: f64) {
+        self.most = if self.most < energy { energy } else { self.most };
     }
 
     /// Ends an interval, in which so much came in, with a debt (not above 0 where there is none), and whether nobody has
@@ -219,7 +225,7 @@ impl Caution {
         let b = if b > 0.0 { b } else { 0.0 };
         let all = u + b;
         self.risk = all;
-        self.most = if self.most < all { all } else { self.most };
+        self.note(all);
         if stored < 0.0 || self.trust < 1.0 {
             let (trusted, repaid) = (self.trust * all, self.peak + stored);
             let most = if trusted < repaid { repaid } else { trusted };

@@ -136,19 +136,23 @@ impl Simulation<'_> {
         let c = &self.scene.clusters[i];
         let run = &mut self.runs[i];
         let alone = c.entries.len() == 1;
+        let mut turned = 0.0;
         for (r, e) in c.entries.iter().enumerate() {
             let (mut called, mut crossed) = (0.0, 0.0);
             for h in self.held[i].iter().filter(|h| c.ports[h.port].region == e.region) {
                 let port = &c.ports[h.port];
                 called += h.q * run.output()[port.mean];
                 crossed += h.crossed;
+                turned += h.crossed.abs();
                 if let Some(k) = e.supplied.iter().position(|s| s.0 == port.name) {
                     run.books[r].sources[k].add(h.crossed);
                 }
             }
             let out = run.output();
             let sources = e.supplied.iter().enumerate().filter(|(k, _)| !e.held.contains(k));
-            let own: f64 = sources.map(|(_, (_, slot))| out[*slot]).sum();
+            let sources = sources.map(|(_, (_, slot))| out[*slot]);
+            let own: f64 = sources.clone().sum();
+            turned = sources.fold(turned, |sum, x| sum + x.abs());
             let b = &mut run.books[r];
             if !e.held.is_empty() {
                 b.supplied.add(crossed);
@@ -173,6 +177,7 @@ impl Simulation<'_> {
             b.stored_max = b.stored_max.max(b.stored);
             stored += b.stored;
         }
+        self.caution[i].note(turned);
         let clear = |j: usize, stored: f64| -stored <= LOSS * self.caution[j].most;
         let easy = self.caution[i].is_easy();
         let free = clear(i, stored) && (easy || self.near[i].iter().all(|j| clear(*j, self.kept(*j))));

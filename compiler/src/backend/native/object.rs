@@ -16,14 +16,14 @@ use cranelift_object::{ObjectBuilder, ObjectModule};
 /// # Errors
 /// In words: iterations too large to be written out, or a machine that is not known.
 pub fn object(unit: &Unit, prefix: &str) -> Result<Vec<u8>, String> {
+    if !unit.commit.systems.is_empty() || !unit.observe.systems.is_empty() {
+        return Err("a step of this scene solves for more than 8 unknowns at once, which object files have no form for: take --emit c".into());
+    }
     let large = |r: &crate::backend::code::Routine| !r.data.is_empty() || !r.tables.is_empty();
     if large(&unit.commit) || large(&unit.observe) {
         return Err(
             "this scene is large, and its families of elements have no form in object files: take --emit c".into()
         );
-    }
-    if !unit.commit.systems.is_empty() || !unit.observe.systems.is_empty() {
-        return Err("a step of this scene solves for more than 8 unknowns at once, which object files have no form for: take --emit c".into());
     }
     let text = |e: &dyn std::fmt::Display| e.to_string();
     let mut flags = settings::builder();

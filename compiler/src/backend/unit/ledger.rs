@@ -255,6 +255,7 @@ impl Writing<'_> {
     pub(super) fn settle(&self, w: &mut Writer, i: usize, all: &[Value]) {
         let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
         let zero = w.number(0.0);
+        let mut turned = zero;
         for (r, (e, &at)) in c.entries.iter().zip(&place.books).enumerate() {
             let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
             let more = place.more.get(r);
@@ -266,6 +267,8 @@ impl Writing<'_> {
                 let x = w.mul(q, mean);
                 called = if k == 0 { x } else { w.add(called, x) };
                 crossed = if k == 0 { own } else { w.add(crossed, own) };
+                let size = w.abs(own);
+                turned = w.add(turned, size);
                 let named = e.supplied.iter().position(|s| s.0 == port.name);
                 if let (Some(k), Some(sources)) = (named, more.and_then(|m| m.sources)) {
                     w.gather(sources + 2 * k, own);
@@ -284,13 +287,15 @@ impl Writing<'_> {
             if !e.held.is_empty() {
                 stored = w.add(stored, crossed);
             }
-            let mut sources = e.supplied.iter().enumerate().filter(|(k, _)| !e.held.contains(k)).map(|(_, s)| s.1);
-            if let Some(first) = sources.next() {
-                let own = out(w, first);
-                let own = sources.fold(own, |sum, slot| {
-                    let x = out(w, slot);
-                    w.add(sum, x)
-                });
+            let sources = e.supplied.iter().enumerate().filter(|(k, _)| !e.held.contains(k)).map(|(_, s)| s.1);
+            let mut own = None;
+            for slot in sources {
+                let x = out(w, slot);
+                own = Some(own.map_or(x, |sum| w.add(sum, x)));
+                let size = w.abs(x);
+                turned = w.add(turned, size);
+            }
+            if let Some(own) = own {
                 stored = w.add(stored, own);
             }
             w.keep(at + STORED, stored);
@@ -314,6 +319,7 @@ impl Writing<'_> {
                 w.raise(more.stored, stored);
             }
         }
+        w.raise(place.caution + 3, turned);
         let stored = self.stored(w, i);
         let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
         let crossed = all.iter().fold(zero, |sum, x| w.add(sum, *x));
@@ -381,14 +387,17 @@ impl Writing<'_> {
         let [peak, trust, risk, largest] = [0, 1, 2, 3].map(|k| self.clusters[i].caution + k);
         let (zero, one) = (w.number(0.0), w.number(1.0));
         let near = self.scene.near().swap_remove(i);
-        let mut free = vec![self.clear(w, i, debt)];
+        let mut others = Vec::new();
         for &j in &near {
             let stored = self.stored(w, j);
             let debt = w.unary(bond_runtime::ir::Unary::Neg, stored);
-            free.push(self.clear(w, j, debt));
+            others.push(self.clear(w, j, debt));
         }
+        let (lost, left) = (w.kept(peak), w.kept(trust));
+        let easy = Cond::all([w.eq(lost, zero), w.eq(left, one)]);
+        let own = self.clear(w, i, debt);
         w.branch(
-            Cond::all(free),
+            Cond::all([own, Cond::any([easy, Cond::all(others)])]),
             |w| {
                 w.keep(peak, zero);
                 w.keep(trust, one);
