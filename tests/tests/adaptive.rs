@@ -161,9 +161,7 @@ fn bounces_take_few_steps_and_iterations() {
         let summary = sim.summary();
         let region = &summary.regions[0];
         assert!(region.events == 18 && region.rejected <= 3, "{method}: {region:?}");
-        // After each switch a very short step is looked at.
-        let iterations = region.newton_iterations - 2 * region.events;
-        assert!(region.steps < most && iterations < 4 * region.steps, "{method}: {region:?}");
+        assert!(region.steps < most && region.newton_iterations < 4 * region.steps, "{method}: {region:?}");
     }
 }
 

@@ -102,10 +102,11 @@ impl Run {
         self.input[1] = PEEK * h;
         look(c, guards, &mut self.step, (&self.state, &mut self.input), None, &mut self.before);
         let stood = self.fit.as_ref().and_then(|fit| fit.control.stood.map(|guard| (guard, self.before[guard])));
+        let left = |(k, (x, top)): (usize, (&f64, &f64))| x.abs() <= FAINT * top && guards.is_loop(k);
         if let Some(fit) = &self.fit
             && t > 0.0
             && fit.control.began == t
-            && self.before.iter().zip(&fit.tops).any(|(x, top)| x.abs() <= FAINT * top)
+            && self.before.iter().zip(&fit.tops).enumerate().any(left)
         {
             beyond(c, guards, &mut self.step, (&self.state, &mut self.input), (&fit.tops, &mut self.before));
         }
@@ -448,7 +449,7 @@ fn look(
     }
 }
 
-/// Where a law has just switched, guards that all but vanish are as the branch tells that was left, which says no more
+/// Where a law has just switched, guards of loops that all but vanish are as the branch tells that was left, which says no more
 /// than where it ends: a body that came to rest may be held there for long. Where a very short step leads they may be far
 /// from 0, and then that is what they are, unless time switches something on the way.
 fn beyond(
