@@ -101,7 +101,6 @@ impl Run {
         self.input[0] = t;
         self.input[1] = PEEK * h;
         look(c, guards, &mut self.step, (&self.state, &mut self.input), None, &mut self.before);
-        let stood = self.fit.as_ref().and_then(|fit| fit.control.stood.map(|guard| (guard, self.before[guard])));
         let left = |(k, (x, top)): (usize, (&f64, &f64))| x.abs() <= FAINT * top && guards.is_loop(k);
         if let Some(fit) = &self.fit
             && t > 0.0
@@ -114,7 +113,7 @@ impl Run {
             fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
             hush(&fit.control, &fit.tops, &mut self.before);
             // The step before this one ended just before its switch.
-            if let Some((guard, _)) = stood.filter(|(guard, last)| self.before[*guard] * last >= 0.0) {
+            if let Some(guard) = fit.control.stood {
                 self.before[guard] = 0.0;
             }
         }
@@ -449,9 +448,9 @@ fn look(
     }
 }
 
-/// Where a law has just switched, guards of loops that all but vanish are as the branch tells that was left, which says no more
-/// than where it ends: a body that came to rest may be held there for long. Where a very short step leads they may be far
-/// from 0, and then that is what they are, unless time switches something on the way.
+/// Where a law has just switched, guards of loops that all but vanish are as the branch tells that was left, which says
+/// no more than where it ends: a body that came to rest may be held there for long. Where a very short step leads they
+/// may be far from 0 on the same side, and then that is what they are, unless time switches something on the way.
 fn beyond(
     c: &Cluster,
     guards: &mut Watch,
