@@ -44,7 +44,7 @@ use std::time::Instant;
                   first, against a run that is far more exact; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
                   seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
                   stopped, if both are looked at at the same instants and take the same steps. \
-                  Steps depend on --stop where neither --step nor --longest tells their length: exact ones, which are\n\
+                  Steps depend on --stop where neither --step nor a --longest within the run tells their length: exact ones, which are\n\
                   a thousandth of the run, and the first of those that are fitted to a tolerance; a run that is \
                   resumed keeps the lengths that it began with. A state that was saved with --error or --budget\n\
                   goes on with the --method that the \

@@ -22,14 +22,15 @@ const EFFORT: usize = 400_000;
 /// The same of a sampled side, whose steps are given: some tenths of a second.
 const SAMPLES: usize = 10_000_000;
 /// What is held more and less where the other side is not linear, at first, and the part of it that is tried next, so
-/// often at most, until it makes no more of a change than that: what is large depends on the scene.
+/// often at most, until it makes no more of a change than that: what is large depends on the scene. Where nothing
+/// answers, as a body that friction holds, it is made larger by that instead.
 const PROBE: f64 = 1e-3;
 const FINER: f64 = 1e-3;
 const LOOKS: usize = 4;
 const SAME: f64 = 1e-3;
 /// Of a difference of two answers this part of their size is rounding.
 const ROUNDED: f64 = 64.0 * f64::EPSILON;
-/// An answer so many times that about what is held at the start is none.
+/// An answer so many times that about what is held at the start, or such a part of it, is none.
 const BEYOND: f64 = 100.0;
 
 /// By interval, a matrix of the ports.
@@ -63,11 +64,13 @@ impl Simulation<'_> {
             let mut answers = self.runs[other].measured(c, period, (&ports, &vec![0.0; mine.len()]));
             let about: Vec<f64> = mine.iter().zip(&bars).map(|(k, bar)| bar.sign * calls[*k]).collect();
             if !c.is_linear && about.iter().any(|v| *v != 0.0) {
-                // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K.
+                // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K, or next to
+                // none, as friction that what is held overcomes.
                 let there = self.runs[other].measured(c, period, (&ports, &about));
-                let most = |a: &Answers| a.first().map_or(f64::INFINITY, |m| m.iter().fold(0.0, |s, x| x.abs().max(s)));
-                let most = [most(&answers), most(&there)];
-                if most[1].is_finite() && (most[0].is_nan() || most[0] > BEYOND * most[1]) {
+                let none = |a: &Answers| a.is_empty() || a[0].iter().any(|x| x.is_nan());
+                let [now, then] = [&answers, &there].map(|a| a.first().map_or(0.0, |m| largest(m)));
+                let alike = now <= BEYOND * then && then <= BEYOND * now;
+                if !none(&there) && (none(&answers) || !alike) {
                     answers = there;
                 }
             }
@@ -128,11 +131,33 @@ impl Simulation<'_> {
 }
 
 impl Run {
-    /// The answer ([`Self::response`]) to a change so small that it is in proportion.
+    /// The answer ([`Self::response`]) to a change so small that it is in proportion, or so large that there is one.
     fn measured(&mut self, c: &Cluster, period: f64, at: (&[usize], &[f64])) -> Answers {
         if c.is_linear {
             return self.response(c, period, at, 1.0);
         }
+        let answers = self.in_proportion(c, period, at);
+        if answers.first().is_none_or(|m| largest(m) > 0.0) {
+            return answers;
+        }
+        // Where one is just enough, most of it is held: the next one counts then.
+        let mut most = answers;
+        let mut probe = PROBE;
+        for _ in 0..LOOKS {
+            let before = largest(&most[0]);
+            probe /= FINER;
+            let larger = self.response(c, period, at, probe);
+            match larger.first().map(|m| largest(m)) {
+                Some(now) if now > before => most = larger,
+                Some(_) | None if before > 0.0 => break,
+                Some(_) | None => {}
+            }
+        }
+        most
+    }
+
+    /// The answer to a change so small that a smaller one makes no other.
+    fn in_proportion(&mut self, c: &Cluster, period: f64, at: (&[usize], &[f64])) -> Answers {
         let mut probe = PROBE;
         let first = self.response(c, period, at, probe);
         let mut answers = first.clone();
@@ -254,6 +279,11 @@ impl Run {
         }
         Some(matrices)
     }
+}
+
+/// The largest number of a matrix, by its size; what is no number counts for none.
+fn largest(matrix: &[f64]) -> f64 {
+    matrix.iter().fold(0.0, |most, x| most.max(x.abs()))
 }
 
 /// The recurrence that a row of answers obeys: with the fewest weights, up to [`TERMS`], that give it to `fits` of its

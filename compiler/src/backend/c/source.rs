@@ -29,8 +29,8 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     let mut out = format!(
         "/* {} as a program of its own, made by bond; see {}. C99 and libm. For the same bits on every machine: -ffp-contract=off. */\n\
          #include \"{}\"\n#include <math.h>\n#include <string.h>\n\n\
-         #if defined(__FAST_MATH__)\n\
-         #error \"with -ffast-math numbers that are not finite go unseen, and steps that fail with them\"\n\
+         #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)\n\
+         #error \"not with -ffast-math or parts of it: numbers that are not finite go unseen, and what rounding takes is lost\"\n\
          #endif\n\
          #if defined(__clang__) || !defined(__GNUC__)\n\
          #pragma STDC FP_CONTRACT OFF\n\

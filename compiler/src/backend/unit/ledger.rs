@@ -45,6 +45,10 @@ const GAINED: usize = 15;
 const H_TOP: usize = 16;
 const H_LEAST: usize = 17;
 
+/// Energies below this are none, J, where the worst balance is kept as a ratio: of subnormal numbers, with which a wave
+/// begins to arrive, most digits are rounding. Single numbers have it.
+const LEAST: f64 = 1e-37;
+
 /// The numbers of a ledger that a run goes on from, in the order of `bond_runtime::simulate::BookPlaces`.
 pub(super) const KEPT: [usize; 12] =
     [H, H_MAX, H_TOP, H_LEAST, SUPPLIED, DISSIPATED, LEAKED, RESIDUAL, TURNOVER, SIZE, STORED, DEBT];
@@ -239,8 +243,9 @@ impl Writing<'_> {
         let allowed = w.mul(worst, scale);
         let maybe = w.lt(allowed, error);
         w.when(maybe, |w| {
-            let floor = floor(w);
+            let (floor, least) = (floor(w), w.number(LEAST));
             more::fail_above(w, error, scale, floor, gross);
+            let floor = w.larger(floor, least);
             let scale = w.larger(scale, floor);
             let allowed = w.mul(worst, scale);
             let more = w.lt(allowed, error);
