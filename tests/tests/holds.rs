@@ -1,7 +1,8 @@
 //! The double bar: what the paper's two experiments do under each hold.
 
-use crate::common::{advance, close, example, file, finish, models, probe, start, stop, text, trace};
+use crate::common::{advance, close, example, file, finish, models, probe, start, stop, text, trace, with};
 use bond::{Options, Simulation, Steps};
+use bond_compiler::discretise::Accuracy;
 
 #[test]
 fn the_wall_rests_where_it_should_for_every_handle() {
@@ -759,5 +760,39 @@ fn what_is_measured_goes_by_the_size_of_the_scene() {
     let one = x(1.0);
     for size in [1e3, 1e-3, 1e-6, 1e-9] {
         close(x(size), one, 1e-5, &format!("{size:e}"));
+    }
+}
+
+/// What friction holds at the start answers as what slides, by any method: else a sampled spring would drive it. At the
+/// end it rests where the spring holds it, give or take what friction holds, and debts are a small part of what crosses.
+#[test]
+fn what_friction_holds_answers_as_what_slides() {
+    let moved = "Se:push = if t < 0.1 s then 0 N else 5 N  push -> v";
+    let set_off = "C:weight { H = 5 J * (1 - cos(q/(1 m))) }  v -> weight";
+    for (friction, stiffness, q0, scene) in
+        [(1.0, 20.0, 0.0, moved), (1e-3, 2000.0, 0.0, moved), (0.3, 200.0, 0.0, moved), (1.0, 200.0, -0.5, set_off)]
+    {
+        let model = format!(
+            "model Held {{
+              I:m = 0.1 kg
+              R:dry {{ e = {friction:e} N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*1 m/s }}
+              1:v -> m, dry
+              {scene}
+              sampled at 50 Hz {{ C:spring {{ stiffness = {stiffness} N/m; q0 = {q0} m }}  R:d = 2 N*s/m  1:w -> spring, d }}
+              v ||> w
+              probe x = spring.q
+              simulate {{ stop = 2 s }}
+            }}"
+        );
+        let ends = [Accuracy::AsModel, Accuracy::Tolerance(1e-9)].map(|accuracy| {
+            let compiled = with(Options::new().accuracy(accuracy), &model);
+            let steps = accuracy.tolerance(None).map_or(Steps::new(), Steps::tolerance);
+            let mut sim = start(&compiled, steps);
+            finish(&mut sim, 2.0);
+            let summary = sim.summary();
+            assert!(summary.passive, "{friction}, {stiffness}: {:?}", summary.reasons);
+            probe(&mut sim, "x")
+        });
+        close(ends[0], ends[1], 1e-4, &format!("{friction} N, {stiffness} N/m"));
     }
 }

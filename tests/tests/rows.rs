@@ -124,6 +124,40 @@ fn what_holds_is_what_it_holds_against() {
     );
 }
 
+/// Two diodes that block leave the node between them to the coil without current: it stands at what that is held against.
+/// While one conducts, it is the source's, less what a resistance takes.
+#[test]
+fn a_node_behind_diodes_that_block() {
+    let text = |emf: &str| {
+        format!(
+            "model Dead {{
+              Se:mains = 50 V * sin(3 Hz * t)
+              R:feed = 2 Ohm
+              R:d {{ e = min(s, 0)*1 V; f = max(s, 0)*1 A }}
+              R:wheel {{ e = min(s, 0)*1 V; f = max(s, 0)*1 A }}
+              I:coil = 30 mH
+              R:load = 5 Ohm
+              Se:back = {emf}
+              mains -> 1:m -> d, feed, 0:n
+              1:w -> wheel
+              w -> n
+              n -> 1:out -> coil, load, back
+              probe u = n.e
+              probe off = (n.e - mains.e + 2 Ohm * coil.f)/(1 V)
+              simulate {{ stop = 2 s }}
+            }}"
+        )
+    };
+    shows(&text("100 V + 20 V * sin(7 Hz * t)"), "u", 1e-9, |t| 100.0 + 20.0 * f64::sin(7.0 * t));
+    // At 0.45 s and 1.37 s: above 10 V, and below.
+    let compiled = with(Options::new(), &text("10 V"));
+    let mut sim = start(&compiled, Steps::new());
+    advance(&mut sim, 0.45);
+    close(probe(&mut sim, "off"), 0.0, 1e-9, "while it conducts");
+    advance(&mut sim, 1.37);
+    close(probe(&mut sim, "u"), 10.0, 1e-6, "while nothing flows");
+}
+
 /// What it holds may jump: the friction of a block that is pressed less goes on holding it, with the force that is asked of
 /// it, as soon as that is so, for samples too.
 #[test]

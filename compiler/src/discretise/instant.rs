@@ -105,8 +105,7 @@ pub(super) fn outputs(
         let may_be_open = if is_bare { observed } else { midway };
         bare.push(is_bare || midway && pull.is_some());
         if let Some(pull) = pull
-            && imposed()
-            && !reads(c, model, form, n)
+            && (is_bare && observed || imposed() && !reads(c, model, form, n))
         {
             *open = may_be_open;
             let before = bound(model, lowering, &format!("{} before", model.pool.name(*z)), *guess);
@@ -155,6 +154,7 @@ pub(super) fn outputs(
         scale: kept(&scale, &needed),
         bends,
         unknowns,
+        open: c.is_open(),
         ..System::default()
     };
     write::solve(model, b, lowering, system)?;
@@ -222,14 +222,8 @@ impl Ahead<'_> {
             c.loops.iter().zip(&loops).for_each(|(z, value)| at.bind(*z, *value));
             let mut residuals = self.free.to_vec();
             let mut k = 0;
-            for (((r, later), z), _) in residuals.iter_mut().zip(&later).zip(&c.loops).zip(self.open).filter(|t| *t.1) {
-                let pool = &mut model.pool;
-                let [now, then] = [*r, *later].map(|r| {
-                    let slope = pool.derivative(r, *z);
-                    pool.unary(Unary::Abs, slope)
-                });
-                let part = pool.scale(then, Number::float(TELLS));
-                let steep = pool.binary(Binary::Le, part, now);
+            for ((r, later), _) in residuals.iter_mut().zip(&later).zip(self.open).filter(|t| *t.1) {
+                let steep = tells(&mut model.pool, &c.loops, *r, *later);
                 let mut steep = at.lower(&model.pool, b, steep).map_err(|s| missing(model, s))?;
                 // What the law and the state differ by where it lies flat, as what rings by, is none of its way.
                 let off = if round == 0 {
@@ -298,6 +292,7 @@ impl Ahead<'_> {
             bends: c.bends(),
             unknowns: c.loops.clone(),
             flag: Some(flag),
+            open: c.is_open(),
             ..System::default()
         };
         write::solve(model, b, &mut lowering, system)?;
@@ -309,6 +304,27 @@ impl Ahead<'_> {
         }
         Ok((found, values))
     }
+}
+
+/// Whether a law tells any of the unknowns, against what it is half a step later; it has to where that does not either.
+fn tells(pool: &mut Pool, unknowns: &[Symbol], law: Expr, later: Expr) -> Expr {
+    let (zero, mut some, mut open) = (pool.zero(), pool.zero(), pool.int(1));
+    for z in unknowns {
+        let [now, then] = [law, later].map(|r| {
+            let slope = pool.derivative(r, *z);
+            pool.unary(Unary::Abs, slope)
+        });
+        if pool.is_zero(now) && pool.is_zero(then) {
+            continue;
+        }
+        let part = pool.scale(then, Number::float(TELLS));
+        let (steep, any) = (pool.binary(Binary::Le, part, now), pool.binary(Binary::Lt, zero, now));
+        let steep = pool.binary(Binary::Min, steep, any);
+        some = pool.binary(Binary::Max, some, steep);
+        let none = pool.binary(Binary::Le, then, zero);
+        open = pool.binary(Binary::Min, open, none);
+    }
+    pool.binary(Binary::Max, some, open)
 }
 
 /// The length of the last step, where the stepper keeps it.

@@ -28,8 +28,14 @@ const PROBE: f64 = 1e-3;
 const FINER: f64 = 1e-3;
 const LOOKS: usize = 4;
 const SAME: f64 = 1e-3;
-/// Of a difference of two answers this part of their size is rounding.
+/// An answer to a larger change that is more than so many times the one to a small one says that something lets go; one that
+/// is within this part of it and it of that, that nothing holds.
+const HELD: f64 = 1e6;
+const HOLDS: f64 = 0.1;
+/// Of a difference of two answers this part of their size is rounding; and all of one that is no larger than this, by
+/// which stages of what friction holds differ.
 const ROUNDED: f64 = 64.0 * f64::EPSILON;
+const DUST: f64 = 1e-30;
 /// An answer so many times that about what is held at the start, or such a part of it, is none.
 const BEYOND: f64 = 100.0;
 
@@ -61,19 +67,8 @@ impl Simulation<'_> {
                 mine.iter().filter_map(|k| self.held[i][*k].bar).map(|b| &self.scene.bars[b]).collect();
             let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
             let c = &self.scene.clusters[other];
-            let mut answers = self.runs[other].measured(c, period, (&ports, &vec![0.0; mine.len()]));
             let about: Vec<f64> = mine.iter().zip(&bars).map(|(k, bar)| bar.sign * calls[*k]).collect();
-            if !c.is_linear && about.iter().any(|v| *v != 0.0) {
-                // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K, or next to
-                // none, as friction that what is held overcomes.
-                let there = self.runs[other].measured(c, period, (&ports, &about));
-                let none = |a: &Answers| a.is_empty() || a[0].iter().any(|x| x.is_nan());
-                let [now, then] = [&answers, &there].map(|a| a.first().map_or(0.0, |m| largest(m)));
-                let alike = now <= BEYOND * then && then <= BEYOND * now;
-                if !none(&there) && (none(&answers) || !alike) {
-                    answers = there;
-                }
-            }
+            let answers = self.runs[other].measured(c, period, &ports, &about);
             let m = mine.len();
             // q = sign * integral, input = sign * v, and q = alpha - beta v
             let fall = |interval: usize, r: usize, s: usize| {
@@ -131,29 +126,40 @@ impl Simulation<'_> {
 }
 
 impl Run {
-    /// The answer ([`Self::response`]) to a change so small that it is in proportion, or so large that there is one.
-    fn measured(&mut self, c: &Cluster, period: f64, at: (&[usize], &[f64])) -> Answers {
+    /// The answer ([`Self::response`]) about 0, or `about` what is held at the start where that tells more.
+    fn measured(&mut self, c: &Cluster, period: f64, ports: &[usize], about: &[f64]) -> Answers {
+        let zero = vec![0.0; ports.len()];
         if c.is_linear {
-            return self.response(c, period, at, 1.0);
+            return self.response(c, period, (ports, &zero), 1.0);
         }
-        let answers = self.in_proportion(c, period, at);
-        if answers.first().is_none_or(|m| largest(m) > 0.0) {
-            return answers;
-        }
-        // Where one is just enough, most of it is held: the next one counts then.
-        let mut most = answers;
-        let mut probe = PROBE;
-        for _ in 0..LOOKS {
-            let before = largest(&most[0]);
-            probe /= FINER;
-            let larger = self.response(c, period, at, probe);
-            match larger.first().map(|m| largest(m)) {
-                Some(now) if now > before => most = larger,
-                Some(_) | None if before > 0.0 => break,
-                Some(_) | None => {}
+        let size = |a: &Answers| a.first().map_or(0.0, |m| largest(m));
+        let mut answers = self.in_proportion(c, period, (ports, &zero));
+        if about.iter().any(|v| *v != 0.0) {
+            // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K, or next to
+            // none, as friction that what is held overcomes.
+            let there = self.in_proportion(c, period, (ports, about));
+            let [now, then] = [&answers, &there].map(size);
+            let alike = now <= BEYOND * then && then <= BEYOND * now;
+            if !there.is_empty() && (answers.is_empty() || !alike) {
+                answers = there;
             }
         }
-        most
+        let (small, mut probe) = (size(&answers), PROBE);
+        for _ in 0..LOOKS {
+            probe /= FINER;
+            let larger = self.response(c, period, (ports, about), probe);
+            let now = size(&larger);
+            // What is held gives nothing, or rounding, of which there is no more where the change is larger.
+            if now > HELD * small {
+                // Of a change that just overcomes what holds, most is held: the next one counts.
+                let next = self.response(c, period, (ports, about), probe / FINER);
+                return if size(&next) > now { next } else { larger };
+            }
+            if HOLDS * small < now && HOLDS * now < small {
+                break;
+            }
+        }
+        answers
     }
 
     /// The answer to a change so small that a smaller one makes no other.
@@ -273,7 +279,7 @@ impl Run {
         }
         self.step.work.newton_iterations = iterations;
         for (x, size) in matrices.iter_mut().flatten().zip(sizes.iter().flatten()).filter(|_| !c.is_linear) {
-            if x.abs() <= ROUNDED * size {
+            if x.abs() <= (ROUNDED * size).max(DUST) {
                 *x = 0.0;
             }
         }

@@ -26,8 +26,9 @@ pub const RANGE: (f64, f64) = (1e-200, 1e200);
 /// row `k`. Then, from the last, `x_k = (b_k - a_k,k+1 x_k+1 - ...) r_k`, subtracted from left to right. One unknown is
 /// divided; for two see [`DIGITS`].
 ///
-/// Where equations may leave unknowns `open`, as what two frictions on both sides of a gear hold each, and a pivot is at
-/// most [`POOR`] `c_k`, row `k` is not exchanged, and `r_k = s_k`. It says what other rows said where what is left of it
+/// Where equations may leave unknowns `open`, as what two frictions on both sides of a gear hold each, a row of zeros, as
+/// of ideal diodes in a ring that all conduct, has `s_i = 0`; and where a pivot is at most [`POOR`] `c_k`, row `k` is not
+/// exchanged, and `r_k = s_k`. It says what other rows said where what is left of it
 /// then, `b_k - a_k,k+1 x_k+1 - ...`, is at most [`ALIKE`] times the sum of `b_k` as it was given and what was taken off
 /// it, each by its size; so `x_k = 0`. Else all is done again, as where nothing may be open.
 ///
@@ -75,10 +76,11 @@ fn eliminate(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch, open
     for (i, row) in a.chunks_exact(n).enumerate() {
         order[i] = i;
         let largest = row.iter().fold(0.0f64, |m, x| larger(m, x.abs()));
-        if largest == 0.0 {
+        if largest == 0.0 && !open {
             return Err(i);
         }
-        scale[i] = 1.0 / largest;
+        // A row that says nothing is never chosen.
+        scale[i] = if largest == 0.0 { 0.0 } else { 1.0 / largest };
         for (x, c) in row.iter().zip(column.iter_mut()) {
             *c = larger(*c, x.abs() * scale[i]);
         }
@@ -243,6 +245,13 @@ mod tests {
         let solve_so = |open, b: &mut [f64]| solve(3, &mut matrix.clone(), b, &mut Scratch::new(3), open);
         assert_eq!(solve_so(true, &mut b), Ok(true));
         assert!((b[0] - 0.2).abs() < 1e-15 && (b[1] + 1e5).abs() < 1e-9 && b[2] == 0.0, "{b:?}");
+        // Of a row of zeros, as of laws that are all flat, another unknown is told nothing.
+        let flat = [[0.0; 3], [1.0, -1.0, 0.0], [0.0, 0.0, 2.0]].concat();
+        let solve_flat = |open, b: &mut [f64]| solve(3, &mut flat.clone(), b, &mut Scratch::new(3), open);
+        let mut b = [0.0, 0.5, 3.0];
+        assert_eq!((solve_flat(true, &mut b), b), (Ok(true), [0.5, 0.0, 1.5]));
+        assert_eq!(solve_flat(false, &mut [0.0, 0.5, 3.0]), Err(0));
+        assert_eq!(solve_flat(true, &mut [1.0, 0.5, 3.0]), Err(0));
         // Two that don't are left to themselves.
         let (mut b, mut same) = ([0.1, -0.06, 0.05], [0.1, -0.06, 0.05]);
         assert_eq!(solve_so(true, &mut b), solve_so(false, &mut same));

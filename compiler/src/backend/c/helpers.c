@@ -92,9 +92,9 @@ again:
             const bond_real x = BOND_M(fabs)(a[i * n + j]);
             if (x > largest) largest = x;
         }
-        if (largest == 0) return (bond_real)i;
+        if (largest == 0 && !open) return (bond_real)i;
         order[i] = (bond_real)i;
-        scale[i] = 1 / largest;
+        scale[i] = largest == 0 ? 0 : 1 / largest;
         for (j = 0; j < n; ++j) {
             const bond_real x = BOND_M(fabs)(a[i * n + j]) * scale[i];
             if (x > column[j]) column[j] = x;

@@ -95,8 +95,14 @@ impl Writer {
                 let largest = sizes.iter().fold(zero, |m, x| larger(w, m, *x));
                 let empty = w.eq(largest, zero);
                 let number = w.number(i as f64);
-                w.when(empty, |w| fail(w, number));
-                let s = w.div(one, largest);
+                let mut s = w.div(one, largest);
+                let mut fails = empty.clone();
+                if let Some(may) = may {
+                    s = w.select(empty.clone(), zero, s);
+                    let may = w.get(may);
+                    fails = Cond::all([empty, Cond::True(may).not()]);
+                }
+                w.when(fails, |w| fail(w, number));
                 for (c, x) in column.iter_mut().zip(&sizes) {
                     let x = w.mul(*x, s);
                     *c = larger(w, *c, x);
