@@ -1,6 +1,6 @@
 //! Bonds as they are written: chains of ends, and the paths that lead to them.
 
-use super::suggest::nearest;
+use super::suggest::{foreign_value, nearest};
 use super::{Elaborator, Entity, Mode, RawBond, RawEnd, ScopeId, Sought};
 use crate::model::Kind;
 use bond_grammar::ast::{Chain, End, Path, Segment};
@@ -341,17 +341,21 @@ impl<'a> Elaborator<'a> {
                 }
             };
         }
+        let value = sought == Sought::Value;
         let by_place = self.in_field_law(segment).or_else(|| match sought {
             Sought::Value => self.in_law(segment).or_else(|| self.as_unit(segment)),
             Sought::Element | Sought::Part => None,
         });
+        // A name of the model's own in other letters is nearer.
+        let own = known.iter().any(|name| name.eq_ignore_ascii_case(key));
+        let foreign = foreign_value(key).filter(|_| value && !own).map(String::from);
         Diagnostic::error("elaborate::unknown", span, format!("there is no `{key}` here")).help(
-            match by_place.or(meant) {
+            match by_place.or(foreign).or(meant) {
                 Some(help) => help,
                 None if model.is_none() => {
                     "a function outside of models sees its arguments and other functions; pass it as an argument".into()
                 }
-                None if sought == Sought::Value => self.undeclared(key),
+                None if value => self.undeclared(key),
                 None => format!("declare it, for instance as `1:{key}`, or check the spelling"),
             },
         )

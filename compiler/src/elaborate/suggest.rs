@@ -96,6 +96,21 @@ pub fn foreign(f: &str, args: &[(String, String)]) -> Option<String> {
     }
 }
 
+/// How what other languages have a constant or variable for is written.
+pub fn foreign_value(name: &str) -> Option<&'static str> {
+    Some(match name {
+        "PI" | "Pi" | "π" | "M_PI" => "did you mean `pi`?",
+        "time" | "Time" => "the time is `t`",
+        "inf" | "Inf" | "INFINITY" | "infinity" => {
+            "no value is infinite; take a number that is large beside the others"
+        }
+        "g" | "g0" | "gravity" => {
+            "declare gravity in the model, as `let g = 9.81 m/s^2`; a function outside of models takes it as an argument"
+        }
+        _ => return None,
+    })
+}
+
 /// How many letters to put in, take out or change, or neighbours to swap.
 pub fn distance(a: &str, b: &str) -> usize {
     let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
