@@ -352,7 +352,7 @@ fn laws_that_jump_are_named() {
         let (jumps, result) = run(law);
         assert_eq!(jumps, ["dry"], "{law}");
         let why = result.expect_err(law).to_string();
-        assert!(why.contains("the law of `dry` jumps") && why.contains("R:dry { e = ...; f = ... } in `s`"), "{why}");
+        assert!(why.contains("the law of `dry` jumps") && why.contains("`{ e = ...; f = ... }` in `s`"), "{why}");
     }
     for law in [
         "e = 1 N * sign(f)*sqrt(abs(f)/(1 m/s))",
@@ -364,6 +364,18 @@ fn laws_that_jump_are_named() {
         assert!(jumps.is_empty(), "{law}");
         result.unwrap_or_else(|e| panic!("{law}: {e}"));
     }
+}
+
+/// So it is at the first port of what loses its power as heat, whose short steps would never end.
+#[test]
+fn laws_that_jump_are_named_where_they_heat() {
+    let compiled = text(
+        "model Brake { I:disc { inertia = 2 kg*m^2; f0 = 50 rad/s }  RS(r, th):pad { e = 30 N*m * sign(f) }
+            C:body { H = 270 kJ * exp(q/(900 J/K)); e0 = 300 K }  1:w -> disc, pad.r  pad.th -> 0:T -> body
+            simulate { stop = 5 s } }",
+    );
+    let why = start(&compiled, Steps::new()).finish(5.0).expect_err("it sticks").to_string();
+    assert!(why.contains("the law of `pad` jumps") && !why.contains("end it earlier"), "{why}");
 }
 
 /// A Hertz contact written with `max`: beyond the touch its law has no slope, and that of a root of 0 is none of it.

@@ -526,7 +526,8 @@ impl Run {
             (None, _) => {
                 let region = c.name.clone();
                 if endless {
-                    return Err(Error::Endless { time: t, region, step: smallest });
+                    let jumps = c.jumps.clone();
+                    return Err(Error::Endless { time: t, region, step: smallest, jumps });
                 }
                 let state = refused.and_then(|r| c.names.get(r.worst).cloned());
                 Err(Error::TooSmall { time: t, region, state, at_once: c.has_exponentials, step: smallest })

@@ -47,13 +47,14 @@ pub struct Options {
     pub longest: Option<f64>,
 }
 
-/// What to do about laws that jump.
-fn mend(jumps: &[String]) -> String {
-    let Some(first) = jumps.first() else { return String::new() };
-    let name = first.rsplit('.').next().unwrap_or(first);
+/// What to do about laws that jump; where there are none, `otherwise`.
+fn mend(jumps: &[String], otherwise: &str) -> String {
+    if jumps.is_empty() {
+        return otherwise.to_string();
+    }
     let names: Vec<String> = jumps.iter().map(|j| format!("`{j}`")).collect();
     format!(
-        "; the law of {} jumps, and what it holds still has no solution: give it as a curve, as R:{name} {{ e = ...; f = ... }} in `s`",
+        "; the law of {} jumps, and what it holds still has no solution: give it as a curve, `{{ e = ...; f = ... }}` in `s`",
         names.join(", ")
     )
 }
@@ -77,7 +78,7 @@ pub enum Error {
         "at t = {} s, a step of `{region}` failed: {why}{}{}",
         instant(*time),
         state.as_ref().map(|s| format!(" (`{s}`)")).unwrap_or_default(),
-        mend(jumps)
+        mend(jumps, "")
     )]
     Step {
         /// When.
@@ -117,9 +118,10 @@ pub enum Error {
     },
     /// Adaptive steps are good, and so short that a run would never end.
     #[error(
-        "at t = {} s, `{region}` still takes steps of {} s, of which the run would have more than 1e10: end it earlier, or allow larger errors",
+        "at t = {} s, `{region}` still takes steps of {} s, of which the run would have more than 1e10{}",
         instant(*time),
-        length(*step)
+        length(*step),
+        mend(jumps, ": end it earlier, or allow larger errors")
     )]
     Endless {
         /// When.
@@ -128,6 +130,8 @@ pub enum Error {
         region: String,
         /// How long they are.
         step: f64,
+        /// Resistors whose laws jump, where that may be why.
+        jumps: Vec<String>,
     },
     /// An energy is infinite or no number, or no energy.
     #[error("at t = {} s, the ledger of `{region}` fails: {what}", instant(*time))]
