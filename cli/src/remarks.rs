@@ -2,7 +2,7 @@
 
 use bond::Compiled;
 use bond_compiler::discretise::Method;
-use bond_compiler::model::{Kind, Model};
+use bond_compiler::model::{Kind, Model, Variable};
 use bond_compiler::structure::{Column, ColumnId, Form, Region, Role};
 
 /// A note for each: storages that a detector holds at rest, pieces that nothing gives power, what `ray` never
@@ -36,23 +36,23 @@ fn divided(model: &Model, form: &Form) -> Option<String> {
     })
 }
 
-/// Storages that follow detectors alone: an ideal voltmeter in series, an ideal ammeter across.
+/// Storages that receive what detectors alone give: an ideal voltmeter in series, an ideal ammeter across.
 fn held(model: &Model, form: &Form, r: &Region) -> Vec<String> {
     let kind = |c: ColumnId| model.element(form.column(c).element).kind;
-    let name = |c: ColumnId| form.column(c).name.as_str();
-    r.following
-        .iter()
-        .filter(|f| f.sources.iter().all(|s| matches!(kind(*s), Kind::De | Kind::Df)))
-        .filter_map(|f| {
-            let detector = *f.sources.first()?;
-            let (what, junction, kind) = match kind(detector) {
-                Kind::De => ("flow", '0', "De"),
-                _ => ("effort", '1', "Df"),
+    let storages = r.states.iter().map(|s| s.column).chain(r.following.iter().map(|f| f.column));
+    storages
+        .map(|c| form.column(c))
+        .filter(|c| c.row.iter().all(|t| matches!(kind(t.0), Kind::De | Kind::Df)))
+        .filter_map(|c| {
+            let detector = c.row.first()?.0;
+            let (junction, kind) = if kind(detector) == Kind::De { ('0', "De") } else { ('1', "Df") };
+            let what = match c.gives {
+                Variable::Effort => "flow",
+                Variable::Flow => "effort",
             };
             Some(format!(
                 "the detector `{}` holds the {what} of `{}` at 0: a {kind} stands on a {junction}-junction, where it changes nothing",
-                name(detector),
-                name(f.column)
+                form.column(detector).name, c.name
             ))
         })
         .collect()

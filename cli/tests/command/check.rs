@@ -49,6 +49,19 @@ fn notes_are_made() {
     assert!(!done.err.contains("note"), "{}", done.err);
 }
 
+/// A detector on the other junction is noted whatever it holds: a state that it gives no rate, in a part too.
+#[test]
+fn held_rates_are_noted() {
+    let volts = "model Cell { port p  Se:u = 1 V  R:r = 1 Ohm  C:c = 1 F  De:volts  u -> 1:i -> r, c, p  i -> volts }
+        model A { Cell:cell  R:load = 1 Ohm  cell.p -> load  probe v = cell.c.e }";
+    let amps = "model B { Sf:u = 1 A  R:r = 1 Ohm  I:l = 1 H  Df:amps  u -> 0:n -> r, l  n -> amps  probe i = l.f }";
+    let here = Folder::new().with("a.bond", volts).with("b.bond", amps);
+    let a = "note: the detector `cell.volts` holds the flow of `cell.c` at 0: a De stands on a 0-junction";
+    here.bond(&["check", "a.bond"]).is(0, &[], &[a]);
+    let b = "note: the detector `amps` holds the effort of `l` at 0: a Df stands on a 1-junction";
+    here.bond(&["run", "b.bond"]).is(0, &[], &[b]);
+}
+
 #[test]
 fn all_errors_of_all_files_come_out() {
     let here = Folder::new().with("a.bond", WRONG).with("b.bond", "model B { I:m = }").with("c.bond", OSCILLATOR);
