@@ -582,6 +582,16 @@ impl<'a> Elaborator<'a> {
                 })
             }
             "min" | "max" if values.len() == 1 && self.mode == Mode::Expect => {
+                let extremes = &self.extremes;
+                if self.pool.contains_any(values[0].expr, &|s| extremes.iter().any(|e| e.0 == s)) {
+                    return self.wrong(
+                        "elaborate::expect",
+                        span,
+                        format!("`{f}` is taken here of what an extreme over the run stands in already"),
+                        "an extreme is one number for the whole run: take it of signals alone, and compute with it \
+                         outside, `max(x) - min(x)` for `max(x - min(x))`",
+                    );
+                }
                 let symbol = self.pool.symbol(&self.words(&args[0]));
                 self.extremes.push((symbol, values[0].expr, f == "max"));
                 Some(Typed { expr: self.pool.var(symbol), unit: values[0].unit.clone() })
