@@ -175,9 +175,12 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
     Ok(Compiled { stages, whole, scene: Scene { left_out, ..scene } })
 }
 
-/// The strokes and the form. What is wrong in every round of a loop is said once.
+/// The strokes and the form; a condition that cannot be told is wrong here too. What is wrong in every round of a loop
+/// is said once.
 fn structured(model: Model, graph: BondGraph) -> Result<Stages, Vec<Diagnostic>> {
-    to_form(model, graph).map_err(once)
+    let stages = to_form(model, graph).map_err(once)?;
+    let mixed = discretise::mixed(&stages.model, &stages.form);
+    if mixed.is_empty() { Ok(stages) } else { Err(mixed) }
 }
 
 fn to_form(mut model: Model, graph: BondGraph) -> Result<Stages, Vec<Diagnostic>> {

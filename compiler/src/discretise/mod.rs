@@ -33,6 +33,8 @@ mod upright;
 mod whole;
 mod write;
 
+pub(crate) use probes::mixed;
+
 use crate::Options;
 use crate::expression::Symbol;
 use crate::model::{Model, Signal, Variable};
@@ -241,7 +243,7 @@ pub fn discretise(
             });
         }
     }
-    scene.probes = probes::build(model, form, &place)?;
+    scene.probes = probes::build(model, form, &place);
     Ok(scene)
 }
 

@@ -28,12 +28,24 @@ pub(super) fn wanted(model: &Model, form: &Form) -> Vec<Symbol> {
     list
 }
 
+/// Conditions that compare extremes over the run with what changes in it.
+pub(crate) fn mixed(model: &Model, form: &Form) -> Vec<Diagnostic> {
+    let what = "this condition mixes an extreme over the run with a signal that changes in it";
+    let help = "compare extremes with numbers and with one another: `max(x - 2*y) < 0 m` for `max(x) < 2*y`";
+    let is_mixed = |kind: &ExpectationKind, list: &[Expr]| match (kind, list.first()) {
+        (ExpectationKind::Holds { extremes, .. }, Some(condition)) if !extremes.is_empty() => {
+            of_extremes(model, *condition, extremes).is_none()
+        }
+        _ => false,
+    };
+    let all = model.expectations.iter().zip(&form.expectations);
+    all.filter(|(x, list)| is_mixed(&x.kind, list))
+        .map(|(x, _)| Diagnostic::error("discretise::expect", x.span, what).help(help))
+        .collect()
+}
+
 /// Writes the program. `place` says which cluster shows a symbol, and as which output of its observation.
-pub(super) fn build(
-    model: &mut Model,
-    form: &Form,
-    place: &dyn Fn(Symbol) -> Option<(usize, usize)>,
-) -> Result<Probes, Vec<Diagnostic>> {
+pub(super) fn build(model: &mut Model, form: &Form, place: &dyn Fn(Symbol) -> Option<(usize, usize)>) -> Probes {
     let mut b = Builder::new("probes");
     let t = b.named(Array::Input, "t");
     let t = b.load(t);
@@ -92,13 +104,7 @@ pub(super) fn build(
                     let output = put(model, &mut b, &mut lowering, &x.text, condition);
                     scene::ExpectationKind::Holds { extremes: outputs, output, program: None }
                 } else {
-                    let symbols: Vec<Symbol> = extremes.iter().map(|e| e.0).collect();
-                    let program = of_extremes(model, condition, &symbols);
-                    if program.is_none() {
-                        let what = "this condition mixes an extreme over the run with a signal that changes in it";
-                        let help = "compare extremes with numbers and with one another: `max(x - 2*y) < 0 m` for `max(x) < 2*y`";
-                        return Err(vec![Diagnostic::error("discretise::expect", x.span, what).help(help)]);
-                    }
+                    let program = of_extremes(model, condition, extremes);
                     scene::ExpectationKind::Holds { extremes: outputs, output: 0, program }
                 }
             }
@@ -108,7 +114,7 @@ pub(super) fn build(
     probes.gather = gather;
     probes.inputs = given;
     probes.program = verified(model, b.finish()).ok();
-    Ok(probes)
+    probes
 }
 
 /// A condition, or its contrary, without the negation of a comparison: of what is no number none holds, `x != 3` as
@@ -133,10 +139,10 @@ fn affirmed(pool: &mut Pool, e: Expr, holds: bool) -> Expr {
 }
 
 /// The condition as a program of the extremes alone; `None` where it reads other signals too.
-fn of_extremes(model: &Model, condition: Expr, symbols: &[Symbol]) -> Option<Program> {
+fn of_extremes(model: &Model, condition: Expr, extremes: &[(Symbol, Expr, bool)]) -> Option<Program> {
     let mut b = Builder::new("expectation");
     let mut lowering = Lowering::new([]);
-    for s in symbols {
+    for (s, ..) in extremes {
         let slot = b.named(Array::Input, model.pool.name(*s));
         let v = b.load(slot);
         lowering.bind(*s, v);
