@@ -113,7 +113,9 @@ impl<'a> Elaborator<'a> {
         let mut storage =
             Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded, massless: false };
         let start = [(if c { "q0" } else { "p0" }, true), (if c { "e0" } else { "f0" }, false)];
-        let given: Vec<_> = start.iter().filter_map(|(f, is_state)| Some((fields.get(f)?, *is_state, *f))).collect();
+        let mut given: Vec<_> =
+            start.iter().filter_map(|(f, is_state)| Some((fields.get(f)?, *is_state, *f))).collect();
+        given.sort_by_key(|(value, ..)| value.span.start);
         if let [first, second, ..] = given[..] {
             self.errors.push(
                 Diagnostic::error(
