@@ -236,6 +236,12 @@ fn starts_by_effort() {
         ("e = 1 V/C^3 * q^3", "8 V", 2.0),
         ("e = 1 V/C * (q - 0.3 C)", "0 V", 0.3),
         ("e = 1 V * tanh(q/(1 C))", "-0.5 V", (-0.5f64).atanh()),
+        ("e = 1 V * tanh(q/(1 C))", "0.999 V", 0.999f64.atanh()),
+        // Where the slope is 0, or ends; as good as at rest.
+        ("e = 1 V/C^3 * q^3", "0 V", 0.0),
+        ("e = 1 V * min(max(q/(2 C), -1), 1)", "1 V", 2.0),
+        ("e = 0.3 V + 1 V/C * q^3/(1 C)^2", "0.3 V", 0.0),
+        ("e = 0.1 V + 1 V * tanh(q/(1 C))", "0.1 V + 1e-17 V", 0.0),
     ] {
         let compiled = crate::common::text(&format!(
             "model S {{ C:c {{ {law}; e0 = {e0} }} R:r = 1 Ohm 0:n -> c, r probe q = c.q }}"

@@ -295,7 +295,9 @@ impl<'a> Elaborator<'a> {
         // Towards the side of the target first; where the law has no value at 0, far from there.
         let side = if target < 0.0 { -1.0 } else { 1.0 };
         let starts = [0.0, 1e-3, -1e-3, 1.0, -1.0, 1e-9, 1e3, -1e3].map(|x| side * x);
-        if let Some(x) = starts.into_iter().find_map(|x| self.pool.root(off, s.state, x, &|_| f64::NAN)) {
+        let none = |_| f64::NAN;
+        let found = |x| self.pool.root(off, s.state, x, &none).filter(|x| self.pool.is_told(off, s.state, *x, &none));
+        if let Some(x) = starts.into_iter().find_map(found) {
             return Some(x);
         }
         self.errors.push(

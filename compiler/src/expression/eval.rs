@@ -67,6 +67,15 @@ impl Pool {
         (size.is_finite() && value(e, x).abs() <= 1e-12 * size).then_some(x)
     }
 
+    /// Whether an expression tells such a root from what lies beside it: a hundredth nearer or further it is another,
+    /// beyond rounding. Far out, where a law levels off, it is not. Where 0 is as good, the root is as good as 0.
+    pub fn is_told(&self, e: Expr, z: Symbol, x: f64, at: &dyn Fn(Symbol) -> f64) -> bool {
+        let of = |x: f64| move |s| if s == z { x } else { at(s) };
+        let (here, least) = (self.eval(e, &of(x)), ROUNDED * self.size(e, &of(x)));
+        let change = |y: f64| (self.eval(e, &of(y)) - here).abs();
+        change(0.99 * x) > least || change(1.01 * x) > least || change(0.0) <= least
+    }
+
     /// The value of one node from those of its children.
     pub(super) fn evaluate(&self, node: &Node, of: &dyn Fn(Expr) -> f64, at: &dyn Fn(Symbol) -> f64) -> f64 {
         match node {
