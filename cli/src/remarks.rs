@@ -1,12 +1,14 @@
 //! What a model says that nobody may have meant, though it means something.
 
+use crate::table;
 use bond::Compiled;
 use bond_compiler::discretise::Method;
 use bond_compiler::model::{Kind, Model, Variable};
 use bond_compiler::structure::{Column, ColumnId, Form, Region, Role};
 
 /// A note for each: storages that a detector holds at rest, pieces that nothing gives power, what `ray` never
-/// moves, what gives energy behind a budget that lets none out, and what tied storages divide by.
+/// moves, what gives energy behind a budget that lets none out, what tied storages divide by, and probes whose columns have
+/// other names.
 pub fn remarks(compiled: &Compiled) -> Vec<String> {
     let stages = compiled.stages();
     let (model, form) = (&stages.model, &stages.form);
@@ -20,7 +22,18 @@ pub fn remarks(compiled: &Compiled) -> Vec<String> {
         let list = held(model, form, r).into_iter().chain(loose(form, r)).chain(unmoved(model, r, by_ray(r)));
         list.chain(shut_in(model, form, i, r))
     };
-    form.regions.iter().enumerate().flat_map(of).chain(divided(model, form)).collect()
+    form.regions.iter().enumerate().flat_map(of).chain(divided(model, form)).chain(renamed(model)).collect()
+}
+
+/// Probes whose columns in the table of a run have other names.
+fn renamed(model: &Model) -> Vec<String> {
+    let names: Vec<&str> = model.probes.iter().map(|p| p.name.as_str()).collect();
+    let other = names.iter().zip(table::over_time(&names)).filter(|(name, column)| **name != *column);
+    other
+        .map(|(name, column)| {
+            format!("the column of the probe `{name}` is `{column}` in the table of a run, where `{name}` is taken; a probe with another name keeps it")
+        })
+        .collect()
 }
 
 /// What storages that are tied together divide by, where their mass matrix is singular where that is 0.

@@ -46,6 +46,12 @@ pub fn distinct(taken: &mut HashSet<String>, name: &str) -> String {
     name
 }
 
+/// The columns behind that of the time, `t`, that has its name first.
+pub fn over_time(names: &[&str]) -> Vec<String> {
+    let mut taken = HashSet::from(["t".to_string()]);
+    names.iter().map(|name| distinct(&mut taken, name)).collect()
+}
+
 /// One entry of a row.
 #[derive(Clone, Copy, Debug)]
 pub enum Cell<'a> {

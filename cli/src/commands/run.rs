@@ -23,7 +23,6 @@ use bond_runtime::Failure;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::Error as Failed;
 use clap::builder::PossibleValuesParser;
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -607,18 +606,16 @@ impl Files {
         sim: &Simulation<'_>,
         (resumed, stop): (Option<f64>, f64),
     ) -> Result<Self, Stop> {
-        let columns = |names: &mut dyn Iterator<Item = &str>| -> Vec<Column> {
-            // A probe may be called `t`.
-            let mut taken = HashSet::new();
-            let names = std::iter::once("t").chain(names);
-            names.map(|name| Column::new(table::distinct(&mut taken, name), Kind::Number)).collect()
+        let columns = |names: Vec<&str>| -> Vec<Column> {
+            let names = std::iter::once("t".to_string()).chain(table::over_time(&names));
+            names.map(|name| Column::new(name, Kind::Number)).collect()
         };
         let table = |path: Option<&Path>, columns: &[Column]| match path {
             Some(path) => Table::new(path, columns).map(|table| Some(Pending::new(table, columns.len()))),
             None => Ok(None),
         };
         let shown = scene.probes.names.len();
-        let rows = table(args.output.as_deref(), &columns(&mut scene.probes.names.iter().map(String::as_str)))?;
+        let rows = table(args.output.as_deref(), &columns(scene.probes.names.iter().map(String::as_str).collect()))?;
         let span = (resumed.unwrap_or(0.0), stop);
         let plot = args.plot.clone().map(|path| Plot::new(path, &scene.name, &scene.probes, span)).transpose()?;
         if let Some(left) = plot.as_ref().map(Plot::left).filter(|left| *left > 0) {
@@ -626,7 +623,7 @@ impl Files {
         }
         let plot = plot.map(|plot| Pending::new(plot, 1 + shown));
         let names = ledger_names(&sim.summary());
-        let ledger = table(args.ledger.as_deref(), &columns(&mut names.iter().map(String::as_str)))?;
+        let ledger = table(args.ledger.as_deref(), &columns(names.iter().map(String::as_str).collect()))?;
         Ok(Self { rows, plot, ledger, shown, resumed })
     }
 

@@ -62,6 +62,18 @@ fn held_rates_are_noted() {
     here.bond(&["run", "b.bond"]).is(0, &[], &[b]);
 }
 
+/// A probe with the name of the time has another column, and keeps its name elsewhere.
+#[test]
+fn columns_of_other_names_are_noted() {
+    let model = "model M { I:m = 1 kg  Se:F = 1 N  F -> m  probe t = m.p  probe t_ = 2*m.f  simulate { stop = 2 s } }";
+    let here = Folder::new().with("a.bond", model);
+    let notes =
+        ["note: the column of the probe `t` is `t_` in the table", "note: the column of the probe `t_` is `t__` in"];
+    here.bond(&["check", "a.bond"]).is(0, &[], &notes);
+    here.bond(&["run", "a.bond", "-o", "a.csv"]).is(0, &[], &notes);
+    assert!(here.read("a.csv").starts_with("t,t_,t__\n"));
+}
+
 #[test]
 fn all_errors_of_all_files_come_out() {
     let here = Folder::new().with("a.bond", WRONG).with("b.bond", "model B { I:m = }").with("c.bond", OSCILLATOR);
