@@ -49,8 +49,9 @@ pub fn seconds(text: &str) -> Result<f64, String> {
 fn eval(e: &Expr) -> Result<Quantity, String> {
     match &e.kind {
         ExprKind::Number { digits, unit } => {
-            let value = Number::decimal(digits).ok_or_else(|| format!("`{digits}` is no number"))?;
-            let Some(unit) = unit else { return Ok((value.to_f64(), None)) };
+            let number =
+                |value: Option<Number>| value.map(Number::to_f64).ok_or_else(|| format!("`{digits}` is no number"));
+            let Some(unit) = unit else { return Ok((number(Number::decimal(digits))?, None)) };
             let (factor, dimension) = units::of(unit).map_err(|u| match u.suggestion {
                 _ if units::is_celsius(&u.symbol) => {
                     "temperatures are in kelvin: add 273.15 and write `K`, as `293.15K` for 20 degrees; a difference of 1 degree is `1K`".to_string()
@@ -58,7 +59,7 @@ fn eval(e: &Expr) -> Result<Quantity, String> {
                 Some(s) => format!("there is no unit `{}`; did you mean `{s}`?", u.symbol),
                 None => format!("there is no unit `{}`", u.symbol),
             })?;
-            Ok((units::in_si(value, factor).to_f64(), Some(dimension)))
+            Ok((number(units::in_si(digits, factor))?, Some(dimension)))
         }
         ExprKind::Paren(inner) => eval(inner),
         ExprKind::Unary(Unary::Neg, inner) => eval(inner).map(|(x, d)| (-x, d)),

@@ -127,6 +127,35 @@ fn products() {
     assert_eq!(units::of(&unit(&[("km", (2, 1)), ("h", (-2, 1))])).expect("known").0, 1e6 / 12_960_000.0);
 }
 
+/// Decimals of a power of ten are joined to the number's own: there is one rounding.
+#[test]
+fn literals_are_the_nearest_doubles() {
+    for (digits, factors, expected) in [
+        ("75.62", vec![("aF", (1, 1))], 75.62e-18),
+        ("287", vec![("nm", (2, 1))], 287e-18),
+        ("35", vec![("ms", (1, 1))], 0.035),
+        ("7.1E-3", vec![("um", (3, 1))], 7.1e-21),
+        ("0.3", vec![("PHz", (2, 1))], 0.3e30),
+        ("123.4567890123457", vec![("cm", (-1, 2))], 1234.567890123457),
+        ("2.9", vec![("g", (1, 1)), ("mL", (-1, 1))], 2900.0),
+        ("36", vec![("km", (1, 1)), ("h", (-1, 1))], 10.0),
+    ] {
+        let factor = units::of(&unit(&factors)).expect("known").0;
+        assert_eq!(units::in_si(digits, factor).expect("a number").to_f64(), expected, "{digits} {factors:?}");
+    }
+    for (prefix, ten) in "y z a f p n u m c d da h k M G T P E Z Y"
+        .split(' ')
+        .zip([-24, -21, -18, -15, -12, -9, -6, -3, -2, -1, 1, 2, 3, 6, 9, 12, 15, 18, 21, 24])
+    {
+        for (digits, power) in [("75.62", 1), ("287", 2), ("0.1", -1), ("1.7", 3)] {
+            let factor = units::of(&unit(&[(&format!("{prefix}m"), (power, 1))])).expect("known").0;
+            let nearest: f64 = format!("{digits}e{}", ten * power).parse().expect("a number");
+            let got = units::in_si(digits, factor).expect("a number").to_f64();
+            assert_eq!(got, nearest, "{digits} {prefix}m^{power}");
+        }
+    }
+}
+
 #[test]
 fn names() {
     use Dimension as D;

@@ -262,7 +262,7 @@ impl<'a> Elaborator<'a> {
         };
         match units::of(unit) {
             Ok((factor, dimension)) => {
-                let expr = self.pool.numeral(units::in_si(number, factor));
+                let expr = self.pool.numeral(units::in_si(digits, factor).unwrap_or(number));
                 Some(Typed { expr, unit: Unit::known(dimension) })
             }
             Err(unknown) => {

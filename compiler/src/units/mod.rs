@@ -38,17 +38,32 @@ pub fn lookup(symbol: &str) -> Option<(f64, Dimension)> {
     table::find(symbol).map(|(factor, dimension)| (factor.round(), dimension))
 }
 
-/// A number with a unit of that factor, in SI: 7.1 ms are 71/10000 s. A factor below one is the inverse of a rounder
-/// number.
-pub fn in_si(number: Number, factor: f64) -> Number {
+/// A number as it is written, with a unit of that factor, in SI: 7.1 ms are 71/10000 s. The decimals of a power of ten
+/// are joined to its own, and rounded with them; another factor below one is the inverse of a rounder number. `None` if
+/// it is no number.
+pub fn in_si(digits: &str, factor: f64) -> Option<Number> {
+    let number = Number::decimal(digits)?;
     let inverse = (1.0 / factor).round();
-    if factor.fract() == 0.0 && factor < 1e15 {
-        number * Number::from(factor as i64)
+    if let Some(moved) = moved(digits, factor) {
+        Some(moved)
+    } else if factor.fract() == 0.0 && factor < 1e15 {
+        Some(number * Number::from(factor as i64))
     } else if factor < 1.0 && inverse < 9e15 && 1.0 / inverse == factor {
-        number * Number::from(inverse as i64).recip()
+        Some(number * Number::from(inverse as i64).recip())
     } else {
-        Number::float(number.to_f64() * factor)
+        Some(Number::float(number.to_f64() * factor))
     }
+}
+
+/// The product of a decimal and a power of ten.
+fn moved(digits: &str, factor: f64) -> Option<Number> {
+    let ten = libm::log10(factor).round() as i32;
+    if format!("1e{ten}").parse() != Ok(factor) {
+        return None;
+    }
+    let (mantissa, exponent) = digits.split_once(['e', 'E']).unwrap_or((digits, "0"));
+    let exponent = exponent.parse::<i32>().ok()?.checked_add(ten)?;
+    Number::decimal(&format!("{mantissa}e{exponent}"))
 }
 
 /// The factor to SI, rounded once, and the dimension of a unit.
