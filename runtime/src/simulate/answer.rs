@@ -23,20 +23,17 @@ const EFFORT: usize = 400_000;
 const SAMPLES: usize = 10_000_000;
 /// What is held more and less where the other side is not linear, at first, and the part of it that is tried next, so
 /// often at most, until it makes no more of a change than that: what is large depends on the scene. Where nothing
-/// answers, as a body that friction holds, it is made larger by that instead.
+/// answers, as a body that friction holds, it is made larger by that instead, and then once more by so many times.
 const PROBE: f64 = 1e-3;
 const FINER: f64 = 1e-3;
+const MORE: f64 = 10.0;
 const LOOKS: usize = 4;
 const SAME: f64 = 1e-3;
-/// An answer to a larger change that is more than so many times the one to a small one says that something lets go; one that
-/// is within this part of it and it of that, that nothing holds.
-const HELD: f64 = 1e6;
-const HOLDS: f64 = 0.1;
 /// Of a difference of two answers this part of their size is rounding; and all of one that is no larger than this, by
 /// which stages of what friction holds differ.
 const ROUNDED: f64 = 64.0 * f64::EPSILON;
 const DUST: f64 = 1e-30;
-/// An answer so many times that about what is held at the start, or such a part of it, is none.
+/// An answer so many times that about what is held at the start is none.
 const BEYOND: f64 = 100.0;
 
 /// By interval, a matrix of the ports.
@@ -135,28 +132,23 @@ impl Run {
         let size = |a: &Answers| a.first().map_or(0.0, |m| largest(m));
         let mut answers = self.in_proportion(c, period, (ports, &zero));
         if about.iter().any(|v| *v != 0.0) {
-            // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K, or next to
-            // none, as friction that what is held overcomes.
+            // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K.
             let there = self.in_proportion(c, period, (ports, about));
-            let [now, then] = [&answers, &there].map(size);
-            let alike = now <= BEYOND * then && then <= BEYOND * now;
-            if !there.is_empty() && (answers.is_empty() || !alike) {
+            if size(&there) > 0.0 && (answers.is_empty() || size(&answers) > BEYOND * size(&there)) {
                 answers = there;
             }
         }
-        let (small, mut probe) = (size(&answers), PROBE);
+        let mut probe = PROBE;
         for _ in 0..LOOKS {
+            if size(&answers) > 0.0 {
+                break;
+            }
             probe /= FINER;
             let larger = self.response(c, period, (ports, about), probe);
-            let now = size(&larger);
-            // What is held gives nothing, or rounding, of which there is no more where the change is larger.
-            if now > HELD * small {
-                // Of a change that just overcomes what holds, most is held: the next one counts.
-                let next = self.response(c, period, (ports, about), probe / FINER);
-                return if size(&next) > now { next } else { larger };
-            }
-            if HOLDS * small < now && HOLDS * now < small {
-                break;
+            if size(&larger) > 0.0 {
+                // Of a change that just overcomes what holds, most is held.
+                let more = self.response(c, period, (ports, about), MORE * probe);
+                answers = if size(&more) > size(&larger) { more } else { larger };
             }
         }
         answers
