@@ -1156,3 +1156,63 @@ fn what_no_device_moves_is_refused() {
     assert_eq!(rows[12..15], [[3.0, 1.0], [3.0, 1.0], [3.0, 1.0]], "{rows:?}");
     assert!(rows[..12].iter().chain(&rows[15..]).all(|r| r[0] == 0.0), "{rows:?}");
 }
+
+/// Where a wave begins to arrive, energies are subnormal, and most of their digits rounding: that is no worst balance.
+#[test]
+fn the_worst_balance_is_of_energies_that_are_some() {
+    if !is_there() {
+        return;
+    }
+    let text = "
+      model Chain(n = 200) {
+        Se:drive = 1 N
+        for i in 1..n { 1:v[i]  I:m[i] = 0.01 kg  v[i] -> m[i] }
+        drive -> v[1]
+        for i in 2..n {
+          0:z[i]
+          C:k[i] { e = 4000 N/m * q + 1e9 N/m^3 * q^3 }
+          v[i-1] -> z[i] -> v[i]
+          z[i] -> k[i]
+        }
+        R:end = 5 N*s/m
+        v[n] -> end
+        sampled at 500 Hz { C:s { stiffness = 300 N/m }  R:r = 2 N*s/m  1:h -> s, r }
+        v[100] ||> h
+        probe e = s.e
+        simulate { stop = 0.2 s; step = 0.2 ms }
+      }";
+    let compiled = with(Options::new(), text);
+    let (u, _) = emit(&compiled, 2e-4).unwrap_or_else(|e| panic!("{e}"));
+    let main = r#"
+#include "m.h"
+#include <stdio.h>
+int main(void) {
+    static bond_state s;
+    int k, r;
+    bond_init(&s);
+    for (k = 0; k < 100; ++k)
+        if (bond_commit(&s, 0)) return 1;
+    for (r = 0; r < BOND_REGIONS; ++r) printf("%g\n", (double)bond_ledger(&s, r, BOND_LEDGER_WORST));
+    return 0;
+}
+"#;
+    let rows = built(&u, main).rows("run");
+    assert_eq!(rows.len(), 2);
+    assert!(rows.iter().all(|row| row[0] < 1e-12), "{rows:?}");
+}
+
+/// What numbers that are none would go unseen by is refused.
+#[test]
+fn fast_mathematics_is_refused() {
+    if !is_there() {
+        return;
+    }
+    let compiled = with(Options::new(), "model A { C:s = 1 m/N  I:m = 1 kg  1:v -> s, m  probe q = s.q }");
+    let (u, _) = emit(&compiled, 1e-3).unwrap_or_else(|e| panic!("{e}"));
+    let here = built(&u, "int main(void) { return 0; }");
+    for flag in ["-ffast-math", "-ffinite-math-only"] {
+        let cc = Command::new("cc").args([flag, "-c", "m.c"]).current_dir(&here.0).output().expect("cc runs");
+        let said = String::from_utf8_lossy(&cc.stderr);
+        assert!(!cc.status.success() && said.contains("not with -ffast-math"), "{flag}: {said}");
+    }
+}
