@@ -90,8 +90,9 @@ pub(super) fn outputs(
     };
     let mut half: Option<Expr> = None;
     let free = residuals.clone();
-    // Laws that may leave their unknowns open, and those of them for which the states alone decide that.
-    let (mut bare, mut open) = (Vec::new(), vec![false; c.loops.len()]);
+    // Laws that may leave their unknowns open, those of them for which the states alone decide that, and whether others do
+    // together.
+    let (mut bare, mut open, mut coupled) = (Vec::new(), vec![false; c.loops.len()], false);
     for (((((r, z), n), guess), switch), open) in
         residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches).zip(&mut open)
     {
@@ -104,8 +105,10 @@ pub(super) fn outputs(
         };
         let may_be_open = if is_bare { observed } else { midway };
         bare.push(is_bare || midway && pull.is_some());
+        let alone = imposed() && !reads(c, model, form, n);
+        coupled |= is_bare && !alone && c.is_open();
         if let Some(pull) = pull
-            && (is_bare && observed || imposed() && !reads(c, model, form, n))
+            && alone
         {
             *open = may_be_open;
             let before = bound(model, lowering, &format!("{} before", model.pool.name(*z)), *guess);
@@ -137,7 +140,7 @@ pub(super) fn outputs(
     let mut start = guesses.to_vec();
     if observed && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
         let sizes = (&weight[..], &scale[..]);
-        let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, sizes };
+        let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, coupled, sizes };
         let (found, loops) = ahead.solve((c, model), b, lowering, &start, last)?;
         let known = ahead.unless(found, (c, model, lowering), &residuals, &loops);
         for (value, start) in loops.into_iter().zip(&mut start) {
@@ -172,6 +175,9 @@ fn bound(model: &mut Model, lowering: &mut Lowering, name: &str, value: Value) -
 /// its unknown: the states' way does.
 const TELLS: f64 = 1e-3;
 
+/// So much of what laws in one loop are half a step later comes to what they are.
+const LITTLE: f64 = 1e-5;
+
 /// Loops of which some laws may stand upright, as dry friction that holds, or lie flat, as a diode that blocks, for what
 /// the states impose: what such a law gives follows from where the states go on to. A force that holds a body at rest is
 /// what leaves it there.
@@ -182,6 +188,8 @@ struct Ahead<'a> {
     held: &'a [Expr],
     /// Laws that are asked for by the states alone, and may be such.
     open: &'a [bool],
+    /// Whether several laws stand in one loop, which may leave open together what each of them gives.
+    coupled: bool,
     /// Weights and scales.
     sizes: (&'a [Value], &'a [Value]),
 }
@@ -208,6 +216,9 @@ impl Ahead<'_> {
             moved.insert(s.symbol, model.pool.add(x, step));
         }
         let later: Vec<Expr> = self.free.iter().map(|r| model.pool.substitute(*r, &moved)).collect();
+        if self.coupled {
+            return self.together((c, model), b, lowering, start, &later);
+        }
         let (near, mut loops) = self.find((c, model), b, lowering, self.held, start)?;
         let ahead = self.unless(near, (c, model, lowering), &later, &loops);
         let (far, ahead) = self.find((c, model), b, lowering, &ahead, start)?;
@@ -222,8 +233,14 @@ impl Ahead<'_> {
             c.loops.iter().zip(&loops).for_each(|(z, value)| at.bind(*z, *value));
             let mut residuals = self.free.to_vec();
             let mut k = 0;
-            for ((r, later), _) in residuals.iter_mut().zip(&later).zip(self.open).filter(|t| *t.1) {
-                let steep = tells(&mut model.pool, &c.loops, *r, *later);
+            for (((r, later), z), _) in residuals.iter_mut().zip(&later).zip(&c.loops).zip(self.open).filter(|t| *t.1) {
+                let pool = &mut model.pool;
+                let [now, then] = [*r, *later].map(|r| {
+                    let slope = pool.derivative(r, *z);
+                    pool.unary(Unary::Abs, slope)
+                });
+                let part = pool.scale(then, Number::float(TELLS));
+                let steep = pool.binary(Binary::Le, part, now);
                 let mut steep = at.lower(&model.pool, b, steep).map_err(|s| missing(model, s))?;
                 // What the law and the state differ by where it lies flat, as what rings by, is none of its way.
                 let off = if round == 0 {
@@ -248,6 +265,26 @@ impl Ahead<'_> {
             loops = loops.into_iter().zip(now).map(|(before, now)| b.select(good, now, before)).collect();
         }
         Ok((found, loops))
+    }
+
+    /// The same of laws in one loop: which of them tell their unknowns, only all their equations say together. So each
+    /// equation has a little of what it is half a step later: that adds next to nothing to what is told, and is all that
+    /// is left of what is not.
+    fn together(
+        &self,
+        (c, model): (&Cluster, &mut Model),
+        b: &mut Builder,
+        lowering: &mut Lowering,
+        start: &[Value],
+        later: &[Expr],
+    ) -> Result<(Value, Vec<Value>), Vec<Diagnostic>> {
+        let (far, ahead) = self.find((c, model), b, lowering, later, start)?;
+        let with: Vec<Expr> = (self.free.iter().zip(later))
+            .map(|(r, later)| model.pool.combine(&[(*r, Number::ONE), (*later, Number::float(LITTLE))]))
+            .collect();
+        let (good, now) = self.find((c, model), b, lowering, &with, &ahead)?;
+        let found = b.binary(Binary::Max, far, good);
+        Ok((found, ahead.into_iter().zip(now).map(|(ahead, now)| b.select(good, now, ahead)).collect()))
     }
 
     /// Residuals that are 0 where the loops were found, and these others where they were not.
@@ -304,27 +341,6 @@ impl Ahead<'_> {
         }
         Ok((found, values))
     }
-}
-
-/// Whether a law tells any of the unknowns, against what it is half a step later; it has to where that does not either.
-fn tells(pool: &mut Pool, unknowns: &[Symbol], law: Expr, later: Expr) -> Expr {
-    let (zero, mut some, mut open) = (pool.zero(), pool.zero(), pool.int(1));
-    for z in unknowns {
-        let [now, then] = [law, later].map(|r| {
-            let slope = pool.derivative(r, *z);
-            pool.unary(Unary::Abs, slope)
-        });
-        if pool.is_zero(now) && pool.is_zero(then) {
-            continue;
-        }
-        let part = pool.scale(then, Number::float(TELLS));
-        let (steep, any) = (pool.binary(Binary::Le, part, now), pool.binary(Binary::Lt, zero, now));
-        let steep = pool.binary(Binary::Min, steep, any);
-        some = pool.binary(Binary::Max, some, steep);
-        let none = pool.binary(Binary::Le, then, zero);
-        open = pool.binary(Binary::Min, open, none);
-    }
-    pool.binary(Binary::Max, some, open)
 }
 
 /// The length of the last step, where the stepper keeps it.

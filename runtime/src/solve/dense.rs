@@ -27,8 +27,8 @@ pub const RANGE: (f64, f64) = (1e-200, 1e200);
 /// divided; for two see [`DIGITS`].
 ///
 /// Where equations may leave unknowns `open`, as what two frictions on both sides of a gear hold each, a row of zeros, as
-/// of ideal diodes in a ring that all conduct, has `s_i = 0`; and where a pivot is at most [`POOR`] `c_k`, row `k` is not
-/// exchanged, and `r_k = s_k`. It says what other rows said where what is left of it
+/// of ideal diodes in a ring that all conduct, has `s_i = 0`; and where a pivot is at most [`POOR`] `c_k`, row `k` is
+/// exchanged with the first of the later ones, it included, of which least is left, `max_j>k |a_ij| s_i`, and `r_k = s_k`. It says what other rows said where what is left of it
 /// then, `b_k - a_k,k+1 x_k+1 - ...`, is at most [`ALIKE`] times the sum of `b_k` as it was given and what was taken off
 /// it, each by its size; so `x_k = 0`. Else all is done again, as where nothing may be open.
 ///
@@ -96,7 +96,7 @@ fn eliminate(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch, open
         parked[k] = open && best <= POOR * column[k];
         left |= parked[k];
         if parked[k] {
-            p = k;
+            p = emptiest(n, k, a, scale);
         } else if best <= TINY * column[k] {
             return Err(order[k]);
         }
@@ -134,6 +134,19 @@ fn eliminate(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch, open
         }
     }
     Ok(Some(left))
+}
+
+/// The first of the rows from `k` on of which least is left behind column `k`.
+fn emptiest(n: usize, k: usize, a: &[f64], scale: &[f64]) -> usize {
+    let left = |i: usize| a[i * n + k + 1..(i + 1) * n].iter().fold(0.0f64, |m, x| larger(m, x.abs())) * scale[i];
+    let (mut p, mut least) = (k, left(k));
+    for i in k + 1..n {
+        let other = left(i);
+        if other < least {
+            (p, least) = (i, other);
+        }
+    }
+    p
 }
 
 /// Two unknowns; false where pivots are asked for.
@@ -245,13 +258,20 @@ mod tests {
         let solve_so = |open, b: &mut [f64]| solve(3, &mut matrix.clone(), b, &mut Scratch::new(3), open);
         assert_eq!(solve_so(true, &mut b), Ok(true));
         assert!((b[0] - 0.2).abs() < 1e-15 && (b[1] + 1e5).abs() < 1e-9 && b[2] == 0.0, "{b:?}");
-        // Of a row of zeros, as of laws that are all flat, another unknown is told nothing.
-        let flat = [[0.0; 3], [1.0, -1.0, 0.0], [0.0, 0.0, 2.0]].concat();
-        let solve_flat = |open, b: &mut [f64]| solve(3, &mut flat.clone(), b, &mut Scratch::new(3), open);
-        let mut b = [0.0, 0.5, 3.0];
-        assert_eq!((solve_flat(true, &mut b), b), (Ok(true), [0.5, 0.0, 1.5]));
-        assert_eq!(solve_flat(false, &mut [0.0, 0.5, 3.0]), Err(0));
-        assert_eq!(solve_flat(true, &mut [1.0, 0.5, 3.0]), Err(0));
+        // Of a row of zeros, as of laws that are all flat, another unknown is told nothing, wherever it stands; and so of
+        // one that becomes such.
+        for empty in [[0.0; 3], [2.0, -2.0, 0.0]] {
+            let rows = [(empty, empty[0] / 2.0), ([1.0, -1.0, 0.0], 0.5), ([0.0, 0.0, 2.0], 3.0)];
+            for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+                let flat = order.map(|i| rows[i].0).concat();
+                let mut b = order.map(|i| rows[i].1);
+                let mut none = order.map(|i| if i == 0 { 1.5 } else { 0.5 });
+                let mut scratch = Scratch::new(3);
+                assert_eq!(solve(3, &mut flat.clone(), &mut b, &mut scratch, true), Ok(true), "{order:?}");
+                assert_eq!((b[0] - b[1], b[2]), (0.5, 1.5), "{order:?}");
+                assert!(solve(3, &mut flat.clone(), &mut none, &mut scratch, true).is_err(), "{order:?}");
+            }
+        }
         // Two that don't are left to themselves.
         let (mut b, mut same) = ([0.1, -0.06, 0.05], [0.1, -0.06, 0.05]);
         assert_eq!(solve_so(true, &mut b), solve_so(false, &mut same));

@@ -112,7 +112,19 @@ again:
         }
         parked[k] = open && best <= BOND_SMALL(1e-14, 1e-5) * column[k];
         if (parked[k] != 0) {
-            p = k;
+            bond_real least = 0;
+            for (i = k; i < n; ++i) {
+                bond_real rest = 0;
+                for (j = k + 1; j < n; ++j) {
+                    const bond_real x = BOND_M(fabs)(a[i * n + j]);
+                    if (x > rest) rest = x;
+                }
+                rest *= scale[i];
+                if (i == k || rest < least) {
+                    p = i;
+                    least = rest;
+                }
+            }
             left = -2;
         } else if (best <= BOND_SMALL(1e-16, 1e-7) * column[k]) return order[k];
         if (p > k) {

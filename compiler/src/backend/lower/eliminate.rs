@@ -152,8 +152,12 @@ impl Writer {
                     let (poor, may) = (w.tolerance(POOR), w.get(may));
                     let poor = w.mul(poor, column[k]);
                     let park = Cond::all([Cond::True(may), w.le(best, poor)]);
-                    let own = w.number(k as f64);
-                    p = w.select(park.clone(), own, p);
+                    let chosen = w.holding(p);
+                    w.when(park.clone(), |w| {
+                        let emptiest = emptiest(w, n, k, (&a, &scale), larger);
+                        w.set(chosen, emptiest);
+                    });
+                    p = w.get(chosen);
                     let flag = w.select(park.clone(), one, zero);
                     parked.push(w.holding(flag));
                     let left = w.number(LEFT_OPEN);
@@ -234,4 +238,33 @@ impl Writer {
             w.push(Stmt::Break);
         });
     }
+}
+
+/// The first of the rows from `k` on of which least is left behind column `k`.
+fn emptiest(
+    w: &mut Writer,
+    n: usize,
+    k: usize,
+    (a, scale): (&[Var], &[Var]),
+    larger: impl Fn(&mut Writer, Value, Value) -> Value,
+) -> Value {
+    let left = |w: &mut Writer, i: usize| {
+        let zero = w.number(0.0);
+        let most = (k + 1..n).fold(zero, |m, j| {
+            let x = w.get(a[i * n + j]);
+            let x = w.abs(x);
+            larger(w, m, x)
+        });
+        let scale = w.get(scale[i]);
+        w.mul(most, scale)
+    };
+    let (mut p, mut least) = (w.number(k as f64), left(w, k));
+    for i in k + 1..n {
+        let other = left(w, i);
+        let less = w.lt(other, least);
+        let number = w.number(i as f64);
+        p = w.select(less.clone(), number, p);
+        least = w.select(less, other, least);
+    }
+    p
 }
