@@ -175,8 +175,9 @@ fn bound(model: &mut Model, lowering: &mut Lowering, name: &str, value: Value) -
 /// its unknown: the states' way does.
 const TELLS: f64 = 1e-3;
 
-/// So much of what laws in one loop are half a step later comes to what they are.
-const LITTLE: f64 = 1e-5;
+/// So much of what laws in one loop change by half a step later comes to what they are, so often.
+const PART: f64 = 1e-2;
+const ROUNDS: usize = 3;
 
 /// Loops of which some laws may stand upright, as dry friction that holds, or lie flat, as a diode that blocks, for what
 /// the states impose: what such a law gives follows from where the states go on to. A force that holds a body at rest is
@@ -267,9 +268,9 @@ impl Ahead<'_> {
         Ok((found, loops))
     }
 
-    /// The same of laws in one loop: which of them tell their unknowns, only all their equations say together. So each
-    /// equation has a little of what it is half a step later: that adds next to nothing to what is told, and is all that
-    /// is left of what is not.
+    /// The same of laws in one loop: which of them tell their unknowns, only all their equations say together. So it
+    /// begins where they are half a step later, and each equation gets a part of what that changes by, anew from where it
+    /// has led: what is told comes to what it is, by that part each time, and of what is not that is all there is.
     fn together(
         &self,
         (c, model): (&Cluster, &mut Model),
@@ -278,13 +279,22 @@ impl Ahead<'_> {
         start: &[Value],
         later: &[Expr],
     ) -> Result<(Value, Vec<Value>), Vec<Diagnostic>> {
-        let (far, ahead) = self.find((c, model), b, lowering, later, start)?;
-        let with: Vec<Expr> = (self.free.iter().zip(later))
-            .map(|(r, later)| model.pool.combine(&[(*r, Number::ONE), (*later, Number::float(LITTLE))]))
-            .collect();
-        let (good, now) = self.find((c, model), b, lowering, &with, &ahead)?;
-        let found = b.binary(Binary::Max, far, good);
-        Ok((found, ahead.into_iter().zip(now).map(|(ahead, now)| b.select(good, now, ahead)).collect()))
+        let (mut found, mut loops) = self.find((c, model), b, lowering, later, start)?;
+        for _ in 0..ROUNDS {
+            let mut there = lowering.clone();
+            c.loops.iter().zip(&loops).for_each(|(z, value)| there.bind(*z, *value));
+            let mut with = Vec::with_capacity(later.len());
+            for (r, later) in self.free.iter().zip(later) {
+                let known = there.lower(&model.pool, b, *later).map_err(|s| missing(model, s))?;
+                let known = bound(model, lowering, "later there", known);
+                let change = model.pool.sub(*later, known);
+                with.push(model.pool.combine(&[(*r, Number::ONE), (change, Number::float(PART))]));
+            }
+            let (good, now) = self.find((c, model), b, lowering, &with, &loops)?;
+            found = b.binary(Binary::Max, found, good);
+            loops = loops.into_iter().zip(now).map(|(before, now)| b.select(good, now, before)).collect();
+        }
+        Ok((found, loops))
     }
 
     /// Residuals that are 0 where the loops were found, and these others where they were not.
