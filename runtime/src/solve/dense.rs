@@ -28,9 +28,10 @@ pub const RANGE: (f64, f64) = (1e-200, 1e200);
 ///
 /// Where equations may leave unknowns `open`, as what two frictions on both sides of a gear hold each, a row of zeros, as
 /// of ideal diodes in a ring that all conduct, has `s_i = 0`; and where a pivot is at most [`POOR`] `c_k`, row `k` is
-/// exchanged with the first of the later ones, it included, of which least is left, `max_j>k |a_ij| s_i`, and `r_k = s_k`. It says what other rows said where what is left of it
-/// then, `b_k - a_k,k+1 x_k+1 - ...`, is at most [`ALIKE`] times the sum of `b_k` as it was given and what was taken off
-/// it, each by its size; so `x_k = 0`. Else all is done again, as where nothing may be open.
+/// exchanged with the first of the rows from `k` on of which least is left, `max_j>k |a_ij| s_i`, and `r_k = s_k`. It
+/// says what other rows said where what is left of it then, `b_k - a_k,k+1 x_k+1 - ...`, is at most [`ALIKE`] times the
+/// sum of `b_k` as it was given and what was taken off it, each by its size; so `x_k = 0`. Else all is done again, as
+/// where nothing may be open.
 ///
 /// # Errors
 /// The row for which no pivot is found, counted in the order given. `x` may still be infinite or NaN where the matrix
