@@ -164,3 +164,29 @@ pub fn close(found: f64, wanted: f64, tolerance: f64, what: &str) {
 pub fn cases(usual: u32) -> u32 {
     std::env::var("PROPTEST_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(usual)
 }
+
+/// A bridge of ideal diodes between the inductance of a line and a coil.
+pub const BRIDGE: &str = "
+model Bridge {
+  Se:mains = 325 V * sin(100*pi*1 Hz * t)
+  I:line = 1 mH
+  I:coil = 20 mH
+  R:load = 10 Ohm
+  R:d1 { e = min(s, 0)*1 V; f = max(s, 0)*1 A }
+  R:d2 { e = min(s, 0)*1 V; f = max(s, 0)*1 A }
+  R:d3 { e = min(s, 0)*1 V; f = max(s, 0)*1 A }
+  R:d4 { e = min(s, 0)*1 V; f = max(s, 0)*1 A }
+  mains -> 1:across -> line, 0:a
+  0:b -> across
+  a -> 1:m1 -> d1
+  b -> 1:m2 -> d2
+  m1, m2 -> 0:plus -> 1:out -> coil, load
+  1:m3 -> d3
+  1:m4 -> d4
+  m3 -> a
+  m4 -> b
+  probe i = coil.f
+  probe u = coil.e + load.e
+  probe carries = max(d1.f, d2.f)
+  probe gives = min(min(d1.P, d2.P), min(d3.P, d4.P))
+}";

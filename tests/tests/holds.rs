@@ -763,8 +763,7 @@ fn what_is_measured_goes_by_the_size_of_the_scene() {
     }
 }
 
-/// What friction holds at the start answers as what slides, by any method: else a sampled spring would drive it. At the
-/// end it rests where the spring holds it, give or take what friction holds, and debts are a small part of what crosses.
+/// What friction holds at the start answers as what slides, however it is stepped: else a sampled spring would drive it.
 #[test]
 fn what_friction_holds_answers_as_what_slides() {
     let moved = "Se:push = if t < 0.1 s then 0 N else 5 N  push -> v";

@@ -1,6 +1,6 @@
 //! Resistances that switch: contacts, valves, choppers, the legs of bridges.
 
-use crate::common::{close, end, finish, probe, run, start, text, with};
+use crate::common::{BRIDGE, close, end, finish, probe, run, start, text, with};
 use bond::{Options, Steps};
 use bond_compiler::discretise::Accuracy;
 
@@ -256,7 +256,7 @@ fn a_conductance_may_be_a_diode() {
 }
 
 /// A bridge of ideal diodes behind the inductance of a line: while the current goes over from one pair to the other, all
-/// four conduct, and what goes round in them is open. The currents of line and load against the two circuits, by turns.
+/// four conduct, and what goes round in them is open. The load's current against that of the two circuits, by turns.
 #[test]
 fn a_bridge_behind_a_line_commutes() {
     let (line, coil, r, u) = (1e-3, 20e-3, 10.0, |t: f64| 325.0 * f64::sin(100.0 * std::f64::consts::PI * t));
@@ -277,27 +277,6 @@ fn a_bridge_behind_a_line_commutes() {
             None => None,
         };
     }
-    let text = "
-      model Bridge {
-        Se:mains = 325 V * sin(100*pi*1 Hz * t)
-        I:line = 1 mH
-        I:coil = 20 mH
-        R:load = 10 Ohm
-        R:d1 { e = min(s, 0)*1 V; f = max(s, 0)*1 A + min(s, 0)*1 uA }
-        R:d2 { e = min(s, 0)*1 V; f = max(s, 0)*1 A + min(s, 0)*1 uA }
-        R:d3 { e = min(s, 0)*1 V; f = max(s, 0)*1 A + min(s, 0)*1 uA }
-        R:d4 { e = min(s, 0)*1 V; f = max(s, 0)*1 A + min(s, 0)*1 uA }
-        mains -> 1:across -> line, 0:a
-        0:b -> across
-        a -> 1:m1 -> d1
-        b -> 1:m2 -> d2
-        m1, m2 -> 0:plus -> 1:out -> coil, load
-        1:m3 -> d3
-        1:m4 -> d4
-        m3 -> a
-        m4 -> b
-        probe i = coil.f
-      }";
     for (method, tolerance, off) in [
         ("", 1e-6, 1e-3),
         ("", 1e-9, 1e-5),
@@ -305,10 +284,10 @@ fn a_bridge_behind_a_line_commutes() {
         ("collocation4", 1e-8, 1e-5),
         ("gonzalez", 1e-7, 1e-4),
     ] {
-        let compiled = with(by(method).accuracy(Accuracy::Tolerance(tolerance)), text);
+        let compiled = with(by(method).accuracy(Accuracy::Tolerance(tolerance)), BRIDGE);
         close(end(&compiled, Steps::tolerance(tolerance), 0.1, "i"), i, off * i, &format!("{method} {tolerance:e}"));
     }
-    let compiled = with(Options::new(), text);
+    let compiled = with(Options::new(), BRIDGE);
     let mut sim = start(&compiled, Steps::fixed(1e-3));
     finish(&mut sim, 0.1);
     assert!(sim.summary().passive);

@@ -123,7 +123,8 @@ impl Simulation<'_> {
 }
 
 impl Run {
-    /// The answer ([`Self::response`]) about 0, or `about` what is held at the start where that tells more.
+    /// The answer ([`Self::response`]) about 0, or `about` what is held at the start where there is none, or one beyond all
+    /// others; where nothing answers, to the first change that is large enough.
     fn measured(&mut self, c: &Cluster, period: f64, ports: &[usize], about: &[f64]) -> Answers {
         let zero = vec![0.0; ports.len()];
         if c.is_linear {
