@@ -117,7 +117,8 @@ fn lanes_have_the_bits_of_scenes_alone() {
     if !is_there() {
         return;
     }
-    let scenes = all_scenes();
+    // Every second scene: together they take as long as all other tests.
+    let scenes: Vec<_> = all_scenes().into_iter().step_by(2).collect();
     // One after the other, the C compiler takes minutes.
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let done: Vec<bool> = std::thread::scope(|scope| {
@@ -126,7 +127,7 @@ fn lanes_have_the_bits_of_scenes_alone() {
         parts.into_iter().flat_map(|part| part.join().unwrap_or_else(|e| std::panic::resume_unwind(e))).collect()
     });
     let (seen, straight) = (done.len(), done.iter().filter(|straight| **straight).count());
-    assert!(seen > 50 && straight > 30, "{straight} of {seen} scenes have straight code");
+    assert!(seen > 40 && straight > 20, "{straight} of {seen} scenes have straight code");
 }
 
 /// Of each scene that has a form in C, whether it has straight code. Every fourth has single numbers too.

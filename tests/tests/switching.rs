@@ -292,3 +292,129 @@ fn a_bridge_behind_a_line_commutes() {
     finish(&mut sim, 0.1);
     assert!(sim.summary().passive);
 }
+
+/// A bridge of diodes with a threshold behind a line: nothing tells at its start what lies between diodes that all block.
+#[test]
+fn a_bridge_with_thresholds_starts() {
+    let text = "model M {
+      Se:mains = 12 V * sin(100*pi*1 Hz * t)
+      I:line = 10 mH
+      R:load = 44 Ohm
+      R:d1 { e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }
+      R:d2 { e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }
+      R:d3 { e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }
+      R:d4 { e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }
+      mains -> 1:across -> line, 0:a
+      0:b -> across
+      a -> 1:m1 -> d1, 0:plus
+      b -> 1:m2 -> d2, plus
+      1:m3 -> d3, a
+      1:m4 -> d4, b
+      plus -> load
+      probe i = line.f
+      probe u = plus.e
+    }";
+    let (mut i, mut at, n) = (0.0f64, Vec::new(), 400_000);
+    let h = 0.04 / f64::from(n);
+    for k in 0..n {
+        let v = 12.0 * f64::sin(100.0 * std::f64::consts::PI * (f64::from(k) + 0.5) * h);
+        let side = if i == 0.0 { v.signum() } else { i.signum() };
+        let rate = |i: f64| (side * v - 1.4 - 44.0 * i.abs()) / 10e-3;
+        let next = i.abs() + h * rate(i.abs() + 0.5 * h * rate(i));
+        i = side * next.max(0.0);
+        if (k + 1) % (n / 8) == 0 {
+            at.push(i);
+        }
+    }
+    // Where the current ends within a step of a fixed length, a part of it is left over.
+    let ways = [(Accuracy::Tolerance(1e-8), Steps::tolerance(1e-8), 2e-5), (Accuracy::Fixed, Steps::fixed(5e-6), 3e-4)];
+    for (accuracy, steps, off) in ways {
+        let compiled = with(Options::new().accuracy(accuracy), text);
+        let mut sim = start(&compiled, steps);
+        for (k, wanted) in at.iter().enumerate() {
+            let t = 5e-3 * f64::from(k as u32 + 1);
+            sim.advance(t).unwrap_or_else(|e| panic!("{accuracy:?}: {e}"));
+            close(probe(&mut sim, "i"), *wanted, off, &format!("{accuracy:?}, {t} s"));
+            close(probe(&mut sim, "u"), 44.0 * wanted.abs(), 44.0 * off, &format!("{accuracy:?}, {t} s"));
+        }
+        assert!(sim.summary().passive, "{:?}", sim.summary());
+    }
+}
+
+/// Two dry frictions in series, of which nothing tells at the start which one slides: the weaker one does.
+#[test]
+fn the_weaker_of_two_frictions_slides() {
+    let text = "model Series {
+      I:a { inertia = 2 kg; f0 = 1 m/s }
+      R:r { e = 0.5 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*1 m/s }
+      R:q { e = 1.6 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*1 m/s }
+      a -> 1:J -> 0:K -> q, r
+      probe v = a.f
+      probe F = r.e
+    }";
+    for method in ["", "radau", "collocation8"] {
+        let compiled = with(by(method), text);
+        let mut sim = start(&compiled, Steps::tolerance(1e-6));
+        for k in 1..=5 {
+            let t = 0.75 * f64::from(k);
+            sim.advance(t).unwrap_or_else(|e| panic!("{method}: {e}"));
+            close(probe(&mut sim, "v"), 1.0 - 0.25 * t, 1e-9, method);
+            close(probe(&mut sim, "F"), 0.5, 1e-9, method);
+        }
+        sim.finish(5.0).unwrap_or_else(|e| panic!("{method}: {e}"));
+        close(probe(&mut sim, "v"), 0.0, 1e-9, method);
+    }
+}
+
+/// What flows into two diodes that block has nowhere to go, and is not taken for their leak.
+#[test]
+fn a_flow_into_diodes_that_block_has_no_start() {
+    let diode = "{ e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }";
+    let text = format!("model M {{ Sf:i0 = -1 mA  R:d1 {diode}  R:d2 {diode}  i0 -> 0:j -> d1, d2  probe u = d1.e }}");
+    let wrong = Options::new().compile_str("test.bond", &text).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(wrong.contains("no solution was found at the start") && wrong.contains("a small leak"), "{wrong}");
+}
+
+/// A coil behind a bridge whose diodes have a threshold and leak a little is fed while the source is above both thresholds,
+/// and discharges through all four else, until none is left.
+#[test]
+fn a_bridge_that_leaks_feeds_a_coil() {
+    let diode = "{ e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A + 1 uA * (0.7 + min(s, 0)) }";
+    let model = format!(
+        "model M {{
+          Se:mains = 12 V * sin(100*pi*1 Hz * t)
+          I:line = 1 uH
+          R:d1 {diode}  R:d2 {diode}  R:d3 {diode}  R:d4 {diode}
+          I:coil = 12 mH
+          R:load = 44 Ohm
+          mains -> 1:across -> line, 0:a
+          0:b -> across
+          a -> 1:m1 -> d1, 0:plus
+          b -> 1:m2 -> d2, plus
+          1:m3 -> d3, a
+          1:m4 -> d4, b
+          plus -> 1:out -> load, coil
+          probe i = coil.f
+        }}"
+    );
+    let (mut i, mut at, n) = (0.0f64, Vec::new(), 400_000);
+    let h = 0.04 / f64::from(n);
+    for k in 0..n {
+        let u = |t: f64| 12.0 * f64::sin(100.0 * std::f64::consts::PI * t).abs() - 1.4;
+        let middle = i + 0.5 * h * (u(f64::from(k) * h) - 44.0 * i) / 12e-3;
+        i = (i + h * (u((f64::from(k) + 0.5) * h) - 44.0 * middle) / 12e-3).max(0.0);
+        if (k + 1) % (n / 8) == 0 {
+            at.push(i);
+        }
+    }
+    for method in ["", "gonzalez", "radau"] {
+        let compiled = with(by(method).accuracy(Accuracy::Tolerance(1e-6)), &model);
+        let mut sim = start(&compiled, Steps::tolerance(1e-6));
+        for (k, wanted) in at.iter().enumerate() {
+            let t = 5e-3 * f64::from(k as u32 + 1);
+            sim.advance(t).unwrap_or_else(|e| panic!("{method}: {e}"));
+            close(probe(&mut sim, "i"), *wanted, 1e-4, &format!("{method}, {t} s"));
+        }
+        assert!(sim.summary().passive, "{:?}", sim.summary());
+    }
+}

@@ -66,6 +66,8 @@ pub(super) struct Node {
     pub(super) how: Output,
     /// The curve that it is iterated as, where its law has an exponential.
     pub(super) steep: Option<Output>,
+    /// In a loop with other curves, the curve with a leak as which its start is found where ideal ones leave that open.
+    pub(super) leaky: Option<Output>,
     /// What it is iterated as within a loop, where it is linear and switched by a choice: what is open makes much of the
     /// rounding of a flow, so that what it bears is an unknown of its own, as over a resistor that holds tightly.
     pub(super) switched: Option<Output>,
@@ -76,7 +78,7 @@ pub(super) struct Node {
 impl Node {
     /// One that is linear and iterated as it is.
     fn plain(part: Part, out: Symbol, how: Output) -> Self {
-        Self { part, out, how, steep: None, switched: None, curved: false }
+        Self { part, out, how, steep: None, leaky: None, switched: None, curved: false }
     }
 
     /// The column of a source.
@@ -197,7 +199,7 @@ impl Cluster {
             }
         }
         for (c, how) in &r.resistors {
-            let steep = r.steep.get(c).copied();
+            let (steep, leaky) = (r.steep.get(c).copied(), r.leaky.get(c).copied());
             let out = form.column(*c).out;
             let gain = super::tight::gain(form, *c).filter(|k| pool.is_switched(*k));
             let switched = gain.filter(|_| matches!(how, Output::Explicit(_))).map(|k| {
@@ -210,6 +212,7 @@ impl Cluster {
                 out,
                 how: *how,
                 steep,
+                leaky,
                 switched,
                 curved: !r.gains.contains_key(c),
             });
@@ -227,6 +230,7 @@ impl Cluster {
                 out: l.unknown,
                 how,
                 steep: None,
+                leaky: None,
                 switched: None,
                 curved: true,
             });

@@ -27,6 +27,8 @@ const NOTHING: f64 = 1e-60;
 const ELSEWHERE: [f64; 8] = [1.0, 300.0, 1e-3, 1e3, 1e5, 10.0, 1e-6, -1.0];
 /// Solutions that differ by less are one.
 const SAME: f64 = 1e-6;
+/// An ideal law holds where its parameter, a bare number of the size of what it bears or passes, is off by no more than this.
+const NEAR: f64 = 1e-7;
 
 struct System<'a> {
     model: &'a Model,
@@ -166,11 +168,50 @@ impl System<'_> {
     }
 }
 
-/// Values of the loops' unknowns at the start.
+/// Values of the loops' unknowns at the start. Where ideal laws in one loop leave open what lies between them, as diodes
+/// with a threshold at rest, or frictions in series, it is as between equal leaks.
 ///
 /// # Errors
 /// Where there is no solution, or more than one, with the bonds.
 pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, Vec<Diagnostic>> {
+    let found = guesses_of(c, model, form);
+    if found.is_ok() || c.nodes.iter().all(|n| n.leaky.is_none()) {
+        return found;
+    }
+    let mut leaky = c.clone();
+    for node in &mut leaky.nodes {
+        node.how = node.leaky.unwrap_or(node.how);
+    }
+    match guesses_of(&leaky, model, form) {
+        Ok(leaking) if is_near(c, model, form, &leaking) => Ok(leaking),
+        Ok(_) | Err(_) => found,
+    }
+}
+
+/// Whether ideal laws hold there: what flows is no leak.
+fn is_near(c: &Cluster, model: &mut Model, form: &Form, guesses: &[f64]) -> bool {
+    let map = c.at_instant(&mut model.pool, form);
+    let flat = c.flat(&mut model.pool, map);
+    let at: FxHashMap<Symbol, f64> =
+        known(c, model).into_iter().chain(c.loops.iter().copied().zip(guesses.iter().copied())).collect();
+    let residuals = c.loop_residuals(&mut model.pool);
+    c.loop_nodes().iter().zip(residuals).filter(|(n, _)| n.leaky.is_some()).all(|(_, r)| {
+        let r = model.pool.substitute(r, &flat);
+        model.pool.eval(r, &|s| at.get(&s).copied().unwrap_or(0.0)).abs() <= NEAR
+    })
+}
+
+/// What is known at the start.
+fn known(c: &Cluster, model: &Model) -> FxHashMap<Symbol, f64> {
+    c.states
+        .iter()
+        .map(|s| (s.symbol, s.initial))
+        .chain(c.integrals.iter().map(|i| (i.symbol, i.start)))
+        .chain(c.inputs.iter().map(|i| (i.1, model.inputs[i.0].value)))
+        .collect()
+}
+
+fn guesses_of(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, Vec<Diagnostic>> {
     let n = c.loops.len();
     let mut all = vec![0.0; n];
     if n == 0 || n > LARGEST {
@@ -189,13 +230,7 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
             inside
         })
         .collect();
-    let known: FxHashMap<Symbol, f64> = c
-        .states
-        .iter()
-        .map(|s| (s.symbol, s.initial))
-        .chain(c.integrals.iter().map(|i| (i.symbol, i.start)))
-        .chain(c.inputs.iter().map(|i| (i.1, model.inputs[i.0].value)))
-        .collect();
+    let known = known(c, model);
     // What shares no unknown is solved by itself: a law at its corner, where its slope is 0, says nothing of the others.
     for block in blocks(&reads) {
         let own: FxHashMap<usize, usize> = block.iter().enumerate().map(|(k, i)| (*i, k)).collect();
@@ -210,7 +245,8 @@ pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec
         let residuals = block.iter().map(|i| residuals[*i]).collect();
         let system = System { model, unknowns: &unknowns, place, known: &known, residuals, slopes };
         let solution = system.solution(c).map_err(|wrong| {
-            let (what, help) = wrong.words();
+            let curves = c.loop_nodes().iter().filter(|n| unknowns.contains(&n.unknown()) && n.leaky.is_some()).count();
+            let (what, help) = wrong.words(curves > 1);
             vec![complain(c, model, form, &unknowns, what, help)]
         })?;
         for (i, x) in block.iter().zip(solution.iter()) {
@@ -252,8 +288,13 @@ enum Wrong {
 }
 
 impl Wrong {
-    fn words(&self) -> (&'static str, &'static str) {
+    /// What to say of it, where several ideal laws are in it or not.
+    fn words(&self, ideal: bool) -> (&'static str, &'static str) {
         match self {
+            Wrong::None if ideal => (
+                "no solution was found at the start",
+                "check the laws: what flows into diodes that all block, or is to move what frictions hold, has nowhere to go; a small leak, such as `f = max(s, 0)*1 A + 1 uA * min(s, 0)`, or a storage gives it a way",
+            ),
             Wrong::None => (
                 "no solution was found at the start",
                 "check the laws; a law that jumps where it should hold still, as friction written with `sign`, is better given as a curve, `{ e = ...; f = ... }` in `s`",

@@ -232,6 +232,8 @@ pub struct Region {
     pub resistors: Vec<(ColumnId, Output)>,
     /// Laws that grow so fast that their argument is the better unknown, as curves with the argument as parameter.
     pub steep: FxHashMap<ColumnId, Output>,
+    /// Curves with a leak, as which the start of a loop is found where several ideal ones leave it open.
+    pub leaky: FxHashMap<ColumnId, Output>,
     /// Of linear resistors and ports of linear fields: the output as a combination of inputs.
     pub gains: FxHashMap<ColumnId, Row>,
     /// Of resistors of one port that have no gain, and are no curves: the law's argument, and the law in terms of it.

@@ -10,19 +10,25 @@ use bond_runtime::ir::Unary;
 use nalgebra::DMatrix;
 use rustc_hash::{FxHashMap, FxHashSet};
 
+/// What leaks through a curve where its loop has no other start, as a part of its slopes: a flow along its effort. Circuit
+/// simulators put 1e-12 S across each junction (Nagel, SPICE2, 1975).
+const LEAK: f64 = 1e-12;
+
 /// A resistor's output, and its coefficients where it is linear.
 pub(super) struct Found {
     pub(super) how: Output,
     pub(super) gain: Option<Row>,
     /// See [`super::Region::steep`].
     pub(super) steep: Option<Output>,
+    /// See [`super::Region::leaky`].
+    pub(super) leaky: Option<Output>,
     /// See [`super::Region::laws`].
     pub(super) law: Option<(Symbol, Expr)>,
 }
 
 impl Found {
     fn plain(how: Output) -> Self {
-        Self { how, gain: None, steep: None, law: None }
+        Self { how, gain: None, steep: None, leaky: None, law: None }
     }
 }
 
@@ -82,8 +88,20 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
         let off = pool.sub(other, inputs[place]);
         let residual = pool.div(off, across);
         let weight = pool.mul(along, across);
-        let how = Output::Curve { parameter: curve.parameter, out, residual, weight, bends: None };
-        return Ok(Some(Found::plain(how)));
+        let curve = |out, residual| Output::Curve { parameter: curve.parameter, out, residual, weight, bends: None };
+        let leak = pool.float(LEAK);
+        let leaky = if c.gives == Variable::Effort {
+            let part = pool.div(leak, along);
+            let more = pool.mul(part, out);
+            curve(out, pool.add(residual, more))
+        } else {
+            let part = pool.mul(leak, along);
+            let part = pool.div(part, across);
+            let more = pool.mul(part, other);
+            curve(pool.add(out, more), residual)
+        };
+        let leaky = (!pool.is_zero(along) && !pool.is_zero(across)).then_some(leaky);
+        return Ok(Some(Found { leaky, ..Found::plain(curve(out, residual)) }));
     }
     if let (None, Some(k)) = (r.model.element(c.element).field, law.linear) {
         let k = r.resolve(k, Some(c.region), span)?;

@@ -221,6 +221,7 @@ pub(super) fn outputs(
             gains: FxHashMap::default(),
             laws: FxHashMap::default(),
             steep: FxHashMap::default(),
+            leaky: FxHashMap::default(),
             dependent: vec![],
             following: vec![],
             pseudo: false,
@@ -299,12 +300,16 @@ pub(super) fn outputs(
                 let first = *places.entry(asked).or_insert(parameter);
                 if first != parameter {
                     found.how = Output::Explicit(put(out, first));
+                    if let Some(Output::Curve { out, .. }) = found.leaky {
+                        found.leaky = Some(Output::Explicit(put(out, first)));
+                    }
                 }
             }
             regions[region].resistors.push((id, found.how));
             regions[region].gains.extend(found.gain.map(|g| (id, g)));
             regions[region].laws.extend(found.law.map(|l| (id, l)));
             regions[region].steep.extend(found.steep.map(|s| (id, s)));
+            regions[region].leaky.extend(found.leaky.map(|s| (id, s)));
         }
     }
     for g in &eliminated.groups {
