@@ -117,9 +117,8 @@ fn lanes_have_the_bits_of_scenes_alone() {
     if !is_there() {
         return;
     }
-    // Every second scene: together they take as long as all other tests.
+    // The C compiler takes minutes: every second scene, and as many at a time as there are threads.
     let scenes: Vec<_> = all_scenes().into_iter().step_by(2).collect();
-    // One after the other, the C compiler takes minutes.
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let done: Vec<bool> = std::thread::scope(|scope| {
         let parts: Vec<_> =

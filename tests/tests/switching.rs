@@ -293,27 +293,29 @@ fn a_bridge_behind_a_line_commutes() {
     assert!(sim.summary().passive);
 }
 
+/// A bridge of diodes between the inductance of a line and what `plus` feeds.
+fn bridge(diode: &str, line: &str, load: &str) -> String {
+    format!(
+        "model M {{
+          Se:mains = 12 V * sin(100*pi*1 Hz * t)
+          I:line = {line}
+          R:d1 {diode}  R:d2 {diode}  R:d3 {diode}  R:d4 {diode}
+          mains -> 1:across -> line, 0:a
+          0:b -> across
+          a -> 1:m1 -> d1, 0:plus
+          b -> 1:m2 -> d2, plus
+          1:m3 -> d3, a
+          1:m4 -> d4, b
+          {load}
+        }}"
+    )
+}
+
 /// A bridge of diodes with a threshold behind a line: nothing tells at its start what lies between diodes that all block.
 #[test]
 fn a_bridge_with_thresholds_starts() {
-    let text = "model M {
-      Se:mains = 12 V * sin(100*pi*1 Hz * t)
-      I:line = 10 mH
-      R:load = 44 Ohm
-      R:d1 { e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }
-      R:d2 { e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }
-      R:d3 { e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }
-      R:d4 { e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }
-      mains -> 1:across -> line, 0:a
-      0:b -> across
-      a -> 1:m1 -> d1, 0:plus
-      b -> 1:m2 -> d2, plus
-      1:m3 -> d3, a
-      1:m4 -> d4, b
-      plus -> load
-      probe i = line.f
-      probe u = plus.e
-    }";
+    let load = "R:load = 44 Ohm  plus -> load  probe i = line.f  probe u = plus.e";
+    let text = bridge("{ e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A }", "10 mH", load);
     let (mut i, mut at, n) = (0.0f64, Vec::new(), 400_000);
     let h = 0.04 / f64::from(n);
     for k in 0..n {
@@ -329,7 +331,7 @@ fn a_bridge_with_thresholds_starts() {
     // Where the current ends within a step of a fixed length, a part of it is left over.
     let ways = [(Accuracy::Tolerance(1e-8), Steps::tolerance(1e-8), 2e-5), (Accuracy::Fixed, Steps::fixed(5e-6), 3e-4)];
     for (accuracy, steps, off) in ways {
-        let compiled = with(Options::new().accuracy(accuracy), text);
+        let compiled = with(Options::new().accuracy(accuracy), &text);
         let mut sim = start(&compiled, steps);
         for (k, wanted) in at.iter().enumerate() {
             let t = 5e-3 * f64::from(k as u32 + 1);
@@ -380,23 +382,8 @@ fn a_flow_into_diodes_that_block_has_no_start() {
 #[test]
 fn a_bridge_that_leaks_feeds_a_coil() {
     let diode = "{ e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A + 1 uA * (0.7 + min(s, 0)) }";
-    let model = format!(
-        "model M {{
-          Se:mains = 12 V * sin(100*pi*1 Hz * t)
-          I:line = 1 uH
-          R:d1 {diode}  R:d2 {diode}  R:d3 {diode}  R:d4 {diode}
-          I:coil = 12 mH
-          R:load = 44 Ohm
-          mains -> 1:across -> line, 0:a
-          0:b -> across
-          a -> 1:m1 -> d1, 0:plus
-          b -> 1:m2 -> d2, plus
-          1:m3 -> d3, a
-          1:m4 -> d4, b
-          plus -> 1:out -> load, coil
-          probe i = coil.f
-        }}"
-    );
+    let load = "I:coil = 12 mH  R:load = 44 Ohm  plus -> 1:out -> load, coil  probe i = coil.f";
+    let model = bridge(diode, "1 uH", load);
     let (mut i, mut at, n) = (0.0f64, Vec::new(), 400_000);
     let h = 0.04 / f64::from(n);
     for k in 0..n {

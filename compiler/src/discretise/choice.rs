@@ -154,7 +154,7 @@ pub(super) fn laws(c: &Cluster) -> Vec<Expr> {
 
 /// Whether a law is a curve with corners, as that of dry friction.
 pub(super) fn has_corners(c: &Cluster) -> bool {
-    c.nodes.iter().any(|n| matches!(n.how, Output::Curve { bends: None, .. }))
+    c.nodes.iter().any(|n| n.is_bare())
 }
 
 /// Whether something has a kink or a jump.

@@ -66,8 +66,6 @@ pub(super) struct Node {
     pub(super) how: Output,
     /// The curve that it is iterated as, where its law has an exponential.
     pub(super) steep: Option<Output>,
-    /// In a loop with other curves, the curve with a leak as which its start is found where ideal ones leave that open.
-    pub(super) leaky: Option<Output>,
     /// What it is iterated as within a loop, where it is linear and switched by a choice: what is open makes much of the
     /// rounding of a flow, so that what it bears is an unknown of its own, as over a resistor that holds tightly.
     pub(super) switched: Option<Output>,
@@ -78,7 +76,7 @@ pub(super) struct Node {
 impl Node {
     /// One that is linear and iterated as it is.
     fn plain(part: Part, out: Symbol, how: Output) -> Self {
-        Self { part, out, how, steep: None, leaky: None, switched: None, curved: false }
+        Self { part, out, how, steep: None, switched: None, curved: false }
     }
 
     /// The column of a source.
@@ -95,6 +93,11 @@ impl Node {
             Part::Resistor(c) => Some(c),
             Part::Source(_) | Part::Follower(_) | Part::Signal => None,
         }
+    }
+
+    /// Whether it is a law that may stand upright or lie flat.
+    pub(super) fn is_bare(&self) -> bool {
+        matches!(self.how, Output::Curve { bends: None, .. })
     }
 
     /// What an iteration has to find, if this is in a loop.
@@ -199,7 +202,7 @@ impl Cluster {
             }
         }
         for (c, how) in &r.resistors {
-            let (steep, leaky) = (r.steep.get(c).copied(), r.leaky.get(c).copied());
+            let steep = r.steep.get(c).copied();
             let out = form.column(*c).out;
             let gain = super::tight::gain(form, *c).filter(|k| pool.is_switched(*k));
             let switched = gain.filter(|_| matches!(how, Output::Explicit(_))).map(|k| {
@@ -212,7 +215,6 @@ impl Cluster {
                 out,
                 how: *how,
                 steep,
-                leaky,
                 switched,
                 curved: !r.gains.contains_key(c),
             });
@@ -230,7 +232,6 @@ impl Cluster {
                 out: l.unknown,
                 how,
                 steep: None,
-                leaky: None,
                 switched: None,
                 curved: true,
             });
@@ -345,8 +346,7 @@ impl Cluster {
 
     /// Whether laws that stand upright or lie flat may leave open how they share a load.
     pub(super) fn is_open(&self) -> bool {
-        let curve = |n: &&&Node| matches!(n.how, Output::Curve { bends: None, .. });
-        self.loop_nodes().iter().filter(curve).count() > 1
+        self.loop_nodes().iter().filter(|n| n.is_bare()).count() > 1
     }
 
     /// Unknowns that laws with exponentials have as their arguments, and where these grow: of such a law it is its own

@@ -96,7 +96,7 @@ pub(super) fn outputs(
     for (((((r, z), n), guess), switch), open) in
         residuals.iter_mut().zip(&c.loops).zip(c.loop_nodes()).zip(guesses).zip(switches).zip(&mut open)
     {
-        let is_bare = matches!(n.how, Output::Curve { bends: None, .. });
+        let is_bare = n.is_bare();
         let imposed = || !model.pool.contains_any(*r, &|s| s != *z && loops.contains(&s));
         // The same of a law that all but blocks there: what a diode bears follows from the step too.
         let pull = match n.how {

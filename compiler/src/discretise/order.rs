@@ -39,11 +39,9 @@ impl Cluster {
                 order.extend(members);
                 continue;
             }
-            let curves = members.iter().filter(|m| self.nodes[**m].leaky.is_some()).count();
             for m in &members {
                 let node = &mut self.nodes[*m];
                 node.how = node.switched.unwrap_or(node.how);
-                node.leaky = node.leaky.filter(|_| curves > 1);
             }
             let (torn, rest) = self.tear(&graph, &members, &own);
             unknown.extend(torn.iter().copied());

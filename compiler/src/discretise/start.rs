@@ -175,12 +175,13 @@ impl System<'_> {
 /// Where there is no solution, or more than one, with the bonds.
 pub(super) fn guesses(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, Vec<Diagnostic>> {
     let found = guesses_of(c, model, form);
-    if found.is_ok() || c.nodes.iter().all(|n| n.leaky.is_none()) {
+    if found.is_ok() {
         return found;
     }
     let mut leaky = c.clone();
     for node in &mut leaky.nodes {
-        node.how = node.leaky.unwrap_or(node.how);
+        let curve = |column| form.regions.iter().find_map(|r| r.leaky.get(&column)).copied();
+        node.how = node.resistor().and_then(curve).unwrap_or(node.how);
     }
     match guesses_of(&leaky, model, form) {
         Ok(leaking) if is_near(c, model, form, &leaking) => Ok(leaking),
@@ -195,7 +196,7 @@ fn is_near(c: &Cluster, model: &mut Model, form: &Form, guesses: &[f64]) -> bool
     let at: FxHashMap<Symbol, f64> =
         known(c, model).into_iter().chain(c.loops.iter().copied().zip(guesses.iter().copied())).collect();
     let residuals = c.loop_residuals(&mut model.pool);
-    c.loop_nodes().iter().zip(residuals).filter(|(n, _)| n.leaky.is_some()).all(|(_, r)| {
+    c.loop_nodes().iter().zip(residuals).filter(|(n, _)| n.is_bare()).all(|(_, r)| {
         let r = model.pool.substitute(r, &flat);
         model.pool.eval(r, &|s| at.get(&s).copied().unwrap_or(0.0)).abs() <= NEAR
     })
@@ -245,7 +246,7 @@ fn guesses_of(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, V
         let residuals = block.iter().map(|i| residuals[*i]).collect();
         let system = System { model, unknowns: &unknowns, place, known: &known, residuals, slopes };
         let solution = system.solution(c).map_err(|wrong| {
-            let curves = c.loop_nodes().iter().filter(|n| unknowns.contains(&n.unknown()) && n.leaky.is_some()).count();
+            let curves = c.loop_nodes().iter().filter(|n| unknowns.contains(&n.unknown()) && n.is_bare()).count();
             let (what, help) = wrong.words(curves > 1);
             vec![complain(c, model, form, &unknowns, what, help)]
         })?;

@@ -232,7 +232,7 @@ pub struct Region {
     pub resistors: Vec<(ColumnId, Output)>,
     /// Laws that grow so fast that their argument is the better unknown, as curves with the argument as parameter.
     pub steep: FxHashMap<ColumnId, Output>,
-    /// Curves with a leak, as which the start of a loop is found where several ideal ones leave it open.
+    /// Curves with a leak, as which the start of a loop is looked for where there is no other.
     pub leaky: FxHashMap<ColumnId, Output>,
     /// Of linear resistors and ports of linear fields: the output as a combination of inputs.
     pub gains: FxHashMap<ColumnId, Row>,

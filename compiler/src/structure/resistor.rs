@@ -100,8 +100,7 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
             let more = pool.mul(part, other);
             curve(pool.add(out, more), residual)
         };
-        let leaky = (!pool.is_zero(along) && !pool.is_zero(across)).then_some(leaky);
-        return Ok(Some(Found { leaky, ..Found::plain(curve(out, residual)) }));
+        return Ok(Some(Found { leaky: Some(leaky), ..Found::plain(curve(out, residual)) }));
     }
     if let (None, Some(k)) = (r.model.element(c.element).field, law.linear) {
         let k = r.resolve(k, Some(c.region), span)?;
