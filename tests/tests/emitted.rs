@@ -255,12 +255,14 @@ fn emitted(compiled: &Compiled, u: &unit::Unit) -> Emitted {
     here.put("m.h", c::header(u, &names));
     here.put("m.c", c::source(u, &names));
     here.put("main.c", MAIN.replace("COUNT", &ROWS.to_string()));
-    here.cc(&["-DBOND_FLOAT", "-c", "m.c", "-o", "float.o"]);
+    // What a compiler says of single numbers; how they come out, other tests tell.
+    here.cc(&["-DBOND_FLOAT", "-fsyntax-only", "m.c"]);
     let runs = if u.run.is_some() { "-DRUNS" } else { "-DNONE" };
-    here.cc(&[runs, "m.c", "main.c", "-lm", "-o", "run"]);
+    here.cc(&[runs, "-c", "main.c"]);
+    here.cc(&["m.c", "main.o", "-lm", "-o", "run"]);
     let object = native::object(u, "bond").ok().map(|code| {
         here.put("m.o", code);
-        here.cc(&[runs, "m.o", "main.c", "-lm", "-o", "object"]);
+        here.cc(&["m.o", "main.o", "-lm", "-o", "object"]);
         here.rows("object")
     });
     let module = wasm::module(compiled.scene(), u).ok().filter(|_| has("node")).map(|code| {
@@ -751,11 +753,11 @@ fn many_states_go_from_interval_to_interval() {
         (&arms(2, 50), "euler", 20.0, true),
     ] {
         let compiled = with(Options::new().method(method), text);
-        let (u, _) = emit(&compiled, h).unwrap_or_else(|e| panic!("{method}: {e}"));
+        let (u, options) = emit(&compiled, h).unwrap_or_else(|e| panic!("{method}: {e}"));
         assert!(u.late.iter().any(|l| l.state.len() >= 120), "{method}: {:?}", u.late);
         let name = format!("{method} by {h} s");
         assert_eq!(same(&name, &compiled, h), Ok(object), "{name}");
-        assert_eq!(emitted(&compiled, &u).c.len() <= ROWS as usize, method == "euler", "{name}");
+        assert_eq!(simulated(&compiled, &u, &options).len() <= ROWS as usize, method == "euler", "{name}");
     }
 }
 
@@ -805,7 +807,7 @@ fn random_parameters_and_starts() {
         seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         low * (high / low).powf((seed >> 11) as f64 / (1u64 << 53) as f64)
     };
-    for round in 0..8 {
+    for round in 0..6 {
         let hold = ["matched", "lagged", "predicted", "matched"][round % 4];
         let budget = if round % 3 == 2 { " budget off" } else { "" };
         let method = if round == 3 { " method ray" } else { "" };
