@@ -35,6 +35,7 @@ fn root(flag: bool) -> Program {
         left: ROUNDING,
         affine: false,
         open: false,
+        corners: false,
         flag: flag.then_some(flag_slot),
     });
     let v = b.load(u);
@@ -77,6 +78,7 @@ fn rests_are_what_the_residual_tells() {
             left: ROUNDING,
             affine: false,
             open: false,
+            corners: false,
             flag: None,
         });
         let (v, rest) = (b.load(u), b.load(rest));
@@ -135,6 +137,7 @@ fn iterations_nest() {
         left: ROUNDING,
         affine: false,
         open: false,
+        corners: false,
         flag: None,
     };
     b.store(a, one);

@@ -55,6 +55,7 @@ fn ladder(n: usize) -> Program {
         left: 0.0,
         affine: false,
         open: false,
+        corners: false,
         flag: None,
     });
     for i in 0..n {

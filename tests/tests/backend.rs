@@ -560,6 +560,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         },
         affine: false,
         open,
+        corners: !own && picks.len() % 4 == 1,
         flag: Some(flag),
     });
     for s in 0..states.len() {

@@ -257,3 +257,48 @@ fn two_frictions_on_one_body() {
         assert!(sim.summary().passive && sim.summary().regions[0].steps < 200, "{:?}", sim.summary());
     }
 }
+
+/// A source that moves takes a state along through a law that stands upright: a body that sticks to a belt, and the charge
+/// of a capacitor behind a diode that conducts. What the law gives is what that takes, in rows and where samples read it.
+#[test]
+fn what_a_source_hands_on() {
+    let belt = "model Belt {
+      Sf:belt = 1 m/s * sin(2 Hz * t)
+      R:rub { e = 15 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*1 m/s }
+      I:body = 3 kg
+      I:cart = 2 kg
+      belt -> 0:x -> rub, body
+      sampled at 1 kHz { state held = 0 N { next = x.e } }
+      MSe:push = held
+      push -> 1:v -> cart
+      probe force = x.e
+      probe speed = cart.f
+      simulate { stop = 2 s }
+    }";
+    let diode = "model Charges {
+      Se:u = 10 V * sin(0.5 Hz * t)
+      R:d { e = min(s, 0)*1 V; f = max(s, 0)*1 A }
+      C:c = 1 F
+      R:load = 10 Ohm
+      u -> 1:i -> d, 0:n
+      n -> c, load
+      probe current = d.f
+      simulate { stop = 2 s }
+    }";
+    for way in [None, Some("radau"), Some("collocation8"), Some("gonzalez")] {
+        let options = || way.map_or_else(Options::new, |way| Options::new().method(way));
+        let steps = || if way == Some("gonzalez") { Steps::fixed(1e-4) } else { Steps::new() };
+        let (belt, charges) = (with(options(), belt), with(options(), diode));
+        let (mut sticks, mut charged) = (start(&belt, steps()), start(&charges, steps()));
+        for t in [0.45, 1.0, 1.37, 1.9] {
+            advance(&mut sticks, t);
+            close(probe(&mut sticks, "force"), 6.0 * f64::cos(2.0 * t), 1e-4, &format!("force at {t}, {way:?}"));
+            // What a sample reads is held from the next one on.
+            let speed = 1.5 * f64::sin(2.0 * t);
+            close(probe(&mut sticks, "speed"), speed, 1e-2, &format!("cart at {t}, {way:?}"));
+            advance(&mut charged, t);
+            let current = 5.0 * f64::cos(0.5 * t) + f64::sin(0.5 * t);
+            close(probe(&mut charged, "current"), current, 1e-4, &format!("current at {t}, {way:?}"));
+        }
+    }
+}

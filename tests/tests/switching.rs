@@ -405,3 +405,51 @@ fn a_bridge_that_leaks_feeds_a_coil() {
         assert!(sim.summary().passive, "{:?}", sim.summary());
     }
 }
+
+/// What hands a source on to a storage, as a bridge of diodes to a capacitor and dry friction to a body that sticks to a
+/// belt, is not stepped to and fro about it: each law lets go and takes hold a few times a period.
+#[test]
+fn a_storage_goes_with_a_source() {
+    let diode = "{ e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A + 1 uA * (0.7 + min(s, 0)) }";
+    let bridge = bridge(diode, "1 uH", "C:cap = 1 mF  R:load = 44 Ohm  plus -> load, cap  probe u = cap.e");
+    let direct = bridge.replace("I:line = 1 uH", "").replace("across -> line, 0:a", "across -> 0:a");
+    let belt = "model Belt {
+      Sf:belt = 0.5 m/s * sin(6*pi*1 Hz * t)
+      R:rub { e = 15 N * min(max(s, -1), 1); f = (s - min(max(s, -1), 1))*1 m/s }
+      I:body = 1 kg
+      belt -> 0:x -> rub, body
+      probe u = body.f
+    }";
+    let swing = |t: f64| 12.0 * f64::sin(100.0 * std::f64::consts::PI * t) - 1.4;
+    let speed = |t: f64| 0.5 * f64::sin(6.0 * std::f64::consts::PI * t);
+    for (name, text, at, wanted) in [("bridge", direct.as_str(), 0.045, swing(0.045)), ("belt", belt, 0.4, speed(0.4))]
+    {
+        for tolerance in [None, Some(1e-6), Some(1e-8)] {
+            let accuracy = tolerance.map_or(Accuracy::AsModel, Accuracy::Tolerance);
+            let compiled = with(Options::new().accuracy(accuracy), text);
+            let mut sim = start(&compiled, tolerance.map_or_else(Steps::new, Steps::tolerance));
+            finish(&mut sim, at);
+            close(probe(&mut sim, "u"), wanted, 1e-5, &format!("{name}, {tolerance:?}"));
+            let summary = sim.summary();
+            assert!(summary.passive, "{name}, {tolerance:?}: {:?}", summary.reasons);
+            let steps = summary.regions[0].steps;
+            assert!(steps < 1000, "{name}, {tolerance:?}: {steps} steps");
+        }
+    }
+}
+
+/// Diodes of two straight pieces, conducting to 10 mOhm and blocking to 10 uS: where a step ends at the corner of one, what
+/// rounding leaves there is looked at, and the balance closes.
+#[test]
+fn corners_of_steep_diodes_balance() {
+    let diode = "{ f = if e > 0 V then e/(10 mOhm) else 10 uS * e }";
+    let load = "C:cap = 0.1 mF  R:load = 50 Ohm  plus -> load, cap";
+    let model = bridge(diode, "1 mH", load).replace("12 V", "325 V");
+    for tolerance in [1e-6, 1e-8, 1e-10] {
+        let compiled = with(Options::new().accuracy(Accuracy::Tolerance(tolerance)), &model);
+        let mut sim = start(&compiled, Steps::tolerance(tolerance));
+        finish(&mut sim, 0.06);
+        let summary = sim.summary();
+        assert!(summary.passive, "{tolerance:e}: {:?}", summary.reasons);
+    }
+}

@@ -1,7 +1,7 @@
 //! Which stepper a continuous cluster takes where none is named.
 
 use super::cluster::{self, Cluster};
-use super::{Method, collocation, exact, stiff};
+use super::{Method, collocation, exact, stiff, tie};
 use crate::expression::{Expr, Node, Pool};
 use crate::model::Model;
 use crate::structure::{Form, Output};
@@ -15,6 +15,9 @@ const LOOSE: f64 = 1e-3;
 const TIGHT: f64 = 1e-5;
 /// The same of a region with laws that are curves with corners.
 const CORNERS: f64 = 1e-7;
+/// The same of a region with exponentials: at a tolerance above this `radau` takes less time. Where it is driven hard, the
+/// methods of Gauss are of a low order.
+const FINEST: f64 = 1e-9;
 /// Stages of the method of order 8.
 const ORDER_8: usize = 4;
 /// Stages of `radau`.
@@ -79,8 +82,15 @@ pub(super) fn nonlinear(
     if damps && stiff::is_switched(c, model, form) {
         return (Method::Radau, "a law is all but a switch, and what it damps within a step must not ring on");
     }
+    if damps && tie::is_tied(c, model, form) {
+        return (
+            Method::Radau,
+            "a law that may stand upright hands a source on to a storage, which must not ring about it",
+        );
+    }
     // The middle of a step, and of its halves, may all lie below a knee that its end is far beyond.
-    if damps && tolerance.is_none() && accuracy.is_fitted() && !c.arguments().is_empty() {
+    let coarse = tolerance.is_none_or(|t| t > FINEST) && accuracy.is_fitted();
+    if damps && coarse && !c.arguments().is_empty() {
         return (Method::Radau, "it has exponentials, and a step must see where on them it ends");
     }
     let laws = laws(c);

@@ -7,6 +7,7 @@
 use super::ahead::Ahead;
 use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::measure;
+use super::stiff;
 use super::turn;
 use super::whole;
 use super::write::{self, System};
@@ -270,6 +271,7 @@ pub(super) fn write(
         states,
         bends: c.bends(),
         open: c.is_open(),
+        corners: stiff::has_corners(c, model, form),
         ..System::default()
     };
     let apart = !is_stiff(c, model, form);

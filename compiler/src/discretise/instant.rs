@@ -216,7 +216,15 @@ impl Ahead<'_> {
             let x = model.pool.var(s.symbol);
             moved.insert(s.symbol, model.pool.add(x, step));
         }
-        let later: Vec<Expr> = self.free.iter().map(|r| model.pool.substitute(*r, &moved)).collect();
+        let mut later: Vec<Expr> = self.free.iter().map(|r| model.pool.substitute(*r, &moved)).collect();
+        // A source that such a law hands on to a state takes that along.
+        if let Some(time) = c.time {
+            for (r, later) in self.free.iter().zip(&mut later) {
+                let rate = model.pool.derivative(*r, time);
+                let change = model.pool.mul(half, rate);
+                *later = model.pool.add(*later, change);
+            }
+        }
         if self.coupled {
             return self.together((c, model), b, lowering, start, &later);
         }

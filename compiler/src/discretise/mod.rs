@@ -27,6 +27,7 @@ mod stored;
 mod swing;
 mod switching;
 mod tear;
+mod tie;
 mod tight;
 mod turn;
 mod upright;

@@ -6,9 +6,10 @@
 //! (A-stability without L-stability: Hairer and Wanner II, IV.3). The state is right to its tolerance then, and what the
 //! law gives is off by as much as its slope makes of that.
 
-use super::cluster::Cluster;
+use super::choice;
+use super::cluster::{Cluster, Node};
 use crate::expression::{Expr, Node as Part, Pool, Symbol};
-use crate::model::{Law, Model};
+use crate::model::{Law, Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -82,7 +83,58 @@ pub(super) fn switches(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Optio
 
 /// Whether a cluster has a law that is all but a switch, and may be asked for what it does not give.
 pub(super) fn is_switched(c: &Cluster, model: &mut Model, form: &Form) -> bool {
-    switches(c, model, form).iter().any(Option::is_some) || opens(c, model, form)
+    switches(c, model, form).iter().any(Option::is_some) || opens(c, model, form) || leaks(c, model, form)
+}
+
+/// Where curves are looked at for their pieces, on both sides of 0.
+const PLACES: [f64; 5] = [1e-3, 0.1, 0.999, 10.0, 1e6];
+
+/// A piece of a curve.
+pub(super) struct Piece {
+    /// A place on it.
+    pub(super) place: f64,
+    /// How fast what the curve gives rises there, and what it is given.
+    slopes: [f64; 2],
+}
+
+/// The pieces of a law that may stand upright or lie flat.
+pub(super) fn pieces(c: &Cluster, model: &mut Model, node: &Node) -> Vec<Piece> {
+    let Output::Curve { parameter, out, residual, .. } = node.how else { return Vec::new() };
+    let slopes = [out, residual].map(|e| model.pool.derivative(e, parameter));
+    let start = c.start(model);
+    let mut found: Vec<Piece> = Vec::new();
+    for place in PLACES.iter().flat_map(|x| [*x, -*x]) {
+        let at = FxHashMap::from_iter([(parameter, model.pool.float(place))]);
+        let slopes = slopes.map(|e| {
+            let e = model.pool.substitute(e, &at);
+            start.eval(&model.pool, e)
+        });
+        let same = |other: &Piece| slopes.iter().zip(other.slopes).all(|(x, y)| (x - y).abs() <= END * x.abs());
+        if !found.iter().any(same) {
+            found.push(Piece { place, slopes });
+        }
+    }
+    found
+}
+
+/// Whether a curve of two pieces has a leak on one and is all but upright on the other, as that of a diode. What is beyond one
+/// without a leak is held to nothing at all.
+fn leaks(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+    let bare: Vec<Node> = c.nodes.iter().filter(|n| n.is_bare()).cloned().collect();
+    bare.iter().any(|n| {
+        let effort = n.resistor().is_some_and(|column| form.column(column).gives == Variable::Effort);
+        let pieces = pieces(c, model, n);
+        let conductance = |p: &Piece| if effort { p.slopes[1] / p.slopes[0] } else { p.slopes[0] / p.slopes[1] };
+        let sizes: Vec<f64> = pieces.iter().map(|p| conductance(p).abs()).collect();
+        let (least, most) = extent(&sizes);
+        pieces.len() == 2 && least > 0.0 && least < SWITCH * most
+    })
+}
+
+/// Whether a law has a corner beyond which it is steeper by orders of magnitude, as that of a diode of two straight pieces.
+pub(super) fn has_corners(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+    let kinked = choice::laws(c).into_iter().any(|e| model.pool.any_node(e, &choice::is_kink));
+    kinked && is_switched(c, model, form)
 }
 
 /// Whether a linear resistor is switched by the state of the cluster, as a contact by the current through a coil.

@@ -232,6 +232,8 @@ pub(super) struct System {
     pub(super) bends: Vec<(Symbol, Bends)>,
     /// Whether laws that hold at once may leave open how they share the load.
     pub(super) open: bool,
+    /// Whether laws have corners beyond which they are steeper by orders of magnitude.
+    pub(super) corners: bool,
 }
 
 /// The part of the unknowns of a step that its iteration may leave.
@@ -453,6 +455,7 @@ fn iterate(
         limit: 200,
         affine,
         open: system.open && !affine,
+        corners: system.corners && !affine,
         flag: system.flag,
     });
     for (i, s) in system.unknowns.iter().enumerate() {

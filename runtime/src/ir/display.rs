@@ -112,6 +112,9 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     if newton.open {
         write!(f, " open")?;
     }
+    if newton.corners {
+        write!(f, " corners")?;
+    }
     if !newton.update.is_empty() {
         write!(f, " left {:e}", newton.left)?;
     }
@@ -185,6 +188,7 @@ mod tests {
             left: 0.0,
             affine: false,
             open: false,
+            corners: false,
             flag: Some(flag),
         });
         let program = b.finish();

@@ -258,6 +258,9 @@ pub struct Newton {
     pub affine: bool,
     /// Whether laws that hold at once may leave open how they share the load, as frictions on both sides of a gear.
     pub open: bool,
+    /// Whether laws have corners beyond which they are steeper by orders of magnitude: what an update leaves that was to
+    /// be the last is looked at, since it may have passed one.
+    pub corners: bool,
     /// Where the step fails when the method does not converge; with a slot, the slot (of `Local`) gets 1 or 0 and the
     /// program goes on with the last iterate.
     pub flag: Option<Slot>,
@@ -403,6 +406,7 @@ mod tests {
                 limit: 200,
                 affine: false,
                 open: false,
+                corners: false,
                 flag: None,
             };
             newton.has_poles()

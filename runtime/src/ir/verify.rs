@@ -307,6 +307,7 @@ mod tests {
             left: 0.0,
             affine: false,
             open: false,
+            corners: false,
             flag: None,
         });
         let v = b.load(u);

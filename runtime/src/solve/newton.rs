@@ -46,6 +46,11 @@
 //!   that unknown; or small(1e-6) then, where the smallest `|r|²` so far is at most `1e-20 Σ w_i (u_i² + s_i²)`, which is
 //!   rounding.
 //!
+//! - Where laws have `corners` beyond which they are steeper by orders of magnitude, an update that was to be the last may
+//!   have passed one, if it is no more than rounding. So the residual that it leaves is looked at, up to [`LOOKS`] times,
+//!   and where it is above `1e-28 Σ w_i (u_i² + s_i²)` the iteration goes on; above `1e-24` of it, where it was no more than
+//!   4 times as large before.
+//!
 //! Few unknowns begin with two updates by one matrix, [`quick`], which mostly is all. Where the start was foretold and
 //! the iteration fails from there, it begins anew from the other start that is given.
 //!
@@ -99,6 +104,9 @@ pub const GRACE: u32 = 20;
 /// equations weigh more than they tell (a natural test of monotonicity; Deuflhard, Numer. Math. 22, 1974).
 pub const CLOSER: f64 = 0.25;
 
+/// How often the residual is looked at that is left by what was to be the last update.
+pub const LOOKS: u32 = 3;
+
 /// More unknowns than this have no bends.
 pub const BENT: usize = 48;
 /// Updates of so many units of an exponent at most are made as they are.
@@ -133,6 +141,8 @@ pub struct Plan {
     pub small: usize,
     /// Unknowns that exponentials are of.
     pub bends: Vec<Bend>,
+    /// Whether what the last update leaves is looked at.
+    corners: bool,
     /// Whether an update may be judged by the next one.
     doubts: bool,
     /// Where it begins with two updates by one matrix.
@@ -156,6 +166,7 @@ impl Plan {
             foretold: !newton.cold.is_empty(),
             small: newton.small.len(),
             bends: newton.bends.clone(),
+            corners: newton.corners,
             doubts: doubts(newton),
             quick: quick::Pattern::of(newton),
             linear,
@@ -171,7 +182,7 @@ impl Plan {
         let linear = linear::Plan::new(n, &pattern, linear::Matrix::Changing);
         let (quick, foretold, bends, rests, doubts) = (None, false, Vec::new(), None, true);
         let (affine, given, left) = (false, false, quick::ROUNDING);
-        let small = 0;
+        let (small, corners) = (0, false);
         Self {
             unknowns,
             n,
@@ -185,6 +196,7 @@ impl Plan {
             foretold,
             small,
             bends,
+            corners,
             doubts,
             quick,
             linear,
@@ -376,6 +388,7 @@ fn iterate<S: System>(
     let mut stretches = 0; // the same, doubled
     let mut nudges = 0;
     let mut opened = false; // whether an update left something open
+    let (mut looks, mut last) = (if plan.corners { LOOKS } else { 0 }, false); // at what the last update leaves
     let mut stalls = 0; // updates in a row that were not much smaller than the smallest before
     let mut least = before.unwrap_or(f64::INFINITY); // `|d|²` of that
     let (mut from, mut reach) = (f64::INFINITY, 1.0 - FALL); // `|r|²` before the update made last, and the part allowed
@@ -384,10 +397,15 @@ fn iterate<S: System>(
         let residual = &mut scratch.residual[..n];
         system.evaluate(residual, &mut scratch.jacobian)?;
         let size = measure.square(residual);
+        let looked = std::mem::take(&mut last);
+        if looked && measure.clears(size, from, system.unknowns()) {
+            return Ok(());
+        }
         let may_halve = before.is_some() && halvings < HALVINGS;
         let late = !plan.given && k >= PATIENT && size > reach * from;
         let up = size > 4.0 * best;
         let worse = (up || late)
+            && !looked
             && before.is_some_and(|last| {
                 let energy = measure.energy(system.unknowns());
                 k < DAMPED && (up || last > TELLING * energy) && size > 1e-26 * energy
@@ -527,7 +545,10 @@ fn iterate<S: System>(
         };
         let slow = before.is_some_and(|last| square >= 0.25 * last);
         if done || (!plan.given && slow && stalls >= STALLS && (small(1e-10) || (small(1e-6) && quiet()))) {
-            return Ok(());
+            if looks == 0 || k + 1 == plan.limit {
+                return Ok(());
+            }
+            (looks, last) = (looks - 1, true);
         }
         if solved == Ok(true) {
             opened = true;
@@ -677,6 +698,12 @@ impl<'a> Measure<'a> {
     /// Whether `|r|²` is what rounding leaves.
     fn rounds(&self, size: f64, u: &[f64]) -> bool {
         size <= 1e-32 * self.energy(u)
+    }
+
+    /// Whether `|r|²` is next to nothing beside the unknowns, or rounding that it was before the update, `from`, as well.
+    fn clears(&self, size: f64, from: f64, u: &[f64]) -> bool {
+        let energy = self.energy(u);
+        energy == 0.0 || size <= 1e-28 * energy || (size <= 1e-24 * energy && from <= 4.0 * size)
     }
 
     /// Whether an update is small beside the unknowns; `size` is `|r|²` before it.

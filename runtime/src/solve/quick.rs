@@ -76,6 +76,7 @@ impl Pattern {
         let plain = newton.body.iter().all(|i| !matches!(i, ir::Inst::Newton(_)));
         if !(1..=UNKNOWNS).contains(&n)
             || newton.affine
+            || newton.corners
             || !newton.update.is_empty()
             || newton.body.len() > INSTRUCTIONS
             || !plain

@@ -7,8 +7,8 @@ use crate::backend::code::{Cond, Reason, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Bend, Slot};
 use bond_runtime::solve::linear::Matrix;
 use bond_runtime::solve::newton::{
-    CLOSER, DAMPED, FALL, FAR, GRACE, HALVINGS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCH, STRETCHES, TELLING, doubts,
-    stretched,
+    CLOSER, DAMPED, FALL, FAR, GRACE, HALVINGS, LOOKS, NUDGES, PATIENT, STALLS, STRAIGHT, STRETCH, STRETCHES, TELLING,
+    doubts, stretched,
 };
 use bond_runtime::solve::quick::{LAST, Pattern};
 
@@ -57,6 +57,10 @@ pub(super) struct Iteration {
     pub(super) least: Var,
     /// Whether an update left something open.
     opened: Var,
+    /// Whether the update made last was to be the last, whether it has just been looked at, and how often it may be.
+    last: Var,
+    looked: Var,
+    looks: Var,
     pub(super) end: Var,
     row: Var,
     bends: Vec<Bend>,
@@ -65,6 +69,10 @@ pub(super) struct Iteration {
     affine: bool,
     /// Whether unknowns may be left open.
     open: bool,
+    /// Whether what the last update leaves is looked at.
+    corners: bool,
+    /// Iterations at most.
+    limit: u32,
     /// Whether an update may be judged by the next one.
     doubts: bool,
     /// The part of the unknowns that may be left.
@@ -280,12 +288,17 @@ impl Iteration {
             stalls: w.var(),
             least: w.var(),
             opened: w.var(),
+            last: w.var(),
+            looked: w.var(),
+            looks: w.var(),
             end: w.var(),
             row: w.var(),
             bends: newton.bends.clone(),
             given: !newton.update.is_empty(),
             affine,
             open: newton.open,
+            corners: newton.corners,
+            limit: newton.limit,
             doubts: doubts(newton),
             left: newton.left,
         }
@@ -307,6 +320,11 @@ impl Iteration {
         clear.into_iter().for_each(|v| w.set(v, zero));
         if self.open {
             w.set(self.opened, zero);
+        }
+        if self.corners {
+            let looks = w.number(f64::from(LOOKS));
+            w.set(self.looks, looks);
+            w.set(self.last, zero);
         }
         w.set(self.best, infinite);
         w.set(self.from, infinite);
@@ -624,6 +642,9 @@ impl Iteration {
     fn judge(&self, w: &mut Writer, residual: &Values) {
         let size = self.square(w, |w, at| w.value(residual, at));
         w.set(self.size, size);
+        if self.corners {
+            self.look(w, size);
+        }
         let (best, four, zero) = (w.get(self.best), w.number(4.0), w.number(0.0));
         let allowed = w.mul(four, best);
         let (finite, above) = (w.finite(size), w.lt(allowed, size));
@@ -648,6 +669,10 @@ impl Iteration {
             let high = Cond::any([above.clone(), Cond::all([late, w.lt(telling, last)])]);
             let (so_far, damped) = (w.get(self.count), w.number(f64::from(DAMPED)));
             let mut worse = Cond::all([Cond::True(made), high, w.lt(noise, size), w.le(so_far, damped)]);
+            if self.corners {
+                let looked = w.get(self.looked);
+                worse = Cond::all([worse, Cond::True(looked).not()]);
+            }
             if self.doubts {
                 let (halvings, stretches, one) = (w.get(self.halvings), w.get(self.stretches), w.number(1.0));
                 let whole = Cond::all([w.eq(halvings, zero), w.eq(stretches, zero)]);
@@ -691,6 +716,37 @@ impl Iteration {
             many = Cond::any([many, Cond::all([Cond::True(opened), w.lt(patient, so_far)])]);
         }
         w.when(many, |w| self.rest(w));
+    }
+
+    /// Ends where what was to be the last update left next to nothing.
+    fn look(&self, w: &mut Writer, size: Value) {
+        let (last, zero) = (w.get(self.last), w.number(0.0));
+        w.set(self.looked, last);
+        w.set(self.last, zero);
+        w.when(Cond::True(last), |w| {
+            let (energy, least, most) = (self.energy(w), w.tolerance(1e-28), w.tolerance(1e-24));
+            let (least, most) = (w.mul(least, energy), w.mul(most, energy));
+            let (from, four) = (w.get(self.from), w.number(4.0));
+            let as_before = w.mul(four, size);
+            let rounding = Cond::all([w.le(size, most), w.le(from, as_before)]);
+            let clear = Cond::any([w.eq(energy, zero), w.le(size, least), rounding]);
+            w.when(clear, |w| self.finish(w, DONE));
+        });
+    }
+
+    /// Ends after an update, or has what it leaves looked at.
+    fn settle(&self, w: &mut Writer) {
+        if !self.corners {
+            self.finish(w, DONE);
+            return;
+        }
+        let (looks, so_far, zero, one) = (w.get(self.looks), w.get(self.count), w.number(0.0), w.number(1.0));
+        let limit = w.number(f64::from(self.limit));
+        let no_more = Cond::any([w.eq(looks, zero), w.eq(so_far, limit)]);
+        w.when(no_more, |w| self.finish(w, DONE));
+        let looks = w.sub(looks, one);
+        w.set(self.looks, looks);
+        w.set(self.last, one);
     }
 
     /// Ends where the residual is what rounding leaves.
@@ -779,7 +835,7 @@ impl Iteration {
         let t = w.select(quick, t, least);
         let t = w.select(slow.clone(), stalled, t);
         let small = self.small(w, t);
-        w.when(small, |w| self.finish(w, DONE));
+        w.when(small, |w| self.settle(w));
         let smallest = w.get(self.least);
         let part = w.number(0.25);
         let bound = w.mul(part, smallest);
@@ -802,7 +858,11 @@ impl Iteration {
                     let allowed = w.mul(part, told);
                     let quiet = Cond::any([w.eq(told, zero), w.le(best, allowed)]);
                     let stalled = Cond::any([tiny, Cond::all([near, quiet])]);
-                    w.when(stalled, |w| self.finish(w, DONE));
+                    let stalled = match self.corners {
+                        true => Cond::all([stalled, Cond::True(w.get(self.last)).not()]),
+                        false => stalled,
+                    };
+                    w.when(stalled, |w| self.settle(w));
                 });
             },
             |w| w.set(self.stalls, zero),

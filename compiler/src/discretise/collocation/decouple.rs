@@ -210,6 +210,7 @@ impl Apart {
             limit: LIMIT,
             affine: false,
             open: false,
+            corners: false,
             flag: None,
         });
         for (i, s) in system.unknowns.iter().enumerate() {

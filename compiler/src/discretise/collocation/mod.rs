@@ -29,9 +29,10 @@ mod tableau;
 
 pub(super) use decouple::Apart;
 
-use super::choice::is_kink;
+use super::choice::{self, is_kink};
 use super::cluster::{Cluster, Group, Part, missing, verified};
 use super::gonzalez;
+use super::stiff;
 use super::whole::{self, Slopes};
 use super::write::{self, System};
 use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
@@ -536,6 +537,7 @@ pub(super) fn write(
             states,
             bends,
             open: c.is_open(),
+            corners: choice::has_corners(c) || stiff::has_corners(c, model, form),
             ..System::default()
         };
         taken = match apart {
