@@ -24,6 +24,9 @@ const END: f64 = 1e-12;
 /// Where slopes are looked at, on both sides of rest: powers of ten, in SI units.
 const DECADES: std::ops::RangeInclusive<i32> = -6..=6;
 
+/// So many diodes of two pieces at most are stepped as switches.
+const BRIDGE: usize = 4;
+
 /// More loops than this are not looked at: they are stepped by what is known to be cheap.
 const LARGEST: usize = 64;
 
@@ -118,17 +121,19 @@ pub(super) fn pieces(c: &Cluster, model: &mut Model, node: &Node) -> Vec<Piece> 
 }
 
 /// Whether a curve of two pieces has a leak on one and is all but upright on the other, as that of a diode. What is beyond one
-/// without a leak is held to nothing at all.
+/// without a leak is held to nothing at all. Of more than those of a bridge, longer steps are off by what rounding leaves of
+/// conductances far apart.
 fn leaks(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     let bare: Vec<Node> = c.nodes.iter().filter(|n| n.is_bare()).cloned().collect();
-    bare.iter().any(|n| {
-        let effort = n.resistor().is_some_and(|column| form.column(column).gives == Variable::Effort);
-        let pieces = pieces(c, model, n);
-        let conductance = |p: &Piece| if effort { p.slopes[1] / p.slopes[0] } else { p.slopes[0] / p.slopes[1] };
-        let sizes: Vec<f64> = pieces.iter().map(|p| conductance(p).abs()).collect();
-        let (least, most) = extent(&sizes);
-        pieces.len() == 2 && least > 0.0 && least < SWITCH * most
-    })
+    bare.len() <= BRIDGE
+        && bare.iter().any(|n| {
+            let effort = n.resistor().is_some_and(|column| form.column(column).gives == Variable::Effort);
+            let pieces = pieces(c, model, n);
+            let conductance = |p: &Piece| if effort { p.slopes[1] / p.slopes[0] } else { p.slopes[0] / p.slopes[1] };
+            let sizes: Vec<f64> = pieces.iter().map(|p| conductance(p).abs()).collect();
+            let (least, most) = extent(&sizes);
+            pieces.len() == 2 && least > 0.0 && least < SWITCH * most
+        })
 }
 
 /// Whether a law has a corner beyond which it is steeper by orders of magnitude, as that of a diode of two straight pieces.
