@@ -13,11 +13,9 @@ const LOOSE: f64 = 1e-3;
 /// region with kinks it asks for order 8 or for none above 2: steps to a looser one are so long that they may pass over what
 /// a kink brings, such as the pulse of a diode.
 const TIGHT: f64 = 1e-5;
-/// The same of a region with laws that are curves with corners.
+/// The same of a region with laws that are curves with corners. One with exponentials, which may be driven hard, takes
+/// `radau` above this.
 const CORNERS: f64 = 1e-7;
-/// The same of a region with exponentials: at a tolerance above this `radau` takes less time. Where it is driven hard, the
-/// methods of Gauss are of a low order.
-const FINEST: f64 = 1e-9;
 /// Stages of the method of order 8.
 const ORDER_8: usize = 4;
 /// Stages of `radau`.
@@ -89,7 +87,7 @@ pub(super) fn nonlinear(
         );
     }
     // The middle of a step, and of its halves, may all lie below a knee that its end is far beyond.
-    let coarse = tolerance.is_none_or(|t| t > FINEST) && accuracy.is_fitted();
+    let coarse = tolerance.is_none_or(|t| t > CORNERS) && accuracy.is_fitted();
     if damps && coarse && !c.arguments().is_empty() {
         return (Method::Radau, "it has exponentials, and a step must see where on them it ends");
     }
