@@ -453,3 +453,39 @@ fn corners_of_steep_diodes_balance() {
         assert!(summary.passive, "{tolerance:e}: {:?}", summary.reasons);
     }
 }
+
+/// Diodes of the library in a bridge behind a coil: while all of them block, their leak tells what each bears. Steps to
+/// a tolerance of 1e-6 look at where on an exponential they end, as those to none that is told.
+#[test]
+fn diodes_of_the_library_make_a_bridge() {
+    let model = |peak: f64| {
+        format!(
+            "use std.electrical
+            model B {{
+              Se:mains = {peak} V * sin(100*pi*1 Hz * t)
+              I:line = 1 mH  R:wire = 0.1 Ohm
+              for k in 1..4 {{ Diode:d[k](Is = 1 nA, n = 1.8) }}
+              Se:ground = 0 V  C:cap = 1 mF  R:load = 50 Ohm
+              mains -> 1:mesh -> line, wire, 0:a
+              0:b -> mesh
+              a -> 1:m1 -> d[1].p, 0:plus
+              b -> 1:m2 -> d[2].p, plus
+              ground -> 0:minus
+              minus -> 1:m3 -> d[3].p, a
+              minus -> 1:m4 -> d[4].p, b
+              plus -> cap, load
+            }}"
+        )
+    };
+    for peak in [5.0, 24.0, 325.0] {
+        for tolerance in [None, Some(1e-6)] {
+            let accuracy = tolerance.map_or(Accuracy::AsModel, Accuracy::Tolerance);
+            let compiled = with(Options::new().accuracy(accuracy), &model(peak));
+            let mut sim = start(&compiled, tolerance.map_or_else(Steps::new, Steps::tolerance));
+            finish(&mut sim, 0.04);
+            let summary = sim.summary();
+            assert!(summary.passive, "{peak} V, {tolerance:?}: {:?}", summary.reasons);
+            assert_eq!(summary.regions[0].stepper, "radau", "{tolerance:?}");
+        }
+    }
+}

@@ -271,7 +271,7 @@ pub(super) fn write(
         states,
         bends: c.bends(),
         open: c.is_open(),
-        corners: stiff::has_corners(c, model, form),
+        corners: stiff::has_steep_corners(c, model, form),
         ..System::default()
     };
     let apart = !is_stiff(c, model, form);

@@ -137,7 +137,7 @@ fn leaks(c: &Cluster, model: &mut Model, form: &Form) -> bool {
 }
 
 /// Whether a law has a corner beyond which it is steeper by orders of magnitude, as that of a diode of two straight pieces.
-pub(super) fn has_corners(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+pub(super) fn has_steep_corners(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     let kinked = choice::laws(c).into_iter().any(|e| model.pool.any_node(e, &choice::is_kink));
     kinked && is_switched(c, model, form)
 }

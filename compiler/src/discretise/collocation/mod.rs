@@ -537,7 +537,7 @@ pub(super) fn write(
             states,
             bends,
             open: c.is_open(),
-            corners: choice::has_corners(c) || stiff::has_corners(c, model, form),
+            corners: choice::has_corners(c) || stiff::has_steep_corners(c, model, form),
             ..System::default()
         };
         taken = match apart {
