@@ -57,7 +57,6 @@ impl Rows {
     pub fn new(stop: f64, grid: Grid, at: &[f64], by: By) -> Result<Self, Stop> {
         let mut at = at.to_vec();
         at.sort_by(f64::total_cmp);
-        at.dedup();
         if let Some(late) = at.iter().find(|t| **t > stop * (1.0 + 1e-9)) {
             return Err(Stop::Usage(format!(
                 "--at {} is beyond the end of the run, {} s; make it longer with --stop",
@@ -65,6 +64,9 @@ impl Rows {
                 told(stop)
             )));
         }
+        // What is beyond by rounding is the end.
+        at.iter_mut().for_each(|t| *t = t.min(stop));
+        at.dedup();
         let points = match grid {
             Grid::None => 0.0,
             Grid::Every(dt) => (stop / dt * (1.0 - 1e-9)).ceil(),

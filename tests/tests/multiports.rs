@@ -1,6 +1,6 @@
 //! Multiport fields, entropy, dependent storages, loops and set-valued laws: closed forms, orders and conservation.
 
-use crate::common::{advance, close, end, finish, probe, start, text, with};
+use crate::common::{advance, close, end, errors, finish, probe, start, text, with};
 use bond::{Options, Steps};
 
 /// A linear field of resistors gives the explicit form with its skew part in J, whatever causality its ports get.
@@ -461,6 +461,33 @@ fn active_fields_give_and_take_by_exact_steps() {
     let lost = -4.0 * ((e * e - 1.0) / 2.0 - 2.0 * (e - 1.0) + 1.0) + (1.0 - f64::exp(-4.0)) / 2.0;
     close(summary.regions[0].dissipated, lost, 1e-12, "lost");
     assert!(summary.worst_step < 1e-12 && !summary.passive, "{summary:?}");
+}
+
+/// Laws that are linear are the matrix that they make, whichever variables they give: the region is stepped without error.
+#[test]
+fn linear_laws_of_a_field_are_a_matrix() {
+    let ends = [
+        "= [[2 Ohm, 1 Ohm], [1 Ohm, 3 Ohm]]",
+        "{ a.e = 2 Ohm * a.f + 1 Ohm * b.f; b.e = 1 Ohm * a.f + 3 Ohm * b.f }",
+        "{ a.f = a.e/2 Ohm - b.f/2; b.e = a.e/2 + 2.5 Ohm * b.f }",
+        "{ a.f = 0.6 S * a.e - 0.2 S * b.e; b.f = 0.4 S * b.e - 0.2 S * a.e }",
+    ]
+    .map(|law| {
+        let compiled = text(&format!(
+            "model M {{ Se:u = 2 V  R(a, b):r {law}  I:l = 1 H  I:k {{ inertia = 2 H; f0 = 1 A }}
+               u -> 1:v -> r.a, l  1:w -> k, r.b  probe i = l.f  probe j = k.f }}"
+        ));
+        let mut sim = start(&compiled, Steps::new());
+        finish(&mut sim, 1.0);
+        let summary = sim.summary();
+        assert!(summary.regions[0].stepper == "exact" && summary.passive, "{law}: {summary:?}");
+        [probe(&mut sim, "i"), probe(&mut sim, "j"), summary.regions[0].dissipated]
+    });
+    for (i, end) in ends.iter().enumerate() {
+        (0..3).for_each(|k| close(end[k], ends[0][k], 1e-14, &format!("{i}, {k}")));
+    }
+    let gives = "model M { Se:u = 1 V  R(a, b):r { a.e = 2 Ohm * a.f + 5 Ohm * b.f; b.e = 3 Ohm * b.f } u -> r.a u -> r.b }";
+    assert!(errors(gives).to_string().contains("the laws of `r` give power"));
 }
 
 /// A rod of finite elements that is clamped by `Sf = 0`: 20 states, two of which the wall holds. Storages that follow a

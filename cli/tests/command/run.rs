@@ -786,4 +786,7 @@ fn what_has_no_value_is_named() {
 fn large_numbers_are_told_by_their_power() {
     let here = Folder::new().with("a.bond", OSCILLATOR);
     here.bond(&["run", "a.bond", "--at", "1e300"]).is(2, &[], &["--at 1e300 is beyond the end of the run, 1 s"]);
+    // Beyond by rounding: it is the end.
+    here.bond(&["run", "a.bond", "--at", "1,1.00000000000001", "-o", "-"]).is(0, &["\n1,"], &[]);
+    here.bond(&["run", "a.bond", "--set", "m[1]=2"]).is(2, &[], &["`m` is a number, and no array", "--set m=VALUE"]);
 }

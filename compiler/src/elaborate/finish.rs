@@ -333,13 +333,20 @@ impl<'a> Elaborator<'a> {
             }
             if let Some((array, _)) =
                 path.split_once('[').filter(|(_, rest)| rest.ends_with(']') && !rest.contains('.'))
-                && let Some(p) = self.params.iter().find(|p| p.name == array)
+                && let Some(p) = self.params.iter().position(|p| p.name == array)
             {
-                let message = format!("--set {path}: an entry of the array `{array}` cannot be set by itself");
-                self.errors.push(
-                    Diagnostic::error("elaborate::set", p.span, message)
-                        .help("change the array in the file, or give its entries by parameters of their own"),
-                );
+                let span = self.params[p].span;
+                let (message, help) = match self.param_value(p, span) {
+                    Some(Value::Scalar(_)) => {
+                        (format!("`{array}` is a number, and no array"), format!("write --set {array}=VALUE"))
+                    }
+                    _ => (
+                        format!("an entry of the array `{array}` cannot be set by itself"),
+                        "change the array in the file, or give its entries by parameters of their own".into(),
+                    ),
+                };
+                let message = format!("--set {path}: {message}");
+                self.errors.push(Diagnostic::error("elaborate::set", span, message).help(help));
                 continue;
             }
             if let Some(input) = self.inputs.iter().find(|i| i.name == *path) {

@@ -277,7 +277,11 @@ impl<'a> Elaborator<'a> {
             terms.push(self.pool.mul(law.expr, x));
         }
         let power = self.pool.sum(&terms);
-        let verdict = self.takes_power(power, &arguments);
+        let rows = self.coefficients(&laws, &arguments);
+        let verdict = rows
+            .as_ref()
+            .and_then(|m| self.dissipates(m))
+            .or_else(|| self.takes_power(power, &arguments));
         if verdict == Some(false) && !ast.active {
             self.errors.push(
                 Diagnostic::error(
@@ -292,17 +296,34 @@ impl<'a> Elaborator<'a> {
             );
             return None;
         }
-        let list = laws.into_iter().zip(&given).zip(&arguments).map(|((law, (gives, _)), argument)| Resistor {
-            argument: *argument,
-            output: law.expr,
-            gives: *gives,
-            written: *gives,
-            curve: None,
-            row: None,
-            linear: None,
-            dissipative: verdict,
+        let list = laws.into_iter().zip(&given).zip(&arguments).enumerate().map(|(i, ((law, (gives, _)), argument))| {
+            Resistor {
+                argument: *argument,
+                output: law.expr,
+                gives: *gives,
+                written: *gives,
+                curve: None,
+                row: rows.as_ref().map(|m| m[i].clone()),
+                linear: None,
+                dissipative: verdict,
+            }
         });
         Some(list.collect())
+    }
+
+    /// The matrix of laws that are all linear in the arguments.
+    fn coefficients(&mut self, laws: &[Typed], arguments: &[Symbol]) -> Option<Vec<Vec<Expr>>> {
+        let mut list = Vec::new();
+        for law in laws {
+            let (linear, rest) = self.pool.affine(law.expr, arguments)?;
+            if !self.pool.is_zero(rest) {
+                return None;
+            }
+            let mut row = vec![self.pool.zero(); arguments.len()];
+            linear.into_iter().for_each(|(j, k)| row[j] = k);
+            list.push(row);
+        }
+        Some(list)
     }
 
     /// `RS(r, th):name = v`: the power e f lost at `r` leaves at `th` as the flow of entropy e f / T.
@@ -444,7 +465,7 @@ impl<'a> Elaborator<'a> {
         Some(s.symmetric_eigenvalues().min() >= -ROUNDING * size)
     }
 
-    /// Whether the power of a field is never below 0: it is 0, or by its sign; refuted by values.
+    /// Whether the power of a field's laws is never below 0: it is 0, or by its sign; refuted by values.
     fn takes_power(&mut self, power: Expr, arguments: &[Symbol]) -> Option<bool> {
         use crate::expression::Sign;
         if self.pool.is_zero(power) || self.pool.sign(power, &|_| Sign::Unknown).is_nonnegative() {
@@ -453,11 +474,12 @@ impl<'a> Elaborator<'a> {
         if self.pool.symbols(power).iter().any(|s| !arguments.contains(s)) {
             return None;
         }
+        // A law may be meant for temperatures, say, which are positive: beyond, values refute nothing.
         let sizes = [1e-3, 0.3, 1.0, 7.0, 300.0];
         let mut seed = 1u64;
         let mut draw = || {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((seed >> 33) as f64 / f64::from(1u32 << 31)) * 2.0 - 1.0
+            (seed >> 33) as f64 / f64::from(1u32 << 31)
         };
         let terms: Vec<Expr> = match self.pool.node(power).clone() {
             crate::expression::Node::Sum(_, list) => list.iter().map(|t| t.0).collect(),
@@ -466,22 +488,12 @@ impl<'a> Elaborator<'a> {
         let at = |pool: &Pool, e: Expr, point: &[f64]| {
             pool.eval(e, &|s| arguments.iter().position(|a| *a == s).map_or(f64::NAN, |i| point[i]))
         };
-        // A law may be meant for temperatures, say, which are positive: beyond, values refute linear laws alone. Of
-        // these the power is a quadratic form, for which the law of the parallelogram holds.
-        let is_form = (0..8).all(|_| {
-            let [x, y] = [(); 2].map(|()| arguments.iter().map(|_| draw()).collect::<Vec<f64>>());
-            let of = |f: fn(f64, f64) -> f64| x.iter().zip(&y).map(|(a, b)| f(*a, *b)).collect::<Vec<f64>>();
-            let [sum, difference] = [of(|a, b| a + b), of(|a, b| a - b)].map(|z| at(&self.pool, power, &z));
-            let [p, q] = [&x, &y].map(|z| at(&self.pool, power, z));
-            let most = [sum, difference, p, q].iter().map(|x| x.abs()).fold(0.0, f64::max);
-            (sum + difference - 2.0 * p - 2.0 * q).abs() <= 1e-9 * most
-        });
         for size in sizes {
             for _ in 0..40 {
                 let point: Vec<f64> = arguments.iter().map(|_| size * draw()).collect();
                 let p = at(&self.pool, power, &point);
                 let most = terms.iter().map(|t| at(&self.pool, *t, &point).abs()).fold(0.0, f64::max);
-                if p < -1e-9 * most && p.is_finite() && (is_form || point.iter().all(|x| *x > 0.0)) {
+                if p < -1e-9 * most && p.is_finite() {
                     return Some(false);
                 }
             }

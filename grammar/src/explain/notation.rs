@@ -241,6 +241,11 @@ impl Wreck<'_> {
                 let message = format!("`{word}` is neither a unit nor a word that may stand behind a value");
                 return self.error("syntax::unit", at, message).help(format!("did you mean `{meant}`?"));
             }
+            if self.word(self.range.start) == "sampled" && word.chars().count() > 4 {
+                let message = format!("a clock has no `{word}`");
+                let help = "behind it stand `hold NAME`, `budget ...` and `method NAME`; the first sample is at 0";
+                return self.error("syntax::unit", at, message).help(help);
+            }
             if matches!(word, "e" | "f" | "p" | "q" | "t" | "x") {
                 let quantity = self.scan.slice(self.scan.span_of(start).to(self.scan.span_of(before)));
                 let message = format!("an operator is missing between `{quantity}` and `{word}`");
