@@ -763,6 +763,30 @@ fn what_is_measured_goes_by_the_size_of_the_scene() {
     }
 }
 
+/// A body that slides at the start, and that friction brings to rest within the first interval, answers as one that slides on:
+/// what is left of its way, 1.25 mm of 50 cm, let the spring push as if it could not move: 1.8e8 times what was stored.
+#[test]
+fn what_friction_stops_answers_as_what_slides() {
+    for (v0, k, x0) in [(0.05, 900.0, 0.1), (0.05, 900.0, 0.01), (0.1, 100.0, 1.0), (0.2, 25.0, 0.01)] {
+        let compiled = text(&format!(
+            "model Stopped {{
+              I:m {{ inertia = 1 kg; f0 = {v0} m/s }}
+              R:dry {{ e = (1 N) * min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 m/s }}
+              1:v -> m, dry
+              sampled every 1 s {{ C:c {{ stiffness = {k} N/m; q0 = {x0} m }} }}
+              v ||> c
+              simulate {{ stop = 400 s }}
+            }}"
+        ));
+        let mut sim = start(&compiled, Steps::new());
+        finish(&mut sim, 400.0);
+        let summary = sim.summary();
+        let stored: f64 = summary.regions.iter().map(|r| r.h_initial).sum();
+        let debt = summary.regions[1].debt_max;
+        assert!(debt <= 2.0 * stored, "{v0} m/s, {k} N/m, {x0} m: {debt} J of {stored} J");
+    }
+}
+
 /// What friction holds at the start answers as what slides, however it is stepped: else a sampled spring would drive it.
 #[test]
 fn what_friction_holds_answers_as_what_slides() {

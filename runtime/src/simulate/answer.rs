@@ -22,11 +22,12 @@ const EFFORT: usize = 400_000;
 /// The same of a sampled side, whose steps are given: some tenths of a second.
 const SAMPLES: usize = 10_000_000;
 /// What is held more and less where the other side is not linear, at first, and the part of it that is tried next, so
-/// often at most, until it makes no more of a change than that: what is large depends on the scene. Where nothing
-/// answers, as a body that friction holds, it is made larger by that instead, and then once more by so many times.
+/// often at most, until it makes no more of a change than that: what is large depends on the scene. Where friction holds,
+/// or soon will, it is made larger by that instead, and then by so many times as long as the answer grows by so much.
 const PROBE: f64 = 1e-3;
 const FINER: f64 = 1e-3;
 const MORE: f64 = 10.0;
+const GROWS: f64 = 1.01;
 const LOOKS: usize = 4;
 const SAME: f64 = 1e-3;
 /// Of a difference of two answers this part of their size is rounding; and all of one that is no larger than this, by
@@ -124,7 +125,7 @@ impl Simulation<'_> {
 
 impl Run {
     /// The answer ([`Self::response`]) about 0, or `about` what is held at the start where there is none, or one beyond all
-    /// others; where nothing answers, to the first change that is large enough.
+    /// others; where friction holds within the hold, to a change that is large enough.
     fn measured(&mut self, c: &Cluster, period: f64, ports: &[usize], about: &[f64]) -> Answers {
         let zero = vec![0.0; ports.len()];
         if c.is_linear {
@@ -139,18 +140,31 @@ impl Run {
                 answers = there;
             }
         }
+        // What friction brings to rest within the hold answers as little as it has way left, and what it holds, nothing.
+        let rests = |a: &Answers| size(a) == 0.0 || c.states > 0 && a.iter().skip(1).flatten().all(|x| *x == 0.0);
         let mut probe = PROBE;
         for _ in 0..LOOKS {
-            if size(&answers) > 0.0 {
+            if !rests(&answers) {
                 break;
             }
             probe /= FINER;
-            let larger = self.response(c, period, (ports, about), probe);
-            if size(&larger) > 0.0 {
-                // Of a change that just overcomes what holds, most is held.
-                let more = self.response(c, period, (ports, about), MORE * probe);
-                answers = if size(&more) > size(&larger) { more } else { larger };
+            let mut larger = self.response(c, period, (ports, about), probe);
+            if size(&larger) <= size(&answers) {
+                continue;
             }
+            // Of a change that just overcomes what holds, most is held.
+            for _ in 0..LOOKS {
+                probe *= MORE;
+                let more = self.response(c, period, (ports, about), probe);
+                let grows = size(&more) > GROWS * size(&larger);
+                if size(&more) > size(&larger) {
+                    larger = more;
+                }
+                if !grows {
+                    break;
+                }
+            }
+            answers = larger;
         }
         answers
     }
