@@ -1,6 +1,6 @@
 //! Strokes.
 
-use crate::common::{close, example, file, finish, models, probe, start, text};
+use crate::common::{advance, close, example, file, finish, models, probe, start, text};
 use bond::{Options, Steps};
 
 #[test]
@@ -228,5 +228,33 @@ fn mass_matrices_are_inverted_by_their_diagonals() {
         close(probe(&mut sim, "q1"), 1.03368, 1e-5, "q1");
         close(probe(&mut sim, "q2"), 0.00172258, 1e-5, "q2");
         assert!(sim.summary().passive, "{:?}", sim.summary().reasons);
+    }
+}
+
+/// Of two laws one is solved: the one for which nothing is divided by a ratio that passes 0, whichever stands first. There, at
+/// 0.5 s, nothing goes through the transformer, and the inner law alone has the source's 1 V.
+#[test]
+fn laws_about_a_ratio_that_passes_0_are_solved_without_a_division() {
+    let laws = ["R:inner { f = 0.5 A * sinh(e/(1 V)) }", "R:outer { f = 0.5 A/V^3 * e^3 + 0.5 S * e }"];
+    for (two_port, at_half) in [
+        ("TF:t1 = 0.8*(1 Hz * t - 0.5)", 0.5),
+        ("TF:t1 = 0.8*sin(0.8 Hz * t)", 0.0),
+        ("MGY:t1 = (2 Ohm)*(1 Hz * t - 0.5)", f64::NAN),
+    ] {
+        let ends = [[0, 1], [1, 0]].map(|order| {
+            let [one, two] = order.map(|k| laws[k]);
+            let compiled = text(&format!(
+                "model M {{ {one}  {two}  Se:s = 1 V  {two_port}  s -> 1:a -> inner, t1  t1 -> outer  probe i = a.f }}"
+            ));
+            let mut sim = start(&compiled, Steps::new());
+            advance(&mut sim, if at_half == 0.0 { 1e-9 } else { 0.5 });
+            if at_half.is_finite() {
+                close(probe(&mut sim, "i"), 0.5 * f64::sinh(1.0), 1e-9, two_port);
+            }
+            finish(&mut sim, 1.0);
+            assert!(sim.summary().passive, "{two_port}: {:?}", sim.summary().reasons);
+            probe(&mut sim, "i")
+        });
+        close(ends[0], ends[1], 1e-9, two_port);
     }
 }

@@ -255,6 +255,7 @@ fn strokes<'a>(
         }
     }
     let free = resistors.iter().filter(|(_, bond)| a.strokes[bond.at()].is_none()).count();
+    let vanishes = model.ids().any(|(id, _)| part::changes(model, id).is_some());
     for linear in [false, true] {
         for &(id, bond) in &resistors {
             let Some(r) = law(model, id).filter(|r| r.linear.is_some() == linear) else { continue };
@@ -268,7 +269,18 @@ fn strokes<'a>(
                 Kind::Zero if common => Variable::Effort,
                 _ => r.gives,
             };
-            a.prefer(bond, a.stroke_for(bond, id, gives), if linear { Cause::Free } else { Cause::Law(id) });
+            let cause = if linear { Cause::Free } else { Cause::Law(id) };
+            let open = vanishes && a.strokes[bond.at()].is_none();
+            // One law or the other is solved: rather the one for which nothing is divided by a ratio that may be 0.
+            let mark = a.mark();
+            let mut whole = |gives| {
+                let fits = a.attempt(bond, a.stroke_for(bond, id, gives), cause).is_ok() && !a.divides(mark);
+                a.undo(mark);
+                fits
+            };
+            let turned = open && !whole(gives) && whole(gives.other());
+            let gives = if turned { gives.other() } else { gives };
+            a.prefer(bond, a.stroke_for(bond, id, gives), cause);
         }
     }
     for i in 0..model.bonds.len() {

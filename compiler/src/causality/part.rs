@@ -1,8 +1,8 @@
 //! What moves what through ratios that change with states.
 
-use crate::expression::{Node, Pool, Symbol};
+use crate::expression::{Expr, Node, Pool, Sign, Symbol};
 use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Law, Model, Signal};
+use crate::model::{BondId, ElementId, Kind, Law, Model, Signal, Variable};
 use petgraph::Graph;
 use petgraph::graph::NodeIndex;
 use petgraph::unionfind::UnionFind;
@@ -23,13 +23,35 @@ pub(super) struct Parts {
 fn along(model: &Model, id: ElementId) -> Option<bool> {
     let Law::Ratio(v) = model.element(id).law else { return None };
     let is_state = |s: Symbol| matches!(model.signals.get(&s), Some(Signal::State(_)));
-    let pool: &Pool = &model.pool;
-    if model.element(id).kind != Kind::Tf || !pool.contains_any(v, &is_state) {
+    if model.element(id).kind == Kind::Tf { multiplies(&model.pool, v, &is_state) } else { None }
+}
+
+/// Whether a ratio changes with some symbols, and if so, whether it is to be multiplied by, rather than divided.
+fn multiplies(pool: &Pool, ratio: Expr, symbols: &dyn Fn(Symbol) -> bool) -> Option<bool> {
+    if !pool.contains_any(ratio, symbols) {
         return None;
     }
-    let Node::Product(_, factors) = pool.node(v) else { return Some(true) };
-    let changing = || factors.iter().filter(|t| pool.contains_any(t.0, &is_state));
+    let Node::Product(_, factors) = pool.node(ratio) else { return Some(true) };
+    let changing = || factors.iter().filter(|t| pool.contains_any(t.0, symbols));
     Some(changing().any(|t| t.1.to_f64() > 0.0))
+}
+
+/// The same of a ratio that changes with anything, and may pass 0.
+pub(super) fn changes(model: &Model, id: ElementId) -> Option<bool> {
+    let Law::Ratio(v) = model.element(id).law else { return None };
+    let changing = multiplies(&model.pool, v, &|s| model.signals.contains_key(&s))?;
+    let sign = model.pool.sign(v, &|_| Sign::Unknown);
+    (!matches!(sign, Sign::Positive | Sign::Negative)).then_some(changing)
+}
+
+/// Whether what a transformer or gyrator gives to one of its bonds is divided by a ratio that may pass 0.
+pub(super) fn divides(model: &Model, id: ElementId, bond: BondId, gives: Variable) -> bool {
+    // Of a TF the flow at the head is the ratio times that at the tail, and of efforts the other way round.
+    let product = match model.element(id).kind {
+        Kind::Tf if model.bond(bond).tail == id => Variable::Flow,
+        _ => Variable::Effort,
+    };
+    changes(model, id).is_some_and(|multiplies| (gives == product) != multiplies)
 }
 
 /// Whether any ratio changes with states.

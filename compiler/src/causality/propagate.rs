@@ -81,6 +81,16 @@ impl<'a> Assignment<'a> {
         })
     }
 
+    /// Whether something is divided by a ratio that may pass 0, by what was assigned since a mark.
+    pub(super) fn divides(&self, mark: usize) -> bool {
+        self.trail[mark..].iter().any(|&bond| {
+            let b = self.model.bond(bond);
+            [b.tail, b.head].into_iter().any(|end| {
+                self.gives(bond, end).is_some_and(|gives| super::part::divides(self.model, end, bond, gives))
+            })
+        })
+    }
+
     /// How many of these storages would have no integral causality, by what is assigned so far and each one's wish in
     /// turn; nothing is changed.
     pub(super) fn lost(&mut self, storages: &[(ElementId, BondId)]) -> usize {
