@@ -133,6 +133,7 @@ pub(crate) fn leave_out(model: &mut Model, names: &[String]) -> Result<(), Vec<D
             out.elements[id.at()] = true;
         }
     }
+    out.keep_common(model, &bonds);
     errors = out.read(model);
     if errors.is_empty() {
         out.apply(model);
@@ -164,6 +165,27 @@ pub(crate) struct Out {
 }
 
 impl Out {
+    /// Has what all bonds of a junction have in common read at one that stays, where it is only looked at: a law that reads
+    /// a part may mean the part.
+    fn keep_common(&self, model: &mut Model, bonds: &[Vec<BondId>]) {
+        let (elements, all) = (&model.elements, &model.bonds);
+        let laws = elements.iter().flat_map(|e| of_law(&e.law)).chain(model.memories.iter().map(|m| m.law));
+        let read: FxHashSet<Symbol> = laws.flat_map(|e| model.pool.symbols(e)).collect();
+        let other = |b: BondId, common: Kind| {
+            let ends = [all[b.at()].tail, all[b.at()].head];
+            let junction = ends.into_iter().find(|id| elements[id.at()].kind == common && !self.elements[id.at()])?;
+            bonds[junction.at()].iter().copied().find(|b| !self.bonds[b.at()] && !all[b.at()].sampled)
+        };
+        for (_, signal) in model.signals.iter_mut().filter(|(symbol, _)| !read.contains(symbol)) {
+            let kept = match *signal {
+                Signal::Effort(b) if self.bonds[b.at()] => other(b, Kind::Zero).map(Signal::Effort),
+                Signal::Flow(b) if self.bonds[b.at()] => other(b, Kind::One).map(Signal::Flow),
+                _ => None,
+            };
+            *signal = kept.unwrap_or(*signal);
+        }
+    }
+
     /// What reads something that is out, each said once.
     fn read(&self, model: &Model) -> Vec<Diagnostic> {
         let mut gone: FxHashMap<Symbol, String> = FxHashMap::default();

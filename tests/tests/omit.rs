@@ -1,5 +1,6 @@
 //! What is left out of models: they stay models, with the same promise.
 
+use crate::common::end;
 use bond::{Options, RunError, Steps, Text};
 use bond_compiler::omit;
 use std::fs;
@@ -98,4 +99,23 @@ fn refusals() {
         assert!(code == expected && message.contains(says) && count == 1, "{name}: {code}, {message}");
     }
     assert!(Options::new().without("slip").compile_str("m.bond", text).is_ok());
+}
+
+/// What a junction's bonds have in common is read at those that stay, whichever was bonded first.
+#[test]
+fn a_probe_of_a_junction_keeps_none_of_its_bonds() {
+    let text = "model M {
+      Se:u = 4 V  R:leak = 1 GOhm  R:r = 1 Ohm  C:c = 1 F  R:wire = 1 uOhm
+      leak -> n  wire -> m  u -> 1:m -> r, 0:n  n -> c
+      probe v = n.e  probe i = m.f
+      simulate { stop = 1 s }
+    }";
+    let ends = ["", "leak", "wire"].map(|out| {
+        let options = if out.is_empty() { Options::new() } else { Options::new().without(out) };
+        let compiled = options.compile_str("m.bond", text).unwrap_or_else(|e| panic!("{out}: {e}"));
+        ["v", "i"].map(|probe| end(&compiled, Steps::new(), 1.0, probe))
+    });
+    for (out, [v, i]) in ["leak", "wire"].iter().zip(&ends[1..]) {
+        assert!((v - ends[0][0]).abs() < 1e-5 && (i - ends[0][1]).abs() < 1e-5 && *v != ends[0][0], "{out}: {ends:?}");
+    }
 }
