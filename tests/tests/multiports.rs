@@ -486,7 +486,8 @@ fn linear_laws_of_a_field_are_a_matrix() {
     for (i, end) in ends.iter().enumerate() {
         (0..3).for_each(|k| close(end[k], ends[0][k], 1e-14, &format!("{i}, {k}")));
     }
-    let gives = "model M { Se:u = 1 V  R(a, b):r { a.e = 2 Ohm * a.f + 5 Ohm * b.f; b.e = 3 Ohm * b.f } u -> r.a u -> r.b }";
+    let gives =
+        "model M { Se:u = 1 V  R(a, b):r { a.e = 2 Ohm * a.f + 5 Ohm * b.f; b.e = 3 Ohm * b.f } u -> r.a u -> r.b }";
     assert!(errors(gives).to_string().contains("the laws of `r` give power"));
 }
 

@@ -1,7 +1,8 @@
 //! Laws whose slope is infinite where a run begins, as of a hole in an empty tank.
 
-use crate::common::{close, end, run, text, with};
+use crate::common::{advance, close, end, probe, run, start, text, with};
 use bond::{Options, Steps};
+use bond_compiler::discretise::Accuracy;
 
 /// The level of a tank of 1 m^2 at `t`, which 1 m^3/s fills and a hole of 1 m^3/s at 1 m empties: `t = -2 (r + ln(1 - r))`
 /// with its root `r`.
@@ -127,5 +128,33 @@ fn orifices_take_few_iterations() {
         assert!(summary.passive && region.worst_step < 1e-13, "{scene}: {summary:?}");
         let (steps, iterations) = (region.steps, region.newton_iterations);
         assert!(10 * iterations < most * steps, "{scene}: {iterations} in {steps}");
+    }
+}
+
+/// A tank that runs dry, q = (1 - t/2)^2, stays dry: the parabola's other branch fills it again. What flows then is the root
+/// of what is left, however little that is.
+#[test]
+fn a_tank_that_runs_dry_stays_dry() {
+    for law in ["e = (1 Pa*s^2/m^6)*f*abs(f)", "f = (1 m^3/(s*Pa^(1/2)))*sign(e)*sqrt(abs(e))"] {
+        for tolerance in [1e-5, 1e-6, 1e-7, 1e-8, 1e-9] {
+            let model = format!(
+                "model M {{ C:tank {{ stiffness = 1 Pa/m^3; q0 = 1 m^3 }}  R:hole {{ {law} }}  tank -> hole
+                   probe q = tank.q  probe f = hole.f  simulate {{ stop = 20 s }} }}"
+            );
+            let compiled = with(Options::new().accuracy(Accuracy::Tolerance(tolerance)), &model);
+            let mut sim = start(&compiled, Steps::tolerance(tolerance));
+            let mut lost = 0.0;
+            for k in 1..=80 {
+                let t = 0.05 * f64::from(k);
+                advance(&mut sim, t);
+                let (q, f) = (probe(&mut sim, "q"), probe(&mut sim, "f"));
+                let left = (1.0 - 0.5 * t).max(0.0);
+                assert!((q - left * left).abs() <= 100.0 * tolerance, "{law}, {tolerance}: {q} at {t} s");
+                assert!((f - q.signum() * q.abs().sqrt()).abs() <= 1e-9, "{law}, {tolerance}: {f} of {q} at {t} s");
+                let summary = sim.summary();
+                assert!(summary.passive && summary.regions[0].dissipated >= lost - 1e-9, "{summary:?}");
+                lost = summary.regions[0].dissipated;
+            }
+        }
     }
 }

@@ -119,8 +119,15 @@ pub(super) fn nonlinear(
     if kinked && (tolerance > TIGHT || has_corners(c) && tolerance > CORNERS) {
         return (Method::Gonzalez, "it is not linear, and not smooth");
     }
+    // A tank that runs dry does so in finite time: nodes that lie on both sides of that take it for filling again.
+    if kinked && empties(c, &mut model.pool) {
+        return match damps {
+            true => (Method::Radau, "it comes to rest by a root, in finite time, and must not go on beyond"),
+            false => (Method::Gonzalez, "it is not linear, and has kinks and a root"),
+        };
+    }
     let apart = kinked && !collocation::is_coupled(c, ORDER_8);
-    if apart && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
+    if apart && any(model, &is_root) {
         return (Method::Gonzalez, "it is not linear, and has kinks and a root");
     }
     if !small {
@@ -176,11 +183,23 @@ pub(super) fn is_kink(n: &Node) -> bool {
 }
 
 /// Whether a law that is solved for what it is given has no slope at 0, so that its inverse is a root.
-fn is_flat(n: &cluster::Node, pool: &mut Pool) -> bool {
+pub(super) fn is_flat(n: &cluster::Node, pool: &mut Pool) -> bool {
     let Output::Implicit { residual: e, .. } = n.how else { return false };
     let (slope, zero) = (pool.derivative(e, n.out), pool.int(0));
     let slope = pool.substitute(slope, &std::iter::once((n.out, zero)).collect());
     pool.is_zero(slope)
+}
+
+/// Whether a law gives the root of what it is given, up to 0, as an orifice does.
+fn empties(c: &Cluster, pool: &mut Pool) -> bool {
+    let rooted = |n: &Node| match n {
+        Node::Product(_, factors) => {
+            factors.iter().any(|(base, n)| (f64::EPSILON..1.0).contains(&n.to_f64()) && pool.any_node(*base, &is_kink))
+        }
+        _ => false,
+    };
+    let written = c.nodes.iter().flat_map(|n| n.how.expressions()).any(|e| pool.any_node(e, &rooted));
+    written || c.nodes.iter().any(|n| is_flat(n, pool))
 }
 
 /// Whether something has a root, and so an infinite slope: beyond it a step may have no solution, however near.

@@ -1,5 +1,6 @@
 //! Observation: what signals are at one instant, from the states and what comes in.
 
+use super::choice;
 use super::cluster::{self, Cluster, Recall, missing, verified};
 use super::stiff::{self, Switch};
 use super::write::{self, System};
@@ -138,6 +139,21 @@ pub(super) fn outputs(
     let weight = measure::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let scale = measure::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
     let mut start = guesses.to_vec();
+    for (i, node) in c.loop_nodes().into_iter().enumerate().filter(|(i, _)| needed[*i]) {
+        if !choice::is_flat(node, &mut model.pool) {
+            continue;
+        }
+        // From the flow of a moment ago to a much larger one, and back by halves, is far by a root's slope.
+        let other = b.unary(Unary::Neg, scale[i]);
+        let [here, there] = [scale[i], other].map(|z| {
+            let mut at = lowering.clone();
+            c.loops.iter().zip(guesses).for_each(|(z, guess)| at.bind(*z, *guess));
+            at.bind(c.loops[i], z);
+            at.lower(&model.pool, b, residuals[i]).map(|r| b.unary(Unary::Abs, r)).map_err(|s| missing(model, s))
+        });
+        let nearer = b.binary(Binary::Le, here?, there?);
+        start[i] = b.select(nearer, scale[i], other);
+    }
     if observed && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
         let sizes = (&weight[..], &scale[..]);
         let ahead = Ahead { flat: &flat, free: &free, held: &residuals, open: &open, coupled, sizes };

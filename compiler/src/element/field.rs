@@ -278,10 +278,7 @@ impl<'a> Elaborator<'a> {
         }
         let power = self.pool.sum(&terms);
         let rows = self.coefficients(&laws, &arguments);
-        let verdict = rows
-            .as_ref()
-            .and_then(|m| self.dissipates(m))
-            .or_else(|| self.takes_power(power, &arguments));
+        let verdict = rows.as_ref().and_then(|m| self.dissipates(m)).or_else(|| self.takes_power(power, &arguments));
         if verdict == Some(false) && !ast.active {
             self.errors.push(
                 Diagnostic::error(
@@ -296,18 +293,19 @@ impl<'a> Elaborator<'a> {
             );
             return None;
         }
-        let list = laws.into_iter().zip(&given).zip(&arguments).enumerate().map(|(i, ((law, (gives, _)), argument))| {
-            Resistor {
-                argument: *argument,
-                output: law.expr,
-                gives: *gives,
-                written: *gives,
-                curve: None,
-                row: rows.as_ref().map(|m| m[i].clone()),
-                linear: None,
-                dissipative: verdict,
-            }
-        });
+        let list =
+            laws.into_iter().zip(&given).zip(&arguments).enumerate().map(|(i, ((law, (gives, _)), argument))| {
+                Resistor {
+                    argument: *argument,
+                    output: law.expr,
+                    gives: *gives,
+                    written: *gives,
+                    curve: None,
+                    row: rows.as_ref().map(|m| m[i].clone()),
+                    linear: None,
+                    dissipative: verdict,
+                }
+            });
         Some(list.collect())
     }
 
