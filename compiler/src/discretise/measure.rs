@@ -441,7 +441,7 @@ pub(super) fn scales(
         };
         let more = if forward { b.mul(given, slope) } else { b.div(given, slope) };
         let more = match choice::is_flat(node, &mut model.pool) {
-            true if !forward => least_root(model, form, column, b, lowering, (given, more))?,
+            true if !forward && h.is_none() => least_root(model, form, column, b, lowering, (given, more))?,
             _ => more,
         };
         // Where a law rises like a root its slope says nothing.
@@ -454,7 +454,8 @@ pub(super) fn scales(
 }
 
 /// The size of what a law without a slope at 0 gives of what it is given: by a slope far from there it would be that many
-/// times too large. Each time the size goes half the way, by its logarithm, to what the law's secant from 0 says.
+/// times too large, and what is shown of it as wrong. Each time the size goes half the way, by its logarithm, to what the
+/// law's secant from 0 says.
 fn least_root(
     model: &mut Model,
     form: &Form,
