@@ -120,14 +120,11 @@ pub(super) fn nonlinear(
         return (Method::Gonzalez, "it is not linear, and not smooth");
     }
     // A tank that runs dry does so in finite time: nodes that lie on both sides of that take it for filling again.
-    if kinked && empties(c, &mut model.pool) {
-        return match damps {
-            true => (Method::Radau, "it comes to rest by a root, in finite time, and must not go on beyond"),
-            false => (Method::Gonzalez, "it is not linear, and has kinks and a root"),
-        };
+    if kinked && damps && !c.states.is_empty() && empties(c, &mut model.pool) {
+        return (Method::Radau, "it comes to rest by a root, in finite time, and must not go on beyond");
     }
     let apart = kinked && !collocation::is_coupled(c, ORDER_8);
-    if apart && any(model, &is_root) {
+    if apart && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
         return (Method::Gonzalez, "it is not linear, and has kinks and a root");
     }
     if !small {

@@ -10,6 +10,7 @@ use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Program, Slot, Unary, Value};
+use bond_runtime::solve::quick::RANGE;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
@@ -137,22 +138,13 @@ pub(super) fn outputs(
     // Power counts here as energy does in a step.
     let one = model.pool.int(1);
     let weight = measure::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
-    let scale = measure::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
+    let mut scale = measure::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
     let mut start = guesses.to_vec();
     for (i, node) in c.loop_nodes().into_iter().enumerate().filter(|(i, _)| needed[*i]) {
-        if !choice::is_flat(node, &mut model.pool) {
-            continue;
+        if choice::is_flat(node, &mut model.pool) {
+            let root = Root { loops: &c.loops, guesses, residual: residuals[i], i };
+            (start[i], scale[i]) = root.find(model, b, lowering, scale[i])?;
         }
-        // From the flow of a moment ago to a much larger one, and back by halves, is far by a root's slope.
-        let other = b.unary(Unary::Neg, scale[i]);
-        let [here, there] = [scale[i], other].map(|z| {
-            let mut at = lowering.clone();
-            c.loops.iter().zip(guesses).for_each(|(z, guess)| at.bind(*z, *guess));
-            at.bind(c.loops[i], z);
-            at.lower(&model.pool, b, residuals[i]).map(|r| b.unary(Unary::Abs, r)).map_err(|s| missing(model, s))
-        });
-        let nearer = b.binary(Binary::Le, here?, there?);
-        start[i] = b.select(nearer, scale[i], other);
     }
     if observed && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
         let sizes = (&weight[..], &scale[..]);
@@ -178,6 +170,65 @@ pub(super) fn outputs(
     };
     write::solve(model, b, lowering, system)?;
     Ok(flat)
+}
+
+/// What a law without a slope at 0 gives, as an orifice, is a root. From a flow of next to nothing it would be sought far
+/// beyond, and come back by halves; and by the slope there it would count as found where it is wrong by as much.
+struct Root<'a> {
+    loops: &'a [Symbol],
+    guesses: &'a [Value],
+    residual: Expr,
+    i: usize,
+}
+
+/// How often the size of a root goes half the way, by its logarithm, to what the law's secant from 0 says, from 1 in SI
+/// units: of a square once is enough, of a cube what is left is halved each time.
+const HALFWAY: usize = 4;
+
+impl Root<'_> {
+    /// Where to start, the nearest of the guess and the root's size to both sides, and what it is measured against, no more
+    /// than `scale`.
+    fn find(
+        &self,
+        model: &Model,
+        b: &mut Builder,
+        lowering: &Lowering,
+        scale: Value,
+    ) -> Result<(Value, Value), Vec<Diagnostic>> {
+        let off = |b: &mut Builder, z: Value| {
+            let mut at = lowering.clone();
+            self.loops.iter().zip(self.guesses).for_each(|(z, guess)| at.bind(*z, *guess));
+            at.bind(self.loops[self.i], z);
+            at.lower(&model.pool, b, self.residual).map_err(|s| missing(model, s))
+        };
+        let (zero, mut size) = (b.number(0.0), b.number(1.0));
+        let given = off(b, zero)?;
+        for _ in 0..HALFWAY {
+            let there = off(b, size)?;
+            let told = b.sub(there, given);
+            let part = b.div(given, told);
+            let part = b.unary(Unary::Abs, part);
+            let part = b.unary(Unary::Sqrt, part);
+            size = b.mul(size, part);
+        }
+        let most = b.number(RANGE);
+        let told = b.binary(Binary::Lt, size, most);
+        size = b.select(told, size, zero);
+        let guess = self.guesses[self.i];
+        let (mut start, mut least) = (guess, off(b, guess)?);
+        least = b.unary(Unary::Abs, least);
+        let other = b.unary(Unary::Neg, size);
+        for z in [size, other] {
+            let r = off(b, z)?;
+            let r = b.unary(Unary::Abs, r);
+            let nearer = b.binary(Binary::Lt, r, least);
+            (start, least) = (b.select(nearer, z, start), b.select(nearer, r, least));
+        }
+        let guess = b.unary(Unary::Abs, guess);
+        let whole = b.add(guess, size);
+        let less = b.binary(Binary::Lt, whole, scale);
+        Ok((start, b.select(less, whole, scale)))
+    }
 }
 
 /// A symbol for a value.

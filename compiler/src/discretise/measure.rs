@@ -1,7 +1,6 @@
 //! What an iteration measures its unknowns against: weights, as energy per square of an unknown, and scales, the sizes
 //! that rounding makes a state or a loop uncertain by some parts in 1e16 of.
 
-use super::choice;
 use super::cluster::{Cluster, Node, missing};
 use super::stiff;
 use super::tight::{self, Start, TIGHT};
@@ -440,10 +439,6 @@ pub(super) fn scales(
             None => cautious(b, slope, rest, forward),
         };
         let more = if forward { b.mul(given, slope) } else { b.div(given, slope) };
-        let more = match choice::is_flat(node, &mut model.pool) {
-            true if !forward && h.is_none() => least_root(model, form, column, b, lowering, (given, more))?,
-            _ => more,
-        };
         // Where a law rises like a root its slope says nothing.
         let (most, none) = (b.number(RANGE), b.number(0.0));
         let told = b.binary(Binary::Lt, more, most);
@@ -452,40 +447,6 @@ pub(super) fn scales(
     }
     Ok(scales)
 }
-
-/// The size of what a law without a slope at 0 gives of what it is given: by a slope far from there it would be that many
-/// times too large, and what is shown of it as wrong. Each time the size goes half the way, by its logarithm, to what the
-/// law's secant from 0 says.
-fn least_root(
-    model: &mut Model,
-    form: &Form,
-    column: ColumnId,
-    b: &mut Builder,
-    lowering: &Lowering,
-    (given, by_slope): (Value, Value),
-) -> Result<Value, Vec<Diagnostic>> {
-    let Law::Resistor(law) = &model.element(form.column(column).element).law else { return Ok(by_slope) };
-    let (argument, output) = (law.argument, law.output);
-    if model.pool.symbols(output).iter().any(|s| *s != argument) {
-        return Ok(by_slope);
-    }
-    let mut size = b.number(1.0);
-    for _ in 0..HALFWAY {
-        let mut there = lowering.clone();
-        there.bind(argument, size);
-        let told = there.lower(&model.pool, b, output).map_err(|s| missing(model, s))?;
-        let told = b.unary(Unary::Abs, told);
-        let part = b.div(given, told);
-        let part = b.unary(Unary::Sqrt, part);
-        size = b.mul(size, part);
-    }
-    let less = b.binary(Binary::Lt, size, by_slope);
-    Ok(b.select(less, size, by_slope))
-}
-
-/// How often [`least_root`] does so, from 1 in SI units: of a square once is enough, of a cube what is left is halved each
-/// time.
-const HALFWAY: usize = 4;
 
 /// The magnitudes of what does not change with a law's argument in the sums of the law, by how the law goes with them:
 /// beside the 1 of `log(1 + e)` an `e` of 1e-17 is none.
