@@ -258,3 +258,23 @@ fn laws_about_a_ratio_that_passes_0_are_solved_without_a_division() {
         close(ends[0], ends[1], 1e-9, two_port);
     }
 }
+
+/// A curve is not turned for that: it gives its junction what all there have in common.
+#[test]
+fn a_curve_beside_a_changing_ratio_is_not_turned() {
+    let compiled = text(
+        "model M { TF:t1 = cos(2 Hz * t)  Sf:s = 1 A
+           C:b1 { compliance = 0.5 F; e0 = 0.2 V }
+           R:c0 { e = (1 V)*tanh(f/(1 A)) + 0.2 Ohm * f }
+           R:b0 { f = 0.5 A/V^3 * e^3 + 0.5 S * e }
+           R:a1 { f = 0.5 A/V^3 * e^3 + 0.5 S * e }
+           R:a0 { e = (0.2 V)*min(max(s, -1), 1); f = (s - min(max(s, -1), 1)) * 1 A }
+           s -> 0:ja -> a0, a1, t1  t1 -> 1:jb -> b0, b1, c0  probe f = a0.f  probe e = a0.e }",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 0.1);
+    assert!(sim.summary().passive, "{:?}", sim.summary().reasons);
+    // It yields at 0.2 V, and takes what nothing else does.
+    close(probe(&mut sim, "e"), 0.2, 1e-12, "e");
+    assert!(probe(&mut sim, "f") > 0.5);
+}

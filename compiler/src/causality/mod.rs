@@ -271,14 +271,17 @@ fn strokes<'a>(
             };
             let cause = if linear { Cause::Free } else { Cause::Law(id) };
             let open = vanishes && a.strokes[bond.at()].is_none();
-            // One law or the other is solved: rather the one for which nothing is divided by a ratio that may be 0.
+            // One law or the other is solved: rather the one for which nothing is divided by a ratio that may be 0. A curve,
+            // as of a diode, is not turned for that.
             let mark = a.mark();
-            let mut whole = |gives| {
-                let fits = a.attempt(bond, a.stroke_for(bond, id, gives), cause).is_ok() && !a.divides(mark);
+            let mut whole = |gives, turned| {
+                let fits = a.attempt(bond, a.stroke_for(bond, id, gives), cause).is_ok()
+                    && !a.divides(mark)
+                    && !(turned && a.turns_curve(mark));
                 a.undo(mark);
                 fits
             };
-            let turned = open && !whole(gives) && whole(gives.other());
+            let turned = open && !whole(gives, false) && whole(gives.other(), true);
             let gives = if turned { gives.other() } else { gives };
             a.prefer(bond, a.stroke_for(bond, id, gives), cause);
         }

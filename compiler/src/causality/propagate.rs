@@ -3,7 +3,7 @@
 use super::conflict::Conflict;
 use super::{Cause, complete, forced};
 use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Model, Variable};
+use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
 
@@ -87,6 +87,18 @@ impl<'a> Assignment<'a> {
             let b = self.model.bond(bond);
             [b.tail, b.head].into_iter().any(|end| {
                 self.gives(bond, end).is_some_and(|gives| super::part::divides(self.model, end, bond, gives))
+            })
+        })
+    }
+
+    /// Whether a curve was asked, since a mark, for another variable than the one that all at its junction have in common.
+    pub(super) fn turns_curve(&self, mark: usize) -> bool {
+        self.trail[mark..].iter().any(|&bond| {
+            let b = self.model.bond(bond);
+            [b.tail, b.head].into_iter().any(|end| {
+                let common = common(self.model.element(b.other(end)).kind);
+                let is_curve = matches!(&self.model.element(end).law, Law::Resistor(r) if r.curve.is_some());
+                is_curve && common.is_some() && self.gives(bond, end) != common
             })
         })
     }
