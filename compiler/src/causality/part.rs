@@ -1,4 +1,4 @@
-//! What moves what through ratios that change with states.
+//! What moves what through ratios that change, and where these are divided by.
 
 use crate::expression::{Expr, Node, Pool, Sign, Symbol};
 use crate::graph::BondGraph;

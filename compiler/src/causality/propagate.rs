@@ -1,7 +1,7 @@
 //! Strokes as they are assigned, and the rules that carry them on.
 
 use super::conflict::Conflict;
-use super::{Cause, complete, forced};
+use super::{Cause, complete, forced, part};
 use crate::graph::BondGraph;
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
 use bond_grammar::ast::Stroke;
@@ -70,36 +70,35 @@ impl<'a> Assignment<'a> {
         }
     }
 
+    /// Whether a bond that was assigned since a mark is so at one of its ends.
+    fn since(&self, mark: usize, is_so: impl Fn(BondId, ElementId) -> bool) -> bool {
+        self.trail[mark..].iter().any(|&bond| {
+            let b = self.model.bond(bond);
+            is_so(bond, b.tail) || is_so(bond, b.head)
+        })
+    }
+
     /// Whether a storage lost its integral causality since a mark.
     pub(super) fn costs_storage(&self, mark: usize) -> bool {
-        self.trail[mark..].iter().any(|bond| {
-            let b = self.model.bond(*bond);
-            [b.tail, b.head].into_iter().any(|end| {
-                let wanted = super::integral(self.model.element(end).kind);
-                wanted.is_some() && self.gives(*bond, end) != wanted
-            })
+        self.since(mark, |bond, end| {
+            let wanted = super::integral(self.model.element(end).kind);
+            wanted.is_some() && self.gives(bond, end) != wanted
         })
     }
 
     /// Whether something is divided by a ratio that may pass 0, by what was assigned since a mark.
     pub(super) fn divides(&self, mark: usize) -> bool {
-        self.trail[mark..].iter().any(|&bond| {
-            let b = self.model.bond(bond);
-            [b.tail, b.head].into_iter().any(|end| {
-                self.gives(bond, end).is_some_and(|gives| super::part::divides(self.model, end, bond, gives))
-            })
+        self.since(mark, |bond, end| {
+            self.gives(bond, end).is_some_and(|gives| part::divides(self.model, end, bond, gives))
         })
     }
 
     /// Whether a curve was asked, since a mark, for another variable than the one that all at its junction have in common.
     pub(super) fn turns_curve(&self, mark: usize) -> bool {
-        self.trail[mark..].iter().any(|&bond| {
-            let b = self.model.bond(bond);
-            [b.tail, b.head].into_iter().any(|end| {
-                let common = common(self.model.element(b.other(end)).kind);
-                let is_curve = matches!(&self.model.element(end).law, Law::Resistor(r) if r.curve.is_some());
-                is_curve && common.is_some() && self.gives(bond, end) != common
-            })
+        self.since(mark, |bond, end| {
+            let common = common(self.model.element(self.model.bond(bond).other(end)).kind);
+            let is_curve = matches!(&self.model.element(end).law, Law::Resistor(r) if r.curve.is_some());
+            is_curve && common.is_some() && self.gives(bond, end) != common
         })
     }
 
