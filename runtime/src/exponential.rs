@@ -1,6 +1,6 @@
 //! The exact step of a linear system: its exponential, means and integrals of quadratic forms over the step.
 //!
-//! The exponential is computed with twice the digits, by a Taylor series at a small step and doubling from there. What
+//! The exponential is computed in double-double arithmetic, by a Taylor series at a small step and doubling from there. What
 //! is doubled is `F = exp(A t) - 1`: `F(2 t) = 2 F + F²`. Rounding that strikes the slow motions of a stiff system
 //! doubles each time, so that of some 32 digits about 20 are left at a stiffness ratio of 1e12. The units are made even
 //! first, by powers of two.
@@ -8,14 +8,14 @@
 mod balance;
 mod drift;
 
-use crate::twice::{Matrix, Twice};
+use crate::double_double::{DoubleDouble, Matrix};
 use serde::{Deserialize, Serialize};
 use std::ops::{Add, Mul, Sub};
 use thiserror::Error;
 
 /// A linear system with what drives it: `dw/dt = A w` for `w = (x, xi)`, and what is wanted of a step.
 ///
-/// All have twice the digits: over a step of many time constants a current is the small difference of two large ones,
+/// All are double-double: over a step of many time constants a current is the small difference of two large ones,
 /// and only with these are its own rows, and products of them, what they are by `A`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Linear {
@@ -24,17 +24,17 @@ pub struct Linear {
     /// How many driving states `xi`.
     pub m: usize,
     /// `A`, row by row, `(n + m)²` entries; the last `m` rows say `d xi/dt` in terms of `xi`.
-    pub a: Vec<Twice>,
+    pub a: Vec<DoubleDouble>,
     /// Rows `c`, each `n + m` long: the mean over the step of `c w` is wanted.
-    pub means: Vec<Vec<Twice>>,
+    pub means: Vec<Vec<DoubleDouble>>,
     /// Symmetric matrices `M`, row by row, each `(n + m)²` long: the integral over the step of `w^T M w` is wanted.
-    pub forms: Vec<Vec<Twice>>,
+    pub forms: Vec<Vec<DoubleDouble>>,
     /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = R^T R`: a sum of squares keeps its digits
     /// where a form in entries would cancel.
-    pub squares: Vec<Vec<Twice>>,
+    pub squares: Vec<Vec<DoubleDouble>>,
     /// Symmetric matrices `M`: the integral of `(w(s) - w̄)^T M (w(s) - w̄)` is wanted, with the mean `w̄` over the step,
     /// as a form in how far `w` would go by the implicit Euler method, which is 0 where all rests.
-    pub drifts: Vec<Vec<Twice>>,
+    pub drifts: Vec<Vec<DoubleDouble>>,
     /// Whether the change of the states is wanted where they change little: the rows of `exp(A h)` then lack their 1 on
     /// the diagonal where [`Layout::keep`] says 1.
     pub changes: bool,
@@ -168,19 +168,19 @@ pub fn table(linear: &Linear, h: f64) -> Result<Vec<f64>, Unfit> {
     let mut table = Vec::with_capacity(Layout::of(linear).size());
     let stays = |i: usize| linear.changes && (flow.exponential.get(i, i).high - 1.0).abs() <= 0.5;
     let keep: Vec<f64> = (0..linear.n).map(|i| if stays(i) { 1.0 } else { 0.0 }).collect();
-    let e: Vec<Twice> = (0..linear.n * size)
+    let e: Vec<DoubleDouble> = (0..linear.n * size)
         .map(|k| {
             let (i, j) = (k / size, k % size);
             let entry = flow.exponential.get(i, j).scale(d[i]).scale(1.0 / d[j]);
             let kept = if i == j { keep[i] } else { 0.0 };
-            entry.add(Twice::new(-kept)).uneven()
+            entry.add(DoubleDouble::new(-kept)).uneven()
         })
         .collect();
     table.extend(e.iter().map(|x| x.high));
     table.extend(e.iter().map(|x| x.low));
     for c in &linear.means {
         for j in 0..size {
-            let mut sum = Twice::default();
+            let mut sum = DoubleDouble::default();
             for i in (0..size).filter(|&i| c[i].high != 0.0) {
                 sum = sum.add(c[i].mul(flow.mean.get(i, j).scale(d[i]).scale(1.0 / d[j])));
             }
@@ -222,7 +222,7 @@ const TERMS: u32 = 18;
 /// Terms of the series of a form: `(2 SERIES)^18 / 19!` is below 1e-33.
 const FORM_TERMS: u32 = 18;
 
-/// Up to so many states, forms are computed with twice the digits: what a slow motion turns over may be 1e-16 of what a
+/// Up to so many states, forms are computed in double-double arithmetic: what a slow motion turns over may be 1e-16 of what a
 /// fast one would. Beyond, that would take seconds.
 const FINE: usize = 64;
 
@@ -241,8 +241,8 @@ struct Flow {
 
 impl Flow {
     /// Nothing where numbers overflow.
-    fn new(n: usize, a: &[Twice], d: &[f64], h: f64) -> Option<Self> {
-        let even: Vec<Twice> = (0..n * n).map(|k| a[k].scale(d[k % n]).scale(1.0 / d[k / n])).collect();
+    fn new(n: usize, a: &[DoubleDouble], d: &[f64], h: f64) -> Option<Self> {
+        let even: Vec<DoubleDouble> = (0..n * n).map(|k| a[k].scale(d[k % n]).scale(1.0 / d[k / n])).collect();
         let norm = norm(n, &even) * h;
         if !norm.is_finite() {
             return None;
@@ -253,7 +253,7 @@ impl Flow {
             step *= 0.5;
             doublings += 1;
         }
-        let small = even.iter().map(|x| x.mul(Twice::new(step))).collect();
+        let small = even.iter().map(|x| x.mul(DoubleDouble::new(step))).collect();
         let small = Matrix { n, entries: small };
         // Both series by Horner's rule: F = X (1 + X/2 (1 + X/3 (...))), and the mean 1 + X/2 (1 + X/3 (...)).
         let mut mean = Matrix::zero(n).plus_one();
@@ -276,8 +276,8 @@ impl Flow {
     }
 
     /// The integral of `exp(A^T s) M exp(A s)`, for `M` in the given units, in even ones.
-    fn form(&self, m: &[Twice], d: &[f64]) -> Matrix {
-        let mut term = even(m, d).map(|x| x.mul(Twice::new(self.step)));
+    fn form(&self, m: &[DoubleDouble], d: &[f64]) -> Matrix {
+        let mut term = even(m, d).map(|x| x.mul(DoubleDouble::new(self.step)));
         let mut sum = term.clone();
         // The terms are t L^k(M) t^k / (k + 1)! with L(M) = A^T M + M A.
         for k in 2..=FORM_TERMS + 1 {
@@ -303,7 +303,7 @@ fn root(mut q: Matrix, fine: bool) -> Vec<f64> {
         for j in 0..n {
             let s = size[i] * size[j];
             let x = &mut q.entries[i * n + j];
-            *x = if s > 0.0 { x.scale(1.0 / size[i]).scale(1.0 / size[j]) } else { Twice::default() };
+            *x = if s > 0.0 { x.scale(1.0 / size[i]).scale(1.0 / size[j]) } else { DoubleDouble::default() };
         }
     }
     let mut r = factor(q, &size, fine);
@@ -326,11 +326,11 @@ fn factor(mut q: Matrix, size: &[f64], fine: bool) -> Matrix {
         let weight = |i: usize| q.get(i, i).high * size[i] * size[i];
         let Some(&p) = open.iter().max_by(|&&i, &&j| weight(i).total_cmp(&weight(j))) else { break };
         let root = q.get(p, p).sqrt();
-        let pivot: Vec<Twice> = (0..n)
+        let pivot: Vec<DoubleDouble> = (0..n)
             .map(|j| {
                 let most = (q.get(j, j).high.max(0.0) + least).sqrt();
                 let x = q.get(p, j).divided(root);
-                if x.high.abs() <= most { x } else { Twice::new(x.high.clamp(-most, most)) }
+                if x.high.abs() <= most { x } else { DoubleDouble::new(x.high.clamp(-most, most)) }
             })
             .collect();
         for i in 0..n {
@@ -339,13 +339,13 @@ fn factor(mut q: Matrix, size: &[f64], fine: bool) -> Matrix {
                 *x = if fine {
                     x.add(pivot[i].mul(pivot[j]).scale(-1.0))
                 } else {
-                    Twice::new(x.high - pivot[i].high * pivot[j].high)
+                    DoubleDouble::new(x.high - pivot[i].high * pivot[j].high)
                 };
             }
         }
         for i in 0..n {
-            q.entries[i * n + p] = Twice::default();
-            q.entries[p * n + i] = Twice::default();
+            q.entries[i * n + p] = DoubleDouble::default();
+            q.entries[p * n + i] = DoubleDouble::default();
         }
         l.entries[row * n..(row + 1) * n].copy_from_slice(&pivot);
     }
@@ -371,22 +371,22 @@ fn straighten(l: &mut Matrix, fine: bool) {
                 let turned = if fine {
                     [c.mul(x).add(s.mul(y)), c.mul(y).sub(s.mul(x))]
                 } else {
-                    [c.high * x.high + s.high * y.high, c.high * y.high - s.high * x.high].map(Twice::new)
+                    [c.high * x.high + s.high * y.high, c.high * y.high - s.high * x.high].map(DoubleDouble::new)
                 };
                 [l.entries[j * n + k], l.entries[i * n + k]] = turned;
             }
-            l.entries[i * n + j] = Twice::default();
+            l.entries[i * n + j] = DoubleDouble::default();
         }
     }
 }
 
 /// A form in the given units, in even ones.
-fn even(m: &[Twice], d: &[f64]) -> Matrix {
+fn even(m: &[DoubleDouble], d: &[f64]) -> Matrix {
     let n = d.len();
     Matrix { n, entries: (0..n * n).map(|k| m[k].scale(d[k / n]).scale(d[k % n])).collect() }
 }
 
-/// `a b`, with twice the digits where that takes no long time.
+/// `a b`, in double-double arithmetic where that takes no long time.
 fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
     if a.n <= FINE { a.product(b) } else { a.rough_product(b) }
 }
@@ -397,7 +397,7 @@ fn power_of_two(x: f64) -> f64 {
 }
 
 /// The larger of the largest sums of magnitudes in a row and in a column.
-fn norm(n: usize, a: &[Twice]) -> f64 {
+fn norm(n: usize, a: &[DoubleDouble]) -> f64 {
     let row = |i: usize| (0..n).map(|j| a[i * n + j].high.abs()).sum::<f64>();
     let column = |j: usize| (0..n).map(|i| a[i * n + j].high.abs()).sum::<f64>();
     (0..n).fold(0.0, |m, i| m.max(row(i)).max(column(i)))

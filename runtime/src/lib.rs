@@ -4,6 +4,7 @@
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
+pub mod double_double;
 pub mod envelope;
 pub mod eval;
 pub mod exponential;
@@ -14,7 +15,6 @@ pub mod ledger;
 pub mod scene;
 pub mod simulate;
 pub mod solve;
-pub mod twice;
 
 pub use interpreter::Interpreter;
 pub use kernel::{Failure, Kernel, Workspace};

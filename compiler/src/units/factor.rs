@@ -1,4 +1,4 @@
-//! Factors of units, to twice the digits of a double.
+//! Factors of units, as double-double numbers.
 
 /// A number as the unevaluated sum of a double and a much smaller one.
 #[derive(Clone, Copy, Debug)]

@@ -1,7 +1,7 @@
 //! Forms in how far the states are from their means over the step.
 
 use super::{Flow, even, multiply};
-use crate::twice::{Matrix, Twice};
+use crate::double_double::{DoubleDouble, Matrix};
 use std::ops::Mul;
 
 /// Terms of the series at the small step: `(2 SERIES)^18 / 19!` is below 1e-33.
@@ -44,7 +44,7 @@ impl Flow {
     /// what the implicit Euler method makes of `g`.
     ///
     /// Where the states rest that is 0, and the form too, whatever the rounding of its entries.
-    pub(super) fn drift(&self, m: &[Twice], d: &[f64], euler: &Euler) -> Matrix {
+    pub(super) fn drift(&self, m: &[DoubleDouble], d: &[f64], euler: &Euler) -> Matrix {
         let n = d.len();
         let m = even(m, d);
         // With X = A t: V = t Σ v_k, v_1 = 1, v_k = v_(k-1) X / k. So V' = 1 + A V, and what that makes of the
@@ -60,7 +60,7 @@ impl Flow {
             w = w.plus(&power.clone().map(|x| x.over(next)));
             form = form.plus(&part.clone().map(|x| x.over(next)));
         }
-        let mut t = Twice::new(self.step);
+        let mut t = DoubleDouble::new(self.step);
         let times = |matrix: Matrix, powers: i32| (0..powers).fold(matrix, |matrix, _| matrix.map(|x| x.mul(t)));
         let (mut v, mut w, mut form) = (times(v, 1), times(w, 2), times(form, 3));
         // V(t + s) = V(t) + V(s) E(t)

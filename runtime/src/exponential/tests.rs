@@ -1,15 +1,15 @@
 //! Closed forms, balances and bad input.
 
 use super::*;
-use crate::twice::Twice;
+use crate::double_double::DoubleDouble;
 use std::ops::{Add, Mul};
 
 fn system(n: usize, m: usize, a: &[f64]) -> Linear {
-    Linear { n, m, a: twice(a), ..Linear::default() }
+    Linear { n, m, a: doubled(a), ..Linear::default() }
 }
 
-fn twice(x: &[f64]) -> Vec<Twice> {
-    x.iter().copied().map(Twice::new).collect()
+fn doubled(x: &[f64]) -> Vec<DoubleDouble> {
+    x.iter().copied().map(DoubleDouble::new).collect()
 }
 
 /// `v^T Q v` from the packed triangle.
@@ -56,12 +56,12 @@ fn damped_oscillator() {
 }
 
 #[test]
-fn undamped_oscillators_keep_volume_to_twice_the_digits() {
+fn undamped_oscillators_keep_volume_in_double_double() {
     for wh in [1e-3, 0.7, 31.0, 1e3] {
         let (table, sums) = both(&system(2, 0, &[0.0, 2.0, -0.5, 0.0]), wh);
-        let at = |i: usize| Twice::new(table[i]).add(Twice::new(table[4 + i]));
+        let at = |i: usize| DoubleDouble::new(table[i]).add(DoubleDouble::new(table[4 + i]));
         let minus = at(1).mul(at(2)).scale(-1.0);
-        let volume = at(0).mul(at(3)).add(minus).add(Twice::new(-1.0));
+        let volume = at(0).mul(at(3)).add(minus).add(DoubleDouble::new(-1.0));
         assert!(volume.high.abs() < 1e-23, "{wh}: {volume:?}");
         close(sums[0], f64::cos(wh), 2e-16);
     }
@@ -88,17 +88,17 @@ fn stiff_and_rotated() {
     let (slow, fast) = (1.0, 1e12);
     let (p, q) = (-(slow + fast) / 2.0, (fast - slow) / 2.0);
     let mut linear = system(2, 0, &[p, q, q, p]);
-    linear.means = vec![twice(&[1.0, 0.0])];
-    linear.forms = vec![twice(&[1.0, 0.0, 0.0, 1.0])];
+    linear.means = vec![doubled(&[1.0, 0.0])];
+    linear.forms = vec![doubled(&[1.0, 0.0, 0.0, 1.0])];
     let (t, e) = both(&linear, 1.0);
     let layout = Layout::of(&linear);
     let half = f64::exp(-1.0) / 2.0;
     for x in &e {
         close(*x, half, 1e-16);
     }
-    // Twice the digits: e^-1 = 0.367879441171442321595523770161460867...
-    let reference = Twice::new(0.36787944117144233).add(Twice::new(-1.2428753672788363e-17));
-    let error = Twice::new(t[0]).add(Twice::new(t[layout.low()])).scale(2.0).add(reference.scale(-1.0));
+    // DoubleDouble the digits: e^-1 = 0.367879441171442321595523770161460867...
+    let reference = DoubleDouble::new(0.36787944117144233).add(DoubleDouble::new(-1.2428753672788363e-17));
+    let error = DoubleDouble::new(t[0]).add(DoubleDouble::new(t[layout.low()])).scale(2.0).add(reference.scale(-1.0));
     assert!(error.high.abs() < 1e-18, "{error:?}");
     let mean = (1.0 - f64::exp(-1.0)) / 2.0;
     close(t[layout.mean(0)], mean + 0.5e-12, 1e-15);
@@ -128,7 +128,7 @@ fn driven_by_constants_ramps_and_sines() {
     a[4 * 6 + 5] = 3.0;
     a[5 * 6 + 4] = -3.0;
     let mut linear = system(1, 5, &a);
-    linear.means = vec![twice(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), twice(&[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])];
+    linear.means = vec![doubled(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), doubled(&[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])];
     let h = 0.75;
     let (table, t) = both(&linear, h);
     let e = f64::exp(-2.0 * h);
@@ -175,7 +175,7 @@ fn what_is_lost_is_dissipated() {
         m[2 * 4 + 3] = -0.5 * b;
         m[3 * 4 + 2] = -0.5 * b;
         m[3 * 4 + 3] = 0.25 * b;
-        linear.forms = vec![twice(&m)];
+        linear.forms = vec![doubled(&m)];
         let t = table(&linear, h).unwrap();
         let layout = Layout::of(&linear);
         let energy = |w: &[f64]| {
@@ -232,7 +232,7 @@ fn squares_agree_with_forms_on_long_lines() {
         m[n * n - 1] = g / (c * c);
         for h in [5e-7, 1e-6, 2e-6, 1e-5] {
             let mut linear = system(n, 0, &a);
-            (linear.forms, linear.squares) = (vec![twice(&m)], vec![twice(&m)]);
+            (linear.forms, linear.squares) = (vec![doubled(&m)], vec![doubled(&m)]);
             let t = table(&linear, h).unwrap();
             let layout = Layout::of(&linear);
             for shift in 0..4 {
@@ -266,9 +266,9 @@ fn drifts_are_what_is_left_of_a_product() {
     let product: Vec<f64> = (0..9).map(|k| 0.5 * (z[k / 3] * y[k % 3] + y[k / 3] * z[k % 3])).collect();
     for h in [1e-3, 0.1, 3.0, 40.0] {
         let mut linear = system(3, 0, &a);
-        linear.means = vec![twice(&z), twice(&y)];
-        linear.forms = vec![twice(&product)];
-        linear.drifts = vec![twice(&product)];
+        linear.means = vec![doubled(&z), doubled(&y)];
+        linear.forms = vec![doubled(&product)];
+        linear.drifts = vec![doubled(&product)];
         let table = table(&linear, h).unwrap();
         let layout = Layout::of(&linear);
         let w = [0.3, -1.2, 0.7];
@@ -289,13 +289,16 @@ fn what_a_tight_capacitor_takes() {
     let (c, slope, from) = (1e-6f64, 2.0, 0.75);
     for r in [1e-3f64, 1e-7, 1e-11] {
         // q, u, du/dt
-        let (g, k) = (Twice::new(1.0).divided(Twice::new(r)), Twice::new(1.0).divided(Twice::new(c)));
-        let (none, one) = (Twice::default(), Twice::new(1.0));
+        let (g, k) = (
+            DoubleDouble::new(1.0).divided(DoubleDouble::new(r)),
+            DoubleDouble::new(1.0).divided(DoubleDouble::new(c)),
+        );
+        let (none, one) = (DoubleDouble::default(), DoubleDouble::new(1.0));
         let current = vec![g.mul(k).scale(-1.0), g, none];
         let mut linear = Linear { n: 1, m: 2, ..Linear::default() };
         linear.a = [current.clone(), vec![none, none, one], vec![none; 3]].concat();
         linear.means = vec![vec![none, one, none], current.clone()];
-        let form = |z: [Twice; 3]| -> Vec<Twice> {
+        let form = |z: [DoubleDouble; 3]| -> Vec<DoubleDouble> {
             let entry = |i: usize| z[i / 3].mul(current[i % 3]).add(z[i % 3].mul(current[i / 3])).scale(0.5);
             (0..9).map(entry).collect()
         };

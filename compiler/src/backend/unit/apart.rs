@@ -2,11 +2,11 @@
 //! them.
 
 use super::programs;
+use bond_runtime::double_double::DoubleDouble;
 use bond_runtime::exponential::Linear;
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{Cluster, Probes, Respond, Scene, Stepper};
 use bond_runtime::simulate::{Options, Start, StartCluster};
-use bond_runtime::twice::Twice;
 
 /// Which numbers of how a cluster's answer depends on what it holds; see [`StartCluster`].
 #[derive(Clone, Copy, Debug)]
@@ -108,7 +108,7 @@ pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
 
 /// Leaves the sizes of a linear system.
 fn shape(linear: &mut Linear) {
-    linear.a.fill(Twice::default());
+    linear.a.fill(DoubleDouble::default());
     let lists = [&mut linear.means, &mut linear.forms, &mut linear.squares, &mut linear.drifts];
-    lists.into_iter().flatten().for_each(|l| l.fill(Twice::default()));
+    lists.into_iter().flatten().for_each(|l| l.fill(DoubleDouble::default()));
 }

@@ -16,8 +16,8 @@ use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::double_double::DoubleDouble;
 use bond_runtime::ir::{Array, Binary, Builder, Newton, Slot, Solve, Unary, Value};
-use bond_runtime::twice::Twice;
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::f64::consts::TAU;
 
@@ -241,7 +241,7 @@ impl Apart {
             lowering.bind(*u, b.add(*x, gone));
         }
         if let Some(guesses) = guesses {
-            let weights = self.tableau.integrals(Twice::new(0.5));
+            let weights = self.tableau.integrals(DoubleDouble::new(0.5));
             for (k, (s, x)) in c.states.iter().zip(&inputs.states).enumerate() {
                 let mut sum = *x;
                 for (j, w) in weights.iter().enumerate() {

@@ -39,9 +39,9 @@ use crate::expression::{Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Bends, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::double_double::DoubleDouble;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::scene::{Entries, Stepper};
-use bond_runtime::twice::Twice;
 use rustc_hash::{FxHashMap, FxHashSet};
 use tableau::{Tableau, quadrature};
 
@@ -75,7 +75,7 @@ struct Stage {
 /// A point of the step.
 struct Point {
     /// How what each state changes by in each stage counts there.
-    weights: Vec<Twice>,
+    weights: Vec<DoubleDouble>,
     /// For each state what rounding took from it and takes from the weights, where that counts.
     rests: Vec<Symbol>,
 }
@@ -102,7 +102,7 @@ impl Nodes {
 }
 
 impl Point {
-    fn new(c: &Cluster, pool: &mut Pool, tableau: &Tableau, node: Twice, whole: bool) -> Self {
+    fn new(c: &Cluster, pool: &mut Pool, tableau: &Tableau, node: DoubleDouble, whole: bool) -> Self {
         let rest = |pool: &mut Pool, s: Symbol| {
             let name = format!("rest of {} at {}", pool.name(s), node.high);
             pool.symbol(&name)
@@ -137,7 +137,7 @@ impl Point {
 }
 
 /// What rounding takes from the weights of changes.
-fn lows(b: &mut Builder, weights: &[Twice], changes: &[Value]) -> Value {
+fn lows(b: &mut Builder, weights: &[DoubleDouble], changes: &[Value]) -> Value {
     let mut sum = None;
     for (w, d) in weights.iter().zip(changes) {
         let w = b.number(w.low);
@@ -150,7 +150,7 @@ fn lows(b: &mut Builder, weights: &[Twice], changes: &[Value]) -> Value {
 /// The same of changes that are known but for what rounding took from them.
 fn low(
     b: &mut Builder,
-    weights: &[Twice],
+    weights: &[DoubleDouble],
     changes: &[Value],
     names: &[Symbol],
     taken: &FxHashMap<Symbol, Value>,
@@ -249,7 +249,7 @@ fn at_stage(pool: &mut Pool, s: Symbol, i: usize) -> Symbol {
 }
 
 /// `Σ weight d`
-fn weighted(pool: &mut Pool, weights: &[Twice], of: &[Symbol]) -> Expr {
+fn weighted(pool: &mut Pool, weights: &[DoubleDouble], of: &[Symbol]) -> Expr {
     let terms: Vec<(Expr, Number)> =
         weights.iter().zip(of).map(|(w, d)| (pool.var(*d), Number::float(w.high))).collect();
     pool.combine(&terms)
@@ -345,7 +345,7 @@ fn gradients(
     pool: &mut Pool,
     (tableau, stages, at_nodes): (&Tableau, &[Stage], &[FxHashMap<Symbol, Expr>]),
     (nodes, whole): (Nodes, bool),
-    mut states: impl FnMut(&mut Pool, Twice) -> FxHashMap<Symbol, Expr>,
+    mut states: impl FnMut(&mut Pool, DoubleDouble) -> FxHashMap<Symbol, Expr>,
 ) -> Vec<Vec<Vec<Expr>>> {
     let s = stages.len();
     let mut list = Vec::new();
@@ -376,7 +376,7 @@ fn gradients(
         let maps = at_rules.entry(count).or_insert_with(|| rule.iter().map(|(node, _)| states(pool, *node)).collect());
         let along: Vec<Vec<Expr>> =
             maps.iter().map(|map| bent.iter().map(|z| pool.substitute(*z, map)).collect()).collect();
-        let values: Vec<Vec<Twice>> = rule.iter().map(|(node, _)| tableau.values(*node)).collect();
+        let values: Vec<Vec<DoubleDouble>> = rule.iter().map(|(node, _)| tableau.values(*node)).collect();
         let at = (0..s).map(|i| {
             (0..g.states.len())
                 .map(|k| {
@@ -669,15 +669,15 @@ fn losses(
     entries: &mut [Entries],
 ) -> Result<bool, Vec<Diagnostic>> {
     let t = &plan.tableau;
-    let a: Vec<Vec<Twice>> = t.nodes().map(|node| t.integrals(node)).collect();
+    let a: Vec<Vec<DoubleDouble>> = t.nodes().map(|node| t.integrals(node)).collect();
     // m = diag(b) A + A^T diag(b) - b b^T is d d^T.
-    let m: Vec<Twice> = (0..t.stages())
+    let m: Vec<DoubleDouble> = (0..t.stages())
         .map(|j| {
             let (b, b0) = (t.weights[j], t.weights[0]);
             b0 * a[0][j] + b * a[j][0] - b0 * b
         })
         .collect();
-    let d: Vec<Twice> = m.iter().map(|x| x.divided(m[0].sqrt())).collect();
+    let d: Vec<DoubleDouble> = m.iter().map(|x| x.divided(m[0].sqrt())).collect();
     let moved: Vec<Expr> = (0..c.states.len())
         .map(|k| {
             let changes: Vec<Symbol> = plan.stages.iter().map(|s| s.change[k]).collect();

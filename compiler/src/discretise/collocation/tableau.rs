@@ -1,16 +1,16 @@
 //! Nodes, weights and integrals of Lagrange polynomials on [0, 1] (Hairer, Norsett and Wanner, Solving Ordinary
-//! Differential Equations I, II.7), with twice the digits: what a rounded coefficient takes from the energy it takes in
+//! Differential Equations I, II.7), in double-double arithmetic: what a rounded coefficient takes from the energy it takes in
 //! each step (Hairer, McLachlan and Razakarivony, BIT 48, 2008).
 
-use bond_runtime::twice::Twice;
+use bond_runtime::double_double::DoubleDouble;
 
 /// A collocation method: a polynomial of degree `s` that starts at the state and whose slope at each node is the rate
 /// there.
 pub(super) struct Tableau {
     /// c, ascending.
-    nodes: Vec<Twice>,
+    nodes: Vec<DoubleDouble>,
     /// b_i, the integral of the i-th Lagrange polynomial over the step.
-    pub(super) weights: Vec<Twice>,
+    pub(super) weights: Vec<DoubleDouble>,
 }
 
 impl Tableau {
@@ -21,12 +21,12 @@ impl Tableau {
 
     /// The three nodes of Radau that end with the step: order 5.
     pub(super) fn radau() -> Self {
-        let (four, root) = (Twice::new(4.0), Twice::new(6.0).sqrt());
-        Self::at(vec![(four - root).over(10.0), (four + root).over(10.0), Twice::new(1.0)])
+        let (four, root) = (DoubleDouble::new(4.0), DoubleDouble::new(6.0).sqrt());
+        Self::at(vec![(four - root).over(10.0), (four + root).over(10.0), DoubleDouble::new(1.0)])
     }
 
-    fn at(nodes: Vec<Twice>) -> Self {
-        let weights = integrals(&nodes, Twice::new(1.0));
+    fn at(nodes: Vec<DoubleDouble>) -> Self {
+        let weights = integrals(&nodes, DoubleDouble::new(1.0));
         Self { nodes, weights }
     }
 
@@ -36,12 +36,12 @@ impl Tableau {
     }
 
     /// c, ascending.
-    pub(super) fn nodes(&self) -> impl Iterator<Item = Twice> + '_ {
+    pub(super) fn nodes(&self) -> impl Iterator<Item = DoubleDouble> + '_ {
         self.nodes.iter().copied()
     }
 
     /// The integrals of the Lagrange polynomials from 0 to `c`: the state there is x + h Σ of them times the rates.
-    pub(super) fn integrals(&self, c: Twice) -> Vec<Twice> {
+    pub(super) fn integrals(&self, c: DoubleDouble) -> Vec<DoubleDouble> {
         integrals(&self.nodes, c)
     }
 
@@ -51,7 +51,7 @@ impl Tableau {
     }
 
     /// The values of the Lagrange polynomials at `c`.
-    pub(super) fn values(&self, c: Twice) -> Vec<Twice> {
+    pub(super) fn values(&self, c: DoubleDouble) -> Vec<DoubleDouble> {
         (0..self.stages()).map(|j| lagrange(&self.nodes, j, c)).collect()
     }
 
@@ -82,8 +82,8 @@ impl Tableau {
 }
 
 /// Nodes and weights of Gauss's quadrature on [0, 1], exact for polynomials of degree 2 n - 1.
-pub(super) fn quadrature(n: usize) -> Vec<(Twice, Twice)> {
-    let one = Twice::new(1.0);
+pub(super) fn quadrature(n: usize) -> Vec<(DoubleDouble, DoubleDouble)> {
+    let one = DoubleDouble::new(1.0);
     let point = |i| {
         let (x, slope) = gauss_node(n, i);
         let weight = one.divided((one - x * x) * slope * slope);
@@ -93,13 +93,13 @@ pub(super) fn quadrature(n: usize) -> Vec<(Twice, Twice)> {
 }
 
 /// The i-th root of the Legendre polynomial of degree n, ascending, and the slope there.
-fn gauss_node(n: usize, i: usize) -> (Twice, Twice) {
-    let one = Twice::new(1.0);
-    let whole = |k: usize| Twice::new(k as f64);
-    let mut x = Twice::new(-libm::cos(std::f64::consts::PI * (i as f64 - 0.25) / (n as f64 + 0.5)));
+fn gauss_node(n: usize, i: usize) -> (DoubleDouble, DoubleDouble) {
+    let one = DoubleDouble::new(1.0);
+    let whole = |k: usize| DoubleDouble::new(k as f64);
+    let mut x = DoubleDouble::new(-libm::cos(std::f64::consts::PI * (i as f64 - 0.25) / (n as f64 + 0.5)));
     // The middle one is 0, whatever rounding says.
     if 2 * i == n + 1 {
-        x = Twice::default();
+        x = DoubleDouble::default();
     }
     let mut slope = one;
     for _ in 0..8 {
@@ -117,17 +117,17 @@ fn gauss_node(n: usize, i: usize) -> (Twice, Twice) {
 }
 
 /// The j-th Lagrange polynomial at `x`.
-fn lagrange(nodes: &[Twice], j: usize, x: Twice) -> Twice {
+fn lagrange(nodes: &[DoubleDouble], j: usize, x: DoubleDouble) -> DoubleDouble {
     let others = nodes.iter().enumerate().filter(|(k, _)| *k != j).map(|(_, c)| *c);
-    others.fold(Twice::new(1.0), |product, c| (product * (x - c)).divided(nodes[j] - c))
+    others.fold(DoubleDouble::new(1.0), |product, c| (product * (x - c)).divided(nodes[j] - c))
 }
 
 /// The integrals of the Lagrange polynomials from 0 to `end`.
-fn integrals(nodes: &[Twice], end: Twice) -> Vec<Twice> {
+fn integrals(nodes: &[DoubleDouble], end: DoubleDouble) -> Vec<DoubleDouble> {
     let rule = quadrature(nodes.len());
     let one = |j| {
         let parts = rule.iter().map(|(x, w)| *w * end * lagrange(nodes, j, end * *x));
-        parts.fold(Twice::default(), |sum, part| sum + part)
+        parts.fold(DoubleDouble::default(), |sum, part| sum + part)
     };
     (0..nodes.len()).map(one).collect()
 }
@@ -140,21 +140,21 @@ mod tests {
     fn known_tableaus() {
         let two = Tableau::gauss(2);
         let root = 3f64.sqrt() / 6.0;
-        let near = |x: Twice, y: f64| (x.high - y).abs() < 2e-16;
+        let near = |x: DoubleDouble, y: f64| (x.high - y).abs() < 2e-16;
         assert!(near(two.nodes[0], 0.5 - root) && near(two.weights[1], 0.5));
         assert!(near(two.integrals(two.nodes[0])[1], 0.25 - root));
         let radau = Tableau::radau();
-        assert!((radau.weights[2] - Twice::new(1.0).over(9.0)).high.abs() < 1e-30);
+        assert!((radau.weights[2] - DoubleDouble::new(1.0).over(9.0)).high.abs() < 1e-30);
         let a = radau.integrals(radau.nodes[0]);
         assert!(near(a[0], (88.0 - 7.0 * 6f64.sqrt()) / 360.0));
     }
 
-    /// Symplectic, and so the energy of quadratic ones is kept, to the last of twice the digits.
+    /// Symplectic, and so the energy of quadratic ones is kept, to the last digit of double-double.
     #[test]
     fn quadratic_energies_are_kept() {
         for s in 1..=6 {
             let t = Tableau::gauss(s);
-            let a: Vec<Vec<Twice>> = t.nodes().map(|c| t.integrals(c)).collect();
+            let a: Vec<Vec<DoubleDouble>> = t.nodes().map(|c| t.integrals(c)).collect();
             for i in 0..s {
                 for j in 0..s {
                     let (b, both) = (&t.weights, t.weights[i] * t.weights[j]);
@@ -170,9 +170,9 @@ mod tests {
         for n in 1..=20 {
             let rule = quadrature(n);
             for degree in 0..2 * n as i32 {
-                let power = |x: Twice| (0..degree).fold(Twice::new(1.0), |p, _| p * x);
-                let sum = rule.iter().fold(Twice::default(), |sum, (x, w)| sum + *w * power(*x));
-                let off = sum - Twice::new(1.0).over(f64::from(degree + 1));
+                let power = |x: DoubleDouble| (0..degree).fold(DoubleDouble::new(1.0), |p, _| p * x);
+                let sum = rule.iter().fold(DoubleDouble::default(), |sum, (x, w)| sum + *w * power(*x));
+                let off = sum - DoubleDouble::new(1.0).over(f64::from(degree + 1));
                 assert!(off.high.abs() < 1e-28, "{n} {degree} {off:?}");
             }
         }
@@ -193,7 +193,8 @@ mod tests {
             })
             .sum();
         assert!((sum - f(1.0 + theta)).abs() < 1e-12);
-        let here: f64 = five.values(Twice::new(0.3)).iter().zip(&five.nodes).map(|(l, c)| l.high * f(c.high)).sum();
+        let here: f64 =
+            five.values(DoubleDouble::new(0.3)).iter().zip(&five.nodes).map(|(l, c)| l.high * f(c.high)).sum();
         assert!((here - f(0.3)).abs() < 1e-14);
     }
 }

@@ -14,10 +14,10 @@ use crate::expression::{Lowering, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form};
 use bond_grammar::diagnostic::Diagnostic;
+use bond_runtime::double_double::DoubleDouble;
 use bond_runtime::exponential::{Layout, Linear};
 use bond_runtime::ir::{Array, Builder, Inst, Slot, Unary};
 use bond_runtime::scene::{Entries, Stepper};
-use bond_runtime::twice::Twice;
 use drive::{Drive, drive_value};
 use rows::{Rows, add_product, rows};
 
@@ -103,7 +103,7 @@ fn program(
     if with_ledger {
         for (e, account) in entries.iter().zip(&accounts) {
             let energy = |columns: &[ColumnId], sign: f64| {
-                let mut m = vec![Twice::default(); size * size];
+                let mut m = vec![DoubleDouble::default(); size * size];
                 for column in columns {
                     if let (Some(z), Some(i)) = (rows.outputs.get(&form.column(*column).out), rows.inputs.get(column)) {
                         add_product(&mut m, z, i, sign);

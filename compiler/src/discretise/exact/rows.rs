@@ -5,8 +5,8 @@ use super::drive::{Drive, Split, System};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
+use bond_runtime::double_double::DoubleDouble;
 use bond_runtime::exponential::Linear;
-use bond_runtime::twice::Twice;
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 use std::ops::{Add, Mul};
@@ -26,22 +26,22 @@ pub(super) struct Rows {
     pub(super) outputs: FxHashMap<Symbol, Row>,
     pub(super) inputs: FxHashMap<ColumnId, Row>,
     /// Each integral: row of its linear part, or the full form.
-    pub(super) integrals: Vec<Result<Row, Vec<Twice>>>,
+    pub(super) integrals: Vec<Result<Row, Vec<DoubleDouble>>>,
 }
 
 /// A number for each state and drive.
-pub(super) type Row = Vec<Twice>;
+pub(super) type Row = Vec<DoubleDouble>;
 
 /// `to += k row`
-fn add_row(to: &mut [Twice], k: f64, row: &[Twice]) {
+fn add_row(to: &mut [DoubleDouble], k: f64, row: &[DoubleDouble]) {
     for (t, x) in to.iter_mut().zip(row) {
-        *t = t.add(x.mul(Twice::new(k)));
+        *t = t.add(x.mul(DoubleDouble::new(k)));
     }
 }
 
 /// `to += k`
-fn add_one(to: &mut Twice, k: f64) {
-    *to = to.add(Twice::new(k));
+fn add_one(to: &mut DoubleDouble, k: f64) {
+    *to = to.add(DoubleDouble::new(k));
 }
 
 impl Rows {
@@ -150,7 +150,7 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
         return None;
     }
     let dense = |row: &[(usize, f64)]| {
-        let mut v = vec![Twice::default(); size];
+        let mut v = vec![DoubleDouble::default(); size];
         row.iter().for_each(|&(i, k)| add_one(&mut v[i], k));
         v
     };
@@ -159,7 +159,7 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
     let r = solved.len();
     let place: FxHashMap<Symbol, usize> = solved.iter().enumerate().map(|(i, t)| (t.0, i)).collect();
     let mut matrix = DMatrix::<f64>::identity(r, r);
-    let mut right = vec![vec![Twice::default(); size]; r];
+    let mut right = vec![vec![DoubleDouble::default(); size]; r];
     for (i, (_, split)) in solved.iter().enumerate() {
         for (s, k) in &split.signals {
             if let Some(&j) = place.get(s) {
@@ -190,21 +190,21 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
         .chain(c.nodes.iter().filter_map(|n| n.source().or(n.resistor())))
         .chain(c.ports.iter().copied());
     for column in columns.collect::<Vec<_>>() {
-        let mut v = vec![Twice::default(); size];
+        let mut v = vec![DoubleDouble::default(); size];
         for (j, k) in &form.column(column).row {
             add_row(&mut v, model.pool.constant(*k)?, outputs.get(&form.column(*j).out)?);
         }
         input_rows.insert(column, v);
     }
     let row_of = |split: &Split| -> Option<Row> {
-        let mut row = vec![Twice::default(); size];
+        let mut row = vec![DoubleDouble::default(); size];
         for (s, k) in &split.signals {
             add_row(&mut row, *k, outputs.get(s)?);
         }
         split.drives.iter().for_each(|(d, k)| add_one(&mut row[n + d], *k));
         Some(row)
     };
-    let mut a = vec![Twice::default(); size * size];
+    let mut a = vec![DoubleDouble::default(); size * size];
     let mut rates = rates.iter();
     for (i, s) in c.states.iter().enumerate() {
         let row = match s.column {
@@ -227,7 +227,7 @@ pub(super) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> 
             }
             Err(parts) => parts,
         };
-        let mut m = vec![Twice::default(); size * size];
+        let mut m = vec![DoubleDouble::default(); size * size];
         for (s, t, k) in &parts.square {
             add_product(&mut m, &row_of(s)?, &row_of(t)?, *k);
         }
@@ -296,7 +296,7 @@ fn forward(matrix: &DMatrix<f64>, mut x: Vec<Row>, order: &[usize]) -> Vec<Row> 
 fn solve(matrix: DMatrix<f64>, right: &[Row]) -> Option<Vec<Row>> {
     let (r, size) = (right.len(), right.first().map_or(0, Vec::len));
     let lu = matrix.clone().lu();
-    let mut x = vec![vec![Twice::default(); size]; r];
+    let mut x = vec![vec![DoubleDouble::default(); size]; r];
     for _ in 0..REFINEMENTS {
         let mut left = right.to_vec();
         for (i, row) in left.iter_mut().enumerate() {
@@ -313,12 +313,12 @@ fn solve(matrix: DMatrix<f64>, right: &[Row]) -> Option<Vec<Row>> {
 }
 
 /// `m += k (a b^T + b a^T) / 2`
-pub(super) fn add_product(m: &mut [Twice], a: &[Twice], b: &[Twice], k: f64) {
+pub(super) fn add_product(m: &mut [DoubleDouble], a: &[DoubleDouble], b: &[DoubleDouble], k: f64) {
     let n = a.len();
     for i in 0..n {
         for j in 0..n {
             let both = a[i].mul(b[j]).add(a[j].mul(b[i]));
-            m[i * n + j] = m[i * n + j].add(both.mul(Twice::new(0.5 * k)));
+            m[i * n + j] = m[i * n + j].add(both.mul(DoubleDouble::new(0.5 * k)));
         }
     }
 }

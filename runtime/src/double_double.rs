@@ -1,4 +1,4 @@
-//! Numbers of twice the digits, as unevaluated sums of two, and matrices of them.
+//! Double-double numbers (unevaluated sums of two doubles), and matrices of them.
 //!
 //! After Dekker, A floating-point technique for extending the available precision, 1971, and Knuth's two-sum.
 
@@ -7,7 +7,7 @@ use std::ops::{Add, Mul, Sub};
 
 /// `high + low`, `low` below half a unit in the last place of `high`: some 32 decimal digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Twice {
+pub struct DoubleDouble {
     /// The nearest number.
     pub high: f64,
     /// What is left.
@@ -16,17 +16,17 @@ pub struct Twice {
 
 /// `a + b` and what rounding it lost.
 #[inline]
-fn two_sum(a: f64, b: f64) -> Twice {
+fn two_sum(a: f64, b: f64) -> DoubleDouble {
     let high = a + b;
     let t = high - a;
-    Twice { high, low: (a - (high - t)) + (b - t) }
+    DoubleDouble { high, low: (a - (high - t)) + (b - t) }
 }
 
 /// The same where `a` is the larger.
 #[inline]
-fn quick_two_sum(a: f64, b: f64) -> Twice {
+fn quick_two_sum(a: f64, b: f64) -> DoubleDouble {
     let high = a + b;
-    Twice { high, low: b - (high - a) }
+    DoubleDouble { high, low: b - (high - a) }
 }
 
 /// `x` as a sum of two numbers of 26 bits.
@@ -39,13 +39,13 @@ fn split(x: f64) -> (f64, f64) {
 
 /// `a b` and what rounding it lost. Overflows from 2^996 on.
 #[inline]
-fn two_product(a: f64, b: f64) -> Twice {
+fn two_product(a: f64, b: f64) -> DoubleDouble {
     let high = a * b;
     let ((a1, a2), (b1, b2)) = (split(a), split(b));
-    Twice { high, low: ((a1 * b1 - high) + a1 * b2 + a2 * b1) + a2 * b2 }
+    DoubleDouble { high, low: ((a1 * b1 - high) + a1 * b2 + a2 * b1) + a2 * b2 }
 }
 
-impl Twice {
+impl DoubleDouble {
     /// A number as it is.
     pub fn new(x: f64) -> Self {
         Self { high: x, low: 0.0 }
@@ -96,7 +96,7 @@ impl Twice {
 }
 
 /// The sum.
-impl Add for Twice {
+impl Add for DoubleDouble {
     type Output = Self;
 
     #[inline]
@@ -109,7 +109,7 @@ impl Add for Twice {
 }
 
 /// The difference.
-impl Sub for Twice {
+impl Sub for DoubleDouble {
     type Output = Self;
 
     #[inline]
@@ -119,7 +119,7 @@ impl Sub for Twice {
 }
 
 /// The product. Overflows from 2^996 on.
-impl Mul for Twice {
+impl Mul for DoubleDouble {
     type Output = Self;
 
     #[inline]
@@ -133,15 +133,15 @@ impl Mul for Twice {
 #[derive(Clone, Debug)]
 pub(crate) struct Matrix {
     pub n: usize,
-    pub entries: Vec<Twice>,
+    pub entries: Vec<DoubleDouble>,
 }
 
 impl Matrix {
     pub fn zero(n: usize) -> Self {
-        Self { n, entries: vec![Twice::default(); n * n] }
+        Self { n, entries: vec![DoubleDouble::default(); n * n] }
     }
 
-    pub fn get(&self, i: usize, j: usize) -> Twice {
+    pub fn get(&self, i: usize, j: usize) -> DoubleDouble {
         self.entries[i * self.n + j]
     }
 
@@ -182,7 +182,7 @@ impl Matrix {
                 }
             }
         }
-        Self { n, entries: to.into_iter().map(Twice::new).collect() }
+        Self { n, entries: to.into_iter().map(DoubleDouble::new).collect() }
     }
 
     pub fn transposed(&self) -> Self {
@@ -199,7 +199,7 @@ impl Matrix {
     }
 
     /// Each entry by `f`.
-    pub fn map(mut self, f: impl Fn(Twice) -> Twice) -> Self {
+    pub fn map(mut self, f: impl Fn(DoubleDouble) -> DoubleDouble) -> Self {
         self.entries.iter_mut().for_each(|x| *x = f(*x));
         self
     }
@@ -208,7 +208,7 @@ impl Matrix {
     pub fn plus_one(mut self) -> Self {
         for i in 0..self.n {
             let x = &mut self.entries[i * self.n + i];
-            *x = x.add(Twice::new(1.0));
+            *x = x.add(DoubleDouble::new(1.0));
         }
         self
     }
@@ -258,21 +258,21 @@ mod tests {
 
     #[test]
     fn thirds_and_squares() {
-        let third = Twice::new(1.0).over(3.0);
-        let one = third.mul(Twice::new(3.0)).add(Twice::new(-1.0));
+        let third = DoubleDouble::new(1.0).over(3.0);
+        let one = third.mul(DoubleDouble::new(3.0)).add(DoubleDouble::new(-1.0));
         assert!(one.high.abs() < 1e-31, "{one:?}");
-        let x = Twice::new(1.0 + f64::EPSILON);
+        let x = DoubleDouble::new(1.0 + f64::EPSILON);
         let square = x.mul(x); // 1 + 2 eps + eps²
-        assert_eq!(square, Twice { high: 1.0 + 2.0 * f64::EPSILON, low: f64::EPSILON * f64::EPSILON });
-        let root = Twice::new(2.0).sqrt();
-        assert!(root.mul(root).add(Twice::new(-2.0)).high.abs() < 1e-31, "{root:?}");
+        assert_eq!(square, DoubleDouble { high: 1.0 + 2.0 * f64::EPSILON, low: f64::EPSILON * f64::EPSILON });
+        let root = DoubleDouble::new(2.0).sqrt();
+        assert!(root.mul(root).add(DoubleDouble::new(-2.0)).high.abs() < 1e-31, "{root:?}");
         let ratio = third.divided(root).mul(root).add(third.scale(-1.0));
         assert!(ratio.high.abs() < 1e-31, "{ratio:?}");
-        assert_eq!(Twice::new(1e16).add(Twice::new(1.0)).add(Twice::new(-1e16)).high, 1.0);
+        assert_eq!(DoubleDouble::new(1e16).add(DoubleDouble::new(1.0)).add(DoubleDouble::new(-1e16)).high, 1.0);
     }
     #[test]
     fn matrices_are_solved_with_all_digits() {
-        let hilbert = |i: usize, j: usize| Twice::new(1.0).over((i + j + 1) as f64);
+        let hilbert = |i: usize, j: usize| DoubleDouble::new(1.0).over((i + j + 1) as f64);
         let a = Matrix { n: 4, entries: (0..16).map(|k| hilbert(k / 4, k % 4)).collect() };
         let one = Matrix::zero(4).plus_one();
         let inverse = a.clone().solve(one.clone(), 1e-8).expect("pivots are above 1e-4");
