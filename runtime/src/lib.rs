@@ -12,6 +12,7 @@ pub mod interpreter;
 pub mod ir;
 pub mod kernel;
 pub mod ledger;
+pub mod machine;
 pub mod scene;
 pub mod simulate;
 pub mod solve;
