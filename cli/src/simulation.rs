@@ -392,14 +392,14 @@ impl<'a> Simulation<'a> {
 
 /// Simulations of scenes that differ in their numbers alone, which go on side by side: in vector lanes, where the back
 /// end has such. What they come to is what each would come to alone, to the last bit.
-pub struct Abreast(simulate::Abreast);
+pub struct Batch(simulate::Batch);
 
-impl Abreast {
+impl Batch {
     /// For these, made on this back end, which are to go on to that instant, s; None where they differ in more, or
     /// would not be sooner there.
     pub fn new(backend: &dyn Backend, sims: &[Simulation<'_>], until: f64) -> Option<Self> {
         let runs: Vec<_> = sims.iter().map(|s| &s.inner).collect();
-        simulate::Abreast::new(backend, &runs, until).map(Self)
+        simulate::Batch::new(backend, &runs, until).map(Self)
     }
 
     /// Goes with all of them as far towards an instant, s, as can be gone at once; [`Simulation::advance`] goes the

@@ -42,18 +42,18 @@ pub trait Backend {
         None
     }
 
-    /// How many scenes of one make it takes through stretches at once, at most.
+    /// How many scenes of one code shape it takes through stretches at once, at most.
     fn width(&self) -> usize {
         1
     }
 
     /// Makes what takes these scenes, run like this from here, through stretches at once; None where they are of
-    /// different makes, or so many intervals of each are not worth it.
-    fn lanes(
+    /// different code shapes, or so many intervals of each are not worth it.
+    fn batch(
         &self,
         scenes: &[(&Scene, &simulate::Options, simulate::Start)],
         intervals: u64,
-    ) -> Option<Box<dyn simulate::Lanes>> {
+    ) -> Option<Box<dyn simulate::SimdLanes>> {
         let _ = (scenes, intervals);
         None
     }

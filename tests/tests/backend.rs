@@ -10,7 +10,7 @@ use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Bend, Binary, Builder, Newton, Program, Slot, Unary, Value};
 use bond_runtime::kernel::{Backend, Failure, Kernel};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Abreast, Maker, Places, Start, Stretch};
+use bond_runtime::simulate::{self, Batch, Maker, Places, Start, Stretch};
 use bond_runtime::solve::newton::BENT;
 use bond_runtime::solve::quick::ROUNDING;
 use proptest::prelude::*;
@@ -179,7 +179,7 @@ fn stretched(compiled: &Compiled, backend: &dyn Backend, options: &simulate::Opt
 }
 
 /// The same of several, side by side where they can; None where they never could.
-fn abreast(
+fn batch(
     list: &[Compiled],
     backend: &dyn Backend,
     options: &[simulate::Options],
@@ -187,7 +187,7 @@ fn abreast(
 ) -> Option<Vec<(Vec<u64>, String)>> {
     let runs = list.iter().zip(options).map(|(c, o)| Shown::new(c, backend, o, end));
     let mut runs = runs.collect::<Result<Vec<_>, _>>().ok()?;
-    let made = Abreast::new(backend, &runs.iter().map(|r| &r.sim).collect::<Vec<_>>(), end);
+    let made = Batch::new(backend, &runs.iter().map(|r| &r.sim).collect::<Vec<_>>(), end);
     let mut together = made?;
     for row in 1..=ROWS {
         runs.iter_mut().filter(|r| r.ended.is_none()).for_each(|r| r.before(row));
@@ -231,7 +231,7 @@ fn scenes_side_by_side_give_the_bits_that_each_has_alone() {
         let options: Result<Vec<_>, _> = list.iter().map(options).collect();
         let Ok(options) = options else { continue };
         let shared = Shared::new(u64::MAX);
-        let Some(together) = abreast(&list, &shared, &options, end) else { continue };
+        let Some(together) = batch(&list, &shared, &options, end) else { continue };
         groups += 1;
         for (k, (c, o)) in list.iter().zip(&options).enumerate() {
             let alone = stretched(c, &Interpret, o, end);
@@ -279,7 +279,7 @@ fn each_has_its_own(list: &[Compiled]) {
     for ((c, o), alone) in list.iter().zip(&options).zip(&alone) {
         assert_eq!(stretched(c, &shared, o, END), *alone);
     }
-    assert!(shared.makes().1 == 1 && alone[0] != alone[1]);
+    assert!(shared.shapes().1 == 1 && alone[0] != alone[1]);
 }
 
 /// Asserts that a run by stretches is that by the interpreter; whether there are such.
@@ -350,7 +350,7 @@ fn scenes_of_one_make_share_their_code() {
     ];
     for (name, model, sets, method) in models {
         let (path, shared) = (crate::common::models().join(name), Shared::new(u64::MAX));
-        let mut makes = None;
+        let mut shapes = None;
         for set in sets {
             let (key, value) = set.split_once('=').unwrap_or_default();
             let compiled = file(&path, Options::new().model(model).method(method).set(key, value));
@@ -362,7 +362,7 @@ fn scenes_of_one_make_share_their_code() {
                 assert_eq!(stretched(&compiled, &shared, &options, end), alone, "{name} {set} {steps:?}");
             }
             // What the first one needs is all that is ever compiled.
-            assert_eq!(*makes.get_or_insert(shared.makes()), shared.makes(), "{name} {set}");
+            assert_eq!(*shapes.get_or_insert(shared.shapes()), shared.shapes(), "{name} {set}");
         }
     }
 }
@@ -825,8 +825,8 @@ fn equal_programs_are_compiled_once() {
     assert_ne!(first.names, second.names);
     let jit = Jit::new();
     let kernels = [first, second].map(|program| jit.kernel(program));
-    assert_eq!(jit.makes(), 1);
+    assert_eq!(jit.shapes(), 1);
     let other = jit.kernel(&compiled.scene().clusters[0].instant);
-    assert_eq!(jit.makes(), 2);
+    assert_eq!(jit.shapes(), 2);
     drop((kernels, other));
 }

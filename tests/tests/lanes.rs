@@ -108,7 +108,7 @@ fn lanes(u: &unit::Unit, flags: &[&str]) -> f64 {
     here.put("m.h", c::header(u, &names));
     here.put("m.c", c::source(u, &names));
     here.put("main.c", MAIN.replace("COUNT", "200"));
-    here.cc(&[flags, &["-DBOND_LANES=64", "-DBOND_ABREAST=1", "m.c", "main.c", "-lm", "-o", "main"]].concat());
+    here.cc(&[flags, &["-DBOND_LANES=64", "-DBOND_SIMD=1", "m.c", "main.c", "-lm", "-o", "main"]].concat());
     here.rows("main").first().map_or(f64::NAN, |row| row[0])
 }
 
@@ -125,23 +125,23 @@ fn lanes_have_the_bits_of_scenes_alone() {
             scenes.chunks(scenes.len().div_ceil(threads)).map(|part| scope.spawn(|| part_of(part))).collect();
         parts.into_iter().flat_map(|part| part.join().unwrap_or_else(|e| std::panic::resume_unwind(e))).collect()
     });
-    let (seen, straight) = (done.len(), done.iter().filter(|straight| **straight).count());
-    assert!(seen > 40 && straight > 20, "{straight} of {seen} scenes have straight code");
+    let (seen, converted) = (done.len(), done.iter().filter(|converted| **converted).count());
+    assert!(seen > 40 && converted > 20, "{converted} of {seen} scenes have a lane form");
 }
 
-/// Of each scene that has a form in C, whether it has straight code. Every fourth has single numbers too.
+/// Of each scene that has a form in C, whether it has a lane form. Every fourth has single numbers too.
 fn part_of(scenes: &[(String, PathBuf, String)]) -> Vec<bool> {
     let mut done = Vec::new();
     for (title, path, scene) in scenes {
         let compiled = file(path, Options::new().model(scene));
         let h = compiled.stages().model.settings.step.unwrap_or(stop(&compiled) / 2000.0);
         let Ok((u, _)) = emit(&compiled, h) else { continue };
-        println!("{title}: {:?}", u.straight.iter().map(|s| s.body.len()).collect::<Vec<_>>());
+        println!("{title}: {:?}", u.lane_forms.iter().map(|s| s.body.len()).collect::<Vec<_>>());
         lanes(&u, &["-O0"]);
         if done.len() % 4 == 0 {
             lanes(&u, &["-O0", SINGLE]);
         }
-        done.push(!u.straight.is_empty());
+        done.push(!u.lane_forms.is_empty());
     }
     done
 }
@@ -179,7 +179,7 @@ fn vectors_have_the_same_bits() {
         let compiled = with(Options::new().model("A"), &format!("{WALL}{text}"));
         let (u, _) = emit(&compiled, h).unwrap_or_else(|e| panic!("{name}: {e}"));
         // Lanes begin where nothing is foretold, and so go by the form that goes on as well.
-        assert_eq!(u.straight.len(), if name == "an iteration" { 2 } else { u.straight.len().max(1) }, "{name}");
+        assert_eq!(u.lane_forms.len(), if name == "an iteration" { 2 } else { u.lane_forms.len().max(1) }, "{name}");
         for flags in [&["-O3", "-march=native"][..], &["-O3", "-march=native", SINGLE], &["-O2"]] {
             assert_eq!(lanes(&u, flags), 0.0, "{name}");
         }

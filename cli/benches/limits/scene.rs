@@ -1,7 +1,7 @@
 //! Scenes that run in this process: driven as `bond run` does, or their step alone.
 
 use super::figure::Figure;
-use bond::{Abreast, Code, Compiled, Options, Simulation, Steps};
+use bond::{Batch, Code, Compiled, Options, Simulation, Steps};
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::kernel::{Backend, Kernel, Workspace};
@@ -44,7 +44,7 @@ pub struct Driven<'a> {
     sims: Vec<Simulation<'a>>,
     /// So many of them go on side by side, where the back end has that, group by group.
     width: usize,
-    groups: Vec<Option<Abreast>>,
+    groups: Vec<Option<Batch>>,
     step: f64,
     pulls: bool,
     done: u64,
@@ -64,7 +64,7 @@ impl<'a> Driven<'a> {
             .collect::<Result<Vec<_>, _>>()?;
         let width = backend.width();
         // They go on for as long as is measured.
-        let groups = sims.chunks(width).map(|group| Abreast::new(backend, group, 1e6 * figure.step)).collect();
+        let groups = sims.chunks(width).map(|group| Batch::new(backend, group, 1e6 * figure.step)).collect();
         Ok(Self { sims, width, groups, step: figure.step, pulls: figure.pulls, done: 0 })
     }
 

@@ -8,7 +8,7 @@ use crate::drive::{self, Halt, Walk, Watch};
 use crate::pending::reached;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use bond::{Abreast, Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
+use bond::{Batch, Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
 use std::time::Instant;
 
 /// More numbers than this are not kept of one instance.
@@ -113,17 +113,17 @@ impl Job {
 
     /// What takes instances along together; None where they are looked at at different instants, or differ in more than
     /// numbers.
-    fn together(&self, runs: &[Run], sims: &[Simulation<'_>], code: Code) -> Option<Abreast> {
+    fn together(&self, runs: &[Run], sims: &[Simulation<'_>], code: Code) -> Option<Batch> {
         let first = runs.first()?;
         let same = runs.iter().all(|r| r.walk.next() == first.walk.next() && r.stop == first.stop);
         if !same || runs.len() < 2 {
             return None;
         }
-        Abreast::new(self.choice.backend(code), sims, first.stop)
+        Batch::new(self.choice.backend(code), sims, first.stop)
     }
 
     /// Runs instances to their ends.
-    fn drive(&self, runs: &mut [Run], sims: &mut [Simulation<'_>], mut together: Option<Abreast>) {
+    fn drive(&self, runs: &mut [Run], sims: &mut [Simulation<'_>], mut together: Option<Batch>) {
         let mut more = true;
         while more {
             let next = runs.first().map_or(0.0, |r| r.walk.next());

@@ -34,7 +34,7 @@ fn the_haptic_loop_runs_around_both() {
     let text = ran(&here, "./haptic", &[]);
     felt(&text);
     let some = "-DBOND_LANES=64";
-    for flags in [&["-O3", "-march=native", some][..], &["-O2", "-DBOND_ABREAST=0", some], &["-O2", "-DBOND_LANES=8"]] {
+    for flags in [&["-O3", "-march=native", some][..], &["-O2", "-DBOND_SIMD=0", some], &["-O2", "-DBOND_LANES=8"]] {
         let many = ["-std=c99", "-ffp-contract=off", "-I.", "wall.c", "models/embed/many.c", "-lm", "-o", "many"];
         ran(&here, "cc", &[flags, &many].concat());
         let text = ran(&here, "./many", &[]);

@@ -35,7 +35,7 @@ pub enum Memory {
     Output,
     /// The routine's own numbers: first the program's scratch, then what elimination needs.
     Scratch,
-    /// Numbers in which members of a family differ: [`Routine::data`].
+    /// Numbers in which members of an isomorphic group differ: [`Routine::data`].
     Data,
 }
 

@@ -4,10 +4,10 @@
 pub mod c;
 pub mod code;
 pub mod fmu;
+pub mod if_conversion;
 mod lower;
 #[cfg(feature = "native")]
 pub mod native;
-pub mod straight;
 
 pub mod unit;
 pub mod wasm;

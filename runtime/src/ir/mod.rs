@@ -5,11 +5,11 @@
 //! control flow besides. Truth values are 1 and 0. Values print as `v12`, slots as `x[3]`.
 
 mod builder;
+mod code_shape;
 mod display;
 mod known;
 mod op;
 mod prune;
-mod skeleton;
 mod verify;
 
 pub use builder::{ABREAST, Builder};

@@ -1,10 +1,10 @@
 //! Runs a scene: the multi-rate schedule, sample and hold, adaptive steps, and what is recorded.
 
-mod abreast;
 mod adaptive;
 mod ahead;
 mod answer;
 mod attempt;
+mod batch;
 mod cluster;
 mod event;
 mod given;
@@ -19,8 +19,8 @@ mod start;
 mod summary;
 mod worst;
 
-pub use abreast::{Abreast, Lanes};
 pub use ahead::{Make, Maker, Stretch};
+pub use batch::{Batch, SimdLanes};
 pub use cluster::GROSS;
 pub use given::{Course, Unfit};
 pub use hold::{BESIDE, FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};

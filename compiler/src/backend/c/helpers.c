@@ -17,14 +17,14 @@ static bond_real bond_max(bond_real a, bond_real b) {
     return a + b;
 }
 /* -- bond_pick */
-#ifndef BOND_ABREAST /* whether vectors of four numbers and more are there; else lanes go one by one */
+#ifndef BOND_SIMD /* whether vectors of four numbers and more are there; else lanes go one by one */
 #if defined(__AVX2__) || defined(__ARM_FEATURE_SVE) || defined(__riscv_vector)
-#define BOND_ABREAST 1
+#define BOND_SIMD 1
 #else
-#define BOND_ABREAST 0
+#define BOND_SIMD 0
 #endif
 #endif
-#if BOND_ABREAST
+#if BOND_SIMD
 /* Conditions of lanes are all bits or none, and numbers are chosen bit by bit: where nothing branches, compilers find vectors. */
 #include <stdint.h>
 #ifdef BOND_FLOAT
@@ -51,14 +51,14 @@ BOND_SPARE bond_real bond_pick(bond_mask c, bond_real a, bond_real b) {
 }
 #endif
 /* -- bond_lane_sign */
-#if BOND_ABREAST
+#if BOND_SIMD
 BOND_SPARE bond_real bond_lane_sign(bond_real a) {
     const bond_real other = bond_pick(BOND_IF(a == 0), BOND_R(0.0), a);
     return bond_pick(BOND_IF(a > 0), BOND_R(1.0), bond_pick(BOND_IF(a < 0), BOND_R(-1.0), other));
 }
 #endif
 /* -- bond_lane_min */
-#if BOND_ABREAST
+#if BOND_SIMD
 BOND_SPARE bond_real bond_lane_min(bond_real a, bond_real b) {
     const bond_real same = bond_pick(BOND_IF(BOND_M(copysign)(BOND_R(1.0), a) < 0), a, b);
     const bond_real other = bond_pick(BOND_IF(a == b), same, a + b);
@@ -66,7 +66,7 @@ BOND_SPARE bond_real bond_lane_min(bond_real a, bond_real b) {
 }
 #endif
 /* -- bond_lane_max */
-#if BOND_ABREAST
+#if BOND_SIMD
 BOND_SPARE bond_real bond_lane_max(bond_real a, bond_real b) {
     const bond_real same = bond_pick(BOND_IF(BOND_M(copysign)(BOND_R(1.0), a) < 0), b, a);
     const bond_real other = bond_pick(BOND_IF(a == b), same, a + b);

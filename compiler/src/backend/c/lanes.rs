@@ -5,9 +5,9 @@
 //! and numbers that go from one loop to a later one are in the lanes' own room.
 
 use super::Options;
-use super::print::{Abreast, Needs, Words, wrapped};
+use super::print::{LaneWords, Needs, Words, wrapped};
 use crate::backend::code::{Cond, Memory, Op, Stmt, Value};
-use crate::backend::straight::{Line, Straight, is_call};
+use crate::backend::if_conversion::{LaneForm, Line, is_call};
 use crate::backend::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -22,7 +22,7 @@ const WHILE: u32 = 15;
 /// What the header says.
 pub(super) fn header(unit: &Unit, options: &Options) -> String {
     let (p, upper) = (&options.prefix, options.prefix.to_uppercase());
-    let numbers = match unit.straight.iter().map(|form| Loops::of(form).room).max() {
+    let numbers = match unit.lane_forms.iter().map(|form| Loops::of(form).room).max() {
         Some(room) => {
             let room = if room == 0 {
                 String::new()
@@ -34,7 +34,7 @@ pub(super) fn header(unit: &Unit, options: &Options) -> String {
                  {p}_state one; /* a scene that goes by itself for once */\n    \
                  {p}_real slow[{upper}_LANES]; /* which ones that are */\n    int plain; /* for how many intervals all do */\n{}",
                 unit.image.len(),
-                if unit.straight.len() > 1 {
+                if unit.lane_forms.len() > 1 {
                     "    int turns; /* for how many intervals iterations go on together */\n"
                 } else {
                     ""
@@ -104,7 +104,7 @@ pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> Strin
     let mut places = BTreeSet::new();
     touched(&unit.commit.body, &mut places);
     let count = places.len();
-    match &unit.straight[..] {
+    match &unit.lane_forms[..] {
         [first, more @ ..] => {
             let list: Vec<u32> = places.iter().copied().collect();
             super::solve::numbers(&mut out, "static const unsigned places[]", &list);
@@ -135,7 +135,7 @@ pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> Strin
                  void {p}_lanes_get(const {p}_lanes *b, int lane, {p}_state *to) {{\n    int k;\n    if (!({is_lane})) return;\n    \
                  memset(to, 0, sizeof *to);\n    for (k = 0; k < {saved}; ++k) to->x[k] = b->x[k][lane];\n}}\n\n\
                  int {p}_lanes_commit({p}_lanes *b, const bond_real *moved) {{\n    int l, still = 0;\n\
-                 #if BOND_ABREAST\n    int slow = 0;\n    \
+                 #if BOND_SIMD\n    int slow = 0;\n    \
                  if (b->plain > 0) {{\n        --b->plain;\n        {each} if (!b->failed[l]) alone(b, l, moved);\n    \
                  }} else {{\n        if ({form}) {{\n            {each} {{\n                if (b->slow[l] == 0 || b->failed[l]) continue;\n                \
                  alone(b, l, moved);\n                ++slow;\n            }}\n        }}\n        {next}\n    }}\n\
@@ -157,7 +157,7 @@ pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> Strin
             );
         }
     }
-    let number = |at: String, lane: &str| match unit.straight.is_empty() {
+    let number = |at: String, lane: &str| match unit.lane_forms.is_empty() {
         false => format!("b->x[{at}][{lane}]"),
         true => format!("b->one[{lane}].x[{at}]"),
     };
@@ -203,7 +203,7 @@ fn touched(body: &[Stmt], places: &mut BTreeSet<u32>) {
     }
 }
 
-/// Straight code as loops over the lanes.
+/// A lane form as loops over the lanes.
 struct Loops<'a> {
     list: Vec<Loop<'a>>,
     /// In which loop a value is computed; none for those that are loaded wherever they are looked at.
@@ -223,12 +223,12 @@ struct Loop<'a> {
 }
 
 impl<'a> Loops<'a> {
-    fn of(straight: &'a Straight) -> Self {
+    fn of(form: &'a LaneForm) -> Self {
         let mut loops =
             Self { list: Vec::new(), of: BTreeMap::new(), loads: BTreeMap::new(), places: BTreeMap::new(), room: 0 };
         // Those with odd numbers are of functions that take long.
         let mut list: Vec<Vec<&Line>> = vec![Vec::new()];
-        for line in &straight.body {
+        for line in &form.body {
             if matches!(line.op, Op::Load(_)) {
                 loops.loads.insert(line.value, &line.op);
                 continue;
@@ -249,29 +249,29 @@ impl<'a> Loops<'a> {
         }
         let parts = list.into_iter().enumerate();
         loops.list = parts.map(|(k, lines)| Loop { lines, calls: k % 2 == 1 }).collect();
-        loops.place(straight);
+        loops.place(form);
         loops
     }
 
     /// What a loop looks at.
-    fn uses(&self, k: usize, straight: &Straight) -> BTreeSet<Value> {
+    fn uses(&self, k: usize, form: &LaneForm) -> BTreeSet<Value> {
         let mut uses = BTreeSet::new();
         let mut note = |v| {
             uses.insert(v);
         };
         self.list[k].lines.iter().for_each(|line| each(line, &mut note));
         if k + 1 == self.list.len() {
-            straight.slow.each_value(&mut note);
-            straight.writes.iter().for_each(|w| note(w.1));
+            form.slow.each_value(&mut note);
+            form.writes.iter().for_each(|w| note(w.1));
         }
         uses
     }
 
     /// Gives room to what goes from loop to loop, that of others where they are not looked at any more.
-    fn place(&mut self, straight: &Straight) {
+    fn place(&mut self, form: &LaneForm) {
         let mut last: BTreeMap<Value, usize> = BTreeMap::new();
         for k in 0..self.list.len() {
-            for v in self.uses(k, straight) {
+            for v in self.uses(k, form) {
                 if self.of.get(&v).is_some_and(|of| *of < k) {
                     last.insert(v, k);
                 }
@@ -307,13 +307,13 @@ fn each(line: &Line, f: &mut impl FnMut(Value)) {
 }
 
 /// The function of this name that takes an interval of all lanes but those that are slow, and tells whether there are any.
-fn function(straight: &Straight, name: &str, (p, lanes): (&str, &str), data: bool, needs: &mut Needs) -> String {
-    let loops = Loops::of(straight);
-    let abreast = Abreast { lanes, flags: &straight.flags };
-    let mut words = Words { numbers: &straight.numbers, abreast: Some(abreast), late: &[], tables: &[], needs };
+fn function(form: &LaneForm, name: &str, (p, lanes): (&str, &str), data: bool, needs: &mut Needs) -> String {
+    let loops = Loops::of(form);
+    let lane_words = LaneWords { lanes, flags: &form.flags };
+    let mut words = Words { numbers: &form.numbers, lane_words: Some(lane_words), late: &[], tables: &[], needs };
     let uses = |m: Memory| loops.loads.values().any(|op| matches!(op, Op::Load(p) if p.memory == m));
     let mut out = format!(
-        "#if BOND_ABREAST\n/* All lanes at once. Whether one is slow: its numbers stay, and it goes by itself. Here is no branch, so that a compiler finds vectors. */\n\
+        "#if BOND_SIMD\n/* All lanes at once. Whether one is slow: its numbers stay, and it goes by itself. Here is no branch, so that a compiler finds vectors. */\n\
          static int {name}({p}_lanes *restrict b, const bond_real *restrict u) {{\n    bond_mask any = 0;\n    int l;\n"
     );
     words.needs.insert("bond_pick");
@@ -326,10 +326,10 @@ fn function(straight: &Straight, name: &str, (p, lanes): (&str, &str), data: boo
     if !uses(Memory::Input) {
         out.push_str("    (void)u;\n");
     }
-    let flag = |v: &Value| straight.flags.contains(v);
+    let flag = |v: &Value| form.flags.contains(v);
     for k in 0..loops.list.len() {
         let _ = writeln!(out, "    for (l = 0; l < {lanes}; ++l) {{");
-        for v in loops.uses(k, straight) {
+        for v in loops.uses(k, form) {
             if let Some(op) = loops.loads.get(&v) {
                 let _ = writeln!(out, "        const bond_real v{} = {};", v.0, words.op(op));
             } else if let Some(place) = loops.places.get(&v).filter(|_| loops.of.get(&v).is_some_and(|of| *of < k)) {
@@ -368,12 +368,12 @@ fn function(straight: &Straight, name: &str, (p, lanes): (&str, &str), data: boo
         }
         out.push_str(if when.is_some() { "        }\n" } else { "" });
         if k + 1 == loops.list.len() {
-            let slow = match straight.slow.known() {
+            let slow = match form.slow.known() {
                 Some(_) => String::new(),
-                None => format!(" | {}", wrapped(&words.cond(&straight.slow))),
+                None => format!(" | {}", wrapped(&words.cond(&form.slow))),
             };
             let _ = writeln!(out, "        const bond_mask slow = BOND_IF(b->failed[l] != 0){slow};");
-            for (at, v) in &straight.writes {
+            for (at, v) in &form.writes {
                 let _ = writeln!(out, "        b->x[{at}][l] = bond_pick(slow, b->x[{at}][l], {});", words.of(*v));
             }
             out.push_str("        b->slow[l] = bond_pick(slow, BOND_R(1.0), BOND_R(0.0));\n        any |= slow;\n");

@@ -1,11 +1,11 @@
 //! C99: one `.c` and one `.h` that need nothing but `libm`.
 
+mod double_buffer;
 mod header;
 mod lanes;
 mod print;
 mod solve;
 mod source;
-mod turn;
 
 pub use header::{goes_with_object, header};
 pub use source::source;

@@ -1,8 +1,8 @@
 //! A routine as a C function, statement by statement.
 
-use super::turn;
+use super::double_buffer;
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
-use crate::backend::straight::is_comparison;
+use crate::backend::if_conversion::is_comparison;
 use crate::backend::unit::Late;
 use bond_runtime::ir::{Binary, Unary};
 use std::collections::BTreeSet;
@@ -36,7 +36,7 @@ pub(super) fn body(routine: &Routine, first: usize, late: &[Late], needs: &mut N
     for i in &used.indices {
         let _ = writeln!(out, "    unsigned long i{i};");
     }
-    let words = Words { numbers: &routine.numbers, abreast: None, late, tables: &routine.tables, needs };
+    let words = Words { numbers: &routine.numbers, lane_words: None, late, tables: &routine.tables, needs };
     let mut printer = Printer { words, first, out };
     printer.block(&routine.body, 1);
     let mut out = printer.out;
@@ -108,7 +108,7 @@ pub(super) struct Words<'a> {
     /// The numbers that values are.
     pub(super) numbers: &'a [Option<Number>],
     /// Where several scenes are done side by side: how.
-    pub(super) abreast: Option<Abreast<'a>>,
+    pub(super) lane_words: Option<LaneWords<'a>>,
     /// States that are at `p0`, ..., and where the new ones go, at `q0`, ...
     pub(super) late: &'a [Late],
     /// Places that do not run evenly.
@@ -118,7 +118,7 @@ pub(super) struct Words<'a> {
 }
 
 /// How scenes that are done side by side are written: the number of the lane is `l`, the block `b->x`.
-pub(super) struct Abreast<'a> {
+pub(super) struct LaneWords<'a> {
     /// How many lanes there are.
     pub(super) lanes: &'a str,
     /// Values that are conditions.
@@ -226,15 +226,15 @@ impl Words<'_> {
     }
 
     fn place(&self, p: &Place) -> String {
-        if let Some(abreast) = &self.abreast {
+        if let Some(lane_words) = &self.lane_words {
             match p.memory {
                 Memory::State => return format!("b->x[{}][l]", p.base),
-                Memory::Input => return format!("u[{} * {} + l]", p.base, abreast.lanes),
+                Memory::Input => return format!("u[{} * {} + l]", p.base, lane_words.lanes),
                 Memory::Table | Memory::Next | Memory::Output | Memory::Scratch | Memory::Data => {}
             }
         }
-        let first = turn::first(p, self.tables);
-        let part = turn::parts(if p.memory == Memory::State { self.late } else { &[] });
+        let first = double_buffer::first(p, self.tables);
+        let part = double_buffer::parts(if p.memory == Memory::State { self.late } else { &[] });
         let part = part.map(|(name, k, r)| (format!("{name}{k}"), r)).find(|(_, r)| r.contains(&first));
         let (name, start) = part.map_or((letter(p.memory).to_string(), 0), |(name, r)| (name, r.start));
         let base = p.base as usize;
@@ -253,7 +253,7 @@ impl Words<'_> {
 
     /// How a value is computed.
     pub(super) fn op(&mut self, op: &Op) -> String {
-        if self.abreast.is_some() && is_comparison(op) {
+        if self.lane_words.is_some() && is_comparison(op) {
             return format!("bond_pick({}, BOND_R(1.0), BOND_R(0.0))", self.truth(op));
         }
         let truth = |text: String| format!("({} ? BOND_R(1.0) : BOND_R(0.0))", wrapped(&text));
@@ -311,7 +311,7 @@ impl Words<'_> {
             }
             Op::Select(c, a, b) => {
                 let (c, a, b) = (self.cond(c), self.of(*a), self.of(*b));
-                match self.abreast.is_some() {
+                match self.lane_words.is_some() {
                     true => format!("bond_pick({c}, {a}, {b})"),
                     false => format!("{} ? {a} : {b}", wrapped(&c)),
                 }
@@ -320,15 +320,15 @@ impl Words<'_> {
     }
 
     /// A helper, by itself or without branches.
-    fn helper(&mut self, name: &'static str, abreast: &'static str) -> &'static str {
-        let name = if self.abreast.is_some() { abreast } else { name };
+    fn helper(&mut self, name: &'static str, in_lanes: &'static str) -> &'static str {
+        let name = if self.lane_words.is_some() { in_lanes } else { name };
         self.needs.insert(name);
         name
     }
 
     fn is_true(&self, v: Value) -> String {
-        match &self.abreast {
-            Some(abreast) if abreast.flags.contains(&v) => format!("v{}", v.0),
+        match &self.lane_words {
+            Some(lane_words) if lane_words.flags.contains(&v) => format!("v{}", v.0),
             Some(_) | None => self.whether(format!("{} != 0", self.of(v))),
         }
     }
@@ -351,7 +351,7 @@ impl Words<'_> {
     /// A comparison, as conditions are written here: true and false, or all bits and none, which numbers of several
     /// lanes are chosen with.
     fn whether(&self, c: String) -> String {
-        if self.abreast.is_some() { format!("BOND_IF({c})") } else { c }
+        if self.lane_words.is_some() { format!("BOND_IF({c})") } else { c }
     }
 
     /// A condition.
@@ -363,9 +363,9 @@ impl Words<'_> {
             Cond::Le(a, b) => self.whether(format!("{} <= {}", self.of(*a), self.of(*b))),
             Cond::Eq(a, b) => self.whether(format!("{} == {}", self.of(*a), self.of(*b))),
             Cond::Finite(v) => self.whether(format!("BOND_M(fabs)({}) < BOND_INFINITY", self.of(*v))),
-            Cond::Not(c) => format!("{}{}", if self.abreast.is_some() { '~' } else { '!' }, wrapped(&self.cond(c))),
+            Cond::Not(c) => format!("{}{}", if self.lane_words.is_some() { '~' } else { '!' }, wrapped(&self.cond(c))),
             Cond::All(list) | Cond::Any(list) => {
-                let how = match (matches!(c, Cond::All(_)), self.abreast.is_some()) {
+                let how = match (matches!(c, Cond::All(_)), self.lane_words.is_some()) {
                     (true, false) => " && ",
                     (false, false) => " || ",
                     (true, true) => " & ",

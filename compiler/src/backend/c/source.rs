@@ -1,7 +1,7 @@
 //! The source: the routines, and what the header promises.
 
+use super::double_buffer::double_buffered;
 use super::print::{Needs, body, letter, memories, number};
-use super::turn::turning;
 use super::{Options, comment, scratch, solve};
 use crate::backend::code::{Memory, Number, Routine};
 use crate::backend::unit::{Late, NAMES, Unit};
@@ -15,13 +15,13 @@ const HELPERS: &str = include_str!("helpers.c");
 pub fn source(unit: &Unit, options: &Options) -> String {
     let p = &options.prefix;
     let mut needs = Needs::default();
-    let (after, turning) = (unit.commit.systems.len(), turning(unit));
-    let commit = function(&unit.commit, "commit", 0, turning, &mut needs);
-    let observe = function(&unit.observe, "observe", after, turning, &mut needs);
+    let (after, double_buffered) = (unit.commit.systems.len(), double_buffered(unit));
+    let commit = function(&unit.commit, "commit", 0, double_buffered, &mut needs);
+    let observe = function(&unit.observe, "observe", after, double_buffered, &mut needs);
     let many = unit.run.as_ref().map(|r| function(r, "many", 0, &[], &mut needs)).unwrap_or_default();
     let begin = unit.begin.as_ref().filter(|_| options.begin);
     let last = after + unit.observe.systems.len();
-    let again = begin.map(|r| function(r, "begin", last, turning, &mut needs)).unwrap_or_default();
+    let again = begin.map(|r| function(r, "begin", last, double_buffered, &mut needs)).unwrap_or_default();
     let lanes = super::lanes::source(unit, options, &mut needs);
     let mut solvers = solve::functions(&unit.commit, 0, &mut needs);
     solvers += &solve::functions(&unit.observe, after, &mut needs);
@@ -72,14 +72,14 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     out.push_str(&many);
     out.push_str(&observe);
     out.push_str(&again);
-    out.push_str(&interface(unit, turning, p));
+    out.push_str(&interface(unit, double_buffered, p));
     if begin.is_some() {
         let _ = write!(
             out,
             "\n/* Takes the first samples anew, after {p}_init and {p}_input. 0, or why it failed. */\n\
              int {p}_begin({p}_state *b);\nint {p}_begin({p}_state *b) {{\n    \
              const int failed = begin(b->x, 0, 0, b->s{});\n    memset(b->s, 0, sizeof b->s);\n    return failed;\n}}\n",
-            places(unit, turning)
+            places(unit, double_buffered)
         );
     }
     // An object's header, which may stand in the place of the own one, has no lanes.
@@ -155,18 +155,18 @@ fn each(late: &[Late], f: impl Fn(usize, &Late) -> String) -> String {
 }
 
 /// Arguments: every second interval finds states where the one before put them, and puts the new ones where these were.
-fn places(unit: &Unit, turning: &[Late]) -> String {
-    each(turning, |_, l| {
+fn places(unit: &Unit, double_buffered: &[Late]) -> String {
+    each(double_buffered, |_, l| {
         let (turned, state, next) = (unit.turned, l.state.start, l.next);
         format!(", b->x + (b->x[{turned}] == 0 ? {state} : {next}), b->x + (b->x[{turned}] == 0 ? {next} : {state})")
     })
 }
 
 /// The public functions.
-fn interface(unit: &Unit, turning: &[Late], p: &str) -> String {
+fn interface(unit: &Unit, double_buffered: &[Late], p: &str) -> String {
     let mut out = String::new();
-    let states = places(unit, turning);
-    let saved = each(turning, |_, l| {
+    let states = places(unit, double_buffered);
+    let saved = each(double_buffered, |_, l| {
         let (turned, state, next, n) = (unit.turned, l.state.start, l.next, l.state.len());
         format!("    if (b->x[{turned}] != 0) memcpy(saved + {state}, b->x + {next}, {n} * sizeof *saved);\n")
     });
@@ -198,7 +198,7 @@ fn interface(unit: &Unit, turning: &[Late], p: &str) -> String {
             let _ = writeln!(back, "        memcpy(b->x + {}, b->k + {to}, {n} * sizeof *b->k);", r.start);
             to += n;
         }
-        let good = if turning.is_empty() {
+        let good = if double_buffered.is_empty() {
             each(&unit.late, |_, l| {
                 let (state, next, n) = (l.state.start, l.next, l.state.len());
                 format!("        memcpy(b->x + {state}, b->x + {next}, {n} * sizeof *b->x);\n")

@@ -3,12 +3,12 @@
 //! Where a program has few numbers, all loops are written out, and its scratch becomes variables; else it stays in
 //! memory.
 
+mod dead_code;
 mod eliminate;
 mod fuse;
 mod newton;
 mod quick;
-mod roll;
-mod tidy;
+mod reroll;
 pub(super) mod writer;
 
 pub(super) use eliminate::LEFT_OPEN;
@@ -48,7 +48,7 @@ pub fn lower(program: &Program) -> Option<Routine> {
 }
 
 /// A routine that takes [`Program::numbers`] from [`Memory::Data`], and so does for all programs of the same skeleton.
-/// None as of [`lower`], or where the program is large: then its families take the numbers in which their members
+/// None as of [`lower`], or where the program is large: then its isomorphic groups take the numbers in which their members
 /// differ from there.
 ///
 /// # Panics
@@ -67,7 +67,7 @@ pub(super) fn write(mut writer: Writer, program: &Program, mut places: Places, n
         return None;
     }
     if is_large(program) {
-        let (back, done) = roll::write(writer, program, places);
+        let (back, done) = reroll::write(writer, program, places);
         if done {
             return Some(back);
         }

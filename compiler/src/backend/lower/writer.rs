@@ -1,7 +1,7 @@
 //! Writes a routine, statement by statement. What is known is computed at once.
 
+use super::dead_code::remove_dead_code;
 use super::fuse::fuse;
-use super::tidy::tidy;
 use crate::backend::code::{Cond, Index, Memory, Number, Op, Place, Routine, Stmt, System, Value, Var};
 use bond_runtime::eval;
 use bond_runtime::ir::{Binary, Unary};
@@ -70,7 +70,7 @@ impl Writer {
             tables: self.tables,
         };
         fuse(&mut routine);
-        tidy(&mut routine);
+        remove_dead_code(&mut routine);
         routine
     }
 

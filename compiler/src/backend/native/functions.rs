@@ -69,15 +69,15 @@ pub(super) const TWO: &[(Binary, extern "C" fn(f64, f64) -> f64)] = &[(Binary::P
 
 /// Sine and cosine of one number, as two numbers.
 #[repr(C)]
-pub(super) struct Turn(f64, f64);
+pub(super) struct SinCos(f64, f64);
 
 /// The name of the function that gives both.
-pub(super) const TURN: &str = "bond_sincos";
+pub(super) const SIN_COS: &str = "bond_sincos";
 
-/// See [`TURN`].
-pub(super) extern "C" fn turn(x: f64) -> Turn {
+/// See [`SIN_COS`].
+pub(super) extern "C" fn sin_cos(x: f64) -> SinCos {
     let (sine, cosine) = eval::turn(x);
-    Turn(sine, cosine)
+    SinCos(sine, cosine)
 }
 
 /// The name of the function that solves large systems: context, system, matrix entries, right side; gives -1 or a row.

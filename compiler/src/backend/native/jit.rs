@@ -15,7 +15,7 @@ use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::{Array, Program};
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Lanes, Options, Places, Start, Stretch};
+use bond_runtime::simulate::{self, Options, Places, SimdLanes, Start, Stretch};
 use bond_runtime::solve::linear;
 use cranelift_codegen::settings::{self, Configurable};
 use cranelift_jit::{JITBuilder, JITModule};
@@ -53,7 +53,7 @@ impl Jit {
     }
 
     /// How many programs it knows that may be in use.
-    pub fn makes(&self) -> usize {
+    pub fn shapes(&self) -> usize {
         self.made.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 
@@ -132,7 +132,7 @@ impl Code {
     }
 
     /// Of a routine, for [`LANES`] scenes at once; None where it has no such form.
-    fn abreast(routine: &Routine) -> Option<Self> {
+    fn lanes(routine: &Routine) -> Option<Self> {
         if routine.size() > LARGEST || !lanes::fits(&routine.body) {
             return None;
         }
@@ -152,7 +152,7 @@ impl Code {
         for (op, f) in TWO {
             builder.symbol(functions::binary(*op)?, *f as *const u8);
         }
-        builder.symbol(functions::TURN, functions::turn as *const u8);
+        builder.symbol(functions::SIN_COS, functions::sin_cos as *const u8);
         builder.symbol(SOLVE, solve as *const u8);
         let mut module = JITModule::new(builder);
         let id = define(&mut module).ok()?;
@@ -307,19 +307,19 @@ impl Stretch for Whole {
     }
 }
 
-/// The code of a make's stretches for several scenes at once.
-pub(super) struct Wide(Code);
+/// The code for the stretches of several scenes of one code shape at once.
+pub(super) struct LaneCode(Code);
 
-impl Wide {
+impl LaneCode {
     /// Of the routine of one; None where it has no such form.
     pub(super) fn new(routine: &Routine) -> Option<Self> {
-        Code::abreast(routine).map(Wide)
+        Code::lanes(routine).map(LaneCode)
     }
 }
 
-/// Scenes of one make side by side.
-pub(super) struct Abreast {
-    code: Arc<Wide>,
+/// Scenes of one code shape side by side.
+pub(super) struct Batch {
+    code: Arc<LaneCode>,
     own: Vec<Own>,
     /// What the scenes have, number by number beside one another; lanes without a scene have what the last one has.
     block: Vec<f64>,
@@ -329,9 +329,9 @@ pub(super) struct Abreast {
     notes: Vec<f64>,
 }
 
-impl Abreast {
+impl Batch {
     /// With code that was made for them; they are [`LANES`] at most.
-    pub(super) fn new(code: Arc<Wide>, own: Vec<Own>) -> Self {
+    pub(super) fn new(code: Arc<LaneCode>, own: Vec<Own>) -> Self {
         let (mut table, mut data) = (Vec::new(), Vec::new());
         beside(&mut table, &own, |own| &own.table);
         beside(&mut data, &own, |own| &own.data);
@@ -359,7 +359,7 @@ impl Abreast {
     }
 }
 
-impl Lanes for Abreast {
+impl SimdLanes for Batch {
     fn places(&self, lane: usize) -> &Places {
         &self.own[lane].places
     }

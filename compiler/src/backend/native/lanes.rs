@@ -6,7 +6,7 @@
 //! is the same in all lanes, such as how many intervals are over, stays a branch.
 
 use super::functions;
-use super::translate::{Made, SINGULAR, signature, turns};
+use super::translate::{Made, SINGULAR, signature, sin_cos_arguments};
 use super::vector::{self, Kind};
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Routine, Stmt, Value};
 use bond_runtime::ir::{Binary, Unary};
@@ -70,8 +70,8 @@ pub(super) fn define<M: Module>(module: &mut M, routine: &Routine) -> Made<FuncI
         functions: FxHashMap::default(),
         loops: Vec::new(),
         same: Same::of(routine),
-        turns: if cfg!(unix) { turns(&routine.body) } else { FxHashSet::default() },
-        turned: Vec::new(),
+        sin_cos_of: if cfg!(unix) { sin_cos_arguments(&routine.body) } else { FxHashSet::default() },
+        sin_cos_known: Vec::new(),
         routine,
         params,
         module,
@@ -217,8 +217,8 @@ struct Translate<'a, 'f, M> {
     loops: Vec<Around>,
     same: Same,
     /// As in [`super::translate`].
-    turns: FxHashSet<Value>,
-    turned: Vec<(Value, (Lanes, Lanes))>,
+    sin_cos_of: FxHashSet<Value>,
+    sin_cos_known: Vec<(Value, (Lanes, Lanes))>,
 }
 
 /// Numbers lie where they lie, not at multiples of a vector's size.
@@ -307,7 +307,7 @@ impl<M: Module> Translate<'_, '_, M> {
     /// Writes a block that the lanes of a mask get to, of which there is one at least. Where none is left in the midst
     /// of it, it is left for `out`, which may take a mask of what is left.
     fn block(&mut self, body: &[Stmt], mut mask: Mask, out: Option<ir::Block>) -> Rest {
-        let (turned, mut rest) = (self.turned.len(), Rest::Same);
+        let (turned, mut rest) = (self.sin_cos_known.len(), Rest::Same);
         for (k, s) in body.iter().enumerate() {
             let after = self.stmt(s, mask);
             match after {
@@ -330,7 +330,7 @@ impl<M: Module> Translate<'_, '_, M> {
                 }
             }
         }
-        self.turned.truncate(turned);
+        self.sin_cos_known.truncate(turned);
         rest
     }
 
@@ -624,8 +624,8 @@ impl<M: Module> Translate<'_, '_, M> {
             return self.mask(v, mask);
         }
         let x = self.of(a);
-        if matches!(f, Unary::Sin | Unary::Cos) && self.turns.contains(&a) {
-            let (sine, cosine) = self.turn(a, x);
+        if matches!(f, Unary::Sin | Unary::Cos) && self.sin_cos_of.contains(&a) {
+            let (sine, cosine) = self.sin_cos(a, x);
             return if f == Unary::Sin { sine } else { cosine };
         }
         match functions::unary(f) {
@@ -635,12 +635,12 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 
     /// Sine and cosine of a value.
-    fn turn(&mut self, a: Value, x: Lanes) -> (Lanes, Lanes) {
-        if let Some(found) = self.turned.iter().rev().find(|t| t.0 == a) {
+    fn sin_cos(&mut self, a: Value, x: Lanes) -> (Lanes, Lanes) {
+        if let Some(found) = self.sin_cos_known.iter().rev().find(|t| t.0 == a) {
             return found.1;
         }
-        let [sine, cosine] = self.call(Some(functions::TURN), &[x], 2)[..] else { return (x, x) };
-        self.turned.push((a, (sine, cosine)));
+        let [sine, cosine] = self.call(Some(functions::SIN_COS), &[x], 2)[..] else { return (x, x) };
+        self.sin_cos_known.push((a, (sine, cosine)));
         (sine, cosine)
     }
 

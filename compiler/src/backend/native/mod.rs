@@ -1,12 +1,12 @@
 //! Machine code by Cranelift: in memory, for this machine ([`jit`]), or as an object file.
 
-mod double;
 mod functions;
 pub mod jit;
 mod lanes;
+mod loop_vectorizer;
 mod object;
-mod pairs;
 mod shared;
+mod slp;
 mod translate;
 mod vector;
 

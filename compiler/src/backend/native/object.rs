@@ -22,7 +22,7 @@ pub fn object(unit: &Unit, prefix: &str) -> Result<Vec<u8>, String> {
     let large = |r: &crate::backend::code::Routine| !r.data.is_empty() || !r.tables.is_empty();
     if large(&unit.commit) || large(&unit.observe) {
         return Err(
-            "this scene is large, and its families of elements have no form in object files: take --emit c".into()
+            "this scene is large, and its groups of like elements have no form in object files: take --emit c".into()
         );
     }
     let text = |e: &dyn std::fmt::Display| e.to_string();

@@ -1,6 +1,6 @@
-//! Machine code for many scenes of one make: it is made once, and takes the numbers in which they differ from its data.
+//! Machine code for many scenes of one code shape: it is made once, and takes the numbers in which they differ from its data.
 
-use super::jit::{Abreast, Code, Compiled, JIT, WORTH, Whole, Wide};
+use super::jit::{Batch, Code, Compiled, JIT, LaneCode, WORTH, Whole};
 use super::lanes::LANES;
 use crate::backend::code::Routine;
 use crate::backend::unit::{self, Own};
@@ -9,45 +9,45 @@ use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::Program;
 use bond_runtime::kernel::{Backend, Kernel};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{Lanes, Maker, Options, Places, Start, Stretch};
+use bond_runtime::simulate::{Maker, Options, Places, SimdLanes, Start, Stretch};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-/// So many makes are known at most; what comes later is interpreted.
+/// At most this many code shapes are known; what comes later is interpreted.
 const MOST: usize = 64;
 
-/// Compiles each make of program once, and of scene; the numbers of a run are those of code made for it alone, to the
+/// Compiles each code shape of a program or scene once; the numbers of a run are those of code made for it alone, to the
 /// last bit. Large programs, which have no such form, are compiled each for itself.
 ///
 /// To be used by many threads at once: who asks for what another is just compiling waits for it.
 #[derive(Default)]
 pub struct Shared {
-    kernels: Makes<Program, Code>,
-    stretches: Arc<Makes<Vec<u8>, Known>>,
+    kernels: Shapes<Program, Code>,
+    stretches: Arc<Shapes<Vec<u8>, Known>>,
     /// Intervals of one scene that are worth it.
     worth: u64,
 }
 
-/// Code for the scenes of a make.
+/// Code for the scenes of a code shape.
 struct Known {
     /// What it is made of, without its data.
     run: Routine,
     code: Arc<Code>,
     /// The same for several at once, once that is wanted.
-    wide: OnceLock<Option<Arc<Wide>>>,
+    wide: OnceLock<Option<Arc<LaneCode>>>,
     places: Places,
 }
 
-/// What is known of makes: each with what tells it, and None where it has no code.
-type Makes<K, V> = Mutex<Vec<(K, Option<Arc<V>>)>>;
+/// What is known of code shapes: each with its key, and None where it has no code.
+type Shapes<K, V> = Mutex<Vec<(K, Option<Arc<V>>)>>;
 
 /// The code for a scene, and its own numbers.
-fn find(list: &Makes<Vec<u8>, Known>, scene: &Scene, options: &Options, start: &Start) -> Option<(Arc<Known>, Own)> {
+fn find(list: &Shapes<Vec<u8>, Known>, scene: &Scene, options: &Options, start: &Start) -> Option<(Arc<Known>, Own)> {
     let make = || {
         let unit::Stretch { mut run, places, .. } = unit::stretch(scene, options, start, true)?;
         run.data.clear();
         Some(Known { code: Arc::new(Code::new(run.clone())?), run, wide: OnceLock::new(), places })
     };
-    let known = known(list, unit::make(scene, options)?, make)?;
+    let known = known(list, unit::code_shape(scene, options)?, make)?;
     let own = Own::new(scene, start, &known.places)?;
     Some((known, own))
 }
@@ -61,8 +61,8 @@ impl Shared {
         Self { worth: WORTH / scenes.max(1), ..Self::default() }
     }
 
-    /// How many makes of program it knows, and of scenes.
-    pub fn makes(&self) -> (usize, usize) {
+    /// How many code shapes of programs it knows, and of scenes.
+    pub fn shapes(&self) -> (usize, usize) {
         (lock(&self.kernels).len(), lock(&self.stretches).len())
     }
 }
@@ -72,7 +72,7 @@ fn lock<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// What is known under a key, made where it is not.
-fn known<K: PartialEq, V>(list: &Makes<K, V>, key: K, make: impl FnOnce() -> Option<V>) -> Option<Arc<V>> {
+fn known<K: PartialEq, V>(list: &Shapes<K, V>, key: K, make: impl FnOnce() -> Option<V>) -> Option<Arc<V>> {
     let mut list = lock(list);
     if let Some((_, found)) = list.iter().find(|(k, _)| *k == key) {
         return found.clone();
@@ -95,7 +95,7 @@ impl Backend for Shared {
             routine.data.clear();
             Code::new(routine)
         };
-        match known(&self.kernels, program.skeleton(), make) {
+        match known(&self.kernels, program.code_shape(), make) {
             Some(code) => {
                 let data = program.numbers().into_iter().map(|n| n.1).collect();
                 Box::new(Compiled::of(program, code, data))
@@ -117,7 +117,7 @@ impl Backend for Shared {
         LANES
     }
 
-    fn lanes(&self, scenes: &[(&Scene, &Options, Start)], intervals: u64) -> Option<Box<dyn Lanes>> {
+    fn batch(&self, scenes: &[(&Scene, &Options, Start)], intervals: u64) -> Option<Box<dyn SimdLanes>> {
         if intervals < WIDER * self.worth || !(2..=LANES).contains(&scenes.len()) {
             return None;
         }
@@ -127,7 +127,7 @@ impl Backend for Shared {
         if !makes.iter().all(|k| Arc::ptr_eq(k, known)) {
             return None;
         }
-        let wide = known.wide.get_or_init(|| Wide::new(&known.run).map(Arc::new)).clone()?;
-        Some(Box::new(Abreast::new(wide, own)))
+        let wide = known.wide.get_or_init(|| LaneCode::new(&known.run).map(Arc::new)).clone()?;
+        Some(Box::new(Batch::new(wide, own)))
     }
 }

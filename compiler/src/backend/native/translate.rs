@@ -1,7 +1,7 @@
 //! From a routine to Cranelift's form, statement by statement.
 
 use super::functions;
-use super::pairs::{self, Pairs};
+use super::slp::{self, Pairs};
 use super::vector::{self, Kind};
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
 use bond_runtime::ir::{Binary, Unary};
@@ -41,7 +41,7 @@ pub(super) fn signature<M: Module>(module: &M) -> ir::Signature {
 /// (iterations, then what a failure tells), the context for [`functions::SOLVE`], and the tables; returns 0 or why it
 /// failed.
 ///
-/// `names` says under which names functions of numbers are found, `pairs` whether there is [`functions::TURN`] among
+/// `names` gives the name of each function of numbers, `sin_cos` says whether [`functions::SIN_COS`] is among
 /// them.
 pub(super) fn define<M: Module>(
     module: &mut M,
@@ -49,7 +49,7 @@ pub(super) fn define<M: Module>(
     routine: &Routine,
     linkage: Linkage,
     names: fn(&'static str) -> &'static str,
-    pairs: bool,
+    sin_cos: bool,
 ) -> Made<FuncId> {
     let pointer = module.target_config().pointer_type();
     let signature = signature(module);
@@ -69,10 +69,10 @@ pub(super) fn define<M: Module>(
         flags: FxHashMap::default(),
         functions: FxHashMap::default(),
         loops: Vec::new(),
-        turns: if pairs { turns(&routine.body) } else { FxHashSet::default() },
-        turned: Vec::new(),
-        uses: pairs::uses(routine),
-        abreast: Abreast::default(),
+        sin_cos_of: if sin_cos { sin_cos_arguments(&routine.body) } else { FxHashSet::default() },
+        sin_cos_known: Vec::new(),
+        uses: slp::uses(routine),
+        vectors: Vectors::default(),
         names,
         routine,
         params,
@@ -120,16 +120,16 @@ pub(super) struct Translate<'a, 'f, M> {
     loops: Vec<(ir::Block, ir::Block)>,
     /// Of what both sine and cosine are asked for, and what they are, where that was computed in this block or one
     /// around it.
-    turns: FxHashSet<Value>,
-    turned: Vec<(Value, (ir::Value, ir::Value))>,
+    sin_cos_of: FxHashSet<Value>,
+    sin_cos_known: Vec<(Value, (ir::Value, ir::Value))>,
     /// How often each value is looked at.
     uses: Vec<u32>,
-    abreast: Abreast,
+    vectors: Vectors,
 }
 
 /// What is in vectors of two numbers, within straight code.
 #[derive(Default)]
-struct Abreast {
+struct Vectors {
     /// Values, as a number of a vector.
     lanes: FxHashMap<Value, (ir::Value, u8)>,
     /// Vectors of two values that were put together.
@@ -137,7 +137,7 @@ struct Abreast {
 }
 
 /// The values of which both sine and cosine are asked for.
-pub(super) fn turns(body: &[Stmt]) -> FxHashSet<Value> {
+pub(super) fn sin_cos_arguments(body: &[Stmt]) -> FxHashSet<Value> {
     fn gather(body: &[Stmt], sines: &mut FxHashSet<Value>, cosines: &mut FxHashSet<Value>) {
         for s in body {
             if let Stmt::Let(_, Op::Unary(Unary::Sin, a)) = s {
@@ -158,17 +158,17 @@ pub(super) fn turns(body: &[Stmt]) -> FxHashSet<Value> {
 impl<M: Module> Translate<'_, '_, M> {
     /// Writes a block; true where its end is not reached.
     pub(super) fn block(&mut self, body: &[Stmt]) -> bool {
-        let known = self.turned.len();
+        let known = self.sin_cos_known.len();
         let ended = self.statements(body);
-        self.turned.truncate(known);
+        self.sin_cos_known.truncate(known);
         ended
     }
 
     pub(super) fn statements(&mut self, body: &[Stmt]) -> bool {
         let mut rest = body;
         loop {
-            let (straight, others) = rest.split_at(pairs::straight(rest));
-            self.straight(straight);
+            let (straight, others) = rest.split_at(slp::straight_line(rest));
+            self.straight_line(straight);
             let Some((s, after)) = others.split_first() else { return false };
             if self.statement(s) {
                 return true;
@@ -177,9 +177,9 @@ impl<M: Module> Translate<'_, '_, M> {
         }
     }
 
-    /// Writes statements as [`pairs::straight`] finds them.
-    fn straight(&mut self, body: &[Stmt]) {
-        match pairs::pairs(self.routine, &self.uses, body) {
+    /// Writes statements as [`slp::straight_line`] finds them.
+    fn straight_line(&mut self, body: &[Stmt]) {
+        match slp::pairs(self.routine, &self.uses, body) {
             Some(pairs) => self.paired(body, &pairs),
             None => body.iter().for_each(|s| {
                 self.statement(s);
@@ -221,7 +221,7 @@ impl<M: Module> Translate<'_, '_, M> {
         for v in &pairs.kept {
             self.of(*v);
         }
-        self.abreast = Abreast::default();
+        self.vectors = Vectors::default();
     }
 
     /// Writes two statements as one.
@@ -243,13 +243,13 @@ impl<M: Module> Translate<'_, '_, M> {
         };
         for (v, lane) in [(v, 0), (w, 1)] {
             self.values[v.0 as usize] = None;
-            self.abreast.lanes.insert(*v, (made, lane));
+            self.vectors.lanes.insert(*v, (made, lane));
         }
     }
 
     /// Two values as a vector.
     fn vector(&mut self, [x, y]: [Value; 2]) -> ir::Value {
-        let lanes = &self.abreast.lanes;
+        let lanes = &self.vectors.lanes;
         if let (Some((vector, 0)), Some((other, 1))) = (lanes.get(&x), lanes.get(&y))
             && vector == other
         {
@@ -258,7 +258,7 @@ impl<M: Module> Translate<'_, '_, M> {
         if let [Some(p), Some(q)] = [x, y].map(|v| self.routine.numbers[v.0 as usize].map(Number::value)) {
             return vector::numbers(&mut self.b, [p, q]);
         }
-        if let Some(&vector) = self.abreast.brought.get(&[x, y]) {
+        if let Some(&vector) = self.vectors.brought.get(&[x, y]) {
             return vector;
         }
         let first = self.of(x);
@@ -267,7 +267,7 @@ impl<M: Module> Translate<'_, '_, M> {
             let second = self.of(y);
             made = self.b.ins().insertlane(made, second, 1);
         }
-        self.abreast.brought.insert([x, y], made);
+        self.vectors.brought.insert([x, y], made);
         made
     }
 
@@ -310,7 +310,7 @@ impl<M: Module> Translate<'_, '_, M> {
                 }
                 return true;
             }
-            Stmt::For(index, from, to, body) if self.double(*index, (*from, *to), body) => {}
+            Stmt::For(index, from, to, body) if self.vectorized_loop(*index, (*from, *to), body) => {}
             Stmt::For(index, from, to, body) => {
                 let var = self.indices[index.0 as usize];
                 let start = self.b.ins().iconst(types::I64, i64::from(*from));
@@ -412,7 +412,7 @@ impl<M: Module> Translate<'_, '_, M> {
         if let Some(x) = self.values[v.0 as usize] {
             return x;
         }
-        if let Some(&(vector, lane)) = self.abreast.lanes.get(&v) {
+        if let Some(&(vector, lane)) = self.vectors.lanes.get(&v) {
             let x = self.b.ins().extractlane(vector, lane);
             self.values[v.0 as usize] = Some(x);
             return x;
@@ -490,8 +490,8 @@ impl<M: Module> Translate<'_, '_, M> {
                 let flag = self.negate(flag);
                 self.flag(v, flag)
             }
-            Unary::Sin | Unary::Cos if self.turns.contains(&a) => {
-                let (sine, cosine) = self.turn(a, x);
+            Unary::Sin | Unary::Cos if self.sin_cos_of.contains(&a) => {
+                let (sine, cosine) = self.sin_cos(a, x);
                 if f == Unary::Sin { sine } else { cosine }
             }
             Unary::Floor
@@ -510,11 +510,11 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 
     /// Sine and cosine of a value.
-    fn turn(&mut self, a: Value, x: ir::Value) -> (ir::Value, ir::Value) {
-        if let Some(found) = self.turned.iter().rev().find(|t| t.0 == a) {
+    fn sin_cos(&mut self, a: Value, x: ir::Value) -> (ir::Value, ir::Value) {
+        if let Some(found) = self.sin_cos_known.iter().rev().find(|t| t.0 == a) {
             return found.1;
         }
-        let pair = match self.function(functions::TURN, &[types::F64], 2) {
+        let pair = match self.function(functions::SIN_COS, &[types::F64], 2) {
             Some(f) => {
                 let call = self.b.ins().call(f, &[x]);
                 let results = self.b.inst_results(call);
@@ -522,7 +522,7 @@ impl<M: Module> Translate<'_, '_, M> {
             }
             None => (x, x),
         };
-        self.turned.push((a, pair));
+        self.sin_cos_known.push((a, pair));
         pair
     }
 

@@ -1,4 +1,4 @@
-//! The numbers in which scenes of the same make differ, kept apart from the code, so that one routine does for all of
+//! The numbers in which scenes of the same code shape differ, kept apart from the code, so that one routine does for all of
 //! them.
 
 use super::programs;
@@ -73,9 +73,9 @@ fn of(c: &Cluster) -> impl Iterator<Item = &Program> {
     [&c.step.program, &c.instant].into_iter().chain(respond)
 }
 
-/// What scenes of the same make have in common, as bytes: where it is the same, so are their routines but for their
+/// What scenes of the same code shape have in common, as bytes: where it is the same, so are their routines but for their
 /// numbers. None where it cannot be told.
-pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
+pub fn code_shape(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
     let mut common = scene.clone();
     common.probes = Probes::default();
     common.inputs.iter_mut().for_each(|i| i.value = 0.0);
@@ -84,18 +84,18 @@ pub fn make(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
         c.guards.iter_mut().for_each(|g| (g.program, g.branch) = (Program::default(), None));
         c.stored = Program::default();
         c.swing = None;
-        c.instant = c.instant.skeleton();
+        c.instant = c.instant.code_shape();
         c.entries.iter_mut().for_each(|e| (e.floor, e.least) = (0.0, f64::from(u8::from(e.least != 0.0))));
         match &mut c.respond {
-            Some(Respond::Last(p)) => *p = p.skeleton(),
-            Some(Respond::Matched(p, q)) => [p, q].into_iter().for_each(|p| *p = p.skeleton()),
+            Some(Respond::Last(p)) => *p = p.code_shape(),
+            Some(Respond::Matched(p, q)) => [p, q].into_iter().for_each(|p| *p = p.code_shape()),
             None => {}
         }
         c.step.why = "".into();
         // Where there is another stepper to fall back on, there is no routine.
         c.step.fallback.iter_mut().for_each(|f| **f = Stepper::new("", 0, true, Program::default()));
         c.step.glance = None;
-        c.step.program = c.step.program.skeleton();
+        c.step.program = c.step.program.code_shape();
         c.step.linear.iter_mut().for_each(shape);
     }
     let mut bytes = common.to_bytes().ok()?;

@@ -9,16 +9,16 @@
 mod apart;
 mod block;
 mod ledger;
-mod lift;
 mod more;
 mod sample;
+mod scalar_promotion;
 mod step;
 mod stretch;
 
 use super::code::{Cond, Memory, Place, Reason, Routine, Stmt, Value, size};
+use super::if_conversion::{LaneForm, lane_forms};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
-use super::straight::{Straight, straight};
 use apart::{Answer, Apart};
 use block::{Block, Cluster};
 use bond_runtime::exponential;
@@ -26,7 +26,7 @@ use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Program};
 use bond_runtime::scene::{GIVEN, Respond, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start, paced};
-use lift::{Lifted, Uses, lift};
+use scalar_promotion::{Promoted, Uses, promote};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -60,7 +60,7 @@ pub struct Unit {
     pub run: Option<Routine>,
     /// An interval of many scenes side by side, where the numbers of the block are few enough for that; first without
     /// what few scenes do.
-    pub straight: Vec<Straight>,
+    pub lane_forms: Vec<LaneForm>,
     /// Looks: [`Memory::Output`] gets the probes.
     pub observe: Routine,
     /// Takes the first samples anew, of a block that is as at the start but for what is given from outside. None where
@@ -119,7 +119,7 @@ pub struct Late {
     pub next: usize,
 }
 
-pub use apart::make;
+pub use apart::code_shape;
 pub use ledger::NAMES;
 pub use stretch::{Own, Stretch, stretch};
 
@@ -145,7 +145,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let open = (0..scene.open.len()).map(|o| unit.open(o)).collect();
     let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
-    let straight = if whole { straight(&commit) } else { Vec::new() };
+    let lane_forms = if whole { lane_forms(&commit) } else { Vec::new() };
     Ok(Unit {
         name: scene.name.clone(),
         interval: plan.interval,
@@ -157,7 +157,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
         late: unit.late,
         turned,
         run,
-        straight,
+        lane_forms,
         observe,
         begin,
         open,
@@ -375,9 +375,10 @@ impl Writing<'_> {
         let mut kept = kept.clone();
         kept.extend(Uses::of(&body).read);
         w.open();
-        let lifted = if size(&body) > LARGEST || !self.late.is_empty() { None } else { lift(&mut w, &body, &kept) };
+        let promoted =
+            if size(&body) > LARGEST || !self.late.is_empty() { None } else { promote(&mut w, &body, &kept) };
         let name = format!("interval of {}", self.scene.name);
-        let Some(Lifted { before, body, after }) = lifted else {
+        let Some(Promoted { before, body, after }) = promoted else {
             body.into_iter().for_each(|s| w.push(s));
             return Ok(Routines { commit: w.routine(name), whole: false, run: None });
         };

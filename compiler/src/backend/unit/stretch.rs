@@ -25,7 +25,7 @@ pub struct Stretch {
 
 /// The routine of a scene that starts, or goes on, from here; None where a run of it looks at it in each interval,
 /// steps its parts at different times, or is too large to gain. With `apart`, it is that of all scenes of its
-/// [`super::make`], which differ in [`Own`].
+/// [`super::code_shape`], which differ in [`Own`].
 pub fn stretch(scene: &Scene, options: &Options, start: &Start, apart: bool) -> Option<Stretch> {
     let sampled = scene.clusters.iter().any(|c| c.period.is_some());
     let produced = scene.clusters.iter().flat_map(|c| &c.entries).any(|e| !e.produced.is_empty());
@@ -51,7 +51,7 @@ pub fn stretch(scene: &Scene, options: &Options, start: &Start, apart: bool) -> 
     Some(Stretch { run, places, table: unit.table })
 }
 
-/// In what a scene differs from others of its make.
+/// In what a scene differs from others of its code shape.
 #[derive(Clone, Debug, Default)]
 pub struct Own {
     /// Where everything is, which is the same, and what is no place there.
@@ -63,7 +63,7 @@ pub struct Own {
 }
 
 impl Own {
-    /// That of a scene, from the places of another of its make; None where an exact step cannot be prepared.
+    /// That of a scene, from the places of another of its code shape; None where an exact step cannot be prepared.
     pub fn new(scene: &Scene, start: &Start, places: &Places) -> Option<Self> {
         let (mut own, mut table) = (places.clone(), Vec::new());
         for ((c, s), p) in scene.clusters.iter().zip(&start.clusters).zip(&mut own.clusters) {

@@ -5,7 +5,7 @@ use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Takes values, and settings of variables, out of a routine that nothing looks at.
-pub(super) fn tidy(routine: &mut Routine) {
+pub(super) fn remove_dead_code(routine: &mut Routine) {
     // A variable counts as read where anything reads it, so that one round may leave work for the next.
     loop {
         let mut used = Used { values: vec![false; routine.numbers.len()], vars: vec![false; routine.vars as usize] };
@@ -203,7 +203,7 @@ mod tests {
             data: Vec::new(),
             tables: Vec::new(),
         };
-        tidy(&mut routine);
+        remove_dead_code(&mut routine);
         assert_eq!(routine.body, body);
     }
 }

@@ -74,7 +74,7 @@ impl Uses {
 }
 
 /// Statements whose numbers of the block are variables.
-pub(super) struct Lifted {
+pub(super) struct Promoted {
     /// Reads the block.
     pub(super) before: Vec<Stmt>,
     pub(super) body: Vec<Stmt>,
@@ -82,8 +82,9 @@ pub(super) struct Lifted {
     pub(super) after: Vec<Stmt>,
 }
 
-/// Lifts statements, of which these places are looked at later; None where places are found by counters.
-pub(super) fn lift(w: &mut Writer, body: &[Stmt], kept: &BTreeSet<u32>) -> Option<Lifted> {
+/// Promotes the places that statements use to variables; `kept` are those that are read later. None where places are
+/// found by counters.
+pub(super) fn promote(w: &mut Writer, body: &[Stmt], kept: &BTreeSet<u32>) -> Option<Promoted> {
     let uses = Uses::of(body);
     if uses.counted {
         return None;
@@ -105,7 +106,7 @@ pub(super) fn lift(w: &mut Writer, body: &[Stmt], kept: &BTreeSet<u32>) -> Optio
             w.push(Stmt::Store(Place::new(Memory::State, *at), x));
         }
     });
-    Some(Lifted { before, body, after })
+    Some(Promoted { before, body, after })
 }
 
 /// The statements with variables in the place of the block.

@@ -1,4 +1,4 @@
-//! What programs of one make have in common, and the numbers in which they differ: a model with other parameters mostly
+//! What programs of one code shape have in common, and the numbers in which they differ: a model with other parameters mostly
 //! gives the same instructions.
 
 use super::{Binary, Inst, Op, Program, Value};
@@ -7,7 +7,7 @@ use super::{Binary, Inst, Op, Program, Value};
 const SOME: f64 = 2.0;
 
 impl Program {
-    /// The numbers in which a program of the same make may differ, in order of appearance: its constants, but for 0, 1
+    /// The numbers in which a program of the same shape may differ, in order of appearance: its constants, but for 0, 1
     /// and -1, for what is not finite, for the measure of rounding, and for exponents, all of which decide what is
     /// computed.
     pub fn numbers(&self) -> Vec<(Value, f64)> {
@@ -21,9 +21,9 @@ impl Program {
         list
     }
 
-    /// The program with other numbers of the same sign in place of [`Self::numbers`]. Where two have the same skeleton,
+    /// The program with other numbers of the same sign in place of [`Self::numbers`]. Where two have the same code shape,
     /// code that takes these from elsewhere does for both.
-    pub fn skeleton(&self) -> Program {
+    pub fn code_shape(&self) -> Program {
         let (fixed, mut other) = (self.exponents(), self.clone());
         replace(&mut other.body, &mut |v, x| {
             if is_number(x) && !fixed[v.0 as usize] { SOME.copysign(x) } else { x }
@@ -94,13 +94,13 @@ mod tests {
     fn numbers_differ_and_what_decides_does_not() {
         let a = program(3.5, 0.3, 1.0);
         assert_eq!(a.numbers().iter().map(|n| n.1).collect::<Vec<_>>(), [3.5]);
-        assert_eq!(a.skeleton(), program(7.25, 0.3, 1.0).skeleton());
-        assert_ne!(a.skeleton(), program(-3.5, 0.3, 1.0).skeleton());
-        assert_ne!(a.skeleton(), program(3.5, 0.7, 1.0).skeleton());
-        assert_ne!(a.skeleton(), program(3.5, 0.3, -1.0).skeleton());
-        assert_eq!(a.skeleton().skeleton(), a.skeleton());
+        assert_eq!(a.code_shape(), program(7.25, 0.3, 1.0).code_shape());
+        assert_ne!(a.code_shape(), program(-3.5, 0.3, 1.0).code_shape());
+        assert_ne!(a.code_shape(), program(3.5, 0.7, 1.0).code_shape());
+        assert_ne!(a.code_shape(), program(3.5, 0.3, -1.0).code_shape());
+        assert_eq!(a.code_shape().code_shape(), a.code_shape());
         // Bits count: NaN is like itself, and 0 is not -0.
-        assert_eq!(program(f64::NAN, 0.3, 1.0).skeleton(), program(f64::NAN, 0.3, 1.0).skeleton());
-        assert_ne!(program(0.0, 0.3, 1.0).skeleton(), program(-0.0, 0.3, 1.0).skeleton());
+        assert_eq!(program(f64::NAN, 0.3, 1.0).code_shape(), program(f64::NAN, 0.3, 1.0).code_shape());
+        assert_ne!(program(0.0, 0.3, 1.0).code_shape(), program(-0.0, 0.3, 1.0).code_shape());
     }
 }

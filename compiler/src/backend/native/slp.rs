@@ -42,7 +42,7 @@ pub(super) fn uses(routine: &Routine) -> Vec<u32> {
 
 /// How many statements from the first on may be reordered, as long as each follows what it looks at: they define
 /// values, set variables and store, and look at nothing that they set or stored.
-pub(super) fn straight(body: &[Stmt]) -> usize {
+pub(super) fn straight_line(body: &[Stmt]) -> usize {
     let (mut set, mut stored) = (FxHashSet::default(), FxHashSet::<Memory>::default());
     let goes = |s: &&Stmt| match s {
         Stmt::Let(_, Op::Load(place)) => !stored.contains(&place.memory),
@@ -283,7 +283,7 @@ mod tests {
     /// How many statements of a program's code, up to the last test of its results, are paired.
     fn paired(b: Builder) -> usize {
         let routine = lower(&b.finish()).unwrap();
-        let body = &routine.body[..straight(&routine.body)];
+        let body = &routine.body[..straight_line(&routine.body)];
         pairs(&routine, &uses(&routine), body).map_or(0, |p| p.with.iter().flatten().count())
     }
 

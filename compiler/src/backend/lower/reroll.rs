@@ -1,17 +1,17 @@
-//! Large programs: families of equal computations become loops, so that a ladder's code is as long for 1e5 cells as for
+//! Large programs: groups of isomorphic computations become loops, so that a ladder's code is as long for 1e5 cells as for
 //! ten.
 //!
 //! What a stretch of straight code gives (what it stores, and the values that are used after it) is cut into cones: a
 //! result with all that it is made of, down to what is loaded, to numbers, and to other results. Cones of one shape are
-//! a family, and a family is a loop over its members. Where the places that they read and write run evenly these are
+//! a group, and a group is a loop over its members. Where the places that they read and write run evenly these are
 //! counted, else they are looked up in a table. What two cones share is computed in both, unless that is dear. A long
-//! sum is a family of terms, and a loop that adds them in their order, or several such sums side by side. A matrix that
+//! sum is a group of terms, and a loop that adds them in their order, or several such sums side by side. A matrix that
 //! depends on next to nothing, as that of a linear region does on the step alone, is made again, and factored, only where
 //! that has changed.
 
-mod cone;
-mod family;
+mod expression_cone;
 mod fixed;
+mod isomorphic_group;
 mod sum;
 
 use super::newton::Numbers;
@@ -19,9 +19,9 @@ use super::writer::{At, Values, Vector, Writer, scratch};
 use super::{ELIMINATED, Places};
 use crate::backend::code::{Memory, Place, Stmt};
 use bond_runtime::ir::{self, Array, Binary, Inst, Op, Program, Unary};
-use cone::Cone;
-use family::Watch;
+use expression_cone::Cone;
 use fixed::Fixed;
+use isomorphic_group::Watch;
 use rustc_hash::FxHashSet;
 use sum::{SUM, Sum, Total};
 
@@ -40,7 +40,7 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Wr
     let n = program.values as usize;
     let (memory, base) = places[Array::Next as usize];
     let watch = Watch::new(&mut w, memory, base, program.size(Array::Next));
-    let mut roll = Roll {
+    let mut reroller = Reroller {
         places,
         ops: vec![Op::Const(0.0); n],
         home: vec![0; n],
@@ -58,20 +58,20 @@ pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Wr
         totals: Vec::new(),
         w,
     };
-    let gathered = roll.gather(&program.body, false);
-    roll.unwatched();
-    if gathered.and_then(|()| roll.fixed()).and_then(|()| roll.plan()).is_none() {
-        roll.w.scratch = before;
-        return (roll.w, false);
+    let gathered = reroller.gather(&program.body, false);
+    reroller.unwatched();
+    if gathered.and_then(|()| reroller.fixed()).and_then(|()| reroller.plan()).is_none() {
+        reroller.w.scratch = before;
+        return (reroller.w, false);
     }
-    roll.w.open();
-    roll.write();
-    roll.watch.check(&mut roll.w);
-    let body = roll.w.close();
+    reroller.w.open();
+    reroller.write();
+    reroller.watch.check(&mut reroller.w);
+    let body = reroller.w.close();
     // What sums begin from is put there first of all, so that nothing stands between loops that could be one.
-    roll.totals.iter().chain(roll.watch.totals()).for_each(|total| total.begin(&mut roll.w));
-    body.into_iter().for_each(|s| roll.w.push(s));
-    (roll.w, true)
+    reroller.totals.iter().chain(reroller.watch.totals()).for_each(|total| total.begin(&mut reroller.w));
+    body.into_iter().for_each(|s| reroller.w.push(s));
+    (reroller.w, true)
 }
 
 /// Something that a segment gives: where to, which value, and whether its negative.
@@ -118,7 +118,7 @@ struct Linear<'p> {
 }
 
 /// A program on its way.
-struct Roll<'p> {
+struct Reroller<'p> {
     places: Places,
     /// By value: how it is computed, in which segment, how often it is used.
     ops: Vec<Op>,
@@ -145,7 +145,7 @@ struct Roll<'p> {
     w: Writer,
 }
 
-impl<'p> Roll<'p> {
+impl<'p> Reroller<'p> {
     /// Sorts instructions into segments.
     fn gather(&mut self, body: &'p [Inst], inside: bool) -> Option<()> {
         for inst in body {
@@ -451,7 +451,7 @@ impl<'p> Roll<'p> {
                 self.add_up(sum);
             }
             let cones: Vec<Cone> = roots.iter().map(|r| Cone::new(self, r)).collect();
-            family::write(&mut self.w, &mut self.watch, cones);
+            isomorphic_group::write(&mut self.w, &mut self.watch, cones);
         }
         self.segments[s].then = segment.then;
     }

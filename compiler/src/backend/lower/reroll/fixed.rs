@@ -1,6 +1,6 @@
 //! Matrices that hardly ever change.
 
-use super::{Linear, Loop, Roll, Segment};
+use super::{Linear, Loop, Reroller, Segment};
 use crate::backend::code::{Cond, Memory, Place, Stmt, Value};
 use crate::backend::lower::writer::{At, scratch};
 use bond_runtime::ir::{self, Array, Op};
@@ -19,7 +19,7 @@ pub(super) struct Fixed {
     made: u32,
 }
 
-impl Roll<'_> {
+impl Reroller<'_> {
     /// Has every matrix made: in a segment of its own where it is fixed, else in the body of its iteration.
     pub(super) fn fixed(&mut self) -> Option<()> {
         let mut uses = vec![0u32; self.ops.len()];

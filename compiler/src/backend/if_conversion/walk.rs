@@ -1,11 +1,11 @@
 //! Goes through a routine's statements, both ways of each branch.
 
 use super::shape::{begins_anew, has_effect, has_fail, is_heavy, repeats};
-use super::{End, Frame, State, Way, is_call};
+use super::{Conversion, End, Frame, State, is_call};
 use crate::backend::code::{Cond, Memory, Op, Place, Stmt, Value};
 use std::collections::{BTreeMap, BTreeSet};
 
-impl Way {
+impl Conversion {
     pub(super) fn block(&mut self, rest: &[Stmt]) -> End {
         for (k, s) in rest.iter().enumerate() {
             match s {

@@ -1,6 +1,6 @@
 //! A result with all that it is made of.
 
-use super::{Roll, Root};
+use super::{Reroller, Root};
 use crate::backend::code::{Memory, Place};
 use crate::backend::lower::writer::{At, scratch};
 use bond_runtime::ir::{self, Binary, Op, Unary};
@@ -24,7 +24,7 @@ pub(super) enum Part {
     Select(u32, u32, u32),
 }
 
-/// A cone: its shape, which families share, and what differs between their members.
+/// A cone: its shape, which groups share, and what differs between their members.
 pub(super) struct Cone {
     /// The parts, in an order in which they can be computed; the last is the result. Then the memory of the result.
     pub(super) shape: (Vec<Part>, u8),
@@ -33,11 +33,11 @@ pub(super) struct Cone {
 }
 
 impl Cone {
-    pub(super) fn new(roll: &Roll<'_>, root: &Root) -> Self {
+    pub(super) fn new(reroller: &Reroller<'_>, root: &Root) -> Self {
         let mut cone = Self { shape: (Vec::new(), memory(root.to.memory)), leaves: Vec::new(), to: root.to.clone() };
-        let own = roll.kept[root.value.0 as usize].is_some_and(|at| root.to == scratch(at, At::One(0)));
+        let own = reroller.kept[root.value.0 as usize].is_some_and(|at| root.to == scratch(at, At::One(0)));
         let mut known: Vec<(ir::Value, u32)> = Vec::new();
-        let top = cone.part(roll, root.value, own, &mut known);
+        let top = cone.part(reroller, root.value, own, &mut known);
         if root.negative {
             cone.shape.0.push(Part::Unary(Unary::Neg, top));
         }
@@ -45,26 +45,26 @@ impl Cone {
     }
 
     /// The number of a value's part; `own` where it is computed though it is a result.
-    fn part(&mut self, roll: &Roll<'_>, v: ir::Value, own: bool, known: &mut Vec<(ir::Value, u32)>) -> u32 {
+    fn part(&mut self, reroller: &Reroller<'_>, v: ir::Value, own: bool, known: &mut Vec<(ir::Value, u32)>) -> u32 {
         if let Some(&(_, part)) = known.iter().find(|k| k.0 == v) {
             return part;
         }
-        let part = match (roll.kept[v.0 as usize], roll.ops[v.0 as usize]) {
+        let part = match (reroller.kept[v.0 as usize], reroller.ops[v.0 as usize]) {
             (Some(at), _) if !own => self.leaf(Leaf::Place(Memory::Scratch, at)),
             (_, Op::Const(x)) => self.leaf(Leaf::Number(x)),
             (_, Op::Load(slot)) => {
-                let (memory, base) = roll.places[slot.array as usize];
+                let (memory, base) = reroller.places[slot.array as usize];
                 self.leaf(Leaf::Place(memory, base + slot.index))
             }
-            (_, Op::Unary(f, a)) => Part::Unary(f, self.part(roll, a, false, known)),
+            (_, Op::Unary(f, a)) => Part::Unary(f, self.part(reroller, a, false, known)),
             (_, Op::Binary(f, a, b)) => {
-                let a = self.part(roll, a, false, known);
-                Part::Binary(f, a, self.part(roll, b, false, known))
+                let a = self.part(reroller, a, false, known);
+                Part::Binary(f, a, self.part(reroller, b, false, known))
             }
             (_, Op::Select(c, a, b)) => {
-                let c = self.part(roll, c, false, known);
-                let a = self.part(roll, a, false, known);
-                Part::Select(c, a, self.part(roll, b, false, known))
+                let c = self.part(reroller, c, false, known);
+                let a = self.part(reroller, a, false, known);
+                Part::Select(c, a, self.part(reroller, b, false, known))
             }
         };
         self.shape.0.push(part);

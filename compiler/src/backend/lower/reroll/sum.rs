@@ -1,10 +1,10 @@
-//! Long sums: a family of terms, and a loop that adds them, one after the other, or, where the program adds several
+//! Long sums: a group of terms, and a loop that adds them, one after the other, or, where the program adds several
 //! sums side by side that it then makes one, so, that nothing waits for the term before.
 
-use super::{Roll, Root};
+use super::{Reroller, Root};
 use crate::backend::code::{Index, Stmt, Value, Var};
 use crate::backend::lower::writer::{At, Writer, scratch};
-use bond_runtime::ir::{self, ABREAST, Binary, Op};
+use bond_runtime::ir::{self, Binary, Op, SIDE_BY_SIDE};
 use rustc_hash::FxHashMap;
 
 /// Sums of so many terms are loops.
@@ -15,7 +15,7 @@ pub(super) struct Sum {
     pub(super) end: ir::Value,
     terms: u32,
     count: u32,
-    abreast: bool,
+    side_by_side: bool,
 }
 
 /// What a loop adds up.
@@ -24,25 +24,25 @@ pub(super) enum Total {
     One(Var),
     /// From this place on what each turn leaves, made of what the turn so many before it left; first of all what these
     /// begin from. So turns that follow each other do not wait.
-    Abreast(u32, f64),
+    SideBySide(u32, f64),
 }
 
 impl Total {
     /// Of a loop of so many turns, where the order does not matter.
     pub(super) fn of(w: &mut Writer, turns: usize, none: f64) -> Self {
-        if turns < SUM * ABREAST { Self::One(w.starting(none)) } else { Self::abreast(w, turns, none) }
+        if turns < SUM * SIDE_BY_SIDE { Self::One(w.starting(none)) } else { Self::side_by_side(w, turns, none) }
     }
 
-    fn abreast(w: &mut Writer, turns: usize, none: f64) -> Self {
-        Self::Abreast(w.room(turns + ABREAST), none)
+    fn side_by_side(w: &mut Writer, turns: usize, none: f64) -> Self {
+        Self::SideBySide(w.room(turns + SIDE_BY_SIDE), none)
     }
 
     /// Puts down what it begins from, where that is a place: the loops leave it as it is.
     pub(super) fn begin(&self, w: &mut Writer) {
-        if let Self::Abreast(at, none) = self {
+        if let Self::SideBySide(at, none) = self {
             let (index, none) = (w.index(), w.number(*none));
             let body = vec![Stmt::Store(scratch(*at, At::Each(index)), none)];
-            w.push(Stmt::For(index, 0, ABREAST as u32, body));
+            w.push(Stmt::For(index, 0, SIDE_BY_SIDE as u32, body));
         }
     }
 
@@ -54,10 +54,10 @@ impl Total {
                 let after = w.add(before, x);
                 w.set(*var, after);
             }
-            Self::Abreast(at, _) => {
+            Self::SideBySide(at, _) => {
                 let before = w.load(scratch(*at, At::Each(index)));
                 let after = w.add(before, x);
-                w.push(Stmt::Store(scratch(at + ABREAST as u32, At::Each(index)), after));
+                w.push(Stmt::Store(scratch(at + SIDE_BY_SIDE as u32, At::Each(index)), after));
             }
         }
     }
@@ -66,10 +66,10 @@ impl Total {
     pub(super) fn value(&self, w: &mut Writer, turns: usize) -> Value {
         match self {
             Self::One(var) => w.get(*var),
-            Self::Abreast(at, _) => {
+            Self::SideBySide(at, _) => {
                 // The last turn of each of them.
-                let last = |k: usize| turns + (k + ABREAST - turns % ABREAST) % ABREAST;
-                let mut parts: Vec<Value> = (0..ABREAST).map(|k| w.load(scratch(*at, At::One(last(k))))).collect();
+                let last = |k: usize| turns + (k + SIDE_BY_SIDE - turns % SIDE_BY_SIDE) % SIDE_BY_SIDE;
+                let mut parts: Vec<Value> = (0..SIDE_BY_SIDE).map(|k| w.load(scratch(*at, At::One(last(k))))).collect();
                 while parts.len() > 1 {
                     let other = parts.split_off(parts.len() / 2);
                     parts = parts.iter().zip(&other).map(|(a, b)| w.add(*a, *b)).collect();
@@ -83,7 +83,7 @@ impl Total {
 /// Terms of a sum, each with whether its negative is added.
 type Terms = Vec<(ir::Value, bool)>;
 
-impl Roll<'_> {
+impl Reroller<'_> {
     /// Finds long sums: by their last value, the roots of its segment that are its terms.
     pub(super) fn sums(&mut self, outside: &[bool]) -> FxHashMap<ir::Value, (usize, usize)> {
         let mut ends = FxHashMap::default();
@@ -140,7 +140,7 @@ impl Roll<'_> {
         (terms, links)
     }
 
-    /// The terms of a value that is made of [`ABREAST`] sums as `Builder::total` makes them, in their order; and all that
+    /// The terms of a value that is made of [`SIDE_BY_SIDE`] sums as `Builder::total` makes them, in their order; and all that
     /// stands between.
     fn side_by_side(&self, end: ir::Value, outside: &[bool]) -> Option<(Terms, Vec<ir::Value>)> {
         if self.skipped[end.0 as usize] {
@@ -148,7 +148,7 @@ impl Roll<'_> {
         }
         let mut parts = vec![end];
         let mut links = Vec::new();
-        while parts.len() < ABREAST {
+        while parts.len() < SIDE_BY_SIDE {
             let halves = parts.iter().map(|v| match self.ops[v.0 as usize] {
                 Op::Binary(Binary::Add, a, b) => Some((a, b)),
                 Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => None,
@@ -174,24 +174,30 @@ impl Roll<'_> {
         // So many terms each; the first ones may have one more.
         let least = *lengths.iter().min()?;
         let more = lengths.iter().take_while(|n| **n > least).count();
-        if (least + 1) * ABREAST < SUM * ABREAST {
+        if (least + 1) * SIDE_BY_SIDE < SUM * SIDE_BY_SIDE {
             return None;
         }
         let chains = parts.iter().enumerate().map(|(k, v)| self.chain(*v, if k < more { least + 1 } else { least }));
         let (chains, between): (Vec<Terms>, Vec<Vec<ir::Value>>) = chains.unzip();
         links.extend(between.into_iter().flatten());
-        let count = ABREAST * (least + 1) + more;
-        Some(((0..count).map(|i| chains[i % ABREAST][i / ABREAST]).collect(), links))
+        let count = SIDE_BY_SIDE * (least + 1) + more;
+        Some(((0..count).map(|i| chains[i % SIDE_BY_SIDE][i / SIDE_BY_SIDE]).collect(), links))
     }
 
-    fn sum(&mut self, end: ir::Value, terms: Terms, abreast: bool, ends: &mut FxHashMap<ir::Value, (usize, usize)>) {
+    fn sum(
+        &mut self,
+        end: ir::Value,
+        terms: Terms,
+        side_by_side: bool,
+        ends: &mut FxHashMap<ir::Value, (usize, usize)>,
+    ) {
         let base = self.w.room(terms.len());
         let segment = &mut self.segments[self.home[end.0 as usize] as usize];
         let from = segment.roots.len();
         for (i, (value, negative)) in terms.iter().enumerate() {
             segment.roots.push(Root { to: scratch(base, At::One(i)), value: *value, negative: *negative });
         }
-        segment.sums.push(Sum { end, terms: base, count: terms.len() as u32, abreast });
+        segment.sums.push(Sum { end, terms: base, count: terms.len() as u32, side_by_side });
         ends.insert(end, (from, terms.len()));
     }
 
@@ -200,7 +206,7 @@ impl Roll<'_> {
         let Some(to) = self.kept[sum.end.0 as usize] else { return };
         let (w, turns) = (&mut self.w, sum.count as usize);
         // -0 is what adds nothing, not even to -0.
-        let total = if sum.abreast { Total::abreast(w, turns, -0.0) } else { Total::One(w.starting(-0.0)) };
+        let total = if sum.side_by_side { Total::side_by_side(w, turns, -0.0) } else { Total::One(w.starting(-0.0)) };
         let index = w.index();
         let body = w.block(|w| {
             let term = w.load(scratch(sum.terms, At::Each(index)));

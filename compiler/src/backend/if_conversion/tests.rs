@@ -97,20 +97,20 @@ fn at(k: u32) -> Place {
     Place::new(Memory::State, k)
 }
 
-/// Asserts that straight code does what a routine does, or says that it does not; how often it does.
-fn same(routine: &Routine, straight: &Straight) -> usize {
+/// Asserts that a lane form does what a routine does, or says that it does not; how often it does.
+fn same(routine: &Routine, form: &LaneForm) -> usize {
     let mut quick = 0;
     for k in 0..400 {
         let block = [f64::from(k % 21) * 0.25 - 2.0, f64::from(k / 21) * 0.25 - 2.0, 7.0];
         let (mut plain, mut flat) =
-            (Run::new(&routine.numbers, routine.vars, &block), Run::new(&straight.numbers, 0, &block));
+            (Run::new(&routine.numbers, routine.vars, &block), Run::new(&form.numbers, 0, &block));
         let end = plain.go(&routine.body);
-        straight.body.iter().for_each(|l| flat.define(l.value, &l.op));
-        if flat.cond(&straight.slow) {
+        form.body.iter().for_each(|l| flat.define(l.value, &l.op));
+        if flat.cond(&form.slow) {
             continue;
         }
         assert_eq!(end, None, "{block:?} does not fail");
-        let writes: Vec<(u32, f64)> = straight.writes.iter().map(|(at, v)| (*at, flat.of(*v))).collect();
+        let writes: Vec<(u32, f64)> = form.writes.iter().map(|(at, v)| (*at, flat.of(*v))).collect();
         writes.into_iter().for_each(|(at, x)| flat.block[at as usize] = x);
         let bits = |list: &[f64]| list.iter().map(|x| x.to_bits()).collect::<Vec<u64>>();
         assert_eq!(bits(&plain.block), bits(&flat.block), "{block:?}");
@@ -147,11 +147,11 @@ fn branches_and_exits_are_choices() {
         Stmt::Store(at(0), v(5)),
     ];
     let routine = routine(body, 6, 2);
-    let forms = straight(&routine);
-    let [straight] = &forms[..] else { panic!("it has one form: {forms:?}") };
-    let quick = same(&routine, straight);
+    let forms = lane_forms(&routine);
+    let [form] = &forms[..] else { panic!("it has one form: {forms:?}") };
+    let quick = same(&routine, form);
     assert!(quick > 300 && quick < 400, "{quick} of 400 are not slow");
-    assert!(straight.body.iter().any(|l| l.when.is_some()), "a root is taken where it is looked at");
+    assert!(form.body.iter().any(|l| l.when.is_some()), "a root is taken where it is looked at");
 }
 
 /// An iteration in a branch is slow, or gone on with twice; who goes on further is slow. One that all begin has no form.
@@ -168,9 +168,9 @@ fn iterations_that_go_on_are_slow() {
     let end = [Stmt::Let(v(3), Op::Get(Var(0))), Stmt::Store(at(2), v(3))];
     let branch = Stmt::If(Cond::Lt(zero, v(0)), vec![turns.clone()], Vec::new());
     let with = |s: Stmt| routine([&start[..], &[s], &end].concat(), 4, 1);
-    assert_eq!(straight(&with(turns)), Vec::new());
+    assert_eq!(lane_forms(&with(turns)), Vec::new());
     let routine = with(branch);
-    let forms = straight(&routine);
+    let forms = lane_forms(&routine);
     let [short, long] = &forms[..] else { panic!("it has two forms: {forms:?}") };
     assert!(same(&routine, short) > 150 && same(&routine, long) > 380);
     for (x, turns) in [(-1.0, 0), (0.5, 1), (1.0, 1), (3.9, 2), (4.0, 3), (64.0, 7)] {

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 /// The states that change places: those that wait for an interval to end well, where no statement looks at a list of
 /// numbers of which some are states and some are not.
-pub(super) fn turning(unit: &Unit) -> &[Late] {
+pub(super) fn double_buffered(unit: &Unit) -> &[Late] {
     let apart = |r: &Routine| Look { routine: r, late: &unit.late, ranges: FxHashMap::default() }.block(&r.body);
     if [&unit.commit, &unit.observe].into_iter().chain(&unit.begin).all(apart) { &unit.late } else { &[] }
 }

@@ -5,7 +5,7 @@
 //! (an iteration that goes on, an elimination) and what fails is not there: where a scene would get to it, a flag says
 //! that it is *slow*, to be done anew by the routine itself from the numbers that the interval found.
 
-mod decide;
+mod predicate;
 mod shape;
 mod walk;
 
@@ -14,7 +14,7 @@ use bond_runtime::ir::{Binary, Unary};
 use shape::is_heavy;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Routines of more statements have no straight form: a compiler takes long for so many at once.
+/// Routines of more statements have no lane form: a compiler takes long for so many at once.
 const LARGEST: usize = 6000;
 /// Nor have those that would come to more values than this.
 const MOST: usize = 2000;
@@ -27,7 +27,7 @@ const DEPTH: usize = 24;
 
 /// A routine without control flow.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Straight {
+pub struct LaneForm {
     /// By value: the number that it is, where it is one; as [`Routine::numbers`].
     pub numbers: Vec<Option<Number>>,
     /// What is computed, in this order. Loads are of what the block and the input are at the start.
@@ -40,7 +40,7 @@ pub struct Straight {
     pub flags: BTreeSet<Value>,
 }
 
-/// A value of straight code.
+/// A value of a lane form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
     /// Which one.
@@ -75,14 +75,14 @@ pub fn is_call(op: &Op) -> bool {
     }
 }
 
-/// The straight forms of a routine: one without the turns of iterations that go on, where those that get there are
+/// The lane forms of a routine: one without the turns of iterations that go on, where those that get there are
 /// slow, and one with the first turns. Where one of them is all there is, or not worth having, the other; none where it
 /// always would be slow.
-pub fn straight(routine: &Routine) -> Vec<Straight> {
+pub fn lane_forms(routine: &Routine) -> Vec<LaneForm> {
     if !routine.systems.is_empty() || routine.size() > LARGEST || is_heavy(&routine.body, false) {
         return Vec::new();
     }
-    let fits = |form: &Straight| form.body.len() <= MOST;
+    let fits = |form: &LaneForm| form.body.len() <= MOST;
     let short = form(routine, 0).filter(fits);
     let most = short.as_ref().map_or(MOST, |short| 2 * short.body.len() + LONGER);
     let long = form(routine, TURNS).filter(fits).filter(|long| long.body.len() <= most && short.as_ref() != Some(long));
@@ -90,7 +90,7 @@ pub fn straight(routine: &Routine) -> Vec<Straight> {
 }
 
 /// The form of a routine, with the first turns of what repeats, or without.
-fn form(routine: &Routine, turns: usize) -> Option<Straight> {
+fn form(routine: &Routine, turns: usize) -> Option<LaneForm> {
     let mut numbers = routine.numbers.clone();
     let mut number = |x: f64| {
         let found = numbers.iter().position(|n| matches!(n, Some(Number::Plain(y)) if y.to_bits() == x.to_bits()));
@@ -102,7 +102,7 @@ fn form(routine: &Routine, turns: usize) -> Option<Straight> {
     let (zero, one) = (number(0.0), number(1.0));
     let known = numbers.len();
     let state = State { vars: vec![zero; routine.vars as usize], places: BTreeMap::new() };
-    let mut way = Way {
+    let mut way = Conversion {
         zero,
         one,
         values: (0..known as u32).map(Value).collect(),
@@ -155,7 +155,7 @@ enum End {
 }
 
 /// A routine on its way.
-struct Way {
+struct Conversion {
     numbers: Vec<Option<Number>>,
     zero: Value,
     one: Value,
@@ -178,7 +178,7 @@ struct Way {
     lost: bool,
 }
 
-impl Way {
+impl Conversion {
     fn define(&mut self, op: Op, when: Option<Value>) -> Value {
         let v = Value(self.numbers.len() as u32);
         self.numbers.push(None);
@@ -188,7 +188,7 @@ impl Way {
     }
 
     /// What is looked at in the end.
-    fn finish(mut self) -> Option<Straight> {
+    fn finish(mut self) -> Option<LaneForm> {
         let slow = Cond::any(std::mem::take(&mut self.slow));
         if slow.known() == Some(true) {
             return None;
@@ -213,10 +213,10 @@ impl Way {
         }
         self.body.retain(|l| used[l.value.0 as usize]);
         let flags = self.flags(&slow, &writes);
-        Some(Straight { numbers: self.numbers, body: self.body, slow, writes, flags })
+        Some(LaneForm { numbers: self.numbers, body: self.body, slow, writes, flags })
     }
 
-    /// See [`Straight::flags`].
+    /// See [`LaneForm::flags`].
     fn flags(&self, slow: &Cond, writes: &[(u32, Value)]) -> BTreeSet<Value> {
         let truths = self.body.iter().filter(|l| self.is_truth(l.value));
         let mut flags: BTreeSet<Value> = truths.map(|l| l.value).collect();

@@ -1,6 +1,6 @@
 //! Cones of one shape as loops.
 
-use super::cone::{Cone, Leaf, Part};
+use super::expression_cone::{Cone, Leaf, Part};
 use super::sum::Total;
 use crate::backend::code::{Index, Memory, Place, Reason, Stmt, Value, Var};
 use crate::backend::lower::writer::Writer;
@@ -8,12 +8,12 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Fewer members are written out.
 const FEW: usize = 4;
-/// Even stretches of a family are worth loops of their own where they are so long on average,
+/// Even stretches of a group are worth loops of their own where they are so long on average,
 const STRETCH: usize = 16;
 /// and so few.
 const STRETCHES: usize = 8;
 
-/// A family whose members go by so few lists of numbers at most is one for each list: numbers need no loads then.
+/// A group whose members go by so few lists of numbers at most is one for each list: numbers need no loads then.
 const LISTS: usize = 8;
 
 /// Watches numbers that have to be finite: 0 times each is added up.
@@ -76,41 +76,41 @@ impl Watch {
     }
 }
 
-/// Writes cones that do not need one another, family by family, in order of their first members.
+/// Writes cones that do not need one another, group by group, in order of their first members.
 pub(super) fn write(w: &mut Writer, watch: &mut Watch, cones: Vec<Cone>) {
     let mut number: FxHashMap<(Vec<Part>, u8), usize> = FxHashMap::default();
-    let mut families: Vec<Vec<Cone>> = Vec::new();
+    let mut groups: Vec<Vec<Cone>> = Vec::new();
     for mut cone in cones {
         let shape = std::mem::take(&mut cone.shape);
         match number.get(&shape) {
-            Some(&k) => families[k].push(cone),
+            Some(&k) => groups[k].push(cone),
             None => {
                 cone.shape.clone_from(&shape);
-                number.insert(shape, families.len());
-                families.push(vec![cone]);
+                number.insert(shape, groups.len());
+                groups.push(vec![cone]);
             }
         }
     }
-    for mut family in families {
-        let parts = std::mem::take(&mut family[0].shape.0);
-        family.sort_by_key(|c| c.to.base);
-        for family in by_numbers(family) {
-            let stretches = stretches(&family);
-            if stretches.len() <= 1 + (family.len() / STRETCH).min(STRETCHES) {
+    for mut group in groups {
+        let parts = std::mem::take(&mut group[0].shape.0);
+        group.sort_by_key(|c| c.to.base);
+        for group in by_numbers(group) {
+            let stretches = stretches(&group);
+            if stretches.len() <= 1 + (group.len() / STRETCH).min(STRETCHES) {
                 let mut from = 0;
                 for n in stretches {
-                    members(w, watch, &parts, &family[from..from + n]);
+                    members(w, watch, &parts, &group[from..from + n]);
                     from += n;
                 }
             } else {
-                members(w, watch, &parts, &family);
+                members(w, watch, &parts, &group);
             }
         }
     }
 }
 
-/// A family by the numbers of its members, where these are few lists; else as it is.
-fn by_numbers(family: Vec<Cone>) -> Vec<Vec<Cone>> {
+/// A group by the numbers of its members, where these are few lists; else as it is.
+fn by_numbers(group: Vec<Cone>) -> Vec<Vec<Cone>> {
     let numbers = |c: &Cone| -> Vec<u64> {
         let of = |l: &Leaf| match l {
             Leaf::Number(x) => Some(x.to_bits()),
@@ -119,22 +119,22 @@ fn by_numbers(family: Vec<Cone>) -> Vec<Vec<Cone>> {
         c.leaves.iter().filter_map(of).collect()
     };
     let mut known: FxHashMap<Vec<u64>, usize> = FxHashMap::default();
-    let mut which = Vec::with_capacity(family.len());
-    for cone in &family {
+    let mut which = Vec::with_capacity(group.len());
+    for cone in &group {
         let next = known.len();
         let k = *known.entry(numbers(cone)).or_insert(next);
         if k == LISTS {
-            return vec![family];
+            return vec![group];
         }
         which.push(k);
     }
     let mut lists: Vec<Vec<Cone>> = (0..known.len()).map(|_| Vec::new()).collect();
-    family.into_iter().zip(which).for_each(|(cone, k)| lists[k].push(cone));
+    group.into_iter().zip(which).for_each(|(cone, k)| lists[k].push(cone));
     lists
 }
 
 /// Lengths of the stretches over which all places run evenly.
-fn stretches(family: &[Cone]) -> Vec<usize> {
+fn stretches(group: &[Cone]) -> Vec<usize> {
     let places = |c: &Cone| -> Vec<i64> {
         let of = |l: &Leaf| match l {
             Leaf::Number(_) => 0,
@@ -144,11 +144,11 @@ fn stretches(family: &[Cone]) -> Vec<usize> {
     };
     let mut list = Vec::new();
     let mut from = 0;
-    while from < family.len() {
+    while from < group.len() {
         let mut n = 1;
-        let mut last = places(&family[from]);
+        let mut last = places(&group[from]);
         let mut stride: Option<Vec<i64>> = None;
-        while let Some(next) = family.get(from + n) {
+        while let Some(next) = group.get(from + n) {
             let here = places(next);
             let step: Vec<i64> = here.iter().zip(&last).map(|(a, b)| a - b).collect();
             if step.iter().any(|s| *s < 0) || stride.as_ref().is_some_and(|s| *s != step) {
@@ -163,10 +163,10 @@ fn stretches(family: &[Cone]) -> Vec<usize> {
     list
 }
 
-/// Writes members of a family.
-fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], family: &[Cone]) {
-    if family.len() < FEW {
-        for cone in family {
+/// Writes members of a group.
+fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], group: &[Cone]) {
+    if group.len() < FEW {
+        for cone in group {
             let value = member(w, parts, &cone.to, |w, k| match cone.leaves[k] {
                 Leaf::Number(x) => w.number(x),
                 Leaf::Place(m, at) => w.load(Place::new(m, at)),
@@ -181,11 +181,11 @@ fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], family: &[Cone]) {
         return;
     }
     let index = w.index();
-    let to = along(w, index, family[0].to.memory, family.iter().map(|c| c.to.base).collect());
-    let leaves: Vec<Result<f64, Place>> = (0..family[0].leaves.len())
-        .map(|k| match family[0].leaves[k] {
+    let to = along(w, index, group[0].to.memory, group.iter().map(|c| c.to.base).collect());
+    let leaves: Vec<Result<f64, Place>> = (0..group[0].leaves.len())
+        .map(|k| match group[0].leaves[k] {
             Leaf::Number(x) => {
-                let numbers = family.iter().map(|c| match c.leaves[k] {
+                let numbers = group.iter().map(|c| match c.leaves[k] {
                     Leaf::Number(x) => x,
                     Leaf::Place(..) => 0.0,
                 });
@@ -198,7 +198,7 @@ fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], family: &[Cone]) {
                 Err(Place { memory: Memory::Data, base, along: vec![(index, 1)], through: None })
             }
             Leaf::Place(m, _) => {
-                let places = family.iter().map(|c| match c.leaves[k] {
+                let places = group.iter().map(|c| match c.leaves[k] {
                     Leaf::Place(_, at) => at,
                     Leaf::Number(_) => 0,
                 });
@@ -206,7 +206,7 @@ fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], family: &[Cone]) {
             }
         })
         .collect();
-    let total = family.iter().any(|c| watch.holds(&c.to)).then(|| Total::of(w, family.len(), 0.0));
+    let total = group.iter().any(|c| watch.holds(&c.to)).then(|| Total::of(w, group.len(), 0.0));
     w.open();
     let value = member(w, parts, &to, |w, k| match &leaves[k] {
         Ok(x) => w.number(*x),
@@ -218,8 +218,8 @@ fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], family: &[Cone]) {
         total.add(w, index, term);
     }
     let body = w.close();
-    watch.loops.extend(total.map(|total| (total, family.len())));
-    w.push(Stmt::For(index, 0, family.len() as u32, body));
+    watch.loops.extend(total.map(|total| (total, group.len())));
+    w.push(Stmt::For(index, 0, group.len() as u32, body));
 }
 
 /// The place of each member: counted where they run evenly, else looked up.

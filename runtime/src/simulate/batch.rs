@@ -1,12 +1,12 @@
-//! Several runs of scenes of one make through whole stretches at once, side by side: the same bits as one after the
-//! other.
+//! Runs of several scenes of one code shape, taken through whole stretches side by side: the same bits as one after
+//! the other.
 
 use super::ahead::{FAILED, LEAST, NOTES};
 use super::{Places, Simulation};
 use crate::kernel::Backend;
 
-/// What goes through stretches of several scenes of one make at once.
-pub trait Lanes: Send {
+/// What goes through stretches of several scenes of one code shape at once.
+pub trait SimdLanes: Send {
     /// Where the numbers of one of them are.
     fn places(&self, lane: usize) -> &Places;
 
@@ -17,8 +17,8 @@ pub trait Lanes: Send {
 }
 
 /// Runs that go on side by side.
-pub struct Abreast {
-    lanes: Box<dyn Lanes>,
+pub struct Batch {
+    lanes: Box<dyn SimdLanes>,
     blocks: Vec<Vec<f64>>,
     notes: Vec<Vec<f64>>,
     /// Intervals of a stretch at most.
@@ -27,13 +27,13 @@ pub struct Abreast {
     failed: u32,
 }
 
-impl Abreast {
-    /// For these runs, which are to go on to that instant, s; None where they are of different makes, or would not be
+impl Batch {
+    /// For these runs, which are to go on to that instant, s; None where their code shapes differ, or they would not be
     /// sooner there.
     pub fn new(backend: &dyn Backend, runs: &[&Simulation<'_>], until: f64) -> Option<Self> {
         let intervals = runs.iter().map(|run| run.reach(until)).min()?;
         let scenes: Vec<_> = runs.iter().map(|run| (run.scene, &run.options, run.start())).collect();
-        let lanes = backend.lanes(&scenes, intervals)?;
+        let lanes = backend.batch(&scenes, intervals)?;
         if !runs.iter().enumerate().all(|(k, run)| run.alike(lanes.places(k))) {
             return None;
         }
@@ -49,9 +49,9 @@ impl Abreast {
     pub fn leap(&mut self, runs: &mut [&mut Simulation<'_>], until: f64) {
         let Self { lanes, blocks, notes, longest, failed } = self;
         let mut left = runs.first().map_or(0, |run| run.reach(until));
-        let abreast = runs.len() == blocks.len()
+        let together = runs.len() == blocks.len()
             && runs.iter().enumerate().all(|(k, run)| run.reach(until) == left && run.ready(lanes.places(k)));
-        if left < LEAST || *failed >= FAILED || !abreast {
+        if left < LEAST || *failed >= FAILED || !together {
             return;
         }
         let mut loaded = runs.iter_mut().zip(blocks.iter_mut()).enumerate();

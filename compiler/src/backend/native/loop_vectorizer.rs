@@ -67,7 +67,7 @@ fn serial(routine: &Routine, turns: (Index, u32, u32), body: &[Stmt]) -> Option<
 }
 
 /// Two turns on their way.
-struct Double<'t, 'a, 'f, M> {
+struct Vectorized<'t, 'a, 'f, M> {
     t: &'t mut Translate<'a, 'f, M>,
     index: Index,
     /// A number of each turn.
@@ -78,7 +78,7 @@ struct Double<'t, 'a, 'f, M> {
 
 impl<M: Module> Translate<'_, '_, M> {
     /// Writes a loop so, where it has that form.
-    pub(super) fn double(&mut self, index: Index, (from, to): (u32, u32), body: &[Stmt]) -> bool {
+    pub(super) fn vectorized_loop(&mut self, index: Index, (from, to): (u32, u32), body: &[Stmt]) -> bool {
         let Some(serial) = serial(self.routine, (index, from, to), body) else { return false };
         let var = self.indices[index.0 as usize];
         let start = self.b.ins().iconst(types::I64, i64::from(from));
@@ -90,7 +90,7 @@ impl<M: Module> Translate<'_, '_, M> {
         // What it takes to go on with the next ones is done once for several of them.
         let pairs = if to - from < LONG { 1 } else { UNROLLED };
         for _ in 0..pairs {
-            let mut two = Double { t: self, index, values: same.clone(), masks: FxHashMap::default() };
+            let mut two = Vectorized { t: self, index, values: same.clone(), masks: FxHashMap::default() };
             two.turns(body, &serial);
             let i = self.b.use_var(var);
             let i = self.b.ins().iadd_imm_u(i, 2);
@@ -128,7 +128,7 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 }
 
-impl<M: Module> Double<'_, '_, '_, M> {
+impl<M: Module> Vectorized<'_, '_, '_, M> {
     fn turns(&mut self, body: &[Stmt], serial: &FxHashSet<Value>) {
         let (mut later, mut wanted) = (Vec::new(), FxHashSet::default());
         for s in body {

@@ -1,10 +1,10 @@
 //! What is known of conditions where the statements have got to.
 
-use super::{DEPTH, Way, is_comparison};
+use super::{Conversion, DEPTH, is_comparison};
 use crate::backend::code::{Cond, Number, Op, Value};
 use bond_runtime::ir::Binary;
 
-impl Way {
+impl Conversion {
     /// The number that a value is, where it is one that double and single numbers have alike.
     pub(super) fn known(&self, v: Value) -> Option<f64> {
         match self.numbers[v.0 as usize] {
