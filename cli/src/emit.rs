@@ -1,12 +1,11 @@
-//! What `bond build` writes besides executables: C text, object files with a header, functional mock-up units, WebAssembly
-//! modules.
+//! What `bond build` writes besides executables: the forms of [`bond_compiler::backend::EMITTERS`].
 
-use crate::hash::Hash;
 use crate::output;
 use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
-use bond_compiler::backend::{c, fmu, unit, wasm};
+use bond_compiler::backend::emitter::{Archive, Emitted, Emitter, Request};
+use bond_compiler::backend::{c, unit};
 use bond_compiler::discretise::{is_uncut, switching};
 use std::ffi::{OsStr, OsString};
 use std::io::{Cursor, Write};
@@ -26,88 +25,38 @@ pub struct Emission<'a> {
 }
 
 impl Emission<'_> {
-    /// Writes NAME.c and NAME.h.
+    /// Writes a scene in a form.
     ///
     /// # Errors
-    /// A scene that has no compiled form, a file that cannot be written.
-    pub fn c(&self, compiled: &Compiled) -> Result<(), Stop> {
-        let (source, header) = self.places("c", compiled)?;
+    /// A scene that has no such form, a C compiler that refuses it, a file that cannot be written.
+    pub fn write(&self, emitter: &Emitter, compiled: &Compiled) -> Result<(), Stop> {
+        let (path, beside) = self.places(emitter, compiled)?;
         let unit = self.unit(compiled)?;
-        not_of_another(&header, false)?;
-        let options = c::Options { prefix: self.prefix.to_string(), header: last(&header), single: true, begin: false };
-        output::put_both(
-            (&header, c::header(&unit, &options).as_bytes()),
-            (&source, c::source(&unit, &options).as_bytes()),
-        )?;
-        self.tell(compiled, &unit, &format!("{} and {}", source.display(), header.display()))
-    }
-
-    /// Writes NAME.fmu: the C as above, the functions of FMI 2.0 around it, and, where there is a C compiler, both as
-    /// machine code.
-    ///
-    /// # Errors
-    /// A scene that has no compiled form, a C compiler that refuses it, a file that cannot be written.
-    pub fn fmu(&self, compiled: &Compiled) -> Result<(), Stop> {
-        let path = self.place("fmu", compiled)?;
-        let unit = self.unit(compiled)?;
-        let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-        let fmu = fmu::Fmu::new(compiled.scene(), &unit, &stem, compiled.stages().model.settings.stop);
-        let options = c::Options { prefix: "bond".into(), header: "scene.h".into(), single: true, begin: true };
-        let (scene, header) = (c::source(&unit, &options), c::header(&unit, &options));
-        let of = |first: &str| {
-            let mut hash = Hash::new();
-            for text in [first, &scene, &fmu.source("", "scene.h"), &fmu.description("")] {
-                hash.add(text.as_bytes());
+        let request = Request {
+            scene: compiled.scene(),
+            unit: &unit,
+            name: &path.file_stem().map(OsStr::to_string_lossy).unwrap_or_default(),
+            prefix: self.prefix,
+            header: &last(&beside),
+            stop: compiled.stages().model.settings.stop,
+        };
+        let built = match (emitter.emit)(&request).map_err(|why| refused(compiled, why))? {
+            Emitted::File(bytes, about) => {
+                output::put_bytes(&path, &bytes)?;
+                format!("{} ({about})", path.display())
             }
-            hash.value()
+            Emitted::WithHeader(bytes, header) => {
+                not_of_another(&beside, c::goes_with_object(&header) == Some(true))?;
+                output::put_both((&beside, header.as_bytes()), (&path, &bytes))?;
+                format!("{} and {}", path.display(), beside.display())
+            }
+            Emitted::Archive(archive) => {
+                let (bytes, with) = packed(&archive)?;
+                output::put_bytes(&path, &bytes)?;
+                format!("{} ({}, {with})", path.display(), archive.about)
+            }
         };
-        let guid = format!("{{{:016x}{:016x}}}", of("a"), of("b"));
-        let slave = fmu.source(&guid, "scene.h");
-        let sources = [("scene.c", scene.as_str()), ("scene.h", &header), ("slave.c", &slave)];
-        let library = library(&sources)?;
-        let description = fmu.description(&guid);
-        let mut entries = vec![("modelDescription.xml".to_string(), description.as_bytes())];
-        entries.extend(sources.iter().map(|(name, text)| (format!("sources/{name}"), text.as_bytes())));
-        if let Some((folder, ending, code)) = &library {
-            entries.push((format!("binaries/{folder}/{}.{ending}", fmu.identifier()), code));
-        }
-        let packed = pack(&entries).map_err(|e| Stop::Usage(format!("{}: {e}", path.display())))?;
-        output::put_bytes(&path, &packed)?;
-        let inside = match &library {
-            Some((folder, ..)) => format!("FMI 2.0 for co-simulation, for {folder} and as C"),
-            None => "FMI 2.0 for co-simulation, as C alone: no C compiler was found (`cc`, or what CC names), so only \
-                     tools that compile can take it"
-                .to_string(),
-        };
-        self.tell(compiled, &unit, &format!("{} ({inside})", path.display()))
-    }
-
-    /// Writes NAME.wasm.
-    ///
-    /// # Errors
-    /// A scene that has no compiled form, a file that cannot be written.
-    pub fn wasm(&self, compiled: &Compiled) -> Result<(), Stop> {
-        let path = self.place("wasm", compiled)?;
-        let unit = self.unit(compiled)?;
-        let module = wasm::module(compiled.scene(), &unit).map_err(|why| refused(compiled, why))?;
-        output::put_bytes(&path, &module)?;
-        self.tell(compiled, &unit, &format!("{} ({} kB)", path.display(), module.len().div_ceil(1000)))
-    }
-
-    /// Writes NAME.o and NAME.h.
-    ///
-    /// # Errors
-    /// A scene that has no compiled form, a file that cannot be written.
-    #[cfg(feature = "native")]
-    pub fn object(&self, compiled: &Compiled) -> Result<(), Stop> {
-        let (object, header) = self.places("o", compiled)?;
-        let unit = self.unit(compiled)?;
-        let code = bond_compiler::backend::native::object(&unit, self.prefix).map_err(|why| refused(compiled, why))?;
-        not_of_another(&header, true)?;
-        let options =
-            c::Options { prefix: self.prefix.to_string(), header: last(&header), single: false, begin: false };
-        output::put_both((&header, c::header(&unit, &options).as_bytes()), (&object, &code))?;
-        self.tell(compiled, &unit, &format!("{} and {}", object.display(), header.display()))
+        self.tell(compiled, &unit, &built)
     }
 
     /// Says what was written, and what a run of it does besides.
@@ -186,19 +135,21 @@ impl Emission<'_> {
         output::not_over_used(Some(path), compiled.used())
     }
 
-    /// The file and its header.
-    fn places(&self, ending: &str, compiled: &Compiled) -> Result<(PathBuf, PathBuf), Stop> {
-        if !c::is_prefix(self.prefix) {
+    /// The file and its header, where it has one.
+    fn places(&self, emitter: &Emitter, compiled: &Compiled) -> Result<(PathBuf, PathBuf), Stop> {
+        if emitter.has_header && !c::is_prefix(self.prefix) {
             let why = "it must be a name in C: a letter, then letters, digits and `_`";
             return Err(Stop::Usage(format!("--prefix {}: {why}", self.prefix)));
         }
-        let path = self.place(ending, compiled)?;
+        let path = self.place(emitter.extension, compiled)?;
         let header = path.with_extension("h");
-        // The source names its header between quotes.
-        if path.to_str().is_none_or(|name| name.contains(['"', '\\']) || name.contains(char::is_control)) {
-            return Err(Stop::Usage(format!("{}: no C compiler finds a header of that name", header.display())));
+        if emitter.has_header {
+            // The source names its header between quotes.
+            if path.to_str().is_none_or(|name| name.contains(['"', '\\']) || name.contains(char::is_control)) {
+                return Err(Stop::Usage(format!("{}: no C compiler finds a header of that name", header.display())));
+            }
+            self.free(&header, compiled)?;
         }
-        self.free(&header, compiled)?;
         Ok((path, header))
     }
 }
@@ -272,7 +223,7 @@ fn compiler() -> (OsString, Vec<OsString>) {
 
 /// The sources as a shared library. None where this system has no name in
 /// units, or no C compiler.
-fn library(sources: &[(&str, &str)]) -> Result<Option<Library>, Stop> {
+fn library(sources: &[(&str, String)]) -> Result<Option<Library>, Stop> {
     let Some((folder, ending)) = SYSTEM else { return Ok(None) };
     let (compiler, flags) = compiler();
     let place = tempfile::tempdir()?;
@@ -302,6 +253,23 @@ fn library(sources: &[(&str, &str)]) -> Result<Option<Library>, Stop> {
         )));
     }
     Ok(Some((folder, ending, std::fs::read(place.path().join("library"))?)))
+}
+
+/// The bytes of an archive, with its library where there is a C compiler, and what it is for.
+fn packed(archive: &Archive) -> Result<(Vec<u8>, String), Stop> {
+    let library = library(&archive.sources)?;
+    let files = archive.files.iter().map(|(name, text)| (name.to_string(), text.as_bytes()));
+    let sources = archive.sources.iter().map(|(name, text)| (format!("sources/{name}"), text.as_bytes()));
+    let mut entries: Vec<(String, &[u8])> = files.chain(sources).collect();
+    let mut with =
+        "as C alone: no C compiler was found (`cc`, or what CC names), so only tools that compile can take it"
+            .to_string();
+    if let Some((folder, ending, code)) = &library {
+        entries.push((format!("binaries/{folder}/{}.{ending}", archive.library), code));
+        with = format!("for {folder} and as C");
+    }
+    let bytes = pack(&entries).map_err(|e| Stop::Usage(format!("the archive cannot be packed: {e}")))?;
+    Ok((bytes, with))
 }
 
 /// An archive of these files, with the same bytes each time.

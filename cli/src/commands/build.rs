@@ -7,8 +7,9 @@ use crate::output;
 use crate::report;
 use crate::stop::Stop;
 use bond::{Compiled, Steps};
+use bond_compiler::backend::EMITTERS;
 use bond_compiler::discretise::{Accuracy, Method};
-use clap::builder::PossibleValuesParser;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::{Path, PathBuf};
 
 /// Build a model into what runs without `bond`: an executable file, C source, an object file, an FMU or a WebAssembly module
@@ -28,8 +29,8 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// What to build
-    #[arg(long, value_enum, default_value_t = Emit::Exe)]
-    emit: Emit,
+    #[arg(long, value_name = "EMIT", value_parser = forms(), default_value = EXE)]
+    emit: String,
     /// Fixed step of continuous regions in all that is not an executable; that of the model's `simulate` otherwise
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
@@ -45,20 +46,14 @@ pub struct Args {
     which: Which,
 }
 
-/// What is built.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Emit {
-    /// One file with `run` and, for a scene with open ports, `serve`
-    Exe,
-    /// C99 source and its header
-    C,
-    /// An object file for machines like this one, and its header
-    #[cfg(feature = "native")]
-    Object,
-    /// A functional mock-up unit for co-simulation (FMI 2.0)
-    Fmu,
-    /// A WebAssembly module for browsers and other hosts
-    Wasm,
+/// The form that is this program itself.
+const EXE: &str = "exe";
+
+/// What `--emit` takes.
+fn forms() -> PossibleValuesParser {
+    let exe = PossibleValue::new(EXE).help("One file with `run` and, for a scene with open ports, `serve`");
+    let others = EMITTERS.iter().map(|e| PossibleValue::new(e.name).help(e.about));
+    PossibleValuesParser::new(std::iter::once(exe).chain(others))
 }
 
 /// Builds.
@@ -71,24 +66,22 @@ pub fn build(args: &Args) -> Result<(), Stop> {
         options = options.method(method);
     }
     options = args.step.into_iter().fold(options, bond::Options::step);
-    if args.emit != Emit::Exe {
+    let emitter = EMITTERS.iter().find(|e| e.name == args.emit);
+    if emitter.is_some() {
         options = options.accuracy(Accuracy::Uncut);
     }
     let compiled = input::compile(&args.file, &options)?;
     let emission = Emission { file: &args.file, output: args.output.as_deref(), step: args.step, prefix: &args.prefix };
-    match args.emit {
-        Emit::Exe if args.step.is_some() || args.prefix != "bond" => Err(Stop::Usage(
+    match emitter {
+        None if args.step.is_some() || args.prefix != "bond" => Err(Stop::Usage(
             "--step and --prefix are for what else is built; an executable takes --step when it runs".into(),
         )),
-        Emit::Exe => executable(args, &compiled),
-        Emit::C => emission.c(&compiled),
-        #[cfg(feature = "native")]
-        Emit::Object => emission.object(&compiled),
-        Emit::Fmu | Emit::Wasm if args.prefix != "bond" => {
-            Err(Stop::Usage("--prefix is for --emit c and object; the names in units and modules are fixed".into()))
+        None => executable(args, &compiled),
+        Some(emitter) if !emitter.has_header && args.prefix != "bond" => {
+            let named: Vec<&str> = EMITTERS.iter().filter(|e| e.has_header).map(|e| e.name).collect();
+            Err(Stop::Usage(format!("--prefix is for --emit {}; other names are fixed", named.join(" and "))))
         }
-        Emit::Wasm => emission.wasm(&compiled),
-        Emit::Fmu => emission.fmu(&compiled),
+        Some(emitter) => emission.write(emitter, &compiled),
     }
 }
 

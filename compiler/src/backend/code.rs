@@ -288,22 +288,99 @@ impl Stmt {
         }
     }
 
+    /// The values that it and the statements inside it look at.
+    pub fn each_value_within(&self, f: &mut impl FnMut(Value)) {
+        visit(std::slice::from_ref(self), &mut |s| s.each_value(f));
+    }
+
+    /// The value that it defines.
+    pub fn defines(&self) -> Option<Value> {
+        if let Stmt::Let(v, _) = self { Some(*v) } else { None }
+    }
+
+    /// The variable that it sets.
+    pub fn sets(&self) -> Option<Var> {
+        match self {
+            Stmt::Set(var, _) | Stmt::Solve { row: var, .. } => Some(*var),
+            _ => None,
+        }
+    }
+
+    /// The place that it loads or stores.
+    pub fn place(&self) -> Option<&Place> {
+        if let Stmt::Let(_, Op::Load(p)) | Stmt::Store(p, _) = self { Some(p) } else { None }
+    }
+
+    /// The same, to be replaced.
+    pub fn place_mut(&mut self) -> Option<&mut Place> {
+        if let Stmt::Let(_, Op::Load(p)) | Stmt::Store(p, _) = self { Some(p) } else { None }
+    }
+
+    /// Whether it defines a value, sets a variable or stores, and does nothing else.
+    pub fn is_straight(&self) -> bool {
+        matches!(self, Stmt::Let(..) | Stmt::Set(..) | Stmt::Store(..))
+    }
+
+    /// Whether what follows it in its block is not reached.
+    pub fn is_exit(&self) -> bool {
+        matches!(self, Stmt::Break | Stmt::Continue | Stmt::Fail(_))
+    }
+
     /// The blocks inside it; empty ones where there are none.
     pub fn inner(&self) -> [&[Stmt]; 2] {
         match self {
             Stmt::If(_, yes, no) => [yes, no],
             Stmt::Loop(body) | Stmt::For(_, _, _, body) => [body, &[]],
-            Stmt::Let(..)
-            | Stmt::Set(..)
-            | Stmt::Store(..)
-            | Stmt::Break
-            | Stmt::Continue
-            | Stmt::Solve { .. }
-            | Stmt::Count(_)
-            | Stmt::Note(_)
-            | Stmt::Fail(_) => [&[], &[]],
+            _ => [&[], &[]],
         }
     }
+
+    /// The same, to be changed.
+    pub fn inner_mut(&mut self) -> impl Iterator<Item = &mut Vec<Stmt>> {
+        let (first, second) = match self {
+            Stmt::If(_, yes, no) => (Some(yes), Some(no)),
+            Stmt::Loop(body) | Stmt::For(_, _, _, body) => (Some(body), None),
+            _ => (None, None),
+        };
+        first.into_iter().chain(second)
+    }
+}
+
+/// Calls `f` for each statement of a block and of the blocks inside it, an outer statement before those inside it.
+pub fn visit<'s>(body: &'s [Stmt], f: &mut impl FnMut(&'s Stmt)) {
+    for s in body {
+        f(s);
+        s.inner().into_iter().for_each(|block| visit(block, f));
+    }
+}
+
+/// The same, to change statements.
+pub fn visit_mut(body: &mut [Stmt], f: &mut impl FnMut(&mut Stmt)) {
+    for s in body {
+        f(s);
+        s.inner_mut().for_each(|block| visit_mut(block, f));
+    }
+}
+
+/// Whether `f` holds for every statement of a block and of the blocks inside it.
+pub fn all(body: &[Stmt], f: &mut impl FnMut(&Stmt) -> bool) -> bool {
+    body.iter().all(|s| f(s) && s.inner().into_iter().all(|block| all(block, f)))
+}
+
+/// Takes out the statements for which `keep` does not hold, and branches and loops that nothing is left of. Whether
+/// there were any. `keep` is asked of an outer statement before those inside it.
+pub fn retain(body: &mut Vec<Stmt>, keep: &mut impl FnMut(&Stmt) -> bool) -> bool {
+    let mut changed = false;
+    body.retain_mut(|s| {
+        let mut kept = keep(s);
+        if kept && matches!(s, Stmt::If(..) | Stmt::Loop(_) | Stmt::For(..)) {
+            s.inner_mut().for_each(|block| changed |= retain(block, keep));
+            kept = s.inner().into_iter().any(|block| !block.is_empty());
+        }
+        changed |= !kept;
+        kept
+    });
+    changed
 }
 
 /// Why a routine ends without a result; see `bond_runtime::Failure`.
@@ -387,5 +464,7 @@ impl Routine {
 
 /// How many statements there are, those inside others included.
 pub fn size(body: &[Stmt]) -> usize {
-    body.iter().map(|s| 1 + s.inner().into_iter().map(size).sum::<usize>()).sum()
+    let mut count = 0;
+    visit(body, &mut |_| count += 1);
+    count
 }

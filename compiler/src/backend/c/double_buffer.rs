@@ -1,6 +1,6 @@
 //! States that change places: an interval finds them where the one before put them, so that nothing is copied.
 
-use crate::backend::code::{Index, Memory, Op, Place, Routine, Stmt};
+use crate::backend::code::{Index, Memory, Place, Routine, Stmt, all};
 use crate::backend::unit::{Late, Unit};
 use rustc_hash::FxHashMap;
 use std::ops::Range;
@@ -8,7 +8,10 @@ use std::ops::Range;
 /// The states that change places: those that wait for an interval to end well, where no statement looks at a list of
 /// numbers of which some are states and some are not.
 pub(super) fn double_buffered(unit: &Unit) -> &[Late] {
-    let apart = |r: &Routine| Look { routine: r, late: &unit.late, ranges: FxHashMap::default() }.block(&r.body);
+    let apart = |r: &Routine| {
+        let mut look = Look { routine: r, late: &unit.late, ranges: FxHashMap::default() };
+        all(&r.body, &mut |s| look.statement(s))
+    };
     if [&unit.commit, &unit.observe].into_iter().chain(&unit.begin).all(apart) { &unit.late } else { &[] }
 }
 
@@ -31,27 +34,11 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    fn block(&mut self, body: &[Stmt]) -> bool {
-        body.iter().all(|s| {
-            if let Stmt::For(i, from, to, _) = s {
-                self.ranges.insert(*i, (*from, *to));
-            }
-            let good = match s {
-                Stmt::Let(_, Op::Load(p)) | Stmt::Store(p, _) => self.is_apart(p),
-                Stmt::Let(_, Op::Get(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..))
-                | Stmt::Set(..)
-                | Stmt::If(..)
-                | Stmt::Loop(_)
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::For(..)
-                | Stmt::Solve { .. }
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => true,
-            };
-            good && s.inner().into_iter().all(|block| self.block(block))
-        })
+    fn statement(&mut self, s: &Stmt) -> bool {
+        if let Stmt::For(i, from, to, _) = s {
+            self.ranges.insert(*i, (*from, *to));
+        }
+        s.place().is_none_or(|p| self.is_apart(p))
     }
 
     /// Whether all numbers that a place may be are of the same part.

@@ -10,7 +10,17 @@ mod source;
 pub use header::{goes_with_object, header};
 pub use source::source;
 
+use super::emitter::{Emitted, Emitter, Request};
 use super::unit::Unit;
+
+/// C text.
+pub const EMITTER: Emitter =
+    Emitter { name: "c", about: "C99 source and its header", extension: "c", has_header: true, emit };
+
+fn emit(r: &Request<'_>) -> Result<Emitted, String> {
+    let options = Options { prefix: r.prefix.into(), header: r.header.into(), single: true, begin: false };
+    Ok(Emitted::WithHeader(source(r.unit, &options).into_bytes(), header(r.unit, &options)))
+}
 
 /// How the text is made.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! A routine as a C function, statement by statement.
 
 use super::double_buffer;
-use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
+use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value, visit};
 use crate::backend::if_conversion::is_comparison;
 use crate::backend::unit::Late;
 use bond_runtime::ir::{Binary, Unary};
@@ -28,8 +28,7 @@ pub(super) fn letter(memory: Memory) -> char {
 /// systems are numbered from `first` on.
 pub(super) fn body(routine: &Routine, first: usize, late: &[Late], needs: &mut Needs) -> String {
     let mut out = String::new();
-    let mut used = Used::default();
-    used.block(&routine.body);
+    let used = Used::of(routine);
     for v in &used.vars {
         let _ = writeln!(out, "    bond_real m{v} = 0;");
     }
@@ -48,8 +47,7 @@ pub(super) fn body(routine: &Routine, first: usize, late: &[Late], needs: &mut N
 
 /// The memories that a routine looks at.
 pub(super) fn memories(routine: &Routine) -> Vec<Memory> {
-    let mut used = Used::default();
-    used.block(&routine.body);
+    let used = Used::of(routine);
     Memory::ALL.into_iter().filter(|m| used.memories.contains(&letter(*m))).collect()
 }
 
@@ -62,38 +60,25 @@ struct Used {
 }
 
 impl Used {
-    fn place(&mut self, p: &Place) {
-        self.memories.insert(letter(p.memory));
-    }
-
-    fn block(&mut self, body: &[Stmt]) {
-        for s in body {
+    fn of(routine: &Routine) -> Self {
+        let mut used = Self::default();
+        visit(&routine.body, &mut |s| {
+            used.vars.extend(s.sets().map(|var| var.0));
+            used.memories.extend(s.place().map(|p| letter(p.memory)));
             match s {
-                Stmt::Let(_, Op::Get(v)) | Stmt::Set(v, _) => {
-                    self.vars.insert(v.0);
+                Stmt::Let(_, Op::Get(var)) => {
+                    used.vars.insert(var.0);
                 }
-                Stmt::Let(_, Op::Load(p)) | Stmt::Store(p, _) => self.place(p),
-                Stmt::If(_, a, b) => {
-                    self.block(a);
-                    self.block(b);
+                Stmt::For(i, ..) => {
+                    used.indices.insert(i.0);
                 }
-                Stmt::Loop(a) => self.block(a),
-                Stmt::For(i, _, _, a) => {
-                    self.indices.insert(i.0);
-                    self.block(a);
+                Stmt::Solve { .. } => {
+                    used.memories.insert(letter(Memory::Scratch));
                 }
-                Stmt::Solve { row, .. } => {
-                    self.vars.insert(row.0);
-                    self.memories.insert(letter(Memory::Scratch));
-                }
-                Stmt::Let(_, Op::Unary(..) | Op::Binary(..) | Op::Select(..))
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => {}
+                _ => {}
             }
-        }
+        });
+        used
     }
 }
 

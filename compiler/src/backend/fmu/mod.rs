@@ -5,10 +5,38 @@
 
 mod description;
 
+use super::c;
 use super::code::Routine;
+use super::emitter::{Archive, Emitted, Emitter, Request};
 use super::unit::Unit;
+use bond_runtime::envelope::digest;
 use bond_runtime::scene::Scene;
 use std::fmt::Write;
+
+/// Functional mock-up units.
+pub const EMITTER: Emitter = Emitter {
+    name: "fmu",
+    about: "A functional mock-up unit for co-simulation (FMI 2.0)",
+    extension: "fmu",
+    has_header: false,
+    emit,
+};
+
+fn emit(r: &Request<'_>) -> Result<Emitted, String> {
+    let fmu = Fmu::new(r.scene, r.unit, r.name, r.stop);
+    let options = c::Options { prefix: "bond".into(), header: "scene.h".into(), single: true, begin: true };
+    let (scene, header) = (c::source(r.unit, &options), c::header(r.unit, &options));
+    let of =
+        |first: &str| digest([first, &scene, &fmu.source("", "scene.h"), &fmu.description("")].concat().as_bytes());
+    let guid = format!("{{{:016x}{:016x}}}", of("a"), of("b"));
+    let slave = fmu.source(&guid, "scene.h");
+    Ok(Emitted::Archive(Archive {
+        about: "FMI 2.0 for co-simulation",
+        files: vec![("modelDescription.xml", fmu.description(&guid))],
+        sources: vec![("scene.c", scene), ("scene.h", header), ("slave.c", slave)],
+        library: fmu.identifier,
+    }))
+}
 
 /// The functions, the same for all units.
 const SLAVE: &str = include_str!("slave.c");
@@ -47,7 +75,7 @@ struct Variable {
 
 /// A unit on its way.
 #[derive(Clone, Debug)]
-pub struct Fmu<'a> {
+struct Fmu<'a> {
     unit: &'a Unit,
     /// A name in C.
     identifier: String,
@@ -59,22 +87,17 @@ pub struct Fmu<'a> {
 impl<'a> Fmu<'a> {
     /// Of a scene and its unit. `name` gives the identifier that files of machine code have; `stop`, s, is when a
     /// simulation ends that says nothing else.
-    pub fn new(scene: &Scene, unit: &'a Unit, name: &str, stop: Option<f64>) -> Self {
+    fn new(scene: &Scene, unit: &'a Unit, name: &str, stop: Option<f64>) -> Self {
         Self { unit, identifier: identifier(name), stop, variables: description::variables(scene, unit) }
     }
 
-    /// The name of its files of machine code.
-    pub fn identifier(&self) -> &str {
-        &self.identifier
-    }
-
     /// `modelDescription.xml`. `guid` is what tells this unit from others.
-    pub fn description(&self, guid: &str) -> String {
+    fn description(&self, guid: &str) -> String {
         description::text(self, guid)
     }
 
     /// The C that joins the scene, whose header is `header`, with the interface. `guid` as above.
-    pub fn source(&self, guid: &str, header: &str) -> String {
+    fn source(&self, guid: &str, header: &str) -> String {
         let mut out = format!("/* A bond scene as a functional mock-up unit. */\n#include \"{header}\"\n\n");
         let has = |routine: &Option<Routine>| u8::from(routine.is_some());
         let (run, begin) = (has(&self.unit.run), has(&self.unit.begin));

@@ -1,19 +1,13 @@
 //! What blocks of statements come to, whatever the numbers.
 
-use crate::backend::code::Stmt;
+use crate::backend::code::{Stmt, all};
 
 /// Whether a block always comes to what has no form here; one turn of what repeats may have one.
 pub(super) fn is_heavy(body: &[Stmt], turns: bool) -> bool {
     body.iter().any(|s| match s {
         Stmt::For(..) | Stmt::Solve { .. } | Stmt::Fail(_) | Stmt::Continue => true,
         Stmt::Loop(body) => !turns && repeats(body) || is_heavy(body, turns),
-        Stmt::Let(..)
-        | Stmt::Set(..)
-        | Stmt::Store(..)
-        | Stmt::If(..)
-        | Stmt::Break
-        | Stmt::Count(_)
-        | Stmt::Note(_) => false,
+        _ => false,
     })
 }
 
@@ -24,18 +18,9 @@ pub(super) fn repeats(body: &[Stmt]) -> bool {
 
 /// Whether the end of a block may be reached.
 pub(super) fn reaches_end(body: &[Stmt]) -> bool {
-    !body.iter().any(|s| match s {
-        Stmt::Break | Stmt::Continue | Stmt::Fail(_) => true,
-        Stmt::If(_, yes, no) => !reaches_end(yes) && !reaches_end(no),
-        Stmt::Let(..)
-        | Stmt::Set(..)
-        | Stmt::Store(..)
-        | Stmt::Loop(_)
-        | Stmt::For(..)
-        | Stmt::Solve { .. }
-        | Stmt::Count(_)
-        | Stmt::Note(_) => false,
-    })
+    let passes =
+        |s: &Stmt| if let Stmt::If(_, yes, no) = s { reaches_end(yes) || reaches_end(no) } else { !s.is_exit() };
+    body.iter().all(passes)
 }
 
 /// Whether a loop's body begins it anew somewhere.
@@ -43,28 +28,16 @@ pub(super) fn begins_anew(body: &[Stmt]) -> bool {
     body.iter().any(|s| match s {
         Stmt::Continue => true,
         Stmt::If(_, yes, no) => begins_anew(yes) || begins_anew(no),
-        Stmt::Let(..)
-        | Stmt::Set(..)
-        | Stmt::Store(..)
-        | Stmt::Loop(_)
-        | Stmt::For(..)
-        | Stmt::Break
-        | Stmt::Solve { .. }
-        | Stmt::Count(_)
-        | Stmt::Note(_)
-        | Stmt::Fail(_) => false,
+        _ => false,
     })
 }
 
 /// Whether a block fails somewhere.
 pub(super) fn has_fail(body: &[Stmt]) -> bool {
-    body.iter().any(|s| matches!(s, Stmt::Fail(_)) || s.inner().into_iter().any(has_fail))
+    !all(body, &mut |s| !matches!(s, Stmt::Fail(_)))
 }
 
 /// Whether a block changes anything, or is left.
 pub(super) fn has_effect(body: &[Stmt]) -> bool {
-    body.iter().any(|s| {
-        matches!(s, Stmt::Set(..) | Stmt::Store(..) | Stmt::Break | Stmt::Continue)
-            || s.inner().into_iter().any(has_effect)
-    })
+    !all(body, &mut |s| !matches!(s, Stmt::Set(..) | Stmt::Store(..) | Stmt::Break | Stmt::Continue))
 }

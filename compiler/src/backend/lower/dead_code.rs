@@ -1,6 +1,6 @@
 //! Takes out what nothing uses, and what one branch alone uses into it.
 
-use crate::backend::code::{Op, Routine, Stmt, Value, Var};
+use crate::backend::code::{Op, Routine, Stmt, Value, Var, retain};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -51,10 +51,10 @@ fn sink(body: &mut Vec<Stmt>, vars: &mut u32) {
             note(*b, Where::Branch(k, false));
         } else if let Stmt::If(c, yes, no) = s {
             c.each_value(&mut |v| note(v, Where::Here));
-            yes.iter().for_each(|s| uses(s, &mut |v| note(v, Where::Branch(k, true))));
-            no.iter().for_each(|s| uses(s, &mut |v| note(v, Where::Branch(k, false))));
+            yes.iter().for_each(|s| s.each_value_within(&mut |v| note(v, Where::Branch(k, true))));
+            no.iter().for_each(|s| s.each_value_within(&mut |v| note(v, Where::Branch(k, false))));
         } else {
-            uses(s, &mut |v| note(v, at));
+            s.each_value_within(&mut |v| note(v, at));
         }
     }
     let long: FxHashSet<usize> =
@@ -107,25 +107,8 @@ fn takes_long(s: &Stmt) -> bool {
     match s {
         Stmt::Let(_, Op::Binary(f, ..)) => matches!(f, Binary::Div | Binary::Pow | Binary::Atan2),
         Stmt::Let(_, Op::Unary(f, _)) => !matches!(f, Unary::Neg | Unary::Abs | Unary::Sign | Unary::Not),
-        Stmt::Let(_, Op::Load(_) | Op::Get(_) | Op::Select(..))
-        | Stmt::Set(..)
-        | Stmt::Store(..)
-        | Stmt::If(..)
-        | Stmt::Loop(_)
-        | Stmt::Break
-        | Stmt::Continue
-        | Stmt::For(..)
-        | Stmt::Solve { .. }
-        | Stmt::Count(_)
-        | Stmt::Note(_)
-        | Stmt::Fail(_) => false,
+        _ => false,
     }
-}
-
-/// The values that a statement uses, those inside it included.
-fn uses(s: &Stmt, f: &mut impl FnMut(Value)) {
-    s.each_value(f);
-    s.inner().into_iter().flatten().for_each(|s| uses(s, f));
 }
 
 /// What is used: by value, and by variable.
@@ -153,29 +136,11 @@ impl Used {
 
     /// Takes out what is not marked; whether there was any.
     fn clear(&self, body: &mut Vec<Stmt>) -> bool {
-        let before = body.len();
-        let mut changed = false;
-        body.retain_mut(|s| match s {
+        retain(body, &mut |s| match s {
             Stmt::Let(v, _) => self.values[v.0 as usize],
             Stmt::Set(v, _) => self.vars[v.0 as usize],
-            Stmt::If(_, yes, no) => {
-                changed |= self.clear(yes);
-                changed |= self.clear(no);
-                !(yes.is_empty() && no.is_empty())
-            }
-            Stmt::Loop(body) | Stmt::For(_, _, _, body) => {
-                changed |= self.clear(body);
-                !body.is_empty()
-            }
-            Stmt::Store(..)
-            | Stmt::Break
-            | Stmt::Continue
-            | Stmt::Solve { .. }
-            | Stmt::Count(_)
-            | Stmt::Note(_)
-            | Stmt::Fail(_) => true,
-        });
-        changed || body.len() < before
+            _ => true,
+        })
     }
 }
 

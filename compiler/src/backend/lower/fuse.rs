@@ -3,7 +3,7 @@
 //!
 //! The order of operations on each number stays as it was, and so do all bits.
 
-use crate::backend::code::{Index, Memory, Op, Place, Routine, Stmt, Value, Var};
+use crate::backend::code::{Index, Memory, Op, Place, Routine, Stmt, Value, Var, retain, visit};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// How many statements a loop is moved over at most.
@@ -73,7 +73,7 @@ impl Out {
             }
             let Stmt::Set(var, v) = &self.list[k] else { return None };
             // What is set again later on, or is looked at on the way, stays where it is.
-            if !own.gets.contains(var) || carried.iter().any(|c| sets(&self.list[*c], *var)) {
+            if !own.gets.contains(var) || carried.iter().any(|c| self.list[*c].sets() == Some(*var)) {
                 return None;
             }
             own.sets.insert(*var);
@@ -116,9 +116,10 @@ struct Effects {
 
 impl Plain {
     fn of(s: Stmt) -> Result<Self, Stmt> {
-        let plain = |s: &Stmt| matches!(s, Stmt::Let(..) | Stmt::Set(..) | Stmt::Store(..));
         match s {
-            Stmt::For(index, from, to, body) if body.iter().all(plain) => Ok(Self { index, from, to, body }),
+            Stmt::For(index, from, to, body) if body.iter().all(Stmt::is_straight) => {
+                Ok(Self { index, from, to, body })
+            }
             s => Err(s),
         }
     }
@@ -136,32 +137,16 @@ impl Effects {
             s.each_value(&mut |v| {
                 e.uses.insert(v);
             });
-            match s {
-                Stmt::Let(v, op) => {
-                    e.defines.insert(*v);
-                    match op {
-                        Op::Load(p) => e.memory.push(access(p, false, (index, from, to), tables)?),
-                        Op::Get(var) => {
-                            e.gets.insert(*var);
-                        }
-                        Op::Unary(..) | Op::Binary(..) | Op::Select(..) => {}
-                    }
-                }
-                Stmt::Set(var, _) => {
-                    e.sets.insert(*var);
-                }
-                Stmt::Store(p, _) => {
-                    e.memory.push(access(p, true, (index, from, to), tables)?);
-                }
-                Stmt::If(..)
-                | Stmt::Loop(_)
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::For(..)
-                | Stmt::Solve { .. }
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => return None,
+            if !s.is_straight() {
+                return None;
+            }
+            e.defines.extend(s.defines());
+            e.sets.extend(s.sets());
+            if let Some(p) = s.place() {
+                e.memory.push(access(p, s.defines().is_none(), (index, from, to), tables)?);
+            }
+            if let Stmt::Let(_, Op::Get(var)) = s {
+                e.gets.insert(*var);
             }
         }
         Some(e)
@@ -246,22 +231,8 @@ impl Fuse<'_> {
     fn block(&mut self, body: &mut Vec<Stmt>) {
         let mut out = Out::default();
         for mut s in body.drain(..) {
-            match &mut s {
-                Stmt::If(_, yes, no) => {
-                    self.block(yes);
-                    self.block(no);
-                }
-                Stmt::Loop(body) => self.block(body),
-                Stmt::Let(..)
-                | Stmt::Set(..)
-                | Stmt::Store(..)
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::For(..)
-                | Stmt::Solve { .. }
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => {}
+            if !matches!(s, Stmt::For(..)) {
+                s.inner_mut().for_each(|block| self.block(block));
             }
             match Plain::of(s) {
                 Ok(l) => {
@@ -348,13 +319,9 @@ impl Fuse<'_> {
     }
 }
 
-fn sets(s: &Stmt, var: Var) -> bool {
-    matches!(s, Stmt::Set(v, _) if *v == var)
-}
-
 /// Has places of a statement counted by another counter.
 fn count_by(s: &mut Stmt, old: Index, new: Index) {
-    if let Stmt::Let(_, Op::Load(p)) | Stmt::Store(p, _) = s {
+    if let Some(p) = s.place_mut() {
         p.along.iter_mut().filter(|a| a.0 == old).for_each(|a| a.0 = new);
         if let Some((_, i)) = &mut p.through
             && *i == old
@@ -374,15 +341,7 @@ fn rename(s: &mut Stmt, names: &FxHashMap<Value, Value>) {
     match s {
         Stmt::Let(_, op) => op.each_value_mut(&mut to),
         Stmt::Set(_, v) | Stmt::Store(_, v) => to(v),
-        Stmt::If(..)
-        | Stmt::Loop(_)
-        | Stmt::Break
-        | Stmt::Continue
-        | Stmt::For(..)
-        | Stmt::Solve { .. }
-        | Stmt::Count(_)
-        | Stmt::Note(_)
-        | Stmt::Fail(_) => {}
+        _ => {}
     }
 }
 
@@ -413,17 +372,7 @@ fn once(body: Vec<Stmt>, turns: (Option<Index>, u32, u32), tables: &[u32]) -> Ve
                 known.retain(|(q, _)| apart(p, q, turns, tables));
                 known.push((p.clone(), *v));
             }
-            Stmt::Let(_, Op::Get(_))
-            | Stmt::Set(..)
-            | Stmt::If(..)
-            | Stmt::Loop(_)
-            | Stmt::Break
-            | Stmt::Continue
-            | Stmt::For(..)
-            | Stmt::Solve { .. }
-            | Stmt::Count(_)
-            | Stmt::Note(_)
-            | Stmt::Fail(_) => {}
+            _ => {}
         }
         out.push(s);
     }
@@ -448,35 +397,23 @@ struct Read<'a> {
 
 impl Read<'_> {
     fn block(&mut self, body: &[Stmt]) {
-        for s in body {
-            match s {
-                Stmt::Let(_, Op::Load(p)) if p.memory == Memory::Scratch => {
-                    let mut list = Vec::new();
-                    self.places(p, &mut |at| list.push(at));
-                    list.into_iter().for_each(|at| self.mark(at));
-                }
-                Stmt::Solve { system, matrix, vector, .. } => {
-                    let s = &self.routine.systems[*system as usize];
-                    let parts = if s.is_complex() { 2 } else { 1 };
-                    let (entries, numbers) = (parts * s.pattern.len() as u32, parts * s.n as u32);
-                    (*matrix..matrix + entries).chain(*vector..vector + numbers).for_each(|at| self.mark(at));
-                }
-                Stmt::For(i, from, to, _) => {
-                    self.ranges.insert(*i, (*from, *to));
-                }
-                Stmt::Let(..)
-                | Stmt::Set(..)
-                | Stmt::Store(..)
-                | Stmt::If(..)
-                | Stmt::Loop(_)
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => {}
+        visit(body, &mut |s| match s {
+            Stmt::Let(_, Op::Load(p)) if p.memory == Memory::Scratch => {
+                let mut list = Vec::new();
+                self.places(p, &mut |at| list.push(at));
+                list.into_iter().for_each(|at| self.mark(at));
             }
-            s.inner().into_iter().for_each(|body| self.block(body));
-        }
+            Stmt::Solve { system, matrix, vector, .. } => {
+                let s = &self.routine.systems[*system as usize];
+                let parts = if s.is_complex() { 2 } else { 1 };
+                let (entries, numbers) = (parts * s.pattern.len() as u32, parts * s.n as u32);
+                (*matrix..matrix + entries).chain(*vector..vector + numbers).for_each(|at| self.mark(at));
+            }
+            Stmt::For(i, from, to, _) => {
+                self.ranges.insert(*i, (*from, *to));
+            }
+            _ => {}
+        });
     }
 
     fn mark(&mut self, at: u32) {
@@ -503,33 +440,16 @@ impl Read<'_> {
 
     /// Takes out what is stored into the scratch and never read.
     fn clear(&mut self, body: &mut Vec<Stmt>) {
-        body.retain_mut(|s| {
-            match s {
-                Stmt::Store(p, _) if p.memory == Memory::Scratch => {
-                    let mut used = false;
-                    self.places(p, &mut |at| used |= self.cells[at as usize / 64] >> (at % 64) & 1 == 1);
-                    return used;
-                }
-                Stmt::If(_, yes, no) => {
-                    self.clear(yes);
-                    self.clear(no);
-                }
-                Stmt::Loop(body) => self.clear(body),
-                Stmt::For(i, from, to, body) => {
-                    self.ranges.insert(*i, (*from, *to));
-                    self.clear(body);
-                }
-                Stmt::Let(..)
-                | Stmt::Set(..)
-                | Stmt::Store(..)
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::Solve { .. }
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => {}
+        retain(body, &mut |s| {
+            if let Stmt::For(i, from, to, _) = s {
+                self.ranges.insert(*i, (*from, *to));
             }
-            true
+            let Stmt::Store(p, _) = s else { return true };
+            let mut used = p.memory != Memory::Scratch;
+            if !used {
+                self.places(p, &mut |at| used |= self.cells[at as usize / 64] >> (at % 64) & 1 == 1);
+            }
+            used
         });
     }
 }
@@ -656,20 +576,7 @@ mod tests {
         let ranges: Vec<(u32, u32)> = routine
             .body
             .iter()
-            .filter_map(|s| match s {
-                Stmt::For(_, from, to, _) => Some((*from, *to)),
-                Stmt::Let(..)
-                | Stmt::Set(..)
-                | Stmt::Store(..)
-                | Stmt::If(..)
-                | Stmt::Loop(_)
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::Solve { .. }
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => None,
-            })
+            .filter_map(|s| if let Stmt::For(_, from, to, _) = s { Some((*from, *to)) } else { None })
             .collect();
         assert_eq!(ranges.first(), Some(&(0, 8)), "{:?}", routine.body);
         assert!(matches!(routine.body.first(), Some(Stmt::Set(..))), "{:?}", routine.body);

@@ -51,39 +51,64 @@ struct Face<'n> {
     gives: Option<ir::Type>,
 }
 
+impl<'n> Face<'n> {
+    fn new(name: &'n str, params: &[ir::Type], gives: Option<ir::Type>) -> Self {
+        Self { name, params: params.to_vec(), gives }
+    }
+}
+
 impl Writer<'_> {
+    /// Defines all functions that the header declares.
     fn all(&mut self) -> Made<()> {
         let own = |name: &str| format!("{}_{name}_", self.prefix);
         let (commit, observe, several) = (own("commit"), own("observe"), own("many"));
-        let start = self.numbers("start", &self.unit.image[..self.unit.kept])?;
         let table = self.numbers("table", &self.unit.table)?;
-        let commit = define(&mut self.module, &commit, &self.unit.commit, Linkage::Local, functions::libm, false)?;
-        let many = match &self.unit.run {
-            Some(many) => Some(define(&mut self.module, &several, many, Linkage::Local, functions::libm, false)?),
-            None => None,
-        };
-        let observe = define(&mut self.module, &observe, &self.unit.observe, Linkage::Local, functions::libm, false)?;
+        let mut routine =
+            |name: &str, routine| define(&mut self.module, name, routine, Linkage::Local, functions::libm, false);
+        let commit = routine(&commit, &self.unit.commit)?;
+        let many = self.unit.run.as_ref().map(|many| routine(&several, many)).transpose()?;
+        let observe = routine(&observe, &self.unit.observe)?;
+        self.state_functions()?;
+        self.commit_function(commit, table)?;
+        if let Some(many) = many {
+            self.run_function(many, table)?;
+        }
+        self.reading_functions(observe, table)?;
+        self.input_function()
+    }
+
+    /// Bytes of the block and the scratch, without what is put back where an interval fails.
+    fn kept(&self) -> i64 {
+        8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit).0) as i64
+    }
+
+    /// Begins, saves and restores.
+    fn state_functions(&mut self) -> Made<()> {
         let pointer = self.module.target_config().pointer_type();
         let n = self.unit.kept as i64;
-        let face = |name, params: &[ir::Type], gives| Face { name, params: params.to_vec(), gives };
-
-        self.function(face("init", &[pointer], None), |w, b, args| {
+        let start = self.numbers("start", &self.unit.image[..self.unit.kept])?;
+        self.function(Face::new("init", &[pointer], None), |w, b, args| {
             let from = w.data(b, start);
             copy(b, args[0], from, n);
             None
         })?;
-        let kept = 8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit).0) as i64;
-        let size = if self.unit.whole { kept } else { kept + 8 * n };
-        self.function(face("size", &[], Some(pointer)), |_, b, _| Some(b.ins().iconst(pointer, size)))?;
-        self.function(face("save", &[pointer, pointer], None), |_, b, args| {
+        let size = if self.unit.whole { self.kept() } else { self.kept() + 8 * n };
+        self.function(Face::new("size", &[], Some(pointer)), |_, b, _| Some(b.ins().iconst(pointer, size)))?;
+        self.function(Face::new("save", &[pointer, pointer], None), |_, b, args| {
             copy(b, args[1], args[0], n);
             None
         })?;
-        self.function(face("restore", &[pointer, pointer], None), |_, b, args| {
+        self.function(Face::new("restore", &[pointer, pointer], None), |_, b, args| {
             copy(b, args[0], args[1], n);
             None
-        })?;
-        self.function(face("commit", &[pointer, pointer], Some(types::I32)), |w, b, args| {
+        })
+    }
+
+    /// Goes an interval on.
+    fn commit_function(&mut self, commit: FuncId, table: DataId) -> Made<()> {
+        let pointer = self.module.target_config().pointer_type();
+        let (n, kept) = (self.unit.kept as i64, self.kept());
+        self.function(Face::new("commit", &[pointer, pointer], Some(types::I32)), |w, b, args| {
             if w.unit.whole {
                 return Some(w.run(b, commit, table, args[0], &[(Memory::Input, args[1])]));
             }
@@ -103,31 +128,39 @@ impl Writer<'_> {
             b.ins().jump(end, &[] as &[BlockArg]);
             b.switch_to_block(end);
             Some(failed)
-        })?;
-        if let Some(many) = many {
-            self.function(face("run", &[pointer, types::I64], Some(types::I32)), |w, b, args| {
-                let room = b.create_sized_stack_slot(StackSlotData::new(StackSlotKind::ExplicitSlot, 16, 3));
-                let most = b.ins().stack_addr(pointer, room, 0);
-                let gone = b.ins().iadd_imm_u(most, 8);
-                let count = b.ins().fcvt_from_uint(types::F64, args[1]);
-                b.ins().store(MemFlagsData::trusted(), count, most, 0);
-                let given = [(Memory::Input, most), (Memory::Output, gone)];
-                let failed = w.run(b, many, table, args[0], &given);
-                let (back, end) = (b.create_block(), b.create_block());
-                b.ins().brif(failed, back, &[] as &[BlockArg], end, &[] as &[BlockArg]);
-                b.switch_to_block(back);
-                let done = load(b, gone, 0);
-                b.ins().store(MemFlagsData::trusted(), done, most, 0);
-                w.run(b, many, table, args[0], &given);
-                b.ins().jump(end, &[] as &[BlockArg]);
-                b.switch_to_block(end);
-                Some(failed)
-            })?;
-        }
-        self.function(face("probes", &[pointer, pointer], Some(types::I32)), |w, b, args| {
+        })
+    }
+
+    /// Goes several intervals on.
+    fn run_function(&mut self, many: FuncId, table: DataId) -> Made<()> {
+        let pointer = self.module.target_config().pointer_type();
+        self.function(Face::new("run", &[pointer, types::I64], Some(types::I32)), |w, b, args| {
+            let room = b.create_sized_stack_slot(StackSlotData::new(StackSlotKind::ExplicitSlot, 16, 3));
+            let most = b.ins().stack_addr(pointer, room, 0);
+            let gone = b.ins().iadd_imm_u(most, 8);
+            let count = b.ins().fcvt_from_uint(types::F64, args[1]);
+            b.ins().store(MemFlagsData::trusted(), count, most, 0);
+            let given = [(Memory::Input, most), (Memory::Output, gone)];
+            let failed = w.run(b, many, table, args[0], &given);
+            let (back, end) = (b.create_block(), b.create_block());
+            b.ins().brif(failed, back, &[] as &[BlockArg], end, &[] as &[BlockArg]);
+            b.switch_to_block(back);
+            let done = load(b, gone, 0);
+            b.ins().store(MemFlagsData::trusted(), done, most, 0);
+            w.run(b, many, table, args[0], &given);
+            b.ins().jump(end, &[] as &[BlockArg]);
+            b.switch_to_block(end);
+            Some(failed)
+        })
+    }
+
+    /// Gives probes, what ports hold, the time, and what is stored and booked.
+    fn reading_functions(&mut self, observe: FuncId, table: DataId) -> Made<()> {
+        let pointer = self.module.target_config().pointer_type();
+        self.function(Face::new("probes", &[pointer, pointer], Some(types::I32)), |w, b, args| {
             Some(w.run(b, observe, table, args[0], &[(Memory::Output, args[1])]))
         })?;
-        self.function(face("output", &[pointer, pointer], None), |w, b, args| {
+        self.function(Face::new("output", &[pointer, pointer], None), |w, b, args| {
             for (k, o) in w.unit.open.iter().enumerate() {
                 let x = load(b, args[0], o.at);
                 let x = if o.sign < 0.0 { b.ins().fneg(x) } else { x };
@@ -135,8 +168,10 @@ impl Writer<'_> {
             }
             None
         })?;
-        self.function(face("time", &[pointer], Some(types::F64)), |w, b, args| Some(load(b, args[0], w.unit.time)))?;
-        self.function(face("energy", &[pointer], Some(types::F64)), |w, b, args| {
+        self.function(Face::new("time", &[pointer], Some(types::F64)), |w, b, args| {
+            Some(load(b, args[0], w.unit.time))
+        })?;
+        self.function(Face::new("energy", &[pointer], Some(types::F64)), |w, b, args| {
             let mut list = w.unit.regions.iter();
             let mut sum = match list.next() {
                 Some(r) => load(b, args[0], r.at),
@@ -148,7 +183,7 @@ impl Writer<'_> {
             }
             Some(sum)
         })?;
-        self.function(face("ledger", &[pointer, types::I32, types::I32], Some(types::F64)), |w, b, args| {
+        self.function(Face::new("ledger", &[pointer, types::I32, types::I32], Some(types::F64)), |w, b, args| {
             let zero = b.ins().iconst(types::I64, 0);
             let mut at = zero;
             for (k, r) in w.unit.regions.iter().enumerate() {
@@ -166,8 +201,13 @@ impl Writer<'_> {
             let place = b.ins().iadd(args[0], at);
             let (x, none) = (load(b, place, 0), b.ins().f64const(f64::NAN));
             Some(b.ins().select(there, x, none))
-        })?;
-        self.function(face("input", &[pointer, types::I32, types::F64], None), |w, b, args| {
+        })
+    }
+
+    /// Sets an input.
+    fn input_function(&mut self) -> Made<()> {
+        let pointer = self.module.target_config().pointer_type();
+        self.function(Face::new("input", &[pointer, types::I32, types::F64], None), |w, b, args| {
             let first = w.unit.inputs.first()?;
             let there = within(b, args[1], w.unit.inputs.len());
             let (which, zero) = (b.ins().uextend(types::I64, args[1]), b.ins().iconst(types::I64, 0));
@@ -178,8 +218,7 @@ impl Writer<'_> {
             let x = b.ins().select(there, args[2], before);
             b.ins().store(MemFlagsData::trusted(), x, place, 8 * first.at as i32);
             None
-        })?;
-        Ok(())
+        })
     }
 
     /// Constant numbers.

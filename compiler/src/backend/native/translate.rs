@@ -3,7 +3,7 @@
 use super::functions;
 use super::slp::{self, Pairs};
 use super::vector::{self, Kind};
-use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value};
+use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value, visit};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
 use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, Opcode, types};
@@ -138,19 +138,16 @@ struct Vectors {
 
 /// The values of which both sine and cosine are asked for.
 pub(super) fn sin_cos_arguments(body: &[Stmt]) -> FxHashSet<Value> {
-    fn gather(body: &[Stmt], sines: &mut FxHashSet<Value>, cosines: &mut FxHashSet<Value>) {
-        for s in body {
-            if let Stmt::Let(_, Op::Unary(Unary::Sin, a)) = s {
-                sines.insert(*a);
-            }
-            if let Stmt::Let(_, Op::Unary(Unary::Cos, a)) = s {
-                cosines.insert(*a);
-            }
-            s.inner().into_iter().for_each(|block| gather(block, sines, cosines));
-        }
-    }
     let (mut sines, mut cosines) = (FxHashSet::default(), FxHashSet::default());
-    gather(body, &mut sines, &mut cosines);
+    visit(body, &mut |s| match s {
+        Stmt::Let(_, Op::Unary(Unary::Sin, a)) => {
+            sines.insert(*a);
+        }
+        Stmt::Let(_, Op::Unary(Unary::Cos, a)) => {
+            cosines.insert(*a);
+        }
+        _ => {}
+    });
     sines.retain(|v| cosines.contains(v));
     sines
 }

@@ -1,7 +1,7 @@
 //! Takes numbers of the block into variables: an interval reads the block at its start and writes it at its end, where
 //! it did not fail. What fails has written nothing.
 
-use crate::backend::code::{Memory, Op, Place, Stmt, Var};
+use crate::backend::code::{Memory, Op, Place, Stmt, Var, visit_mut};
 use crate::backend::lower::writer::Writer;
 use rustc_hash::FxHashSet;
 use std::collections::{BTreeMap, BTreeSet};
@@ -61,12 +61,8 @@ impl Uses {
                 Stmt::Loop(body) | Stmt::For(_, _, _, body) => {
                     self.block(body, &mut known.clone());
                 }
-                Stmt::Break | Stmt::Continue | Stmt::Fail(_) => return true,
-                Stmt::Let(_, Op::Get(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..))
-                | Stmt::Set(..)
-                | Stmt::Solve { .. }
-                | Stmt::Count(_)
-                | Stmt::Note(_) => {}
+                s if s.is_exit() => return true,
+                _ => {}
             }
         }
         false
@@ -111,21 +107,14 @@ pub(super) fn promote(w: &mut Writer, body: &[Stmt], kept: &BTreeSet<u32>) -> Op
 
 /// The statements with variables in the place of the block.
 fn swapped(body: &[Stmt], vars: &BTreeMap<u32, Var>) -> Vec<Stmt> {
-    let var = |p: &Place| vars.get(&p.base).filter(|_| p.memory == Memory::State).copied();
-    let one = |s: &Stmt| match s {
-        Stmt::Let(v, Op::Load(p)) => var(p).map_or_else(|| s.clone(), |var| Stmt::Let(*v, Op::Get(var))),
-        Stmt::Store(p, x) => var(p).map_or_else(|| s.clone(), |var| Stmt::Set(var, *x)),
-        Stmt::If(c, yes, no) => Stmt::If(c.clone(), swapped(yes, vars), swapped(no, vars)),
-        Stmt::Loop(body) => Stmt::Loop(swapped(body, vars)),
-        Stmt::For(i, from, to, body) => Stmt::For(*i, *from, *to, swapped(body, vars)),
-        Stmt::Let(_, Op::Get(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..))
-        | Stmt::Set(..)
-        | Stmt::Break
-        | Stmt::Continue
-        | Stmt::Solve { .. }
-        | Stmt::Count(_)
-        | Stmt::Note(_)
-        | Stmt::Fail(_) => s.clone(),
-    };
-    body.iter().map(one).collect()
+    let mut body = body.to_vec();
+    visit_mut(&mut body, &mut |s| {
+        let Some(var) = s.place().filter(|p| p.memory == Memory::State).and_then(|p| vars.get(&p.base)) else { return };
+        match s {
+            Stmt::Let(_, op) => *op = Op::Get(*var),
+            Stmt::Store(_, x) => *s = Stmt::Set(*var, *x),
+            _ => {}
+        }
+    });
+    body
 }

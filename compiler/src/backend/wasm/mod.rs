@@ -6,6 +6,7 @@
 mod print;
 
 use super::code::{Memory, Reason, Routine};
+use super::emitter::{Emitted, Emitter, Request};
 use super::unit::{NAMES, Unit};
 use bond_runtime::scene::Scene;
 use rustc_hash::FxHashMap;
@@ -16,6 +17,21 @@ use wasm_encoder::{
     FunctionSection, GlobalSection, GlobalType, ImportSection, Instruction as I, MemArg, MemorySection, MemoryType,
     Module, TypeSection, ValType,
 };
+
+/// Modules.
+pub const EMITTER: Emitter = Emitter {
+    name: "wasm",
+    about: "A WebAssembly module for browsers and other hosts",
+    extension: "wasm",
+    has_header: false,
+    emit,
+};
+
+fn emit(r: &Request<'_>) -> Result<Emitted, String> {
+    let module = module(r.scene, r.unit)?;
+    let size = format!("{} kB", module.len().div_ceil(1000));
+    Ok(Emitted::File(module, size))
+}
 
 /// Why an interval failed, as the header for C has it.
 fn code(reason: Reason) -> i32 {

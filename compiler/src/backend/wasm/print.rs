@@ -1,40 +1,25 @@
 //! A routine as the body of a function, statement by statement.
 
-use crate::backend::code::{Cond, Memory, Number, Op, Place, Routine, Stmt, Value};
+use crate::backend::code::{Cond, Memory, Number, Op, Place, Routine, Stmt, Value, visit};
 use bond_runtime::ir::{Binary, Unary};
-use rustc_hash::{FxHashMap, FxHashSet};
+use rustc_hash::FxHashMap;
 use std::collections::BTreeSet;
 use wasm_encoder::{BlockType, Function, Instruction as I, MemArg, MemArgTarget, ValType};
 
 /// The functions of numbers that a host has to give, as the names of its `Math` are, and how many numbers they take.
 pub(super) fn imported(routines: &[&Routine]) -> BTreeSet<(&'static str, usize)> {
-    fn look(body: &[Stmt], out: &mut BTreeSet<(&'static str, usize)>) {
-        for s in body {
-            match s {
-                Stmt::Let(_, Op::Unary(f, _)) if !is_plain(*f) => {
-                    out.insert((f.name(), 1));
-                }
-                Stmt::Let(_, Op::Binary(f @ (Binary::Pow | Binary::Atan2), ..)) => {
-                    out.insert((if *f == Binary::Pow { "pow" } else { "atan2" }, 2));
-                }
-                Stmt::Let(..)
-                | Stmt::Set(..)
-                | Stmt::Store(..)
-                | Stmt::If(..)
-                | Stmt::Loop(_)
-                | Stmt::Break
-                | Stmt::Continue
-                | Stmt::For(..)
-                | Stmt::Solve { .. }
-                | Stmt::Count(_)
-                | Stmt::Note(_)
-                | Stmt::Fail(_) => {}
-            }
-            s.inner().into_iter().for_each(|b| look(b, out));
-        }
-    }
     let mut out = BTreeSet::new();
-    routines.iter().for_each(|r| look(&r.body, &mut out));
+    for routine in routines {
+        visit(&routine.body, &mut |s| match s {
+            Stmt::Let(_, Op::Unary(f, _)) if !is_plain(*f) => {
+                out.insert((f.name(), 1));
+            }
+            Stmt::Let(_, Op::Binary(f @ (Binary::Pow | Binary::Atan2), ..)) => {
+                out.insert((if *f == Binary::Pow { "pow" } else { "atan2" }, 2));
+            }
+            _ => {}
+        });
+    }
     out
 }
 
@@ -111,7 +96,7 @@ impl Body<'_> {
         // The statement after which a value of this block is not looked at.
         let mut last: FxHashMap<Value, usize> = FxHashMap::default();
         for (k, s) in body.iter().enumerate() {
-            each_value(s, &mut |v| {
+            s.each_value_within(&mut |v| {
                 last.insert(v, k);
             });
         }
@@ -384,17 +369,4 @@ impl Body<'_> {
             }
         }
     }
-}
-
-/// All values that a statement looks at, those of statements inside it included.
-fn each_value(s: &Stmt, f: &mut impl FnMut(Value)) {
-    fn all(s: &Stmt, seen: &mut FxHashSet<Value>) {
-        s.each_value(&mut |v| {
-            seen.insert(v);
-        });
-        s.inner().into_iter().flatten().for_each(|s| all(s, seen));
-    }
-    let mut seen = FxHashSet::default();
-    all(s, &mut seen);
-    seen.into_iter().for_each(f);
 }
