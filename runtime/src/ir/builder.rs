@@ -7,9 +7,9 @@ use crate::eval;
 use rustc_hash::FxHashMap;
 
 /// So many sums are added up side by side by [`Builder::total`], where there are many terms.
-pub const ABREAST: usize = 8;
+pub const SIDE_BY_SIDE: usize = 8;
 /// So many terms are many.
-const MANY: usize = 16 * ABREAST;
+const MANY: usize = 16 * SIDE_BY_SIDE;
 
 /// A block that is being written, and the loads and values known in it.
 #[derive(Default)]
@@ -174,10 +174,10 @@ impl Builder {
         self.binary(Binary::Add, a, b)
     }
 
-    /// The sum of some values; None of none. Of many, each is added to the one [`ABREAST`] before it, and what that leaves
+    /// The sum of some values; None of none. Of many, each is added to the one [`SIDE_BY_SIDE`] before it, and what that leaves
     /// half to half, so that back ends add several at once.
     pub fn total(&mut self, values: &[Value]) -> Option<Value> {
-        let (first, rest) = values.split_at(if values.len() < MANY { 1.min(values.len()) } else { ABREAST });
+        let (first, rest) = values.split_at(if values.len() < MANY { 1.min(values.len()) } else { SIDE_BY_SIDE });
         let mut parts = first.to_vec();
         for (k, value) in rest.iter().enumerate() {
             let at = k % first.len();

@@ -12,7 +12,7 @@ mod op;
 mod prune;
 mod verify;
 
-pub use builder::{ABREAST, Builder};
+pub use builder::{Builder, SIDE_BY_SIDE};
 pub use op::{Binary, Unary};
 pub use verify::Invalid;
 
