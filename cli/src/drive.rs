@@ -143,11 +143,6 @@ impl Walk {
         Self { rows, stop, next, ended: false }
     }
 
-    /// The instant to which it goes next.
-    pub fn next(&self) -> f64 {
-        self.next.map_or(self.stop, |t| if self.is_end(t) { self.stop } else { t })
-    }
-
     fn is_end(&self, t: f64) -> bool {
         t >= self.stop * (1.0 - 1e-12)
     }

@@ -40,4 +40,4 @@ pub use errors::Errors;
 pub use given::{Given, TableError};
 pub use load::{FileLoader, ReadError, read, read_bytes, read_table};
 pub use quantity::{Quantity, quantity, seconds};
-pub use simulation::{Batch, Code, RunError, Simulation, Steps};
+pub use simulation::{Code, RunError, Simulation, Steps};

@@ -390,26 +390,6 @@ impl<'a> Simulation<'a> {
     }
 }
 
-/// Simulations of scenes that differ in their numbers alone, which go on side by side: in vector lanes, where the back
-/// end has such. What they come to is what each would come to alone, to the last bit.
-pub struct Batch(simulate::Batch);
-
-impl Batch {
-    /// For these, made on this back end, which are to go on to that instant, s; None where they differ in more, or
-    /// would not be sooner there.
-    pub fn new(backend: &dyn Backend, sims: &[Simulation<'_>], until: f64) -> Option<Self> {
-        let runs: Vec<_> = sims.iter().map(|s| &s.inner).collect();
-        simulate::Batch::new(backend, &runs, until).map(Self)
-    }
-
-    /// Goes with all of them as far towards an instant, s, as can be gone at once; [`Simulation::advance`] goes the
-    /// rest. They are those that it was made for, in their order.
-    pub fn leap(&mut self, sims: &mut [Simulation<'_>], until: f64) {
-        let mut runs: Vec<_> = sims.iter_mut().map(|s| &mut s.inner).collect();
-        self.0.leap(&mut runs, until);
-    }
-}
-
 /// Which input a path names.
 fn input(scene: &Scene, name: &str) -> Result<usize, RunError> {
     scene.inputs.iter().position(|i| i.name == name).ok_or_else(|| {

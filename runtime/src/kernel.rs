@@ -1,7 +1,6 @@
 //! What every back end offers: one program, ready to run.
 
 use crate::ir::{Array, Program, Slot};
-use crate::scene::Scene;
 use crate::simulate;
 use crate::solve::{linear, newton};
 use thiserror::Error;
@@ -39,22 +38,6 @@ pub trait Backend {
 
     /// Makes what goes through whole stretches of a run at once, where this back end has such.
     fn stretches(&self) -> Option<simulate::Maker> {
-        None
-    }
-
-    /// How many scenes of one code shape it takes through stretches at once, at most.
-    fn width(&self) -> usize {
-        1
-    }
-
-    /// Makes what takes these scenes, run like this from here, through stretches at once; None where they are of
-    /// different code shapes, or so many intervals of each are not worth it.
-    fn batch(
-        &self,
-        scenes: &[(&Scene, &simulate::Options, simulate::Start)],
-        intervals: u64,
-    ) -> Option<Box<dyn simulate::SimdLanes>> {
-        let _ = (scenes, intervals);
         None
     }
 }

@@ -1,20 +1,18 @@
 //! Back ends give the same numbers, to the last bit. What leaves this program as C or objects is tested in `emitted`.
 
-use crate::common::{all_scenes, cases, file, read, stop, title, with};
+use crate::common::{all_scenes, cases, file, stop, with};
 use bond::{Code, Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::code::Stmt;
 use bond_compiler::backend::native::{JIT, Jit, Shared};
 use bond_compiler::backend::{lower, unit};
-use bond_compiler::discretise::Accuracy;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Bend, Binary, Builder, Newton, Program, Slot, Unary, Value};
 use bond_runtime::kernel::{Backend, Failure, Kernel};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Batch, Maker, Places, Start, Stretch};
+use bond_runtime::simulate::{self, Maker, Places, Start, Stretch};
 use bond_runtime::solve::newton::BENT;
 use bond_runtime::solve::quick::ROUNDING;
 use proptest::prelude::*;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -176,72 +174,6 @@ fn stretched(compiled: &Compiled, backend: &dyn Backend, options: &simulate::Opt
         shown.row(row);
     }
     shown.end()
-}
-
-/// The same of several, side by side where they can; None where they never could.
-fn batch(
-    list: &[Compiled],
-    backend: &dyn Backend,
-    options: &[simulate::Options],
-    end: f64,
-) -> Option<Vec<(Vec<u64>, String)>> {
-    let runs = list.iter().zip(options).map(|(c, o)| Shown::new(c, backend, o, end));
-    let mut runs = runs.collect::<Result<Vec<_>, _>>().ok()?;
-    let made = Batch::new(backend, &runs.iter().map(|r| &r.sim).collect::<Vec<_>>(), end);
-    let mut together = made?;
-    for row in 1..=ROWS {
-        runs.iter_mut().filter(|r| r.ended.is_none()).for_each(|r| r.before(row));
-        if runs.iter().all(|r| r.ended.is_none()) {
-            let at = runs[0].at(row);
-            together.leap(&mut runs.iter_mut().map(|r| &mut r.sim).collect::<Vec<_>>(), at);
-        }
-        runs.iter_mut().filter(|r| r.ended.is_none()).for_each(|r| r.row(row));
-    }
-    Some(runs.into_iter().map(Shown::end).collect())
-}
-
-/// The scene with its parameters a little different.
-fn varied(path: &Path, scene: &str, factor: f64) -> Option<Compiled> {
-    let text = read(path);
-    let head = text.split_once(&format!("model {scene}("))?.1.split_once(") {")?.0;
-    // They run with fixed steps, by what a tolerance of their own chooses.
-    let accuracy = if text.contains("tolerance") { Accuracy::AsModel } else { Accuracy::Fixed };
-    let mut options = Options::new().model(scene).accuracy(accuracy);
-    for (name, value) in head.split(',').filter_map(|p| p.split_once('=')) {
-        let value = value.trim();
-        let digits = value.find(|c: char| !(c.is_ascii_digit() || ".e+-".contains(c))).unwrap_or(value.len());
-        // Whole numbers may count something.
-        let Ok(x) = value[..digits].parse::<f64>() else { continue };
-        if digits < value.len() {
-            options = options.set(name.trim(), &format!("{}{}", x * factor, &value[digits..]));
-        }
-    }
-    options.compile_str(&title(path), &text).ok()
-}
-
-#[test]
-fn scenes_side_by_side_give_the_bits_that_each_has_alone() {
-    let (mut groups, mut differing) = (0, 0);
-    for (name, path, scene) in all_scenes() {
-        let list: Vec<Compiled> = [1.0, 1.07, 0.93].iter().filter_map(|f| varied(&path, &scene, *f)).collect();
-        let Some(first) = list.first() else { continue };
-        let shortest = first.scene().clusters.iter().filter_map(|c| c.period).fold(f64::INFINITY, f64::min);
-        let end = if shortest.is_finite() { 600.0 * shortest } else { stop(first).min(1.0) };
-        let options = |c: &Compiled| Steps::fixed(end / 777.0).resolve(&c.stages().model.settings, end, None);
-        let options: Result<Vec<_>, _> = list.iter().map(options).collect();
-        let Ok(options) = options else { continue };
-        let shared = Shared::new(u64::MAX);
-        let Some(together) = batch(&list, &shared, &options, end) else { continue };
-        groups += 1;
-        for (k, (c, o)) in list.iter().zip(&options).enumerate() {
-            let alone = stretched(c, &Interpret, o, end);
-            let differs = together[k].0.iter().zip(&alone.0).position(|(a, b)| a != b);
-            assert_eq!(differs, None, "{name} {scene}, scene {k} of {}: number {differs:?} differs", list.len());
-            assert_eq!(together[k].1, alone.1, "{name} {scene}, scene {k} of {}", list.len());
-        }
-        differing += u32::from(together.windows(2).all(|w| w[0].0 != w[1].0));
-    }
-    assert!(groups > 75 && differing > 50, "{groups} groups ran side by side, {differing} of scenes that differ");
 }
 
 /// What is held for a mass depends on the mass, by beta, which each scene of a make has for itself.

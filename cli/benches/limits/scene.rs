@@ -1,7 +1,7 @@
 //! Scenes that run in this process: driven as `bond run` does, or their step alone.
 
 use super::figure::Figure;
-use bond::{Batch, Code, Compiled, Options, Simulation, Steps};
+use bond::{Code, Compiled, Options, Simulation, Steps};
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::kernel::{Backend, Kernel, Workspace};
@@ -42,9 +42,6 @@ pub fn options(figure: &Figure, compiled: &Compiled) -> Result<simulate::Options
 /// Scenes stepped by the runtime's own driver, ledger included.
 pub struct Driven<'a> {
     sims: Vec<Simulation<'a>>,
-    /// So many of them go on side by side, where the back end has that, group by group.
-    width: usize,
-    groups: Vec<Option<Batch>>,
     step: f64,
     pulls: bool,
     done: u64,
@@ -62,10 +59,7 @@ impl<'a> Driven<'a> {
         let sims = (0..figure.scenes)
             .map(|_| Simulation::on(backend, compiled.scene(), &options, []).map_err(|e| e.to_string()))
             .collect::<Result<Vec<_>, _>>()?;
-        let width = backend.width();
-        // They go on for as long as is measured.
-        let groups = sims.chunks(width).map(|group| Batch::new(backend, group, 1e6 * figure.step)).collect();
-        Ok(Self { sims, width, groups, step: figure.step, pulls: figure.pulls, done: 0 })
+        Ok(Self { sims, step: figure.step, pulls: figure.pulls, done: 0 })
     }
 
     /// Goes so many steps on.
@@ -90,13 +84,8 @@ impl<'a> Driven<'a> {
                 }
                 next = next.min(self.done + if at < 25 { 25 - at } else { 30 - at });
             }
-            for (group, together) in self.sims.chunks_mut(self.width).zip(&mut self.groups) {
-                if let Some(together) = together {
-                    together.leap(group, next as f64 * self.step);
-                }
-                for sim in group {
-                    sim.advance(next as f64 * self.step).map_err(|e| e.to_string())?;
-                }
+            for sim in &mut self.sims {
+                sim.advance(next as f64 * self.step).map_err(|e| e.to_string())?;
             }
             self.done = next;
         }

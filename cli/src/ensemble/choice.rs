@@ -49,12 +49,12 @@ impl Choice {
         }
     }
 
-    /// So many instances have come to their end as machine code: how long that took to make, and then to run. What is
-    /// made for one mostly serves the others too; where making has taken longer than interpreting all of them would,
-    /// the rest is interpreted.
-    pub fn learn(&self, instances: usize, made: Duration, ran: Duration) {
+    /// An instance has come to its end as machine code: how long that took to make, and then to run. What is made for
+    /// one mostly serves the others too; where making has taken longer than interpreting all of them would, the rest is
+    /// interpreted.
+    pub fn learn(&self, made: Duration, ran: Duration) {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
-        taken.instances += instances as u64;
+        taken.instances += 1;
         taken.made += made.as_secs_f64();
         taken.ran += ran.as_secs_f64();
         let all = taken.ran * self.instances as f64 / taken.instances.max(1) as f64;
@@ -73,7 +73,7 @@ mod tests {
         let [none, short, long] = [0, 1, 100].map(Duration::from_millis);
         let told = |list: &[(Duration, Duration)]| {
             let choice = Choice::new(false, 40);
-            list.iter().for_each(|(made, ran)| choice.learn(1, *made, *ran));
+            list.iter().for_each(|(made, ran)| choice.learn(*made, *ran));
             choice.code()
         };
         assert_eq!(told(&[]), Code::Native);

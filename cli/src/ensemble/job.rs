@@ -8,7 +8,7 @@ use crate::drive::{self, Halt, Walk, Watch};
 use crate::pending::reached;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use bond::{Batch, Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
+use bond::{Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
 use std::time::Instant;
 
 /// More numbers than this are not kept of one instance.
@@ -65,37 +65,31 @@ impl Job {
         Ok((rows, steps, stop))
     }
 
-    /// How many instances may be run at once.
-    pub fn width(&self) -> usize {
-        self.choice.backend(self.choice.code()).width()
-    }
-
-    /// Runs instances, side by side where they allow it; what each of them came to, in their order.
-    pub fn run(&self, instances: &[u64]) -> Vec<Outcome> {
-        let compiled: Vec<Result<Compiled, String>> = instances.iter().map(|i| self.prepare(*i)).collect();
+    /// Runs an instance: what it came to.
+    pub fn run(&self, instance: u64) -> Outcome {
+        let failed = |why| Outcome::failed(self.probes.len(), why);
+        let compiled = match self.prepare(instance) {
+            Ok(compiled) => compiled,
+            Err(why) => return failed(why),
+        };
         let (code, begun) = (self.choice.code(), Instant::now());
-        let runs: Vec<Result<(Run, Simulation<'_>), String>> =
-            compiled.iter().map(|c| c.as_ref().map_err(Clone::clone).and_then(|c| Run::new(self, c, code))).collect();
-        let (mut good, mut sims) = (Vec::new(), Vec::new());
-        let outcomes: Vec<Option<Outcome>> = runs
-            .into_iter()
-            .map(|run| match run {
-                Ok((run, sim)) => {
-                    good.push(run);
-                    sims.push(sim);
-                    None
-                }
-                Err(why) => Some(Outcome::failed(self.probes.len(), why)),
-            })
-            .collect();
-        let together = self.together(&good, &sims, code);
+        let (mut walk, mut sim) = match self.begin(&compiled, code) {
+            Ok(begun) => begun,
+            Err(why) => return failed(why),
+        };
         let made = begun.elapsed();
-        self.drive(&mut good, &mut sims, together);
-        if code == Code::Native && !good.is_empty() && good.iter().all(|run| run.halted.is_none()) {
-            self.choice.learn(good.len(), made, begun.elapsed().saturating_sub(made));
+        let mut list = Vec::new();
+        let halted = loop {
+            match walk.on(&mut sim, &mut Recorder { job: self, list: &mut list }) {
+                Ok(true) => {}
+                Ok(false) => break None,
+                Err(halt) => break Some(halt),
+            }
+        };
+        if code == Code::Native && halted.is_none() {
+            self.choice.learn(made, begun.elapsed().saturating_sub(made));
         }
-        let mut done = good.into_iter().zip(sims).map(|(run, sim)| self.outcome(run, sim));
-        outcomes.into_iter().filter_map(|o| o.or_else(|| done.next())).collect()
+        self.outcome(&list, halted, sim)
     }
 
     /// Compiles an instance, whose probes must be those of all.
@@ -111,77 +105,30 @@ impl Job {
         Ok(compiled)
     }
 
-    /// What takes instances along together; None where they are looked at at different instants, or differ in more than
-    /// numbers.
-    fn together(&self, runs: &[Run], sims: &[Simulation<'_>], code: Code) -> Option<Batch> {
-        let first = runs.first()?;
-        let same = runs.iter().all(|r| r.walk.next() == first.walk.next() && r.stop == first.stop);
-        if !same || runs.len() < 2 {
-            return None;
-        }
-        Batch::new(self.choice.backend(code), sims, first.stop)
-    }
-
-    /// Runs instances to their ends.
-    fn drive(&self, runs: &mut [Run], sims: &mut [Simulation<'_>], mut together: Option<Batch>) {
-        let mut more = true;
-        while more {
-            let next = runs.first().map_or(0.0, |r| r.walk.next());
-            // One that has halted, or goes elsewhere, goes on by itself, and so do the others.
-            if runs.iter().any(|r| r.halted.is_some() || r.walk.next() != next) {
-                together = None;
-            }
-            if let Some(together) = &mut together {
-                together.leap(sims, next);
-            }
-            more = false;
-            for (run, sim) in runs.iter_mut().zip(sims.iter_mut()).filter(|(run, _)| !run.over) {
-                let Run { walk, list, .. } = run;
-                match walk.on(sim, &mut Recorder { job: self, list }) {
-                    Ok(goes) => run.over = !goes,
-                    Err(halt) => (run.over, run.halted) = (true, Some(halt)),
-                }
-                more |= !run.over;
-            }
-        }
+    /// An instance at its start, and its way.
+    fn begin<'a>(&self, compiled: &'a Compiled, code: Code) -> Result<(Walk, Simulation<'a>), String> {
+        let (rows, steps, stop) = self.course(compiled).map_err(|stop| words(&stop))?;
+        let sim = Simulation::on(self.choice.backend(code), compiled.scene(), &steps, self.given.iter().cloned());
+        let sim = sim.map_err(|e| e.to_string())?;
+        // Where nobody looks, fixed steps need not stop for it.
+        let rows = if self.over_time || steps.step.is_none() { rows } else { Rows::end(stop) };
+        Ok((Walk::new(sim.time(), rows, stop), sim))
     }
 
     /// What an instance came to.
-    fn outcome(&self, run: Run, mut sim: Simulation<'_>) -> Outcome {
+    fn outcome(&self, list: &[f64], halted: Option<Halt>, mut sim: Simulation<'_>) -> Outcome {
         let width = self.probes.len();
         let end = sim.probes().map(|v| v[..width.min(v.len())].to_vec());
         let summary = sim.summary();
         let nothing = || vec![f64::NAN; width];
-        let (last, failure, until) = match (run.halted, end) {
+        let (last, failure, until) = match (halted, end) {
             (None, Ok(values)) => (values, None, None),
             (None, Err(e)) | (Some(Halt::Numerics(e)), _) => (nothing(), Some(e.to_string()), e.time()),
             (Some(Halt::Stop(stop)), _) => (nothing(), Some(words(&stop)), None),
         };
         let passive = summary.passive && failure.is_none();
-        let rows = reached(&run.list, 1 + width, until.unwrap_or(f64::INFINITY)).to_vec();
+        let rows = reached(list, 1 + width, until.unwrap_or(f64::INFINITY)).to_vec();
         Outcome { last, rows, passive, worst: summary.worst_step, failure }
-    }
-}
-
-/// An instance on its way.
-struct Run {
-    walk: Walk,
-    stop: f64,
-    /// The rows: time and probes.
-    list: Vec<f64>,
-    over: bool,
-    halted: Option<Halt>,
-}
-
-impl Run {
-    fn new<'a>(job: &Job, compiled: &'a Compiled, code: Code) -> Result<(Self, Simulation<'a>), String> {
-        let (rows, steps, stop) = job.course(compiled).map_err(|stop| words(&stop))?;
-        let sim = Simulation::on(job.choice.backend(code), compiled.scene(), &steps, job.given.iter().cloned());
-        let sim = sim.map_err(|e| e.to_string())?;
-        // Where nobody looks, fixed steps need not stop for it.
-        let rows = if job.over_time || steps.step.is_none() { rows } else { Rows::end(stop) };
-        let walk = Walk::new(sim.time(), rows, stop);
-        Ok((Self { walk, stop, list: Vec::new(), over: false, halted: None }, sim))
     }
 }
 

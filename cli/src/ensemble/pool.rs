@@ -59,7 +59,6 @@ struct Died;
 struct Shared {
     job: Arc<Job>,
     chunks: Chunks,
-    threads: u64,
     state: Mutex<State>,
     room: Condvar,
 }
@@ -67,8 +66,6 @@ struct Shared {
 struct State {
     /// Chunks to be run, in order.
     next: Box<dyn Iterator<Item = u64> + Send>,
-    /// How many these are.
-    left: u64,
     /// Bytes that wait to be collected.
     waiting: usize,
 }
@@ -78,32 +75,19 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next chunks, as soon as there is room for what they come to: as many as can be run at once, but none that
-    /// another thread would have nothing left for.
-    fn take(&self) -> Vec<u64> {
+    /// The next chunk, as soon as there is room for what it comes to.
+    fn take(&self) -> Option<u64> {
         let full = |s: &mut State| s.waiting > WAITING;
-        let mut state = self.room.wait_while(self.state(), full).unwrap_or_else(PoisonError::into_inner);
-        let share = state.left.div_ceil(self.threads).min(self.job.width() as u64);
-        let taken: Vec<u64> = state.next.by_ref().take(share as usize).collect();
-        state.left -= taken.len() as u64;
-        taken
+        self.room.wait_while(self.state(), full).unwrap_or_else(PoisonError::into_inner).next.next()
     }
 
     fn work(&self, send: &Sender<Report>) {
-        loop {
-            let taken = self.take();
-            if taken.is_empty() {
+        while let Some(chunk) = self.take() {
+            let mut bytes = Vec::new();
+            self.chunks.instances(chunk).for_each(|instance| self.job.run(instance).encode(&mut bytes));
+            self.state().waiting += weight(&bytes);
+            if send.send(Ok((chunk, bytes))).is_err() {
                 return;
-            }
-            let instances: Vec<u64> = taken.iter().flat_map(|c| self.chunks.instances(*c)).collect();
-            let mut outcomes = instances.chunks(self.job.width().max(1)).flat_map(|part| self.job.run(part));
-            for chunk in taken {
-                let mut bytes = Vec::new();
-                outcomes.by_ref().take(self.chunks.size(chunk) as usize).for_each(|o| o.encode(&mut bytes));
-                self.state().waiting += weight(&bytes);
-                if send.send(Ok((chunk, bytes))).is_err() {
-                    return;
-                }
             }
         }
     }
@@ -148,8 +132,8 @@ pub fn run(
     let mut left = had.iter().filter(|h| !**h).count() as u64;
     let next = (0..chunks.count()).filter(move |c| !had[*c as usize]);
     let threads = threads.clamp(1, left.max(1));
-    let state = Mutex::new(State { next: Box::new(next), left, waiting: 0 });
-    let shared = Arc::new(Shared { job: job.clone(), chunks, threads, state, room: Condvar::new() });
+    let state = Mutex::new(State { next: Box::new(next), waiting: 0 });
+    let shared = Arc::new(Shared { job: job.clone(), chunks, state, room: Condvar::new() });
     let (send, receive) = channel();
     for _ in 0..threads {
         let (shared, witness) = (shared.clone(), Witness(send.clone()));

@@ -4,7 +4,6 @@ mod adaptive;
 mod ahead;
 mod answer;
 mod attempt;
-mod batch;
 mod cluster;
 mod event;
 mod given;
@@ -20,7 +19,6 @@ mod summary;
 mod worst;
 
 pub use ahead::{Make, Maker, Stretch};
-pub use batch::{Batch, SimdLanes};
 pub use cluster::GROSS;
 pub use given::{Course, Unfit};
 pub use hold::{BESIDE, FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};

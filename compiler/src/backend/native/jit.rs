@@ -5,8 +5,7 @@
 )]
 
 use super::functions::{self, ONE, SOLVE, TWO};
-use super::lanes::{self, LANES};
-use super::translate::{Made, NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
+use super::translate::{NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
 use crate::backend::code::Routine;
 use crate::backend::lower::LEFT_OPEN;
 use crate::backend::unit::{self, Own};
@@ -15,11 +14,11 @@ use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::{Array, Program};
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Options, Places, SimdLanes, Start, Stretch};
+use bond_runtime::simulate::{self, Options, Places, Start, Stretch};
 use bond_runtime::solve::linear;
 use cranelift_codegen::settings::{self, Configurable};
 use cranelift_jit::{JITBuilder, JITModule};
-use cranelift_module::{FuncId, Linkage, default_libcall_names};
+use cranelift_module::{Linkage, default_libcall_names};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// Statements in a function at most: above, compiling takes longer than it saves.
@@ -127,19 +126,6 @@ impl Code {
         if routine.size() > LARGEST {
             return None;
         }
-        let define = |m: &mut JITModule| define(m, "step", &routine, Linkage::Export, |name| name, cfg!(unix));
-        Self::made(&routine, define)
-    }
-
-    /// Of a routine, for [`LANES`] scenes at once; None where it has no such form.
-    fn lanes(routine: &Routine) -> Option<Self> {
-        if routine.size() > LARGEST || !lanes::fits(&routine.body) {
-            return None;
-        }
-        Self::made(routine, |m| lanes::define(m, routine))
-    }
-
-    fn made(routine: &Routine, define: impl FnOnce(&mut JITModule) -> Made<FuncId>) -> Option<Self> {
         let mut flags = settings::builder();
         for (name, value) in [("opt_level", "speed"), ("enable_verifier", "false"), ("is_pic", "false")] {
             flags.set(name, value).ok()?;
@@ -155,15 +141,14 @@ impl Code {
         builder.symbol(functions::SIN_COS, functions::sin_cos as *const u8);
         builder.symbol(SOLVE, solve as *const u8);
         let mut module = JITModule::new(builder);
-        let id = define(&mut module).ok()?;
+        let id = define(&mut module, "step", &routine, Linkage::Export, |name| name, cfg!(unix)).ok()?;
         module.finalize_definitions().ok()?;
         let code = module.get_finalized_function(id);
-        // SAFETY: both ways to define it give the function this signature, in the platform's C convention, which
-        // `extern "C"` is too.
+        // SAFETY: `define` gives the function this signature, in the platform's C convention, which `extern "C"` is too.
         let function = unsafe { std::mem::transmute::<*const u8, Function>(code) };
         let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone(), s.matrix)).collect();
         let scratch = routine.scratch as usize;
-        Some(Self { function, scratch, systems, tables: routine.tables.clone(), module: Some(module) })
+        Some(Self { function, scratch, systems, tables: routine.tables, module: Some(module) })
     }
 }
 
@@ -304,97 +289,6 @@ impl Stretch for Whole {
         // The block is what it was: once more, without the interval that failed.
         let (gone, _, noted) = self.go(block, gone, notes);
         (gone, noted)
-    }
-}
-
-/// The code for the stretches of several scenes of one code shape at once.
-pub(super) struct LaneCode(Code);
-
-impl LaneCode {
-    /// Of the routine of one; None where it has no such form.
-    pub(super) fn new(routine: &Routine) -> Option<Self> {
-        Code::lanes(routine).map(LaneCode)
-    }
-}
-
-/// Scenes of one code shape side by side.
-pub(super) struct Batch {
-    code: Arc<LaneCode>,
-    own: Vec<Own>,
-    /// What the scenes have, number by number beside one another; lanes without a scene have what the last one has.
-    block: Vec<f64>,
-    table: Vec<f64>,
-    data: Vec<f64>,
-    scratch: Vec<f64>,
-    notes: Vec<f64>,
-}
-
-impl Batch {
-    /// With code that was made for them; they are [`LANES`] at most.
-    pub(super) fn new(code: Arc<LaneCode>, own: Vec<Own>) -> Self {
-        let (mut table, mut data) = (Vec::new(), Vec::new());
-        beside(&mut table, &own, |own| &own.table);
-        beside(&mut data, &own, |own| &own.data);
-        let scratch = vec![0.0; code.0.scratch * LANES];
-        Self { code, own, block: Vec::new(), table, data, scratch, notes: Vec::new() }
-    }
-
-    /// As [`Whole::go`], with the places in the notes where each lane's begin and end, as bits.
-    fn go(&mut self, intervals: u64, report: &mut [f64; LANES]) -> (u64, bool) {
-        let (most, mut gone, code) = ([intervals as f64; LANES], [0.0; LANES], &self.code.0);
-        // As in `Whole::go`, every memory having room for all lanes.
-        let failed = (code.function)(
-            self.block.as_mut_ptr(),
-            most.as_ptr(),
-            self.table.as_ptr(),
-            self.notes.as_mut_ptr(),
-            gone.as_mut_ptr(),
-            self.scratch.as_mut_ptr(),
-            self.data.as_ptr(),
-            report.as_mut_ptr(),
-            std::ptr::null_mut(), // it solves no large systems
-            code.tables.as_ptr(),
-        );
-        (gone[0] as u64, failed == 0)
-    }
-}
-
-impl SimdLanes for Batch {
-    fn places(&self, lane: usize) -> &Places {
-        &self.own[lane].places
-    }
-
-    fn run(&mut self, blocks: &mut [Vec<f64>], intervals: u64, notes: &mut [Vec<f64>]) -> u64 {
-        let (size, each) = (self.own[0].places.image.len(), 4 * self.own[0].places.notes() as usize);
-        assert!(blocks.len() == self.own.len() && blocks.iter().all(|b| b.len() >= size), "each scene has its block");
-        beside(&mut self.block, blocks, |b| &b[..size]);
-        let room = intervals as usize * each;
-        self.notes.resize(LANES * room, 0.0);
-        let begin: [f64; LANES] = std::array::from_fn(|lane| f64::from_bits(8 * (lane * room) as u64));
-        let mut end = begin;
-        let (mut gone, good) = self.go(intervals, &mut end);
-        if !good {
-            // The blocks are what they were: once more, without the interval that failed.
-            end = begin;
-            gone = self.go(gone, &mut end).0;
-        }
-        for (lane, (block, notes)) in blocks.iter_mut().zip(notes).enumerate() {
-            let numbers = self.block.iter().skip(lane).step_by(LANES);
-            block.iter_mut().zip(numbers).for_each(|(to, x)| *to = *x);
-            notes.extend_from_slice(&self.notes[begin[lane].to_bits() as usize / 8..end[lane].to_bits() as usize / 8]);
-        }
-        gone
-    }
-}
-
-/// Puts what the lanes have beside one another.
-fn beside<T>(to: &mut Vec<f64>, lanes: &[T], of: impl Fn(&T) -> &[f64]) {
-    let size = lanes.first().map_or(0, |l| of(l).len());
-    to.resize(size * LANES, 0.0);
-    for lane in 0..LANES {
-        if let Some(from) = lanes.get(lane).or(lanes.last()) {
-            to.iter_mut().skip(lane).step_by(LANES).zip(of(from)).for_each(|(to, x)| *to = *x);
-        }
     }
 }
 

@@ -2,7 +2,6 @@
 
 mod functions;
 pub mod jit;
-mod lanes;
 mod loop_vectorizer;
 mod object;
 mod shared;

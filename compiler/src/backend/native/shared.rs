@@ -1,16 +1,14 @@
 //! Machine code for many scenes of one code shape: it is made once, and takes the numbers in which they differ from its data.
 
-use super::jit::{Batch, Code, Compiled, JIT, LaneCode, WORTH, Whole};
-use super::lanes::LANES;
-use crate::backend::code::Routine;
+use super::jit::{Code, Compiled, JIT, WORTH, Whole};
 use crate::backend::unit::{self, Own};
 use crate::backend::{is_large, lower_apart};
 use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::Program;
 use bond_runtime::kernel::{Backend, Kernel};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{Maker, Options, Places, SimdLanes, Start, Stretch};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use bond_runtime::simulate::{Maker, Options, Places, Start, Stretch};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// At most this many code shapes are known; what comes later is interpreted.
 const MOST: usize = 64;
@@ -29,11 +27,7 @@ pub struct Shared {
 
 /// Code for the scenes of a code shape.
 struct Known {
-    /// What it is made of, without its data.
-    run: Routine,
     code: Arc<Code>,
-    /// The same for several at once, once that is wanted.
-    wide: OnceLock<Option<Arc<LaneCode>>>,
     places: Places,
 }
 
@@ -45,15 +39,12 @@ fn find(list: &Shapes<Vec<u8>, Known>, scene: &Scene, options: &Options, start: 
     let make = || {
         let unit::Stretch { mut run, places, .. } = unit::stretch(scene, options, start, true)?;
         run.data.clear();
-        Some(Known { code: Arc::new(Code::new(run.clone())?), run, wide: OnceLock::new(), places })
+        Some(Known { code: Arc::new(Code::new(run)?), places })
     };
     let known = known(list, unit::code_shape(scene, options)?, make)?;
     let own = Own::new(scene, start, &known.places)?;
     Some((known, own))
 }
-
-/// Several at once are worth so many times as many intervals of each: vectors take longer to compile.
-const WIDER: u64 = 4;
 
 impl Shared {
     /// Nothing yet, for so many scenes.
@@ -111,23 +102,5 @@ impl Backend for Shared {
             Some(Box::new(Whole::new(known.code.clone(), own)))
         };
         Some(Maker { make: Arc::new(make), worth: self.worth })
-    }
-
-    fn width(&self) -> usize {
-        LANES
-    }
-
-    fn batch(&self, scenes: &[(&Scene, &Options, Start)], intervals: u64) -> Option<Box<dyn SimdLanes>> {
-        if intervals < WIDER * self.worth || !(2..=LANES).contains(&scenes.len()) {
-            return None;
-        }
-        let found = scenes.iter().map(|(scene, options, start)| find(&self.stretches, scene, options, start));
-        let (makes, own): (Vec<Arc<Known>>, Vec<Own>) = found.collect::<Option<Vec<_>>>()?.into_iter().unzip();
-        let known = makes.first()?;
-        if !makes.iter().all(|k| Arc::ptr_eq(k, known)) {
-            return None;
-        }
-        let wide = known.wide.get_or_init(|| LaneCode::new(&known.run).map(Arc::new)).clone()?;
-        Some(Box::new(Batch::new(wide, own)))
     }
 }

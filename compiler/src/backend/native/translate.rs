@@ -29,7 +29,7 @@ const NOTES: i32 = 32;
 pub(super) const REPORT: u32 = 40;
 
 /// The signature of the function of a routine; see [`define`].
-pub(super) fn signature<M: Module>(module: &M) -> ir::Signature {
+fn signature<M: Module>(module: &M) -> ir::Signature {
     let pointer = module.target_config().pointer_type();
     let mut signature = module.make_signature();
     signature.params = vec![AbiParam::new(pointer); Memory::ALL.len() + 3];
@@ -137,7 +137,7 @@ struct Vectors {
 }
 
 /// The values of which both sine and cosine are asked for.
-pub(super) fn sin_cos_arguments(body: &[Stmt]) -> FxHashSet<Value> {
+fn sin_cos_arguments(body: &[Stmt]) -> FxHashSet<Value> {
     let (mut sines, mut cosines) = (FxHashSet::default(), FxHashSet::default());
     visit(body, &mut |s| match s {
         Stmt::Let(_, Op::Unary(Unary::Sin, a)) => {
