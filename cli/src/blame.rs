@@ -2,10 +2,11 @@
 
 use crate::stop::Stop;
 use bond::Compiled;
+use bond::internal::CompiledInternals;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 
-/// Who said it, and so where it is mended.
+/// Who set a value, and so where it must be changed.
 #[derive(Clone, Copy, Debug)]
 pub enum By<'a> {
     /// The command line: status 2.
@@ -49,14 +50,14 @@ impl By<'_> {
         }
     }
 
-    /// The end of the command, for what was said, with the mend.
-    pub fn refuse(self, said: Said, why: String, mend: String) -> Stop {
+    /// Ends the command with an error in a value, and a suggested fix.
+    pub fn refuse(self, said: Said, why: String, fix: String) -> Stop {
         match self {
-            By::Line => Stop::Usage(format!("{why}; {mend}")),
-            By::Model(name) => Stop::Model(format!("{name}: {why}; {mend}")),
+            By::Line => Stop::Usage(format!("{why}; {fix}")),
+            By::Model(name) => Stop::Model(format!("{name}: {why}; {fix}")),
             By::Text(compiled) => {
                 let span = place(compiled, said);
-                let error = Diagnostic::error("simulate::steps", span, why).help(mend);
+                let error = Diagnostic::error("simulate::steps", span, why).help(fix);
                 Stop::Placed(Box::new((compiled.sources().clone(), error)))
             }
         }

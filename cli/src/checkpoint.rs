@@ -1,9 +1,10 @@
-//! States that are saved while a scene runs, and runs that go on from them.
+//! Checkpoints: states saved during a run, and runs resumed from them.
 
 use crate::input::name;
 use crate::output;
 use crate::stop::Stop;
-use bond::{Code, Course, RunError, Simulation};
+use bond::internal::{Code, SimulationInternals};
+use bond::{Course, RunError, Simulation};
 use bond_compiler::elaborate::told;
 use bond_runtime::scene::{Made, Scene};
 use bond_runtime::simulate;
@@ -20,7 +21,7 @@ pub struct Checkpoints<'a> {
 }
 
 impl<'a> Checkpoints<'a> {
-    /// At the end, and where told, at the first chance after each `every` from `from` on, s.
+    /// Saves at the end and, if given, at the first row after each `every` from `from` on, s.
     pub fn new(path: &'a Path, every: Option<f64>, from: f64) -> Self {
         let mut new = Self { path, every, next: f64::INFINITY, saved: None };
         new.wait(from);
@@ -50,13 +51,13 @@ impl<'a> Checkpoints<'a> {
         Ok(true)
     }
 
-    /// What a run that did not come to its end can go on from.
+    /// The last saved state of a run that did not reach its end.
     pub fn left(&self) -> String {
         match (self.saved, self.every) {
             (Some(t), _) => {
-                format!("note: {} has the state at {} s, to go on from with --resume", self.path.display(), told(t))
+                format!("note: {} has the state at {} s, for --resume", self.path.display(), told(t))
             }
-            (None, None) => "note: no state was saved; --checkpoint-every saves on the way".into(),
+            (None, None) => "note: no state was saved; --checkpoint-every saves during the run".into(),
             (None, Some(_)) => "note: no state was saved; it was not yet time to".into(),
         }
     }
@@ -67,7 +68,7 @@ impl<'a> Checkpoints<'a> {
 /// # Errors
 /// A file that cannot be read.
 pub fn state(path: &Path) -> Result<Vec<u8>, Stop> {
-    bond::read_bytes(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))
+    bond::internal::read_bytes(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))
 }
 
 /// What the scene of a saved state was made for; None where it is no state, as resuming will say.
@@ -78,10 +79,10 @@ pub fn made(path: &Path) -> Result<Option<Made>, Stop> {
     Ok(simulate::made(&state(path)?).ok())
 }
 
-/// A run that goes on from the bytes of a file.
+/// Resumes a run from the bytes of a file.
 ///
 /// # Errors
-/// What is no state of this scene, or lies not before the end.
+/// Bytes that are not a state of this scene, or whose time is not before the end.
 pub fn resume<'a>(
     code: Code,
     (path, bytes): (&Path, &[u8]),

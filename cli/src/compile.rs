@@ -1,10 +1,14 @@
 //! From a file or a text to a compiled model.
 
+use crate::code::Code;
 use crate::errors::Errors;
+use crate::failure::RunError;
 use crate::load::{FileLoader, read};
 use crate::quantity::{Quantity, quantity};
-use crate::simulation::{RunError, Simulation, Steps};
+use crate::simulation::{Simulation, SimulationInternals};
+use crate::steps::{Steps, StepsInternals};
 use bond_compiler::discretise::Accuracy;
+use bond_compiler::linearize::Linearized;
 use bond_compiler::show::{As, Shown, What};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
@@ -33,64 +37,45 @@ impl Options {
         Self::default()
     }
 
-    /// Takes another model of the file for the scene.
+    /// Chooses the scene: a model of the file, by name. The default is the last one.
     pub fn model(mut self, name: impl Into<String>) -> Self {
         self.model = Some(name.into());
         self
     }
 
-    /// Lets a tolerance choose the stepper where none is named; as the model's `simulate` says where this is not
-    /// called.
-    pub fn accuracy(mut self, accuracy: Accuracy) -> Self {
-        self.accuracy = accuracy;
-        self
-    }
-
-    /// Makes ready for steps of this length, or up to it, in s; for those of the model's `simulate` where this is not
-    /// called. Any steps may be taken: over far longer ones balances may hold to fewer digits.
+    /// Sets the step length, in s, that the step programs are made for: the one length, or the longest. The default is
+    /// what the model's `simulate` says. A run may take other steps; with far longer ones balances hold to fewer digits.
     pub fn step(mut self, step: f64) -> Self {
         self.step = Some(step);
         self
     }
 
-    /// Makes ready for the steps of a run to this instant, in s, where no length of steps is told.
+    /// Sets the end of the run, in s, from which a step length follows if neither this nor the model gives one.
     pub fn stop(mut self, stop: f64) -> Self {
         self.stop = Some(stop);
         self
     }
 
-    /// Takes another stepper: one of [`bond_compiler::discretise::Method::ALL`], by name.
+    /// Chooses the stepper by name, such as `gonzalez` or `radau`; `bond run --help` lists them.
     pub fn method(mut self, name: impl Into<String>) -> Self {
         self.method = Some(name.into());
         self
     }
 
-    /// Sets a parameter by its path, to a number with its unit, or in SI.
+    /// Sets a parameter, by its path, to a number with a unit, such as `2 kg`, or without one, in SI.
     pub fn set(mut self, path: impl Into<String>, value: &str) -> Self {
         self.set.push((path.into(), quantity(value)));
         self
     }
 
-    /// Sets a parameter by its path to a number that was read before.
-    pub fn set_quantity(mut self, path: impl Into<String>, value: Quantity) -> Self {
-        self.set.push((path.into(), Ok(value)));
-        self
-    }
-
-    /// Leaves out a storage, a resistor or a field by its path: at a 1-junction its effort is 0 then, at a 0-junction its
-    /// flow.
+    /// Leaves out a storage, a resistor or a field, by its path. At a 1-junction its effort is then 0, at a 0-junction
+    /// its flow.
     pub fn without(mut self, path: impl Into<String>) -> Self {
         self.without.push(path.into());
         self
     }
 
-    /// Lets the probes end with the power into each of [`bond_compiler::omit::parts`].
-    pub fn powers(mut self) -> Self {
-        self.powers = true;
-        self
-    }
-
-    /// Has all of the model run, also what no probe, open port or expectation depends on.
+    /// Runs all of the model, also the parts on which no probe, open port or expectation depends.
     pub fn whole(mut self) -> Self {
         self.whole = true;
         self
@@ -148,6 +133,36 @@ impl Options {
     }
 }
 
+/// Settings of a compilation that only the command makes.
+pub trait OptionsInternals {
+    /// Sets the accuracy that was asked for, by which a stepper is chosen where none is named. The default is what the
+    /// model's `simulate` says.
+    fn accuracy(self, accuracy: Accuracy) -> Self;
+
+    /// Sets a parameter by its path to a number that was read before.
+    fn set_quantity(self, path: impl Into<String>, value: Quantity) -> Self;
+
+    /// Adds probes behind the others: the power into each of [`bond_compiler::omit::parts`].
+    fn powers(self) -> Self;
+}
+
+impl OptionsInternals for Options {
+    fn accuracy(mut self, accuracy: Accuracy) -> Self {
+        self.accuracy = accuracy;
+        self
+    }
+
+    fn set_quantity(mut self, path: impl Into<String>, value: Quantity) -> Self {
+        self.set.push((path.into(), Ok(value)));
+        self
+    }
+
+    fn powers(mut self) -> Self {
+        self.powers = true;
+        self
+    }
+}
+
 /// A text and the files that it uses, read and parsed: to be compiled many times, from several threads at once.
 ///
 /// ```
@@ -159,7 +174,7 @@ impl Options {
 ///       probe q = cap.q
 ///     }");
 /// for r in [1.0, 2.0] {
-///     let compiled = bond::Options::new().set_quantity("r", (r, None)).compile_text(&text)?;
+///     let compiled = bond::Options::new().set("r", &format!("{r} Ohm")).compile_text(&text)?;
 ///     let mut sim = compiled.simulate(bond::Steps::new())?;
 ///     sim.advance(1.0)?;
 ///     assert!((sim.probe("q")? - (-1.0 / r).exp()).abs() < 1e-9);
@@ -233,17 +248,12 @@ pub fn compile_str(name: &str, text: impl Into<String>) -> Result<Compiled, Erro
 /// A compiled model, ready to be shown and run.
 #[derive(Clone, Debug)]
 pub struct Compiled {
-    inner: bond_compiler::Compiled,
+    pub(crate) inner: bond_compiler::Compiled,
     sources: Sources,
     used: Vec<PathBuf>,
 }
 
 impl Compiled {
-    /// The stages of what runs, up to its step programs.
-    pub fn stages(&self) -> &bond_compiler::Stages {
-        &self.inner.stages
-    }
-
     /// The texts that it was made from.
     pub fn sources(&self) -> &Sources {
         &self.sources
@@ -254,55 +264,25 @@ impl Compiled {
         &self.used
     }
 
-    /// What runs.
-    pub fn scene(&self) -> &Scene {
-        &self.inner.scene
-    }
-
     /// The names of the probes, in order of declaration.
     pub fn probes(&self) -> &[String] {
         &self.inner.scene.probes.names
     }
 
-    /// A part of it as text, with what is left out of what runs: `all`, `graph`, `causality`, `phs`, `regions`,
-    /// `program`. For another word, the text says so.
+    /// Prints a part of it as text: `all`, `graph`, `causality`, `phs`, `regions` or `program`. Parts of the model that do
+    /// not run are printed too. For another word, the text says so.
     pub fn show(&self, what: &str) -> String {
-        let Some(what) = What::ALL.into_iter().find(|w| w.name() == what) else {
-            let known: Vec<&str> = What::ALL.iter().map(|w| w.name()).collect();
-            return format!("there is no `{what}` to show, only {}\n", known.join(", "));
-        };
-        self.show_as(what, As::Text).unwrap_or_else(|why| why + "\n")
+        self.show_as(what, "text").unwrap_or_else(|why| why + "\n")
     }
 
-    /// A part of it in a format.
+    /// Prints a part of it in a format: `text`, `json`, `dot`, `svg` or `latex`.
     ///
     /// # Errors
-    /// A combination that makes no sense, or a picture that would be too large, in words.
-    pub fn show_as(&self, what: What, format: As) -> Result<String, String> {
-        let stages = self.inner.whole.as_ref().map_or(&self.inner.stages, |w| &w.stages);
-        let mut model = stages.model.clone();
-        let programs = programs(&self.inner.scene);
-        let shown = Shown {
-            model: &mut model,
-            graph: &stages.graph,
-            causality: &stages.causality,
-            form: &stages.form,
-            unneeded: self.inner.whole.as_ref().map(|w| &w.unneeded),
-            programs: &programs,
-        };
-        bond_compiler::show::show(shown, what, format)
-    }
-
-    /// The linear model around the initial state, or around a state given by the states' names.
-    ///
-    /// # Errors
-    /// In words, where loops of resistors cannot be solved at that state.
-    pub fn linearize(
-        &self,
-        time: f64,
-        states: &dyn Fn(&str) -> Option<f64>,
-    ) -> Result<bond_compiler::linearize::Linearized, String> {
-        bond_compiler::linearize::linearize(&mut self.inner.stages.clone(), time, states)
+    /// A name that does not exist, a combination that makes no sense, or a picture that would be too large, in words.
+    pub fn show_as(&self, what: &str, format: &str) -> Result<String, String> {
+        let what = named(what, What::ALL.map(|w| (w.name(), w)))?;
+        let format = named(format, As::ALL.map(|a| (a.name(), a)))?;
+        show(self, what, format)
     }
 
     /// How fast each state changes, in SI units a second, at a time and at values of the states by name; a state that
@@ -322,13 +302,13 @@ impl Compiled {
         bond_compiler::rates::energies(&mut self.inner.stages.clone(), time, states)
     }
 
-    /// What has no finite value at a time and at values of the states by name, as a law that takes a root of what is
-    /// below 0, in words; of loops nothing is told.
+    /// Names, in words, a law or rate without a finite value at a time and at values of the states by name, such as a
+    /// root of a negative number. Loops are not examined.
     pub fn undefined(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Option<String> {
         bond_compiler::rates::undefined(&mut self.inner.stages.clone(), time, states)
     }
 
-    /// Puts it at its start. The model's own `simulate` settings hold where `steps` says nothing.
+    /// Starts a run. The model's own `simulate` settings hold where `steps` says nothing.
     ///
     /// # Errors
     /// A step length that makes no sense, or a program that fails at the start.
@@ -336,7 +316,7 @@ impl Compiled {
         self.simulate_with(steps, [])
     }
 
-    /// The same with signals given from outside: the path of an `input`, and what it is over time.
+    /// Starts a run with input signals: the path of an `input`, and its value over time.
     ///
     /// ```
     /// let text = "
@@ -358,21 +338,80 @@ impl Compiled {
     /// ```
     ///
     /// # Errors
-    /// A step length that makes no sense, a name that there is not, or a program that fails at the start.
+    /// A step length that makes no sense, an unknown name, or a program that fails at the start.
     pub fn simulate_with(
         &self,
         steps: Steps,
         inputs: impl IntoIterator<Item = (String, Course)>,
     ) -> Result<Simulation<'_>, RunError> {
+        Simulation::with(&self.inner.scene, &self.steps(steps)?, inputs)
+    }
+
+    /// Continues a run from the bytes that [`Simulation::save`] gave, with its steps and its input signals.
+    ///
+    /// # Errors
+    /// Bytes that are not the state of this very model with these options.
+    pub fn resume(&self, bytes: &[u8]) -> Result<Simulation<'_>, RunError> {
+        Simulation::resume(Code::default().backend(), &self.inner.scene, bytes, [])
+    }
+
+    /// The runtime's options for a run of this model.
+    pub(crate) fn steps(&self, steps: Steps) -> Result<bond_runtime::simulate::Options, RunError> {
         let settings = &self.inner.stages.model.settings;
-        let stop = settings.stop.unwrap_or(1.0);
-        Simulation::with(&self.inner.scene, &steps.resolve(settings, stop, settings.every)?, inputs)
+        steps.resolve(settings, settings.stop.unwrap_or(1.0), settings.every)
     }
 
     /// The paths of the inputs, in order of declaration.
     pub fn inputs(&self) -> Vec<&str> {
         self.inner.scene.inputs.iter().map(|i| i.name.as_str()).collect()
     }
+}
+
+/// The compiler's results in a compiled model.
+pub trait CompiledInternals {
+    /// The stages of what runs, up to its step programs.
+    fn stages(&self) -> &bond_compiler::Stages;
+
+    /// What runs.
+    fn scene(&self) -> &Scene;
+
+    /// The linear model around the initial state, or around a state given by the states' names.
+    ///
+    /// # Errors
+    /// In words, where loops of resistors cannot be solved at that state.
+    fn linearize(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Linearized, String>;
+}
+
+impl CompiledInternals for Compiled {
+    fn stages(&self) -> &bond_compiler::Stages {
+        &self.inner.stages
+    }
+
+    fn scene(&self) -> &Scene {
+        &self.inner.scene
+    }
+
+    fn linearize(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Linearized, String> {
+        bond_compiler::linearize::linearize(&mut self.inner.stages.clone(), time, states)
+    }
+}
+
+/// Prints a part of a model in a format.
+///
+/// # Errors
+/// A combination that makes no sense, or a picture that would be too large, in words.
+fn show(compiled: &Compiled, what: What, format: As) -> Result<String, String> {
+    let (inner, whole) = (&compiled.inner, compiled.inner.whole.as_ref());
+    let stages = whole.map_or(&inner.stages, |w| &w.stages);
+    let shown = Shown {
+        model: &mut stages.model.clone(),
+        graph: &stages.graph,
+        causality: &stages.causality,
+        form: &stages.form,
+        unneeded: whole.map(|w| &w.unneeded),
+        programs: &programs(&inner.scene),
+    };
+    bond_compiler::show::show(shown, what, format)
 }
 
 /// All programs of a scene, in the order in which they run.
@@ -388,4 +427,11 @@ fn programs(scene: &Scene) -> Vec<Program> {
     }
     list.extend(scene.probes.program.clone());
     list
+}
+
+/// The one of that name.
+fn named<T, const N: usize>(name: &str, list: [(&'static str, T); N]) -> Result<T, String> {
+    let known = list.each_ref().map(|(n, _)| *n).join(", ");
+    let found = list.into_iter().find(|(n, _)| *n == name);
+    found.map(|(_, t)| t).ok_or_else(|| format!("there is no `{name}` to show, only {known}"))
 }

@@ -1,7 +1,7 @@
 //! Line by line, what differs between two texts.
 
 /// Larger texts are compared only at their ends.
-const LIMIT: usize = 4_000_000;
+const MAX_CELLS: usize = 4_000_000;
 
 /// Lines that are gone with `-`, new ones with `+`, up to two equal ones around them.
 pub fn lines(old: &str, new: &str) -> String {
@@ -29,7 +29,7 @@ pub fn lines(old: &str, new: &str) -> String {
 
 fn changes<'a>(a: &[&'a str], b: &[&'a str]) -> Vec<(char, &'a str)> {
     let (n, m) = (a.len(), b.len());
-    if n.saturating_mul(m) > LIMIT {
+    if n.saturating_mul(m) > MAX_CELLS {
         return a.iter().map(|l| ('-', *l)).chain(b.iter().map(|l| ('+', *l))).collect();
     }
     // Length of the longest common rest.

@@ -9,21 +9,21 @@ use bond_runtime::scene::Scene;
 use bond_runtime::simulate::Options;
 
 /// More steps than this are refused.
-const STEPS: f64 = 1e10;
+const MAX_STEPS: f64 = 1e10;
 
-/// Refuses runs that would take for ever, of which somebody said the step or the end.
+/// Refuses runs that would take for ever.
 ///
 /// # Errors
 /// A step or a period that is tiny against the run.
 pub fn possible(scene: &Scene, options: &Options, stop: f64, by: By) -> Result<(), Stop> {
     let refuse = |steps: f64, what: String, said: Said, longer: &str| {
         // Written so that NaN is refused too.
-        if steps <= STEPS {
+        if steps <= MAX_STEPS {
             return Ok(());
         }
-        let why = format!("{what} would make {steps:.1e} steps in {} s, at most {STEPS:.0e} are done", short(stop));
-        let mend = format!("take a longer {longer} or a shorter {}{}", by.setting("stop"), by.place());
-        Err(by.refuse(said, why, mend))
+        let why = format!("{what} would make {steps:.1e} steps in {} s, at most {MAX_STEPS:.0e} are done", short(stop));
+        let fix = format!("take a longer {longer} or a shorter {}{}", by.setting("stop"), by.place());
+        Err(by.refuse(said, why, fix))
     };
     if let Some(h) = options.step {
         refuse(stop / h, format!("steps of {} s", short(h)), Said::Step, &by.setting("step"))?;
@@ -50,16 +50,16 @@ pub enum Halt {
     Stop(Stop),
 }
 
-/// What is done on the way.
+/// Receives the rows of a run.
 pub trait Watch {
-    /// At each row; where the numerics fail, at the end of the last good step too.
+    /// Called at each row; if the numerics fail, also at the end of the last good step.
     ///
     /// # Errors
     /// What ends the run.
     fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt>;
 
-    /// Before each row, and at the end before the step that is left is taken: a run that goes on from there is as if it
-    /// had never stopped.
+    /// Called before each row, and at the end before the last, shorter step: a run resumed from there is as if it had
+    /// never stopped.
     ///
     /// # Errors
     /// What ends the run.
@@ -113,8 +113,8 @@ pub fn watched(sim: &mut Simulation<'_>, rows: Rows, stop: f64, watch: &mut dyn 
     }
 }
 
-/// Runs to an instant to which it came before, by the same rows, and looks at them where that was done then: a region
-/// whose step failed is found as it was before, when others had gone on already.
+/// Runs again to an instant, by the same rows and looks as before: when a region's step failed, others had already
+/// gone on, and this finds all of them as they were before.
 pub fn again(sim: &mut Simulation<'_>, rows: Rows, until: f64, looks: bool) {
     let from = sim.time() * (1.0 - 1e-12);
     for t in rows.filter(|t| *t >= from).take_while(|t| *t < until).chain([until]) {

@@ -3,6 +3,8 @@
 use crate::output;
 use crate::report;
 use crate::stop::Stop;
+use crate::summary::LISTED;
+use bond::internal::{CompiledInternals, StepsInternals};
 use bond::{Compiled, Steps};
 use bond_compiler::backend::emitter::{Archive, Emitted, Emitter, Request};
 use bond_compiler::backend::{c, unit};
@@ -120,9 +122,7 @@ impl Emission<'_> {
         };
         if path.extension().is_none_or(|e| e != ending) {
             let shown = path.display();
-            return Err(Stop::Usage(format!(
-                "{shown}: tools go by endings; name it `.{ending}`, as in {shown}.{ending}"
-            )));
+            return Err(Stop::Usage(format!("{shown}: tools recognize it by its ending; name it {shown}.{ending}")));
         }
         self.free(&path, compiled)?;
         Ok(path)
@@ -168,22 +168,20 @@ fn not_of_another(header: &Path, object: bool) -> Result<(), Stop> {
     }
 }
 
-/// So many that switch are named.
-const MANY: usize = 5;
-
 /// Says of some names that they switch, and what to do about it.
-fn switches(mut names: Vec<String>, may: &str, mend: &str) {
+fn switches(mut names: Vec<String>, may: &str, fix: &str) {
     if names.is_empty() {
         return;
     }
     let verb = if names.len() > 1 || !may.is_empty() { "switch" } else { "switches" };
-    if names.len() > MANY {
-        names.truncate(MANY);
+    if names.len() > LISTED {
+        names.truncate(LISTED);
         names.push("others".into());
     }
     let names = names.join(", ");
     report::say(&format!(
-        "note: {names} {may}{verb} within steps: bond run meets these instants, where its step is not given; what is built does not; {mend}"
+        "note: {names} {may}{verb} within steps: bond run meets these instants, where its step is not given; what is \
+        built does not; {fix}"
     ));
 }
 

@@ -91,7 +91,7 @@ fn split(file: &mut File) -> io::Result<Option<(u64, u64)>> {
         return Ok(None);
     }
     let length = u64::from_le_bytes(length.try_into().unwrap_or_default());
-    // A length that is wrong is told by the envelope.
+    // The envelope detects a wrong length.
     Ok(Some(((all - TAIL).saturating_sub(length), length.min(all - TAIL))))
 }
 
@@ -138,13 +138,13 @@ pub fn carried() -> Option<Result<Environment, Stop>> {
     let mut file = own().ok()?;
     let Some((start, length)) = split(&mut file).ok()? else {
         let cut = cut(&mut file).unwrap_or(false);
-        let why = "the scene at the end of this program is damaged: its end is missing; build it anew";
+        let why = "the scene at the end of this program is damaged: its end is missing; build it again";
         return cut.then(|| Err(Stop::Model(why.into())));
     };
     let mut bytes = Vec::new();
     let read = file.seek(SeekFrom::Start(start)).and_then(|_| file.take(length).read_to_end(&mut bytes));
     let damaged =
-        |why: String| Stop::Model(format!("the scene at the end of this program is damaged: {why}; build it anew"));
+        |why: String| Stop::Model(format!("the scene at the end of this program is damaged: {why}; build it again"));
     if let Err(e) = read {
         return Some(Err(damaged(e.to_string())));
     }
@@ -162,7 +162,7 @@ struct Line {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Simulate it, and tell what became of the energy
+    /// Simulate it, and account for its energy
     Run(Run),
     /// Meet a real outside at the open ports, in real time
     Serve(Serve),
@@ -236,8 +236,8 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
             args.fixed.check()?;
             if e.method.is_none() && args.how.tolerance.is_some_and(|x| Some(x) != e.scene.made.tolerance) {
                 report::say(
-                    "note: steppers were chosen when this file was built, and stay whatever --tolerance says; \
-                     `bond build --method collocation8` takes one of high order",
+                    "note: the steppers were chosen when this file was built, and do not depend on --tolerance; \
+                    `bond build --method collocation8` takes one of high order",
                 );
             }
             run::simulate(&e.scene, &e.settings(), &args.how, By::Model(&e.scene.name))

@@ -96,7 +96,7 @@ impl<'a> Watch<'a> {
         // A value that was reached counts, whatever failed later.
         if let (ExpectationKind::At { target, tolerance, .. }, Some(value)) = (kind, seen.value) {
             let off = (value - target).abs();
-            let what = format!("measured {value}, off by {}", short(off));
+            let what = format!("measured {value}, deviation {}", short(off));
             return if off <= *tolerance { Outcome::Held(what) } else { Outcome::Broken(what) };
         }
         if let Some(why) = failure {
@@ -120,7 +120,7 @@ impl<'a> Watch<'a> {
                     .collect();
                 let measured = format!("measured {}", measured.join(", "));
                 let Some(program) = program else {
-                    return Outcome::Broken("extremes over the run and signals cannot stand in one condition".into());
+                    return Outcome::Broken("a condition cannot have both extremes over the run and signals".into());
                 };
                 let kernel = Interpreter::new(program);
                 let mut work = kernel.workspace();

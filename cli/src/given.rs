@@ -1,14 +1,14 @@
-//! Tables of what is given from outside: CSV with the column `t` and one column an input.
+//! Tables of input signals: CSV with the column `t` and one column per input.
 
 use bond_compiler::elaborate::nearest;
 use bond_runtime::simulate::{Course, Unfit};
 use thiserror::Error;
 
-/// What is wrong with a table, and in which line of its text, from 1.
+/// An error in a table.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error("line {line}: {message}")]
 pub struct TableError {
-    /// The line.
+    /// The line, from 1.
     pub line: usize,
     /// In words.
     pub message: String,
@@ -67,7 +67,7 @@ impl Given {
                 return wrong(
                     line,
                     format!(
-                        "this row has {} for the {} of the header",
+                        "this row has {}, and the header has {}",
                         counted(row.len(), "number"),
                         counted(header.len(), "column")
                     ),
@@ -78,7 +78,7 @@ impl Given {
             for (i, (cell, name)) in row.iter().zip(&header).enumerate() {
                 let x = match cell.parse::<f64>() {
                     Ok(x) if x.is_finite() => x,
-                    Ok(_) | Err(_) => return wrong(line, format!("`{cell}` in the column `{name}` is no number")),
+                    Ok(_) | Err(_) => return wrong(line, format!("`{cell}` in the column `{name}` is not a number")),
                 };
                 if i == time {
                     if let Some(before) = table.instants.last().filter(|t| **t >= x) {
@@ -106,7 +106,7 @@ impl Given {
             Err(Unfit::Steep(row)) => {
                 let line = |row: usize| self.lines.get(row).copied().unwrap_or_default();
                 let message = format!(
-                    "the column `{name}` changes faster than double numbers tell from line {} to this one",
+                    "the column `{name}` changes faster than double precision resolves from line {} to this one",
                     line(row)
                 );
                 wrong(line(row + 1), message)
@@ -126,17 +126,17 @@ fn columns(line: usize, header: &[String], known: &[&str]) -> Result<(), TableEr
         if name == "t" || known.contains(&name.as_str()) {
             continue;
         }
-        let mend = match nearest(name, known.iter().copied()) {
+        let fix = match nearest(name, known.iter().copied()) {
             Some(near) => format!("did you mean `{near}`?"),
             None if known.is_empty() => "the model has none; declare one with `input name = default`".to_string(),
             None => format!("its inputs are {}", known.join(", ")),
         };
-        return wrong(line, format!("the model has no input `{name}`; {mend}"));
+        return wrong(line, format!("the model has no input `{name}`; {fix}"));
     }
     Ok(())
 }
 
-/// The cells of a line. A name with a comma stands in quotes, as `"u[1,2]"`; a quote in it is doubled.
+/// The cells of a line. A name with a comma is in quotes, such as `"u[1,2]"`; a quote in it is doubled.
 fn cells(line: &str) -> Result<Vec<String>, String> {
     let (mut list, mut rest) = (Vec::new(), line);
     loop {
@@ -154,7 +154,7 @@ fn cell(text: &str) -> Result<(String, Option<&str>), String> {
     let Some(mut rest) = text.trim_start().strip_prefix('"') else {
         let (cell, after) = text.split_once(',').map_or((text, None), |(cell, after)| (cell, Some(after)));
         if cell.contains('"') {
-            return Err(format!("`{}` has a quote within; quotes stand around the whole of a cell", cell.trim()));
+            return Err(format!("`{}` has a quote inside; quotes enclose a whole cell", cell.trim()));
         }
         return Ok((cell.trim().to_string(), after));
     };
@@ -210,16 +210,21 @@ mod tests {
             ("t,u,u\n0,1,1\n", 1, "two columns `u`"),
             ("t,u\n", 1, "no rows"),
             ("t,u\n0,1\n1\n", 3, "this row has 1 number for the 2 columns"),
-            ("t,u\n0,1\n\n1,x\n", 4, "`x` in the column `u` is no number"),
-            ("t,u\n0,inf\n", 2, "no number"),
+            ("t,u\n0,1\n\n1,x\n", 4, "`x` in the column `u` is not a number"),
+            ("t,u\n0,inf\n", 2, "not a number"),
             ("t,u\n0,1\n1,1\n1,2\n", 4, "not after 1 s"),
             ("t,\"u\n0,1\n", 1, "a quote is not closed"),
             ("t,u\n0,\"1\"2\n1,2\n", 2, "between a closing quote and `2`"),
             ("t,u\n0,1\n1,\"1\n", 3, "a quote is not closed"),
-            ("t,u\n0,1\"2\"\n", 2, "quotes stand around the whole of a cell"),
+            ("t,u\n0,1\"2\"\n", 2, "quotes enclose a whole cell"),
             ("t,u\n0,\"1\"\"\n", 2, "a quote is not closed"),
-            ("t,u\n0,\"1\"\"2\"\n", 2, "is no number"),
-            ("t,u\n0,1e308\n\n1,-1e308\n", 4, "the column `u` changes faster than double numbers tell from line 2"),
+            ("t,u\n0,\"1\"\"2\"\n", 2, "is not a number"),
+            (
+                "t,u\n0,1e308\n\n1,-1e308\n",
+                4,
+                "the column `u` changes faster than double precision resolves from \
+            line 2",
+            ),
         ];
         for (text, line, words) in cases {
             match Given::read(text, &["u"]).and_then(|table| table.courses(false)) {

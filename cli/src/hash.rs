@@ -1,4 +1,4 @@
-//! A hash that is the same everywhere: FNV-1a, 64 bit. It tells torn and different files, not forged ones.
+//! A hash that is the same everywhere: FNV-1a, 64 bit. It detects torn and different files, not forged ones.
 
 /// What was taken in so far.
 #[derive(Clone, Copy, Debug)]

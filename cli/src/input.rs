@@ -2,14 +2,15 @@
 
 use crate::report;
 use crate::stop::Stop;
-use bond::{Compiled, Course, Errors, Given, Options, Quantity, ReadError, Text};
+use bond::internal::{OptionsInternals, Quantity, ReadError};
+use bond::{Compiled, Course, Errors, Given, Options, Text};
 use bond_runtime::scene::Scene;
 use std::path::Path;
 
 /// `--model`.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Which {
-    /// Take this model of the file for the scene; the last one otherwise
+    /// The model of the file to use. Default: the last one
     #[arg(long, value_name = "NAME")]
     pub model: Option<String>,
 }
@@ -17,10 +18,10 @@ pub struct Which {
 /// `--set` and `--without`: what is changed of a model.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Set {
-    /// Set a parameter, such as `m=0.1kg` or `wall.k=2e3`; in SI where no unit is given; repeatable
+    /// Set a parameter, such as `m=0.1kg` or `wall.k=2e3`; without a unit in SI; repeatable
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = assignment, allow_hyphen_values = true)]
     pub set: Vec<(String, Quantity)>,
-    /// Leave out storages, resistors or fields, such as `wall.damper`: `bond reduce` tells which matter; repeatable
+    /// Leave out storages, resistors or fields, such as `wall.damper`; `bond reduce` finds which matter; repeatable
     #[arg(long = "without", value_name = "PATH,...", value_parser = paths)]
     left_out: Vec<Paths>,
 }
@@ -55,7 +56,7 @@ fn paths(text: &str) -> Result<Paths, String> {
     if list.iter().any(String::is_empty) { Err("the name of an element is missing".into()) } else { Ok(Paths(list)) }
 }
 
-/// A path as models tell it: `cell[1, 2]` and `cell[1][2]` are `cell[1,2]`.
+/// A path in the form that models use: `cell[1, 2]` and `cell[1][2]` are `cell[1,2]`.
 pub fn path(text: &str) -> String {
     text.split_whitespace().collect::<String>().replace("][", ",")
 }
@@ -67,17 +68,17 @@ fn assignment(text: &str) -> Result<(String, Quantity), String> {
     if path.is_empty() {
         return Err("the name of the parameter is missing".into());
     }
-    Ok((path, bond::quantity(value)?))
+    Ok((path, bond::internal::quantity(value)?))
 }
 
 /// A time.
 pub fn time(text: &str) -> Result<f64, String> {
-    bond::seconds(text)
+    bond::internal::seconds(text)
 }
 
 /// A time that is not before the start.
 pub fn instant(text: &str) -> Result<f64, String> {
-    let t = bond::seconds(text)?;
+    let t = bond::internal::seconds(text)?;
     if t >= 0.0 { Ok(t) } else { Err("the run starts at 0 s".into()) }
 }
 
@@ -118,7 +119,7 @@ pub fn unreadable(path: &Path, e: &std::io::Error) -> Stop {
 /// # Errors
 /// Status 2 where the file cannot be read, 1 where it is no text.
 pub fn read(path: &Path) -> Result<String, Stop> {
-    bond::read(path).map_err(|e| match e {
+    bond::internal::read(path).map_err(|e| match e {
         ReadError::Unreadable(why) => Stop::Usage(format!("cannot read {}: {why}", name(path))),
         ReadError::NotText { line } => Stop::Model(format!("{}:{line}:1: line {line} is not UTF-8 text", name(path))),
     })
@@ -161,7 +162,7 @@ pub fn compile(path: &Path, options: &Options) -> Result<Compiled, Stop> {
 /// # Errors
 /// Status 2, with the line: a file that cannot be read, or is no such table.
 pub fn table(path: &Path, scene: &Scene, hold: bool) -> Result<Vec<(String, Course)>, Stop> {
-    let text = bond::read_table(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
+    let text = bond::internal::read_table(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
     let wrong = |e: bond::TableError| Stop::Usage(format!("{}:{}: {}", name(path), e.line, e.message));
     let known: Vec<&str> = scene.inputs.iter().map(|i| i.name.as_str()).collect();
     Given::read(&text, &known).and_then(|table| table.courses(hold)).map_err(wrong)

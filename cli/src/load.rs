@@ -7,21 +7,21 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 
-/// A little more than the grammar takes, so that it is the one to say that a text is too large.
-const BYTES: u64 = 17 << 20;
-/// The largest table, or state, that is read.
-const MOST: u64 = 1 << 30;
+/// Most bytes of a text that are read: a little more than the grammar takes, so that the grammar reports the error.
+const MAX_TEXT: u64 = 17 << 20;
+/// Most bytes of a table or a state.
+const MAX_TABLE: u64 = 1 << 30;
 
-/// Why a text could not be had.
+/// Why a file could not be read.
 #[derive(Debug, Error)]
 pub enum ReadError {
     /// The file cannot be opened or read.
     #[error("{0}")]
     Unreadable(String),
-    /// It is no text.
+    /// It is not UTF-8 text.
     #[error("line {line} is not UTF-8 text")]
     NotText {
-        /// The first line that is none, from 1.
+        /// The first line that is not UTF-8, from 1.
         line: usize,
     },
 }
@@ -31,9 +31,9 @@ pub enum ReadError {
 /// # Errors
 /// A file that is not there, is a directory or no UTF-8 text.
 pub fn read(path: &Path) -> Result<String, ReadError> {
-    let bytes = bytes(path, BYTES)?;
-    if bytes.len() as u64 == BYTES {
-        // Cut within a letter, perhaps: what is left is too large all the same.
+    let bytes = bytes(path, MAX_TEXT)?;
+    if bytes.len() as u64 == MAX_TEXT {
+        // It may be cut within a character; the rest is still too large.
         return Ok(String::from_utf8_lossy(&bytes).into_owned());
     }
     text(bytes)
@@ -52,8 +52,8 @@ pub fn read_table(path: &Path) -> Result<String, ReadError> {
 /// # Errors
 /// A file that is not there, is a directory or larger than a gigabyte.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, ReadError> {
-    let bytes = bytes(path, MOST + 1)?;
-    if bytes.len() as u64 > MOST {
+    let bytes = bytes(path, MAX_TABLE + 1)?;
+    if bytes.len() as u64 > MAX_TABLE {
         return Err(ReadError::Unreadable("it is larger than a gigabyte".into()));
     }
     Ok(bytes)

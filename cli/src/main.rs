@@ -75,9 +75,11 @@ enum Command {
     Test(test::Args),
 }
 
+/// Bytes of a thread's stack. Deep models recurse deeply, and memory is only taken where the stack is touched.
+const STACK: usize = 256 << 20;
+
 fn main() -> ExitCode {
-    // Deep models recurse deeply: the stack is only touched where it is needed.
-    let worker = std::thread::Builder::new().stack_size(256 << 20).spawn(|| match environment::carried() {
+    let worker = std::thread::Builder::new().stack_size(STACK).spawn(|| match environment::carried() {
         // A file with a scene at its end is that scene's environment.
         Some(scene) => done(scene.and_then(|scene| environment::act(&scene))),
         None => done(command(&Line::parse_from(arguments::words()).command)),

@@ -9,11 +9,11 @@ use std::sync::{Mutex, PoisonError};
 /// Files that are being written beside those that they are to be.
 static BESIDE: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Links that are followed one after the other, as systems do.
-const LINKS: usize = 40;
+/// Most links that are followed one after the other, as systems do.
+const LINKS_FOLLOWED: usize = 40;
 
-/// So many bytes of a file's name are in the name of what is being written for it.
-const SHOWN: usize = 200;
+/// Most bytes of a file's name in the name of its temporary file.
+const NAME_BYTES: usize = 200;
 
 /// Removes what is being written: the program ends at once.
 pub fn abandon() {
@@ -57,7 +57,7 @@ pub fn put_bytes(path: &Path, bytes: &[u8]) -> Result<(), Stop> {
     sink.commit()
 }
 
-/// Offers a text to standard output. That nobody reads it any more does not end what else is to be done.
+/// Writes a text to standard output. A closed pipe is not an error: the rest of the work goes on.
 ///
 /// # Errors
 /// It cannot be written.
@@ -177,7 +177,7 @@ fn folder(path: &Path) -> &Path {
 /// Where a link to what is not there leads, over the links that it leads to. One of a ring stands for itself.
 fn target(path: &Path) -> PathBuf {
     let mut place = path.to_path_buf();
-    for _ in 0..LINKS {
+    for _ in 0..LINKS_FOLLOWED {
         match fs::read_link(&place) {
             Ok(next) => place = folder(&place).join(next),
             Err(_) => return place,
@@ -314,9 +314,9 @@ impl Whole {
         let Some(name) = path.file_name() else {
             return Err(nameless(&path));
         };
-        // Where that is as long as names can be, a part of it leaves room for the rest.
+        // A name of the greatest length is cut, to leave room for the suffix.
         let name = name.to_string_lossy();
-        let name = &name[..name.floor_char_boundary(SHOWN)];
+        let name = &name[..name.floor_char_boundary(NAME_BYTES)];
         for attempt in 0..100 {
             let beside = path.with_file_name(format!(".{name}.{}.{attempt}.tmp", std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&beside) {
@@ -376,9 +376,9 @@ impl Drop for Whole {
 /// What it means that a file cannot be written.
 pub fn unwritable(path: &Path, e: &io::Error) -> Stop {
     let why = match e.kind() {
-        io::ErrorKind::NotFound => "its folder is not there; make it first".to_string(),
+        io::ErrorKind::NotFound => "its folder does not exist; create it first".to_string(),
         io::ErrorKind::PermissionDenied => {
-            "permission denied; name another file, or mend the rights of its folder".to_string()
+            "permission denied; name another file, or change the permissions of its folder".to_string()
         }
         _ => e.to_string(),
     };

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Entries of a group of rows, which is held in memory until it is written.
-const GROUP: usize = 1 << 20;
+const NUMBERS_PER_GROUP: usize = 1 << 20;
 
 /// A table that is being written, group by group.
 pub struct Table {
@@ -47,7 +47,7 @@ impl Table {
             Kind::Whole => Entries::Wholes(Vec::new()),
             Kind::Text => Entries::Texts(Vec::new()),
         });
-        let most = (GROUP / columns.len().max(1)).clamp(1000, 1 << 16);
+        let most = (NUMBERS_PER_GROUP / columns.len().max(1)).clamp(1000, 1 << 16);
         Ok(Self { writer, path: path.to_path_buf(), columns: entries.collect(), rows: 0, most })
     }
 

@@ -6,27 +6,51 @@ use crate::stop::Stop;
 use bond_runtime::scene::Probes;
 use std::path::PathBuf;
 
-const WIDTH: f64 = 960.0;
-/// Left and right of the frames, and the top of the first.
-const LEFT: f64 = 96.0;
-const RIGHT: f64 = 744.0;
-const TOP: f64 = 52.0;
-/// Between two frames, and below the last.
-const APART: f64 = 22.0;
-const BELOW: f64 = 58.0;
-/// Columns of a frame, two a point: of the rows in one no more is drawn than the first, the least, the most, the last.
-const COLUMNS: f64 = 2.0 * (RIGHT - LEFT);
-/// Distance of two lines of the legend, and letters that there is room for in one.
-const LEGEND: f64 = 16.0;
-const LETTERS: usize = 25;
-/// More probes than this are not drawn, and more panels.
-const LINES: usize = 200;
-const PANELS: usize = 16;
-/// Runs of no more rows have a mark at each.
-const MARKED: usize = 60;
-/// A span that is smaller beside what is shown is rounding, and drawn as no change.
+/// Places in the picture, in points, and how much it shows.
+struct Layout {
+    /// Width of the picture.
+    width: f64,
+    /// Left and right of the frames.
+    left: f64,
+    right: f64,
+    /// Top of the first frame.
+    top: f64,
+    /// Distance of two frames.
+    gap: f64,
+    /// Room below the last frame.
+    below: f64,
+    /// Distance of two lines of the legend.
+    legend: f64,
+    /// Most letters of a name in the legend.
+    letters: usize,
+    /// Most probes.
+    traces: usize,
+    /// Most frames.
+    panels: usize,
+    /// Most rows of a run that has a mark at each.
+    marked: usize,
+}
+
+const LAYOUT: Layout = Layout {
+    width: 960.0,
+    left: 96.0,
+    right: 744.0,
+    top: 52.0,
+    gap: 22.0,
+    below: 58.0,
+    legend: 16.0,
+    letters: 25,
+    traces: 200,
+    panels: 16,
+    marked: 60,
+};
+
+/// Columns of a frame, two per point. Of the rows in one, at most the first, the least, the largest and the last are
+/// drawn.
+const COLUMNS: f64 = 2.0 * (LAYOUT.right - LAYOUT.left);
+/// A span below this part of the size shown is rounding, and drawn as no change.
 const ROUNDING: f64 = 1e-12;
-/// Sizes below are drawn as 0, and beyond as if they were this.
+/// Sizes below `SMALL` are drawn as 0, sizes above `LARGE` as `LARGE`.
 const SMALL: f64 = 1e-290;
 const LARGE: f64 = 1e300;
 
@@ -131,7 +155,7 @@ impl Plot {
         for (i, (name, unit)) in probes.names.iter().zip(&probes.units).enumerate() {
             let unit = unit.as_deref().unwrap_or_default();
             let known = plot.panels.iter().position(|p| p.unit == unit);
-            if i - plot.left >= LINES || known.is_none() && plot.panels.len() >= PANELS {
+            if i - plot.left >= LAYOUT.traces || known.is_none() && plot.panels.len() >= LAYOUT.panels {
                 plot.left += 1;
                 continue;
             }
@@ -157,18 +181,24 @@ impl Plot {
             _ => 190.0,
         };
         let count = self.panels.len() as f64;
-        let mut d = Drawing::new(WIDTH, TOP + count * (height + APART) - APART + BELOW);
-        d.text((LEFT, 30.0), &self.title, 18, BLACK, Anchor::Start);
-        let time = Axis::over(self.from, self.stop, 8.0, (LEFT, RIGHT));
+        let mut d = Drawing::new(LAYOUT.width, LAYOUT.top + count * (height + LAYOUT.gap) - LAYOUT.gap + LAYOUT.below);
+        d.text((LAYOUT.left, 30.0), &self.title, 18, BLACK, Anchor::Start);
+        let time = Axis::over(self.from, self.stop, 8.0, (LAYOUT.left, LAYOUT.right));
         for (i, panel) in self.panels.iter().enumerate() {
-            let top = TOP + i as f64 * (height + APART);
+            let top = LAYOUT.top + i as f64 * (height + LAYOUT.gap);
             self.panel(&mut d, panel, &time, (top, top + height));
         }
-        let bottom = TOP + count * (height + APART) - APART;
+        let bottom = LAYOUT.top + count * (height + LAYOUT.gap) - LAYOUT.gap;
         for (at, label) in time.ticks() {
             d.text((at, bottom + 18.0), &label, 12, BLACK, Anchor::Middle);
         }
-        d.text((0.5 * (LEFT + RIGHT), bottom + 42.0), &format!("t, {}", time.unit("s")), 13, BLACK, Anchor::Middle);
+        d.text(
+            (0.5 * (LAYOUT.left + LAYOUT.right), bottom + 42.0),
+            &format!("t, {}", time.unit("s")),
+            13,
+            BLACK,
+            Anchor::Middle,
+        );
         d
     }
 
@@ -181,23 +211,34 @@ impl Plot {
             d.line(&[(at, top), (at, bottom)], PALE, 1.0, None);
         }
         for (at, label) in y.ticks() {
-            d.line(&[(LEFT, at), (RIGHT, at)], PALE, 1.0, None);
-            d.text((LEFT - 8.0, at + 4.0), &label, 12, BLACK, Anchor::End);
+            d.line(&[(LAYOUT.left, at), (LAYOUT.right, at)], PALE, 1.0, None);
+            d.text((LAYOUT.left - 8.0, at + 4.0), &label, 12, BLACK, Anchor::End);
         }
         if y.low < 0.0 && y.high > 0.0 {
-            d.line(&[(LEFT, y.at(0.0)), (RIGHT, y.at(0.0))], GREY, 0.8, None);
+            d.line(&[(LAYOUT.left, y.at(0.0)), (LAYOUT.right, y.at(0.0))], GREY, 0.8, None);
         }
         for (k, trace) in panel.traces.iter().enumerate() {
             let (colour, dashes) = (COLOURS[k % COLOURS.len()], DASHES[k / COLOURS.len() % DASHES.len()]);
             for line in trace.lines() {
                 let line: Vec<_> = line.into_iter().map(|(t, v)| (time.at(t), y.at(v))).collect();
                 d.line(&line, colour, 1.5, dashes);
-                if self.rows <= MARKED || line.len() == 1 {
+                if self.rows <= LAYOUT.marked || line.len() == 1 {
                     line.iter().for_each(|at| d.mark(Mark::Circle, *at, 2.2, colour, true));
                 }
             }
         }
-        d.line(&[(LEFT, top), (LEFT, bottom), (RIGHT, bottom), (RIGHT, top), (LEFT, top)], BLACK, 1.0, None);
+        d.line(
+            &[
+                (LAYOUT.left, top),
+                (LAYOUT.left, bottom),
+                (LAYOUT.right, bottom),
+                (LAYOUT.right, top),
+                (LAYOUT.left, top),
+            ],
+            BLACK,
+            1.0,
+            None,
+        );
         d.text_up((22.0, 0.5 * (top + bottom)), &y.unit(&panel.unit), 13, BLACK, Anchor::Middle);
         legend(d, panel, (top, bottom));
     }
@@ -221,32 +262,38 @@ impl Sink for Plot {
     }
 }
 
-/// How lines of one colour are told apart.
+/// Dashes that distinguish lines of one colour.
 const DASHES: [Option<&str>; 3] = [None, Some("7 3"), Some("2 3")];
 
 /// Names beside a frame.
 fn legend(d: &mut Drawing, panel: &Panel, (top, bottom): (f64, f64)) {
-    let room = ((bottom - top) / LEGEND) as usize;
+    let room = ((bottom - top) / LAYOUT.legend) as usize;
     let count = panel.traces.len();
     let shown = if count > room { room - 1 } else { count };
-    let row = |k: usize| top + LEGEND * (k as f64 + 0.5);
+    let row = |k: usize| top + LAYOUT.legend * (k as f64 + 0.5);
     for (k, trace) in panel.traces.iter().take(shown).enumerate() {
         let (colour, dashes) = (COLOURS[k % COLOURS.len()], DASHES[k / COLOURS.len() % DASHES.len()]);
-        d.line(&[(RIGHT + 10.0, row(k)), (RIGHT + 30.0, row(k))], colour, 1.5, dashes);
-        d.text((RIGHT + 36.0, row(k) + 4.0), &shortened(&trace.name), 12, BLACK, Anchor::Start);
+        d.line(&[(LAYOUT.right + 10.0, row(k)), (LAYOUT.right + 30.0, row(k))], colour, 1.5, dashes);
+        d.text((LAYOUT.right + 36.0, row(k) + 4.0), &shortened(&trace.name), 12, BLACK, Anchor::Start);
     }
     if count > shown {
-        d.text((RIGHT + 36.0, row(shown) + 4.0), &format!("and {} more", count - shown), 12, GREY, Anchor::Start);
+        d.text(
+            (LAYOUT.right + 36.0, row(shown) + 4.0),
+            &format!("and {} more", count - shown),
+            12,
+            GREY,
+            Anchor::Start,
+        );
     }
 }
 
 /// A name without its middle, where it is too long.
 fn shortened(name: &str) -> String {
     let letters: Vec<char> = name.chars().collect();
-    if letters.len() <= LETTERS {
+    if letters.len() <= LAYOUT.letters {
         return name.into();
     }
-    let half = LETTERS / 2;
+    let half = LAYOUT.letters / 2;
     letters[..half].iter().chain(&['…']).chain(&letters[letters.len() - half..]).collect()
 }
 
@@ -301,7 +348,7 @@ impl Axis {
         self.place.0 + part.clamp(0.0, 1.0) * (self.place.1 - self.place.0)
     }
 
-    /// Where its ticks are, and what stands there.
+    /// The places of its ticks, and their labels.
     fn ticks(&self) -> Vec<(f64, String)> {
         let first = (self.low / self.step - 1e-9).ceil();
         let value = |i: u32| (first + f64::from(i)) * self.step;

@@ -32,7 +32,7 @@ pub fn quantity(text: &str) -> Result<Quantity, String> {
         None => d.message,
     })?;
     let (value, dimension) = eval(&expr)?;
-    if value.is_finite() { Ok((value, dimension)) } else { Err("this is no finite number".into()) }
+    if value.is_finite() { Ok((value, dimension)) } else { Err("this is not a finite number".into()) }
 }
 
 /// Reads a time: seconds, or a number with a unit of time.
@@ -42,7 +42,7 @@ pub fn quantity(text: &str) -> Result<Quantity, String> {
 pub fn seconds(text: &str) -> Result<f64, String> {
     match quantity(text)? {
         (value, None | Some(Dimension::SECOND)) => Ok(value),
-        (_, Some(other)) => Err(format!("this is no time, but in {other}; write seconds, or a unit such as `40ms`")),
+        (_, Some(other)) => Err(format!("this is not a time, but in {other}; write seconds, or a unit such as `40ms`")),
     }
 }
 

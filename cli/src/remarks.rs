@@ -1,7 +1,8 @@
-//! What a model says that nobody may have meant, though it means something.
+//! Remarks on a valid model: what it says that the author probably did not mean.
 
 use crate::table;
 use bond::Compiled;
+use bond::internal::CompiledInternals;
 use bond_compiler::discretise::Method;
 use bond_compiler::model::{Kind, Model, Variable};
 use bond_compiler::structure::{Column, ColumnId, Form, Region, Role};
@@ -43,7 +44,9 @@ fn divided(model: &Model, form: &Form) -> Option<String> {
     names.dedup();
     (!names.is_empty()).then(|| {
         format!(
-            "storages that are tied together follow from one another by a division by {}: where that is 0 the run stops or its numbers are wrong; an inertia in integral causality on the 1-junction that moves them by this ratio keeps it out, as may leaving out asserted strokes",
+            "tied storages follow from one another by a division by {}: where it is 0 the run stops or its numbers \
+            are wrong; avoid it by an inertia in integral causality on the 1-junction that moves them by this ratio, \
+            or by removing asserted strokes",
             names.join(" and by ")
         )
     })
@@ -76,14 +79,15 @@ fn unmoved(model: &Model, r: &Region, by_ray: bool) -> Option<String> {
     let first = &r.states.first().filter(|_| by_ray)?.name;
     if r.states.len() > 1 && r.resistors.is_empty() {
         return Some(format!(
-            "`ray` stands still in the region of `{first}`, which has several states and loses nothing: its direction lies along the level set of H; another method moves it"
+            "`ray` does not move in the region of `{first}`, which has several states and loses nothing: its \
+            direction is along the level set of H; take another method"
         ));
     }
     let initial = |s| r.states.iter().find(|x| x.symbol == s).map_or(f64::NAN, |x| x.initial);
     let mut slopes = r.groups.iter().flat_map(|g| &g.coenergy);
     let flat = slopes.all(|z| model.pool.eval(*z, &initial) == 0.0);
     flat.then(|| {
-        format!("`ray` goes to no higher H from where dH/dx is 0, and `{first}` starts there, so that nothing loads it; another method does")
+        format!("`ray` cannot raise H from a state where dH/dx is 0, and `{first}` starts there; take another method")
     })
 }
 
@@ -100,7 +104,8 @@ fn shut_in(model: &Model, form: &Form, i: usize, r: &Region) -> Option<String> {
     let unbounded = || r.groups.iter().find(|g| !g.bounded).and_then(|g| Some(&r.states.get(*g.states.first()?)?.name));
     let name = active.or_else(unbounded)?;
     Some(format!(
-        "the energy budget of the sampled region of `{name}` lets out what was put in, and no more: what `{name}` gives does not get across; `budget off` lets it"
+        "the energy budget of the sampled region of `{name}` gives out only what was put in, so the supply of \
+        `{name}` stays inside; `budget off` lets it out"
     ))
 }
 
@@ -111,6 +116,10 @@ fn loose(form: &Form, r: &Region) -> Option<String> {
     // A law may give power by itself, or read what gives it.
     let plain = r.resistors.iter().all(|(c, _)| r.gains.contains_key(c));
     let name = &form.column(first).name;
-    plain
-        .then(|| format!("nothing gives power to `{name}`: it is joined to no source, storage or port, and stays at 0"))
+    plain.then(|| {
+        format!(
+            "nothing gives power to `{name}`: it is connected to no source, storage or port, and stays \
+        at 0"
+        )
+    })
 }

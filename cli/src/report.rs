@@ -8,18 +8,18 @@ use std::borrow::Cow;
 use std::fmt;
 use std::io::{IsTerminal, Write};
 
-/// Lines longer than this are not drawn.
-const LONG: usize = 2000;
-/// Spans of more lines than this are drawn at their first line.
-const TALL: usize = 10;
+/// Longest line that is drawn, bytes.
+const LONGEST_LINE: usize = 2000;
+/// Most lines of a span that is drawn whole; a longer one is drawn at its first line.
+const TALLEST_SPAN: usize = 10;
 
-/// Says what is wrong with the command line, or why nothing more can be done.
+/// Reports an error of the command line, or why the command cannot continue.
 pub fn error(message: &str) {
     let [on, off] = if coloured() { ["\x1b[1;31m", "\x1b[0m"] } else { ["", ""] };
     say(&format!("{on}error:{off} {message}"));
 }
 
-/// Says something on standard error; that nobody listens is no error.
+/// Writes a line to standard error; a closed pipe is not an error.
 pub fn say(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
@@ -69,7 +69,8 @@ impl<'a> Texts<'a> {
 
 /// A diagnostic as text.
 fn drawn(texts: &Texts, d: &Diagnostic) -> String {
-    let long = |l: &Label| texts.get(l.span.source).is_some_and(|t| t.around(l.span.start as usize).len() > LONG);
+    let long =
+        |l: &Label| texts.get(l.span.source).is_some_and(|t| t.around(l.span.start as usize).len() > LONGEST_LINE);
     if d.labels.iter().any(long) {
         return d.render(texts.sources) + "\n";
     }
@@ -120,7 +121,7 @@ impl<'a> Report<'a> {
         };
         for (i, label) in d.labels.iter().enumerate() {
             let Some(source) = texts.get(label.span.source) else { continue };
-            let (start, end) = source.clamp(label.span.start as usize, label.span.end as usize, TALL);
+            let (start, end) = source.clamp(label.span.start as usize, label.span.end as usize, TALLEST_SPAN);
             let text = Some(shown(&label.text).into_owned()).filter(|t| !t.is_empty());
             if Some(label.span.source) == home {
                 let make = if i == 0 { LabeledSpan::new_primary_with_span } else { LabeledSpan::new_with_span };

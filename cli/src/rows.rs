@@ -5,9 +5,9 @@ use crate::stop::Stop;
 use bond_compiler::elaborate::told;
 
 /// More rows than this are refused.
-const ROWS: f64 = 1e8;
+const MAX_ROWS: f64 = 1e8;
 
-/// How the rows that nobody named are spread.
+/// How rows between named instants are spaced.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Grid {
     /// There are none.
@@ -72,10 +72,10 @@ impl Rows {
             Grid::Every(dt) => (stop / dt * (1.0 - 1e-9)).ceil(),
             Grid::Parts(n) => f64::from(n),
         };
-        if points.is_nan() || points > ROWS {
-            let why = format!("that would be {points:.1e} rows, at most {ROWS:.0e} are written");
-            let mend = format!("take a longer {}{}", by.setting("every"), by.place());
-            return Err(by.refuse(Said::Every, why, mend));
+        if points.is_nan() || points > MAX_ROWS {
+            let why = format!("that would be {points:.1e} rows, at most {MAX_ROWS:.0e} are written");
+            let fix = format!("take a longer {}{}", by.setting("every"), by.place());
+            return Err(by.refuse(Said::Every, why, fix));
         }
         Ok(Self { grid, stop, count: points as u64, at, k: 0, i: 0 })
     }

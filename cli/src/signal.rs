@@ -25,13 +25,13 @@ pub fn listen() {
         let mut first: Option<Instant> = None;
         let hear = move || match (first, *MET.lock().unwrap_or_else(PoisonError::into_inner)) {
             (None, None) => {
-                report::say("asked to end: the run had not begun, and there is nothing to keep");
+                report::say("interrupted: the run had not started, and there is nothing to keep");
                 leave();
             }
             (None, Some(end)) => {
                 first = Some(Instant::now());
                 WISH.store(true, Ordering::Relaxed);
-                report::say(&format!("note: asked to end, it does so {end}; once more, and it ends at once"));
+                report::say(&format!("note: interrupted; the run ends {end}; a second interrupt ends it at once"));
             }
             (Some(t), _) if t.elapsed() < SAME => {}
             (Some(_), _) => leave(),

@@ -46,12 +46,7 @@ impl From<RunError> for Stop {
     fn from(e: RunError) -> Self {
         match e {
             RunError::Numerics(e) => Stop::Numerics(e.to_string()),
-            RunError::Value { .. }
-            | RunError::Tolerance(_)
-            | RunError::Instant(_)
-            | RunError::Resume(_)
-            | RunError::Save(_)
-            | RunError::Unknown { .. } => Stop::Usage(e.to_string()),
+            _ => Stop::Usage(e.to_string()),
         }
     }
 }

@@ -39,7 +39,7 @@ impl std::fmt::Display for Early {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Early::Failed(e) => e.fmt(f),
-            Early::Asked(t) => write!(f, "it was asked to end at t = {} s", told(*t)),
+            Early::Asked(t) => write!(f, "it was interrupted at t = {} s", told(*t)),
         }
     }
 }
@@ -145,14 +145,16 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
     Ok(())
 }
 
-/// What of a model does not run, and why; nothing where all does.
+/// Most names that a message lists.
+pub const LISTED: usize = 8;
+
+/// The parts of a model that do not run, and why; None if all runs.
 pub fn left_out(left: &LeftOut) -> Option<String> {
-    const MANY: usize = 8;
     let regions = left.regions.iter().map(|r| format!("the region `{r}`"));
     let mut names: Vec<String> = regions.chain(left.states.iter().map(|z| format!("the state `{z}`"))).collect();
     let it = if names.len() == 1 { "it" } else { "them" };
-    if let Some(more) = names.len().checked_sub(MANY).filter(|more| *more > 1) {
-        names.truncate(MANY);
+    if let Some(more) = names.len().checked_sub(LISTED).filter(|more| *more > 1) {
+        names.truncate(LISTED);
         names.push(format!("{more} more"));
     }
     let why = format!("no probe, open port or expectation depends on {it}");
@@ -196,7 +198,7 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
         let (most, part) = (short(m.max_difference), short(m.relative));
         let grown = (m.grown > 0.0).then(|| {
             format!(
-                "; H at most {} {unit} ({} of what was held) above what it was given",
+                "; H at most {} {unit} ({} of the stored energy) above the energy given",
                 short(m.grown),
                 short(m.grown_relative)
             )
@@ -229,7 +231,7 @@ fn hints(o: &Outcome) -> Vec<String> {
         .iter()
         .find(|r| matches!(r.hold.as_deref(), Some("lagged" | "predicted")) && (r.leaked > 0.0 || r.debt_max > 0.0))
     {
-        list.push(format!("the hold of `{}` made energy; try `hold matched`", r.name));
+        list.push(format!("the hold of `{}` created energy; try `hold matched`", r.name));
     }
     list
 }

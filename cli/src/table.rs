@@ -37,7 +37,7 @@ impl Column {
     }
 }
 
-/// A name that is none of those taken: with a `_` more, or several. It is taken then.
+/// Makes a name unique by appending `_`, and marks it as taken.
 pub fn distinct(taken: &mut HashSet<String>, name: &str) -> String {
     let mut name = name.to_string();
     while !taken.insert(name.clone()) {
@@ -55,7 +55,7 @@ pub fn over_time(names: &[&str]) -> Vec<String> {
 /// One entry of a row.
 #[derive(Clone, Copy, Debug)]
 pub enum Cell<'a> {
-    /// A double, NaN where there is nothing to tell.
+    /// A double; NaN if there is no value.
     Number(f64),
     /// A whole number.
     Whole(u64),

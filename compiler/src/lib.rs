@@ -1,7 +1,63 @@
-//! From a syntax tree to step programs: elaboration, graph, causality, port-Hamiltonian structure, discretisation.
+//! From a syntax tree to step programs: elaboration, graph, causality, port-Hamiltonian structure, discretisation, and the
+//! back ends that make code of step programs. It opens no files and reads no clock.
 //!
-//! [`compile`] is the whole way. The stages are the modules, in the order of its lines; each gives a type of its own
-//! that can be shown and checked.
+//! # Stages
+//!
+//! [`compile`] runs them in this order. Each gives a type of its own, which `bond show` can print.
+//!
+//! | module | gives | holds afterwards |
+//! | --- | --- | --- |
+//! | [`elaborate`] | [`Model`](model::Model) | every instance is expanded, every name resolved, every value an expression in SI, every unit checked; the model owns the [`Pool`](expression::Pool) of expressions |
+//! | [`graph`] | [`BondGraph`](graph::BondGraph) | elements and bonds; cutting the double bars left connected regions, continuous or sampled |
+//! | [`causality`] | [`Causality`](causality::Causality) | one stroke per bond, with the reason for it; no two causes conflict |
+//! | [`structure`] | [`Form`](structure::Form) | one *column* per element, which receives one variable and gives the other; D is skew (`Form::validate`); storages in derivative causality are merged into others |
+//! | [`discretise`] | [`Scene`](bond_runtime::scene::Scene) | step programs of each cluster, verified; ledger entries, probes, schedule |
+//! | [`backend`] | kernels, C, objects, modules | the same bits as the interpreter |
+//!
+//! Everything runs in the order of declarations, and sums and products are sorted, so the same text gives the same programs.
+//! All errors are [`Diagnostic`](bond_grammar::diagnostic::Diagnostic)s; no input panics.
+//!
+//! # What is evaluated when
+//!
+//! - *When the model is compiled*: parameters, indices, bounds of loops, initial states, and the start of algebraic loops (by
+//!   Newton's method at t = 0). Expressions are exact fractions as long as possible, and become `f64` once.
+//! - *Before the first step*: tables, such as the matrix exponential of `exact` for a step length.
+//! - *In each step*: everything else, by step programs. What a program may assume, and what may be assumed of it, is in the
+//!   documentation of [`bond_runtime`].
+//!
+//! # Where a step is written
+//!
+//! Each step method is a module of [`discretise`]. Its function gets a *cluster* (a sampled region, or the continuous regions
+//! that read each other's signals) and writes one step of it with a [`Builder`](bond_runtime::ir::Builder). It sees columns and
+//! energies, never bonds. It returns the stepper (a step program and its properties) and the entries of the ledger.
+//!
+//! # Example
+//!
+//! ```
+//! use bond_compiler::{Options, compile, elaborate::NoFiles};
+//! use bond_grammar::source::Sources;
+//!
+//! let mut sources = Sources::new();
+//! let main = sources.add("oscillator.bond", "
+//!     model Oscillator {
+//!       C:spring { stiffness = 4 N/m;  q0 = 1 m }
+//!       I:mass = 1 kg
+//!       1:v -> spring, mass
+//!       probe x = spring.q
+//!     }");
+//! let compiled = compile(&mut sources, main, &mut NoFiles, &Options::default()).unwrap();
+//!
+//! // The structure: two columns, tied by a skew D.
+//! let form = &compiled.stages.form;
+//! assert_eq!(form.columns.len(), 2);
+//! assert!(form.validate(&compiled.stages.model.pool).is_ok());
+//!
+//! // The scene: one cluster, linear, so it is stepped by the matrix exponential.
+//! let cluster = &compiled.scene.clusters[0];
+//! assert_eq!(cluster.step.name, "exact");
+//! assert!(cluster.step.program.verify().is_ok());
+//! println!("{}", cluster.step.program);
+//! ```
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 

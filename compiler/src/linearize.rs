@@ -47,7 +47,7 @@ fn finite(row: Row, name: &str) -> Result<Row, String> {
         return Ok(row);
     }
     Err(format!(
-        "`{name}` has no finite slope there, as a root at 0 has none: linearize elsewhere, by `--at` or other starts"
+        "`{name}` has no finite slope there, such as a root at 0: linearize elsewhere, by `--at` or other starts"
     ))
 }
 

@@ -101,7 +101,7 @@ pub enum Law {
     Ratio(Expr),
     /// A junction.
     Junction,
-    /// An open port, with the least inertia that the outside shows there (SI), if told.
+    /// An open port, with the least inertia that the outside has there (SI), if told.
     Port(Option<f64>),
 }
 

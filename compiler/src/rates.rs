@@ -12,7 +12,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Why a state has no values.
 const SINGULAR: &str = "the loops of resistors are singular at this state";
-const OPEN: &str = "the loops of resistors have no solution that is found at this state";
+const OPEN: &str = "no solution of the loops of resistors was found at this state";
 
 /// So many variables of loops are named.
 const MANY: usize = 5;
@@ -86,7 +86,8 @@ impl Point {
         }
         let stuck = match why == SINGULAR {
             true => {
-                "; what friction holds at rest has no linear model: take another instant by `--at`, or other starts"
+                "; parts that friction holds at rest have no linear model: take another instant by `--at`, or other \
+                starts"
             }
             false => "",
         };
@@ -467,7 +468,7 @@ pub fn undefined(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
     if let Some((x, _)) = pairs.iter().find(|(x, n)| point.value(pool, *x) == 0.0 && n.to_f64() < 0.0) {
         return Some(match model.elements.iter().find(|e| matches!(e.law, Law::Ratio(r) if r == *x)) {
             Some(two_port) => format!(
-                "the ratio of `{}` is 0 there, and {name} takes something divided by it; a switch is a resistor, \
+                "the ratio of `{}` is 0 there, and {name} divides by it; a switch is a resistor, \
                  as in `R:sw = if ... then 1 mOhm else 1 MOhm`",
                 two_port.name
             ),

@@ -1,11 +1,9 @@
 //! Which bracket closes which, where some are missing.
 
 use crate::diagnostic::Diagnostic;
+use crate::limit::MAX_ERRORS;
 use crate::scan::Scan;
 use std::ops::Range;
-
-/// At most this many brackets of a kind are told.
-const MANY: usize = 100;
 
 /// Partners of a text's brackets.
 pub(crate) struct Brackets {
@@ -179,7 +177,7 @@ impl Brackets {
     /// What is wrong with the brackets among these tokens.
     pub fn errors(&self, scan: &Scan, range: Range<usize>) -> Vec<Diagnostic> {
         let mut errors = Vec::new();
-        for &token in self.unclosed.iter().filter(|token| range.contains(token)).take(MANY) {
+        for &token in self.unclosed.iter().filter(|token| range.contains(token)).take(MAX_ERRORS) {
             let opened = scan.word(token);
             let closing = match opened {
                 "(" => ")",
@@ -192,7 +190,7 @@ impl Brackets {
             let error = Diagnostic::error("syntax::unclosed", scan.span_of(at), message).here("opened here");
             errors.push(error.help(format!("add the `{closing}` that belongs to it")));
         }
-        for &token in self.stray.iter().filter(|token| range.contains(token)).take(MANY) {
+        for &token in self.stray.iter().filter(|token| range.contains(token)).take(MAX_ERRORS) {
             let message = format!("this `{}` closes nothing", scan.word(token));
             let error = Diagnostic::error("syntax::stray", scan.span_of(token), message);
             errors.push(error.help("remove it, or add the bracket that should open before it"));

@@ -1,10 +1,10 @@
-//! What is wrong with a model, where, and how to mend it.
+//! Errors and warnings: what is wrong with a model, where, and a suggested fix.
 
 use crate::source::{Sources, Span};
 use std::collections::HashSet;
 use std::fmt;
 
-/// A place and what is to be said of it.
+/// A place in a text, with a few words about it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
     /// Where.
@@ -18,17 +18,17 @@ pub struct Label {
 pub struct Diagnostic {
     /// Stable name, `stage::what`, such as `causality::conflict`.
     pub code: &'static str,
-    /// True where the model still means something.
+    /// A warning: the model still has a meaning.
     pub warning: bool,
     /// What is wrong, in a modeller's words, naming the element or bond.
     pub message: String,
     /// The places.
     pub labels: Vec<Label>,
-    /// The mend.
+    /// A suggested fix.
     pub help: Option<String>,
 }
 
-/// The first error of each code at the same places: rounds of a loop and instances of a model only repeat it.
+/// Keeps the first error of each code at the same places: rounds of a loop and instances of a model repeat it.
 pub fn once(mut errors: Vec<Diagnostic>) -> Vec<Diagnostic> {
     let mut told = HashSet::new();
     errors.retain(|e| told.insert((e.code, e.labels.iter().map(|l| l.span).collect::<Vec<_>>())));
@@ -47,7 +47,7 @@ impl Diagnostic {
         Self { warning: true, ..Self::error(code, span, message) }
     }
 
-    /// Gives the words of the first label.
+    /// Sets the text of the first label.
     pub fn here(mut self, text: impl Into<String>) -> Self {
         if let Some(first) = self.labels.first_mut() {
             first.text = text.into();
@@ -55,7 +55,7 @@ impl Diagnostic {
         self
     }
 
-    /// Adds a further place; what a loop says again and again of the same place is said once.
+    /// Adds a further place, unless it is there already with the same text.
     pub fn label(mut self, span: Span, text: impl Into<String>) -> Self {
         let label = Label { span, text: text.into() };
         if !self.labels.contains(&label) {
@@ -64,13 +64,13 @@ impl Diagnostic {
         self
     }
 
-    /// Adds the mend.
+    /// Adds a suggested fix.
     pub fn help(mut self, text: impl Into<String>) -> Self {
         self.help = Some(text.into());
         self
     }
 
-    /// Plain text: `file:line:column: error[code]: message`, then a line for each label, then the help.
+    /// Renders it as plain text: `file:line:column: error[code]: message`, then one line per label, then the help.
     pub fn render(&self, sources: &Sources) -> String {
         struct Show<'a>(&'a Diagnostic, &'a Sources);
         impl fmt::Display for Show<'_> {

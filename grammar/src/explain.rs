@@ -1,15 +1,14 @@
-//! Why a slice was refused, in a modeller's words, and the mend.
+//! Explains, in a modeller's words, why the grammar refused a slice of text, and suggests a fix.
 
 use crate::bracket::{is_bare_model, is_misspelt_model};
 use crate::diagnostic::Diagnostic;
-use crate::parse::Refused;
 use crate::scan::{Kind, Scan, is_symbol_start};
 use std::ops::Range;
 
 mod notation;
 mod statement;
 
-/// What a slice was read as.
+/// The rule by which a slice was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Piece {
     /// `use ...`
@@ -30,11 +29,20 @@ pub(crate) enum Piece {
     Value,
 }
 
+/// Where the grammar gave up.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Refused {
+    /// The byte up to which the text made sense.
+    pub at: usize,
+    /// Whether the text was too large, and not wrong.
+    pub limit: bool,
+}
+
 /// Words that begin a statement.
 const STATEMENTS: &[&str] =
     &["let", "probe", "input", "state", "port", "for", "if", "sampled", "simulate", "expect", "active"];
 
-/// A refused slice and the place where it was refused.
+/// A refused slice, and the place at which it was refused.
 struct Wreck<'a> {
     scan: &'a Scan<'a>,
     piece: Piece,
@@ -71,16 +79,16 @@ pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
     }
     if near(found, &["model", "use"]).is_some_and(|word| word != found) {
         let word = near(found, &["model", "use"]).unwrap_or("model");
-        let message = format!("`{found}` begins nothing that a file may hold");
+        let message = format!("`{found}` cannot begin a declaration of a file");
         return Diagnostic::error("syntax::outside", span, message).help(format!("did you mean `{word}`?"));
     }
     let function = found == "def" && scan.word(range.start + 2) == "(";
     if let Some(help) = statement::foreign(if function { "function" } else { found }) {
-        let message = format!("`{found}` begins nothing that a file may hold");
+        let message = format!("`{found}` cannot begin a declaration of a file");
         return Diagnostic::error("syntax::outside", span, message).help(help);
     }
     if is_misspelt_model(scan, range.start) && found != "model" {
-        let message = format!("`{found}` begins nothing that a file may hold");
+        let message = format!("`{found}` cannot begin a declaration of a file");
         let help = format!("a model begins with `model`: `model {} ...`", scan.word(range.start + 1));
         return Diagnostic::error("syntax::outside", span, message).help(help);
     }
@@ -97,7 +105,7 @@ pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
     Diagnostic::error("syntax::outside", span, message).help(help)
 }
 
-/// Whether a word begins a statement of other tools, which has a mend.
+/// Whether a word begins a statement of another tool, for which there is a suggested fix.
 pub(crate) fn is_foreign(word: &str) -> bool {
     statement::foreign(word).is_some()
 }
@@ -218,7 +226,7 @@ impl<'a> Wreck<'a> {
             | "not" | "if" | "then" | "else" | "at" | "every" | "within" | ".." | "expect" => {
                 ("a value", "write a number with its unit, such as `5 N`, or an expression")
             }
-            "," => ("a further entry", "write it, or take the comma away"),
+            "," => ("a further entry", "write it, or remove the comma"),
             "." => ("a name", "name a part, as in `wall.tip`"),
             "hold" => ("a name", "the holds are lagged, predicted and matched"),
             "method" => ("a name", "the methods of a sampled region are gonzalez and ray"),

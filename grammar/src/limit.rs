@@ -1,4 +1,4 @@
-//! Bounds on nesting and on the height of expressions, checked before anything recursive looks at a text.
+//! Limits on size, nesting and the height of expressions, checked before anything recursive reads a text.
 
 use crate::diagnostic::Diagnostic;
 use crate::scan::{Kind, Scan};
@@ -12,6 +12,9 @@ pub const HEIGHT: usize = 1000;
 
 /// Bytes of a text.
 pub const BYTES: usize = 16 << 20;
+
+/// Errors that are reported per text.
+pub const MAX_ERRORS: usize = 100;
 
 /// What is open: a bracket, with what it contains so far.
 #[derive(Default)]

@@ -7,19 +7,17 @@
 use crate::ast::{If, Item, Sampled, Statement, StatementKind};
 use crate::bracket::{Brackets, is_strong_start};
 use crate::diagnostic::Diagnostic;
-use crate::explain::{self, Piece};
-use crate::parse::{Reader, Refused};
+use crate::explain::{self, Piece, Refused};
+use crate::limit::MAX_ERRORS;
+use crate::read::Reader;
 use crate::scan::{Kind, Scan};
 use std::ops::Range;
 
-/// At most this many errors of one text are told.
-const MANY: usize = 100;
+/// Most pieces, each of which looks like a statement, that are tried together as one statement.
+const MAX_PIECES: usize = 4;
 
-/// One statement is looked for in at most so many pieces that look like statements.
-const CUTS: usize = 4;
-
-/// So many tokens may be read in vain as rows of statements: blocks within blocks are read again at each depth.
-const IN_VAIN: usize = 1_000_000;
+/// Most tokens that may be read without success as rows of statements: nested blocks are read again at each depth.
+const MAX_WASTED_TOKENS: usize = 1_000_000;
 
 /// Reads the items of a file; and whether some of them could not be read.
 pub(crate) fn file(reader: &mut Reader) -> (Vec<Item>, bool) {
@@ -32,7 +30,7 @@ pub(crate) fn file(reader: &mut Reader) -> (Vec<Item>, bool) {
     let errors = &mut reader.errors;
     errors.sort_by_key(|error| error.labels.first().map_or(0, |label| label.span.start));
     errors.dedup();
-    errors.truncate(MANY);
+    errors.truncate(MAX_ERRORS);
     if errors.is_empty() {
         let message = "this text cannot be read";
         errors.push(Diagnostic::error("syntax::unreadable", reader.scan.span_of(0), message));
@@ -187,7 +185,7 @@ impl Recovery<'_, '_> {
         if range.start >= range.end || self.brackets.broken(range.clone()) {
             return;
         }
-        // One tells of its whole slice, but that of another tool's words each has a mend of its own.
+        // A slice gets one error, except that each statement of another tool gets its own suggested fix.
         let scan = self.scan;
         let own = |index: &usize| scan.tokens[*index].first && explain::is_foreign(scan.word(*index));
         let more: Vec<usize> = (range.start + 1..range.end).filter(own).collect();
@@ -239,9 +237,9 @@ impl Recovery<'_, '_> {
     /// statement may be several; and where the text breaks off at the first cut, this may stand within a statement.
     fn row(&mut self, start: usize, limit: usize) -> Option<(Vec<Statement>, usize)> {
         let mut end = start;
-        for _ in 0..CUTS {
+        for _ in 0..MAX_PIECES {
             end = self.cut(end, limit);
-            if self.vain > IN_VAIN || self.brackets.broken(start..end) {
+            if self.vain > MAX_WASTED_TOKENS || self.brackets.broken(start..end) {
                 return None;
             }
             let (from, to) = self.bytes(&(start..end));
@@ -261,7 +259,7 @@ impl Recovery<'_, '_> {
     /// The first of several statements that seemed to be one, where the next one is whole too, and where that begins:
     /// what is wrong comes later.
     fn first_of_several(&mut self, range: Range<usize>) -> Option<(Statement, usize)> {
-        if self.vain > IN_VAIN || self.brackets.broken(range.clone()) {
+        if self.vain > MAX_WASTED_TOKENS || self.brackets.broken(range.clone()) {
             return None;
         }
         let next = self.refused_at(range.clone())?;
@@ -409,7 +407,7 @@ impl Recovery<'_, '_> {
                 let error = Diagnostic::error(
                     "syntax::statement",
                     scan.span_of(range.start),
-                    format!("`{word}` begins no statement"),
+                    format!("`{word}` cannot begin a statement"),
                 );
                 self.reader.errors.push(error.help("did you mean `sampled`?"));
                 self.statements(body);

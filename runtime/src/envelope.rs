@@ -60,10 +60,10 @@ pub enum Damaged {
     #[error("it is not {}{}", .0.name(), .1.map(|k| format!(", but {}", k.name())).unwrap_or_default())]
     Kind(Kind, Option<Kind>),
     /// Another version made them.
-    #[error("it has format {0}, and this version reads format {FORMAT}; make it anew")]
+    #[error("it has format {0}, and this version reads format {FORMAT}; create it again")]
     Format(u32),
     /// Bytes are missing, or there are more than there should be.
-    #[error("it is {found} bytes long and should be {wanted}; it was cut off or something was added")]
+    #[error("it has {found} bytes and should have {wanted}; it was cut off, or something was added")]
     Length {
         /// How many there should be.
         wanted: u64,

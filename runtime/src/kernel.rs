@@ -95,7 +95,8 @@ impl Workspace {
 /// Where nothing changed, the iteration never began: the equations have no finite value there.
 fn unsettled(iterations: u32, change: f64) -> String {
     if change == 0.0 {
-        return "the equations have no finite value where the iteration starts: a number is too large for them, or undefined, as by a ratio of 0 or the root of what is below 0"
+        return "the equations have no finite value where the iteration starts: a number is too large for them, or \
+        undefined, such as by a ratio of 0 or the root of a negative number"
             .into();
     }
     format!("no convergence after {iterations} iterations, of which the last changed an unknown by {change:.2e}")
@@ -116,7 +117,8 @@ pub enum Failure {
     },
     /// The Jacobian of an iteration can't be solved.
     #[error(
-        "singular matrix, at row {row} of the system: its laws leave something undetermined there, as what lies between ideal diodes that all block; a small leak or stiffness mends it"
+        "singular matrix, at row {row} of the system: its laws leave a variable undetermined there, such as the \
+        voltage between ideal diodes that all block; add a small leak or stiffness"
     )]
     Singular {
         /// The row, of the residual, that has no pivot.
@@ -126,7 +128,10 @@ pub enum Failure {
     #[error("the energy of the step does not balance")]
     Balance,
     /// A number in the new state is infinite or NaN.
-    #[error("a number that it gives is infinite or undefined, as by a ratio of 0 or the root of what is below 0")]
+    #[error(
+        "a number that it gives is infinite or undefined, such as by a ratio of 0 or the root of a negative \
+    number"
+    )]
     NotFinite {
         /// The first such slot.
         slot: Slot,

@@ -1,7 +1,84 @@
-//! What runs: step programs, their interpreter, solvers, the energy ledger, sample and hold, simulation.
+//! What runs: step programs and their interpreter, solvers, sample and hold, the energy ledger, simulation.
 //!
-//! Knows nothing of text, graphs or symbols. A built environment links this crate alone.
-
+//! It knows nothing of text, graphs or symbols. The compiler hands over a [`Scene`](scene::Scene), and an executable that
+//! `bond build` makes needs this crate alone.
+//!
+//! # From a scene to a ledger
+//!
+//! | module | does |
+//! | --- | --- |
+//! | [`scene`] | the compiled model: step programs per *cluster* (what steps together), schedule, ledger entries, probes |
+//! | [`ir`] | step programs: instructions, the builder that writes them, the verifier |
+//! | [`eval`] | the meaning of every scalar operation: `sign(0)`, `0/0`, `min` with NaN |
+//! | [`kernel`] | the interface of a back end: a program, ready to run |
+//! | [`interpreter`] | the back end that runs programs as they are |
+//! | [`machine`] | the operations that code written once for numbers and for compiled statements may use |
+//! | [`solve`] | Newton's method, dense and sparse elimination |
+//! | [`exponential`] | the matrix exponential in double-double arithmetic ([`double_double`]) |
+//! | [`simulate`] | the schedule, adaptive steps, events, holds and the budget, the summary |
+//! | [`ledger`] | sums of energy with their rounding errors |
+//! | [`envelope`] | values as bytes with a version and a checksum |
+//!
+//! # When an expression is evaluated
+//!
+//! A step program is straight code: each instruction runs once per step, in order, except the body of a Newton iteration, which
+//! runs once per iteration. There are no branches: both operands of a [`Select`](ir::Op::Select) are computed. So a value is
+//! evaluated
+//!
+//! - *before a run*, if it does not depend on the state: the compiler folds it into a constant;
+//! - *once per step length*, if it is an entry of a table (matrices of `exact`);
+//! - *once per step*, outside of an iteration;
+//! - *once per iteration*, inside;
+//! - *at a look*, in the program of the probes and in a cluster's `instant` (the output equations). A look changes no state.
+//!
+//! # What a program may assume
+//!
+//! - State `x`, inputs `u` and table `c` are only read, and hold what the [`Scene`](scene::Scene) says for each slot.
+//! - `w` is scratch. Nothing in it survives a step.
+//! - The results, `n` (the next state) and `y` (what the step reports), are used only if the run returns `Ok`.
+//!
+//! And what may be assumed of a program that [`ir::Program::verify`] accepts:
+//!
+//! - Each value is defined once, before its use, and every slot is inside its array.
+//! - Every slot of `n` and `y` is written once; nothing writes `x`, `u` or `c`.
+//! - The patterns of its matrices are fixed, so that all memory is known before the first step.
+//!
+//! The compiler verifies what it writes, and [`Scene::validate`](scene::Scene::validate) verifies what is read from a file.
+//!
+//! # What holds after each stage of a step
+//!
+//! 1. The kernel ran: the workspace holds the next state; the state itself is unchanged. A failed step leaves it unchanged too.
+//! 2. The step is accepted (its error, its events and its numbers are good): the state is replaced, and the ledger's entries are
+//!    booked, all of them or none.
+//! 3. At a sample, every due region first ends its interval, then each one determines what it holds next. Both sides of a double
+//!    bar have then booked the same energy, bit for bit.
+//!
+//! Nothing in a step allocates, reads a clock or depends on a thread.
+//!
+//! # Example
+//!
+//! ```
+//! use bond_runtime::interpreter::Interpret;
+//! use bond_runtime::ir::{Array, Builder};
+//! use bond_runtime::kernel::Backend;
+//!
+//! // One step of explicit Euler for dx/dt = -x: n = x - h x, with the step length h as the first input.
+//! let mut b = Builder::new("decay");
+//! let (x, h, n) = (b.slot(Array::State), b.slot(Array::Input), b.slot(Array::Next));
+//! let (x, h) = (b.load(x), b.load(h));
+//! let change = b.mul(h, x);
+//! let next = b.sub(x, change);
+//! b.store(n, next);
+//! let program = b.finish();
+//! assert!(program.verify().is_ok());
+//!
+//! let kernel = Interpret.kernel(&program); // or machine code, from `bond_compiler::backend::native`
+//! let mut work = kernel.workspace();
+//! kernel.run(&[1.0], &[0.25], &[], &mut work)?;
+//! assert_eq!(work.next, [0.75]);
+//! # Ok::<(), bond_runtime::Failure>(())
+//! ```
+//!
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod double_double;

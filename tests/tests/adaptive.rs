@@ -1,6 +1,7 @@
 //! Steps that are fitted to a tolerance: their error, their events, what lies within them, and how they end.
 
 use crate::common::{advance, close, end, example, finish, probe, start, text, with};
+use bond::internal::{CompiledInternals, OptionsInternals, SimulationInternals};
 use bond::{Options, Steps, Summary};
 use bond_compiler::discretise::Accuracy;
 
@@ -721,7 +722,7 @@ fn the_ledger_at_a_row_closes() {
         close(region.h_final, h, 1e-14, "what is held");
         close(region.h_final - region.h_initial, region.supplied - region.dissipated, 1e-12, "the balance");
         let bytes = sim.save().unwrap_or_else(|e| panic!("{e}"));
-        let resumed = bond::Simulation::resume(bond::Code::default().backend(), compiled.scene(), &bytes, []);
+        let resumed = bond::Simulation::resume(bond::internal::Code::default().backend(), compiled.scene(), &bytes, []);
         let again = resumed.unwrap_or_else(|e| panic!("{e}"));
         assert_eq!((again.state("cap.q"), again.summary()), (sim.state("cap.q"), sim.summary()));
     }

@@ -2,7 +2,8 @@
 //! then.
 
 use crate::common::{file, models};
-use bond::{Code, Options, Simulation, Steps};
+use bond::internal::{Code, CompiledInternals, SimulationInternals, StepsInternals};
+use bond::{Options, Simulation, Steps};
 use bond_compiler::backend::lower;
 
 #[test]

@@ -1,7 +1,8 @@
 //! Back ends give the same numbers, to the last bit. What leaves this program as C or objects is tested in `emitted`.
 
 use crate::common::{all_scenes, cases, file, stop, with};
-use bond::{Code, Compiled, Options, Simulation, Steps};
+use bond::internal::{Code, CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals};
+use bond::{Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::code::Stmt;
 use bond_compiler::backend::native::{JIT, Jit, Shared};
 use bond_compiler::backend::{lower, unit};
@@ -685,7 +686,7 @@ fn no_turn_of_a_long_loop_waits_for_another() {
     }
 }
 
-/// A state that is no finite number is told, whether an energy shows it, or a sum that it does not make infinite; where
+/// A state that is not a finite number is told, whether an energy shows it, or a sum that it does not make infinite; where
 /// only the energy overflows, the step is done.
 #[test]
 fn states_that_overflow_are_told() {

@@ -1,6 +1,7 @@
 //! Strokes.
 
 use crate::common::{advance, close, example, file, finish, models, probe, start, text};
+use bond::internal::CompiledInternals;
 use bond::{Options, Steps};
 
 #[test]

@@ -1,6 +1,7 @@
 //! Collocation: its orders, its balance at any step, and what Radau loses.
 
 use crate::common::{all_scenes, close, end, file, finish, models, probe, start, with};
+use bond::internal::CompiledInternals;
 use bond::{Options, Steps};
 
 const RLC: &str = "model Rlc(phi0 = 1 V*s, Is = 1 A) {

@@ -1,5 +1,6 @@
 //! What several stages need.
 
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Errors, Options, RunError, Simulation, Steps, Summary};
 use bond_grammar::ast::{Item, StatementKind};
 use bond_grammar::source::Sources;

@@ -2,6 +2,7 @@
 //! tolerance.
 
 use crate::common::{advance, end, finish, probe, start, text, with};
+use bond::internal::CompiledInternals;
 use bond::{Options, Steps};
 
 /// Steppers that keep the balance, and one that damps.

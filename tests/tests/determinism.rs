@@ -1,14 +1,15 @@
 //! The same text gives the same bytes: what is shown, and what is computed.
 
 use crate::common::{all_scenes, file, start, stop};
-use bond::{As, Compiled, Options, Steps, What};
+use bond::{Compiled, Options, Steps};
+use bond_compiler::show::{As, What};
 
 /// All that can be shown.
 fn shown(compiled: &Compiled) -> String {
     let mut all = String::new();
     for what in What::ALL {
         for format in As::ALL {
-            match compiled.show_as(what, format) {
+            match compiled.show_as(what.name(), format.name()) {
                 Ok(text) => all.push_str(&text),
                 Err(why) => all.push_str(&why),
             }

@@ -1,7 +1,8 @@
 //! The flat model: instances, loops, conditions, parameters, units.
 
 use crate::common::{example, text, with};
-use bond::{As, Options, What};
+use bond::Options;
+use bond::internal::CompiledInternals;
 use bond_compiler::elaborate::Loader;
 use bond_compiler::model::ExpectationKind;
 use bond_grammar::source::Sources;
@@ -30,7 +31,7 @@ fn regions() {
 #[test]
 fn a_graph_as_json_names_all() {
     let compiled = example("virtual_wall", "VirtualWall");
-    let json = compiled.show_as(What::Graph, As::Json).unwrap_or_else(|e| panic!("{e}"));
+    let json = compiled.show_as("graph", "json").unwrap_or_else(|e| panic!("{e}"));
     let value: serde_json::Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}"));
     for name in ["hand", "handle", "wall.spring", "wall.damper", "wall.contact"] {
         assert!(value.to_string().contains(&format!("\"{name}\"")), "{name} is missing in {json}");

@@ -5,6 +5,7 @@
 
 use crate::backend::{keeps, large};
 use crate::common::{all_scenes, file, models, stop, with};
+use bond::internal::{CompiledInternals, StepsInternals};
 use bond::{Compiled, Options, Steps};
 use bond_compiler::backend::{c, native, unit, wasm};
 use bond_runtime::interpreter::Interpret;

@@ -3,6 +3,7 @@
 
 use crate::common::{cases, models, text, with};
 use bond::exchange::{Device, Effort, Exchange, Heard, Measurement, PORTS};
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Options, Steps};
 use proptest::prelude::*;
 
@@ -78,9 +79,7 @@ const TICKS: u64 = 8;
 
 /// Lets a scene and a device meet for so many intervals. `honest` devices keep the limit.
 fn meet(compiled: &Compiled, who: Who, bad: f64, seed: u64, intervals: u64, honest: bool) -> Ending {
-    let settings = &compiled.stages().model.settings;
-    let options = Steps::new().resolve(settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
-    let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(&compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
     let n = compiled.scene().open.len();
     let initial: f64 = exchange.summary().regions.iter().map(|r| r.h_initial).sum();
     let period = exchange.period();
@@ -229,9 +228,8 @@ proptest! {
 #[test]
 fn a_bad_line_changes_little_at_rest() {
     let compiled = wall(Options::new().set("wall.gap", "0 m"));
-    let options = Steps::new().resolve(&compiled.stages().model.settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
     for bad in [0.0, 0.05, 0.2] {
-        let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+        let mut exchange = Exchange::new(&compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
         let (mut device, mut dice) = (Device::new(1), Dice(99));
         let (mut x, mut speed) = (0.0, 0.0);
         let tick = 1e-3 / TICKS as f64;
@@ -263,8 +261,7 @@ fn a_bad_line_changes_little_at_rest() {
 #[test]
 fn nothing_is_allocated_in_a_tick() {
     let compiled = text(TWO);
-    let options = Steps::new().resolve(&compiled.stages().model.settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
-    let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(&compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
     let mut device = Device::new(2);
     let mut buffer = [0; bond::exchange::LONGEST];
     let mut run = |from: u64, to: u64| {
@@ -294,8 +291,7 @@ fn nothing_is_allocated_in_a_tick() {
 #[test]
 fn a_device_that_starts_anew_is_refused() {
     let compiled = text(TWO);
-    let options = Steps::new().resolve(&compiled.stages().model.settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
-    let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(&compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
     let initial = exchange.effort().stored;
     let told = |exchange: &Exchange<'_>, sequence: u64, w: f64| {
         let mut m =
@@ -315,14 +311,14 @@ fn a_device_that_starts_anew_is_refused() {
     }
     assert_eq!(exchange.count().put_in, 0.0);
     // One whose first number is 0 is no other one.
-    let mut exchange = Exchange::new(compiled.scene(), &options, 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(&compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
     exchange.tick().unwrap_or_else(|e| panic!("{e}"));
     let first = told(&exchange, 0, 0.0);
     assert_eq!(exchange.hear(&first), Heard::Twice);
     let second = told(&exchange, 1, 0.0);
     assert_eq!(exchange.hear(&second), Heard::New);
     // Sums that no device counts are refused as well.
-    let mut exchange = Exchange::new(compiled.scene(), &options, 6, 3).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(&compiled, Steps::new(), 6, 3).unwrap_or_else(|e| panic!("{e}"));
     for w in [f64::NAN, f64::INFINITY, 1.7e308, -1e200] {
         let m = Measurement { session: 6, ..told(&exchange, 1, w) };
         assert_eq!(exchange.hear(&m), Heard::Foreign, "{w}");

@@ -1,6 +1,7 @@
 //! Every file of `models/` is known, and every `expect` holds.
 
 use crate::common::{all_scenes, file, files, models, run, scenes_of, stop, texts};
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Options, Simulation, Steps, Summary};
 use bond_runtime::scene::ExpectationKind;
 use bond_runtime::{Interpreter, Kernel};

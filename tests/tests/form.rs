@@ -1,7 +1,9 @@
 //! The port-Hamiltonian form: snapshots of small ones, and its facts on all.
 
 use crate::common::{all_scenes, example, file, models, text, with};
-use bond::{As, Options, What};
+use bond::Options;
+use bond::internal::CompiledInternals;
+use bond_compiler::show::What;
 
 #[test]
 fn forms() {
@@ -23,7 +25,7 @@ fn forms() {
 
 #[test]
 fn a_form_as_json() {
-    let json = example("quarter_car", "QuarterCar").show_as(What::Phs, As::Json).unwrap_or_else(|e| panic!("{e}"));
+    let json = example("quarter_car", "QuarterCar").show_as("phs", "json").unwrap_or_else(|e| panic!("{e}"));
     insta::assert_snapshot!("form_json_quarter_car", json);
 }
 
@@ -40,7 +42,7 @@ fn entries(value: &serde_json::Value) -> Vec<Vec<String>> {
 fn forms_are_skew_and_symmetric_as_written() {
     for (title, path, scene) in all_scenes() {
         let compiled = file(&path, Options::new().model(&scene));
-        let json = compiled.show_as(What::Phs, As::Json).unwrap_or_else(|e| panic!("{title}: {e}"));
+        let json = compiled.show_as("phs", "json").unwrap_or_else(|e| panic!("{title}: {e}"));
         let json: serde_json::Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{title}: {e}"));
         for region in json["regions"].as_array().into_iter().flatten() {
             for (name, skew) in [("J", true), ("R", false), ("M", true), ("S", false)] {
@@ -78,14 +80,14 @@ fn everything_can_be_shown() {
         let compiled = file(&path, Options::new().model(&scene));
         for what in What::ALL {
             assert!(!compiled.show(what.name()).trim().is_empty(), "{title}: {what:?} is empty");
-            let json = compiled.show_as(what, As::Json).unwrap_or_else(|e| panic!("{title}: {what:?}: {e}"));
+            let json = compiled.show_as(what.name(), "json").unwrap_or_else(|e| panic!("{title}: {what:?}: {e}"));
             if let Err(e) = serde_json::from_str::<serde_json::Value>(&json) {
                 panic!("{title}: {what:?} is no JSON: {e}");
             }
         }
-        let svg = compiled.show_as(What::Causality, As::Svg).unwrap_or_else(|e| panic!("{title}: {e}"));
+        let svg = compiled.show_as("causality", "svg").unwrap_or_else(|e| panic!("{title}: {e}"));
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{title}: {svg}");
-        let dot = compiled.show_as(What::Graph, As::Dot).unwrap_or_else(|e| panic!("{title}: {e}"));
+        let dot = compiled.show_as("graph", "dot").unwrap_or_else(|e| panic!("{title}: {e}"));
         assert_eq!(dot.matches('{').count(), dot.matches('}').count(), "{title}: {dot}");
     }
 }
@@ -102,7 +104,7 @@ fn the_oscillator_by_hand() {
           force -> 1:v -> spring, mass, drag
         }",
     );
-    let json = compiled.show_as(What::Phs, As::Json).unwrap_or_else(|e| panic!("{e}"));
+    let json = compiled.show_as("phs", "json").unwrap_or_else(|e| panic!("{e}"));
     let json: serde_json::Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}"));
     let region = &json["regions"][0];
     assert_eq!(entries(&region["J"]), [["0", "1"], ["-1", "0"]]);

@@ -1,6 +1,7 @@
 //! The hard cases of `models/hard/`: what of their page can be asserted in a short time.
 
 use crate::common::{file, models, run, scenes, stop, texts, title};
+use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Compiled, Options, Simulation, Steps, Summary};
 use bond_compiler::discretise::Method;
 

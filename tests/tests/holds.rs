@@ -1,6 +1,7 @@
 //! The double bar: what the paper's two experiments do under each hold.
 
 use crate::common::{advance, close, example, file, finish, models, probe, start, stop, text, trace, with};
+use bond::internal::{CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals};
 use bond::{Options, Simulation, Steps};
 use bond_compiler::discretise::Accuracy;
 

@@ -1,6 +1,7 @@
 //! Scenes as bytes: what is read back is what was written, and what is damaged is refused.
 
 use crate::common::{all_scenes, file, start, stop};
+use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Compiled, Options, Simulation, Steps};
 use bond_runtime::envelope::{HEAD, Kind, digest};
 use bond_runtime::ir::Program;

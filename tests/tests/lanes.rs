@@ -3,6 +3,7 @@
 use crate::common::{all_scenes, file, stop, with};
 use crate::emitted::{Folder, WALL, emit, is_there, options};
 use bond::Options;
+use bond::internal::CompiledInternals;
 use bond_compiler::backend::{c, unit};
 use std::path::PathBuf;
 

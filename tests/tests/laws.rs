@@ -1,6 +1,7 @@
 //! Storages that are given by a law: what drives a run is the law as it is written, and its integral the energy.
 
 use crate::common::{close, end, errors, finish, probe, start, with};
+use bond::internal::CompiledInternals;
 use bond::{Options, Steps};
 
 /// A law in a length q, where it starts, its value there, and its integral from 1 m to there.

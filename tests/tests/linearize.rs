@@ -1,6 +1,7 @@
 //! The linear model around a state, against matrices by hand.
 
 use crate::common::{close, file, models, text};
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Options};
 
 fn at(compiled: &Compiled, states: &[(&str, f64)]) -> bond_compiler::linearize::Linearized {

@@ -1,6 +1,7 @@
 //! Multiport fields, entropy, dependent storages, loops and set-valued laws: closed forms, orders and conservation.
 
 use crate::common::{advance, close, end, errors, finish, probe, start, text, with};
+use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Options, Steps};
 
 /// A linear field of resistors gives the explicit form with its skew part in J, whatever causality its ports get.

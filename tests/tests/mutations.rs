@@ -108,7 +108,7 @@ proptest! {
         let text = changed(text, &changes);
         match Options::new().compile_str("mutated.bond", text.as_str()) {
             Ok(compiled) => {
-                for what in bond::What::ALL {
+                for what in bond_compiler::show::What::ALL {
                     compiled.show(what.name());
                 }
                 if let Ok(mut sim) = compiled.simulate(Steps::fixed(1e-3)) {

@@ -1,5 +1,6 @@
 //! What a scene needs: what no probe, open port or expectation depends on does not run, and changes nothing.
 
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Steps, compile_str};
 use bond_runtime::scene::LeftOut;
 

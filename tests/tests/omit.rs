@@ -1,6 +1,7 @@
 //! What is left out of models: they stay models, with the same promise.
 
 use crate::common::end;
+use bond::internal::CompiledInternals;
 use bond::{Options, RunError, Steps, Text};
 use bond_compiler::omit;
 use std::fs;

@@ -1,6 +1,7 @@
 //! Step programs.
 
 use crate::common::{file, models, text};
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Options};
 use bond_runtime::ir::Inst;
 

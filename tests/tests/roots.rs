@@ -1,6 +1,7 @@
 //! Laws whose slope is infinite where a run begins, as of a hole in an empty tank.
 
 use crate::common::{advance, close, end, probe, run, start, text, with};
+use bond::internal::OptionsInternals;
 use bond::{Options, Steps};
 use bond_compiler::discretise::Accuracy;
 

@@ -1,6 +1,7 @@
 //! What rows show of laws that the states alone do, or do not, tell.
 
 use crate::common::{BRIDGE, advance, close, probe, start, with};
+use bond::internal::OptionsInternals;
 use bond::{Options, Steps};
 use bond_compiler::discretise::Accuracy;
 

@@ -1,7 +1,8 @@
 //! The non-iterative step: its order, its balance, and how far the energy that it keeps is from H.
 
 use crate::common::{close, file, finish, models, probe, start, with};
-use bond::{Code, Compiled, Options, Simulation, Steps, Summary};
+use bond::internal::{Code, CompiledInternals, SimulationInternals};
+use bond::{Compiled, Options, Simulation, Steps, Summary};
 
 /// A circuit whose capacitor and resistor are not linear, driven.
 const CIRCUIT: &str = "\
@@ -296,7 +297,7 @@ fn energy_from_nothing_is_seen() {
     let grown = far.regions[0].modified.map_or(0.0, |m| m.grown_relative);
     assert!(grown > 0.1 && far.worst_step <= 1e-12, "{grown} and {}", far.worst_step);
     assert!(
-        !far.passive && far.reasons.iter().any(|r| r.contains("above what it had been given")),
+        !far.passive && far.reasons.iter().any(|r| r.contains("above the energy given to it")),
         "{:?}",
         far.reasons
     );

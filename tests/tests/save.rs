@@ -1,7 +1,8 @@
 //! A run that is saved and goes on gives the same bits as one that was never stopped.
 
 use crate::common::{RUN, all_scenes, cases, file, models, stop, text};
-use bond::{Code, Compiled, Course, Options, RunError, Simulation, Steps};
+use bond::internal::{Code, CompiledInternals, SimulationInternals, StepsInternals, refusal};
+use bond::{Compiled, Course, Options, Simulation, Steps};
 use bond_runtime::simulate::{self, Refused};
 use proptest::prelude::*;
 
@@ -182,8 +183,7 @@ fn the_state_of_another_scene_is_refused() -> Result<(), Box<dyn std::error::Err
         bytes,
         [],
     ) {
-        Err(RunError::Resume(why)) => Ok(why),
-        Err(e) => Err(format!("another error: {e}")),
+        Err(e) => refusal(&e).cloned().ok_or_else(|| format!("another error: {e}")),
         Ok(_) => Err("it goes on".to_string()),
     };
     assert!(matches!(why(&other, &bytes)?, Refused::Changed(_)));

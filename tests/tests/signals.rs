@@ -1,6 +1,7 @@
 //! Signals that no bond carries: inputs from outside, and signal states, against closed forms and recurrences by hand.
 
 use crate::common::{advance, close, finish, probe, start, text, with};
+use bond::internal::{CompiledInternals, OptionsInternals};
 use bond::{Compiled, Course, Options, Simulation, Steps};
 use bond_compiler::discretise::Accuracy;
 use nalgebra::{DMatrix, DVector};
@@ -577,7 +578,7 @@ fn what_is_shown() {
           sampled every 10 ms { state k = 0.5 { next = k/2 } } }",
     );
     insta::assert_snapshot!(compiled.show("all"));
-    let json = compiled.show_as(bond::What::Phs, bond::As::Json).unwrap_or_else(|e| panic!("{e}"));
+    let json = compiled.show_as("phs", "json").unwrap_or_else(|e| panic!("{e}"));
     let json: serde_json::Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(json["regions"][0]["states"].as_array().map(Vec::len), Some(1));
     assert_eq!(json["inputs"][0]["name"], "u");

@@ -2,6 +2,7 @@
 //! So does the exact one, whatever the time constants of a line.
 
 use crate::common::{cases, close, finish, probe, start, with};
+use bond::internal::OptionsInternals;
 use bond::{Options, Steps, Summary};
 use bond_compiler::discretise::Accuracy;
 use proptest::prelude::*;

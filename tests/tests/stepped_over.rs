@@ -2,6 +2,7 @@
 //! fro, what is far too fast at the start, and what is small beside stored heat.
 
 use crate::common::{advance, close, finish, probe, start, with};
+use bond::internal::{CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals};
 use bond::{Compiled, Options, Steps};
 use bond_compiler::discretise::Accuracy;
 

@@ -1,6 +1,7 @@
 //! Resistances that switch: contacts, valves, choppers, the legs of bridges.
 
 use crate::common::{BRIDGE, close, end, finish, probe, run, start, text, with};
+use bond::internal::OptionsInternals;
 use bond::{Options, Steps};
 use bond_compiler::discretise::Accuracy;
 

@@ -1,6 +1,7 @@
 //! Arrays, functions, tables: what expressions mean; and domains that are bonded without a transducer.
 
 use crate::common::{close, end, errors, finish, probe, start, text, with};
+use bond::internal::CompiledInternals;
 use bond::{Options, Steps};
 
 /// The value of an expression, with what stands before it in the model and in the file.

@@ -1,6 +1,7 @@
 //! Whole numbers: `floor`, `ceil`, `round`, `mod`, and the jumps that they make.
 
 use crate::common::{close, end, finish, probe, start, with};
+use bond::internal::OptionsInternals;
 use bond::{Options, Steps};
 use bond_compiler::discretise::Accuracy;
 

@@ -5,6 +5,7 @@ use super::ours::{self, Ours};
 use super::rival::{self, Done, Rival};
 use super::table::{short, table, time};
 use bond::Steps;
+use bond::internal::CompiledInternals;
 
 /// Tolerances that the ordinary ones are tried with, loosest first.
 const TOLERANCES: [f64; 5] = [1e-3, 1e-5, 1e-7, 1e-9, 1e-11];

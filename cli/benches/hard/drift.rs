@@ -3,7 +3,8 @@
 use super::case::path;
 use super::ours::compile;
 use super::table::{short, table};
-use bond::{Code, Compiled, Options, Simulation, Steps};
+use bond::internal::{Code, CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals};
+use bond::{Compiled, Options, Simulation, Steps};
 use bond_compiler::discretise::{Accuracy, Method};
 use std::time::Instant;
 

@@ -1,6 +1,7 @@
 //! The right side of a scene as a function, for integrators that know nothing of ports or energy: dx/dt = f(t, x).
 
-use bond::{Code, Compiled, Options, Steps};
+use bond::internal::{Code, CompiledInternals, StepsInternals};
+use bond::{Compiled, Options, Steps};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::kernel::{Kernel, Workspace};
 use bond_runtime::simulate::Simulation;

@@ -4,6 +4,7 @@
 use super::case::path;
 use super::ours::{bond, compile};
 use super::table::{short, table};
+use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Options, Simulation, Steps};
 
 /// The sampled wall at periods from 1e-4 to 10 times the fastest time.

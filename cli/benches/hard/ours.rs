@@ -1,5 +1,6 @@
 //! What a scene comes to here: as its file says, or with another stepper.
 
+use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Compiled, Options, Simulation, Steps};
 use std::path::Path;
 use std::process::Command;

@@ -1,7 +1,8 @@
 //! Scenes that run in this process: driven as `bond run` does, or their step alone.
 
 use super::figure::Figure;
-use bond::{Code, Compiled, Options, Simulation, Steps};
+use bond::internal::{Code, CompiledInternals, SimulationInternals, StepsInternals};
+use bond::{Compiled, Options, Simulation, Steps};
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::kernel::{Backend, Kernel, Workspace};

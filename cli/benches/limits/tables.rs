@@ -3,7 +3,8 @@
 use super::figure::{LADDER, WALL};
 use super::program::{self, Folder};
 use super::{clock, scene};
-use bond::{Code, Simulation, Steps};
+use bond::internal::{Code, CompiledInternals, SimulationInternals, StepsInternals};
+use bond::{Simulation, Steps};
 use std::fmt::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};

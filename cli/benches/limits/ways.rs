@@ -4,7 +4,8 @@ use super::clock;
 use super::figure::Figure;
 use super::program::{self, Folder};
 use super::scene::{self, Bare, Driven};
-use bond::{Code, Compiled};
+use bond::Compiled;
+use bond::internal::{Code, CompiledInternals};
 use bond_compiler::backend::{c, unit};
 use std::path::PathBuf;
 

@@ -1,6 +1,6 @@
 //! Time that this thread computed, so that what else the machine does counts little.
 
-/// Processor time of this thread, s; where the system does not tell, the time that went by.
+/// Processor time of this thread, s; wall time if the system does not provide it.
 pub fn now() -> f64 {
     #[cfg(target_os = "linux")]
     {

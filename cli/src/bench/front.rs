@@ -12,17 +12,17 @@ pub struct Advice<'a> {
     pub other: Option<&'a Point>,
 }
 
-/// Error and time of a point; an error that the reference cannot tell counts as the least that it can.
+/// Error and time of a point; an error below the accuracy of the reference counts as that accuracy.
 pub fn place(p: &Point, reference: f64) -> Option<(f64, f64)> {
     p.result.as_ref().ok().map(|m| (m.error.max(ABOVE * reference), m.seconds))
 }
 
-/// The same with the error on the way: what a point meets is what it meets all along, and not by luck at the end.
+/// The same with the largest error along the run: a small error at the end may be luck.
 pub fn met(p: &Point, reference: f64) -> Option<(f64, f64)> {
     p.result.as_ref().ok().map(|m| (m.worst().max(ABOVE * reference), m.seconds))
 }
 
-/// What is further off is nothing that one would choose, however cheap.
+/// Points with a larger error are never chosen, however cheap.
 pub const FAR: f64 = 1.0;
 
 /// Marks the points of the front: for none of them is there another that is as exact and cheaper, or as cheap and more

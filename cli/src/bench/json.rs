@@ -6,8 +6,8 @@ use super::setting::Setting;
 use crate::stop::Stop;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-/// Of more states than this, only the worst is told.
-const STATES: usize = 32;
+/// Most states that are listed; of more, only the worst.
+const MAX_STATES: usize = 32;
 
 /// All points. What is no number, such as the error of a run that failed, is null.
 ///
@@ -81,7 +81,7 @@ impl Serialize for States<'_> {
         let States(b, m) = self;
         let names = b.quantities.names.iter().zip(&m.difference.end).zip(&b.reference.scales);
         let mut list: Vec<((&String, &f64), &f64)> = names.skip(b.quantities.probes).collect();
-        if list.len() > STATES {
+        if list.len() > MAX_STATES {
             list.sort_by(|a, b| b.0.1.total_cmp(a.0.1));
             list.truncate(1);
         }

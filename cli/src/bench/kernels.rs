@@ -1,4 +1,4 @@
-//! Programs that are compiled once and run by many simulations, with or without an eye on the time.
+//! Programs that are compiled once and run by many simulations, with or without a deadline.
 
 use super::clock;
 use bond_runtime::ir::Program;
@@ -7,8 +7,8 @@ use std::cell::RefCell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
-/// Runs of a program between two looks at the clock.
-const LOOK: u32 = 256;
+/// Runs of a program between two readings of the clock.
+const RUNS_PER_LOOK: u32 = 256;
 
 /// The compiled programs of scenes that differ in their steppers: what these have in common is compiled once.
 pub struct Kernels<'a> {
@@ -56,7 +56,7 @@ impl Kernel for Shared {
     }
 }
 
-/// Until when a run may go on.
+/// The deadline of a run.
 pub struct Guard {
     /// Processor time of the thread that runs, s, as bits.
     deadline: AtomicU64,
@@ -71,7 +71,7 @@ impl Guard {
         Arc::new(Self { deadline, calls: AtomicU32::new(0), late: AtomicBool::new(false) })
     }
 
-    /// From now on the run may compute for so long, s.
+    /// Gives the run this much processor time from now on, s.
     pub fn begin(&self, time: f64) {
         self.deadline.store((clock::now() + time).to_bits(), Ordering::Relaxed);
     }
@@ -84,7 +84,7 @@ impl Guard {
     fn look(&self) -> bool {
         let calls = self.calls.load(Ordering::Relaxed).wrapping_add(1);
         self.calls.store(calls, Ordering::Relaxed);
-        if calls.is_multiple_of(LOOK) && clock::now() > f64::from_bits(self.deadline.load(Ordering::Relaxed)) {
+        if calls.is_multiple_of(RUNS_PER_LOOK) && clock::now() > f64::from_bits(self.deadline.load(Ordering::Relaxed)) {
             self.late.store(true, Ordering::Relaxed);
         }
         self.late()

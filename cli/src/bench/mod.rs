@@ -1,5 +1,5 @@
-//! Speed against error: every stepper that a model can take, over a range of steps and tolerances, against a reference
-//! of its own.
+//! Speed against error: every stepper that a model can take, over a range of steps and tolerances, compared with a
+//! reference.
 
 pub mod clock;
 mod extrapolate;
@@ -14,6 +14,7 @@ mod refine;
 mod setting;
 mod sweep;
 mod table;
+mod thresholds;
 mod trial;
 mod way;
 
@@ -26,31 +27,29 @@ pub use reference::{Reference, Search};
 pub use setting::{Setting, time};
 pub use sweep::Plan;
 pub use table::text;
+pub use thresholds::Thresholds;
 pub use trial::{Look, Lost, Run, Runner, Task};
 pub use way::{Way, Ways};
 
 use bond::Course;
+use bond::internal::CompiledInternals;
 use bond_runtime::kernel::Backend;
 use sweep::{Ended, Sweep};
 
-/// Rows at which runs are compared on their way.
+/// Rows at which runs are compared before their end.
 const ROWS: u32 = 32;
-/// The longest fitted step, as a part of the run.
-const LONGEST: f64 = 0.1;
-/// The longest fixed step, in steps of a rough fitted run.
-const LONG: f64 = 16.0;
-/// Tolerance of that rough run.
-const ROUGH: f64 = 1e-3;
+/// The longest adaptive step, as a part of the run.
+const LONGEST_PART: f64 = 0.1;
 
-/// What is compared, and how.
+/// A request for a comparison.
 pub struct Setup<'a> {
     /// End of the run, s.
     pub stop: f64,
-    /// The longest fitted step, s, where it is told.
+    /// The longest adaptive step, s, if given.
     pub longest: Option<f64>,
-    /// Steps, where they are told.
+    /// Fixed steps, if given, s.
     pub steps: Vec<f64>,
-    /// Tolerances, where they are told.
+    /// Tolerances, if given.
     pub tolerances: Vec<f64>,
     /// Signals from outside.
     pub given: Vec<(String, Course)>,
@@ -60,9 +59,11 @@ pub struct Setup<'a> {
     pub limit: f64,
     /// What runs the programs.
     pub backend: &'a dyn Backend,
+    /// The numbers by which it decides.
+    pub thresholds: Thresholds,
 }
 
-/// What came out.
+/// The result of a comparison.
 pub struct Bench {
     /// Name of the model.
     pub model: String,
@@ -89,7 +90,7 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
     let rows = || -> Box<dyn Iterator<Item = (f64, Look)>> {
         Box::new((1..ROWS).map(move |k| (stop * f64::from(k) / f64::from(ROWS), Look::Keep)))
     };
-    let longest = setup.longest.unwrap_or(LONGEST * setup.stop);
+    let longest = setup.longest.unwrap_or(LONGEST_PART * setup.stop);
     let task = Task {
         stop,
         longest: Some(longest),
@@ -98,6 +99,7 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
         rows: &rows,
         shows: false,
         ledger: true,
+        thresholds: setup.thresholds,
     };
     let kernels = Kernels::new(setup.backend);
     let runners: Vec<Runner> = ways.list.iter().map(|w| Runner::new(w, &task, &kernels)).collect();
@@ -107,27 +109,29 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
         quantities: &quantities,
         target: 0.0,
         limit: setup.limit,
+        thresholds: setup.thresholds.reference,
         progress: &|part| progress(0.3 * part),
     };
     let reference = search.find(setup.stop)?;
     let mut notes: Vec<String> = ways.left_out.iter().map(|l| format!("{}: left out, {}", l.name, l.why)).collect();
     if reference.error > 1e-3 {
         notes.push(format!(
-            "the reference does not converge (it is known to {:.0e}): the run is chaotic, or too stiff for what there is; a shorter \
-             --stop may help",
+            "the reference does not converge (it is known to {:.0e}): the run is chaotic, or too stiff for every \
+            stepper; a shorter --stop may help",
             reference.error
         ));
     }
     let asked = !setup.steps.is_empty() || !setup.tolerances.is_empty();
-    let coarsest = (setup.stop / (LONG * rough(runners.iter(), setup.stop))).floor().max(1.0);
+    let coarsest =
+        (setup.stop / (setup.thresholds.sweep.coarsest * rough(runners.iter(), setup.stop))).floor().max(1.0);
     let sweep = Sweep { reference: &reference, repeat: setup.repeat, limit: setup.limit, stop: setup.stop };
     let mut points = Vec::new();
-    // What the sweeps leave of each method's time.
+    // Remaining time of each method after its sweeps.
     let mut rest = Vec::new();
     let mut ended = Vec::new();
     for (i, runner) in runners.iter().enumerate() {
         progress(0.3 + 0.6 * i as f64 / runners.len() as f64);
-        let kept = if asked { 0.0 } else { refine::PART * setup.limit };
+        let kept = if asked { 0.0 } else { setup.thresholds.refine.part * setup.limit };
         let mut left = setup.limit - kept;
         let mut plans = Vec::new();
         if asked {
@@ -145,7 +149,7 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
         }
         let share = left / plans.len().max(1) as f64;
         for (k, plan) in plans.iter().enumerate() {
-            // What the first kind leaves of its half is the second's.
+            // The second kind gets what the first leaves of its half.
             let mut own = if k + 1 == plans.len() { left } else { share };
             let before = own;
             let (row, why) = sweep.run(runner, plan, &mut own, &mut notes);
@@ -155,10 +159,7 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
         }
         rest.push(left.max(0.0) + kept);
     }
-    for (why, what) in [
-        (Ended::Reference, "end where the reference tells no more"),
-        (Ended::Rounding, "end where rounding is all that is left"),
-    ] {
+    for (why, what) in [(Ended::Reference, "end at the error of the reference"), (Ended::Rounding, "end at rounding")] {
         let rows: Vec<&str> = ended.iter().filter(|e| e.0 == why).map(|e| e.1.as_str()).collect();
         if !rows.is_empty() {
             notes.push(format!("{} {what}", rows.join(", ")));
@@ -180,12 +181,12 @@ pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) 
     })
 }
 
-/// The mean step of a run with rough steps that are fitted, s; a hundredth of the run where there is none.
+/// The mean step of a rough adaptive run, s; a hundredth of the run if there is none.
 pub fn rough<'r, 'a: 'r>(runners: impl Iterator<Item = &'r Runner<'a>>, stop: f64) -> f64 {
     let mut fitted: Vec<&Runner> = runners.filter(|r| r.way.adaptive).collect();
-    // What solves its steps does not choose them for its stability.
+    // Implicit methods first: stability does not limit their steps.
     fitted.sort_by_key(|r| (!r.way.passive, r.way.order));
-    let runs = fitted.iter().filter_map(|r| r.track(Setting::Tolerance(ROUGH), 2.0).ok());
+    let runs = fitted.iter().filter_map(|r| r.track(Setting::Tolerance(r.thresholds().sweep.rough), 2.0).ok());
     let steps = runs.map(|run| run.steps).find(|s| *s > 0);
     steps.map_or(stop / 100.0, |s| stop / s as f64)
 }

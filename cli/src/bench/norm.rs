@@ -1,18 +1,17 @@
-//! How far a run is from another.
+//! The distance between two runs.
 
 use super::trial::Run;
 use bond::Compiled;
+use bond::internal::CompiledInternals;
 use std::collections::BTreeMap;
 
-/// A probe is measured against at least this part of the largest value that anything of its unit takes: one that is 0
-/// but for rounding has no size of its own.
+/// Least size of a probe, as a part of the largest value of its unit: one that is 0 apart from rounding has no size of
+/// its own.
 const SLIGHT: f64 = 1e-3;
-/// An energy or a power of less than this part of the scene's is rounding, and so is any other probe of less than that
-/// in SI units: they are measured against the scene's, and against 1.
+/// An energy or a power below this part of the scene's is rounding, and is measured relative to the scene's.
 const ROUNDING: f64 = 1e-12;
-const FAINTEST: f64 = 1e-20;
 
-/// What is compared: names, and units where they are known.
+/// The compared quantities: names, and units if known.
 pub struct Quantities {
     /// Probes, then states.
     pub names: Vec<String>,
@@ -39,8 +38,8 @@ impl Quantities {
         Self { names, units, probes }
     }
 
-    /// What errors are measured against: of a state the largest magnitude that a state or probe of its unit takes in a
-    /// run, of a probe its own, but not less than a small part of that.
+    /// The size to which errors are relative: of a state, the largest magnitude of any state or probe of its unit in a
+    /// run; of a probe its own, and at least a small part of that.
     pub fn scales(&self, run: &Run) -> Vec<f64> {
         let mut groups: BTreeMap<&str, f64> = BTreeMap::new();
         for (unit, x) in self.units.iter().zip(&run.largest) {
@@ -56,7 +55,7 @@ impl Quantities {
             let (least, size) = match self.units[i].as_deref().filter(|_| i < self.probes) {
                 Some("J") => (ROUNDING * run.energy, run.energy),
                 Some("W") => (ROUNDING * run.power, run.power),
-                Some(_) | None => (if i < self.probes { FAINTEST } else { 0.0 }, 1.0),
+                Some(_) | None => (0.0, 1.0),
             };
             if scale > least { scale } else { size.max(f64::MIN_POSITIVE) }
         };

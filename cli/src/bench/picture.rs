@@ -6,12 +6,17 @@ use super::point::Point;
 use super::setting::{Setting, time};
 use crate::draw::{Anchor, BLACK, COLOURS, Colour, Drawing, GREY, Mark, PALE, power};
 
-const WIDTH: f64 = 960.0;
-const HEIGHT: f64 = 640.0;
-/// Left, top, right, bottom of the frame.
-const FRAME: [f64; 4] = [92.0, 64.0, 770.0, 560.0];
-/// Larger errors are not drawn.
-const FAR: f64 = 10.0;
+/// Places in the picture, in points.
+struct Layout {
+    /// Width and height of the picture.
+    size: (f64, f64),
+    /// Left, top, right and bottom of the frame.
+    frame: [f64; 4],
+    /// The largest error that is drawn.
+    largest: f64,
+}
+
+const LAYOUT: Layout = Layout { size: (960.0, 640.0), frame: [92.0, 64.0, 770.0, 560.0], largest: 10.0 };
 
 const SHADE: Colour = [244, 244, 244];
 const FRONT: Colour = [255, 214, 110];
@@ -28,7 +33,7 @@ struct Scale {
 }
 
 impl Scale {
-    /// Whole decades around the values; one, where there are none.
+    /// Whole decades around the values; one decade if there are none.
     fn around(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for x in values.filter(|x| *x > 0.0 && x.is_finite()) {
@@ -47,15 +52,15 @@ impl Scale {
 
 /// Draws it.
 pub fn picture(b: &Bench) -> Drawing {
-    let mut d = Drawing::new(WIDTH, HEIGHT);
-    let [left, top, right, bottom] = FRAME;
+    let mut d = Drawing::new(LAYOUT.size.0, LAYOUT.size.1);
+    let [left, top, right, bottom] = LAYOUT.frame;
     let shown: Vec<(&Point, f64, f64)> = b.points.iter().filter_map(|p| spot(b, p).map(|(e, s)| (p, e, s))).collect();
     let x = Scale::around(shown.iter().map(|s| s.1), left, right);
     let y = Scale::around(shown.iter().map(|s| s.2), bottom, top);
     d.text((left, 30.0), &format!("{}: speed against error", b.model), 18, BLACK, Anchor::Start);
     let told = format!("{} simulated; errors against {}", time(b.stop), b.reference.how);
     d.text((left, 50.0), &told, 12, GREY, Anchor::Start);
-    // What the reference cannot tell.
+    // Errors below the accuracy of the reference.
     let floor = super::point::ABOVE * b.reference.error;
     if floor.log10() > f64::from(x.low) {
         let edge = x.at(floor);
@@ -96,11 +101,11 @@ pub fn picture(b: &Bench) -> Drawing {
 
 /// Where a point is: error, and time for a simulated second.
 fn spot(b: &Bench, p: &Point) -> Option<(f64, f64)> {
-    place(p, 0.0).map(|(e, s)| (e.max(1e-16), s / b.stop)).filter(|(e, s)| *e <= FAR && *s > 0.0)
+    place(p, 0.0).map(|(e, s)| (e.max(1e-16), s / b.stop)).filter(|(e, s)| *e <= LAYOUT.largest && *s > 0.0)
 }
 
 fn axes(d: &mut Drawing, x: &Scale, y: &Scale) {
-    let [left, top, right, bottom] = FRAME;
+    let [left, top, right, bottom] = LAYOUT.frame;
     let apart = |s: &Scale| ((s.high - s.low + 11) / 12).max(1);
     for k in x.low..=x.high {
         let at = x.at(decade(k));
@@ -124,7 +129,7 @@ fn axes(d: &mut Drawing, x: &Scale, y: &Scale) {
 
 /// What filled marks, dashes and the broad line mean.
 fn legend(d: &mut Drawing, from: f64) {
-    let left = FRAME[2] + 14.0;
+    let left = LAYOUT.frame[2] + 14.0;
     let row = |i: f64| from + 20.0 * i;
     d.mark(Mark::Circle, (left + 12.0, row(0.0)), 4.2, GREY, true);
     d.mark(Mark::Circle, (left + 12.0, row(1.0)), 4.2, GREY, false);

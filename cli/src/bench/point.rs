@@ -1,18 +1,13 @@
-//! A point of the comparison: a method with a setting, what it costs and how far off it is.
+//! A point of the comparison: a method with a setting, its cost and its error.
 
 use super::clock::median;
 use super::norm::Difference;
 use super::reference::Reference;
 use super::setting::Setting;
+use super::thresholds::Timing;
 use super::trial::{Lost, Run, Runner};
 use bond_runtime::simulate::KEPT;
-
-/// A reading of the clock is of this much computing at least, where a run is shorter, s.
-const READING: f64 = 0.02;
-/// Runs in one reading at most, and so many as are set up in this time, s.
-const TIMES: usize = 256;
-const SETTING_UP: f64 = 0.1;
-/// An error is measured where it is so much larger than that of the reference.
+/// An error counts as measured if it is this many times that of the reference.
 pub const ABOVE: f64 = 10.0;
 
 /// A method with a setting.
@@ -67,10 +62,9 @@ pub struct Measured {
     pub seconds: f64,
 }
 
-/// Processor time of measuring a point whose run takes so many seconds, s: a run with rows, a first one, and the
-/// readings.
-pub fn takes(seconds: f64, repeat: usize) -> f64 {
-    2.0 * seconds + repeat as f64 * seconds.max(f64::min(READING, TIMES as f64 * seconds))
+/// Processor time of measuring a point whose run takes `seconds`, s: a run with rows, a first one, and the readings.
+pub fn takes(seconds: f64, repeat: usize, timing: &Timing) -> f64 {
+    2.0 * seconds + repeat as f64 * seconds.max(f64::min(timing.reading, timing.runs as f64 * seconds))
 }
 
 /// Measures a point. Gives also the processor time that this took in all, s.
@@ -112,10 +106,10 @@ pub fn measure(
 /// # Errors
 /// A run that fails.
 pub fn timed(runner: &Runner, setting: Setting, repeat: usize, limit: f64) -> Result<(Run, f64), Lost> {
-    let begun = runner.spent();
+    let (begun, timing) = (runner.spent(), runner.thresholds().timing);
     let first = runner.plain(setting, 1)?;
-    let most = ((SETTING_UP / first.made.max(1e-9)) as usize).clamp(1, TIMES);
-    let times = ((READING / first.seconds.max(1e-9)).ceil() as usize).clamp(1, most);
+    let most = ((timing.set_up / first.made.max(1e-9)) as usize).clamp(1, timing.runs);
+    let times = ((timing.reading / first.seconds.max(1e-9)).ceil() as usize).clamp(1, most);
     let mut readings = if times == 1 { vec![first.seconds] } else { Vec::new() };
     while readings.len() < repeat.max(1) && (readings.is_empty() || runner.spent() - begun < limit) {
         readings.push(runner.plain(setting, times)?.seconds);

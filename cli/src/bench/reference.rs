@@ -1,45 +1,27 @@
-//! What runs are measured against: the run that agrees best with itself when its steps are made shorter, looked at by a
-//! second method.
+//! The reference: the run that changes least when its steps are shortened, checked by a second method.
 
 use super::extrapolate::Tableau;
 use super::norm::{Difference, Quantities};
 use super::setting::Setting;
+use super::thresholds::ReferenceThresholds;
 use super::trial::{Lost, Run, Runner};
-
-/// No reference is taken to be better than this: rounding.
-const ROUNDING: f64 = 1e-15;
-/// A second method is looked for until it is within this of the first.
-const SECOND: f64 = 1e3;
-/// Extrapolation is tried where nothing is better than this, and with all methods where nothing is better than that.
-const FINE: f64 = 1e-11;
-const COARSE: f64 = 1e-9;
-/// A run is finer than another where it has so many times as many steps.
-const MORE: f64 = 1.1;
-/// What failed so often with ever finer settings fails with all.
-const FAILURES: u32 = 3;
-/// Time for all methods, in that for one.
-const METHODS: f64 = 2.0;
-/// A run whose balances are off by this part of its energy is nothing to measure by.
-const OFF: f64 = 0.1;
-/// So many reasons are told.
-const REASONS: usize = 3;
-/// Fixed steps are halved so often at most.
-const HALVINGS: u32 = 14;
+/// Most reasons that a message names.
+const MAX_REASONS: usize = 3;
 
 /// A run that others are measured against.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// It.
+    /// The run.
     pub run: Run,
-    /// What differences are relative to, by quantity.
+    /// The size to which differences are relative, by quantity.
     pub scales: Vec<f64>,
     /// Its own error, as estimated, relative.
     pub error: f64,
-    /// How it was had.
+    /// The method and setting, in words.
     pub how: String,
-    /// Another method's run, and how far that is from it.
+    /// Another method's run, in words, and its distance.
     pub checked: Option<(String, f64)>,
-    /// Why a run of fitted steps failed, where one did.
+    /// Why an adaptive run failed, if one did.
     pub failed: Option<String>,
 }
 
@@ -51,7 +33,7 @@ struct Found {
     how: String,
 }
 
-/// How a reference is looked for.
+/// The search for a reference.
 pub struct Search<'a> {
     /// The methods.
     pub runners: &'a [Runner<'a>],
@@ -61,7 +43,9 @@ pub struct Search<'a> {
     pub target: f64,
     /// Processor time for each method, s.
     pub limit: f64,
-    /// Told what part of it is done.
+    /// The numbers by which it decides.
+    pub thresholds: ReferenceThresholds,
+    /// Called with the finished part.
     pub progress: &'a dyn Fn(f64),
 }
 
@@ -72,11 +56,11 @@ impl Search<'_> {
     /// In words, where no method comes to the end with two settings.
     pub fn find(&self, stop: f64) -> Result<Reference, String> {
         let mut order: Vec<&Runner> = self.runners.iter().collect();
-        // A method without error goes first, then the higher the order the better; what keeps the balance before what
+        // A method without error goes first, then the higher the order the better; keeps the balance before what
         // does not.
         let rank = |r: &Runner| if r.way.order == 0 { u32::MAX } else { r.way.order };
         order.sort_by_key(|r| (std::cmp::Reverse(rank(r)), !r.way.passive));
-        let mut total = METHODS * self.limit;
+        let mut total = self.thresholds.methods * self.limit;
         let mut found: Vec<Found> = Vec::new();
         let mut why: Vec<(String, Vec<&str>)> = Vec::new();
         let mut failed = None;
@@ -96,11 +80,10 @@ impl Search<'_> {
                 }
             }
         }
-        // Low orders get far by extrapolation alone; where it is fine already, the two highest orders may make it
-        // finer.
+        // Extrapolation helps low orders most. If the best run is good already, only the two highest orders are tried.
         let above = |found: &[Found], least: f64| found.iter().all(|f| f.change > self.target.max(least));
         for (i, runner) in order.iter().filter(|r| r.way.order > 0).enumerate() {
-            if !above(&found, if i < 2 { FINE } else { COARSE }) {
+            if !above(&found, if i < 2 { self.thresholds.extrapolate_two } else { self.thresholds.extrapolate_all }) {
                 break;
             }
             found.extend(self.within(&mut total, |left| self.extrapolate(runner, stop, left)));
@@ -114,7 +97,7 @@ impl Search<'_> {
             let apart = Difference::new(&best.run, &s.run, &scales).anywhere();
             (s, apart)
         });
-        let mut error = best.change.max(ROUNDING);
+        let mut error = best.change.max(self.thresholds.rounding);
         if let Some((s, apart)) = &checked
             && *apart > 3.0 * (best.change + s.change)
         {
@@ -124,7 +107,7 @@ impl Search<'_> {
         Ok(Reference { run: best.run, scales, error, how: best.how, checked, failed })
     }
 
-    /// Does something with the time for a method, as far as all of it reaches.
+    /// Runs something with the time for a method, as far as the total allows.
     fn within<T>(&self, total: &mut f64, what: impl FnOnce(&mut f64) -> T) -> T {
         let mut left = total.min(self.limit);
         let before = left;
@@ -133,16 +116,16 @@ impl Search<'_> {
         result
     }
 
-    /// Whether the best is good enough, and has a second beside it.
+    /// Whether the best is good enough, and a second method agrees.
     fn enough(&self, found: &[Found]) -> bool {
         let Some(best) = found.iter().min_by(|a, b| a.change.total_cmp(&b.change)) else { return false };
-        let good = self.target.max(1e-12);
+        let good = self.target.max(self.thresholds.good);
         let second = found.iter().filter(|f| f.method != best.method).map(|f| f.change).fold(f64::INFINITY, f64::min);
-        best.change <= good && second <= (SECOND * best.change.max(ROUNDING)).max(good)
+        best.change <= good && second <= (self.thresholds.second * best.change.max(self.thresholds.rounding)).max(good)
     }
 
-    /// The run of a method that changes least from one setting to the next finer one: of tolerances, or of fixed steps
-    /// where those have no effect.
+    /// The run of a method that changes least from one setting to the next finer one: tolerances, or fixed steps if
+    /// tolerances have no effect.
     fn refine(&self, runner: &Runner, stop: f64, left: &mut f64, failed: &mut Option<String>) -> Result<Found, String> {
         let from = (-self.target.log10()).clamp(5.0, 10.0) as i32 - 1;
         let tolerances = (from..=14).map(|k| Setting::Tolerance(format!("1e-{k}").parse().unwrap_or(1e-12)));
@@ -160,7 +143,7 @@ impl Search<'_> {
             .ok_or_else(|| "its runs are all the same".to_string())
     }
 
-    /// The best of runs with settings that are ever finer; None where no two of them differ in their steps.
+    /// The best of runs with ever finer settings; None if no two of them differ in their steps.
     fn finer(&self, runner: &Runner, settings: Vec<Setting>, left: &mut f64) -> Result<Option<Found>, Lost> {
         let mut last: Option<Run> = None;
         let mut best: Option<Found> = None;
@@ -178,14 +161,14 @@ impl Search<'_> {
                 Err(failed) => {
                     lost = Some(failed);
                     failures += 1;
-                    if last.is_none() && failures < FAILURES { continue } else { break }
+                    if last.is_none() && failures < self.thresholds.failures { continue } else { break }
                 }
             };
             if let Some(last) = &last {
-                // Rows or samples may hold the steps so short that the tolerance does nothing: that tells nothing.
-                if (run.steps as f64) < MORE * last.steps as f64 {
-                    // But where there is little between the switches that they meet, and that fixed steps do not, what
-                    // they agree on is as exact as was asked for.
+                // Rows or samples may keep the steps so short that the tolerance has no effect.
+                if (run.steps as f64) < self.thresholds.finer * last.steps as f64 {
+                    // But if the run consists of little more than the switches, at which only adaptive steps end, two
+                    // that agree are as exact as their tolerance.
                     if let Setting::Tolerance(x) = setting
                         && run.events > 0
                     {
@@ -218,7 +201,7 @@ impl Search<'_> {
         let mut best: Option<Found> = None;
         let mut failures = 0;
         let mut tableaus = [1, 2].map(|apart| Tableau::new(runner.way.order, apart));
-        for k in 0..HALVINGS {
+        for k in 0..self.thresholds.halvings {
             let h = stop / 64.0 / f64::from(1 << k);
             match self.timed(runner, Setting::Step(h), left) {
                 Ok(run) => {
@@ -233,7 +216,7 @@ impl Search<'_> {
                         }
                     }
                 }
-                Err(Lost::Failed(_)) if failures == FAILURES => break,
+                Err(Lost::Failed(_)) if failures == self.thresholds.failures => break,
                 Err(Lost::Failed(_)) => {
                     failures += 1;
                     tableaus = [1, 2].map(|apart| Tableau::new(runner.way.order, apart));
@@ -247,7 +230,7 @@ impl Search<'_> {
         best
     }
 
-    /// A run that may take what is left, which is less then.
+    /// Runs with at most the remaining time, and subtracts what it took.
     fn timed(&self, runner: &Runner, setting: Setting, left: &mut f64) -> Result<Run, Lost> {
         if *left <= 0.0 {
             return Err(Lost::Late);
@@ -256,8 +239,10 @@ impl Search<'_> {
         let result = runner.track(setting, *left);
         *left -= runner.spent() - begun;
         match result {
-            // What an explicit method threw far off may agree with itself, and with another such.
-            Ok(run) if run.drift > OFF => Err(Lost::Failed("its steps are off their balance altogether".to_string())),
+            // Runs of explicit methods that went far off may agree with each other.
+            Ok(run) if run.drift > self.thresholds.off_balance => {
+                Err(Lost::Failed("its steps do not keep the energy balance at all".to_string()))
+            }
             other => other,
         }
     }
@@ -267,13 +252,13 @@ impl Search<'_> {
     }
 }
 
-/// What kept methods from the end, those of the highest orders first.
+/// Why methods did not reach the end, the highest orders first.
 fn reasons(why: &[(String, Vec<&str>)]) -> String {
     if why.is_empty() {
         return "there is no method".into();
     }
-    let told = why.iter().take(REASONS).map(|(why, names)| format!("{}: {why}", names.join(", ")));
-    let others: usize = why.iter().skip(REASONS).map(|w| w.1.len()).sum();
+    let told = why.iter().take(MAX_REASONS).map(|(why, names)| format!("{}: {why}", names.join(", ")));
+    let others: usize = why.iter().skip(MAX_REASONS).map(|w| w.1.len()).sum();
     let others = (others > 0).then(|| format!("and {others} more"));
     told.chain(others).collect::<Vec<_>>().join("; ")
 }

@@ -1,34 +1,25 @@
-//! Points between the points: what just meets a decade of error, where that could be the cheapest there is.
+//! Points between those of the sweeps that just meet a decade of error, if they could be the cheapest.
 
 use super::front::{FAR, decades, met};
 use super::point::{Point, measure, takes};
 use super::setting::Setting;
 use super::sweep::Sweep;
+use super::thresholds::RefineThresholds;
 use super::trial::{Lost, Runner};
 
-/// The part of a method's time that its sweep leaves for this.
-pub const PART: f64 = 0.1;
-/// A point is aimed at so much of a decade, so that it meets it also where the errors do not lie on a line.
-const AIM: f64 = 0.8;
-/// It is measured where it is foretold to take so much of the time of the cheapest point that meets the decade, or
-/// less.
-const WORTH: f64 = 0.9;
-/// Points for a decade at most, of what keeps the balance and of all.
-const TRIES: usize = 6;
-
-/// A setting between two neighbours, of which the finer alone meets a decade.
+/// A setting between two neighbours, of which only the finer meets a decade.
 struct Guess {
     /// Place of the finer one.
     before: usize,
-    /// What should meet it too.
+    /// The setting that should meet it too.
     setting: Setting,
-    /// What that should take, s.
+    /// Its predicted time, s.
     seconds: f64,
 }
 
-/// Adds points, decade by decade, between those of the sweeps: always what is foretold to be the cheapest of all that
-/// meets the decade, as long as it is foretold to be cheaper by a tenth than what is measured. `left` is what is left
-/// of the time of each runner's method, s. Notes say what was skipped.
+/// Adds points, decade by decade, between those of the sweeps: always the one that is predicted to be the cheapest that
+/// meets the decade, as long as the prediction is a tenth below the cheapest measured point. `left` is the remaining
+/// time of each runner's method, s. Notes say what was skipped.
 pub fn refine(
     sweep: &Sweep,
     runners: &[Runner],
@@ -37,20 +28,21 @@ pub fn refine(
     notes: &mut Vec<String>,
     progress: &dyn Fn(f64),
 ) {
+    let limits = runners.first().map(|r| r.thresholds().refine).unwrap_or_default();
     let mut late = vec![false; runners.len()];
     let of = |p: &Point| runners.iter().position(|r| r.way.name == p.method);
     let list = decades(points, sweep.reference.error);
     for (k, decade) in list.iter().enumerate() {
         progress(k as f64 / list.len() as f64);
         for passive in [true, false] {
-            for _ in 0..TRIES {
+            for _ in 0..limits.tries {
                 let open = |p: &Point| (!passive || p.keeps()) && of(p).is_some_and(|i| !late[i]);
-                let Some(guess) = best(points, *decade, sweep, passive, &open) else { break };
+                let Some(guess) = best(points, (*decade, &limits), sweep, passive, &open) else { break };
                 let fine = &points[guess.before];
                 let Some(i) = of(fine) else { break };
                 let (runner, setting) = (&runners[i], guess.setting);
                 let begun = runner.spent();
-                let result = if takes(guess.seconds, sweep.repeat) > left[i] {
+                let result = if takes(guess.seconds, sweep.repeat, &runner.thresholds().timing) > left[i] {
                     Err(Lost::Late)
                 } else {
                     measure(runner, setting, sweep.reference, sweep.repeat, left[i])
@@ -77,31 +69,44 @@ pub fn refine(
     }
 }
 
-/// The guess that is foretold to be the cheapest, where that is worth its measuring.
-fn best(points: &[Point], decade: f64, sweep: &Sweep, passive: bool, open: &dyn Fn(&Point) -> bool) -> Option<Guess> {
+/// The guess that is predicted to be the cheapest, if it is worth measuring.
+fn best(
+    points: &[Point],
+    (decade, limits): (f64, &RefineThresholds),
+    sweep: &Sweep,
+    passive: bool,
+    open: &dyn Fn(&Point) -> bool,
+) -> Option<Guess> {
     let meets = |p: &Point| met(p, sweep.reference.error).filter(|(e, _)| *e <= decade);
     let own = points.iter().filter(|p| !passive || p.keeps());
     let cheapest = own.filter_map(|p| meets(p).map(|m| m.1)).fold(f64::INFINITY, f64::min);
     let pairs = (1..points.len()).filter(|i| open(&points[*i]));
     let guesses = pairs.filter_map(|i| {
-        let (setting, seconds) = between(&points[i - 1], &points[i], decade, sweep.reference.error, sweep.stop)?;
+        let (setting, seconds) =
+            between(&points[i - 1], &points[i], (decade, limits.aim * decade), sweep.reference.error, sweep.stop)?;
         Some(Guess { before: i, setting, seconds })
     });
     let first = guesses.min_by(|a, b| a.seconds.total_cmp(&b.seconds))?;
-    (first.seconds <= WORTH * cheapest).then_some(first)
+    (first.seconds <= limits.worth * cheapest).then_some(first)
 }
 
-/// What should just meet a decade, between a point that meets it and its coarser neighbour that does not: setting and
-/// time, s. Errors and times are taken for powers of the step or tolerance.
-fn between(coarse: &Point, fine: &Point, decade: f64, reference: f64, stop: f64) -> Option<(Setting, f64)> {
+/// The setting that should just meet a decade, between a point that meets it and its coarser neighbour that does not,
+/// and its time, s. Errors and times are taken as powers of the step or tolerance.
+fn between(
+    coarse: &Point,
+    fine: &Point,
+    (decade, aim): (f64, f64),
+    reference: f64,
+    stop: f64,
+) -> Option<(Setting, f64)> {
     let (error, seconds) = met(fine, reference).filter(|(e, _)| *e <= decade)?;
     if coarse.method != fine.method {
         return None;
     }
-    // A run that failed, or is nowhere near, tells no more than that it is too coarse: then the middle.
+    // A run that failed, or is far off, only shows that it is too coarse: then take the middle.
     let (part, long) = match met(coarse, reference).filter(|(e, _)| *e < FAR) {
         Some((e, _)) if e <= decade => return None,
-        Some((e, s)) => ((e / (AIM * decade)).ln() / (e / error).ln(), s),
+        Some((e, s)) => ((e / aim).ln() / (e / error).ln(), s),
         None => (0.5, 0.5 * seconds),
     };
     let mean = |a: f64, b: f64| a.powf(1.0 - part) * b.powf(part);
@@ -125,6 +130,10 @@ mod tests {
     use super::super::norm::Difference;
     use super::super::point::Measured;
     use super::*;
+
+    fn between(coarse: &Point, fine: &Point, decade: f64, reference: f64, stop: f64) -> Option<(Setting, f64)> {
+        super::between(coarse, fine, (decade, RefineThresholds::default().aim * decade), reference, stop)
+    }
 
     fn point(method: &'static str, setting: Setting, error: f64, seconds: f64) -> Point {
         let measured = Measured {
@@ -157,7 +166,7 @@ mod tests {
         assert_eq!(between(&coarse, &fine, 4e-5, 1e-15, 1.0), None);
         // Nor is there a number of steps between two that follow each other.
         assert_eq!(between(&steps(10.0, 1e-2, 1.0), &steps(11.0, 1e-6, 1.1), 1e-4, 1e-15, 1.0), None);
-        // Tolerances as they are shown; other lines are none of its.
+        // Tolerances have the digits that are printed; points of other lines do not count.
         let rough = point("gonzalez", Setting::Tolerance(1e-4), 1e-3, 1.0);
         let good = point("gonzalez", Setting::Tolerance(1e-6), 1e-5, 4.0);
         let (setting, _) = between(&rough, &good, 1e-4, 1e-15, 1.0).unwrap();

@@ -27,7 +27,7 @@ impl Setting {
         }
     }
 
-    /// As the library takes it; fitted steps are at most `longest`, s, where that is told.
+    /// The steps for the library; adaptive ones are at most `longest`, s, if given.
     pub fn steps(self, longest: Option<f64>) -> Steps {
         let steps = match self {
             Setting::Step(h) => Steps::fixed(h),

@@ -1,30 +1,19 @@
-//! The points of a method: from coarse to fine, until nothing more can be learned.
+//! The points of a method, from coarse to fine, until finer settings bring nothing.
 
 use super::point::{Point, measure};
 use super::reference::Reference;
 use super::setting::Setting;
 use super::trial::{Lost, Runner};
-
-/// Points of a method and kind at most.
-const POINTS: usize = 20;
-/// So many points in a row that the reference cannot tell from itself are enough.
-const FLOORS: usize = 2;
-/// So many points in a row that fail, or are no better than those before where that is rounding, are enough.
-const STALE: usize = 3;
-/// Rounding is what errors do not fall below where they are less than this, or than so much for each step, or so many
-/// times that of the reference. Where they lie higher, as about a kink, finer settings are what helps.
-const ROUNDING: (f64, f64, f64) = (1e-10, 1e-15, 100.0);
-
-/// Why a row ended before its settings did.
+/// Why a sweep ended early.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
-    /// The reference tells no more.
+    /// The error is that of the reference.
     Reference,
-    /// Rounding is all that is left.
+    /// Only rounding is left.
     Rounding,
 }
 
-/// What a method is measured with.
+/// What all sweeps share.
 pub struct Sweep<'a> {
     /// What errors are measured against.
     pub reference: &'a Reference,
@@ -40,14 +29,14 @@ pub struct Sweep<'a> {
 pub enum Plan {
     /// These, all of them.
     Given(Vec<Setting>),
-    /// So many steps in the run, and each time twice as many.
+    /// This many steps in the run, and twice as many each time.
     Halved(f64),
     /// Tolerances from 1e-2 to 1e-12, two in a decade.
     Tightened,
 }
 
 impl Plan {
-    /// What its settings are.
+    /// Its settings, in words.
     pub fn words(&self) -> &'static str {
         match self {
             Plan::Given(_) => "as told",
@@ -56,10 +45,10 @@ impl Plan {
         }
     }
 
-    fn settings(&self, stop: f64) -> Vec<Setting> {
+    fn settings(&self, stop: f64, points: usize) -> Vec<Setting> {
         match self {
             Plan::Given(list) => list.clone(),
-            Plan::Halved(n) => (0..POINTS as i32).map(|k| Setting::Step(stop / (n * f64::from(k).exp2()))).collect(),
+            Plan::Halved(n) => (0..points as i32).map(|k| Setting::Step(stop / (n * f64::from(k).exp2()))).collect(),
             Plan::Tightened => {
                 let half = 10f64.sqrt();
                 let decade = |k: i32| format!("1e-{k}").parse().unwrap_or(1e-12);
@@ -70,8 +59,8 @@ impl Plan {
 }
 
 impl Sweep<'_> {
-    /// Measures a method with each of the settings. `left` is what is left of its time, s. Notes say what was skipped.
-    /// Gives also why it ended early, where that is all that is to be said.
+    /// Measures a method with each of the settings. `left` is its remaining time, s. Notes say what was skipped. Also
+    /// returns why it ended early, if no note says so.
     pub fn run(
         &self,
         runner: &Runner,
@@ -79,14 +68,14 @@ impl Sweep<'_> {
         left: &mut f64,
         notes: &mut Vec<String>,
     ) -> (Vec<Point>, Option<Ended>) {
-        let way = runner.way;
+        let (way, limits) = (runner.way, runner.thresholds().sweep);
         let given = matches!(plan, Plan::Given(_));
         let mut points: Vec<Point> = Vec::new();
         let (mut floors, mut stale, mut failed, mut last_steps, mut best) = (0, 0, 0, 0, f64::INFINITY);
         let finer = if given { "and what follows" } else { "and finer" };
-        // What the last two points took.
+        // Time of the last two points, s.
         let mut took = (0.0, 0.0);
-        for setting in plan.settings(self.stop) {
+        for setting in plan.settings(self.stop, limits.points) {
             let growth = if took.1 > 0.0 && took.0 > took.1 { f64::min(took.0 / took.1, 4.0) } else { 1.0 };
             let skip = |notes: &mut Vec<String>| {
                 notes.push(format!(
@@ -113,15 +102,16 @@ impl Sweep<'_> {
                 }
             };
             if let Ok(m) = &result {
-                // Samples cut steps that are longer than a period: that would be the same run once more.
+                // Samples cut steps longer than a period: this would be the same run again.
                 if m.steps == last_steps && matches!(setting, Setting::Step(_)) && !given {
                     points.pop();
                 }
                 last_steps = m.steps;
                 floors = if m.floor { floors + 1 } else { 0 };
-                // Past its best, rounding is all that grows.
-                let (least, step, reference) = ROUNDING;
-                let rounding = least.max(step * m.steps as f64).max(reference * self.reference.error);
+                // Past the best point, only rounding grows.
+                let rounding = (limits.rounding)
+                    .max(limits.rounding_per_step * m.steps as f64)
+                    .max(limits.rounding_of_reference * self.reference.error);
                 stale = if m.worst() < 0.7 * best { 0 } else { stale + usize::from(best < rounding) };
                 best = best.min(m.worst());
                 failed = 0;
@@ -139,14 +129,14 @@ impl Sweep<'_> {
             if given {
                 continue;
             }
-            if failed >= STALE {
+            if failed >= limits.stale {
                 notes.push(format!("{}, {} {finer}: skipped, {failed} in a row failed", way.name, setting.words()));
                 break;
             }
-            if floors >= FLOORS {
+            if floors >= limits.floors {
                 return (points, Some(Ended::Reference));
             }
-            if stale >= STALE {
+            if stale >= limits.stale {
                 return (points, Some(Ended::Rounding));
             }
         }

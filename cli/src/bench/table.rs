@@ -7,7 +7,7 @@ use super::setting::time;
 use std::fmt::Write;
 
 /// Letters of a reason.
-const ROOM: usize = 62;
+const REASON_LETTERS: usize = 62;
 
 /// All of it.
 pub fn text(b: &Bench) -> String {
@@ -23,7 +23,7 @@ fn write_text(out: &mut String, b: &Bench) -> std::fmt::Result {
     writeln!(out, "{:11} {}; its error is about {:.0e}", "reference", r.how, r.error)?;
     match &r.checked {
         Some((how, apart)) => writeln!(out, "{:11} {apart:.0e} away from {how}", "")?,
-        None => writeln!(out, "{:11} no second method to look at it with", "")?,
+        None => writeln!(out, "{:11} no second method to check it with", "")?,
     }
     writeln!(
         out,
@@ -44,10 +44,10 @@ fn write_text(out: &mut String, b: &Bench) -> std::fmt::Result {
     }
     writeln!(
         out,
-        "\n*: on the front: nothing is both cheaper and more exact. error: the largest of all probes and states at the end, relative\n\
-         to its largest size; on way: of the probes, along the run. drift, balance: of the energy, relative. Newton: iterations\n\
-         a step. time/s: processor time for a simulated second. <: no more than the reference can tell. !: more than the\n\
-         rounding of a stepper that keeps the balance."
+        "\n*: on the front: no point is both cheaper and more exact. error: the largest of all probes and states at \
+        the end, relative\nto its largest magnitude; on way: of the probes, along the run. drift, balance: of the \
+        energy, relative. Newton: iterations\nper step. time/s: processor time per simulated second. <: below the \
+        error of the reference. !: more than rounding, by a\nstepper that should keep the balance."
     )?;
     choices(out, b)?;
     for note in &b.notes {
@@ -80,7 +80,7 @@ fn choices(out: &mut String, b: &Bench) -> std::fmt::Result {
     if list.is_empty() {
         return writeln!(out, "\nno point has an error below 0.1");
     }
-    writeln!(out, "\n{:10} {:<35} {:>9}   where it need not", "to choose", "what keeps the balance", "time/s")?;
+    writeln!(out, "\n{:10} {:<35} {:>9}   without the balance", "to choose", "keeps the balance", "time/s")?;
     for Advice { error, passive, other } in list {
         let cost = |p: &Point| time(p.result.as_ref().map_or(f64::NAN, |m| m.seconds) / b.stop);
         let name = |p: &Point| format!("{}, {}", p.method, p.setting.words());
@@ -94,9 +94,9 @@ fn choices(out: &mut String, b: &Bench) -> std::fmt::Result {
 /// Why a point failed, on the rest of a line.
 fn brief(why: &str) -> String {
     let why = why.split(';').next().unwrap_or(why);
-    if why.chars().count() <= ROOM {
+    if why.chars().count() <= REASON_LETTERS {
         why.to_string()
     } else {
-        why.chars().take(ROOM - 3).chain("...".chars()).collect()
+        why.chars().take(REASON_LETTERS - 3).chain("...".chars()).collect()
     }
 }

@@ -1,9 +1,11 @@
-//! One run of a scene, with what it came to.
+//! One run of a scene, and its results.
 
 use super::clock;
 use super::kernels::{Guard, Guarded, Kernels};
 use super::setting::Setting;
+use super::thresholds::Thresholds;
 use super::way::Way;
+use bond::internal::{SimulationInternals, StepsInternals};
 use bond::{Course, RunError, Simulation, Summary};
 use bond_compiler::model::Settings;
 use bond_runtime::kernel::Backend;
@@ -15,9 +17,9 @@ use std::cell::Cell;
 pub struct Task<'a> {
     /// End, s.
     pub stop: f64,
-    /// Longest of the steps that are fitted to a tolerance, s, where it is told.
+    /// Longest adaptive step, s, if given.
     pub longest: Option<f64>,
-    /// Distance of the rows, s, where it is told.
+    /// Distance of the rows, s, if given.
     pub every: Option<f64>,
     /// Signals from outside.
     pub given: &'a [(String, Course)],
@@ -25,8 +27,10 @@ pub struct Task<'a> {
     pub rows: &'a dyn Fn() -> Box<dyn Iterator<Item = (f64, Look)> + 'a>,
     /// Looking at probes is part of the work, and its time counts.
     pub shows: bool,
-    /// The ledger is looked at at rows that are kept, and not at the end alone.
+    /// The ledger is read at the rows that are kept, and not at the end alone.
     pub ledger: bool,
+    /// The numbers by which the comparison decides.
+    pub thresholds: Thresholds,
 }
 
 /// What is done at a row.
@@ -39,7 +43,7 @@ pub enum Look {
 }
 
 impl Task<'_> {
-    /// What the runtime is told.
+    /// The runtime's options.
     ///
     /// # Errors
     /// A number that makes no sense.
@@ -88,7 +92,7 @@ impl Run {
 pub enum Lost {
     /// The numerics failed, or gave what is no number.
     Failed(String),
-    /// It took longer than it might.
+    /// It exceeded its time.
     Late,
 }
 
@@ -105,6 +109,11 @@ impl<'a> Runner<'a> {
     /// What is not among the kernels is compiled for the first run.
     pub fn new(way: &'a Way, task: &'a Task<'a>, kernels: &'a Kernels<'a>) -> Self {
         Self { way, task, kernels, spent: Cell::new(0.0) }
+    }
+
+    /// The numbers by which the comparison decides.
+    pub fn thresholds(&self) -> &Thresholds {
+        &self.task.thresholds
     }
 
     /// Processor time of its runs until now, s; without that of making code and of setting them up, which is the same
@@ -257,7 +266,7 @@ fn turned(s: &Summary) -> (f64, f64) {
     (energy, if s.time > 0.0 { energy / s.time } else { 0.0 })
 }
 
-/// Steps, Newton iterations and events of continuous clusters: each of their regions tells those of its cluster.
+/// Steps, Newton iterations and events of continuous clusters; each region reports those of its cluster.
 fn counts(s: &Summary, scene: &Scene) -> (u64, u64, u64) {
     let mut seen = vec![false; scene.clusters.len()];
     let (mut steps, mut iterations, mut events) = (0, 0, 0);

@@ -2,6 +2,7 @@
 
 use crate::input;
 use crate::stop::Stop;
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Errors, Options, Text};
 use bond_compiler::discretise::Method;
 use bond_runtime::scene::Scene;
@@ -58,8 +59,8 @@ impl Ways {
         let base = options.compile_text(text).map_err(|e| input::wrong(&e))?;
         if base.scene().clusters.iter().all(|c| c.period.is_some()) {
             return Err(Stop::Model(format!(
-                "`{}` has no continuous region: every region steps at its own period, which is part of the model, so that \
-                 there is no stepper to choose",
+                "`{}` has no continuous region: every region steps at its own period, which is part of the model, so \
+                there is no stepper to choose",
                 base.scene().name
             )));
         }
@@ -93,7 +94,7 @@ impl Ways {
 fn join(made: &Scene, base: &Scene, name: &'static str) -> Result<Way, String> {
     let mut scene = made.clone();
     if scene.clusters.len() != base.clusters.len() {
-        return Err("it would join the regions in another way".into());
+        return Err("it would group the regions differently".into());
     }
     for (own, asked) in scene.clusters.iter_mut().zip(&base.clusters) {
         if asked.period.is_some() {

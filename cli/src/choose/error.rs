@@ -1,27 +1,15 @@
-//! The cheapest stepper for an error: of each, the coarsest setting that meets it is sought, and the cheapest taken.
+//! Finds the cheapest stepper for an error: for each, the coarsest setting that meets it.
 
+use super::thresholds::ErrorThresholds;
 use super::{Ask, Tried, attempt};
 use crate::bench::{Lost, Reference, Runner, Setting, rough};
 use crate::progress::Progress;
 use crate::stop::Stop;
 
-/// The reference is to be so much better than what is asked for.
-pub const SHARPER: f64 = 50.0;
-/// What a choice is to have, as parts of the error that is asked for: at least, at best, at most.
-const WINDOW: [f64; 3] = [1.0 / 30.0, 1.0 / 6.0, 1.0 / 2.0];
-/// Runs for each candidate.
-const RUNS: usize = 10;
-/// A candidate that takes so many times as long as the best so far is given up.
-const LOST: f64 = 3.0;
-/// No run may take longer than the reference, or than this, s, where that is more. Where nothing meets the error so
-/// (the reference may be extrapolated from long steps), one may take so much.
-const LEAST: f64 = 0.05;
-const MOST: f64 = super::LIMIT;
-
 /// Chooses.
 ///
 /// # Errors
-/// An error that nothing meets, or that cannot be told.
+/// An error that no setting meets, or that cannot be measured.
 pub fn choose(
     error: f64,
     ask: &Ask,
@@ -29,19 +17,20 @@ pub fn choose(
     reference: &Reference,
     progress: &Progress,
 ) -> Result<(Tried, String), Stop> {
-    if reference.error > WINDOW[2] * error {
+    let limits = &ask.thresholds.error;
+    if reference.error > limits.window[2] * error {
         let why = match &reference.failed {
-            Some(why) => format!("steps fitted to a tolerance fail ({why})"),
+            Some(why) => format!("adaptive steps fail ({why})"),
             None => "the scene may be chaotic, or have jumps that no step meets".to_string(),
         };
         return Err(Stop::Numerics(format!(
-            "an error of {error:e} cannot be told: the best run there is ({}) is known to {:.0e} itself; {why}; ask for less, or \
-             for a shorter --stop",
+            "an error of {error:e} cannot be measured: the best run ({}) is itself known to {:.0e}; {why}; allow a \
+            larger error, or give a shorter --stop",
             reference.how, reference.error
         )));
     }
     let mut order: Vec<&Runner> = candidates.to_vec();
-    // So many digits ask for about that order.
+    // An order of about 1.2 per digit is usually the cheapest.
     let fit = -1.2 * error.log10();
     order.sort_by(|a, b| {
         let far = |r: &Runner| (f64::from(r.way.order) - fit).abs();
@@ -49,7 +38,10 @@ pub fn choose(
     });
     let first = rough(candidates.iter().copied(), ask.stop);
     let (mut best, mut tries): (Option<Tried>, usize) = (None, 0);
-    for (pass, dear) in [reference.run.seconds.max(LEAST), MOST].into_iter().enumerate() {
+    // No run may take longer than the reference. If nothing meets the error so, because the reference was extrapolated
+    // from long steps, each may take the most.
+    let times = [reference.run.seconds.max(limits.least_time), ask.thresholds.bench.timing.limit];
+    for (pass, dear) in times.into_iter().enumerate() {
         let mut late = false;
         for (i, runner) in order.iter().enumerate() {
             progress.at(0.5 + 0.25 * (pass as f64 + i as f64 / order.len() as f64));
@@ -58,10 +50,10 @@ pub fn choose(
                 starts.push(Setting::Tolerance((0.1 * error).max(1e-14)));
             }
             for start in starts {
-                let seek = Seek { runner, reference, error, stop: ask.stop, dear };
+                let seek = Seek { runner, reference, limits, error, stop: ask.stop, dear };
                 let found = seek.run(start, best.as_ref(), (&mut tries, &mut late));
                 if let Some(found) = found
-                    && best.as_ref().is_none_or(|b| better(&found, b, error))
+                    && best.as_ref().is_none_or(|b| better(&found, b, limits.window[0] * error))
                 {
                     best = Some(found);
                 }
@@ -74,7 +66,7 @@ pub fn choose(
     let Some(best) = best else {
         let names: Vec<&str> = order.iter().map(|r| r.way.name).collect();
         return Err(Stop::Numerics(format!(
-            "no setting of {} has an error below {error:e}; ask for less, or for a shorter --stop",
+            "no setting of {} has an error below {error:e}; allow a larger error, or give a shorter --stop",
             names.join(", ")
         )));
     };
@@ -82,14 +74,14 @@ pub fn choose(
         Some(_) => "the coarsest that was found for it".to_string(),
         None => format!("the cheapest that was found of {} that keep the balance, in {tries} runs", candidates.len()),
     };
-    let below = if best.error < WINDOW[0] * error { "; nothing coarser that is that cheap" } else { "" };
+    let below = if best.error < limits.window[0] * error { "; no coarser setting is as cheap" } else { "" };
     Ok((best, format!("{of}, for an error below {error:e}{below}")))
 }
 
-/// Whether one is to be taken rather than another: one that has about the error asked for goes before one that is far
-/// better, else the cheaper.
-fn better(a: &Tried, b: &Tried, error: f64) -> bool {
-    let near = |t: &Tried| t.error >= WINDOW[0] * error;
+/// Whether one is preferred to another: one whose error is at least `low` to one that is far more exact, otherwise the
+/// cheaper one.
+fn better(a: &Tried, b: &Tried, low: f64) -> bool {
+    let near = |t: &Tried| t.error >= low;
     if near(a) == near(b) { a.seconds < b.seconds } else { near(a) }
 }
 
@@ -97,19 +89,19 @@ fn better(a: &Tried, b: &Tried, error: f64) -> bool {
 struct Seek<'s, 'a> {
     runner: &'s Runner<'a>,
     reference: &'s Reference,
+    limits: &'s ErrorThresholds,
     error: f64,
     stop: f64,
-    /// What a run may take while there is nothing better, s.
+    /// Time that a run may take while there is no result, s.
     dear: f64,
 }
 
 impl Seek<'_, '_> {
-    /// The coarsest setting found whose error is at most that which is asked for; counts the runs, and says whether one
-    /// took too long.
+    /// Returns the coarsest setting found that meets the error. Counts the runs, and notes whether one took too long.
     fn run(&self, start: Setting, best: Option<&Tried>, (tries, late): (&mut usize, &mut bool)) -> Option<Tried> {
-        let [low, middle, high] = WINDOW.map(|w| w * self.error);
-        let limit = best.map_or(self.dear, |b| (LOST * b.seconds).max(1e-3));
-        // How the error follows the setting: as the order of the step, as the tolerance itself.
+        let [low, middle, high] = self.limits.window.map(|w| w * self.error);
+        let limit = best.map_or(self.dear, |b| (self.limits.slower * b.seconds).max(1e-3));
+        // The error goes with the step to the power of the order, and with the tolerance itself.
         let power = match start {
             Setting::Step(_) => f64::from(self.runner.way.order.max(1)),
             Setting::Tolerance(_) => 1.0,
@@ -121,7 +113,7 @@ impl Seek<'_, '_> {
         let mut setting = start.with(start.value().clamp(least, most));
         let mut coarse: Option<(f64, f64)> = None; // setting and error too large
         let mut fine: Option<Tried> = None;
-        for _ in 0..RUNS {
+        for _ in 0..self.limits.runs {
             *tries += 1;
             let x = setting.value();
             let result = attempt(self.runner, setting, self.reference, limit);

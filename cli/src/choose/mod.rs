@@ -1,9 +1,12 @@
-//! A stepper and its step chosen for the user: by the error that a run may have, or by the time that it may take. What
-//! is chosen was tried before: by the very run that follows.
+//! Chooses a stepper and its step: by the error that a run may have, or by the time that it may take. The choice was
+//! tried before, by the very run that follows.
 
 mod budget;
 mod error;
 mod exact;
+mod thresholds;
+
+pub use thresholds::Thresholds;
 
 use crate::bench::{Kernels, Look, Quantities, Reference, Runner, Search, Setting, Task, Way, Ways};
 use crate::progress::Progress;
@@ -15,12 +18,10 @@ use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
 use std::time::Instant;
 
-/// Rows whose probes are compared, about.
-const KEPT: usize = 1000;
-/// Processor time for looking for a reference with each method, s.
-const LIMIT: f64 = 5.0;
+/// About how many rows are compared.
+const ROWS_COMPARED: usize = 1000;
 
-/// What is asked for.
+/// The target of a choice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
     /// The largest relative error of a probe or state.
@@ -29,9 +30,9 @@ pub enum Target {
     Budget(f64),
 }
 
-/// What a choice is made for.
+/// A request for a choice.
 pub struct Ask<'a> {
-    /// What is asked for.
+    /// The target.
     pub target: Target,
     /// The model.
     pub text: &'a Text,
@@ -39,13 +40,13 @@ pub struct Ask<'a> {
     pub options: Options,
     /// The method, where the user names one.
     pub method: Option<&'a str>,
-    /// End, s; where it is not told, that of the model.
+    /// End of the run, s.
     pub stop: f64,
     /// Rows of the run.
     pub rows: Rows,
-    /// Distance of the rows, s, where it is told.
+    /// Distance of the rows, s, if given.
     pub every: Option<f64>,
-    /// The longest fitted step, s, where it is told.
+    /// The longest adaptive step, s, if given.
     pub longest: Option<f64>,
     /// Probes are written at each row.
     pub shows: bool,
@@ -53,26 +54,28 @@ pub struct Ask<'a> {
     pub given: &'a [(String, Course)],
     /// What runs the programs.
     pub backend: &'a dyn Backend,
+    /// The numbers by which it decides.
+    pub thresholds: Thresholds,
 }
 
-/// What was chosen.
+/// The result of a choice.
 #[derive(Clone, Debug)]
 pub struct Chosen {
     /// `gonzalez`
     pub method: &'static str,
     /// Its step or tolerance.
     pub setting: Setting,
-    /// What that error is.
+    /// Its measured error, relative.
     pub error: f64,
     /// Why it was chosen, in words.
     pub why: String,
-    /// What it was measured against.
+    /// The run against which it was measured, in words.
     pub against: String,
     /// How long choosing took, s.
     pub took: f64,
     /// The scene that runs.
     pub scene: Scene,
-    /// The longest fitted step, s, where it was told.
+    /// The longest adaptive step, s, if given.
     longest: Option<f64>,
 }
 
@@ -83,7 +86,7 @@ impl Chosen {
     }
 }
 
-/// What a candidate came to.
+/// A candidate that was run.
 #[derive(Clone, Debug)]
 struct Tried {
     method: &'static str,
@@ -91,11 +94,11 @@ struct Tried {
     error: f64,
     /// Processor time of stepping to the end, s.
     seconds: f64,
-    /// Whether its run kept the balance, where its stepper is to.
+    /// Whether its run kept the balance, if its stepper should.
     keeps: bool,
 }
 
-/// Chooses. `ways` has the model as it says itself, compiled.
+/// Chooses. `ways` has the model compiled with its own settings.
 ///
 /// # Errors
 /// A model that is wrong, one of which no region is continuous, a target that nothing meets.
@@ -103,7 +106,7 @@ pub fn choose(ask: &Ask, mut ways: Ways) -> Result<Chosen, Stop> {
     let begun = Instant::now();
     let without_error = ways.without_error();
     let progress = Progress::new();
-    let every = (ask.rows.clone().count() / KEPT).max(1);
+    let every = (ask.rows.clone().count() / ROWS_COMPARED).max(1);
     let rows = || -> Box<dyn Iterator<Item = (f64, Look)> + '_> {
         let inside = ask.rows.clone().filter(|t| *t > 0.0 && *t < ask.stop * (1.0 - 1e-12)).enumerate();
         Box::new(inside.map(move |(i, t)| (t, if i % every == 0 { Look::Keep } else { Look::Pass })))
@@ -116,6 +119,7 @@ pub fn choose(ask: &Ask, mut ways: Ways) -> Result<Chosen, Stop> {
         rows: &rows,
         shows: ask.shows,
         ledger: false,
+        thresholds: ask.thresholds.bench,
     };
     let quantities = Quantities::new(&ways.base);
     let kernels = Kernels::new(ask.backend);
@@ -138,14 +142,15 @@ pub fn choose(ask: &Ask, mut ways: Ways) -> Result<Chosen, Stop> {
         return Err(Stop::Usage(format!("there is no stepper {name} to choose a step for")));
     }
     let target = match ask.target {
-        Target::Error(e) => e / error::SHARPER,
-        Target::Budget(_) => budget::SHARP,
+        Target::Error(e) => e / ask.thresholds.error.sharper,
+        Target::Budget(_) => ask.thresholds.budget.sharp,
     };
     let search = Search {
         runners: &runners,
         quantities: &quantities,
         target,
-        limit: LIMIT,
+        limit: ask.thresholds.bench.timing.limit,
+        thresholds: ask.thresholds.bench.reference,
         progress: &|part| progress.at(0.5 * part),
     };
     let reference = search
@@ -178,8 +183,8 @@ fn chosen(ask: &Ask, way: &Way, tried: &Tried, why: String, against: String, beg
     }
 }
 
-/// The fixed step that is taken where this one is asked for, s: whole steps lie between two samples, where these concern
-/// every continuous cluster.
+/// The fixed step that is really taken for a given one, s: a whole number of steps lies between two samples if these
+/// concern every continuous cluster.
 fn taken(scene: &Scene, h: f64) -> f64 {
     let concerned = |i: usize| {
         let reads = |c: usize, other: usize| scene.clusters[c].foreign.iter().any(|f| f.0 == other);

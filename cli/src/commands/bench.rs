@@ -1,12 +1,13 @@
 //! `bond bench`: speed against error.
 
-use crate::bench::{self, Setup, Ways};
+use crate::bench::{self, Setup, Thresholds, Ways};
 use crate::blame::By;
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::stop::Stop;
 use crate::{draw, output, report};
-use bond::{Code, Steps, Text};
+use bond::internal::{Code, CompiledInternals, StepsInternals};
+use bond::{Steps, Text};
 use bond_compiler::discretise::Method;
 use bond_compiler::model::Settings;
 use clap::builder::PossibleValuesParser;
@@ -17,58 +18,56 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Examples:\n  bond bench pendulum.bond\n  bond bench pendulum.bond --methods gonzalez,rk4 --plot pendulum.png\n  \
                   bond bench pendulum.bond --stop 10s --steps 1ms,2ms,5ms --as json -o pendulum.json\n\nEvery stepper that can take \
-                  the model runs with fixed steps, each half of the last, and with tolerances from 1e-2 to 1e-12, until its error is \
-                  that of rounding or its time is over. Then points are added between two of these where that could be the \
-                  cheapest way to an error of 0.1, 0.01 and so on. Errors are measured against a run of its own with far smaller \
-                  ones, which \
-                  is compared with that of a second method. The error of a point is the largest at the end of the run of all \
-                  probes and states, each relative to its largest size. Time is processor time of stepping to the end; \
-                  what is done once before, such as making machine code, is left out. Sampled regions keep their period and their \
-                  stepper: these are part of the model.\nExit status: 3 where no stepper gives a reference."
+                  the model runs with fixed steps, each half the one before, and with tolerances from 1e-2 to 1e-12, until its error is \
+                  rounding or its time is over. Points are then added between two settings if one there could be the \
+                  cheapest for an error of 0.1, 0.01 and so on. Errors are measured against a far more exact run, the reference, which \
+                  is compared with a run of a second method. The error of a point is the largest over all \
+                  probes and states at the end of the run, each relative to its largest magnitude. Time is the processor time of \
+                  stepping; what is done once before, such as compiling machine code, does not count. Sampled regions keep their period and \
+                  their stepper, which are part of the model.\nExit status: 3 if no stepper gives a reference."
 )]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Only these steppers; all that can take the model otherwise
+    /// Compare only these steppers. Default: all that can take the model
     #[arg(long, value_name = "A,B,...", value_delimiter = ',', value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
     methods: Vec<String>,
-    /// These fixed steps; a range found by a rough run otherwise
+    /// Use these fixed steps. Default: a range found by a rough run
     #[arg(long, value_name = "H1,H2,...", value_delimiter = ',', value_parser = input::span, allow_negative_numbers = true)]
     steps: Vec<f64>,
-    /// These tolerances; from 1e-2 to 1e-12 otherwise
+    /// Use these tolerances. Default: from 1e-2 to 1e-12
     #[arg(long, value_name = "X1,X2,...", value_delimiter = ',', value_parser = super::run::tolerance, allow_negative_numbers = true)]
     tolerances: Vec<f64>,
-    /// Longest of the steps that are fitted to a tolerance; a tenth of the run otherwise
+    /// Longest adaptive step. Default: a tenth of the run
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     longest: Option<f64>,
-    /// End of the run; that of the model's `simulate` otherwise, or 1 s
+    /// End of the run. Default: that of the model's `simulate`, or 1 s
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     stop: Option<f64>,
     #[command(flatten)]
     set: Set,
     #[command(flatten)]
     which: Which,
-    /// Read inputs over time from a CSV file: column `t`, and one column an input; linear between rows
+    /// Read inputs over time from a CSV file: column `t` and one column per input, linear between rows
     #[arg(long, value_name = "FILE.csv")]
     input: Option<PathBuf>,
-    /// Inputs keep the value of a row until the next one
+    /// Keep the value of each row until the next one, instead of interpolating
     #[arg(long, requires = "input")]
     input_hold: bool,
-    /// Readings of the clock for each point, of which the middle one counts; a reading of a short run is of many in a
-    /// row
+    /// Measurements of the time per point, of which the median counts; a short run is repeated within each
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), allow_negative_numbers = true)]
     repeat: u32,
-    /// Processor time for each method at most; points that would need more are skipped, and named
+    /// Most processor time per method; points that would need more are skipped, and listed
     #[arg(long, value_name = "T", default_value = "10s", value_parser = input::span, allow_negative_numbers = true)]
     limit: f64,
-    /// How the points are written
+    /// Format of the points
     #[arg(long = "as", value_enum, default_value_t = Format::Text, value_name = "FORMAT")]
     format: Format,
     /// Write them to a file instead of standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Draw them to a file, `.svg` or `.png`: error and time in decades, a line for each method
+    /// Draw them to a file, `.svg` or `.png`: error and time on logarithmic axes, one line per method
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Interpret the step programs instead of compiling them to machine code
@@ -78,7 +77,7 @@ pub struct Args {
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
 enum Format {
-    /// A table, and what to choose
+    /// A table, and which to choose
     Text,
     /// A list with an object for each point
     Json,
@@ -110,7 +109,7 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
         return Err(Stop::Usage(format!("no stepper is left to compare: {}", why.join("; "))));
     }
     let stop = args.stop.or(ways.base.stages().model.settings.stop).unwrap_or_else(|| {
-        report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
+        report::say("note: neither the model nor --stop gives the end of the run; it is 1 s");
         1.0
     });
     let given = match &args.input {
@@ -127,6 +126,7 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
         repeat: args.repeat as usize,
         limit: args.limit,
         backend: code.backend(),
+        thresholds: Thresholds::default(),
     };
     let least = setup.steps.iter().copied().fold(stop, f64::min);
     let by = By::Model(text.name()).unless(args.stop.is_some() || !args.steps.is_empty() || !args.set.set.is_empty());
@@ -152,7 +152,7 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
     drawn
 }
 
-/// The steps that a run takes where these are told: one that is longer than the run ends with it.
+/// The steps that a run takes for these: one that is longer than the run is shortened to it.
 fn within(steps: &[f64], stop: f64) -> Vec<f64> {
     let mut list: Vec<f64> = Vec::new();
     for h in steps {

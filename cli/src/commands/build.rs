@@ -6,6 +6,7 @@ use crate::input::{self, Set, Which};
 use crate::output;
 use crate::report;
 use crate::stop::Stop;
+use bond::internal::{CompiledInternals, OptionsInternals, StepsInternals};
 use bond::{Compiled, Steps};
 use bond_compiler::backend::EMITTERS;
 use bond_compiler::discretise::{Accuracy, Method};
@@ -17,27 +18,27 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
                   wall.k=2e3\n  ./wall serve --udp 127.0.0.1:7000 --duration 60s\n  ./wall --help\n  bond build device.bond --emit c -o wall.c\n  bond build device.bond --emit object \
-                  --prefix wall -o wall_object.o\n  bond build device.bond --emit fmu -o wall.fmu\n  bond build device.bond --emit wasm -o wall.wasm\n\nAn executable is this very program with the compiled \
-                  scene at its end: it runs on machines like this one. Parameters and\nmethods are fixed when it is built. C and objects come with a header that says how they are used; they,\nunits (FMI 2.0) and modules take fixed steps."
+                  --prefix wall -o wall_object.o\n  bond build device.bond --emit fmu -o wall.fmu\n  bond build device.bond --emit wasm -o wall.wasm\n\nAn executable is a copy of this program with the compiled \
+                  scene appended: it runs on machines like this one. Its parameters and\nmethods are fixed. C source and objects come with a header that documents their use. They, and FMI 2.0\nunits and WebAssembly modules, take fixed steps."
 )]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The file to write, in C and objects with its header beside it; otherwise the model's name with the ending of
-    /// what is built, in this folder
+    /// The file to write; C and objects also get a header beside it. Default: the model's name with the usual ending, in
+    /// this folder
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// What to build
     #[arg(long, value_name = "EMIT", value_parser = forms(), default_value = EXE)]
     emit: String,
-    /// Fixed step of continuous regions in all that is not an executable; that of the model's `simulate` otherwise
+    /// Fixed step of continuous regions, not for executables. Default: that of the model's `simulate`
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
-    /// What public names in C and objects begin with
+    /// Prefix of public names in C and objects
     #[arg(long, value_name = "NAME", default_value = "bond")]
     prefix: String,
-    /// Stepper of every region that can take it
+    /// The stepper, for every region that can take it
     #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
     method: Option<String>,
     #[command(flatten)]
@@ -74,7 +75,7 @@ pub fn build(args: &Args) -> Result<(), Stop> {
     let emission = Emission { file: &args.file, output: args.output.as_deref(), step: args.step, prefix: &args.prefix };
     match emitter {
         None if args.step.is_some() || args.prefix != "bond" => Err(Stop::Usage(
-            "--step and --prefix are for what else is built; an executable takes --step when it runs".into(),
+            "--step and --prefix are not for executables; an executable takes --step when it runs".into(),
         )),
         None => executable(args, &compiled),
         Some(emitter) if !emitter.has_header && args.prefix != "bond" => {
@@ -85,7 +86,7 @@ pub fn build(args: &Args) -> Result<(), Stop> {
     }
 }
 
-/// The place of the result: as told, or the model's file with another ending.
+/// The place of the result: as given, or the model's name with another ending.
 fn place(args: &Args, name: &str, ending: &str) -> PathBuf {
     match &args.output {
         Some(path) => path.clone(),
@@ -109,7 +110,7 @@ fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
     output::not_over_used(Some(&out), compiled.used())?;
     output::no_model(&out)?;
     let settings = &compiled.stages().model.settings;
-    // What makes no sense is told now, not when it runs.
+    // Report invalid settings now, and not when it runs.
     Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
     let set = args.set.written().map(|(path, value)| format!("{path} = {value}"));
     let carried = environment::Environment {
@@ -129,7 +130,7 @@ fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
     let megabytes = (program.len() + end.len()) as f64 / 1e6;
     let run = if out.is_absolute() { out.clone() } else { Path::new(".").join(&out) };
     report::say(&format!(
-        "built {} ({megabytes:.1} MB, of which the scene is {} kB); `{} --help` tells what it does",
+        "built {} ({megabytes:.1} MB, of which the scene is {} kB); see `{} --help`",
         out.display(),
         end.len().div_ceil(1000),
         run.display()

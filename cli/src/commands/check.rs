@@ -9,6 +9,7 @@ use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::left_out;
+use bond::internal::{CompiledInternals, StepsInternals};
 use bond::{Compiled, Steps, Text};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
@@ -24,7 +25,7 @@ pub struct Args {
     files: Vec<PathBuf>,
     #[command(flatten)]
     which: Which,
-    /// For people on standard error, or for editors on standard output, one JSON object a line
+    /// Text on standard error, or for editors one JSON object per line on standard output
     #[arg(long, value_enum, default_value_t = Format::Text)]
     message_format: Format,
 }

@@ -5,7 +5,7 @@ use crate::input;
 use crate::output;
 use crate::report;
 use crate::stop::Stop;
-use bond::FileLoader;
+use bond::internal::FileLoader;
 use bond_compiler::elaborate::{LIBRARY, NoFiles, nearest};
 use bond_grammar::source::Sources;
 use serde::Serialize;
@@ -15,12 +15,12 @@ use std::path::Path;
 /// Say what the bundled library has, or what the models of a file are: docs, ports, parameters
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  bond doc                         every component of the bundled library, in a line\n  \
+    after_help = "Examples:\n  bond doc                         every component of the bundled library, one per line\n  \
                   bond doc std.electrical          all of one library\n  bond doc std.electrical.Diode    one component\n  \
                   bond doc wall.bond --as json     the models of a file, for other programs"
 )]
 pub struct Args {
-    /// A library, a component or a file (`-` is standard input); without it, all libraries
+    /// A library, a component or a file (`-` is standard input). Default: all libraries
     #[arg(value_name = "LIBRARY|COMPONENT|FILE")]
     what: Option<String>,
     /// How to say it

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  bond fmt wall.bond\n  bond fmt --check models/*.bond\n  bond fmt - < wall.bond")]
 pub struct Args {
-    /// Models; `-` is standard input, which is laid out on standard output
+    /// Models; `-` formats standard input to standard output
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Change nothing; list the files that would change, and end with 1 where there are such
+    /// Change nothing; list the files that would change, with exit status 1 if there are any
     #[arg(long)]
     check: bool,
 }

@@ -10,6 +10,7 @@ use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::table::{Cell, Column, Kind, Table};
+use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Simulation, Steps};
 use bond_compiler::linearize::Linearized;
 use bond_compiler::units::{ANGULAR, Dimension};
@@ -22,26 +23,26 @@ use std::path::{Path, PathBuf};
 #[command(
     after_help = "Examples:\n  bond linearize wall.bond\n  bond linearize pendulum.bond --at 2s -o pendulum.json\n  bond \
                   linearize motor.bond --poles\n  bond linearize motor.bond --bode 1..1000:200:log -o bode.csv\n\n`inputs` lists the \
-                  scene's inputs, then what is given from outside to the continuous regions: at open ports, and what\nsampled \
-                  regions hold at borders (`v.e`, constant over a period); then the signal states of `sampled` blocks, and what else of\nsampled regions \
-                  is read by what is continuous. Only what is continuous has states and poles. `outputs` are the probes.\nThe state of --at is that of \
-                  a run to it with rows each thousandth."
+                  scene's inputs, then the other inputs of its continuous regions: open ports, the values that\nsampled \
+                  regions hold at double bars (`v.e`, constant over a period), the signal states of `sampled` blocks, and other\nsignals of sampled \
+                  regions. Only continuous regions have states and poles. `outputs` are the probes.\nThe state at --at is that of \
+                  a run with a row per thousandth."
 )]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Run to this instant first, and linearize around the state reached
+    /// Run to this instant first, and linearize around the state there
     #[arg(long, value_name = "T", value_parser = input::instant, allow_negative_numbers = true)]
     at: Option<f64>,
-    /// Write its poles instead, a row each: 1/s, Hz, and the damping ratio
+    /// Write the poles instead, one per row: 1/s, Hz, and the damping ratio
     #[arg(long, conflicts_with = "bode")]
     poles: bool,
-    /// Write its response to sines instead, a row for each frequency in Hz: `1..1000:200:log` (by equal factors),
-    /// `10..20:11`, or `50,100`; of each probe to each input the amplitude, and the phase in degrees
+    /// Write the frequency response instead, one row per frequency in Hz: `1..1000:200:log` (by equal factors),
+    /// `10..20:11`, or `50,100`; per probe and input, the amplitude and the phase in degrees
     #[arg(long, value_name = "FROM..TO:N:log", value_parser = frequencies)]
     bode: Option<Sweep>,
-    /// Write it to a file; the tables as CSV, or in the format of its name
+    /// Write it to a file; tables as CSV, or in the format of the file's ending
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -96,8 +97,8 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
     let linear = compiled.linearize(time, &|name| states.get(name).copied()).map_err(Stop::Numerics)?;
     if linear.states.is_empty() && compiled.scene().clusters.iter().any(|c| c.period.is_some()) {
         report::say(
-            "note: the linear model is of what is continuous, and has no states here: what is sampled stands still \
-             between samples",
+            "note: the linear model has no states: only continuous regions have some, and sampled ones are constant \
+            between samples",
         );
     }
     let path = args.output.as_deref();
@@ -114,7 +115,7 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
 /// The frequencies of `--bode`.
 fn frequencies(text: &str) -> Result<Sweep, String> {
     if let Some(unit) = ANGULAR.into_iter().find(|unit| text.contains(unit)) {
-        return Err(format!("frequencies are in Hz, turns a second, and not in `{unit}`: 1 Hz is 6.2832 rad/s"));
+        return Err(format!("frequencies are in Hz, turns per second, and not in `{unit}`: 1 Hz is 6.2832 rad/s"));
     }
     let list = sweep::parse(&format!("--bode={text}"))?;
     if list.dimension.is_some_and(|d| d != Dimension::HERTZ) {

@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// The model of a new folder.
 const MODEL: &str = include_str!("new/model.bond");
-/// What stands beside it; `NAME` is replaced.
+/// The file beside it, in which `NAME` is replaced.
 const README: &str = include_str!("new/README.md");
 
 /// Make a starting folder: a model that runs, with an expectation
@@ -28,7 +28,7 @@ fn name(text: &str) -> Result<String, String> {
         return Err("it must begin with a letter".into());
     }
     match text.chars().find(|c| !(c.is_alphanumeric() || matches!(c, '-' | '_'))) {
-        Some(c) => Err(format!("`{}` cannot stand in it, only letters, digits, `-` and `_`", c.escape_default())),
+        Some(c) => Err(format!("it must not contain `{}`, only letters, digits, `-` and `_`", c.escape_default())),
         None => Ok(text.to_string()),
     }
 }
@@ -41,7 +41,7 @@ pub fn new(args: &Args) -> Result<(), Stop> {
     let folder = Path::new(&args.name);
     fs::create_dir(folder).map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists => {
-            Stop::Usage(format!("`{}` is there already; nothing was changed", args.name))
+            Stop::Usage(format!("`{}` exists already; nothing was changed", args.name))
         }
         _ => unwritable(folder, &e),
     })?;

@@ -1,6 +1,6 @@
 //! `bond reduce`: only what the scene needs.
 
-use crate::bench::Setting;
+use crate::bench::{Setting, Thresholds};
 use crate::blame::By;
 use crate::commands::run::tolerance;
 use crate::input::{self, Set, Which};
@@ -8,49 +8,50 @@ use crate::progress::Progress;
 use crate::reduce::{self, Setup};
 use crate::stop::Stop;
 use crate::{drive, output, report};
-use bond::{Code, Text};
+use bond::Text;
+use bond::internal::{Code, CompiledInternals, OptionsInternals, StepsInternals};
 use bond_compiler::discretise::Accuracy;
 use bond_compiler::model::Settings;
 use std::path::{Path, PathBuf};
 
-/// Tolerance of the runs that are compared, as a part of the error that is asked for, and at most.
-const PART: f64 = 0.01;
-const MOST: f64 = 1e-6;
+/// Tolerance of the compared runs, per allowed error, and at most.
+const TOLERANCE_PER_ERROR: f64 = 0.01;
+const MAX_TOLERANCE: f64 = 1e-6;
 
-/// Find what of a model its probes need: leave out the least active parts as long as an error allows it
+/// Find the parts of a model that its probes need: leave out the least active ones as far as an error allows
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond reduce car.bond --error 0.01\n  bond reduce car.bond --error 1e-3 --as json -o reduced.json\n\nThe \
-                  activity of a part (a storage, a resistor or a field) is the integral of |power| over the run. From the least \
-                  active\non, parts are left out, and the model runs without them: no probe may move by more than E of its \
-                  largest value. At a\n1-junction the effort of what is left out is 0, at a 0-junction its flow; nothing else changes, \
-                  so that what was passive\nstays so. What a probe, an `expect` or a law reads is kept.\nThe last line is the command \
-                  that runs the reduced model; --without does so in `show`, `linearize`, `bench`,\n`build` and `serve` too."
+                  activity of a part (a storage, a resistor or a field) is the integral of |power| over the run. Parts are left \
+                  out,\nthe least active first, and the model runs without them: no probe may change by more than E of its \
+                  largest value.\nAt a 1-junction the effort of a part left out is 0, at a 0-junction its flow. Nothing else changes, \
+                  so a passive\nmodel stays passive. Parts that a probe, an `expect` or a law reads are kept.\nThe last line is the command \
+                  that runs the reduced model; `show`, `linearize`, `bench`,\n`build` and `serve` take --without too."
 )]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// How far any probe may move at any row, as a part of its largest value, such as 0.01
+    /// Largest change of any probe at any row, as a part of its largest value, such as 0.01
     #[arg(long, value_name = "E", value_parser = tolerance, allow_negative_numbers = true)]
     error: f64,
-    /// End of the run; that of the model's `simulate` otherwise, or 1 s
+    /// End of the run. Default: that of the model's `simulate`, or 1 s
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     stop: Option<f64>,
-    /// Fixed step of continuous regions; that of the model's `simulate` otherwise, or a tolerance of E/100, at most 1e-6
+    /// Fixed step of continuous regions. Default: that of the model's `simulate`, or a tolerance of E/100, at most 1e-6
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
     #[command(flatten)]
     set: Set,
     #[command(flatten)]
     which: Which,
-    /// Read inputs over time from a CSV file: column `t`, and one column an input; linear between rows
+    /// Read inputs over time from a CSV file: column `t` and one column per input, linear between rows
     #[arg(long, value_name = "FILE.csv")]
     input: Option<PathBuf>,
-    /// Inputs keep the value of a row until the next one
+    /// Keep the value of each row until the next one, instead of interpolating
     #[arg(long, requires = "input")]
     input_hold: bool,
-    /// How the result is written
+    /// Format of the result
     #[arg(long = "as", value_enum, default_value_t = Format::Text, value_name = "FORMAT")]
     format: Format,
     /// Write it to a file instead of standard output
@@ -88,12 +89,12 @@ pub fn reduce(args: &Args) -> Result<(), Stop> {
     let compiled = options.compile_text(&text).map_err(|e| input::wrong(&e))?;
     let settings = &compiled.stages().model.settings;
     let stop = args.stop.or(settings.stop).unwrap_or_else(|| {
-        report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
+        report::say("note: neither the model nor --stop gives the end of the run; it is 1 s");
         1.0
     });
     let setting = match args.step.or(settings.step) {
         Some(h) => Setting::Step(h),
-        None => Setting::Tolerance(settings.tolerance.unwrap_or(MOST).min(PART * args.error)),
+        None => Setting::Tolerance(settings.tolerance.unwrap_or(MAX_TOLERANCE).min(TOLERANCE_PER_ERROR * args.error)),
     };
     options = match setting {
         Setting::Step(h) => options.accuracy(Accuracy::Fixed).step(h),
@@ -106,7 +107,16 @@ pub fn reduce(args: &Args) -> Result<(), Stop> {
         None => Vec::new(),
     };
     let backend = Code::Native.backend();
-    let setup = Setup { text: &text, options, error: args.error, stop, setting, given, backend };
+    let setup = Setup {
+        text: &text,
+        options,
+        error: args.error,
+        stop,
+        setting,
+        given,
+        backend,
+        thresholds: Thresholds::default(),
+    };
     let progress = Progress::new();
     let done = reduce::reduce(&setup, &|part| progress.at(part));
     drop(progress);
@@ -118,7 +128,7 @@ pub fn reduce(args: &Args) -> Result<(), Stop> {
     output::put(args.output.as_deref(), &text)
 }
 
-/// The command that runs what is left.
+/// The command that runs the reduced model.
 fn next(args: &Args, without: &[&str]) -> String {
     if without.is_empty() {
         return "nothing can be left out at this error\n".into();

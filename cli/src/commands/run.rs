@@ -15,7 +15,8 @@ use crate::stop::Stop;
 use crate::summary::{self, Early, Outcome};
 use crate::table::{self, Column, Kind, Table};
 use crate::{checkpoint, choose, draw, ensemble, output, report, signal};
-use bond::{Code, RunError, Simulation, Steps, Summary, Text};
+use bond::internal::{Code, CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals, failure};
+use bond::{RunError, Simulation, Steps, Summary, Text};
 use bond_compiler::discretise::{Accuracy, Method};
 use bond_compiler::elaborate::told;
 use bond_compiler::model::Settings;
@@ -27,7 +28,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Simulate a model, and tell what became of the energy
+/// Simulate a model, and account for its energy
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond run wall.bond\n  bond run wall.bond --stop 2s --every 10ms -o wall.csv --plot wall.svg\n  \
@@ -37,35 +38,33 @@ use std::time::Instant;
                   bond run wall.bond --sweep \"wall.k=500 N/m..2 kN/m:50\" --sweep m=0.5,1,2 -o wall.parquet\n  \
                   bond run wall.bond --monte-carlo 10000 --draw \"m=normal(1 kg, 50 g)\" --draw \"wall.k=uniform(900, 1100)\" \
                   --seed 7 -o wall.csv\n  bond run wall.bond --stop 4s --every 10ms --longest 10ms --checkpoint wall.state\n  \
-                  bond run wall.bond --stop 10s --every 10ms --resume wall.state\n\nAn ensemble's table has a row an instance (its parameters, the probes at the end, \
-                  passive or not, the worst balance, why it failed), or with --every or --at its rows over time. What is done \
-                  is kept in FILE.part until the table is written: the same command goes on after a run that was cut off.\nFor --error and --budget, steppers that keep the balance (or that of --method) are tried \
-                  first, against a run that is far more exact; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
-                  seconds, and for each column the path of an `input`, in SI units.\nTimes are seconds or carry a unit.\nA run that is resumed gives the same bits as one that was never \
-                  stopped, if both are looked at at the same instants and take the same steps. \
-                  Steps depend on --stop where neither --step nor a --longest within the run tells their length: exact ones, which are\n\
-                  a thousandth of the run, and the first of those that are fitted to a tolerance; a run that is \
-                  resumed keeps the lengths that it began with. A state that was saved with --error or --budget\n\
-                  goes on with the --method that the \
-                  summary names as chosen.\nCtrl-C (or TERM) ends a run at the next row: its tables, and its state with --checkpoint, are written; exit \
+                  bond run wall.bond --stop 10s --every 10ms --resume wall.state\n\nThe table of an ensemble has one row per instance: its parameters, the probes at the end, whether it \
+                  was passive, the worst balance, and why it failed. With --every or --at it has rows over time. Finished instances \
+                  are kept in FILE.part until the table is written; after an interruption the same command continues.\nWith --error or --budget, the steppers that keep the balance (or the one of --method) are tried \
+                  first and compared with a far more exact run; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
+                  seconds, and for each column the path of an `input`, in SI units.\nTimes are in seconds or have a unit.\nA resumed run gives the same bits as an uninterrupted one, if both have the same rows and the same steps. \
+                  If neither --step nor --longest is given, some step lengths depend on --stop: steps of `exact` are a\n\
+                  thousandth of the run, and so is the first adaptive step. A resumed run keeps the lengths with which it began. \
+                  To resume a state that was saved with --error or --budget,\n\
+                  give the --method that the summary names as chosen.\nCtrl-C (or TERM) ends a run at the next row: it writes its tables and, with --checkpoint, its state; exit \
                   status 130."
 )]
 pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Stepper of every region that can take it
+    /// The stepper, for every region that can take it
     #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
     method: Option<String>,
     #[command(flatten)]
     set: Set,
     #[command(flatten)]
     which: Which,
-    /// Choose stepper and step for a relative error of at most E, in any probe or state; --method names the stepper
+    /// Choose stepper and step so that the relative error of every probe and state is at most E; --method fixes the stepper
     #[arg(long, value_name = "E", value_parser = tolerance, allow_negative_numbers = true, conflicts_with_all = ["step", "tolerance", "budget", "resume"])]
     error: Option<f64>,
-    /// Choose the most exact stepper and step that take at most this processor time, for a period of the fastest
-    /// sampled region, or for a simulated second where nothing is sampled
+    /// Choose the most exact stepper and step that take at most this processor time per period of the fastest sampled
+    /// region, or per simulated second if nothing is sampled
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true, conflicts_with_all = ["step", "tolerance", "resume"])]
     budget: Option<f64>,
     #[command(flatten)]
@@ -74,58 +73,58 @@ pub struct Args {
     ensemble: ensemble::Args,
 }
 
-/// What a run of a compiled scene takes: all that `bond run` does but for what makes the scene.
+/// Options of a run of a compiled scene.
 #[derive(clap::Args)]
 pub struct How {
-    /// End of the run; that of the model's `simulate` otherwise, or 1 s
+    /// End of the run. Default: that of the model's `simulate`, or 1 s
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     stop: Option<f64>,
-    /// Fixed step of continuous regions; with --tolerance, the longest of those that are fitted to it
+    /// Fixed step of continuous regions; with --tolerance, the longest adaptive step
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
-    /// Error allowed in a step of continuous regions, relative to the states' size; 1e-6 where neither this nor a step
-    /// is told
+    /// Largest error of a step of continuous regions, relative to the size of the states. Default, if neither this nor a
+    /// step is given: 1e-6
     #[arg(long, value_name = "X", value_parser = tolerance, allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
-    /// Longest of the steps that are fitted to a tolerance
+    /// Longest adaptive step
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true, conflicts_with = "step")]
     longest: Option<f64>,
-    /// Distance of the rows of output; a thousandth of the run otherwise
+    /// Time between rows of output. Default: a thousandth of the run
     #[arg(long, value_name = "DT", value_parser = input::span, allow_negative_numbers = true)]
     every: Option<f64>,
-    /// Rows at exactly these instants; together with --every, at both
+    /// Write rows at exactly these instants; with --every, at both
     #[arg(long, value_name = "T1,T2,...", value_delimiter = ',', value_parser = input::instant, allow_negative_numbers = true)]
     at: Vec<f64>,
-    /// Read inputs over time from a CSV file: column `t`, and one column an input; linear between rows
+    /// Read inputs over time from a CSV file: column `t` and one column per input, linear between rows
     #[arg(long, value_name = "FILE.csv")]
     input: Option<PathBuf>,
-    /// Inputs keep the value of a row until the next one
+    /// Keep the value of each row until the next one, instead of interpolating
     #[arg(long, requires = "input")]
     input_hold: bool,
     /// Write time and probes to a table, `.csv` or `.parquet`; `-` is CSV to standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Draw the probes over time as a picture, `.svg` or `.png`, a panel for each unit
+    /// Draw the probes over time as a picture, `.svg` or `.png`, with one panel per unit
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Write the energy ledger over time to a table, `.csv` or `.parquet`; between fixed steps a row shows the books as
-    /// of the last step
+    /// Write the energy ledger over time to a table, `.csv` or `.parquet`; a row between two fixed steps shows the ledger
+    /// after the first
     #[arg(long, value_name = "FILE")]
     ledger: Option<PathBuf>,
-    /// How the summary is written; it goes to standard error when standard output has the rows
+    /// Format of the summary, which goes to standard error if standard output has the rows
     #[arg(long, value_enum, default_value_t = Format::Text)]
     summary: Format,
     /// Interpret the step programs instead of compiling them to machine code; the numbers are the same
     #[arg(long)]
     interpret: bool,
-    /// Save the whole state at the end of the run, to go on from with --resume
+    /// Save the whole state at the end of the run, for --resume
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
-    /// Save it on the way too: at the first row of output after each DT of simulated time
+    /// Also save it during the run, at the first row after each DT of simulated time
     #[arg(long, value_name = "DT", value_parser = input::span, allow_negative_numbers = true, requires = "checkpoint")]
     checkpoint_every: Option<f64>,
-    /// Go on from a saved state of the same model with the same parameters, with the step or tolerance that it had;
-    /// rows begin after it
+    /// Continue from a saved state of the same model with the same parameters, with its step or tolerance; rows begin
+    /// after it
     #[arg(long, value_name = "FILE", conflicts_with_all = ["step", "tolerance", "longest"])]
     resume: Option<PathBuf>,
 }
@@ -138,7 +137,7 @@ enum Format {
 
 /// A tolerance.
 pub fn tolerance(text: &str) -> Result<f64, String> {
-    match bond::quantity(text)? {
+    match bond::internal::quantity(text)? {
         (x, None) if x > 0.0 && x < 1.0 => Ok(x),
         (_, None) => Err("it must lie between 0 and 1, such as 1e-6".into()),
         (_, Some(_)) => Err("it has no unit".into()),
@@ -211,13 +210,14 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
         shows: how.output.is_some() || how.plot.is_some(),
         given: &given,
         backend: if how.interpret { Code::Interpreted.backend() } else { Code::Native.backend() },
+        thresholds: choose::Thresholds::default(),
     };
     let chosen = choose::choose(&ask, ways)?;
     report::say(&format!("note: choosing {} took {} s", chosen.method, summary::short(chosen.took)));
     go(&chosen.scene, &settings, how, (by, Some(&chosen)))
 }
 
-/// Runs a scene that says `settings`; what cannot be, and is not said by these options, `by` is to mend.
+/// Runs a scene whose model has these `settings`. Errors in values that the options do not give are attributed to `by`.
 ///
 /// # Errors
 /// A command line that is wrong, settings that cannot be, numerics that fail.
@@ -231,19 +231,19 @@ fn rows(args: &How, settings: &Settings, stop: f64, by: By) -> Result<Rows, Stop
     Rows::new(stop, Grid::asked(args.every, settings.every, &args.at), &args.at, by)
 }
 
-/// Refuses instants of rows before the one that a run goes on from.
+/// Refuses rows before the time of a resumed state.
 fn later(at: &[f64], from: f64) -> Result<(), Stop> {
     match at.iter().find(|t| from > 0.0 && **t <= from * (1.0 + 1e-12)) {
         None => Ok(()),
         Some(t) => Err(Stop::Usage(format!(
-            "--at {} is not after {} s, from which the saved state goes on; leave it out, or run without --resume",
+            "--at {} is not after {} s, the time of the saved state; remove it, or run without --resume",
             told(*t),
             told(from)
         ))),
     }
 }
 
-/// Runs a scene, with steps that were chosen or that are told.
+/// Runs a scene, with chosen or given steps.
 fn go(scene: &Scene, settings: &Settings, args: &How, (model, chosen): (By, Option<&Chosen>)) -> Result<(), Stop> {
     places(args, None)?;
     let (steps, stop, every) = asked(args, settings);
@@ -257,15 +257,16 @@ fn go(scene: &Scene, settings: &Settings, args: &How, (model, chosen): (By, Opti
     for (holder, other) in bond_runtime::simulate::uneven(scene) {
         let name = |c: usize| &scene.clusters[c].name;
         report::say(&format!(
-            "note: `{}` holds for `{}`, whose period goes neither into its own nor into that of what else it holds for: \
-             what it foretells is poor, and the motion may be wrong; give them periods in whole ratios",
+            "note: `{}` holds for `{}`, whose period divides neither its own nor those of the other sides that it \
+            holds for: \
+             its predictions are poor, and the motion may be wrong; give them periods in whole ratios",
             name(holder),
             name(other)
         ));
     }
     let started = Instant::now();
     let code = if args.interpret { Code::Interpreted } else { Code::Native };
-    // What it goes on from may be written over on the way.
+    // The resumed file may be overwritten during the run.
     let state = args.resume.as_deref().map(|path| Ok::<_, Stop>((path, checkpoint::state(path)?))).transpose()?;
     let begin = || match &state {
         Some((path, bytes)) => {
@@ -348,8 +349,8 @@ fn ensembles(args: &Args) -> Result<(), Stop> {
     let single: [(&str, bool, &str); 6] = [
         ("--plot", args.how.plot.is_some(), "it is drawn"),
         ("--ledger", args.how.ledger.is_some(), "its ledger is written"),
-        ("--checkpoint", args.how.checkpoint.is_some(), "its state is saved; an ensemble goes on by itself"),
-        ("--resume", args.how.resume.is_some(), "it goes on; an ensemble goes on by itself"),
+        ("--checkpoint", args.how.checkpoint.is_some(), "its state is saved; an ensemble continues by itself"),
+        ("--resume", args.how.resume.is_some(), "it continues; an ensemble continues by itself"),
         (
             "--error",
             args.error.is_some(),
@@ -444,17 +445,17 @@ fn tell(
         None => printed,
         Some(Early::Failed(e)) => match (cause(&e, model, args, sim), shorter(&e, sim)) {
             (Some(cause), _) => Err(Stop::Numerics(cause)),
-            (None, Some(mend)) => Err(Stop::Numerics(format!("{e}; {mend}"))),
+            (None, Some(advice)) => Err(Stop::Numerics(format!("{e}; {advice}"))),
             (None, None) => Err(e.into()),
         },
         Some(Early::Asked(_)) => Err(Stop::Said(signal::ASKED)),
     }
 }
 
-/// What a step failed by, where that is a law that has no finite value at its start. Of what samples hold, or the
-/// outside gives, the model does not tell.
+/// Names the law without a finite value by which a step failed. Values held by samples or imposed from outside are
+/// unknown to the model, so then there is none.
 fn cause(e: &RunError, model: By, args: &How, sim: &Simulation<'_>) -> Option<String> {
-    let (RunError::Numerics(Failed::Step { time, region, why, .. }), By::Text(compiled)) = (e, model) else {
+    let (Some(Failed::Step { time, region, why, .. }), By::Text(compiled)) = (failure(e), model) else {
         return None;
     };
     let is_off = match why {
@@ -468,13 +469,13 @@ fn cause(e: &RunError, model: By, args: &How, sim: &Simulation<'_>) -> Option<St
     Some(format!("at t = {} s, a step of `{region}` failed: {what}", told(*time)))
 }
 
-/// What may help where a step of a fixed length failed.
+/// Advice if a step of a fixed length failed.
 fn shorter(e: &RunError, sim: &Simulation<'_>) -> Option<String> {
-    let RunError::Numerics(Failed::Step { region, .. }) = e else { return None };
+    let Some(Failed::Step { region, .. }) = failure(e) else { return None };
     let step = sim.options().step?;
     let steps = |r: &bond::RegionSummary| r.name == *region && r.period.is_none();
     sim.summary().regions.iter().any(steps).then(|| {
-        format!("steps of {step:e} s may be too long for it: give `--tolerance 1e-6`, which fits them, instead")
+        format!("steps of {step:e} s may be too long for it: give `--tolerance 1e-6` for adaptive steps instead")
     })
 }
 
@@ -484,7 +485,7 @@ fn undefined(names: &[String], values: &[f64]) {
         names.iter().zip(values).filter(|(_, x)| !x.is_finite()).map(|(name, x)| format!("`{name}` is {x}")).collect();
     if !list.is_empty() {
         report::say(&format!(
-            "note: at the end {}: a root, logarithm, power or quotient in what is probed has no finite value there",
+            "note: at the end {}: a root, logarithm, power or quotient in a probe has no finite value there",
             list.join(", ")
         ));
     }
@@ -498,7 +499,7 @@ fn is_dash(path: Option<&Path>) -> bool {
 fn places(args: &How, model: Option<&Path>) -> Result<(), Stop> {
     for (option, path) in [("--checkpoint", &args.checkpoint), ("--resume", &args.resume)] {
         if is_dash(path.as_deref()) {
-            return Err(Stop::Usage(format!("{option} needs a file: a state is no text")));
+            return Err(Stop::Usage(format!("{option} needs a file, because a state is not text")));
         }
     }
     // One that carries a scene would be lost with it.
@@ -506,7 +507,7 @@ fn places(args: &How, model: Option<&Path>) -> Result<(), Stop> {
     let read =
         [(model, "the model"), (program.as_deref(), "this program"), (args.input.as_deref(), "the table of --input")];
     let mut read: Vec<_> = read.into_iter().filter_map(|(path, what)| Some((path?, what))).collect();
-    // A state may take the place of the one that it goes on from.
+    // A saved state may replace the one that is resumed.
     if let Some(path) = &args.checkpoint {
         output::place(path)?;
         output::not_over(path, &read)?;
@@ -536,7 +537,7 @@ fn unused(args: &How, used: &[PathBuf]) -> Result<(), Stop> {
 /// Steps, end and distance of rows: the command line goes before the model.
 fn asked(args: &How, settings: &Settings) -> (Steps, f64, Option<f64>) {
     let stop = args.stop.or(settings.stop).unwrap_or_else(|| {
-        report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
+        report::say("note: neither the model nor --stop gives the end of the run; it is 1 s");
         1.0
     });
     (steps(args), stop, args.every.or(settings.every))
@@ -551,10 +552,10 @@ fn accuracy(args: &How) -> Accuracy {
     }
 }
 
-/// Length of the run's steps, or of the longest, and its end, where they are told, s.
+/// Length of the steps, or of the longest, and the end of the run, s, if given.
 type Lengths = (Option<f64>, Option<f64>);
 
-/// What the command line tells of them.
+/// Those that the command line gives.
 fn lengths(args: &How) -> Lengths {
     (args.step.or(args.longest), args.stop)
 }
@@ -595,7 +596,7 @@ struct Files {
     plot: Option<Pending<Plot>>,
     ledger: Option<Pending<Table>>,
     shown: usize,
-    /// The instant of a run that goes on from there: its row was written before.
+    /// The time of the resumed state, whose row was written before.
     resumed: Option<f64>,
 }
 
@@ -619,7 +620,7 @@ impl Files {
         let span = (resumed.unwrap_or(0.0), stop);
         let plot = args.plot.clone().map(|path| Plot::new(path, &scene.name, &scene.probes, span)).transpose()?;
         if let Some(left) = plot.as_ref().map(Plot::left).filter(|left| *left > 0) {
-            report::say(&format!("note: the picture leaves out {left} of {shown} probes, for which it has no room"));
+            report::say(&format!("note: the picture has no room for {left} of {shown} probes"));
         }
         let plot = plot.map(|plot| Pending::new(plot, 1 + shown));
         let names = ledger_names(&sim.summary());

@@ -9,6 +9,7 @@ use crate::stop::Stop;
 use crate::{output, report};
 use bond::Steps;
 use bond::exchange::Exchange;
+use bond::internal::{CompiledInternals, ExchangeInternals, StepsInternals};
 use bond_compiler::discretise::Method;
 use bond_compiler::model::Settings;
 use bond_runtime::scene::Scene;
@@ -19,25 +20,25 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// What is told below the options of what is called so.
+/// The help text below the options, for a command with this name.
 pub fn help(called: &str) -> String {
     format!(
         "Examples:\n  {called} --udp 127.0.0.1:7000 --duration 60s --report json\n  {called} --udp 0.0.0.0:7000 --priority 80 --core 1 \
---lock-memory --ledger wall.csv\n  {called} --stdio --lockstep < moves.csv\n  {called} --shm wall\n\nThe period of the sampled region behind the open \
-ports is the rate. The clock starts with the first measurement.\n\nLines: for each line out (what each port holds, then the energy that may be drawn, in \
-J) one line in (how far each port\nmoved under it). Packets, and what a device must do so that it stays passive over a line that loses: docs/serve.md;\n\
-models/embed/device.py is a device in Python.\n\nIt ends after --duration, at the end of standard input, or with Ctrl-C, and then reports."
+--lock-memory --ledger wall.csv\n  {called} --stdio --lockstep < moves.csv\n  {called} --shm wall\n\nThe rate is that of the sampled region behind the open \
+ports. The clock starts with the first measurement.\n\nLines: each line out has the value held at each port, then the energy in J that may be drawn; each line \
+in has how far\neach port moved under it. docs/serve.md describes the packets, and what keeps a device passive over a lossy line;\n\
+models/embed/device.py is a device in Python.\n\nServing ends after --duration, at the end of standard input, or with Ctrl-C, and then reports."
     )
 }
 
-/// Meet a real outside at a scene's open ports, in real time
+/// Connect a scene's open ports to real devices, in real time
 #[derive(clap::Args)]
 #[command(after_help = help("bond serve wall.bond") + "\nBuilt into one file: bond build wall.bond -o wall, then ./wall serve ...")]
 pub struct Args {
     /// A model
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Stepper of every region that can take it
+    /// The stepper, for every region that can take it
     #[arg(long, value_name = "METHOD", value_parser = PossibleValuesParser::new(Method::ALL.map(Method::name)))]
     method: Option<String>,
     #[command(flatten)]
@@ -53,19 +54,19 @@ pub struct Args {
 pub struct How {
     #[command(flatten)]
     line: Line,
-    /// Packets instead of lines on standard input and output
+    /// Use packets instead of lines on standard input and output
     #[arg(long)]
     binary: bool,
     /// No clock: each interval waits for its measurement
     #[arg(long)]
     lockstep: bool,
-    /// The device's address; otherwise the first that speaks
+    /// The device's address. Default: the first that sends a measurement
     #[arg(long, value_name = "ADDR:PORT", value_parser = address)]
     peer: Option<SocketAddr>,
-    /// How long to go on from the first measurement, for which it waits; without end otherwise
+    /// How long to serve, from the first measurement on. Default: without end
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     duration: Option<f64>,
-    /// Intervals for which an effort stays where nothing newer is heard, on either side; then 0 is held
+    /// Intervals for which an effort is held without a newer one, on either side; then 0 is held
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1_000_000), allow_negative_numbers = true)]
     hold: u32,
     /// Real-time priority (SCHED_FIFO), 1 to 99
@@ -77,10 +78,10 @@ pub struct How {
     /// Keep memory from being swapped out
     #[arg(long)]
     lock_memory: bool,
-    /// How the report is written; it goes to standard error where standard output has the efforts
+    /// Format of the report, which goes to standard error if standard output has the efforts
     #[arg(long, value_enum, default_value_t = Format::Text)]
     report: Format,
-    /// Write the ledger, a row an interval, to a file (`.csv`, or `.parquet`)
+    /// Write the ledger, one row per interval, to a file (`.csv` or `.parquet`)
     #[arg(long, value_name = "FILE.csv")]
     ledger: Option<PathBuf>,
 }
@@ -95,7 +96,7 @@ struct Line {
     /// UDP, listening at this address; port 0 takes a free one
     #[arg(long, value_name = "ADDR:PORT", value_parser = address)]
     udp: Option<SocketAddr>,
-    /// Shared memory: a file of this name in /dev/shm, which is made
+    /// Shared memory: a file of this name, created in /dev/shm
     #[arg(long, value_name = "NAME")]
     shm: Option<String>,
 }
@@ -135,7 +136,7 @@ pub fn serve(args: &Args) -> Result<(), Stop> {
 /// Serves a scene whose model says `settings`.
 ///
 /// # Errors
-/// A scene that meets nobody, a line that cannot be had, numerics that fail.
+/// A scene without open ports that can be served, a line that cannot be opened, numerics that fail.
 pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> {
     for (asked, option, line, there) in [
         (args.binary, "--binary", "--stdio", args.line.stdio),
@@ -152,7 +153,7 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
     let options = Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
     // Later sessions have higher numbers.
     let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |t| t.as_nanos() as u64).max(1);
-    let mut scene_side = Exchange::new(scene, &options, session, args.hold).map_err(|e| match e {
+    let mut scene_side = Exchange::on(scene, &options, session, args.hold).map_err(|e| match e {
         bond::exchange::Unfit::Start(e) => e.into(),
         other => Stop::Model(other.to_string()),
     })?;
@@ -185,7 +186,7 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
     let end = exchange(&mut scene_side, &mut link, log.as_mut(), &until);
     let lost = log.map(Log::end).transpose()?.unwrap_or(0);
     if lost > 0 {
-        say(&format!("warning: {lost} rows of the ledger were lost, the disk being too slow"));
+        say(&format!("warning: {lost} rows of the ledger were lost, because the disk is too slow"));
     }
     let outcome = Outcome {
         scene,

@@ -3,7 +3,7 @@
 use crate::input::{self, Set, Which};
 use crate::output;
 use crate::stop::Stop;
-use bond::{As, What};
+use bond_compiler::show::{As, What};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::path::{Path, PathBuf};
 
@@ -19,10 +19,10 @@ pub struct Args {
     /// What to show
     #[arg(default_value = "all", value_parser = what())]
     what: What,
-    /// How to show it
+    /// The format
     #[arg(long = "as", value_name = "FORMAT", default_value = "text", value_parser = format())]
     format: As,
-    /// Write it to a file
+    /// Write it to a file instead of standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -72,7 +72,7 @@ pub fn show(args: &Args) -> Result<(), Stop> {
     }
     let compiled = input::compile(&args.file, &input::options(&args.which, &args.set)?)?;
     output::not_over_used(args.output.as_deref(), compiled.used())?;
-    let mut text = compiled.show_as(args.what, args.format).map_err(Stop::Usage)?;
+    let mut text = compiled.show_as(args.what.name(), args.format.name()).map_err(Stop::Usage)?;
     if !text.ends_with('\n') {
         text.push('\n');
     }

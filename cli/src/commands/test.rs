@@ -10,6 +10,7 @@ use crate::progress::Progress;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
+use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Compiled, Options, Simulation, Steps, Text};
 use bond_grammar::ast::{self, Item, Statement, StatementKind};
 use bond_grammar::source::Sources;
@@ -22,16 +23,16 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond test wall.bond\n  bond test models --update\n\nThe last model of each file is tested, and every other one \
-                  that has an `expect`. A model without is only compiled.\n\
-                  The snapshot of NAME.bond is NAME.snap beside it, that of a model M which is not its last one \
-                  NAME.M.snap;\nit is compared where it exists, and --update makes or renews it (that of M where \
-                  --model M asks for it)."
+                  that has an `expect`. A model without `expect` is only compiled.\n\
+                  The snapshot of NAME.bond is NAME.snap beside it; that of a model M other than the last is \
+                  NAME.M.snap.\nIt is compared if it exists, and --update creates or renews it (that of M with \
+                  --model M)."
 )]
 pub struct Args {
-    /// Models, and folders that are searched for `*.bond`
+    /// Models, and folders to search for `*.bond`
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Accept the structure as it is: write the snapshots
+    /// Accept the present structure: write the snapshots
     #[arg(long)]
     update: bool,
     #[command(flatten)]
@@ -70,7 +71,7 @@ pub fn test(args: &Args) -> Result<(), Stop> {
     let files = files(&args.paths)?;
     if args.update && files.iter().any(|file| file == Path::new("-")) {
         let why =
-            "a snapshot lies beside its model, and standard input lies nowhere; name a file, or leave --update out";
+            "a snapshot is written beside its model, and standard input has no place; name a file, or omit --update";
         return Err(Stop::Usage(why.into()));
     }
     let mut count = Count::default();
@@ -268,12 +269,12 @@ fn snap(path: &Path, scene: &str, default: Option<&str>) -> (PathBuf, bool) {
 /// Compares the structure with its snapshot, or writes that.
 fn snapshot(place: &Path, title: &str, compiled: &Compiled, update: bool, count: &mut Count) -> Result<(), Stop> {
     let new = compiled.show("all");
-    let old = match bond::read(place) {
+    let old = match bond::internal::read(place) {
         // Editors and version control may end lines in the other way.
         Ok(old) => Some(old.replace("\r\n", "\n")),
         Err(_) if !place.exists() => None,
         // Whatever it is, the new one takes its place.
-        Err(bond::ReadError::NotText { .. }) if update => None,
+        Err(bond::internal::ReadError::NotText { .. }) if update => None,
         Err(e) => return count.add(false, &format!("{title}: cannot read {}: {e}", place.display())),
     };
     match old {

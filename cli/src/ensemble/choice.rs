@@ -1,16 +1,16 @@
-//! Whether the instances are run as machine code or interpreted: whichever is sooner done, as the numbers are the same.
+//! Decides whether instances run as machine code or interpreted: whichever is faster, because the numbers are the same.
 
-use bond::Code;
+use bond::internal::Code;
 use bond_runtime::kernel::Backend;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// Machine code is some 6 times as fast as the interpreter at least. So where making it takes longer than this many
-/// times the run itself, the interpreter would have been done before.
-const WORTH: u32 = 5;
+/// Machine code is at least some 6 times as fast as the interpreter. So if compiling takes more than this many times
+/// the run itself, interpreting would have been faster.
+const INTERPRETER_COST: u32 = 5;
 
-/// How the instances are run, and what is known of that so far; threads may ask and tell at once.
+/// How the instances are run, learned from those that have run. Threads share it.
 pub struct Choice {
     native: Box<dyn Backend + Send + Sync>,
     instances: u64,
@@ -30,7 +30,7 @@ struct Taken {
 }
 
 impl Choice {
-    /// Nothing is known of so many instances, or the user wants the interpreter.
+    /// A choice for this many instances, of which none has run; or the interpreter, if the user wants it.
     pub fn new(interpret: bool, instances: u64) -> Self {
         let (native, taken) = (Code::Native.shared(instances), Mutex::default());
         Self { native, instances, taken, interpret: AtomicBool::new(interpret) }
@@ -49,16 +49,15 @@ impl Choice {
         }
     }
 
-    /// An instance has come to its end as machine code: how long that took to make, and then to run. What is made for
-    /// one mostly serves the others too; where making has taken longer than interpreting all of them would, the rest is
-    /// interpreted.
+    /// Learns how long an instance took as machine code, to compile and to run. Code compiled for one mostly serves the
+    /// others too. Once compiling has taken longer than interpreting all of them would, the rest is interpreted.
     pub fn learn(&self, made: Duration, ran: Duration) {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         taken.instances += 1;
         taken.made += made.as_secs_f64();
         taken.ran += ran.as_secs_f64();
         let all = taken.ran * self.instances as f64 / taken.instances.max(1) as f64;
-        if taken.made > all * f64::from(WORTH) {
+        if taken.made > all * f64::from(INTERPRETER_COST) {
             self.interpret.store(true, Ordering::Relaxed);
         }
     }

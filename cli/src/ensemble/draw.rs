@@ -60,8 +60,8 @@ fn normal(u: f64, v: f64) -> f64 {
 pub fn parse(text: &str) -> Result<Draw, String> {
     let (path, rest) = assignment(text, EXAMPLE)?;
     let inside = rest.split_once('(').and_then(|(name, args)| Some((name.trim(), args.strip_suffix(')')?)));
-    let (name, args) = inside.ok_or_else(|| format!("`{rest}` is no distribution; there are {KNOWN}"))?;
-    let list = args.split(',').map(bond::quantity).collect::<Result<Vec<_>, _>>()?;
+    let (name, args) = inside.ok_or_else(|| format!("`{rest}` is not a distribution; there are {KNOWN}"))?;
+    let list = args.split(',').map(bond::internal::quantity).collect::<Result<Vec<_>, _>>()?;
     let (numbers, alike): (Vec<f64>, &[_]) = (list.iter().map(|q| q.0).collect(), &list);
     let (law, alike) = match (name, numbers.as_slice()) {
         ("uniform", &[a, b]) => (Law::Uniform { a, b }, alike),
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn units_are_read() {
         let d = parse("wall.k = normal(1 kN/m, 50 N/m)").unwrap();
-        assert_eq!((d.path.as_str(), d.dimension), ("wall.k", bond::quantity("1 N/m").unwrap().1));
+        assert_eq!((d.path.as_str(), d.dimension), ("wall.k", bond::internal::quantity("1 N/m").unwrap().1));
         assert_eq!(d.law, Law::Normal { mean: 1000.0, sd: 50.0 });
         assert_eq!(parse("m=lognormal(100 g, 0.1)").unwrap().law, Law::LogNormal { median: 0.1, sigma: 0.1 });
         assert_eq!(parse("m=uniform((1 kg)/2, 1 kg)").unwrap().law, Law::Uniform { a: 0.5, b: 1.0 });

@@ -1,8 +1,9 @@
-//! What an ensemble is made from, in lines, so that two can be told apart, and why.
+//! The fingerprint of an ensemble: its inputs as lines of text, so that a difference between two can be named.
 
 use super::run::Setup;
 use super::{job::Job, plan::Plan};
 use crate::hash::Hash;
+use bond::internal::StepsInternals;
 use bond_grammar::source::Sources;
 use std::fmt::Write;
 

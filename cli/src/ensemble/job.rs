@@ -8,11 +8,12 @@ use crate::drive::{self, Halt, Walk, Watch};
 use crate::pending::reached;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use bond::{Code, Compiled, Course, Errors, Options, Simulation, Steps, Text};
+use bond::internal::{Code, CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals};
+use bond::{Compiled, Course, Errors, Options, Simulation, Steps, Text};
 use std::time::Instant;
 
 /// More numbers than this are not kept of one instance.
-pub const NUMBERS: usize = 1 << 24;
+pub const NUMBERS_PER_INSTANCE: usize = 1 << 24;
 
 /// All that the instances have in common.
 pub struct Job {
@@ -58,7 +59,7 @@ impl Job {
     pub fn course(&self, compiled: &Compiled) -> Result<(Rows, bond_runtime::simulate::Options, f64), Stop> {
         let settings = &compiled.stages().model.settings;
         let stop = self.stop.or(settings.stop).unwrap_or(1.0);
-        // The command line has a hand in all instances, and may mend them.
+        // The command line sets values of every instance, so an error may be its own.
         let rows = Rows::new(stop, Grid::asked(self.every, settings.every, &self.at), &self.at, By::Line)?;
         let steps = self.steps.resolve(settings, stop, self.every.or(settings.every))?;
         drive::possible(compiled.scene(), &steps, stop, By::Line)?;
@@ -96,7 +97,7 @@ impl Job {
     fn prepare(&self, instance: u64) -> Result<Compiled, String> {
         let names = || self.plan.paths().zip(self.plan.values(instance));
         if let Some((path, (x, _))) = names().find(|(_, (x, _))| !x.is_finite()) {
-            return Err(format!("{path} = {x} is no finite number"));
+            return Err(format!("{path} = {x} is not a finite number"));
         }
         let compiled = self.compile(instance).map_err(|errors| first(&errors))?;
         if compiled.probes() != self.probes {
@@ -110,7 +111,7 @@ impl Job {
         let (rows, steps, stop) = self.course(compiled).map_err(|stop| words(&stop))?;
         let sim = Simulation::on(self.choice.backend(code), compiled.scene(), &steps, self.given.iter().cloned());
         let sim = sim.map_err(|e| e.to_string())?;
-        // Where nobody looks, fixed steps need not stop for it.
+        // Without rows, fixed steps need not end there.
         let rows = if self.over_time || steps.step.is_none() { rows } else { Rows::end(stop) };
         Ok((Walk::new(sim.time(), rows, stop), sim))
     }
@@ -141,8 +142,10 @@ struct Recorder<'a> {
 impl Watch for Recorder<'_> {
     fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
         if self.job.over_time {
-            if self.list.len() > NUMBERS {
-                let why = format!("more than {NUMBERS} numbers would be kept of one instance; ask for fewer rows");
+            if self.list.len() > NUMBERS_PER_INSTANCE {
+                let why = format!(
+                    "more than {NUMBERS_PER_INSTANCE} numbers would be kept of one instance; ask for fewer rows"
+                );
                 return Err(Halt::Stop(Stop::Usage(why)));
             }
             let values = sim.probes().map_err(Halt::Numerics)?;

@@ -1,6 +1,6 @@
 //! Ensembles: many instances of a model, each with values of its own for some parameters, in one table.
 //!
-//! `sweep` and `draw` read what is asked for and say what each value is; `plan` gives the values of an instance by its
+//! `sweep` and `draw` read the arguments and compute values; `plan` gives the values of an instance by its
 //! number alone, so that neither threads nor order matter. `job` runs an instance, `pool` spreads them over threads,
 //! `side` keeps those that are done in a file, `sheet` puts them in the order of the table, `run` joins all that.
 
@@ -37,24 +37,24 @@ const THREADS: u64 = 256;
 #[command(next_help_heading = "Ensembles")]
 #[group(skip)]
 pub struct Args {
-    /// Run once for each of N values of a parameter, evenly spaced from FROM to TO (both included), or by equal factors
-    /// with `:log`; or for each of a list, `m=1,2,5`. Several give the grid, the last one varying fastest
+    /// Run once per value of a parameter: N values, evenly spaced from FROM to TO, both included, or with `:log` by equal
+    /// factors; or a list, `m=1,2,5`. Several sweeps give a grid, the last one varying fastest
     #[arg(long, value_name = "PATH=FROM..TO:N", value_parser = sweep::parse, allow_hyphen_values = true)]
     sweep: Vec<Sweep>,
-    /// Run N times with parameters drawn at random, at each point of the grid where there is one
+    /// Run N times with random parameters, at each point of the grid if there is one
     #[arg(long, value_name = "N", value_parser = |text: &str| input::count(text, 1..=INSTANCES), requires = "draw", allow_negative_numbers = true)]
     monte_carlo: Option<u64>,
-    /// How a parameter is drawn: `uniform(A, B)`, `normal(MEAN, SD)`, `lognormal(MEDIAN, SIGMA)` with the standard
+    /// Distribution of a parameter: `uniform(A, B)`, `normal(MEAN, SD)`, `lognormal(MEDIAN, SIGMA)` with the standard
     /// deviation of the logarithm, `triangular(A, MODE, B)`; repeatable
     #[arg(long, value_name = "PATH=DISTRIBUTION", value_parser = draw::parse, allow_hyphen_values = true)]
     draw: Vec<Draw>,
-    /// Other numbers for --draw; 0 otherwise
+    /// Seed of the random numbers. Default: 0
     #[arg(long, value_name = "S", value_parser = |text: &str| input::count(text, 0..=u64::MAX), allow_negative_numbers = true)]
     seed: Option<u64>,
-    /// Instances that run at the same time; one a core otherwise. The results do not depend on it
+    /// Instances that run at the same time. Default: one per core. The results do not depend on it
     #[arg(long, value_name = "T", value_parser = |text: &str| input::count(text, 1..=THREADS), allow_negative_numbers = true)]
     threads: Option<u64>,
-    /// Begin anew where a run that was cut off has left FILE.part; it is gone on with otherwise
+    /// Start again although an interrupted run left FILE.part, instead of continuing it
     #[arg(long)]
     restart: bool,
 }

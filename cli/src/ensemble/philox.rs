@@ -1,4 +1,4 @@
-//! Random words by their place: the same for an instance and a parameter, whoever asks, and when.
+//! Counter-based random numbers (Philox): a function of the instance and the parameter alone.
 //!
 //! Philox4x32-10 of J. K. Salmon, M. A. Moraes, R. O. Dror and D. E. Shaw, "Parallel random numbers: as easy as 1, 2,
 //! 3", 2011.

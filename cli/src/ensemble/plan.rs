@@ -5,7 +5,7 @@ use super::philox::words;
 use super::sweep::Sweep;
 use super::{Args, INSTANCES};
 use crate::stop::Stop;
-use bond::Quantity;
+use bond::internal::Quantity;
 use bond_compiler::elaborate::told;
 
 /// The grid of the sweeps, times the draws at each of its points.
@@ -38,7 +38,7 @@ impl Plan {
                 args.sweep.iter().map(|s| s.count().to_string()).chain(args.monte_carlo.map(|n| n.to_string()));
             let product = counts.collect::<Vec<_>>().join(" x ");
             return Err(Stop::Usage(format!(
-                "{product} are too many instances, at most {INSTANCES} are run; take fewer values"
+                "{product} are too many instances; the limit is {INSTANCES}; take fewer values"
             )));
         };
         let sweeps = args.sweep.iter().map(|s| (&s.path, "--sweep"));

@@ -11,9 +11,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Bytes that may wait to be collected.
-const WAITING: usize = 64 << 20;
-/// Models may be deep; what is not touched of a stack costs nothing.
-const STACK: usize = 256 << 20;
+const BYTES_WAITING: usize = 64 << 20;
 /// So often it is looked whether the end is wished for.
 const LOOK: Duration = Duration::from_millis(100);
 /// Most chunks of an ensemble.
@@ -77,7 +75,7 @@ impl Shared {
 
     /// The next chunk, as soon as there is room for what it comes to.
     fn take(&self) -> Option<u64> {
-        let full = |s: &mut State| s.waiting > WAITING;
+        let full = |s: &mut State| s.waiting > BYTES_WAITING;
         self.room.wait_while(self.state(), full).unwrap_or_else(PoisonError::into_inner).next.next()
     }
 
@@ -138,7 +136,7 @@ pub fn run(
     for _ in 0..threads {
         let (shared, witness) = (shared.clone(), Witness(send.clone()));
         let work = move || shared.work(&witness.0);
-        let thread = std::thread::Builder::new().stack_size(STACK).spawn(work);
+        let thread = std::thread::Builder::new().stack_size(crate::STACK).spawn(work);
         thread.map_err(|e| Stop::Usage(format!("cannot start a thread: {e}; take fewer with --threads")))?;
     }
     drop(send);

@@ -1,10 +1,10 @@
-//! Runs an ensemble: checks what is asked for, runs what is left to be run, and writes the table.
+//! Runs an ensemble: checks the arguments, runs the instances that are missing, and writes the table.
 
 use super::Args;
 use super::choice::Choice;
 use super::collect::{Collect, InOrder};
 use super::fingerprint::Fingerprint;
-use super::job::{Job, NUMBERS};
+use super::job::{Job, NUMBERS_PER_INSTANCE};
 use super::plan::Plan;
 use super::pool::{self, Chunks};
 use super::sheet::Sheet;
@@ -14,7 +14,8 @@ use super::summary::Told;
 use crate::signal::{self, ASKED};
 use crate::stop::Stop;
 use crate::{input, output, report};
-use bond::{Compiled, Options, Quantity, Steps, Text};
+use bond::internal::{CompiledInternals, Quantity};
+use bond::{Compiled, Options, Steps, Text};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -76,11 +77,12 @@ pub fn run(args: &Args, setup: Setup) -> Result<(), Stop> {
     let sample = sample(&job)?;
     job.probes = sample.probes().to_vec();
     if job.stop.or(sample.stages().model.settings.stop).is_none() {
-        report::say("note: neither the model nor --stop tells the end of the run; it is 1 s");
+        report::say("note: neither the model nor --stop gives the end of the run; it is 1 s");
     }
     let (rows, ..) = job.course(&sample)?;
-    if job.over_time && rows.count() * (1 + job.probes.len()) > NUMBERS {
-        let why = format!("more than {NUMBERS} numbers would be kept of one instance; take a longer --every");
+    if job.over_time && rows.count() * (1 + job.probes.len()) > NUMBERS_PER_INSTANCE {
+        let why =
+            format!("more than {NUMBERS_PER_INSTANCE} numbers would be kept of one instance; take a longer --every");
         return Err(Stop::Usage(why));
     }
     if let Some((path, hold)) = setup.input {
@@ -136,7 +138,7 @@ fn kept(crew: &Crew, path: &Path, print: &Fingerprint, restart: bool) -> Result<
     let left = missing(&side);
     if left < total {
         report::say(&format!(
-            "note: {} of {total} instances are in {} already; --restart begins anew",
+            "note: {} of {total} instances are in {} already; --restart starts again",
             total - left,
             side.path().display()
         ));
@@ -145,7 +147,7 @@ fn kept(crew: &Crew, path: &Path, print: &Fingerprint, restart: bool) -> Result<
     if let Err(Stop::Said(ASKED)) = ran {
         side.pause()?;
         report::say(&format!(
-            "asked to end: {} of {total} instances are in {}; the same command goes on from there",
+            "interrupted: {} of {total} instances are in {}; the same command continues from there",
             total - missing(&side),
             side.path().display()
         ));

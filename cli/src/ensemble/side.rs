@@ -67,15 +67,15 @@ impl Side {
             let mut magic = Vec::new();
             (&mut file).take(MAGIC.len() as u64).read_to_end(&mut magic)?;
             if !MAGIC.starts_with(&magic) {
-                let what = "is there already, and is no side file of an ensemble; move it away";
+                let what = "exists already, and is not a side file of an ensemble; move it away";
                 return Ok(Err(Stop::Usage(format!("{} {what}", self.path.display()))));
             }
             if !restart && let Some((older, at)) = fingerprint(&mut file)? {
                 let differs = print.against(&older);
                 if !differs.is_empty() {
                     return Ok(Err(Stop::Usage(format!(
-                        "{} has instances of another ensemble: {differs}. Give --restart to begin anew, or write to \
-                         another file",
+                        "{} has instances of another ensemble: {differs}. Give --restart to start again, or write to \
+                        another file",
                         self.path.display()
                     ))));
                 }

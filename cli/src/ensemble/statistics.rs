@@ -2,8 +2,8 @@
 
 use super::outcome::Outcome;
 
-/// Failures that are kept in words.
-const KEPT: usize = 100;
+/// Most failures that are kept, with their reasons.
+const FAILURES_KEPT: usize = 100;
 
 /// Counts and moments, taken in order of the instances, so that they are the same however these were run.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ impl Statistics {
             return;
         };
         self.failed += 1;
-        if self.failures.len() < KEPT {
+        if self.failures.len() < FAILURES_KEPT {
             self.failures.push((instance, why));
         }
     }

@@ -8,8 +8,8 @@ use bond_runtime::scene::Scene;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
-/// Failures that are told to people.
-const SHOWN: usize = 3;
+/// Most failures that the text names.
+const FAILURES_TOLD: usize = 3;
 
 /// What an ensemble came to.
 pub struct Told<'a> {
@@ -36,11 +36,11 @@ impl Told<'_> {
     /// Why it failed, if it did: how many, and the first of them.
     pub fn failure(&self) -> Option<String> {
         let s = self.statistics;
-        let list: Vec<String> = s.failures.iter().take(SHOWN).map(|(i, why)| self.named(*i, why)).collect();
+        let list: Vec<String> = s.failures.iter().take(FAILURES_TOLD).map(|(i, why)| self.named(*i, why)).collect();
         let head = format!("{} of {} instances failed", s.failed, s.count);
         match s.failed {
             0 => None,
-            n if n as usize <= SHOWN => Some(format!("{head}:\n  {}", list.join("\n  "))),
+            n if n as usize <= FAILURES_TOLD => Some(format!("{head}:\n  {}", list.join("\n  "))),
             _ => Some(format!("{head}, the first of them:\n  {}", list.join("\n  "))),
         }
     }

@@ -88,7 +88,7 @@ pub fn parse(text: &str) -> Result<Sweep, String> {
     let (values, dimension) = match rest.split_once("..") {
         Some((from, range)) => self::range(&path, from, range)?,
         None => {
-            let list = rest.split(',').map(bond::quantity).collect::<Result<Vec<_>, _>>()?;
+            let list = rest.split(',').map(bond::internal::quantity).collect::<Result<Vec<_>, _>>()?;
             (Values::List(list.iter().map(|q| q.0).collect()), unit(&list)?)
         }
     };
@@ -107,12 +107,12 @@ fn range(path: &str, from: &str, rest: &str) -> Result<(Values, Option<Dimension
         Some(other) => return Err(format!("the values are spaced evenly, or with `:log`, not `:{other}`")),
     };
     if let Some(more) = parts.next() {
-        return Err(format!("there is a `:{more}` too much"));
+        return Err(format!("`:{more}` is one too many"));
     }
     let count = count.trim();
     let n: u64 =
-        count.parse().map_err(|_| format!("`{count}` is no count of values; write a whole number, such as 50"))?;
-    let ends = [bond::quantity(from)?, bond::quantity(to)?];
+        count.parse().map_err(|_| format!("`{count}` is not a number of values; write a whole number, such as 50"))?;
+    let ends = [bond::internal::quantity(from)?, bond::internal::quantity(to)?];
     let dimension = unit(&ends)?;
     let [from, to] = ends.map(|q| q.0);
     match n {
@@ -154,7 +154,7 @@ mod tests {
         assert!((0..5).all(|i| (wide[i] / 10f64.powi(300 - 150 * i as i32) - 1.0).abs() < 1e-12), "{wide:?}");
         assert!(values("k=-1..-100:3:log").iter().zip([-1.0, -10.0, -100.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-14));
         assert_eq!(parse("cell[1][2].k = 2,3").unwrap().path, "cell[1,2].k");
-        assert_eq!(parse("k=1 N/m..2 N/m:2").unwrap().dimension, bond::quantity("1 N/m").unwrap().1);
+        assert_eq!(parse("k=1 N/m..2 N/m:2").unwrap().dimension, bond::internal::quantity("1 N/m").unwrap().1);
     }
 
     #[test]
@@ -167,8 +167,8 @@ mod tests {
             ("k=1..2:0", "empty"),
             ("k=1..2:1", "both ends"),
             ("k=2..2:5", "empty"),
-            ("k=1..2:-3", "no count"),
-            ("k=1..2:2.5", "no count"),
+            ("k=1..2:-3", "not a number of values"),
+            ("k=1..2:2.5", "not a number of values"),
             ("k=1..2:1000000001", "too many"),
             ("k=1..2:5:cubic", "cubic"),
             ("k=1..2:5:log:9", "too much"),

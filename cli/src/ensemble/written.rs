@@ -1,9 +1,9 @@
 //! How the parameters of an ensemble are written: `PATH=...`, and numbers in the same unit.
 
-use bond::Quantity;
+use bond::internal::Quantity;
 use bond_compiler::units::Dimension;
 
-/// The path of a parameter, as models tell it, and what is said of it.
+/// Splits an argument into the path of a parameter, in the form that models use, and its values.
 ///
 /// # Errors
 /// In a few words, what is missing; `example` is what follows the `=`.
@@ -43,7 +43,7 @@ mod tests {
 
     #[test]
     fn units_are_those_of_all() {
-        let read = |list: &[&str]| unit(&list.iter().map(|t| bond::quantity(t).unwrap()).collect::<Vec<_>>());
+        let read = |list: &[&str]| unit(&list.iter().map(|t| bond::internal::quantity(t).unwrap()).collect::<Vec<_>>());
         assert_eq!(read(&["1 kg", "2 g", "0"]), Ok(Some(Dimension::KILOGRAM)));
         assert_eq!(read(&["0", "2 g"]), Ok(Some(Dimension::KILOGRAM)));
         assert_eq!(read(&["0", "2", "3"]), Ok(None));

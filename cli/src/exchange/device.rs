@@ -1,14 +1,14 @@
-//! The other end of the line: what a device has to do so that it never draws energy that is not there.
+//! The device's end of the line: the rules by which it never draws energy that is not there.
 
 use super::packet::{END, Effort, Measurement, PORTS};
 
-/// A device's end: it holds efforts, and counts how far it moved and what that took.
+/// A device's end of the line: it holds efforts, and counts its movement and energy.
 ///
-/// Three rules make it passive, whatever the line loses, delays, doubles or turns round:
+/// Three rules make it passive, whatever the line loses, delays, duplicates or reorders:
 ///
 /// 1. An effort is taken only if its number is higher than that of the one held (or its session is).
 /// 2. It is held for at most `lasts`; after that 0 is held.
-/// 3. The sum of `w` over the ports of a group never falls below their `limit`: what would take it there is not given.
+/// 3. The sum of `w` over the ports of a group never falls below their `limit`: before that, efforts are reduced.
 #[derive(Clone, Debug)]
 pub struct Device {
     held: Effort,
@@ -19,7 +19,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// A device that has heard nothing.
+    /// A device that has received nothing.
     pub fn new(ports: usize) -> Self {
         Self::holding(Effort { ports: ports.min(PORTS), ..Effort::default() }, 0.0)
     }
@@ -34,7 +34,7 @@ impl Device {
             return false;
         }
         if effort.session > self.held.session {
-            // Another run of the environment: all counts begin anew.
+            // Another run of the environment: all sums start at 0.
             *self = Self::holding(*effort, now);
             return true;
         }
@@ -46,7 +46,7 @@ impl Device {
         newer
     }
 
-    /// Whether what is held counts no more.
+    /// Whether the held effort has expired.
     pub fn is_over(&self, now: f64) -> bool {
         self.held.session == 0 || now - self.came > self.held.lasts || self.held.status & END != 0
     }
@@ -56,8 +56,8 @@ impl Device {
         if self.is_over(now) || port >= self.held.ports { 0.0 } else { self.held.v[port] }
     }
 
-    /// The part of a port's effort, from 0 to 1, that may be held over a movement `dq` of all ports: less than 1 where
-    /// it would draw more than is left for its group.
+    /// The part of a port's effort, from 0 to 1, that may be held over a movement `dq` of all ports: less than 1 if the
+    /// whole would draw more energy than its group has left.
     pub fn part(&self, port: usize, dq: &[f64], now: f64) -> f64 {
         let e = &self.held;
         let others = || (0..e.ports.min(dq.len())).filter(|i| e.group[*i] == e.group[port]);
@@ -74,12 +74,12 @@ impl Device {
         }
     }
 
-    /// What it put into the environment, J.
+    /// The energy that it put into the environment, J.
     pub fn energy(&self) -> f64 {
         self.w.iter().sum()
     }
 
-    /// What it tells.
+    /// The measurement to be sent.
     pub fn measurement(&mut self, now: f64) -> Measurement {
         self.sequence += u64::from(self.held.session != 0);
         Measurement {

@@ -1,10 +1,9 @@
-//! A scene with open ports that meets a real outside, behind a line that loses, delays, doubles and turns round what it
-//! is given.
+//! A scene with open ports, connected to a device over a line that may lose, delay, duplicate and reorder packets.
 //!
-//! The outside tells sums since the start: how far it moved (`q`) and what energy it put in (`w`). The environment
-//! books the differences, whenever they come, and says with each effort how far `w` may fall: to where nothing that was
-//! put in is left. So what is given out never exceeds what was put in, whatever comes through; `docs/serve.md` has the
-//! argument.
+//! The device sends sums since its start: how far it moved (`q`) and the energy it put in (`w`). The environment books
+//! the differences, whenever they arrive, and sends with each effort the least value that `w` may fall to: where all the
+//! energy that was put in has been given back. So the energy given out never exceeds the energy put in, whatever the
+//! line does; `docs/serve.md` has the argument.
 
 mod device;
 mod packet;
@@ -18,22 +17,26 @@ pub use packet::{
 
 use promise::Promises;
 
-use crate::simulation::RunError;
+use crate::compile::Compiled;
+use crate::failure::RunError;
+use crate::steps::Steps;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{Options, Report, Simulation, Summary};
 use thiserror::Error;
 
-/// Why a scene cannot meet an outside.
+/// Why a scene cannot be served.
 #[derive(Clone, Debug, PartialEq, Error)]
+#[non_exhaustive]
 pub enum Unfit {
     /// There is no port.
     #[error(
         "`{0}` has no open port; declare one in the scene, such as `port tip {{ inertia = 0.1 kg }}`, and hold it with `tip ||> ...`"
     )]
     None(String),
-    /// A port that nobody holds.
+    /// A port of a continuous region.
     #[error(
-        "the open port `{0}` is one of a continuous region, which holds nothing; put a sampled region behind it with `||>`"
+        "the open port `{0}` belongs to a continuous region, which holds nothing; put a sampled region behind it \
+        with `||>`"
     )]
     Continuous(String),
     /// Ports of several periods.
@@ -47,45 +50,47 @@ pub enum Unfit {
     Start(#[from] RunError),
 }
 
-/// What became of a measurement.
+/// How a measurement was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Heard {
-    /// It says something new.
+    /// It is newer than all before.
     New,
     /// It came twice.
     Twice,
     /// A later one came before it.
     Overtaken,
-    /// It is of another session or of other ports, of a device that started anew, or has numbers that no device counts.
+    /// It is of another session or has other ports, comes from a restarted device, or has impossible numbers.
     Foreign,
 }
 
-/// What was exchanged so far.
+/// Counts of an exchange so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Count {
     /// Intervals.
     pub intervals: u64,
-    /// Of these: nothing was heard.
+    /// Intervals without a measurement.
     pub missing: u64,
-    /// Of these: what was heard had not met the interval's effort yet.
+    /// Intervals whose newest measurement named an earlier effort.
     pub late: u64,
     /// Measurements that came twice.
     pub twice: u64,
     /// Measurements that a later one overtook.
     pub overtaken: u64,
-    /// Packets that are nobody's.
+    /// Packets that were refused.
     pub foreign: u64,
-    /// The longest row of intervals of which nothing was heard.
+    /// The longest row of intervals without a measurement.
     pub silence: u64,
-    /// Sum over the intervals in which the outside put energy in, J.
+    /// Energy that the device put in, J: the sum over the intervals in which it put in more than it drew.
     pub put_in: f64,
-    /// Sum over those in which it drew some, J.
+    /// Energy that the device drew, J: the sum over the other intervals.
     pub given_out: f64,
-    /// The least that the environment could give back, J.
+    /// The least energy that the environment could give back at any time, J.
     pub least: f64,
 }
 
-/// A scene that meets an outside.
+/// A scene connected to a device.
 pub struct Exchange<'a> {
     sim: Simulation<'a>,
     scene: &'a Scene,
@@ -104,7 +109,7 @@ pub struct Exchange<'a> {
     taken: Measurement,
     newest: Measurement,
     fresh: bool,
-    /// Whether the device started anew: nobody knows what the old one did last.
+    /// Whether the device restarted: the last movements of the old one are unknown.
     replaced: bool,
     silent: u32,
     effort: Effort,
@@ -112,12 +117,27 @@ pub struct Exchange<'a> {
 }
 
 impl<'a> Exchange<'a> {
-    /// A scene at its start. A session's number must be higher than that of all before it, and is not 0; an effort
-    /// stays for `hold` intervals where nothing newer comes.
+    /// A model at its start. The session's number is not 0, and higher than those of all sessions before. An effort
+    /// stays for at most `hold` intervals without a newer one.
     ///
     /// # Errors
     /// See [`Unfit`].
-    pub fn new(scene: &'a Scene, options: &Options, session: u64, hold: u32) -> Result<Self, Unfit> {
+    pub fn new(compiled: &'a Compiled, steps: Steps, session: u64, hold: u32) -> Result<Self, Unfit> {
+        Self::on(&compiled.inner.scene, &compiled.steps(steps)?, session, hold)
+    }
+}
+
+/// An exchange over a scene that need not come from a [`Compiled`].
+pub trait ExchangeInternals<'a>: Sized {
+    /// A scene at its start; see [`Exchange::new`].
+    ///
+    /// # Errors
+    /// See [`Unfit`].
+    fn on(scene: &'a Scene, options: &Options, session: u64, hold: u32) -> Result<Self, Unfit>;
+}
+
+impl<'a> ExchangeInternals<'a> for Exchange<'a> {
+    fn on(scene: &'a Scene, options: &Options, session: u64, hold: u32) -> Result<Self, Unfit> {
         let period = period(scene)?;
         let mut clusters: Vec<usize> = scene.open.iter().map(|o| o.port.0).collect();
         clusters.sort_unstable();
@@ -148,28 +168,30 @@ impl<'a> Exchange<'a> {
         new.speak(0);
         Ok(new)
     }
+}
 
+impl Exchange<'_> {
     /// Length of an interval, s.
     pub fn period(&self) -> f64 {
         self.period
     }
 
-    /// What is held now.
+    /// The values held now.
     pub fn effort(&self) -> &Effort {
         &self.effort
     }
 
-    /// What was exchanged so far.
+    /// The counts so far.
     pub fn count(&self) -> &Count {
         &self.count
     }
 
-    /// Energy that the outside put in, as far as it is booked, J.
+    /// Booked energy that the device put in, J.
     pub fn energy(&self) -> f64 {
         self.taken.w.iter().sum()
     }
 
-    /// How far a port moved, as far as it is booked.
+    /// Booked movement of a port.
     pub fn place(&self, port: usize) -> f64 {
         self.taken.q.get(port).copied().unwrap_or(0.0)
     }
@@ -179,7 +201,7 @@ impl<'a> Exchange<'a> {
         self.sim.summary()
     }
 
-    /// Takes what came in.
+    /// Receives a measurement.
     pub fn hear(&mut self, m: &Measurement) -> Heard {
         let begun = self.newest.sequence > 0;
         let ours = m.session == self.newest.session && m.ports == self.newest.ports && m.echo <= self.k;
@@ -207,7 +229,7 @@ impl<'a> Exchange<'a> {
         heard
     }
 
-    /// Ends the interval with what was heard, and begins the next one: what is then held is in [`Self::effort`].
+    /// Ends the interval with the newest measurement, and begins the next one, whose held values are in [`Self::effort`].
     /// Allocates nothing.
     ///
     /// # Errors
@@ -322,7 +344,7 @@ fn sum(groups: &[usize], values: &[f64], group: usize) -> f64 {
 ///
 /// # Errors
 /// See [`Unfit`].
-pub fn period(scene: &Scene) -> Result<f64, Unfit> {
+fn period(scene: &Scene) -> Result<f64, Unfit> {
     let mut first: Option<(String, f64)> = None;
     for o in &scene.open {
         let Some(period) = scene.clusters.get(o.port.0).and_then(|c| c.period) else {

@@ -19,7 +19,7 @@ pub const SILENT: u32 = 4;
 /// The environment ends: 0 is held.
 pub const END: u32 = 8;
 
-/// What a device tells: everything since it joined, so that a packet that is lost takes nothing with it.
+/// A measurement of a device: sums since it joined, so that a lost packet loses nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// The session that it answers; 0 before it knows one.
@@ -28,7 +28,7 @@ pub struct Measurement {
     pub sequence: u64,
     /// Number of the effort that the device holds.
     pub echo: u64,
-    /// How long ago that effort came, s; it tells the round trip.
+    /// Time since that effort arrived, s, for the round trip.
     pub wait: f64,
     /// How many ports.
     pub ports: usize,
@@ -86,12 +86,12 @@ impl Default for Effort {
     }
 }
 
-/// Bytes of a measurement of so many ports.
+/// Bytes of a measurement with this number of ports.
 pub fn measurement_length(ports: usize) -> usize {
     48 + 16 * ports
 }
 
-/// Bytes of an effort for so many ports.
+/// Bytes of an effort with this number of ports.
 pub fn effort_length(ports: usize) -> usize {
     56 + 24 * ports
 }
@@ -177,13 +177,13 @@ fn body<'a>(bytes: &'a [u8], mark: [u8; 4], length: fn(usize) -> usize) -> Optio
     (bytes.len() == length(ports) && crc(checked) == u32::from_le_bytes(*sum)).then_some((Reader { from: rest }, ports))
 }
 
-/// Sums beyond this are none that a device could have counted, and their differences may be no numbers.
-const LARGEST: f64 = 1e150;
+/// Larger sums cannot come from a device, and their differences may overflow.
+const LARGEST_SUM: f64 = 1e150;
 
 impl Measurement {
-    /// Whether a sum is none that a device could have counted.
+    /// Whether a sum is not a number, or too large to come from a device.
     pub fn is_beyond(&self) -> bool {
-        self.q.iter().chain(&self.w).any(|x| x.is_nan() || x.abs() > LARGEST)
+        self.q.iter().chain(&self.w).any(|x| x.is_nan() || x.abs() > LARGEST_SUM)
     }
 
     /// Writes it into a buffer of [`LONGEST`] bytes; its length.

@@ -1,13 +1,13 @@
 //! What the outside was promised and may not have heard of yet.
 
 /// Intervals that are remembered one by one.
-const LAST: usize = 1024;
+const PROMISES_KEPT: usize = 1024;
 
-/// The limits of efforts that the outside may still hold or receive: those since the one that it last told.
+/// The limits of the efforts that the device may still hold or receive: those since the one that it named last.
 #[derive(Clone, Debug)]
 pub(super) struct Promises {
     groups: usize,
-    /// By interval modulo [`LAST`] and group.
+    /// By interval modulo [`PROMISES_KEPT`] and group.
     limits: Vec<f64>,
     /// By group, the least of those that were overwritten, and the last interval of them.
     older: Vec<f64>,
@@ -19,7 +19,7 @@ impl Promises {
     pub(super) fn new(groups: usize) -> Self {
         Self {
             groups,
-            limits: vec![f64::INFINITY; LAST * groups],
+            limits: vec![f64::INFINITY; PROMISES_KEPT * groups],
             older: vec![f64::INFINITY; groups],
             last_older: None,
             next: 0,
@@ -28,10 +28,10 @@ impl Promises {
 
     /// The limit of a group in interval `k`; intervals come in order, groups in order in each.
     pub(super) fn give(&mut self, k: u64, group: usize, limit: f64) {
-        let place = &mut self.limits[(k % LAST as u64) as usize * self.groups + group];
+        let place = &mut self.limits[(k % PROMISES_KEPT as u64) as usize * self.groups + group];
         self.older[group] = self.older[group].min(*place);
         *place = limit;
-        self.last_older = k.checked_sub(LAST as u64);
+        self.last_older = k.checked_sub(PROMISES_KEPT as u64);
         self.next = k + 1;
     }
 
@@ -42,8 +42,8 @@ impl Promises {
             // None of the forgotten ones can be held any more.
             self.older[group] = f64::INFINITY;
         }
-        let first = from.max(self.next.saturating_sub(LAST as u64));
-        let limit = |k: u64| self.limits[(k % LAST as u64) as usize * self.groups + group];
+        let first = from.max(self.next.saturating_sub(PROMISES_KEPT as u64));
+        let limit = |k: u64| self.limits[(k % PROMISES_KEPT as u64) as usize * self.groups + group];
         (first..self.next).map(limit).fold(self.older[group], f64::min)
     }
 }

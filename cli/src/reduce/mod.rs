@@ -1,5 +1,4 @@
-//! Only what a scene needs: parts in the order of their activity, of which the least active are left out as long as no
-//! probe moves by more than an error that is asked for.
+//! Model reduction: leaves out parts, the least active first, as long as no probe changes by more than a given error.
 
 mod json;
 mod table;
@@ -7,24 +6,22 @@ mod table;
 pub use json::json;
 pub use table::text;
 
-use crate::bench::{Difference, Kernels, Look, Lost, Quantities, Run, Runner, Setting, Task, Way, timed};
+use crate::bench::{Difference, Kernels, Look, Lost, Quantities, Run, Runner, Setting, Task, Thresholds, Way, timed};
 use crate::input;
 use crate::stop::Stop;
+use bond::internal::{CompiledInternals, OptionsInternals};
 use bond::{Compiled, Course, Options, Text};
 use bond_compiler::omit::{self, Part};
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::LeftOut;
 
 /// Rows at which the power of parts is summed, and runs are compared.
-const ROWS: u32 = 2000;
-/// A run that takes so many times as long as that of the whole model, and so many seconds more, gains nothing.
+const ROWS_COMPARED: u32 = 2000;
+/// A reduced model may take this many times as long as the whole one, plus `LONGER` seconds.
 const SLOWER: f64 = 100.0;
 const LONGER: f64 = 60.0;
-/// Readings of the time, and what they may take in all, s.
-const READINGS: usize = 5;
-const LIMIT: f64 = 5.0;
 
-/// What is reduced, and how far.
+/// A request for a reduction.
 pub struct Setup<'a> {
     /// The model.
     pub text: &'a Text,
@@ -40,9 +37,11 @@ pub struct Setup<'a> {
     pub given: Vec<(String, Course)>,
     /// What runs the programs.
     pub backend: &'a dyn Backend,
+    /// How runs are measured.
+    pub thresholds: Thresholds,
 }
 
-/// What came out.
+/// The result of a reduction.
 pub struct Reduction {
     /// Name of the model.
     pub model: String,
@@ -73,19 +72,19 @@ impl Reduction {
     }
 }
 
-/// A part and what became of it.
+/// A part, and whether it was left out.
 pub struct Entry {
     /// The part.
     pub part: Part,
     /// The integral of |power| over the run, J.
     pub activity: f64,
-    /// That of all the activity there is.
+    /// Its activity relative to that of all parts.
     pub share: f64,
-    /// Why it is kept; left out where there is no reason.
+    /// Why it is kept; None if it is left out.
     pub kept: Option<String>,
 }
 
-/// How large a model is, and what a run of it takes.
+/// The size of a model, and the cost of its run.
 pub struct Size {
     /// Storages, resistors and fields.
     pub parts: usize,
@@ -97,7 +96,7 @@ pub struct Size {
     pub seconds: f64,
 }
 
-/// A compiled model in its run.
+/// A compiled model to be run.
 struct Trial {
     compiled: Compiled,
     way: Way,
@@ -112,10 +111,19 @@ impl Trial {
 
     fn on<T>(&self, setup: &Setup, work: impl FnOnce(&Runner) -> T) -> T {
         let rows = || -> Box<dyn Iterator<Item = (f64, Look)>> {
-            Box::new((0..ROWS).map(|k| (setup.stop * f64::from(k) / f64::from(ROWS), Look::Keep)))
+            Box::new((0..ROWS_COMPARED).map(|k| (setup.stop * f64::from(k) / f64::from(ROWS_COMPARED), Look::Keep)))
         };
         let (stop, given) = (setup.stop, setup.given.as_slice());
-        let task = Task { stop, longest: None, every: None, given, rows: &rows, shows: false, ledger: false };
+        let task = Task {
+            stop,
+            longest: None,
+            every: None,
+            given,
+            rows: &rows,
+            shows: false,
+            ledger: false,
+            thresholds: setup.thresholds,
+        };
         let kernels = Kernels::new(setup.backend);
         work(&Runner::new(&self.way, &task, &kernels))
     }
@@ -126,7 +134,8 @@ impl Trial {
     }
 
     fn size(&self, setup: &Setup) -> Result<Size, Lost> {
-        let (run, seconds) = self.on(setup, |runner| timed(runner, setup.setting, READINGS, LIMIT))?;
+        let timing = setup.thresholds.timing;
+        let (run, seconds) = self.on(setup, |runner| timed(runner, setup.setting, timing.readings, timing.limit))?;
         let stages = self.compiled.stages();
         Ok(Size {
             parts: omit::parts(&stages.model).len(),
@@ -144,21 +153,21 @@ impl Trial {
 pub fn reduce(setup: &Setup, progress: &dyn Fn(f64)) -> Result<Reduction, Stop> {
     let compile = |options: &Options| Trial::new(setup.text, options).map_err(|e| input::wrong(&e));
     let fails = |lost| match lost {
-        Lost::Failed(why) => Stop::Numerics(format!("the model as it is does not run to its end: {why}")),
-        Lost::Late => Stop::Numerics("the model as it is takes too long".into()),
+        Lost::Failed(why) => Stop::Numerics(format!("the whole model does not run to its end: {why}")),
+        Lost::Late => Stop::Numerics("the whole model takes too long".into()),
     };
     let whole = compile(&setup.options)?;
     let name = whole.way.scene.name.clone();
     if whole.way.scene.probes.names.is_empty() {
         return Err(Stop::Model(format!(
-            "`{name}` has no probe: what it needs cannot be told; add one, such as `probe x = spring.q`"
+            "`{name}` has no probe, so nothing says what it needs; add one, such as `probe x = spring.q`"
         )));
     }
     let quantities = Quantities::new(&whole.compiled);
     let run = whole.run(setup, f64::INFINITY).map_err(fails)?;
     let scales = quantities.scales(&run);
     let mut entries = active(setup, &whole)?;
-    // What is read or bonded so that it cannot go is not tried.
+    // Parts that are read, or bonded without a junction, are not tried.
     for entry in &mut entries {
         if entry.kept.is_none() {
             entry.kept = omit::kept(&whole.compiled.stages().model, &entry.part.name);
@@ -179,11 +188,11 @@ pub fn reduce(setup: &Setup, progress: &dyn Fn(f64)) -> Result<Reduction, Stop> 
             return Ok(trial);
         }
         let worst = moved.iter().position(|x| *x == far).map_or("", |i| quantities.names[i].as_str());
-        Err(format!("without it `{worst}` moves by {}", percent(far)))
+        Err(format!("without it `{worst}` changes by {}", percent(far)))
     };
     let (mut out, mut best) = (Vec::new(), None);
     let mut why: Vec<(usize, String)> = Vec::new();
-    // Several at once while that goes well, and by halves where not.
+    // Several at a time while that succeeds, and half as many when it does not.
     let (mut i, mut size) = (0, 1);
     while i < order.len() {
         progress(i as f64 / order.len() as f64);
@@ -224,11 +233,11 @@ pub fn reduce(setup: &Setup, progress: &dyn Fn(f64)) -> Result<Reduction, Stop> 
 fn active(setup: &Setup, whole: &Trial) -> Result<Vec<Entry>, Stop> {
     let watched = Trial::new(setup.text, &setup.options.clone().powers()).map_err(|e| input::wrong(&e))?;
     let shown = whole.way.scene.probes.names.len();
-    let run = watched.run(setup, f64::INFINITY).map_err(|_| {
-        Stop::Numerics("the power of its parts cannot be told all along the run: it is infinite, or no number".into())
-    })?;
+    let run = watched
+        .run(setup, f64::INFINITY)
+        .map_err(|_| Stop::Numerics("the power of its parts is infinite or undefined at some row of the run".into()))?;
     let parts = omit::parts(&whole.compiled.stages().model);
-    let width = setup.stop / f64::from(ROWS);
+    let width = setup.stop / f64::from(ROWS_COMPARED);
     let rows: Vec<&[f64]> = run.rows.iter().map(Vec::as_slice).chain([run.end.as_slice()]).collect();
     let integral = |k: usize| -> f64 {
         rows.windows(2).map(|w| 0.5 * width * (w[0][shown + k].abs() + w[1][shown + k].abs())).sum()
@@ -237,7 +246,7 @@ fn active(setup: &Setup, whole: &Trial) -> Result<Vec<Entry>, Stop> {
         .into_iter()
         .enumerate()
         .map(|(k, part)| {
-            let kept = (!part.power).then(|| "effort times flow is no power at its bond".to_string());
+            let kept = (!part.power).then(|| "effort times flow is not a power at its bond".to_string());
             let activity = if part.power { integral(k) } else { 0.0 };
             Entry { part, activity, share: 0.0, kept }
         })
@@ -250,7 +259,7 @@ fn active(setup: &Setup, whole: &Trial) -> Result<Vec<Entry>, Stop> {
     Ok(list)
 }
 
-/// What is wrong first with a model without a part.
+/// The first error of a model without a part.
 fn first(errors: &bond::Errors) -> String {
     let message = errors.list().first().map_or("it does not compile", |d| d.message.as_str());
     format!("without it: {}", message.replace('\n', " "))

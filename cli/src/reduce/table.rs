@@ -16,7 +16,7 @@ pub fn text(r: &Reduction) -> String {
 fn written(out: &mut String, r: &Reduction) -> std::fmt::Result {
     writeln!(out, "scene       {}", r.model)?;
     writeln!(out, "simulated   {} with {}", time(r.stop), r.setting.words())?;
-    writeln!(out, "asked       no probe moves by more than {} of its largest value", percent(r.error))?;
+    writeln!(out, "asked       no probe changes by more than {} of its largest value", percent(r.error))?;
     if let Some(left) = left_out(&r.unneeded) {
         writeln!(out, "left out    {left}")?;
     }

@@ -61,9 +61,9 @@ pub struct Wishes {
 /// on.
 pub fn ask(wishes: Wishes, say: &dyn Fn(&str)) -> Vec<String> {
     let mut refused = Vec::new();
-    let mut try_to = |what: &str, result: Result<(), String>, mend: &str| {
+    let mut try_to = |what: &str, result: Result<(), String>, fix: &str| {
         if let Err(why) = result {
-            say(&format!("warning: {what}: {why}; it goes on without ({mend})"));
+            say(&format!("warning: {what}: {why}; continuing without ({fix})"));
             refused.push(format!("{what}: {why}"));
         }
     };
@@ -112,12 +112,12 @@ fn slack() -> Result<(), String> {
 
 #[cfg(not(target_os = "linux"))]
 fn pin(_: usize) -> Result<(), String> {
-    Err("this system cannot be asked for it".into())
+    Err("this system does not offer it".into())
 }
 
 #[cfg(not(target_os = "linux"))]
 fn lock() -> Result<(), String> {
-    Err("this system cannot be asked for it".into())
+    Err("this system does not offer it".into())
 }
 
 #[cfg(unix)]
@@ -137,5 +137,5 @@ fn prioritise(priority: u8) -> Result<(), String> {
 
 #[cfg(not(unix))]
 fn prioritise(_: u8) -> Result<(), String> {
-    Err("this system cannot be asked for it".into())
+    Err("this system does not offer it".into())
 }

@@ -7,7 +7,10 @@ use super::udp::Udp;
 use crate::stop::Stop;
 use bond::exchange::{Effort, Measurement};
 
-/// Measurements that wait to be taken, at most.
+/// Efforts that are remembered until their answer comes.
+pub const SENT: usize = 4096;
+
+/// Most measurements that wait to be taken.
 pub const QUEUE: usize = 256;
 
 /// A measurement that came.
@@ -64,7 +67,7 @@ impl Link {
         }
     }
 
-    /// Whether what was sent may not have come, so that it is sent again while nobody answers.
+    /// Whether packets may be lost, so that an effort is sent again until it is answered.
     pub fn repeats(&self) -> bool {
         match self {
             Link::Udp(_) | Link::Shared(_) => true,

@@ -1,9 +1,9 @@
 //! How long things took, without keeping each of them.
 
 /// Parts of each factor of two.
-const PARTS: u64 = 64;
+const BINS_PER_OCTAVE: u64 = 64;
 /// Bins in all.
-const BINS: usize = 64 * PARTS as usize;
+const BINS: usize = 64 * BINS_PER_OCTAVE as usize;
 
 /// Counts of lengths of time in bins of about 1 %. Adding to it allocates nothing.
 #[derive(Clone, Debug)]
@@ -50,23 +50,23 @@ impl Meter {
     }
 }
 
-/// The bin of a number: below [`PARTS`] each has its own, above each power of two has [`PARTS`].
+/// The bin of a number: below [`BINS_PER_OCTAVE`] each has its own, above each power of two has [`BINS_PER_OCTAVE`].
 fn bin(x: u64) -> usize {
-    if x < PARTS {
+    if x < BINS_PER_OCTAVE {
         return x as usize;
     }
-    let shift = x.ilog2() - PARTS.ilog2();
-    (u64::from(shift) * PARTS + (x >> shift)) as usize
+    let shift = x.ilog2() - BINS_PER_OCTAVE.ilog2();
+    (u64::from(shift) * BINS_PER_OCTAVE + (x >> shift)) as usize
 }
 
 /// The largest number of a bin.
 fn top(bin: usize) -> u64 {
     let bin = bin as u64;
-    if bin < 2 * PARTS {
+    if bin < 2 * BINS_PER_OCTAVE {
         return bin;
     }
-    let shift = bin / PARTS - 1;
-    ((bin % PARTS + PARTS + 1) << shift) - 1
+    let shift = bin / BINS_PER_OCTAVE - 1;
+    ((bin % BINS_PER_OCTAVE + BINS_PER_OCTAVE + 1) << shift) - 1
 }
 
 #[cfg(test)]

@@ -16,14 +16,11 @@ pub use udp::Udp;
 use crate::stop::Stop;
 use bond::RunError;
 use bond::exchange::{Exchange, Heard};
-use link::Link;
+use link::{Link, SENT};
 use log::Log;
 use meter::Meter;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Efforts whose sending is remembered, for the round trip.
-const SENT: usize = 4096;
-/// How often the last word is sent, where it may be lost.
+/// How often the last packet is sent, if it may be lost.
 const FAREWELLS: u32 = 3;
 
 /// What the clock saw.

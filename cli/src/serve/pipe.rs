@@ -3,20 +3,17 @@
 //! A line in has how far each port moved under the efforts of one line out, the first under the first, the second under
 //! the second. A pipe loses nothing, so that the energy of a line that comes late is known all the same.
 
-use super::link::{Arrival, QUEUE};
+use super::link::{Arrival, QUEUE, SENT};
 use crate::stop::Stop;
 use bond::exchange::{Effort, LONGEST, Measurement, PORTS, measurement_length};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::fmt::Write as _;
 use std::io::{self, BufRead, Read, Stdout, Write};
 
-/// Bytes that a number of a line may take, with the blanks around it.
-const WIDTH: usize = 64;
-/// Letters of a cell that are shown.
-const SHOWN: usize = 24;
-
-/// Efforts that are remembered until their line comes back.
-const SENT: usize = 4096;
+/// Most bytes per number of a line, with the blanks around it.
+const NUMBER_WIDTH: usize = 64;
+/// Letters of a cell that a message shows.
+const CELL_SHOWN: usize = 24;
 
 /// What the reading thread hands over: a packet, or a line as one whose `q` is of that line alone; or what is wrong.
 type Item = Result<Arrival, String>;
@@ -47,7 +44,7 @@ impl Pipe {
             ports,
             items,
             out: io::stdout(),
-            text: String::with_capacity(WIDTH * (PORTS + 1)),
+            text: String::with_capacity(NUMBER_WIDTH * (PORTS + 1)),
             buffer: [0; LONGEST],
             sums: Measurement { session, ports, ..Measurement::default() },
             sent: vec![[0.0; PORTS]; SENT],
@@ -94,9 +91,9 @@ impl Pipe {
     /// What came.
     ///
     /// # Errors
-    /// A line that is none, or one for efforts long past.
+    /// A malformed line, or one for an effort that is no longer remembered.
     pub fn receive(&mut self) -> Result<Option<Arrival>, Stop> {
-        // A line that is ahead waits for its efforts, also one that is none: those before it count, however fast they
+        // A line that is early waits for its effort, also if it is malformed: the lines before it count, however fast they
         // are read.
         if !self.binary && self.items.peek().is_ok() && self.sums.sequence >= self.next {
             return Ok(None);
@@ -116,7 +113,7 @@ impl Pipe {
                     self.sums.w[i] += v[i] * q[i];
                 }
                 if self.sums.is_beyond() {
-                    let what = format!("line {}: what has moved or crossed since the start is beyond 1e150", k + 1);
+                    let what = format!("line {}: a sum since the start is beyond 1e150", k + 1);
                     return Err(Stop::Usage(format!("standard input: {what}")));
                 }
                 self.sums.echo = k;
@@ -168,7 +165,7 @@ fn packets(mut items: Producer<Item>, ports: usize) {
 fn lines(mut items: Producer<Item>, ports: usize) {
     let mut input = io::stdin().lock();
     let mut line = Vec::new();
-    let most = WIDTH * (ports + 1);
+    let most = NUMBER_WIDTH * (ports + 1);
     for number in 1u64.. {
         line.clear();
         // A line that never ends is not waited for.
@@ -204,7 +201,7 @@ fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
     for cell in cells.map(str::trim).filter(|c| commas || !c.is_empty()) {
         let x = cell.parse::<f64>().ok().filter(|x| x.is_finite());
         let x = x.ok_or_else(|| {
-            let start: String = cell.chars().take(SHOWN).collect();
+            let start: String = cell.chars().take(CELL_SHOWN).collect();
             let more = if start.len() < cell.len() { "..." } else { "" };
             format!("`{}{more}` is no number", start.escape_default())
         })?;
@@ -218,6 +215,6 @@ fn numbers(line: &str, ports: usize) -> Result<[f64; PORTS], String> {
     } else {
         let are = if count == 1 { "is 1 number".into() } else { format!("are {count} numbers") };
         let open = if ports == 1 { "1 open port".into() } else { format!("{ports} open ports") };
-        Err(format!("there {are} for {open}: one a port, with commas or blanks between them"))
+        Err(format!("there {are} for {open}: write one per port, with commas or blanks between them"))
     }
 }

@@ -1,4 +1,4 @@
-//! What is told of an exchange when it is over.
+//! The report at the end of an exchange.
 
 use super::End;
 use crate::stop::Stop;

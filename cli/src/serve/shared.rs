@@ -34,14 +34,14 @@ impl Shared {
         let folder = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
         let path = if name.contains('/') { PathBuf::from(name) } else { folder.join(name) };
         let failed = |e: io::Error| {
-            let mend = match e.kind() {
+            let fix = match e.kind() {
                 io::ErrorKind::AlreadyExists => {
                     "; another environment uses it, or one was killed: remove it or take another name"
                 }
-                io::ErrorKind::NotFound => "; make its folder first, or give a name without `/`",
+                io::ErrorKind::NotFound => "; create its folder first, or give a name without `/`",
                 _ => "",
             };
-            Stop::Usage(format!("cannot make {}: {e}{mend}", path.display()))
+            Stop::Usage(format!("cannot make {}: {e}{fix}", path.display()))
         };
         let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path).map_err(failed)?;
         file.set_len(2 * PLACE).map_err(failed)?;

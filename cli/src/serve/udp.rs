@@ -92,7 +92,7 @@ fn listen(socket: &UdpSocket, shared: &Shared, mut arrivals: Producer<Arrival>, 
         let found = Measurement::read(&buffer[..n]).filter(|m| m.ports == ports);
         match found {
             Some(m) if *shared.peer.get_or_init(|| from) == from => {
-                // Where nobody takes them they are dropped: a later one tells more.
+                // If the queue is full they are dropped: a later one has the larger sums.
                 let _ = arrivals.push(Arrival::now(m));
             }
             Some(_) | None => {

@@ -127,7 +127,7 @@ fn what_is_cut_off_does_not_run() {
     for length in [whole - 1, whole - 20, (program + whole) / 2, program + 8] {
         std::fs::OpenOptions::new().write(true).open(&file).unwrap().set_len(length).unwrap();
         let done = environment(&here, "here", &["check", "a.bond"]);
-        done.is(1, &[], &["the scene at the end of this program is damaged: its end is missing; build it anew"]);
+        done.is(1, &[], &["the scene at the end of this program is damaged: its end is missing; build it again"]);
     }
 }
 

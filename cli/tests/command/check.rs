@@ -26,11 +26,11 @@ fn notes_are_made() {
     let still = "model Still { sampled at 100 Hz method ray { I:m { inertia = 1 kg; f0 = 1 m/s }  C:k = 1 m/N  1:v -> m, k }  probe x = k.q }";
     let unloaded = "model Still { sampled at 100 Hz method ray { C:k = 1 m/N }  I:m = 1 kg  Se:u = 2 N  u -> 1:w -> m  w ||> k  probe x = k.q }";
     let here = here.with("r.bond", still).with("s.bond", unloaded);
-    here.bond(&["check", "r.bond"]).is(0, &[], &["note: `ray` stands still in the region of `m.p`"]);
+    here.bond(&["check", "r.bond"]).is(0, &[], &["note: `ray` does not move in the region of `m.p`"]);
     here.bond(&["run", "s.bond"]).is(
         0,
         &[],
-        &["note: `ray` goes to no higher H from where dH/dx is 0, and `k.q` starts"],
+        &["note: `ray` cannot raise H from a state where dH/dx is 0, and `k.q` starts"],
     );
     let shut = "model Shut { I:m { inertia = 1 kg; f0 = 1 m/s }  1:v -> m
         sampled at 100 Hz { active R:n = -0.3 N*s/m  C:k = 1 m/N  1:w -> n, k }  v ||> w  probe x = k.q }";

@@ -143,7 +143,7 @@ fn states_are_saved_on_the_way() {
     here.bond(&["run", "fails.bond", "--checkpoint", "g"]).is(
         3,
         &[],
-        &["no state was saved; --checkpoint-every saves on the way"],
+        &["no state was saved; --checkpoint-every saves during the run"],
     );
     assert!(!here.list().contains(&"g".to_string()));
     here.bond(&["run", "fails.bond", "--stop", "0.95", "--resume", "f"]).is(0, &["from 0.7 s to 0.95 s"], &[]);

@@ -123,10 +123,10 @@ fn a_start_far_from_rest_is_told() {
       simulate { stop = 0.1 ms }
     }";
     let here = Folder::new().with("charged.bond", charged);
-    let start = ["at t = 0 s, the step of `n`", "start it nearer to where it settles"];
+    let start = ["at t = 0 s, the step of `n`", "start it nearer to its equilibrium"];
     here.bond(&["run", "charged.bond", "--tolerance", "1e-6", "--set", "q0=10 uC"]).is(0, &["passive     yes"], &[]);
     here.bond(&["run", "charged.bond", "--tolerance", "1e-6"]).is(3, &[], &start);
-    let words = [&["cannot be told", "steps fitted to a tolerance fail"][..], &start].concat();
+    let words = [&["cannot be told", "adaptive steps fail"][..], &start].concat();
     here.bond(&["run", "charged.bond", "--error", "1e-5"]).is(3, &[], &words);
 }
 
@@ -138,7 +138,7 @@ fn a_budget_keeps_the_balance() {
         let done = here.bond(&["run", "r.bond", "--method", "gonzalez", "--budget", budget, "--summary", "json"]);
         match done.status {
             0 => assert!(done.out.contains("\"passive\": true"), "{}", done.out),
-            status => assert!(status == 3 && done.err.contains("no stepper keeps to"), "{status:?}: {}", done.err),
+            status => assert!(status == 3 && done.err.contains("no stepper takes at most"), "{status:?}: {}", done.err),
         }
     }
 }

@@ -143,7 +143,7 @@ fn files_go_where_they_are_told() {
         &[],
         &["built Oscillator.c and Oscillator.h"],
     );
-    here.bond(&["build", file, "--step", "1ms"]).is(2, &[], &["--step and --prefix are for what else is built"]);
+    here.bond(&["build", file, "--step", "1ms"]).is(2, &[], &["--step and --prefix are not for executables"]);
 }
 
 /// The header of C and that of an object differ: who compiled against the wrong one would not be told.

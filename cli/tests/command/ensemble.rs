@@ -339,7 +339,7 @@ mod killed {
         let here = here.with("b.csv.part", "mine\n");
         for more in [&[][..], &["--restart"]] {
             let args = [&["--sweep", "k=1,2", "-o", "b.csv"], more].concat();
-            run(&here, &args).is(2, &[], &["b.csv.part", "no side file"]);
+            run(&here, &args).is(2, &[], &["b.csv.part", "not a side file"]);
         }
         assert_eq!(here.read("b.csv.part"), "mine\n");
     }

@@ -120,7 +120,12 @@ fn ensembles_that_are_none() {
     }
     let wide =
         ["--monte-carlo", "50", "--draw", "m=lognormal(1e300, 100)", "-o", "-", "--stop", "1ms", "--step", "1ms"];
-    here.bond(&[&["run", "a.bond"], &wide[..]].concat()).is(3, &["m = inf is no finite number"], &["instances failed"]);
+    here.bond(&[&["run", "a.bond"], &wide[..]].concat()).is(
+        3,
+        &["m = inf is not a finite number"],
+        &["instances \
+    failed"],
+    );
     assert_eq!(here.list(), ["a.bond"]);
 }
 

@@ -118,8 +118,8 @@ fn what_is_sampled_is_given() {
     close(&json["B"][0][1], 2.0 * (3.0 - 2.0 * rows[0][1]));
     close(&json["A"][0][0], -0.5);
     close(&json["D"][1][0], 1.0);
-    here.bond(&["linearize", "all.bond"]).is(0, &["\"states\": []"], &["is of what is continuous"]);
-    here.bond(&["linearize", "all.bond", "--poles"]).is(0, &["real,"], &["is of what is continuous"]);
+    here.bond(&["linearize", "all.bond"]).is(0, &["\"states\": []"], &["the linear model has no states"]);
+    here.bond(&["linearize", "all.bond", "--poles"]).is(0, &["real,"], &["the linear model has no states"]);
 }
 
 /// Dry friction that holds has no slope: its loop is named.

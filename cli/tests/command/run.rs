@@ -92,7 +92,11 @@ fn files_are_written_whole() {
         assert_eq!(row[at("w/damper.dissipated")], row[at("w.dissipated")]);
     }
     // Nothing is left of a run that could not begin.
-    here.bond(&["run", "a.bond", "-o", "none/a.csv"]).is(2, &[], &["cannot write none/a.csv: its folder is not there"]);
+    here.bond(&["run", "a.bond", "-o", "none/a.csv"]).is(
+        2,
+        &[],
+        &["cannot write none/a.csv: its folder does not exist"],
+    );
     here.bond(&["run", "a.bond", "-o", "b.csv", "--ledger", "none/l.csv"]).is(2, &[], &["cannot write"]);
     assert_eq!(here.list(), ["a.bond", "a.csv", "l.csv"]);
 }
@@ -407,11 +411,11 @@ fn a_run_that_is_asked_again_ends_at_once() {
     let long = ["run", "a.bond", "--stop", "1e6", "--step", "1ms", "--at", "9e5", "-o", "a.csv"];
     let Some((status, out, err)) = asked_to_end(&here, &long, "a.csv", [200, 700]) else { return };
     assert_eq!((status, out.as_str()), (Some(130), ""), "{err}");
-    assert!(err.contains("once more, and it ends at once"), "{err}");
+    assert!(err.contains("a second interrupt ends it at once"), "{err}");
     assert_eq!(here.list(), ["a.bond"]);
 }
 
-/// What is done of an ensemble is kept, and the same command goes on from there.
+/// What is done of an ensemble is kept, and the same command continues from there.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_ensemble_that_is_asked_to_end_says_what_it_has() {
@@ -424,7 +428,7 @@ fn an_ensemble_that_is_asked_to_end_says_what_it_has() {
     let long: Vec<&str> = long.split(' ').collect();
     let Some((status, out, err)) = asked_to_end(&here, &long, "a.csv.part", [300, 0]) else { return };
     assert_eq!((status, out.as_str()), (Some(130), ""), "{err}");
-    assert!(err.contains("instances are in a.csv.part; the same command goes on from there"), "{err}");
+    assert!(err.contains("instances are in a.csv.part; the same command continues from there"), "{err}");
     assert_eq!(here.list(), ["a.bond", "a.csv.part"]);
 }
 
@@ -433,7 +437,7 @@ fn an_ensemble_that_is_asked_to_end_says_what_it_has() {
 fn a_run_without_a_number_for_its_energy_is_not_passive() {
     let text = "model M { C:c { H = 0.5 N/m * q^2; q0 = 1e200 m }\n I:i = 1 kg\n c -> i }";
     let here = Folder::new().with("a.bond", text);
-    here.bond(&["run", "a.bond", "--stop", "1"]).is(3, &["passive     NO: H of `c` is no finite number"], &[]);
+    here.bond(&["run", "a.bond", "--stop", "1"]).is(3, &["passive     NO: H of `c` is not a finite number"], &[]);
 }
 
 /// A holder that cannot foretell says so; and periods that are far apart do not keep a short run from its begin.
@@ -448,7 +452,7 @@ model M {
   n1 ||> m1
 }";
     let here = Folder::new().with("a.bond", uneven).with("b.bond", uneven.replace("3 ms", "2.5 ms"));
-    let said = "note: `n1` holds for `m0`, whose period goes neither into its own nor into that of what else";
+    let said = "note: `n1` holds for `m0`, whose period divides neither its own nor those of the other sides";
     here.bond(&["run", "a.bond", "--stop", "0.1"]).is(0, &[], &[said]);
     let done = here.bond(&["run", "b.bond", "--stop", "0.1"]).is(0, &[], &[]);
     assert!(!done.err.contains("ratio"), "{}", done.err);
@@ -628,7 +632,11 @@ fn wrong_tables_are_refused_with_their_line() {
         ("t,u\n0,1,2\n", "a.csv:2: this row has 3 numbers for the 2 columns of the header"),
         ("t,u\n", "a.csv:1: there are no rows"),
         ("t;u\n0;1,5\n", "a.csv:1: columns are separated by commas"),
-        ("t,u\n0,1e308\n1,-1e308\n", "a.csv:3: the column `u` changes faster than double numbers tell from line 2"),
+        (
+            "t,u\n0,1e308\n1,-1e308\n",
+            "a.csv:3: the column `u` changes faster than double precision resolves from \
+        line 2",
+        ),
     ];
     for (text, words) in cases {
         let here = Folder::new().with("a.bond", CHARGE).with("a.csv", text);
@@ -717,7 +725,7 @@ fn quotes_of_a_table_of_inputs() {
         ("t,u\n0,\"1\"2\n1,2\n", "u.csv:2: a comma is missing"),
         ("t,u\n0,\"1\n1,2\n", "u.csv:2: a quote is not closed"),
         ("t,\"u\n0,1\n", "u.csv:1: a quote is not closed"),
-        ("t,u\n0,0\n1e-9,1e308\n", "changes faster than double numbers tell"),
+        ("t,u\n0,0\n1e-9,1e308\n", "changes faster than double precision resolves"),
     ] {
         let here = Folder::new().with("a.bond", CHARGE).with("u.csv", table);
         here.bond(&["run", "a.bond", "--input", "u.csv"]).is(2, &[], &[why]);

@@ -366,12 +366,7 @@ fn what_cannot_be_served_is_told() {
     fails(&["a.bond", "--stdio", "--lockstep"], "0\nx\n", 2, "line 2: `x` is no number");
     fails(&["a.bond", "--stdio", "--lockstep"], "0,0\n", 2, "there are 2 numbers for 1 open port:");
     fails(&["a.bond", "--stdio", "--lockstep"], "nan\n", 2, "no number");
-    fails(
-        &["a.bond", "--stdio", "--lockstep"],
-        "0\n1e300\n0\n",
-        2,
-        "line 2: what has moved or crossed since the start",
-    );
+    fails(&["a.bond", "--stdio", "--lockstep"], "0\n1e300\n0\n", 2, "line 2: a sum since the start");
     // A line without end is not kept, and what is shown of a cell is short.
     fails(&["a.bond", "--stdio", "--lockstep"], &"x".repeat(1 << 20), 2, "line 1: it is longer than 128 bytes");
     fails(

@@ -135,5 +135,5 @@ fn scenes_have_their_own_snapshots() {
     let here = here.with("a.snap", first.replace('\n', "\r\n"));
     here.bond(&["test", "a.bond"]).is(0, &["6 passed"], &[]);
     here.bond(&["test", "a.bond", "--model", "Nope"]).is(2, &["does not compile"], &["Nope"]);
-    here.fed(&["test", "-", "--update"], OSCILLATOR).is(2, &[], &["standard input lies nowhere"]);
+    here.fed(&["test", "-", "--update"], OSCILLATOR).is(2, &[], &["standard input has no place"]);
 }

@@ -86,7 +86,7 @@ impl Conflict {
         let bond = format!("bond something that gives {what} to it, such as {such}");
         let asserted = self.chains.iter().find(|c| c.1 == Cause::Asserted).and_then(|c| c.0.last());
         match asserted.map(|b| &a.model.bond(*b).name) {
-            Some(name) => format!("take the stroke of the bond {name} off, `->`, or {bond}"),
+            Some(name) => format!("remove the stroke of the bond {name}, `->`, or {bond}"),
             None => format!("the graph is not determined: {bond}"),
         }
     }
@@ -149,7 +149,8 @@ impl Conflict {
                 "take one of them out, or put a 0-junction with an R, or an I, between them: flows add up there"
             }
             _ if self.chains.iter().any(|(_, cause)| matches!(cause, Cause::Asserted)) => {
-                "turn the asserted stroke, `->|` or `|->`, or take it off: what stands at the bond tells it already"
+                "reverse the asserted stroke, `->|` or `|->`, or remove it: the elements at the bond determine it \
+                already"
             }
             _ => "take one of them out, or put an R between them",
         })

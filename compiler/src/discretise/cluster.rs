@@ -484,7 +484,7 @@ impl Cluster {
                     },
                     Some(Method::Exact) => exact::write(self, model, form)?.map(|e| e.step).ok_or_else(|| {
                         let why = match self.is_led(&model.pool) {
-                            true => "a storage of it follows a source that moves",
+                            true => "one of its storages follows a moving source",
                             false => "it is not linear with a quadratic energy, or too large",
                         };
                         unfit(model, self, form, Method::Exact, why)
@@ -529,7 +529,8 @@ impl Cluster {
                             self,
                             form,
                             m,
-                            "a storage of it follows a source, which the construction along a line does not know",
+                            "one of its storages follows a source, for which the construction along a line is not \
+                            defined",
                         ));
                     }
                     Some(Method::Ray) => ray::write(self, model, form)?,
@@ -686,7 +687,8 @@ impl Cluster {
         let follows = !self.followed.is_empty();
         let led = nodes == Nodes::Radau && self.is_led(&model.pool);
         if led || (follows && !collocation::all_quadratic(self, &mut model.pool)) {
-            let why = "a storage of it follows a source that moves; nodes of Gauss take that, where all energies are quadratic";
+            let why = "one of its storages follows a moving source; the collocation methods of Gauss take that if \
+            all energies are quadratic";
             return Err(unfit(model, self, form, method, why));
         }
         self.tighten(model, form);

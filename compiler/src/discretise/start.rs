@@ -294,7 +294,8 @@ impl Wrong {
         match self {
             Wrong::None if ideal => (
                 "no solution was found at the start",
-                "check the laws: what flows into diodes that all block, or is to move what frictions hold, has nowhere to go; a small leak, such as `f = max(s, 0)*1 A + 1 uA * min(s, 0)`, or a storage gives it a way",
+                "check the laws: a flow into diodes that all block, or a force on what friction holds, has nowhere \
+                to go; add a small leak, such as `f = max(s, 0)*1 A + 1 uA * min(s, 0)`, or a storage",
             ),
             Wrong::None => (
                 "no solution was found at the start",
@@ -302,7 +303,8 @@ impl Wrong {
             ),
             Wrong::Several => (
                 "it has more than one solution at the start",
-                "the graph does not tell which one it is in: put a storage into the loop, such as the small C or I that the real part has",
+                "the graph does not determine which one holds: put a storage into the loop, such as the small C or I \
+                of the real part",
             ),
         }
     }

@@ -88,7 +88,7 @@ impl<'a> Elaborator<'a> {
         }
     }
 
-    /// Keeps the mend for 1-ports in a list in the middle of a chain, which all bonds of it go through.
+    /// Keeps the fix for 1-ports in a list in the middle of a chain, which all bonds of it go through.
     fn keep_lists(&mut self, chain: &Chain, groups: &[Vec<Option<(RawEnd, String)>>]) {
         let (Some(first), Some(last)) = (chain.groups.first(), chain.groups.last()) else { return };
         let (Some(first), Some(last)) = (first.first(), last.last()) else { return };
@@ -105,14 +105,14 @@ impl<'a> Elaborator<'a> {
             }
             let words = |span: Span| self.sources.slice(span).split_whitespace().collect::<Vec<_>>().join(" ");
             let names: Vec<&str> = on.iter().map(|(end, _)| self.sources.slice(named(end))).collect();
-            let mend = format!(
+            let fix = format!(
                 "a list ends its chain: write `{}` and on its own line `{} {}`",
                 words(written(first).to(written(end))),
                 names.join(", "),
                 words(arrow.span.to(written(last)))
             );
             let stay = stay.into_iter().filter_map(|(_, made)| match made {
-                Some((RawEnd::Element(id), _)) => Some((*id, mend.clone())),
+                Some((RawEnd::Element(id), _)) => Some((*id, fix.clone())),
                 _ => None,
             });
             self.listed.extend(stay);

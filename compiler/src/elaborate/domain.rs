@@ -246,7 +246,10 @@ impl Mixed {
             if let Some((w, e)) = group.witness.and_then(|w| Some((w, all.get(w)?))) {
                 error = error.label(e.found.1, format!("`{}` is {} ({})", name(w), those.name, those.units));
             }
-            errors.push(error.help("join two domains by a transducer, a TF or a GY; within one domain, mend the unit"));
+            errors.push(error.help(
+                "join two domains by a transducer, a TF or a GY; within one domain, correct the \
+            unit",
+            ));
         }
     }
 }

@@ -213,7 +213,7 @@ impl<'a> Elaborator<'a> {
             return self.declare(scope, name.text.clone(), entity, name.span);
         };
         if *variable == name.text {
-            let message = format!("`{variable}` is what this `for` counts with, and is declared again");
+            let message = format!("`{variable}` is the variable of this `for`, and is declared again");
             self.errors.push(Diagnostic::error("elaborate::twice", name.span, message).help("rename one of them"));
             return false;
         }
@@ -446,7 +446,7 @@ impl<'a> Elaborator<'a> {
         if e.active && kind != Kind::R {
             self.errors.push(
                 Diagnostic::error("elaborate::active", e.span, format!("`{name}` cannot be active: only an `R` can"))
-                    .help("a source may inject energy as it is; take `active` away"),
+                    .help("a source may supply energy anyway; remove `active`"),
             );
         }
         let id = ElementId(self.elements.len() as u32);

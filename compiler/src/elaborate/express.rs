@@ -129,7 +129,7 @@ impl<'a> Elaborator<'a> {
         let words = self.words(e);
         if x.fract() == 0.0 {
             let message = format!("`{words}` is {}, too large for a count or an index", told(x));
-            return self.wrong("elaborate::integer", e.span, message, "lower it: they reach to 9e15");
+            return self.wrong("elaborate::integer", e.span, message, "lower it: the largest is 9e15");
         }
         let message = format!("`{words}` is {}, and a whole number is needed", told(x));
         self.wrong("elaborate::integer", e.span, message, "round it")
@@ -414,7 +414,7 @@ impl<'a> Elaborator<'a> {
                         "elaborate::zero",
                         b.span,
                         format!("division by `{words}`, which is 0"),
-                        "mend the divisor",
+                        "correct the divisor",
                     );
                 }
                 (self.pool.div(x.expr, y.expr), x.unit.div(&y.unit))
@@ -517,7 +517,7 @@ impl<'a> Elaborator<'a> {
                 "elaborate::arguments",
                 span,
                 format!("`{f}` takes {n} argument(s), and got {}", values.len()),
-                "mend the call",
+                "correct the call",
             )
         };
         if let Some(op) = plain.into_iter().find(|op| op.name() == f) {
@@ -566,7 +566,7 @@ impl<'a> Elaborator<'a> {
                 let (x, y) = (values[0].expr, values[1].expr);
                 if self.pool.is_zero(y) {
                     let message = format!("`mod` divides by `{}`, which is 0", self.words(&args[1]));
-                    return self.wrong("elaborate::zero", args[1].span, message, "mend the divisor");
+                    return self.wrong("elaborate::zero", args[1].span, message, "correct the divisor");
                 }
                 let ratio = self.pool.div(x, y);
                 let whole = self.pool.unary(F::Floor, ratio);
@@ -587,7 +587,7 @@ impl<'a> Elaborator<'a> {
                     return self.wrong(
                         "elaborate::expect",
                         span,
-                        format!("`{f}` is taken here of what an extreme over the run stands in already"),
+                        format!("`{f}` is applied to an expression that already contains an extreme over the run"),
                         "an extreme is one number for the whole run: take it of signals alone, and compute with it \
                          outside, `max(x) - min(x)` for `max(x - min(x))`",
                     );
@@ -628,7 +628,7 @@ impl<'a> Elaborator<'a> {
         let error = Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
         let all: Vec<(String, String)> = args.iter().map(|a| (self.words(a), self.operand(a))).collect();
         let help = match (super::foreign(f, &all), super::nearest(f, own.iter().map(String::as_str).chain(FUNCTIONS))) {
-            (Some(mend), _) => mend,
+            (Some(fix), _) => fix,
             // Of few letters another function is near.
             (None, Some(n)) if f.len() > 4 || super::distance(f, n) < 2 => format!("did you mean `{n}`?"),
             (None, _) => format!("the functions are {}", FUNCTIONS.join(", ")),
@@ -678,12 +678,15 @@ fn celsius(value: Option<f64>, unit: &ast::Unit) -> String {
         ([(_, (1, 1), _)], Some(value)) => {
             let kelvin = libm::round((value + 273.15) * 1e9) / 1e9;
             format!(
-                "there is no degree Celsius, which is more than a factor: as a temperature this is `{} K`, as a difference of two `{} K`",
+                "degrees Celsius need an offset, and are not a unit here: as a temperature this is `{} K`, as a \
+                difference of two `{} K`",
                 told(kelvin),
                 told(value)
             )
         }
-        ([(_, (1, 1), _)], None) => "there is no degree Celsius, which is more than a factor: for a temperature add 273.15, and write `K`; a difference of 1 °C is one of 1 K".to_string(),
+        ([(_, (1, 1), _)], None) => "degrees Celsius need an offset, and are not a unit here: for a temperature add \
+        273.15, and write `K`; a difference of 1 °C is one of 1 K"
+            .to_string(),
         _ => "there is no degree Celsius; a difference of 1 °C is one of 1 K: write `K`".to_string(),
     }
 }

@@ -352,7 +352,8 @@ impl<'a> Elaborator<'a> {
             if let Some(input) = self.inputs.iter().find(|i| i.name == *path) {
                 let message = format!("--set {path}: `{path}` is an input, and no parameter");
                 let help = format!(
-                    "a run gives it by `--input FILE.csv`, with the columns t and {path}; or change what it is without, `input {path} = ...`"
+                    "give it by `--input FILE.csv`, with the columns t and {path}; or change its default, `input \
+                    {path} = ...`"
                 );
                 self.errors.push(Diagnostic::error("elaborate::set", input.span, message).help(help));
                 continue;

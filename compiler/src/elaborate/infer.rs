@@ -311,7 +311,8 @@ impl Inference {
                 _ if source.is_some() => {
                     let what = source.map(|o| o.about.as_str()).unwrap_or_default();
                     format!(
-                        "{what} is a bare number too, so that the units of its bonds are none of physics: give both units, as in `= 1 N` and `= 1 kg`"
+                        "{what} is a bare number too, so its bonds have no physical units: give both units, as in `= \
+                        1 N` and `= 1 kg`"
                     )
                 }
                 Some(_) if e.about.starts_with("the ratio of") => format!(
@@ -322,7 +323,7 @@ impl Inference {
                     format!("the unit is off by a factor of {off}: write `{} {needed}`", number.unwrap_or_default())
                 }
                 Some(off) => {
-                    format!("the unit is off by a factor of {off}: give {value}, or mend the expression")
+                    format!("the unit is off by a factor of {off}: give {value}, or correct the expression")
                 }
                 None => format!("give {value}"),
             };
@@ -477,6 +478,6 @@ fn reciprocal(about: &str) -> Option<&'static str> {
     match about {
         "the rate" => Some("if the period is meant, write `sampled every ...`"),
         "the period" => Some("if the rate is meant, write `sampled at ...`"),
-        _ => list.into_iter().find(|(what, _)| about.starts_with(what)).map(|(_, mend)| mend),
+        _ => list.into_iter().find(|(what, _)| about.starts_with(what)).map(|(_, fix)| fix),
     }
 }

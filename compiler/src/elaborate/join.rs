@@ -230,7 +230,7 @@ impl Elaborator<'_> {
         }
     }
 
-    /// Says which ports are not bonded outside, where their instance is declared: that is what its user can mend.
+    /// Says which ports are not bonded outside, where their instance is declared: that is what its user can fix.
     fn say_loose(&mut self, mut loose: Vec<usize>) {
         loose.sort_by_key(|p| self.ports[*p].instance);
         for ports in loose.chunk_by(|a, b| self.ports[*a].instance == self.ports[*b].instance) {
@@ -246,8 +246,8 @@ impl Elaborator<'_> {
             for p in &ports {
                 error = error.label(p.span, "is the port");
             }
-            let mends: Vec<String> = ports.iter().map(|p| outside(p, outer)).collect();
-            self.errors.push(error.help(format!("bond {what} outside, as in {}", mends.join(", "))));
+            let fixs: Vec<String> = ports.iter().map(|p| outside(p, outer)).collect();
+            self.errors.push(error.help(format!("bond {what} outside, as in {}", fixs.join(", "))));
         }
     }
 
@@ -294,7 +294,7 @@ impl Elaborator<'_> {
                     format!("`{name}` has {n} bonds, and takes one"),
                 ))
                 .help(match self.listed.get(&id) {
-                    Some(mend) => mend.clone(),
+                    Some(fix) => fix.clone(),
                     None => self.at_junction(id),
                 }),
             ),
@@ -302,7 +302,7 @@ impl Elaborator<'_> {
         self.errors.extend(error);
     }
 
-    /// The mend for what has several bonds and takes one: what they lead to, joined with it at a junction of either
+    /// The fix for what has several bonds and takes one: what they lead to, joined with it at a junction of either
     /// kind. Elements that are bonded as if power ran through them, `u -> r -> c`, are taken together.
     fn at_junction(&self, id: ElementId) -> String {
         let decl = &self.elements[id.at()];

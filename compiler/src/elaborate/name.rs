@@ -178,12 +178,10 @@ impl<'a> Elaborator<'a> {
         let deep = self.depth > DEEPEST;
         if deep && !self.errors.iter().any(|e| e.code == "elaborate::limit") {
             let name = self.sources.slice(at);
-            let message = format!(
-                "values are nested too deep: `{name}` is asked for by a name that another one asks for, and so on, over {DEEPEST} expressions"
-            );
+            let message = format!("values are nested too deep: `{name}` is reached through a chain of {DEEPEST} names");
             self.errors.push(
                 Diagnostic::error("elaborate::limit", at, message)
-                    .help("give some of the names on the way a value that names no other one"),
+                    .help("give some names of the chain a value that uses no other name"),
             );
         }
         deep
@@ -308,7 +306,7 @@ impl<'a> Elaborator<'a> {
         let Param { name, instance, .. } = &self.params[p];
         if *instance == 0 {
             return format!(
-                "give it a default, `{name} = ...` in the head of the model, or say it with `bond run --set {name}=...`"
+                "give it a default, `{name} = ...` in the head of the model, or set it with `bond run --set {name}=...`"
             );
         }
         let declared = self.sources.slice(self.instances[*instance].span);
@@ -339,7 +337,7 @@ impl<'a> Elaborator<'a> {
                 let circle = self.open_lets[from..].iter().chain([&l]).map(|l| format!("`{}`", self.lets[*l].name));
                 let circle: Vec<String> = circle.collect();
                 let help = match circle.len() {
-                    2 => "it cannot be computed from itself; what a signal was before is kept by a `state`".to_string(),
+                    2 => "it cannot be computed from itself; a `state` keeps the earlier value of a signal".to_string(),
                     _ => format!("break the circle {}", circle.join(" <- ")),
                 };
                 let name = self.lets[l].name.clone();

@@ -118,8 +118,8 @@ impl<'a> Elaborator<'a> {
                             self.wrong::<()>(
                                 "elaborate::expect",
                                 value.span,
-                                "an extreme is one of the whole run, and of no instant".to_string(),
-                                "leave `at` out, and compare it: `expect max(abs(x)) < 0.2 m`",
+                                "an extreme is over the whole run, not at an instant".to_string(),
+                                "remove `at`, and compare it: `expect max(abs(x)) < 0.2 m`",
                             )?;
                         }
                         let time = self.constant(time, scope, Dimension::SECOND, "the instant")?;
@@ -147,14 +147,14 @@ impl<'a> Elaborator<'a> {
                                 "elaborate::expect",
                                 within.span,
                                 format!("the tolerance is {}, and must not be negative", told(tolerance)),
-                                "it is how far the value may be off to either side, as in `within 1e-6 m`",
+                                "it is the allowed deviation to either side, as in `within 1e-6 m`",
                             )?;
                         }
                         ExpectationKind::At { value: value_.expr, time, target, tolerance }
                     }
                     ast::Expect::Holds(e) => {
-                        if let Some(mend) = self.at_instant(e, scope) {
-                            self.wrong::<()>("elaborate::expect", e.span, "a value has no arguments".into(), &mend)?;
+                        if let Some(fix) = self.at_instant(e, scope) {
+                            self.wrong::<()>("elaborate::expect", e.span, "a value has no arguments".into(), &fix)?;
                         }
                         let (typed, extremes) = self.expected(e, scope)?;
                         if !is_condition(e) {
@@ -172,7 +172,7 @@ impl<'a> Elaborator<'a> {
             .collect()
     }
 
-    /// The mend for a value at an instant that is written as a call: `y(5 s) == 0.3 m`.
+    /// The fix for a value at an instant that is written as a call: `y(5 s) == 0.3 m`.
     fn at_instant(&self, e: &ast::Expr, scope: ScopeId) -> Option<String> {
         let ExprKind::Binary(ast::Binary::Eq, call, target) = &e.kind else { return None };
         let ExprKind::Call(name, args) = &call.kind else { return None };
@@ -184,7 +184,7 @@ impl<'a> Elaborator<'a> {
         };
         let [at, target] = [at.span, target.span].map(|span| self.sources.slice(span));
         Some(format!(
-            "write `expect {} at {at} = {target} within 1e-3{unit}`, with how far it may be off behind `within`",
+            "write `expect {} at {at} = {target} within 1e-3{unit}`, with the allowed deviation after `within`",
             name.text
         ))
     }
@@ -210,7 +210,7 @@ impl<'a> Elaborator<'a> {
             if name != "inertia" {
                 self.errors.push(
                     Diagnostic::error("elaborate::field", field.span, format!("a port has no field `{name}`"))
-                        .help("it has `inertia`, the least inertia that the outside shows there"),
+                        .help("it has `inertia`, the least inertia that the outside has there"),
                 );
                 continue;
             }

@@ -160,8 +160,8 @@ impl<'a> Elaborator<'a> {
         let (fields, sampling, span) = (m.fields, m.sampling, m.span);
         let (name, own) = (m.name.clone(), format!("d{}", m.short));
         let (right, example) = match sampling {
-            None => (own.clone(), format!("`{{ {own} = ... }}`, what it changes by in a second")),
-            Some(_) => ("next".to_string(), "`{ next = ... }`, what it is an interval later".to_string()),
+            None => (own.clone(), format!("`{{ {own} = ... }}`, its rate per second")),
+            Some(_) => ("next".to_string(), "`{ next = ... }`, its value an interval later".to_string()),
         };
         let is_rate = |text: &str| text == own || text == "dz";
         let mut found: Option<&'a Field> = None;
@@ -179,12 +179,12 @@ impl<'a> Elaborator<'a> {
                         .help("keep one")
                 }
                 (false, _) if sampling.is_none() && path == "next" => {
-                    let what = format!("`{name}` stands in no `sampled` block, and has no next value");
+                    let what = format!("`{name}` is in no `sampled` block, and has no next value");
                     Diagnostic::error("elaborate::state", field.span, what)
                         .help(format!("give {example}; or put it into `sampled at 1 kHz {{ ... }}`"))
                 }
                 (false, _) if sampling.is_some() && is_rate(&path) => {
-                    let what = format!("`{name}` stands in a `sampled` block, and moves from sample to sample only");
+                    let what = format!("`{name}` is in a `sampled` block, and changes only from sample to sample");
                     let e = Diagnostic::error("elaborate::state", field.span, what)
                         .help(format!("give {example}, such as `next = {name} + T*rate` with the period T; or take it out of the block"));
                     match sampling.and_then(|s| self.samplings.get(s)) {
@@ -201,7 +201,7 @@ impl<'a> Elaborator<'a> {
             return None;
         }
         if found.is_none() {
-            let e = Diagnostic::error("elaborate::state", span, format!("nothing says how the state `{name}` moves"));
+            let e = Diagnostic::error("elaborate::state", span, format!("the state `{name}` has no law"));
             self.errors.push(e.help(format!("give {example}")));
         }
         found.map(|f| &f.value)

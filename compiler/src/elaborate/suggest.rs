@@ -77,7 +77,7 @@ pub fn foreign(f: &str, args: &[(String, String)]) -> Option<String> {
         "step" | "heaviside" | "unitstep" => instead("a step", "if t < 1 s then 0 else 1".into()),
         "interp1" | "lookup" | "interpolate" => instead("a table", format!("table({x}, [x1, x2, x3], [y1, y2, y3])")),
         "idt" | "integrate" => instead("an integral", format!("integral({x}, 0)")),
-        "rem" | "fmod" | "modulo" => instead("what is left of a division", format!("mod({x}, {y})")),
+        "rem" | "fmod" | "modulo" => instead("the remainder of a division", format!("mod({x}, {y})")),
         "wrap" => instead("an angle from -pi to pi", format!("atan2(sin({x}), cos({x}))")),
         "trunc" | "fix" | "int" => instead("this", format!("sign({x})*floor(abs({x}))")),
         "frac" | "fract" => instead("this", format!("mod({x}, 1)")),
@@ -86,7 +86,8 @@ pub fn foreign(f: &str, args: &[(String, String)]) -> Option<String> {
             Some("nothing is random in a run; give a table with `--input`, or draw parameters with `--monte-carlo`".into())
         }
         "cross" | "inv" | "inverse" | "det" | "diag" | "eye" | "zeros" | "ones" | "kron" => {
-            Some("of arrays there are `sum`, `dot`, `len`, `transpose`, `+`, `-` and `*`; write the rest out by entries, `a[1]`".into())
+            Some("arrays have `sum`, `dot`, `len`, `transpose`, `+`, `-` and `*`; write the rest out by entries, \
+            `a[1]`".into())
         }
         "delay" | "transport" => Some("a delay is a sampled `state` that takes the value at its next instant".into()),
         "der" | "ddt" | "derivative" => Some(
@@ -101,9 +102,7 @@ pub fn foreign_value(name: &str) -> Option<&'static str> {
     Some(match name {
         "PI" | "Pi" | "π" | "M_PI" => "did you mean `pi`?",
         "time" | "Time" => "the time is `t`",
-        "inf" | "Inf" | "INFINITY" | "infinity" => {
-            "no value is infinite; take a number that is large beside the others"
-        }
+        "inf" | "Inf" | "INFINITY" | "infinity" => "no value is infinite; take a number much larger than the others",
         "g" | "g0" | "gravity" => {
             "declare gravity in the model, as `let g = 9.81 m/s^2`; a function outside of models takes it as an argument"
         }

@@ -18,7 +18,7 @@ impl<'a> Elaborator<'a> {
         let xs = self.curve(places, places_ast, "a place of the table");
         let ys = self.curve(heights, heights_ast, "a value of the table");
         let (x, ((xs, place), (ys, unit))) = x.zip(xs.zip(ys))?;
-        self.require((&x.unit, x_ast.span), place, Some(places_ast.span), "what the table is read at", 3);
+        self.require((&x.unit, x_ast.span), place, Some(places_ast.span), "the argument of the table", 3);
         if xs.len() != ys.len() {
             let message = format!("this table has {} places and {} values", xs.len(), ys.len());
             let error = Diagnostic::error("elaborate::table", span, message)

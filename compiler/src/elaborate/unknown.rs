@@ -10,7 +10,7 @@ use bond_grammar::source::Span;
 const VARIABLES: [&str; 5] = ["e", "f", "p", "q", "s"];
 
 impl Elaborator<'_> {
-    /// The mend for a variable of laws that the law which is being read is not written in.
+    /// The fix for a variable of laws that the law which is being read is not written in.
     pub(super) fn in_law(&self, segment: &Segment) -> Option<String> {
         let name = segment.name.text.as_str();
         if !VARIABLES.contains(&name) || !segment.index.is_empty() {
@@ -32,11 +32,11 @@ impl Elaborator<'_> {
         Some(format!("a {is}, as `= value` gives it; write a law in braces: {law}").replace("a inertia", "an inertia"))
     }
 
-    /// The mend for a port of a field, of which one of its laws reads what another one gives.
+    /// The fix for a port of a field, of which one of its laws reads what another one gives.
     pub(super) fn in_field_law(&self, segment: &Segment) -> Option<String> {
         let is_port = |local: &str| local.split_once('.').is_some_and(|(port, _)| port == segment.name.text);
         let (read, _) = self.locals.iter().find(|(local, _)| is_port(local))?;
-        Some(format!("a law reads `{read}`, and not what a law of the field gives: write that out"))
+        Some(format!("a law reads `{read}`, and not the output of another law of the field: write that out"))
     }
 
     /// What the law that is being read is written in.
@@ -54,7 +54,7 @@ impl Elaborator<'_> {
         format!("{law} is written in {}", list.join(", "))
     }
 
-    /// The mend for a name that is declared nowhere, in a value.
+    /// The fix for a name that is declared nowhere, in a value.
     pub(super) fn undeclared(&self, key: &str) -> String {
         let declare = format!("declare it, for instance as `let {key} = ...`, or check the spelling");
         match self.owner.is_some() && !self.locals.is_empty() {
@@ -63,7 +63,7 @@ impl Elaborator<'_> {
         }
     }
 
-    /// The mend for a unit that stands apart from its number: `6*V`.
+    /// The fix for a unit that stands apart from its number: `6*V`.
     pub(super) fn as_unit(&self, segment: &Segment) -> Option<String> {
         let (name, span) = (&segment.name.text, segment.name.span);
         if !segment.index.is_empty() || units::lookup(name).is_none() {
@@ -94,7 +94,7 @@ fn last_number(text: &str) -> Option<&str> {
     number.parse::<f64>().ok().filter(|_| number.starts_with(|c: char| c.is_ascii_digit() || c == '.')).map(|_| number)
 }
 
-/// The mend for the first name that stands as a unit behind a number: `m` in `p^2/2 m`, where `m` is a parameter.
+/// The fix for the first name that stands as a unit behind a number: `m` in `p^2/2 m`, where `m` is a parameter.
 pub(super) fn misread(text: &str, known: &dyn Fn(&str) -> bool) -> Option<String> {
     let is_name = |c: char| c.is_alphanumeric() || c == '_';
     let span = |text: &str, fits: &dyn Fn(char) -> bool| text.find(|c| !fits(c)).unwrap_or(text.len());
@@ -115,13 +115,13 @@ pub(super) fn misread(text: &str, known: &dyn Fn(&str) -> bool) -> Option<String
         for symbol in unit.split(['*', '/', '^']).take_while(|_| unit.starts_with(is_name)) {
             if known(symbol) && units::lookup(symbol).is_some() {
                 let (head, rest) = unit.split_at(start);
-                let mend = match head.chars().last() {
+                let fix = match head.chars().last() {
                     None if below => format!("({number}*{rest})"),
                     None => format!("{number}*{rest}"),
                     Some(sign) => format!("{number} {} {sign} {rest}", head.trim_end_matches(sign)),
                 };
                 let read = format!("`{symbol}` in `{quantity}` is read as a unit");
-                return Some(format!("{read}; if the name is meant, write `{mend}`"));
+                return Some(format!("{read}; if the name is meant, write `{fix}`"));
             }
             start += symbol.len() + 1;
         }

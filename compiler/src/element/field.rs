@@ -167,7 +167,7 @@ impl<'a> Elaborator<'a> {
                     ),
                 )
                 .help(format!(
-                    "mend the matrix; one that gives power must say so: `active R({}):{name}`",
+                    "correct the matrix; one that gives power must say so: `active R({}):{name}`",
                     ports.join(", ")
                 )),
             );

@@ -141,7 +141,8 @@ impl<'a> Elaborator<'a> {
             && reach <= 2.0 * storage.initial.abs()
         {
             self.errors.push(
-                Diagnostic::error("elaborate::law", law.span, format!("no energy was found of which this law of `{name}` is the slope"))
+                Diagnostic::error("elaborate::law", law.span, format!("no energy was found whose derivative is this \
+                law of `{name}`"))
                     .help(format!("give the energy itself, `H = ...` in `{state_name}`; or a law that can be integrated, in pieces by `if` on `{state_name}`")),
             );
             return None;
@@ -162,7 +163,7 @@ impl<'a> Elaborator<'a> {
             "give a positive number".to_string()
         };
         let how = if x > 0.0 {
-            format!("the {what} of `{name}` is {}, and one over that is no number to compute with", told(x))
+            format!("the {what} of `{name}` is {}, whose inverse is too large or too small to compute with", told(x))
         } else if x < 0.0 {
             format!("negative {what}: that of `{name}` is {}", told(x))
         } else {
@@ -184,7 +185,10 @@ impl<'a> Elaborator<'a> {
         if !self.pool.any_node(e, &is_off) {
             return Some(());
         }
-        let message = format!("a number in the {what} of `{name}` is infinite, or none, as a root of what is below 0");
+        let message = format!(
+            "a number in the {what} of `{name}` is infinite or undefined, such as a root of a \
+        negative number"
+        );
         self.errors.push(
             Diagnostic::error("elaborate::value", ast.span, message)
                 .help("every constant part of it must be a finite number"),

@@ -14,8 +14,8 @@ use petgraph::graph::NodeIndex;
 use rustc_hash::FxHashMap;
 
 /// The mend for bonds in a loop that leave a variable free.
-const FREE: &str = "open the loop, or put an element into it that gives the missing variable; a circuit whose voltages \
-                    have no level gets it from a ground, `Se:ground = 0 V` bonded to one of its 0-junctions";
+const FREE: &str = "open the loop, or put an element into it that determines the missing variable; a circuit without \
+a reference voltage needs a ground, `Se:ground = 0 V` bonded to one of its 0-junctions";
 
 /// Rows of all bond variables.
 pub(super) struct Rows {

@@ -356,7 +356,7 @@ fn held(model: &Model, graph: &BondGraph, causality: &Causality, error: Diagnost
     for b in others.iter().take(16) {
         error = error.label(model.bond(*b).span, "is asserted too");
     }
-    error.help("turn the stroke, or take it off: `->`")
+    error.help("reverse the stroke, or remove it: `->`")
 }
 
 /// Which variable of an element takes the sign of a half arrow that points away from it: not the one that the user

@@ -66,9 +66,12 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
             return Err(Diagnostic::error(
                 "structure::singular",
                 span,
-                format!("what {} give does not follow from what they are given: the matrix is singular there", names.join(", ")),
+                format!("the outputs of {} do not follow from their inputs: the matrix is singular", names.join(", ")),
             )
-            .help("give it what its matrix multiplies, as an I does with flows and a C with efforts; or state the matrix otherwise"));
+            .help(
+                "impose the variable that its matrix multiplies, as an I does for flows and a C for efforts; or \
+            give the inverse matrix",
+            ));
         }
         if let Some(hybrid) = hybrid(r, rows, &flipped) {
             let pool = &mut r.model.pool;

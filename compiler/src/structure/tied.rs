@@ -182,7 +182,7 @@ pub(super) fn check(model: &mut Model, form: &Form, d: ColumnId) -> Option<Diagn
     let soft = soft(column.gives);
     let part = format!("put some resistance between the two, as the real parts have, or a stiff {soft} with some");
     if column.row.is_empty() {
-        let part = "take it out, mend the ratios that hold it, or bond it to what is to drive it".to_string();
+        let part = "remove it, correct the ratios that hold it, or bond it to what should drive it".to_string();
         let held = match column.gives {
             Variable::Effort => "held at rest, by a flow that is always 0",
             Variable::Flow => "held at 0, by an effort that is always 0",

@@ -305,7 +305,7 @@ impl Wreck<'_> {
         let power = self.word(self.at);
         let (symbol, joined) = (self.word(symbol), symbol > start + 1);
         let help = format!("write `{}`", super::exponent(symbol, power)?);
-        let message = format!("`{power}` is no exponent of a unit: a fraction is written in parentheses");
+        let message = format!("`{power}` is not an exponent of a unit: a fraction is written in parentheses");
         // What follows an operator may be a variable, whatever it looks like.
         let help = match joined {
             true => format!("{help}; if `{symbol}` is a variable, put a space before the operator, as in `6 V * x`"),

@@ -333,11 +333,31 @@ impl Wreck<'_> {
         }
         if self.word(start + 1) == "(" && (self.at == start + 1 || self.word(last) == ")") {
             let help = foreign(word)?;
-            return Some(self.error("syntax::statement", start, format!("`{word}` begins no statement")).help(help));
+            return Some(
+                self.error(
+                    "syntax::statement",
+                    start,
+                    format!(
+                        "`{word}` cannot begin a \
+            statement"
+                    ),
+                )
+                .help(help),
+            );
         }
         if self.word(self.at) == "{" && matches!(word, "initial" | "init" | "start") {
             let help = "a start stands with its element: `C:spring { stiffness = 100 N/m; q0 = 0.1 m }`";
-            return Some(self.error("syntax::statement", start, format!("`{word}` begins no statement")).help(help));
+            return Some(
+                self.error(
+                    "syntax::statement",
+                    start,
+                    format!(
+                        "`{word}` cannot begin a \
+            statement"
+                    ),
+                )
+                .help(help),
+            );
         }
         None
     }
@@ -359,15 +379,15 @@ impl Wreck<'_> {
                 return Some(self.error("syntax::statement", start, message).help(help));
             }
             if matches!(word, "elseif" | "elif" | "elsif" | "elseIf") {
-                let error = self.error("syntax::statement", start, format!("`{word}` begins no statement"));
+                let error = self.error("syntax::statement", start, format!("`{word}` cannot begin a statement"));
                 return Some(error.help("write `else if`"));
             }
             if let Some(right) = near(word, STATEMENTS) {
-                let error = self.error("syntax::statement", start, format!("`{word}` begins no statement"));
+                let error = self.error("syntax::statement", start, format!("`{word}` cannot begin a statement"));
                 return Some(error.help(format!("did you mean `{right}`?")));
             }
             if let Some(help) = foreign(word) {
-                let error = self.error("syntax::statement", start, format!("`{word}` begins no statement"));
+                let error = self.error("syntax::statement", start, format!("`{word}` cannot begin a statement"));
                 return Some(error.help(help));
             }
         }
@@ -375,7 +395,7 @@ impl Wreck<'_> {
         (self.at == start || names || self.word(self.at).is_empty()).then(|| {
             let help = "a statement declares (`KIND:name = value`), bonds (`a -> b`), or begins with `let`, `probe`, \
                         `input`, `state`, `port`, `for`, `if`, `sampled`, `simulate` or `expect`";
-            let message = format!("`{word}` begins no statement");
+            let message = format!("`{word}` cannot begin a statement");
             self.error("syntax::statement", start, message).help(help)
         })
     }

@@ -843,8 +843,8 @@ pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), S
         let residual = (h - before) - ((supplied - dissipated) + leap);
         let scale = size.max(b.h.abs()).max(turnover);
         if c.step.linear.is_some() && residual.abs() > GROSS * scale.max(b.floor()) {
-            return Err("the exact step makes or loses what is stored: its stiffnesses, masses and times are too far \
-                        apart for the digits of a number; mend them, or take another method"
+            return Err("the exact step does not keep the stored energy: its stiffnesses, masses and times differ by \
+            too many orders of magnitude; change them, or take another method"
                 .into());
         }
         b.turnover_max = b.turnover_max.max(turnover);

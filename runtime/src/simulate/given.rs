@@ -39,7 +39,7 @@ pub enum Unfit {
     #[error("the instant of row {0} is not after that of the row before")]
     Order(usize),
     /// What lies between this row and the one after it changes faster than numbers tell.
-    #[error("between row {0} and row {next} it changes faster than double numbers tell", next = .0 + 1)]
+    #[error("between row {0} and row {next} it changes faster than double precision resolves", next = .0 + 1)]
     Steep(usize),
 }
 

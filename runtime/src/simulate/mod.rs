@@ -52,7 +52,8 @@ fn mend(jumps: &[String], otherwise: &str) -> String {
     }
     let names: Vec<String> = jumps.iter().map(|j| format!("`{j}`")).collect();
     format!(
-        "; the law of {} jumps, and what it holds still has no solution: give it as a curve, `{{ e = ...; f = ... }}` in `s`",
+        "; the law of {} jumps, and has no solution where it should hold still: give it as a curve, `{{ e = ...; f = \
+        ... }}` in `s`",
         names.join(", ")
     )
 }
@@ -97,9 +98,9 @@ pub enum Error {
         length(*step),
         state.as_ref().map(|s| format!(" of `{s}`")).unwrap_or_default(),
         match (*time == 0.0, *at_once) {
-            (true, _) => "it starts so far from rest that a law moves it at once: start it nearer to where it settles",
-            (false, true) => "a law moves it at once there: put in the resistance that the real parts have",
-            (false, false) => "a law may switch to and fro there: make it steep instead of a jump",
+            (true, _) => "it starts so far from rest that a law moves it at once: start it nearer to its equilibrium",
+            (false, true) => "a law moves it at once there: add the resistance that the real parts have",
+            (false, false) => "a law may switch back and forth there: make it steep instead of a jump",
         }
     )]
     TooSmall {

@@ -35,7 +35,7 @@ pub enum Refused {
     )]
     Changed(String),
     /// The lists in it have other lengths than those of the scene.
-    #[error("what it says of {0} does not go with the model")]
+    #[error("its part {0} does not fit the model")]
     Shape(&'static str),
     /// The scene itself does not start.
     #[error("{0}")]

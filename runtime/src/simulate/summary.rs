@@ -25,6 +25,7 @@ const ROUNDING: f64 = 1e-15;
 
 /// A source's, resistor's or double bar's share.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ElementEnergy {
     /// The element.
     pub name: String,
@@ -34,6 +35,7 @@ pub struct ElementEnergy {
 
 /// What a resistor with thermal ports produced.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ElementEntropy {
     /// The element.
     pub name: String,
@@ -43,6 +45,7 @@ pub struct ElementEntropy {
 
 /// How far the energy that a stepper keeps is from H.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Modified {
     /// It less H, now, J.
     pub difference: f64,
@@ -59,6 +62,7 @@ pub struct Modified {
 
 /// A region's ledger at one instant. Energies in J, since the start.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct RegionSummary {
     /// Its name.
     pub name: String,
@@ -125,6 +129,7 @@ pub struct RegionSummary {
 
 /// A double bar's ledger: what crossed, as each side counts it.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct BarSummary {
     /// The bond.
     pub name: String,
@@ -138,6 +143,7 @@ pub struct BarSummary {
 
 /// The whole ledger at one instant.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Summary {
     /// s
     pub time: f64,
@@ -244,7 +250,7 @@ impl Simulation<'_> {
                 ));
             }
             if !(region.h_initial.is_finite() && region.h_final.is_finite()) {
-                reasons.push(format!("H of `{}` is no finite number", region.name));
+                reasons.push(format!("H of `{}` is not a finite number", region.name));
             }
             let kept = KEPT.max(KEPT_EACH * region.states as f64);
             if region.passive_stepper && (region.worst_step > kept || region.worst_step.is_nan()) {
@@ -253,14 +259,14 @@ impl Simulation<'_> {
             }
             if let Some(m) = region.modified.filter(|m| m.grown_relative > GROWN) {
                 reasons.push(format!(
-                    "H of `{}` was {:.3e} J above what it had been given, {:.1e} of what it had held until then: shorter steps keep \
-                     it near the modified energy",
+                    "H of `{}` was {:.3e} J above the energy given to it, {:.1e} of its stored energy until then: \
+                    shorter steps keep it near the modified energy",
                     region.name, m.grown, m.grown_relative
                 ));
             }
             if owed > OWED {
                 reasons.push(format!(
-                    "`{}` gave out up to {:.3e} J more than it stored and its tank held",
+                    "`{}` gave out up to {:.3e} J more than it and its tank stored",
                     region.name, region.debt_max
                 ));
             }

@@ -20,6 +20,7 @@ mod shaft;
 mod slopes;
 
 use crate::common::{file, models, title};
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Options};
 use place::{At, Dice, place, states};
 use std::collections::BTreeMap;

@@ -2,6 +2,7 @@
 
 use super::System;
 use bond::Compiled;
+use bond::internal::CompiledInternals;
 use std::collections::BTreeMap;
 use std::ops::Index;
 

@@ -2,6 +2,7 @@
 
 use super::place::{At, states};
 use super::{System, all, compiled};
+use bond::internal::CompiledInternals;
 use bond::{Options, Steps};
 use std::collections::BTreeMap;
 

@@ -2,6 +2,7 @@
 
 use super::place::{At, Dice, place, plain};
 use super::{System, all, compiled};
+use bond::internal::CompiledInternals;
 use bond::{Compiled, Options};
 use std::collections::BTreeMap;
 

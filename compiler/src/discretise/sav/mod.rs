@@ -314,7 +314,7 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
     });
     // V at the middle foretold is then many times what is held, and what is kept in its place says nothing of it.
     let stored = stored.map(|name| {
-        format!("the energy of `{name}` has an exponential in it, which at what is foretold says nothing of what it comes to")
+        format!("the energy of `{name}` contains an exponential, whose predicted value may be far from the true one")
     });
     let law = c.nodes.iter().find_map(|n| {
         let column = n.resistor()?;
@@ -325,18 +325,20 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
         let law = region.laws.get(&column);
         match (law, n.how) {
             (None, Output::Curve { .. }) => {
-                Some(format!("the law of `{name}` is a curve, which has no chord where it stands upright"))
+                Some(format!("the law of `{name}` is a curve, which has no chord on its vertical branch"))
             }
             (None, Output::Explicit(_) | Output::Implicit { .. }) => Some(format!(
                 "`{name}` is a port of a field whose laws are not linear, and a chord of each port alone is not passive"
             )),
             // Nothing but the law itself tells how far its argument can get in a step.
             (Some((argument, law)), _) if grows(pool, *law, &|s| s == *argument) => Some(format!(
-                "the law of `{name}` has an exponential in it, whose chord at what is foretold says nothing of what it gives"
+                "the law of `{name}` contains an exponential, whose chord at the predicted argument may be far from \
+                the true value"
             )),
             // The chord is taken at what the step before found, and no storage keeps two steps from going to and fro.
             (Some(_), _) if c.loops.contains(&n.unknown()) => Some(format!(
-                "the law of `{name}` is to be solved for what it is given, and chords of one step after the other may not come to that"
+                "the law of `{name}` has to be inverted, and the chords of successive steps may not converge to its \
+                solution"
             )),
             (Some(_), Output::Explicit(_) | Output::Implicit { .. } | Output::Curve { .. }) => None,
         }

@@ -97,7 +97,7 @@ impl Reader<'_> {
         let exponent = explain::exponent(self.scan.slice(unit.span), power.trim_matches(['(', ')']));
         let (message, help) = match (bare, exponent) {
             (true, Some(exponent)) => (
-                format!("`{power}` is no exponent of a unit: a fraction is written with `/`, in parentheses"),
+                format!("`{power}` is not an exponent of a unit: a fraction is written with `/`, in parentheses"),
                 format!("write `{exponent}`, or for a power of number and unit together {raised}"),
             ),
             (false, _) => (
@@ -128,14 +128,14 @@ impl Reader<'_> {
                 let text = self.scan.slice(last.span.to(right.span));
                 let (head, rest) = text.split_at((at.start - last.span.start) as usize);
                 let (head, sign) = head.split_at(head.len() - 1);
-                let message = format!("`{name}` is read as a unit, since that ends at the first space, and it is none");
+                let message = format!("`{name}` is read as a unit, which ends at the first space, but is not one");
                 let help = format!("put spaces around the operator: `{head} {sign} {}`", set_apart(rest));
                 self.errors.push(Diagnostic::error("syntax::unit", at.to(right.span), message).help(help));
                 return;
             }
             let [unit, sign_, right_] = [unit.span, sign, right.span].map(|s| self.scan.slice(s).to_string());
             let message =
-                format!("`{unit}{sign_}{right_}` is read as a unit, which ends at the first space, and it is none");
+                format!("`{unit}{sign_}{right_}` is read as a unit, which ends at the first space, but is not one");
             let left = self.scan.slice(last.span);
             let help = format!("put spaces around the operator: `{left} {sign_} {}`", set_apart(&right_));
             self.errors.push(Diagnostic::error("syntax::unit", sign.to(right.span), message).help(help));
@@ -215,7 +215,7 @@ impl Reader<'_> {
                 return (above / b, below / b);
             }
         }
-        let message = format!("`{}` is no exponent of a unit", pair.as_str().trim_start_matches('^'));
+        let message = format!("`{}` is not an exponent of a unit", pair.as_str().trim_start_matches('^'));
         let help = format!("an exponent is a whole number or a fraction such as `^(1/2)`, at most {LARGEST}");
         let error = Diagnostic::error("syntax::exponent", self.span(&pair), message);
         self.errors.push(error.help(help));
