@@ -58,6 +58,42 @@
 //! assert!(cluster.step.program.verify().is_ok());
 //! println!("{}", cluster.step.program);
 //! ```
+//!
+//! # How to add a stepper
+//!
+//! 1. `discretise/NAME.rs`: a function that writes the step of a `Cluster` with the builder, and returns a `Stepper` and the
+//!    ledger's `Entries`. `write.rs` has the common pieces: inputs, Newton's method, the terms of the ledger. `measure.rs` has
+//!    weights and scales of unknowns, `tear.rs` says which of them are eliminated, `tight.rs` which resistors are unknowns.
+//! 2. `discretise/mod.rs`: a variant of [`Method`](discretise::Method), in `Method::ALL` and `name`.
+//! 3. `discretise/cluster.rs`, `Cluster::build`: which regions take it, and whether it may be a default (`choice.rs`).
+//!
+//! Then a row in `docs/mathematics.md`. Tests that run over `Method::ALL` check order, balance and back ends.
+//!
+//! # How to add a back end
+//!
+//! 1. `backend/NAME/`: a printer of the statements of `backend/code.rs`, each with the meaning that
+//!    [`eval`](bond_runtime::eval) gives its operations (NaN, signed zeros). It looks at nothing else of a program.
+//! 2. `backend/mod.rs`: its module. If `bond build` writes it: an `Emitter` of a `backend::unit::Unit`, which is a row of
+//!    [`EMITTERS`](backend::EMITTERS). If it runs inside `bond`: a [`Backend`](bond_runtime::kernel::Backend) that makes a
+//!    `Kernel`, and uses the interpreter for programs that `lower` does not take.
+//! 3. A test: `tests/tests/backend.rs` (random programs, special values) or `tests/tests/emitted.rs` (whole scenes). It must give
+//!    the interpreter's bits.
+//!
+//! # How to add an element kind
+//!
+//! 1. `model.rs`: a variant of [`Kind`](model::Kind), and of [`Law`](model::Law) if none fits. The compiler then lists the places
+//!    that must know it.
+//! 2. `element/`: its file, which reads fields and makes the law, called from `elaborate/finish.rs`; a line in `element::ALL`.
+//! 3. `elaborate/join.rs`: how many bonds it takes; `elaborate/reading.rs`: its signals.
+//! 4. `causality/mod.rs`: which variable it must or would like to impose, and `propagate.rs` if it has several bonds;
+//!    `structure/mod.rs`: the role of its column, or `junction.rs` its rule.
+//! 5. `show/`: how it is drawn; `models/elements/`: the smallest model with it; `docs/language.md`.
+//!
+//! # How to add a scalar operation
+//!
+//! 1. [`bond_runtime::ir`]: a variant of `Unary` or `Binary`, and its meaning in [`bond_runtime::eval`].
+//! 2. `expression/function.rs`: its name, unit rule, derivative, sign and parity; `expression/series.rs`: its Taylor series.
+//! 3. `backend/`: the compiler lists the printers that must know it.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 

@@ -79,6 +79,23 @@
 //! # Ok::<(), bond_runtime::Failure>(())
 //! ```
 //!
+//! # How to add a hold
+//!
+//! A hold decides what a sampled region holds at a double bar until its next sample. The compiler writes it as a program
+//! ([`scene::Respond`]): the value to hold, from the state and either the last movement or the response of the other side.
+//!
+//! 1. The compiler's `model.rs`: a variant of `Hold`, in `Hold::ALL` and `name`.
+//! 2. The compiler's `discretise/hold.rs`: its program. A hold that needs neither of the two forms of [`scene::Respond`] is a
+//!    new variant there; `simulate/sampled.rs` then runs it, and the compiler lists the other places.
+//! 3. `tests/tests/holds.rs`: passivity under the budget, and order in the period. Budget and tank apply to every hold.
+//!
+//! # How to add a number of the ledger
+//!
+//! 1. [`ledger`]: the sum, with its rounding error, booked where `simulate` accepts a step.
+//! 2. `simulate/summary.rs`: the number in the [`Summary`](simulate::Summary); `simulate/save.rs`: in a checkpoint
+//!    ([`envelope::FORMAT`] counts up).
+//! 3. The compiler's `backend/unit`: the same number in stand-alone modules.
+//!
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod double_double;

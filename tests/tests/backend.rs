@@ -1,7 +1,7 @@
 //! Back ends give the same numbers, to the last bit. What leaves this program as C or objects is tested in `emitted`.
 
 use crate::common::{all_scenes, cases, file, stop, with};
-use bond::internal::{Code, CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals};
+use bond::internal::{Code, CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::code::Stmt;
 use bond_compiler::backend::native::{JIT, Jit, Shared};
