@@ -29,7 +29,7 @@ pub enum Said {
 }
 
 impl By<'_> {
-    /// The command line where it says one of the numbers that do not go together.
+    /// The command line, if it gives one of the conflicting numbers.
     pub fn unless(self, line: bool) -> Self {
         if line { By::Line } else { self }
     }
@@ -42,7 +42,7 @@ impl By<'_> {
         }
     }
 
-    /// Where it is written, where that is to be said, to be put behind it.
+    /// The place at which a value is written, to be appended, if it is to be named.
     pub fn place(self) -> &'static str {
         match self {
             By::Line => "",
@@ -64,7 +64,7 @@ impl By<'_> {
     }
 }
 
-/// Where a model says it; the model itself where it does not.
+/// The place at which a model gives a value, or the model itself.
 fn place(compiled: &Compiled, said: Said) -> Span {
     let model = &compiled.stages().model;
     let span = match said {

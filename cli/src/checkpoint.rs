@@ -71,7 +71,7 @@ pub fn state(path: &Path) -> Result<Vec<u8>, Stop> {
     bond::internal::read_bytes(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))
 }
 
-/// What the scene of a saved state was made for; None where it is no state, as resuming will say.
+/// The settings for which the scene of a saved state was compiled; None if it is not a state, which resuming reports.
 ///
 /// # Errors
 /// A file that cannot be read.

@@ -135,8 +135,7 @@ impl Options {
 
 /// Settings of a compilation that only the command makes.
 pub trait OptionsInternals {
-    /// Sets the accuracy that was asked for, by which a stepper is chosen where none is named. The default is what the
-    /// model's `simulate` says.
+    /// Sets the accuracy by which a stepper is chosen if none is named. The default is what the model's `simulate` says.
     fn accuracy(self, accuracy: Accuracy) -> Self;
 
     /// Sets a parameter by its path to a number that was read before.
@@ -205,7 +204,7 @@ impl Text {
         &self.name
     }
 
-    /// The names of its functions, where it has no model: nothing to compile, but other files may use it.
+    /// The names of its functions, if it has no model: there is nothing to compile, but other files may use it.
     pub fn functions_alone(&self) -> Vec<&str> {
         self.loaded.functions_alone()
     }

@@ -66,9 +66,9 @@ pub struct Parameter {
     pub name: String,
     /// Its doc, a line each.
     pub doc: Vec<String>,
-    /// Its default as written; `None` where it must be given.
+    /// Its default as written; `None` if it must be given.
     pub default: Option<String>,
-    /// Its unit, where that is known.
+    /// Its unit, if known.
     pub unit: Option<String>,
     /// The default in SI.
     pub value: Option<f64>,
@@ -81,11 +81,11 @@ pub struct Probe {
     pub name: String,
     /// Its doc, a line each.
     pub doc: Vec<String>,
-    /// Its unit, where that is known.
+    /// Its unit, if known.
     pub unit: Option<String>,
 }
 
-/// Reads a source, which is to be shown as `name`. Units are left out of models that do not elaborate by themselves.
+/// Reads a source that is shown as `name`. Models that do not elaborate by themselves are described without units.
 ///
 /// # Errors
 /// A text that cannot be read, or uses what is not there.

@@ -89,7 +89,7 @@ pub fn drive(
     watched(sim, rows, stop, &mut Rowwise(row))
 }
 
-/// Runs from where it is to `stop`, and watches it at each of the instants from there on.
+/// Continues a run to `stop`, and calls the watch at each of the instants on the way.
 ///
 /// # Errors
 /// The numerics, or what the watch gives.

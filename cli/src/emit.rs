@@ -3,7 +3,7 @@
 use crate::output;
 use crate::report;
 use crate::stop::Stop;
-use crate::summary::LISTED;
+use crate::summary::MAX_LISTED;
 use bond::internal::{CompiledInternals, StepsInternals};
 use bond::{Compiled, Steps};
 use bond_compiler::backend::emitter::{Archive, Emitted, Emitter, Request};
@@ -135,7 +135,7 @@ impl Emission<'_> {
         output::not_over_used(Some(path), compiled.used())
     }
 
-    /// The file and its header, where it has one.
+    /// The file and its header, if it has one.
     fn places(&self, emitter: &Emitter, compiled: &Compiled) -> Result<(PathBuf, PathBuf), Stop> {
         if emitter.has_header && !c::is_prefix(self.prefix) {
             let why = "it must be a name in C: a letter, then letters, digits and `_`";
@@ -174,8 +174,8 @@ fn switches(mut names: Vec<String>, may: &str, fix: &str) {
         return;
     }
     let verb = if names.len() > 1 || !may.is_empty() { "switch" } else { "switches" };
-    if names.len() > LISTED {
-        names.truncate(LISTED);
+    if names.len() > MAX_LISTED {
+        names.truncate(MAX_LISTED);
         names.push("others".into());
     }
     let names = names.join(", ");
@@ -253,7 +253,7 @@ fn library(sources: &[(&str, String)]) -> Result<Option<Library>, Stop> {
     Ok(Some((folder, ending, std::fs::read(place.path().join("library"))?)))
 }
 
-/// The bytes of an archive, with its library where there is a C compiler, and what it is for.
+/// The bytes of an archive, with a library if there is a C compiler, and the system of that library.
 fn packed(archive: &Archive) -> Result<(Vec<u8>, String), Stop> {
     let library = library(&archive.sources)?;
     let files = archive.files.iter().map(|(name, text)| (name.to_string(), text.as_bytes()));

@@ -77,7 +77,7 @@ fn own() -> io::Result<File> {
     File::open(std::env::current_exe()?)
 }
 
-/// The length of the program in a file, and of the envelope behind it; `None` where there is none.
+/// The length of the program in a file, and of the envelope behind it; `None` without an envelope.
 fn split(file: &mut File) -> io::Result<Option<(u64, u64)>> {
     let all = file.seek(SeekFrom::End(0))?;
     if all < TAIL {
@@ -225,7 +225,7 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
     let about = format!("The virtual environment `{}`, built by bond {}", e.scene.name, e.version);
     let version = format!("{} (bond {})", e.scene.name, e.version);
     let command = Line::command().about(about).after_help(told(e)).version(version);
-    // Nobody is met where there is no open port.
+    // Without an open port there is nothing to serve.
     let command = command.mut_subcommand("serve", |c| c.hide(e.scene.open.is_empty()));
     let line = match command.try_get_matches_from(arguments::words()).and_then(|m| Line::from_arg_matches(&m)) {
         Ok(line) => line,

@@ -67,7 +67,7 @@ impl<'a> Watch<'a> {
                 ExpectationKind::Holds { extremes, output, .. } => {
                     for ((output, largest), extreme) in extremes.iter().zip(&mut seen.extremes) {
                         let v = value(*output);
-                        // What is no number stays in sight.
+                        // Values that are not numbers are kept.
                         if v.is_nan() || (!extreme.is_nan() && if *largest { v > *extreme } else { v < *extreme }) {
                             *extreme = v;
                         }

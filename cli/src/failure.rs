@@ -85,7 +85,7 @@ impl RunError {
     }
 }
 
-/// The runtime's account of a failure, where the numerics failed.
+/// The runtime's error, if the numerics failed.
 pub fn failure(error: &RunError) -> Option<&simulate::Error> {
     match error {
         RunError::Numerics(e) => Some(&e.0),
@@ -93,7 +93,7 @@ pub fn failure(error: &RunError) -> Option<&simulate::Error> {
     }
 }
 
-/// Why a saved state was refused, where that is the failure.
+/// Why a saved state was refused, if that is the error.
 pub fn refusal(error: &RunError) -> Option<&Refused> {
     match error {
         RunError::Resume(e) => Some(&e.0),

@@ -117,7 +117,7 @@ pub fn unreadable(path: &Path, e: &std::io::Error) -> Stop {
 /// Reads a text.
 ///
 /// # Errors
-/// Status 2 where the file cannot be read, 1 where it is no text.
+/// Status 2 if the file cannot be read, 1 if it is not text.
 pub fn read(path: &Path) -> Result<String, Stop> {
     bond::internal::read(path).map_err(|e| match e {
         ReadError::Unreadable(why) => Stop::Usage(format!("cannot read {}: {why}", name(path))),
@@ -160,7 +160,7 @@ pub fn compile(path: &Path, options: &Options) -> Result<Compiled, Stop> {
 /// The inputs of a run, from a table; the column of each must be one of the model's.
 ///
 /// # Errors
-/// Status 2, with the line: a file that cannot be read, or is no such table.
+/// Status 2, with the line: a file that cannot be read, or is not such a table.
 pub fn table(path: &Path, scene: &Scene, hold: bool) -> Result<Vec<(String, Course)>, Stop> {
     let text = bond::internal::read_table(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
     let wrong = |e: bond::TableError| Stop::Usage(format!("{}:{}: {}", name(path), e.line, e.message));

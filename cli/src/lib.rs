@@ -71,7 +71,7 @@ pub use simulation::Simulation;
 pub use steps::Steps;
 
 /// What the command, the benchmarks and this repository's tests use besides the interface: types of the compiler and of
-/// the runtime. It is no part of the interface, and changes without notice.
+/// the runtime. It is not part of the interface, and changes without notice.
 #[doc(hidden)]
 pub mod internal {
     pub use crate::code::Code;

@@ -150,7 +150,7 @@ pub fn different(list: &[(&str, &Path)]) -> Result<(), Stop> {
     Ok(())
 }
 
-/// Whether two paths are of one file, however they are spelled. Standard streams and devices are no files.
+/// Whether two paths name the same file, however they are spelled. Standard streams and devices do not count.
 fn same(a: &Path, b: &Path) -> bool {
     let file = |path: &Path| path != Path::new("-") && fs::metadata(path).map_or(true, |m| m.is_file());
     file(a) && file(b) && spot(a) == spot(b)
@@ -331,7 +331,7 @@ impl Whole {
         Err(Stop::Usage(format!("cannot write {}: its folder is full of leftovers", path.display())))
     }
 
-    /// Has all of it on the disk: a name is to be had by what is whole, after a power cut too.
+    /// Flushes everything to the disk before renaming, so that after a power failure too only a whole file has the name.
     fn settle(&mut self) -> io::Result<()> {
         self.file.flush()?;
         self.file.get_ref().sync_all()

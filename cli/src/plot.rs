@@ -49,10 +49,10 @@ const LAYOUT: Layout = Layout {
 /// drawn.
 const COLUMNS: f64 = 2.0 * (LAYOUT.right - LAYOUT.left);
 /// A span below this part of the size shown is rounding, and drawn as no change.
-const ROUNDING: f64 = 1e-12;
-/// Sizes below `SMALL` are drawn as 0, sizes above `LARGE` as `LARGE`.
-const SMALL: f64 = 1e-290;
-const LARGE: f64 = 1e300;
+const SMALLEST_SPAN: f64 = 1e-12;
+/// Sizes below `SMALLEST_DRAWN` are drawn as 0, sizes above `LARGEST_DRAWN` as `LARGEST_DRAWN`.
+const SMALLEST_DRAWN: f64 = 1e-290;
+const LARGEST_DRAWN: f64 = 1e300;
 
 /// A picture that is being made: what it keeps of a run does not grow with its rows.
 pub struct Plot {
@@ -107,7 +107,7 @@ impl Trace {
             self.gap = true;
             return;
         }
-        let at = (t, if value.abs() < SMALL { 0.0 } else { value.clamp(-LARGE, LARGE) });
+        let at = (t, if value.abs() < SMALLEST_DRAWN { 0.0 } else { value.clamp(-LARGEST_DRAWN, LARGEST_DRAWN) });
         match self.columns.last_mut() {
             Some(c) if c.index == index => {
                 if at.1 < c.least.1 {
@@ -169,7 +169,7 @@ impl Plot {
         Ok(plot)
     }
 
-    /// Probes for which there is no room.
+    /// The number of probes without room.
     pub fn left(&self) -> usize {
         self.left
     }
@@ -287,7 +287,7 @@ fn legend(d: &mut Drawing, panel: &Panel, (top, bottom): (f64, f64)) {
     }
 }
 
-/// A name without its middle, where it is too long.
+/// A name; if it is too long, without its middle.
 fn shortened(name: &str) -> String {
     let letters: Vec<char> = name.chars().collect();
     if letters.len() <= LAYOUT.letters {
@@ -329,12 +329,12 @@ impl Axis {
         Self { low, high, step, base, exponent, digits, place }
     }
 
-    /// Around values from `low` to `high`, or anything where there are none.
+    /// Around values from `low` to `high`; an arbitrary range without values.
     fn around(low: f64, high: f64, count: f64, place: (f64, f64)) -> Self {
         let size = low.abs().max(high.abs());
         let (low, high) = if low > high || size == 0.0 {
             (-1.0, 1.0)
-        } else if high - low < ROUNDING * size {
+        } else if high - low < SMALLEST_SPAN * size {
             (low - 0.1 * size, high + 0.1 * size)
         } else {
             let margin = 0.05 * (high - low);
@@ -396,7 +396,13 @@ mod tests {
 
     #[test]
     fn any_values_have_an_axis() {
-        for (low, high) in [(0.0, 0.0), (1.0, 1.0), (-LARGE, LARGE), (SMALL, 2.0 * SMALL), (1.0, 1.0 + 1e-11)] {
+        for (low, high) in [
+            (0.0, 0.0),
+            (1.0, 1.0),
+            (-LARGEST_DRAWN, LARGEST_DRAWN),
+            (SMALLEST_DRAWN, 2.0 * SMALLEST_DRAWN),
+            (1.0, 1.0 + 1e-11),
+        ] {
             let axis = Axis::around(low, high, 5.0, (0.0, 100.0));
             let ticks = axis.ticks();
             assert!((2..20).contains(&ticks.len()), "{low} to {high}: {ticks:?}");

@@ -18,7 +18,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Nothing is to be seen for a second, and nothing at all where standard error is no terminal.
+    /// A bar that appears after a second, and only if standard error is a terminal.
     pub fn new() -> Self {
         let done = Arc::new(AtomicU64::new(0));
         if !std::io::stderr().is_terminal() {

@@ -37,7 +37,7 @@ fn renamed(model: &Model) -> Vec<String> {
         .collect()
 }
 
-/// What storages that are tied together divide by, where their mass matrix is singular where that is 0.
+/// The divisor of tied storages whose mass matrix is singular where it is 0.
 fn divided(model: &Model, form: &Form) -> Option<String> {
     let mut names: Vec<String> = form.poles.iter().map(|e| format!("`{}`", model.pool.print(*e))).collect();
     names.sort();
@@ -74,7 +74,7 @@ fn held(model: &Model, form: &Form, r: &Region) -> Vec<String> {
         .collect()
 }
 
-/// A region whose state `ray` leaves where it starts.
+/// A region whose state `ray` does not move.
 fn unmoved(model: &Model, r: &Region, by_ray: bool) -> Option<String> {
     let first = &r.states.first().filter(|_| by_ray)?.name;
     if r.states.len() > 1 && r.resistors.is_empty() {

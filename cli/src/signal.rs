@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// Exit status of what ended because it was asked to.
 pub const ASKED: u8 = 130;
 /// What comes this soon after the first time is the same wish: `timeout` sends it to a process and to its group.
-const SAME: Duration = Duration::from_millis(500);
+const SAME_INTERRUPT: Duration = Duration::from_millis(500);
 
 /// Whether somebody asked for the end.
 static WISH: AtomicBool = AtomicBool::new(false);
@@ -33,12 +33,12 @@ pub fn listen() {
                 WISH.store(true, Ordering::Relaxed);
                 report::say(&format!("note: interrupted; the run ends {end}; a second interrupt ends it at once"));
             }
-            (Some(t), _) if t.elapsed() < SAME => {}
+            (Some(t), _) if t.elapsed() < SAME_INTERRUPT => {}
             (Some(_), _) => leave(),
         };
         // A shell lets what it runs behind its back ignore Ctrl-C; it may still be asked in other ways.
         let heard = if hangs_up() { ctrlc::set_handler(hear) } else { ctrlc::try_set_handler(hear) };
-        // Not being able to listen is no reason not to run.
+        // A run does not need the handler.
         drop(heard);
     });
 }

@@ -35,8 +35,8 @@ impl Steps {
     }
 }
 
-/// The default of the longest step, and of a fixed one, is this part of the run.
-const PARTS: f64 = 1000.0;
+/// Least number of steps per run, where nothing gives their length.
+const STEPS_PER_RUN: f64 = 1000.0;
 
 /// How a run's steps become options of the runtime.
 pub trait StepsInternals {
@@ -83,7 +83,7 @@ impl StepsInternals for Steps {
             }
             _ => {}
         }
-        let usual = every.filter(|e| *e > 0.0).map_or(stop / PARTS, |e| e.min(stop / PARTS));
+        let usual = every.filter(|e| *e > 0.0).map_or(stop / STEPS_PER_RUN, |e| e.min(stop / STEPS_PER_RUN));
         Ok(simulate::Options { step, tolerance, default_step: longest.unwrap_or(usual), longest })
     }
 }

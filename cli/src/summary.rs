@@ -26,7 +26,7 @@ impl Early {
         }
     }
 
-    /// The failure, where it is one.
+    /// The failure, if it is one.
     pub fn failure(&self) -> Option<&RunError> {
         match self {
             Early::Failed(e) => Some(e),
@@ -44,13 +44,13 @@ impl std::fmt::Display for Early {
     }
 }
 
-/// What a run came to.
+/// The results of a run.
 pub struct Outcome<'a> {
     /// What ran.
     pub scene: &'a Scene,
-    /// The stepper that was chosen for it, where one was.
+    /// The chosen stepper, if one was chosen.
     pub chosen: Option<&'a Chosen>,
-    /// Where it went on from; 0 where it began, s.
+    /// The time from which it was resumed, s; otherwise 0.
     pub from: f64,
     /// The end that was asked for, s.
     pub stop: f64,
@@ -146,15 +146,15 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
 }
 
 /// Most names that a message lists.
-pub const LISTED: usize = 8;
+pub const MAX_LISTED: usize = 8;
 
 /// The parts of a model that do not run, and why; None if all runs.
 pub fn left_out(left: &LeftOut) -> Option<String> {
     let regions = left.regions.iter().map(|r| format!("the region `{r}`"));
     let mut names: Vec<String> = regions.chain(left.states.iter().map(|z| format!("the state `{z}`"))).collect();
     let it = if names.len() == 1 { "it" } else { "them" };
-    if let Some(more) = names.len().checked_sub(LISTED).filter(|more| *more > 1) {
-        names.truncate(LISTED);
+    if let Some(more) = names.len().checked_sub(MAX_LISTED).filter(|more| *more > 1) {
+        names.truncate(MAX_LISTED);
         names.push(format!("{more} more"));
     }
     let why = format!("no probe, open port or expectation depends on {it}");
@@ -206,7 +206,7 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
         let grown = grown.unwrap_or_default();
         writeln!(out, "  {:11} of a modified energy, at most {most} {unit} ({part} relative) from H{grown}", "ledger")?;
     }
-    // What rounding leaves of a resistor that all but rests is no injection.
+    // The rounding error of a resistor almost at rest does not count.
     let turned = r.resistors.iter().fold(r.h_max, |most, x| most.max(x.energy.abs()));
     for x in r.resistors.iter().filter(|x| x.energy < 0.0 && -x.energy > 1e-9 * turned) {
         writeln!(out, "  {:11} {} {unit} by {}", "injected", short(-x.energy), x.name)?;

@@ -110,7 +110,7 @@ impl Table {
     }
 }
 
-/// Refuses a place that cannot be written, is a model's, or whose name asks for a format that there is not.
+/// Refuses a place that cannot be written, that is a model, or whose ending names an unknown format.
 ///
 /// # Errors
 /// Status 2, with the formats that there are.

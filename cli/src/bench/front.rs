@@ -1,6 +1,6 @@
 //! Which points are on the front, and what to choose.
 
-use super::point::{ABOVE, Point};
+use super::point::{Point, TIMES_REFERENCE};
 
 /// What to choose for an error.
 pub struct Advice<'a> {
@@ -8,22 +8,22 @@ pub struct Advice<'a> {
     pub error: f64,
     /// The cheapest of those that kept the balance.
     pub passive: Option<&'a Point>,
-    /// The cheapest of all, where that is another one.
+    /// The cheapest of all, if it is another one.
     pub other: Option<&'a Point>,
 }
 
 /// Error and time of a point; an error below the accuracy of the reference counts as that accuracy.
 pub fn place(p: &Point, reference: f64) -> Option<(f64, f64)> {
-    p.result.as_ref().ok().map(|m| (m.error.max(ABOVE * reference), m.seconds))
+    p.result.as_ref().ok().map(|m| (m.error.max(TIMES_REFERENCE * reference), m.seconds))
 }
 
 /// The same with the largest error along the run: a small error at the end may be luck.
 pub fn met(p: &Point, reference: f64) -> Option<(f64, f64)> {
-    p.result.as_ref().ok().map(|m| (m.worst().max(ABOVE * reference), m.seconds))
+    p.result.as_ref().ok().map(|m| (m.worst().max(TIMES_REFERENCE * reference), m.seconds))
 }
 
 /// Points with a larger error are never chosen, however cheap.
-pub const FAR: f64 = 1.0;
+pub const LARGEST_USEFUL_ERROR: f64 = 1.0;
 
 /// Marks the points of the front: for none of them is there another that is as exact and cheaper, or as cheap and more
 /// exact.
@@ -36,7 +36,7 @@ pub fn mark(points: &mut [Point], reference: f64) {
                 e <= error && s <= seconds && (e < error || s < seconds || (k < i && e == error && s == seconds))
             })
         });
-        p.front = !beaten && error < FAR;
+        p.front = !beaten && error < LARGEST_USEFUL_ERROR;
     }
 }
 

@@ -9,7 +9,7 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 /// Most states that are listed; of more, only the worst.
 const MAX_STATES: usize = 32;
 
-/// All points. What is no number, such as the error of a run that failed, is null.
+/// All points. Values that are not numbers, such as the error of a failed run, are null.
 ///
 /// # Errors
 /// None that is known.
@@ -73,7 +73,7 @@ impl Serialize for Probes<'_> {
     }
 }
 
-/// Of each state at the end, or of the worst where there are many.
+/// The errors of the states at the end, or of the worst if there are many.
 struct States<'a>(&'a Bench, &'a Measured);
 
 impl Serialize for States<'_> {

@@ -37,7 +37,7 @@ use bond_runtime::kernel::Backend;
 use sweep::{Ended, Sweep};
 
 /// Rows at which runs are compared before their end.
-const ROWS: u32 = 32;
+const ROWS_COMPARED: u32 = 32;
 /// The longest adaptive step, as a part of the run.
 const LONGEST_PART: f64 = 0.1;
 
@@ -84,11 +84,11 @@ pub struct Bench {
 /// Compares the ways.
 ///
 /// # Errors
-/// In words, where there is no reference.
+/// In words, if there is no reference.
 pub fn bench(ways: &Ways, problem: &str, setup: &Setup, progress: &dyn Fn(f64)) -> Result<Bench, String> {
     let stop = setup.stop;
     let rows = || -> Box<dyn Iterator<Item = (f64, Look)>> {
-        Box::new((1..ROWS).map(move |k| (stop * f64::from(k) / f64::from(ROWS), Look::Keep)))
+        Box::new((1..ROWS_COMPARED).map(move |k| (stop * f64::from(k) / f64::from(ROWS_COMPARED), Look::Keep)))
     };
     let longest = setup.longest.unwrap_or(LONGEST_PART * setup.stop);
     let task = Task {

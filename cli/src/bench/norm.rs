@@ -7,9 +7,9 @@ use std::collections::BTreeMap;
 
 /// Least size of a probe, as a part of the largest value of its unit: one that is 0 apart from rounding has no size of
 /// its own.
-const SLIGHT: f64 = 1e-3;
+const LEAST_SIZE: f64 = 1e-3;
 /// An energy or a power below this part of the scene's is rounding, and is measured relative to the scene's.
-const ROUNDING: f64 = 1e-12;
+const ENERGY_ROUNDING: f64 = 1e-12;
 
 /// The compared quantities: names, and units if known.
 pub struct Quantities {
@@ -51,10 +51,10 @@ impl Quantities {
         let scale = |i: usize| {
             let own = run.largest[i];
             let group = self.units[i].as_deref().and_then(|u| groups.get(u)).copied().unwrap_or(own);
-            let scale = own.max(if i < self.probes { SLIGHT * group } else { group });
+            let scale = own.max(if i < self.probes { LEAST_SIZE * group } else { group });
             let (least, size) = match self.units[i].as_deref().filter(|_| i < self.probes) {
-                Some("J") => (ROUNDING * run.energy, run.energy),
-                Some("W") => (ROUNDING * run.power, run.power),
+                Some("J") => (ENERGY_ROUNDING * run.energy, run.energy),
+                Some("W") => (ENERGY_ROUNDING * run.power, run.power),
                 Some(_) | None => (0.0, 1.0),
             };
             if scale > least { scale } else { size.max(f64::MIN_POSITIVE) }

@@ -61,7 +61,7 @@ pub fn picture(b: &Bench) -> Drawing {
     let told = format!("{} simulated; errors against {}", time(b.stop), b.reference.how);
     d.text((left, 50.0), &told, 12, GREY, Anchor::Start);
     // Errors below the accuracy of the reference.
-    let floor = super::point::ABOVE * b.reference.error;
+    let floor = super::point::TIMES_REFERENCE * b.reference.error;
     if floor.log10() > f64::from(x.low) {
         let edge = x.at(floor);
         d.rect((left, top), (edge - left, bottom - top), SHADE);

@@ -8,14 +8,14 @@ use super::thresholds::Timing;
 use super::trial::{Lost, Run, Runner};
 use bond_runtime::simulate::KEPT;
 /// An error counts as measured if it is this many times that of the reference.
-pub const ABOVE: f64 = 10.0;
+pub const TIMES_REFERENCE: f64 = 10.0;
 
 /// A method with a setting.
 #[derive(Clone, Debug)]
 pub struct Point {
     /// `gonzalez`
     pub method: &'static str,
-    /// Its order; 0 where it has no error.
+    /// Its order; 0 if it has no error.
     pub order: u32,
     /// Whether its stepper keeps the balance.
     pub passive: bool,
@@ -90,7 +90,7 @@ pub fn measure(
     let error = difference.at_end();
     Ok(Measured {
         error,
-        floor: error < ABOVE * reference.error,
+        floor: error < TIMES_REFERENCE * reference.error,
         difference,
         drift: tracked.drift.max(first.drift),
         balance: tracked.balance.max(first.balance),
@@ -100,8 +100,8 @@ pub fn measure(
     })
 }
 
-/// Runs without rows, `repeat` readings of the clock, fewer where they take longer than `limit` in all: the first run,
-/// and the processor time of one, s.
+/// Runs without rows, `repeat` readings of the clock, or fewer if they take longer than `limit` in all. Returns the first
+/// run, and the processor time of one run, s.
 ///
 /// # Errors
 /// A run that fails.

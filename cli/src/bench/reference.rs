@@ -53,7 +53,7 @@ impl Search<'_> {
     /// Finds it.
     ///
     /// # Errors
-    /// In words, where no method comes to the end with two settings.
+    /// In words, if no method reaches the end with two settings.
     pub fn find(&self, stop: f64) -> Result<Reference, String> {
         let mut order: Vec<&Runner> = self.runners.iter().collect();
         // A method without error goes first, then the higher the order the better; keeps the balance before what

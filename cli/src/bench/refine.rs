@@ -1,6 +1,6 @@
 //! Points between those of the sweeps that just meet a decade of error, if they could be the cheapest.
 
-use super::front::{FAR, decades, met};
+use super::front::{LARGEST_USEFUL_ERROR, decades, met};
 use super::point::{Point, measure, takes};
 use super::setting::Setting;
 use super::sweep::Sweep;
@@ -104,7 +104,7 @@ fn between(
         return None;
     }
     // A run that failed, or is far off, only shows that it is too coarse: then take the middle.
-    let (part, long) = match met(coarse, reference).filter(|(e, _)| *e < FAR) {
+    let (part, long) = match met(coarse, reference).filter(|(e, _)| *e < LARGEST_USEFUL_ERROR) {
         Some((e, _)) if e <= decade => return None,
         Some((e, s)) => ((e / aim).ln() / (e / error).ln(), s),
         None => (0.5, 0.5 * seconds),

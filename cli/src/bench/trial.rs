@@ -52,7 +52,7 @@ impl Task<'_> {
     }
 }
 
-/// A run that came to its end.
+/// A run that reached its end.
 #[derive(Clone, Debug)]
 pub struct Run {
     /// Probes, then energy and signal states, at the end.
@@ -90,7 +90,7 @@ impl Run {
 /// Why a run gave nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Lost {
-    /// The numerics failed, or gave what is no number.
+    /// The numerics failed, or gave a value that is not a number.
     Failed(String),
     /// It exceeded its time.
     Late,

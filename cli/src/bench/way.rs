@@ -12,7 +12,7 @@ use bond_runtime::scene::Scene;
 pub struct Way {
     /// `gonzalez`
     pub name: &'static str,
-    /// Its order; 0 where it has no error.
+    /// Its order; 0 if it has no error.
     pub order: u32,
     /// Whether it keeps the balance.
     pub passive: bool,
@@ -44,7 +44,7 @@ impl Ways {
     /// Compiles a model for each of the methods that `wanted` takes.
     ///
     /// # Errors
-    /// A model that is wrong, also one of which no region is continuous.
+    /// A wrong model, or one without continuous regions.
     pub fn new(text: &Text, options: &Options, wanted: &dyn Fn(Method) -> bool) -> Result<Self, Stop> {
         let mut ways = Self::base(text, options)?;
         ways.add(text, options, wanted);
@@ -54,7 +54,7 @@ impl Ways {
     /// Compiles a model as it says itself.
     ///
     /// # Errors
-    /// A model that is wrong, also one of which no region is continuous.
+    /// A wrong model, or one without continuous regions.
     pub fn base(text: &Text, options: &Options) -> Result<Self, Stop> {
         let base = options.compile_text(text).map_err(|e| input::wrong(&e))?;
         if base.scene().clusters.iter().all(|c| c.period.is_some()) {

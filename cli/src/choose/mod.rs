@@ -26,7 +26,7 @@ const ROWS_COMPARED: usize = 1000;
 pub enum Target {
     /// The largest relative error of a probe or state.
     Error(f64),
-    /// Processor time for a period of the scene, or for a simulated second where nothing is sampled, s.
+    /// Processor time per period of the scene, or per simulated second if nothing is sampled, s.
     Budget(f64),
 }
 
@@ -101,7 +101,7 @@ struct Tried {
 /// Chooses. `ways` has the model compiled with its own settings.
 ///
 /// # Errors
-/// A model that is wrong, one of which no region is continuous, a target that nothing meets.
+/// A wrong model, a model without continuous regions, a target that no setting meets.
 pub fn choose(ask: &Ask, mut ways: Ways) -> Result<Chosen, Stop> {
     let begun = Instant::now();
     let without_error = ways.without_error();

@@ -86,7 +86,7 @@ enum Format {
 /// Compares.
 ///
 /// # Errors
-/// A command line or a model that is wrong, a model of which there is no reference.
+/// A wrong command line or model, or a model without a reference.
 pub fn bench(args: &Args) -> Result<(), Stop> {
     places(args)?;
     if args.file == Path::new("-") && args.input.as_deref() == Some(Path::new("-")) {

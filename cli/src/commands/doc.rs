@@ -196,7 +196,7 @@ fn component(text: &mut String, c: &Component) {
     });
     table(text, "ports", &rows.collect::<Vec<_>>());
     let rows = c.parameters.iter().map(|p| {
-        // A default that is no plain number says its unit beside.
+        // A default that is not a plain number has its unit beside it.
         let default = p.default.clone().unwrap_or_else(|| "must be given".into());
         let unit = p.unit.clone().filter(|u| u != "1" && !default.contains(' ')).unwrap_or_default();
         [p.name.clone(), default, unit, p.doc.join(" ")]

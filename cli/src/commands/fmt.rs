@@ -42,7 +42,7 @@ pub fn fmt(args: &Args) -> Result<(), Stop> {
     if status == 0 { Ok(()) } else { Err(Stop::Said(status)) }
 }
 
-/// Lays out one file; false where it would change and must not.
+/// Formats one file; false if it would change and must not.
 fn one(path: &Path, check: bool) -> Result<bool, Stop> {
     let before = input::read(path)?;
     let mut sources = Sources::new();

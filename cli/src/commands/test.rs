@@ -147,7 +147,7 @@ fn one(path: &Path, args: &Args, count: &mut Count) -> Result<(), Stop> {
                 let title = format!("{name} {}", compiled.scene().name);
                 scene(&title, &compiled, count)?;
                 let (place, own) = snap(path, &compiled.scene().name, default.as_deref());
-                // Scenes beside the default are compared where they have a snapshot; asked for, they get one.
+                // Other scenes than the default are compared if they have a snapshot, and get one on request.
                 if path != Path::new("-") && (own || args.which.model.is_some() || place.exists()) {
                     snapshot(&place, &title, &compiled, args.update, count)?;
                 }

@@ -49,7 +49,7 @@ impl Fingerprint {
         &self.0
     }
 
-    /// How this one differs from an older one, in words; empty where it does not.
+    /// How this one differs from an older one, in words; empty if it does not.
     pub fn against(&self, older: &Self) -> String {
         let lines = |f: &Self| -> Vec<(String, String)> {
             f.0.lines().filter_map(|l| l.split_once(": ")).map(|(a, b)| (a.to_string(), b.to_string())).collect()

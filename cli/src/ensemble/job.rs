@@ -1,4 +1,4 @@
-//! An instance of an ensemble, from its number to what it came to.
+//! An instance of an ensemble, from its number to its outcome.
 
 use super::choice::Choice;
 use super::outcome::Outcome;
@@ -66,7 +66,7 @@ impl Job {
         Ok((rows, steps, stop))
     }
 
-    /// Runs an instance: what it came to.
+    /// Runs an instance.
     pub fn run(&self, instance: u64) -> Outcome {
         let failed = |why| Outcome::failed(self.probes.len(), why);
         let compiled = match self.prepare(instance) {
@@ -116,7 +116,7 @@ impl Job {
         Ok((Walk::new(sim.time(), rows, stop), sim))
     }
 
-    /// What an instance came to.
+    /// The outcome of an instance.
     fn outcome(&self, list: &[f64], halted: Option<Halt>, mut sim: Simulation<'_>) -> Outcome {
         let width = self.probes.len();
         let end = sim.probes().map(|v| v[..width.min(v.len())].to_vec());

@@ -1,15 +1,15 @@
-//! What an instance came to, and how that is kept as bytes.
+//! The outcome of an instance, and its form as bytes.
 
-/// What an instance came to.
+/// The outcome of an instance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// The probes at the end, SI; NaN where it did not get there.
+    /// The probes at the end, SI; NaN if it was not reached.
     pub last: Vec<f64>,
     /// Time and probes of each row over time, one after another, where rows are asked for.
     pub rows: Vec<f64>,
     /// Whether its ledger shows it passive; never of an instance that failed.
     pub passive: bool,
-    /// The worst balance of a step, relative; NaN where there was none.
+    /// The worst balance of a step, relative; NaN without steps.
     pub worst: f64,
     /// Why it failed, if it did.
     pub failure: Option<String>,
@@ -38,7 +38,7 @@ impl Outcome {
         }
     }
 
-    /// Takes one from the front of bytes, with so many probes; none where the bytes are not those of one.
+    /// Reads one from the front of bytes, with this number of probes; None if the bytes are not one.
     pub fn decode(bytes: &mut &[u8], width: usize) -> Option<Self> {
         let passive = take(bytes, 1)?[0] == 1;
         let worst = numbers(bytes, 1)?[0];

@@ -1,4 +1,4 @@
-//! Runs instances on threads, a chunk of consecutive ones at a time, and hands over what they came to as it comes.
+//! Runs instances on threads, a chunk of consecutive ones at a time, and passes on their outcomes as they arrive.
 
 use super::collect::Collect;
 use super::job::Job;
@@ -73,7 +73,7 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next chunk, as soon as there is room for what it comes to.
+    /// The next chunk, as soon as there is room for its outcomes.
     fn take(&self) -> Option<u64> {
         let full = |s: &mut State| s.waiting > BYTES_WAITING;
         self.room.wait_while(self.state(), full).unwrap_or_else(PoisonError::into_inner).next.next()

@@ -164,7 +164,7 @@ fn kept(crew: &Crew, path: &Path, print: &Fingerprint, restart: bool) -> Result<
 /// own values.
 ///
 /// # Errors
-/// A parameter that there is not, a unit that is wrong, or a model that is wrong in all of them.
+/// An unknown parameter, a wrong unit, or a model that is wrong for all values.
 fn sample(job: &Job) -> Result<Compiled, Stop> {
     let first = match job.compile(0) {
         Ok(compiled) => return Ok(compiled),

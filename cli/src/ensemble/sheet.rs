@@ -20,7 +20,7 @@ pub struct Sheet {
     job: Arc<Job>,
     chunks: Chunks,
     table: Option<Table>,
-    /// What they came to together.
+    /// Their statistics.
     pub statistics: Statistics,
 }
 

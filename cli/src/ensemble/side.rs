@@ -26,11 +26,11 @@ const LONGEST: u64 = 64 << 20;
 /// Before the bytes of a chunk.
 const HEAD: u64 = 24;
 
-/// A side file that is open, and that nobody else writes.
+/// An open side file, locked against other writers.
 pub struct Side {
     file: File,
     path: PathBuf,
-    /// Where the bytes of each chunk are, and how many; length 0 where it is not there yet.
+    /// Place and number of the bytes of each chunk; 0 bytes if it is missing.
     places: Vec<(u64, u64)>,
     /// Where the next chunk goes.
     end: u64,
@@ -58,7 +58,7 @@ impl Side {
         Ok(side)
     }
 
-    /// Reads what is there.
+    /// Reads the chunks that are there.
     fn take_over(&mut self, print: &Fingerprint, restart: bool) -> io::Result<Result<(), Stop>> {
         let length = self.file.metadata()?.len();
         let head = head(print);
@@ -180,7 +180,7 @@ fn head(print: &Fingerprint) -> Vec<u8> {
     head
 }
 
-/// The fingerprint after the first line, and where it ends; none where it was cut off.
+/// The fingerprint after the first line, and where it ends; None if it was cut off.
 fn fingerprint(file: &mut impl Read) -> io::Result<Option<(Fingerprint, u64)>> {
     let Some([length, hash]) = numbers(file)? else { return Ok(None) };
     let mut bytes = Vec::new();
@@ -192,7 +192,7 @@ fn fingerprint(file: &mut impl Read) -> io::Result<Option<(Fingerprint, u64)>> {
     Ok(String::from_utf8(bytes).ok().map(|text| (Fingerprint::read(text), end)))
 }
 
-/// Number and length of the next chunk, which has been read over; none where it is not whole.
+/// Number and length of the next chunk, which is skipped; None if it is not whole.
 fn record(file: &mut impl Read, left: u64) -> io::Result<Option<(u64, u64)>> {
     let Some([chunk, length, expected]) = numbers(file)? else { return Ok(None) };
     if length == 0 || left.checked_sub(HEAD).is_none_or(|left| length > left) {

@@ -1,4 +1,4 @@
-//! What the instances of an ensemble came to together.
+//! Statistics over the instances of an ensemble.
 
 use super::outcome::Outcome;
 

@@ -11,13 +11,13 @@ use std::fmt::Write;
 /// Most failures that the text names.
 const FAILURES_TOLD: usize = 3;
 
-/// What an ensemble came to.
+/// The results of an ensemble.
 pub struct Told<'a> {
-    /// What the instances have in common.
+    /// The common part of the instances.
     pub job: &'a Job,
     /// The scene of one of them.
     pub scene: &'a Scene,
-    /// What they came to.
+    /// Their statistics.
     pub statistics: &'a Statistics,
     /// How long it took, s.
     pub wall: f64,

@@ -99,12 +99,12 @@ pub struct Exchange<'a> {
     clusters: Vec<usize>,
     group: Vec<usize>,
     rooms: Vec<f64>,
-    /// By cluster, what it held at the start, where nothing but its open ports gives it energy.
+    /// By cluster, its energy at the start, if only its open ports supply energy.
     initial: Vec<Option<f64>>,
     promises: Promises,
     bounded: bool,
     k: u64,
-    /// Intervals for which an effort stays where nothing newer comes.
+    /// Intervals for which an effort is held without a newer one.
     hold: u32,
     taken: Measurement,
     newest: Measurement,

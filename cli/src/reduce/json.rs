@@ -1,4 +1,4 @@
-//! What a reduction came to, for programs.
+//! The results of a reduction as JSON.
 
 use super::{Reduction, Size};
 use crate::bench::Setting;

@@ -17,9 +17,9 @@ use bond_runtime::scene::LeftOut;
 
 /// Rows at which the power of parts is summed, and runs are compared.
 const ROWS_COMPARED: u32 = 2000;
-/// A reduced model may take this many times as long as the whole one, plus `LONGER` seconds.
-const SLOWER: f64 = 100.0;
-const LONGER: f64 = 60.0;
+/// A reduced model may take this many times as long as the whole one, plus `SLOWER_SECONDS` seconds.
+const SLOWER_TIMES: f64 = 100.0;
+const SLOWER_SECONDS: f64 = 60.0;
 
 /// A request for a reduction.
 pub struct Setup<'a> {
@@ -174,7 +174,7 @@ pub fn reduce(setup: &Setup, progress: &dyn Fn(f64)) -> Result<Reduction, Stop> 
         }
     }
     let order: Vec<usize> = (0..entries.len()).filter(|i| entries[*i].kept.is_none()).collect();
-    let limit = SLOWER * run.seconds + LONGER;
+    let limit = SLOWER_TIMES * run.seconds + SLOWER_SECONDS;
     let attempt = |out: &[usize]| -> Result<Trial, String> {
         let options = out.iter().fold(setup.options.clone(), |o, i| o.without(&entries[*i].part.name));
         let trial = Trial::new(setup.text, &options).map_err(|e| first(&e))?;

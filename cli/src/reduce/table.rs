@@ -1,4 +1,4 @@
-//! What a reduction came to, for people.
+//! The results of a reduction as text.
 
 use super::{Reduction, Size, percent};
 use crate::bench::time;

@@ -8,10 +8,10 @@ use crate::stop::Stop;
 use bond::exchange::{Effort, Measurement};
 
 /// Efforts that are remembered until their answer comes.
-pub const SENT: usize = 4096;
+pub const EFFORTS_KEPT: usize = 4096;
 
 /// Most measurements that wait to be taken.
-pub const QUEUE: usize = 256;
+pub const MEASUREMENTS_QUEUED: usize = 256;
 
 /// A measurement that came.
 #[derive(Clone, Copy, Debug)]

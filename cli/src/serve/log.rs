@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Rows that wait to be written, at most.
-const QUEUE: usize = 8192;
+const ROWS_QUEUED: usize = 8192;
 
 /// An interval.
 #[derive(Clone, Copy)]
@@ -42,7 +42,7 @@ impl Log {
         let columns: Vec<Column> = names.iter().map(|name| Column::new(name, Kind::Number)).collect();
         possible(path)?;
         let table = Table::new(path, &columns)?;
-        let (rows, taken) = RingBuffer::new(QUEUE);
+        let (rows, taken) = RingBuffer::new(ROWS_QUEUED);
         let ports = scene.open.len();
         let thread = std::thread::spawn(move || write(table, taken, ports));
         Ok(Self { rows, thread, lost: 0 })

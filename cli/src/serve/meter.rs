@@ -36,7 +36,7 @@ impl Meter {
         self.most as f64 / 1e3
     }
 
-    /// What this part of them did not exceed, us, to about 1 %; 0 where there was none.
+    /// The quantile for this part of them, us, to about 1 %; 0 without any.
     pub fn quantile(&self, part: f64) -> f64 {
         let wanted = (part * self.count as f64).ceil() as u64;
         let mut seen = 0;

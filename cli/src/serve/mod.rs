@@ -16,7 +16,7 @@ pub use udp::Udp;
 use crate::stop::Stop;
 use bond::RunError;
 use bond::exchange::{Exchange, Heard};
-use link::{Link, SENT};
+use link::{EFFORTS_KEPT, Link};
 use log::Log;
 use meter::Meter;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -72,7 +72,7 @@ struct Loop<'a, 'b> {
 impl Loop<'_, '_> {
     /// Sends what is held.
     fn send(&mut self) -> Result<(), Stop> {
-        self.sent[(self.exchange.effort().sequence % SENT as u64) as usize] = clock::now();
+        self.sent[(self.exchange.effort().sequence % EFFORTS_KEPT as u64) as usize] = clock::now();
         self.link.send(self.exchange.effort())
     }
 
@@ -86,8 +86,8 @@ impl Loop<'_, '_> {
                 continue;
             }
             new = true;
-            if m.echo + (SENT as u64) > self.exchange.effort().sequence {
-                let sent = self.sent[(m.echo % SENT as u64) as usize];
+            if m.echo + (EFFORTS_KEPT as u64) > self.exchange.effort().sequence {
+                let sent = self.sent[(m.echo % EFFORTS_KEPT as u64) as usize];
                 let waited = (m.wait.max(0.0) * 1e9) as u64;
                 self.times.round.add(arrival.at.saturating_sub(sent).saturating_sub(waited));
             }
@@ -101,7 +101,7 @@ impl Loop<'_, '_> {
         let mut again = clock::now() + period;
         loop {
             if self.hear()? {
-                // How long a device takes to come is no round trip.
+                // The time until the device joins is not a round trip.
                 self.times.round = Meter::new();
                 return Ok(true);
             }
@@ -136,7 +136,7 @@ pub fn serve(exchange: &mut Exchange<'_>, link: &mut Link, log: Option<&mut Log>
     let period = exchange.period() * 1e9;
     let [lateness, step, work, round] = [(); 4].map(|()| Meter::new());
     let times = Times { lateness, step, work, round, missed: 0, own: 0, wall: 0.0 };
-    let mut l = Loop { exchange, link, sent: vec![0; SENT], times };
+    let mut l = Loop { exchange, link, sent: vec![0; EFFORTS_KEPT], times };
     let mut start = clock::now();
     let result = l.go(period, &mut start, log, until);
     l.times.wall = (clock::now() - start) as f64 / 1e9;

@@ -3,7 +3,7 @@
 //! A line in has how far each port moved under the efforts of one line out, the first under the first, the second under
 //! the second. A pipe loses nothing, so that the energy of a line that comes late is known all the same.
 
-use super::link::{Arrival, QUEUE, SENT};
+use super::link::{Arrival, EFFORTS_KEPT, MEASUREMENTS_QUEUED};
 use crate::stop::Stop;
 use bond::exchange::{Effort, LONGEST, Measurement, PORTS, measurement_length};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -36,7 +36,7 @@ pub struct Pipe {
 impl Pipe {
     /// Begins to read.
     pub fn new(binary: bool, ports: usize, session: u64) -> Self {
-        let (producer, items) = RingBuffer::new(QUEUE);
+        let (producer, items) = RingBuffer::new(MEASUREMENTS_QUEUED);
         // It ends with the process: nothing can wake it from waiting for a line.
         std::thread::spawn(move || if binary { packets(producer, ports) } else { lines(producer, ports) });
         Self {
@@ -47,8 +47,8 @@ impl Pipe {
             text: String::with_capacity(NUMBER_WIDTH * (PORTS + 1)),
             buffer: [0; LONGEST],
             sums: Measurement { session, ports, ..Measurement::default() },
-            sent: vec![[0.0; PORTS]; SENT],
-            promised: vec![0.0; SENT],
+            sent: vec![[0.0; PORTS]; EFFORTS_KEPT],
+            promised: vec![0.0; EFFORTS_KEPT],
             next: 0,
         }
     }
@@ -64,7 +64,7 @@ impl Pipe {
             out.write_all(&self.buffer[..n])?;
             return Ok(out.flush()?);
         }
-        let place = |k: u64| (k % SENT as u64) as usize;
+        let place = |k: u64| (k % EFFORTS_KEPT as u64) as usize;
         // All of it may be drawn at ports of one region.
         let groups = effort.group[..self.ports].iter().copied().max().unwrap_or(0);
         let rooms = (0..=groups).filter(|_| groups > 0).filter_map(|group| {
@@ -74,7 +74,11 @@ impl Pipe {
         });
         let stored = rooms.fold(effort.stored, f64::min);
         // What lines without an answer allow may still be drawn under them.
-        let open = (self.sums.sequence..effort.sequence).rev().take(SENT).map(|k| self.promised[place(k)]).sum::<f64>();
+        let open = (self.sums.sequence..effort.sequence)
+            .rev()
+            .take(EFFORTS_KEPT)
+            .map(|k| self.promised[place(k)])
+            .sum::<f64>();
         let promised = (stored - open).max(0.0);
         self.promised[place(effort.sequence)] = promised;
         self.sent[place(effort.sequence)] = effort.v;
@@ -104,10 +108,10 @@ impl Pipe {
             Ok(Err(why)) => Err(Stop::Usage(format!("standard input: {why}"))),
             Ok(Ok(Arrival { at, measurement: Measurement { q, .. } })) => {
                 let k = self.sums.sequence;
-                if self.next - k > SENT as u64 {
-                    return Err(Stop::Usage(format!("standard input: line {} is {SENT} lines late", k + 1)));
+                if self.next - k > EFFORTS_KEPT as u64 {
+                    return Err(Stop::Usage(format!("standard input: line {} is {EFFORTS_KEPT} lines late", k + 1)));
                 }
-                let v = &self.sent[(k % SENT as u64) as usize];
+                let v = &self.sent[(k % EFFORTS_KEPT as u64) as usize];
                 for i in 0..self.ports {
                     self.sums.q[i] += q[i];
                     self.sums.w[i] += v[i] * q[i];

@@ -8,7 +8,7 @@ use bond_runtime::scene::Scene;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// What an exchange came to.
+/// The results of an exchange.
 pub struct Outcome<'a, 'b> {
     /// What met the outside.
     pub scene: &'a Scene,
@@ -29,7 +29,7 @@ pub struct Outcome<'a, 'b> {
 }
 
 impl Outcome<'_, '_> {
-    /// Why it was not passive; empty where it was.
+    /// Why it was not passive; empty if it was.
     fn reasons(&self) -> Vec<String> {
         let mut reasons = self.exchange.summary().reasons;
         let c = self.exchange.count();

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Where measurements are, bytes.
 pub const PLACE: u64 = 4096;
 /// How often a packet that fails its checksum is looked at again.
-const LOOKS: usize = 3;
+const READ_ATTEMPTS: usize = 3;
 
 /// The file.
 pub struct Shared {
@@ -61,7 +61,7 @@ impl Shared {
     /// The measurement that is there, if it is another one than before.
     pub fn receive(&mut self) -> Option<Arrival> {
         let n = measurement_length(self.ports);
-        for _ in 0..LOOKS {
+        for _ in 0..READ_ATTEMPTS {
             read_at(&self.file, &mut self.buffer[..n], PLACE).ok()?;
             if let Some(m) = Measurement::read(&self.buffer[..n]) {
                 let this = (m.session, m.sequence);

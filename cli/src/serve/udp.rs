@@ -1,6 +1,6 @@
 //! Datagrams. A thread of its own takes them in as they come, so that their time is known.
 
-use super::link::{Arrival, QUEUE};
+use super::link::{Arrival, MEASUREMENTS_QUEUED};
 use crate::stop::Stop;
 use bond::exchange::{Effort, LONGEST, Measurement};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -42,7 +42,7 @@ impl Udp {
             refused: AtomicU64::new(0),
             over: AtomicBool::new(false),
         });
-        let (producer, arrivals) = RingBuffer::new(QUEUE);
+        let (producer, arrivals) = RingBuffer::new(MEASUREMENTS_QUEUED);
         let known = shared.clone();
         let thread = std::thread::spawn(move || listen(&ears, &known, producer, ports));
         Ok(Self { socket, shared, arrivals, thread: Some(thread), buffer: [0; LONGEST] })

@@ -199,10 +199,10 @@ impl Reader<'_> {
 
     /// `^2`, `^-1`, `^(1/2)` of a power as a reduced fraction.
     fn exponent(&mut self, pair: Pair<Rule>, power: (i32, i32)) -> (i32, i32) {
-        const LARGEST: i32 = 1000;
+        const MAX_EXPONENT: i32 = 1000;
         let digits = pair.as_str().trim_matches(['^', '(', ')']);
         let (above, below) = digits.split_once('/').unwrap_or((digits, "1"));
-        let within = |n: &i32| n.abs() <= LARGEST;
+        let within = |n: &i32| n.abs() <= MAX_EXPONENT;
         let times = |n: Option<i32>, by: i32| n.filter(within)?.checked_mul(by);
         if let (Some(above), Some(below)) = (times(above.parse().ok(), power.0), times(below.parse().ok(), power.1))
             && below > 0
@@ -216,7 +216,7 @@ impl Reader<'_> {
             }
         }
         let message = format!("`{}` is not an exponent of a unit", pair.as_str().trim_start_matches('^'));
-        let help = format!("an exponent is a whole number or a fraction such as `^(1/2)`, at most {LARGEST}");
+        let help = format!("an exponent is a whole number or a fraction such as `^(1/2)`, at most {MAX_EXPONENT}");
         let error = Diagnostic::error("syntax::exponent", self.span(&pair), message);
         self.errors.push(error.help(help));
         (1, 1)
