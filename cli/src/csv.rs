@@ -1,8 +1,8 @@
 //! Tables as text.
 
+use crate::column::{Cell, Column};
 use crate::output::Sink;
 use crate::stop::Stop;
-use crate::table::{Cell, Column};
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;

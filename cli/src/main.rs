@@ -5,6 +5,7 @@ mod bench;
 mod blame;
 mod checkpoint;
 mod choose;
+mod column;
 mod commands;
 mod csv;
 mod diff;

@@ -1,8 +1,8 @@
 //! Tables as Parquet files: doubles bit for bit, compressed, a column at a time.
 
+use crate::column::{Cell, Column, Kind};
 use crate::output::Sink;
 use crate::stop::Stop;
-use crate::table::{Cell, Column, Kind};
 use ::parquet::basic::{Compression, Encoding, LogicalType, Repetition, Type as Physical};
 use ::parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
 use ::parquet::errors::{ParquetError, Result as Written};

@@ -1,7 +1,8 @@
 //! Rows that wait until the run has got there.
 
+use crate::column::Cell;
 use crate::stop::Stop;
-use crate::table::{Cell, Table};
+use crate::table::Table;
 
 /// What takes rows of numbers over time: in each the instant comes first.
 pub trait Sink {

@@ -1,6 +1,6 @@
 //! Remarks on a valid model: what it says that the author probably did not mean.
 
-use crate::table;
+use crate::column;
 use bond::Compiled;
 use bond::internal::CompiledInternals;
 use bond_compiler::discretise::Method;
@@ -29,7 +29,7 @@ pub fn remarks(compiled: &Compiled) -> Vec<String> {
 /// Probes whose columns in the table of a run have other names.
 fn renamed(model: &Model) -> Vec<String> {
     let names: Vec<&str> = model.probes.iter().map(|p| p.name.as_str()).collect();
-    let other = names.iter().zip(table::over_time(&names)).filter(|(name, column)| **name != *column);
+    let other = names.iter().zip(column::over_time(&names)).filter(|(name, column)| **name != *column);
     other
         .map(|(name, column)| {
             format!("the column of the probe `{name}` is `{column}` in the table of a run, where `{name}` is taken; a probe with another name keeps it")

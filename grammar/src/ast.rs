@@ -78,7 +78,7 @@ pub struct Model {
     pub params: Vec<Param>,
     /// Its statements in order.
     pub body: Vec<Statement>,
-    /// Names whose declarations could not be read, which is said: nothing more is to be said of them. In order.
+    /// Names whose declarations could not be read, in order. That is reported, so later stages say nothing of them.
     pub lost: Vec<String>,
     /// The whole declaration.
     pub span: Span,
@@ -97,7 +97,7 @@ pub struct Param {
     pub span: Span,
 }
 
-/// `let f(x, y) = value`: a function, worked out anew with the arguments of each call.
+/// `let f(x, y) = value`: a function, evaluated with the arguments of each call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Function {
     /// Lines of the `///` doc, without the slashes.
@@ -229,7 +229,7 @@ pub struct Arrow {
     pub sampled: bool,
     /// Asserted causal stroke.
     pub stroke: Option<Stroke>,
-    /// Name in `-[name]->`, with the index where there is one.
+    /// Name in `-[name]->`, with its index, if any.
     pub name: Option<(Name, Vec<Expr>)>,
     /// The whole of it.
     pub span: Span,
@@ -259,7 +259,7 @@ pub struct Sampled {
     pub body: Vec<Statement>,
 }
 
-/// How a sampled region's period is told.
+/// The period of a sampled region, as written.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Clock {
     /// `at 25 Hz`

@@ -70,7 +70,7 @@ pub(crate) fn no_body(scan: &Scan, head: Range<usize>) -> Diagnostic {
     Diagnostic::error("syntax::body", span, message).help("write its statements between `{` and `}`")
 }
 
-/// Text that stands in no model.
+/// Text outside of all models.
 pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
     let found = scan.word(range.start);
     let span = scan.span_of(range.start);
@@ -140,7 +140,7 @@ pub(crate) fn refused(scan: &Scan, piece: Piece, range: Range<usize>, refused: R
         Wreck::operand,
         Wreck::parts,
     ];
-    // `1 to n` is no number with a unit.
+    // `1 to n` is not a number with a unit.
     let first = (piece == Piece::ForHead).then(|| wreck.head()).flatten();
     first.or_else(|| checks.iter().find_map(|check| check(&wreck))).unwrap_or_else(|| wreck.unexpected())
 }
@@ -170,7 +170,7 @@ impl<'a> Wreck<'a> {
         Diagnostic::error(code, self.scan.span_of(index.min(last)), message)
     }
 
-    /// What stands at the place, for a message.
+    /// The text at the place, for a message.
     fn found(&self) -> String {
         match self.word(self.at) {
             "" => "the statement ends".to_string(),
@@ -340,7 +340,7 @@ impl<'a> Wreck<'a> {
     }
 }
 
-/// A unit with an exponent that is written in decimals, as it is to be written: `m^(1/2)` for `m` and `0.5`.
+/// The correct form of a unit with a decimal exponent: `m^(1/2)` for `m` and `0.5`.
 pub(crate) fn exponent(unit: &str, decimals: &str) -> Option<String> {
     let x: f64 = decimals.parse().ok().filter(|x: &f64| x.fract() != 0.0 && x.abs() < 100.0)?;
     let below = (2..=9).find(|below| (x * f64::from(*below)).fract() == 0.0)?;

@@ -12,7 +12,7 @@ use crate::source::{SourceId, Sources, Span};
 /// Columns that a line should not exceed.
 const WIDTH: usize = 100;
 
-/// Lays out a file that was read without errors; what could not be read would be lost.
+/// Formats a file that was read without errors. Text that could not be read would be lost.
 ///
 /// # Panics
 /// If the id comes from another `Sources`.
@@ -70,7 +70,7 @@ impl Layout<'_> {
         self.out.push_str(&" ".repeat(indent));
     }
 
-    /// Writes text whose breakable spaces become line breaks where it is too long, the outermost ones first.
+    /// Writes text. If it is too long, breakable spaces become line breaks, the outermost ones first.
     fn wrap(&mut self, text: &str, hang: usize) {
         let mut rest = text;
         loop {
@@ -231,8 +231,8 @@ impl Layout<'_> {
     }
 }
 
-/// Where to break a text that has so many columns: at the outermost of the breakable spaces that fit, the last one of
-/// those; at the first one where none fits. Nothing if it needs no break.
+/// Where to break a text to fit a number of columns: at the last of the outermost breakable spaces that fit, or at the
+/// first one if none fits. None if it needs no break.
 fn break_within(text: &str, room: usize) -> Option<usize> {
     let mut best: Option<(usize, usize)> = None;
     let mut depth = 0usize;

@@ -268,7 +268,7 @@ impl Recovery<'_, '_> {
         self.whole(range.start..next).map(|statement| (statement, next))
     }
 
-    /// A slice as one statement of which nothing is to be said.
+    /// Reads a slice as one statement, without reporting errors.
     fn whole(&mut self, range: Range<usize>) -> Option<Statement> {
         let told = self.reader.errors.len();
         let (from, to) = self.bytes(&range);
@@ -456,7 +456,7 @@ impl Recovery<'_, '_> {
         Some(StatementKind::If(If { condition, body, otherwise: Some(otherwise) }))
     }
 
-    /// Text between a body and the next statement, where none may be.
+    /// Text between a body and the next statement, which is an error.
     fn after(&mut self, range: Range<usize>) {
         if range.start < range.end && !self.brackets.broken(range.clone()) {
             let at = self.scan.span_of(range.start).start as usize;

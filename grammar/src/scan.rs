@@ -23,7 +23,7 @@ pub(crate) enum Kind {
     Strange,
 }
 
-/// A token; comments are none.
+/// A token. Comments are not tokens.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Token {
     /// What it is.
@@ -91,7 +91,7 @@ impl<'a> Scan<'a> {
         Span { source: self.source, start: start as u32, end: end as u32 }
     }
 
-    /// The span of a token; the text's end where there is none.
+    /// The span of a token; the end of the text if there is none.
     pub fn span_of(&self, index: usize) -> Span {
         match self.tokens.get(index) {
             Some(token) => self.span(token.start, token.end),
@@ -104,7 +104,7 @@ impl<'a> Scan<'a> {
         self.text.get(span.start as usize..span.end as usize).unwrap_or("")
     }
 
-    /// The text of a token; empty where there is none.
+    /// The text of a token; empty if there is none.
     pub fn word(&self, index: usize) -> &'a str {
         self.tokens.get(index).map_or("", |token| &self.text[token.start..token.end])
     }

@@ -16,7 +16,7 @@ pub struct Span {
 }
 
 impl Span {
-    /// The smallest span that covers both; `self` where they lie in different sources.
+    /// The smallest span that covers both; `self` if they lie in different sources.
     pub fn to(self, other: Span) -> Span {
         if self.source != other.source {
             return self;
@@ -46,8 +46,7 @@ impl Sources {
         Self::default()
     }
 
-    /// Adds a text; a newline is added at its end if there is none, and a byte order mark, which is none of its
-    /// characters, is left out.
+    /// Adds a text. A missing newline at its end is added, and a byte order mark is removed.
     pub fn add(&mut self, name: impl Into<String>, text: impl Into<String>) -> SourceId {
         let mut text = text.into();
         if text.starts_with('\u{FEFF}') {

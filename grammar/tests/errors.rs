@@ -1,4 +1,4 @@
-//! What is said of wrong text: place, code, words, mend.
+//! Diagnostics of wrong text: place, code, message, suggested fix.
 
 mod common;
 use common::read;
@@ -176,7 +176,7 @@ fn a_text_without_a_model_is_told() {
     assert_eq!(places(""), Vec::<String>::new());
 }
 
-/// A statement that is right is not told where another one is wrong.
+/// A correct statement is not reported because of a wrong one.
 #[test]
 fn right_statements_on_one_line_are_kept() {
     for line in [

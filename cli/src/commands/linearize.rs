@@ -1,6 +1,7 @@
 //! `bond linearize`: the linear model around a state, its poles, its answer to sines.
 
 use crate::blame::By;
+use crate::column::{Cell, Column, Kind};
 use crate::drive::{self, Halt, drive};
 use crate::ensemble::sweep::{self, Sweep};
 use crate::input::{self, Set, Which};
@@ -9,7 +10,7 @@ use crate::progress::Progress;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
-use crate::table::{Cell, Column, Kind, Table};
+use crate::table::Table;
 use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Simulation, Steps};
 use bond_compiler::linearize::Linearized;

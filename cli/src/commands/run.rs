@@ -4,6 +4,7 @@ use crate::bench::Ways;
 use crate::blame::By;
 use crate::checkpoint::Checkpoints;
 use crate::choose::{Ask, Chosen, Target};
+use crate::column::{self, Column, Kind};
 use crate::drive::{self, Halt, Watch};
 use crate::input::{self, Set, Which};
 use crate::pending::{Pending, Sink};
@@ -13,7 +14,7 @@ use crate::remarks::remarks;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Early, Outcome};
-use crate::table::{self, Column, Kind, Table};
+use crate::table::{self, Table};
 use crate::{checkpoint, choose, draw, ensemble, output, report, signal};
 use bond::internal::{Code, CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals, failure};
 use bond::{RunError, Simulation, Steps, Summary, Text};
@@ -608,7 +609,7 @@ impl Files {
         (resumed, stop): (Option<f64>, f64),
     ) -> Result<Self, Stop> {
         let columns = |names: Vec<&str>| -> Vec<Column> {
-            let names = std::iter::once("t".to_string()).chain(table::over_time(&names));
+            let names = std::iter::once("t".to_string()).chain(column::over_time(&names));
             names.map(|name| Column::new(name, Kind::Number)).collect()
         };
         let table = |path: Option<&Path>, columns: &[Column]| match path {

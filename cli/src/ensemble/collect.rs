@@ -1,6 +1,6 @@
 //! Where chunks that are done go while others still run.
 
-use super::pool::weight;
+use super::chunks::weight;
 use super::sheet::Sheet;
 use crate::stop::Stop;
 use std::collections::BTreeMap;

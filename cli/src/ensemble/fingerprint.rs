@@ -1,6 +1,6 @@
 //! The fingerprint of an ensemble: its inputs as lines of text, so that a difference between two can be named.
 
-use super::run::Setup;
+use super::setup::Setup;
 use super::{job::Job, plan::Plan};
 use crate::hash::Hash;
 use bond::internal::StepsInternals;

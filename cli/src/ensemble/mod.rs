@@ -5,6 +5,7 @@
 //! `side` keeps those that are done in a file, `sheet` puts them in the order of the table, `run` joins all that.
 
 mod choice;
+mod chunks;
 mod collect;
 mod draw;
 mod fingerprint;
@@ -14,6 +15,7 @@ mod philox;
 mod plan;
 mod pool;
 mod run;
+mod setup;
 mod sheet;
 mod side;
 mod statistics;
@@ -21,7 +23,8 @@ mod summary;
 pub mod sweep;
 mod written;
 
-pub use run::{Setup, run};
+pub use run::run;
+pub use setup::Setup;
 
 use crate::input;
 use draw::Draw;

@@ -1,5 +1,6 @@
 //! Runs instances on threads, a chunk of consecutive ones at a time, and passes on their outcomes as they arrive.
 
+use super::chunks::{Chunks, weight};
 use super::collect::Collect;
 use super::job::Job;
 use crate::progress::Progress;
@@ -14,40 +15,6 @@ use std::time::Duration;
 const BYTES_WAITING: usize = 64 << 20;
 /// So often it is looked whether the end is wished for.
 const LOOK: Duration = Duration::from_millis(100);
-/// Most chunks of an ensemble.
-const CHUNKS: u64 = 1 << 20;
-
-/// Instances in consecutive chunks of one size, so that there are not too many of them to keep account of.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Chunks {
-    total: u64,
-    size: u64,
-}
-
-impl Chunks {
-    /// Those of so many instances.
-    pub fn new(total: u64) -> Self {
-        Self { total, size: total.div_ceil(CHUNKS).max(1) }
-    }
-
-    /// How many there are.
-    pub fn count(self) -> u64 {
-        self.total.div_ceil(self.size)
-    }
-
-    /// The instances of a chunk.
-    pub fn instances(self, chunk: u64) -> std::ops::Range<u64> {
-        let start = chunk.saturating_mul(self.size).min(self.total);
-        start..start.saturating_add(self.size).min(self.total)
-    }
-
-    /// How many instances a chunk has.
-    pub fn size(self, chunk: u64) -> u64 {
-        let range = self.instances(chunk);
-        range.end - range.start
-    }
-}
-
 /// A chunk that is done, or that a thread has died on.
 type Report = Result<(u64, Vec<u8>), Died>;
 
@@ -94,11 +61,6 @@ impl Shared {
         self.state().waiting -= weight;
         self.room.notify_all();
     }
-}
-
-/// What a chunk counts for while it waits.
-pub fn weight(bytes: &[u8]) -> usize {
-    bytes.len() + 64
 }
 
 /// Says so when a thread dies.
@@ -171,21 +133,4 @@ pub fn run(
 
 fn next_of(receive: &Receiver<Report>) -> Option<Report> {
     receive.try_recv().ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn chunks_hold_each_instance_once() {
-        for total in [1, 2, 1 << 20, (1 << 20) + 1, 3_000_001, 1_000_000_000] {
-            let chunks = Chunks::new(total);
-            assert!(chunks.count() <= CHUNKS);
-            assert_eq!(chunks.instances(0).start, 0);
-            let last = chunks.count() - 1;
-            assert!(chunks.instances(last).end == total && !chunks.instances(last).is_empty());
-            assert_eq!(chunks.instances(last / 2).end, chunks.instances(last / 2 + 1).start);
-        }
-    }
 }

@@ -2,11 +2,13 @@
 
 use super::Args;
 use super::choice::Choice;
+use super::chunks::Chunks;
 use super::collect::{Collect, InOrder};
 use super::fingerprint::Fingerprint;
 use super::job::{Job, NUMBERS_PER_INSTANCE};
 use super::plan::Plan;
-use super::pool::{self, Chunks};
+use super::pool;
+use super::setup::Setup;
 use super::sheet::Sheet;
 use super::side::Side;
 use super::statistics::Statistics;
@@ -14,42 +16,12 @@ use super::summary::Told;
 use crate::signal::{self, ASKED};
 use crate::stop::Stop;
 use crate::{input, output, report};
-use bond::internal::{CompiledInternals, Quantity};
-use bond::{Compiled, Options, Steps, Text};
+use bond::internal::CompiledInternals;
+use bond::{Compiled, Text};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
-
-/// What the command line says of all instances.
-pub struct Setup<'a> {
-    /// The model.
-    pub file: &'a Path,
-    /// Scene, stepper and parameters.
-    pub options: Options,
-    /// The parameters again.
-    pub set: &'a [(String, Quantity)],
-    /// What is left out, again.
-    pub without: &'a [String],
-    /// The stepper again.
-    pub method: Option<&'a str>,
-    /// How steps are taken.
-    pub steps: Steps,
-    /// Whether the interpreter is asked for.
-    pub interpret: bool,
-    /// End of the run, s.
-    pub stop: Option<f64>,
-    /// Distance of rows, s.
-    pub every: Option<f64>,
-    /// Instants of rows, s.
-    pub at: &'a [f64],
-    /// Table of inputs, and whether they are held.
-    pub input: Option<(&'a Path, bool)>,
-    /// Where the table goes.
-    pub output: Option<&'a Path>,
-    /// Whether the summary is for programs.
-    pub json: bool,
-}
 
 /// Runs an ensemble.
 ///

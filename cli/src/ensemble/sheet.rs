@@ -1,11 +1,12 @@
 //! The table of an ensemble and its statistics: chunks put on it in their order.
 
+use super::chunks::Chunks;
 use super::job::Job;
 use super::outcome::Outcome;
-use super::pool::Chunks;
 use super::statistics::Statistics;
+use crate::column::{Cell, Column, Kind, distinct};
 use crate::stop::Stop;
-use crate::table::{Cell, Column, Kind, Table, distinct};
+use crate::table::Table;
 use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;

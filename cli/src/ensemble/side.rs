@@ -9,9 +9,9 @@
 //! All numbers have the lowest byte first. Chunks are only ever added at the end. What a kill has left of the last one
 //! has not the length or the hash that it should have, and is cut off.
 
+use super::chunks::{Chunks, weight};
 use super::collect::Collect;
 use super::fingerprint::Fingerprint;
-use super::pool::{Chunks, weight};
 use super::sheet::Sheet;
 use crate::hash::Hash;
 use crate::output::unwritable;

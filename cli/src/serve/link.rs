@@ -1,33 +1,11 @@
 //! Lines to the outside.
 
-use super::clock;
+use super::arrival::Arrival;
 use super::pipe::Pipe;
 use super::shared::Shared;
 use super::udp::Udp;
 use crate::stop::Stop;
-use bond::exchange::{Effort, Measurement};
-
-/// Efforts that are remembered until their answer comes.
-pub const EFFORTS_KEPT: usize = 4096;
-
-/// Most measurements that wait to be taken.
-pub const MEASUREMENTS_QUEUED: usize = 256;
-
-/// A measurement that came.
-#[derive(Clone, Copy, Debug)]
-pub struct Arrival {
-    /// When, ns of [`clock::now`].
-    pub at: u64,
-    /// What it says.
-    pub measurement: Measurement,
-}
-
-impl Arrival {
-    /// It came now.
-    pub fn now(measurement: Measurement) -> Self {
-        Self { at: clock::now(), measurement }
-    }
-}
+use bond::exchange::Effort;
 
 /// A line to the outside.
 pub enum Link {

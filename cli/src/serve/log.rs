@@ -1,7 +1,8 @@
 //! The ledger of an exchange, interval by interval: written by a thread of its own.
 
+use crate::column::{Cell, Column, Kind};
 use crate::stop::Stop;
-use crate::table::{Cell, Column, Kind, Table, possible};
+use crate::table::{Table, possible};
 use bond::exchange::{Exchange, LATE, MISSING, PORTS, SILENT};
 use bond_runtime::scene::Scene;
 use rtrb::{Consumer, Producer, RingBuffer};

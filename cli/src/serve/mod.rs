@@ -1,5 +1,6 @@
 //! Real time: a scene meets an outside, interval by interval, at deadlines that do not move.
 
+mod arrival;
 pub mod clock;
 pub mod link;
 pub mod log;
@@ -14,9 +15,10 @@ pub use shared::Shared;
 pub use udp::Udp;
 
 use crate::stop::Stop;
+use arrival::EFFORTS_KEPT;
 use bond::RunError;
 use bond::exchange::{Exchange, Heard};
-use link::{EFFORTS_KEPT, Link};
+use link::Link;
 use log::Log;
 use meter::Meter;
 use std::sync::atomic::{AtomicBool, Ordering};

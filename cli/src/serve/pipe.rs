@@ -3,7 +3,7 @@
 //! A line in has how far each port moved under the efforts of one line out, the first under the first, the second under
 //! the second. A pipe loses nothing, so that the energy of a line that comes late is known all the same.
 
-use super::link::{Arrival, EFFORTS_KEPT, MEASUREMENTS_QUEUED};
+use super::arrival::{Arrival, EFFORTS_KEPT, MEASUREMENTS_QUEUED};
 use crate::stop::Stop;
 use bond::exchange::{Effort, LONGEST, Measurement, PORTS, measurement_length};
 use rtrb::{Consumer, Producer, RingBuffer};

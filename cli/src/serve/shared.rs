@@ -2,7 +2,7 @@
 //! measurement from [`PLACE`] on. The device may map it; the environment reads and writes it in single calls. A packet
 //! that is half old and half new fails its checksum, and is looked at again.
 
-use super::link::Arrival;
+use super::arrival::Arrival;
 use crate::stop::Stop;
 use bond::exchange::{Effort, LONGEST, Measurement, measurement_length};
 use std::fs::{File, OpenOptions};

@@ -1,6 +1,6 @@
 //! Datagrams. A thread of its own takes them in as they come, so that their time is known.
 
-use super::link::{Arrival, MEASUREMENTS_QUEUED};
+use super::arrival::{Arrival, MEASUREMENTS_QUEUED};
 use crate::stop::Stop;
 use bond::exchange::{Effort, LONGEST, Measurement};
 use rtrb::{Consumer, Producer, RingBuffer};

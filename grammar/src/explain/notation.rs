@@ -87,7 +87,7 @@ impl Wreck<'_> {
         })
     }
 
-    /// The end of a bond that stands before a token, as it is written: `wall.tip`, `1:v`.
+    /// The end of a bond before a token, as written: `wall.tip`, `1:v`.
     fn end_before(&self, token: usize) -> &str {
         let mut start = token.max(self.range.start + 1) - 1;
         while start > self.range.start && !is_between(self.word(start - 1)) {
@@ -109,7 +109,7 @@ impl Wreck<'_> {
         }
     }
 
-    /// `/* ... */`, which is no comment.
+    /// `/* ... */`, which is not a comment in this language.
     pub(super) fn block_comment(&self) -> Option<Diagnostic> {
         let index = [self.at, self.before()].into_iter().find(|i| opens_comment(self.scan, *i))?;
         Some(no_comment(self.scan, index))
@@ -342,12 +342,12 @@ impl Wreck<'_> {
 const KINDS: &[&str] =
     &["Se", "Sf", "C", "I", "R", "TF", "GY", "De", "Df", "RS", "IC", "MSe", "MSf", "MTF", "MGY", "MR", "0", "1"];
 
-/// What stands between two ends of bonds, and at the end of a chain.
+/// The signs between two ends of bonds, and at the end of a chain.
 fn is_between(word: &str) -> bool {
     matches!(word, "" | "->" | "||>" | "->|" | "|->" | "|-" | "|" | "-" | "<" | ">" | "," | ";" | "}")
 }
 
-/// Whether `/*` stands here.
+/// Whether there is a `/*` here.
 pub(super) fn opens_comment(scan: &Scan, index: usize) -> bool {
     let [start, next] = [index, index + 1].map(|i| scan.span_of(i));
     scan.word(index) == "/" && scan.word(index + 1) == "*" && start.end == next.start

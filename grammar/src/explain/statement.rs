@@ -198,7 +198,7 @@ impl Wreck<'_> {
         None
     }
 
-    /// An element with several values that do not stand in braces, of which this is one.
+    /// An element with several values without braces, of which this is one.
     pub(super) fn several(&self, at: usize, value: &str) -> Diagnostic {
         let (kind, name) = (self.word(self.range.start), self.word(self.range.start + 2));
         let what = match kind {

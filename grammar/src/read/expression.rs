@@ -121,7 +121,7 @@ impl Reader<'_> {
         };
         let is_number = matches!(right.kind, ExprKind::Number { .. });
         if unit.span.end == sign.start && sign.end == right.span.start && !is_number {
-            // `1 H*f*(x + 1)`: what laws are written in is no unit.
+            // `1 H*f*(x + 1)`: the variables of laws are not units.
             let plain = !self.scan.slice(unit.span).contains('(');
             let variable = unit.factors.iter().skip(1).find(|f| is_variable(&f.0));
             if let Some((name, _, at)) = variable.filter(|_| plain) {
@@ -244,7 +244,7 @@ static PRECEDENCE: LazyLock<PrattParser<Rule>> = LazyLock::new(|| {
         .op(Op::infix(Rule::pow, Assoc::Right))
 });
 
-/// Whether this is no unit, but what laws are written in, time, or a name.
+/// Whether this is a variable of laws, time, or a name, and not a unit.
 fn is_variable(name: &str) -> bool {
     matches!(name, "e" | "f" | "p" | "q" | "t") || name.contains(|c: char| c.is_ascii_digit() || c == '_')
 }
