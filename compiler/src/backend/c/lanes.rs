@@ -12,12 +12,21 @@ use crate::backend::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-/// Where there are more slow ones than this part of all, they go one by one for a while,
-const MOST: u32 = 2;
-/// or, where there are more than this part and it has a form for that, by the form that has fewer of them.
-const MANY: u32 = 8;
-/// So many intervals.
-const WHILE: u32 = 15;
+/// When lanes go in another way.
+struct LaneOptions {
+    /// Where more than this part of all lanes are slow, all go one by one for a while,
+    alone: u32,
+    /// or, where more than this part are and there is such a form, by the form that has fewer slow ones.
+    long: u32,
+    /// The while, intervals.
+    intervals: u32,
+}
+
+impl Default for LaneOptions {
+    fn default() -> Self {
+        Self { alone: 2, long: 8, intervals: 15 }
+    }
+}
 
 /// What the header says.
 pub(super) fn header(unit: &Unit, options: &Options) -> String {
@@ -112,14 +121,15 @@ pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> Strin
             let data = !unit.commit.data.is_empty();
             out.push_str(&function(first, "lanes", (p, &lanes), data, needs));
             // Which form, and when it is another one.
+            let LaneOptions { alone, long: long_part, intervals } = LaneOptions::default();
             let (mut form, mut next) =
-                ("lanes(b, moved)".to_string(), format!("if (slow > {lanes} / {MOST}) b->plain = {WHILE};"));
+                ("lanes(b, moved)".to_string(), format!("if (slow > {lanes} / {alone}) b->plain = {intervals};"));
             if let Some(long) = more.first() {
                 out.push_str(&function(long, "turns", (p, &lanes), data, needs));
                 form = "b->turns > 0 ? turns(b, moved) : lanes(b, moved)".into();
                 next = format!(
-                    "if (b->turns > 0) {{\n            --b->turns;\n            if (slow > {lanes} / {MOST}) b->plain = {WHILE};\n        \
-                     }} else if (slow > {lanes} / {MANY}) {{\n            b->turns = {WHILE};\n        }}"
+                    "if (b->turns > 0) {{\n            --b->turns;\n            if (slow > {lanes} / {alone}) b->plain = {intervals};\n        \
+                     }} else if (slow > {lanes} / {long_part}) {{\n            b->turns = {intervals};\n        }}"
                 );
             }
             let _ = write!(

@@ -14,16 +14,26 @@ use bond_runtime::ir::{Binary, Unary};
 use shape::is_heavy;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Routines of more statements have no lane form: a compiler takes long for so many at once.
-const LARGEST: usize = 6000;
-/// Nor have those that would come to more values than this.
-const MOST: usize = 2000;
-/// Twice as long, and so many values longer, at most is code with the turns of iterations that go on.
-const LONGER: usize = 300;
-/// Iterations that go on are gone on with so many times.
-const TURNS: usize = 2;
-/// How far back a condition is followed to the numbers that it depends on.
-const DEPTH: usize = 24;
+/// How far if-conversion goes.
+#[derive(Clone, Copy, Debug)]
+pub struct ConversionOptions {
+    /// Statements of a routine at most: a compiler takes long for so many at once.
+    pub statements: usize,
+    /// Values of a lane form at most.
+    pub values: usize,
+    /// Values that the form with the turns of iterations may have beyond twice those of the one without.
+    pub longer: usize,
+    /// Turns of iterations that go on.
+    pub turns: usize,
+    /// How far back a condition is followed to the numbers that it depends on.
+    pub depth: usize,
+}
+
+impl Default for ConversionOptions {
+    fn default() -> Self {
+        Self { statements: 6000, values: 2000, longer: 300, turns: 2, depth: 24 }
+    }
+}
 
 /// A routine without control flow.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,19 +88,20 @@ pub fn is_call(op: &Op) -> bool {
 /// The lane forms of a routine: one without the turns of iterations that go on, where those that get there are
 /// slow, and one with the first turns. Where one of them is all there is, or not worth having, the other; none where it
 /// always would be slow.
-pub fn lane_forms(routine: &Routine) -> Vec<LaneForm> {
-    if !routine.systems.is_empty() || routine.size() > LARGEST || is_heavy(&routine.body, false) {
+pub fn lane_forms(routine: &Routine, options: ConversionOptions) -> Vec<LaneForm> {
+    if !routine.systems.is_empty() || routine.size() > options.statements || is_heavy(&routine.body, false) {
         return Vec::new();
     }
-    let fits = |form: &LaneForm| form.body.len() <= MOST;
-    let short = form(routine, 0).filter(fits);
-    let most = short.as_ref().map_or(MOST, |short| 2 * short.body.len() + LONGER);
-    let long = form(routine, TURNS).filter(fits).filter(|long| long.body.len() <= most && short.as_ref() != Some(long));
+    let fits = |form: &LaneForm| form.body.len() <= options.values;
+    let short = form(routine, ConversionOptions { turns: 0, ..options }).filter(fits);
+    let most = short.as_ref().map_or(options.values, |short| 2 * short.body.len() + options.longer);
+    let long =
+        form(routine, options).filter(fits).filter(|long| long.body.len() <= most && short.as_ref() != Some(long));
     short.into_iter().chain(long).collect()
 }
 
 /// The form of a routine, with the first turns of what repeats, or without.
-fn form(routine: &Routine, turns: usize) -> Option<LaneForm> {
+fn form(routine: &Routine, options: ConversionOptions) -> Option<LaneForm> {
     let mut numbers = routine.numbers.clone();
     let mut number = |x: f64| {
         let found = numbers.iter().position(|n| matches!(n, Some(Number::Plain(y)) if y.to_bits() == x.to_bits()));
@@ -115,7 +126,7 @@ fn form(routine: &Routine, turns: usize) -> Option<LaneForm> {
         slow: Vec::new(),
         facts: Vec::new(),
         last: None,
-        turns,
+        options,
         lost: false,
     };
     let end = way.block(&routine.body);
@@ -172,8 +183,7 @@ struct Conversion {
     facts: Vec<(Value, bool)>,
     /// The condition that was made a flag last for what takes long.
     last: Option<(Cond, Value)>,
-    /// How many times what repeats is gone through.
-    turns: usize,
+    options: ConversionOptions,
     /// Whether something has no form here.
     lost: bool,
 }

@@ -1,6 +1,6 @@
 //! What is known of conditions where the statements have got to.
 
-use super::{Conversion, DEPTH, is_comparison};
+use super::{Conversion, is_comparison};
 use crate::backend::code::{Cond, Number, Op, Value};
 use bond_runtime::ir::Binary;
 
@@ -94,21 +94,21 @@ impl Conversion {
             Cond::True(v) => return self.is_true(*v),
             Cond::Known(_) => None,
             Cond::Lt(a, b) => match (self.known(*a), self.known(*b)) {
-                (_, Some(y)) => self.decide(*a, &|x| x < y, DEPTH),
-                (Some(x), None) => self.decide(*b, &|y| x < y, DEPTH),
+                (_, Some(y)) => self.decide(*a, &|x| x < y, self.options.depth),
+                (Some(x), None) => self.decide(*b, &|y| x < y, self.options.depth),
                 (None, None) => None,
             },
             Cond::Le(a, b) => match (self.known(*a), self.known(*b)) {
-                (_, Some(y)) => self.decide(*a, &|x| x <= y, DEPTH),
-                (Some(x), None) => self.decide(*b, &|y| x <= y, DEPTH),
+                (_, Some(y)) => self.decide(*a, &|x| x <= y, self.options.depth),
+                (Some(x), None) => self.decide(*b, &|y| x <= y, self.options.depth),
                 (None, None) => None,
             },
             Cond::Eq(a, b) => match (self.known(*a), self.known(*b)) {
-                (_, Some(y)) => self.decide(*a, &|x| x == y, DEPTH),
-                (Some(x), None) => self.decide(*b, &|y| x == y, DEPTH),
+                (_, Some(y)) => self.decide(*a, &|x| x == y, self.options.depth),
+                (Some(x), None) => self.decide(*b, &|y| x == y, self.options.depth),
                 (None, None) => None,
             },
-            Cond::Finite(a) => self.decide(*a, &f64::is_finite, DEPTH),
+            Cond::Finite(a) => self.decide(*a, &f64::is_finite, self.options.depth),
             Cond::Not(_) | Cond::All(_) | Cond::Any(_) => {
                 return match c {
                     Cond::Not(c) => self.cond(c).not(),
@@ -136,7 +136,7 @@ impl Conversion {
         }
         match self.is_truth(v) && self.known(v).is_none() {
             true => Cond::True(v),
-            false => self.decide(v, &|x| x != 0.0, DEPTH).unwrap_or(Cond::True(v)),
+            false => self.decide(v, &|x| x != 0.0, self.options.depth).unwrap_or(Cond::True(v)),
         }
     }
 

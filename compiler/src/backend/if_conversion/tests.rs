@@ -147,7 +147,7 @@ fn branches_and_exits_are_choices() {
         Stmt::Store(at(0), v(5)),
     ];
     let routine = routine(body, 6, 2);
-    let forms = lane_forms(&routine);
+    let forms = lane_forms(&routine, ConversionOptions::default());
     let [form] = &forms[..] else { panic!("it has one form: {forms:?}") };
     let quick = same(&routine, form);
     assert!(quick > 300 && quick < 400, "{quick} of 400 are not slow");
@@ -168,9 +168,9 @@ fn iterations_that_go_on_are_slow() {
     let end = [Stmt::Let(v(3), Op::Get(Var(0))), Stmt::Store(at(2), v(3))];
     let branch = Stmt::If(Cond::Lt(zero, v(0)), vec![turns.clone()], Vec::new());
     let with = |s: Stmt| routine([&start[..], &[s], &end].concat(), 4, 1);
-    assert_eq!(lane_forms(&with(turns)), Vec::new());
+    assert_eq!(lane_forms(&with(turns), ConversionOptions::default()), Vec::new());
     let routine = with(branch);
-    let forms = lane_forms(&routine);
+    let forms = lane_forms(&routine, ConversionOptions::default());
     let [short, long] = &forms[..] else { panic!("it has two forms: {forms:?}") };
     assert!(same(&routine, short) > 150 && same(&routine, long) > 380);
     for (x, turns) in [(-1.0, 0), (0.5, 1), (1.0, 1), (3.9, 2), (4.0, 3), (64.0, 7)] {

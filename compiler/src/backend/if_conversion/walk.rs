@@ -24,7 +24,7 @@ impl Conversion {
                     let (again, facts) = (repeats(body), self.facts.len());
                     self.frames.push(Frame { again, ..Frame::default() });
                     let innermost = !body.iter().any(|s| matches!(s, Stmt::Loop(_)));
-                    let turns = if again && innermost { self.turns } else { 1 };
+                    let turns = if again && innermost { self.options.turns } else { 1 };
                     if (0..turns).all(|_| self.block(body) == End::Reached) {
                         self.give_up();
                     }
@@ -64,7 +64,7 @@ impl Conversion {
                 }
             }
             fine.push(match self.cond(c).known() {
-                Some(holds) => !is_heavy(if holds { yes } else { no }, self.turns > 0),
+                Some(holds) => !is_heavy(if holds { yes } else { no }, self.options.turns > 0),
                 None => true,
             });
         }
@@ -143,7 +143,7 @@ impl Conversion {
         }
         // What has an iteration go back is not worth its length.
         let rare = again && begins_anew(body);
-        let end = if rare || is_heavy(body, self.turns > 0) || (has_fail(body) && !has_effect(body)) {
+        let end = if rare || is_heavy(body, self.options.turns > 0) || (has_fail(body) && !has_effect(body)) {
             self.give_up();
             End::Gone
         } else {

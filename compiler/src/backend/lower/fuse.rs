@@ -3,20 +3,14 @@
 //!
 //! The order of operations on each number stays as it was, and so do all bits.
 
+use super::options::LoopOptions;
 use crate::backend::code::{Index, Memory, Op, Place, Routine, Stmt, Value, Var, retain, visit};
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// How many statements a loop is moved over at most.
-const REACH: usize = 1000;
-/// Statements in a loop at most: more values than there are registers would be written and read again after all.
-const LARGEST: usize = 150;
-/// Turns that two loops must have in common, of those of the longer one.
-const COMMON: f64 = 0.75;
-
 /// Joins the loops of a routine.
-pub(super) fn fuse(routine: &mut Routine) {
+pub(super) fn fuse(routine: &mut Routine, options: LoopOptions) {
     let mut body = std::mem::take(&mut routine.body);
-    let mut fuse = Fuse { tables: &routine.tables, values: routine.numbers.len() as u32, joined: false };
+    let mut fuse = Fuse { options, tables: &routine.tables, values: routine.numbers.len() as u32, joined: false };
     fuse.block(&mut body);
     let (values, joined) = (fuse.values as usize, fuse.joined);
     routine.numbers.resize(values, None);
@@ -30,6 +24,7 @@ pub(super) fn fuse(routine: &mut Routine) {
 }
 
 struct Fuse<'a> {
+    options: LoopOptions,
     tables: &'a [u32],
     /// How many values there are.
     values: u32,
@@ -248,7 +243,7 @@ impl Fuse<'_> {
 
     /// Joins a loop with one before it: what is left of it.
     fn join(&mut self, out: &mut Out, l: Plain) -> Option<Stmt> {
-        for k in (out.list.len().saturating_sub(REACH)..out.list.len()).rev() {
+        for k in (out.list.len().saturating_sub(self.options.moved_over)..out.list.len()).rev() {
             let (Stmt::For(_, from, to, body), Some(before)) = (&out.list[k], &out.effects[k]) else {
                 match out.effects[k] {
                     Some(_) => continue,
@@ -257,7 +252,10 @@ impl Fuse<'_> {
             };
             let (common, most) = (l.to.min(*to), l.to.max(*to));
             let turns = |to: u32| f64::from(to.saturating_sub(l.from));
-            if *from != l.from || turns(common) < COMMON * turns(most) || body.len() + l.body.len() > LARGEST {
+            if *from != l.from
+                || turns(common) < self.options.common_turns * turns(most)
+                || body.len() + l.body.len() > self.options.joined_statements
+            {
                 continue;
             }
             let Some(mut own) = Effects::of(&l.body, (Some(l.index), l.from, common), self.tables) else { break };

@@ -7,6 +7,7 @@ mod dead_code;
 mod eliminate;
 mod fuse;
 mod newton;
+mod options;
 mod quick;
 mod reroll;
 pub(super) mod writer;

@@ -23,15 +23,7 @@ use expression_cone::Cone;
 use fixed::Fixed;
 use isomorphic_group::Watch;
 use rustc_hash::FxHashSet;
-use sum::{SUM, Sum, Total};
-
-/// A cone has so many operations at most; what goes beyond is a result of its own.
-const CONE: u32 = 48;
-/// What two results share is a result of its own where it has more operations than this: a number costs some two to
-/// keep and have.
-const SHARED: u32 = 5;
-/// Results may lie so many deep on one another: in a deeper program nothing runs side by side.
-const DEPTH: u32 = 100;
+use sum::{Sum, Total};
 
 /// Writes a large program where the writer stands, and whether it did: some programs have a form that this cannot say.
 pub(super) fn write(mut w: Writer, program: &Program, mut places: Places) -> (Writer, bool) {
@@ -237,7 +229,7 @@ impl<'p> Reroller<'p> {
                 Op::Binary(Binary::Add, a, b) => left.extend([a, b]),
                 Op::Const(_) | Op::Load(_) | Op::Unary(..) | Op::Binary(..) | Op::Select(..) => terms += 1,
             }
-            if terms == SUM {
+            if terms == self.w.loops.sum_terms {
                 return true;
             }
         }
@@ -275,7 +267,7 @@ impl<'p> Reroller<'p> {
 
     /// Finds long sums, and which values are results.
     fn plan(&mut self) -> Option<()> {
-        let n = self.ops.len();
+        let (n, options) = (self.ops.len(), self.w.loops);
         // A value that another segment uses.
         let mut outside = vec![false; n];
         for v in 0..n {
@@ -317,8 +309,9 @@ impl<'p> Reroller<'p> {
                 Op::Binary(f, ..) => matches!(f, Binary::Div | Binary::Pow | Binary::Atan2),
                 Op::Const(_) | Op::Load(_) | Op::Select(..) => false,
             };
+            let shared = dear || sum > options.shared_operations;
             let is_end = ends.contains_key(&value);
-            if outside[v] || sum > CONE || ((dear || sum > SHARED) && self.uses[v] > 1) || is_end {
+            if outside[v] || sum > options.cone_operations || (shared && self.uses[v] > 1) || is_end {
                 let at = self.w.room(1);
                 self.kept[v] = Some(at);
                 if !is_end {
@@ -326,7 +319,7 @@ impl<'p> Reroller<'p> {
                 }
             }
         }
-        self.level.iter().all(|l| *l <= DEPTH).then_some(())
+        self.level.iter().all(|l| *l <= options.levels).then_some(())
     }
 
     /// The level from which on a value of the same segment can be used.

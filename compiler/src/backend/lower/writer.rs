@@ -2,6 +2,7 @@
 
 use super::dead_code::remove_dead_code;
 use super::fuse::fuse;
+use super::options::LoopOptions;
 use crate::backend::code::{Cond, Index, Memory, Number, Op, Place, Routine, Stmt, System, Value, Var};
 use bond_runtime::eval;
 use bond_runtime::ir::{Binary, Unary};
@@ -28,6 +29,8 @@ pub(in crate::backend) struct Writer {
     pub(in crate::backend) systems: Vec<System>,
     pub(in crate::backend) data: Vec<f64>,
     pub(in crate::backend) tables: Vec<u32>,
+    /// By what loops are found and joined.
+    pub(super) loops: LoopOptions,
     /// Numbers of [`Memory::Data`] that are positive and finite, whatever they are.
     pub(in crate::backend) positive: FxHashSet<Value>,
 }
@@ -69,7 +72,7 @@ impl Writer {
             data: self.data,
             tables: self.tables,
         };
-        fuse(&mut routine);
+        fuse(&mut routine, self.loops);
         remove_dead_code(&mut routine);
         routine
     }

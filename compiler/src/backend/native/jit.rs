@@ -22,10 +22,10 @@ use cranelift_module::{Linkage, default_libcall_names};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// Statements in a function at most: above, compiling takes longer than it saves.
-const LARGEST: usize = 30_000;
+const MAX_STATEMENTS: usize = 30_000;
 
 /// A scene is compiled as a whole after so many intervals: some milliseconds, at some 50 ns that each then takes less.
-pub(super) const WORTH: u64 = 40_000;
+pub(super) const WORTH_INTERVALS: u64 = 40_000;
 
 /// Compiles programs to machine code. A program that is too large, or has a form that machine code is not written for,
 /// is interpreted; so is all on a machine that Cranelift does not know. Equal ones, as of regions that differ in name
@@ -93,7 +93,7 @@ impl Backend for Jit {
             let own = Own { places, table, data: std::mem::take(&mut run.data) };
             Some(Box::new(Whole::new(Arc::new(Code::new(run)?), own)))
         };
-        Some(simulate::Maker { make: Arc::new(make), worth: WORTH })
+        Some(simulate::Maker { make: Arc::new(make), worth: WORTH_INTERVALS })
     }
 }
 
@@ -123,7 +123,7 @@ pub(super) struct Code {
 
 impl Code {
     pub(super) fn new(routine: Routine) -> Option<Self> {
-        if routine.size() > LARGEST {
+        if routine.size() > MAX_STATEMENTS {
             return None;
         }
         let mut flags = settings::builder();

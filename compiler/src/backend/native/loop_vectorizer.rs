@@ -14,21 +14,13 @@ use cranelift_codegen::ir::{self, BlockArg, InstBuilder, MemFlagsData, types};
 use cranelift_module::Module;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// Loops of fewer turns stay as they are.
-const LEAST: u32 = 8;
-/// Loops of so many turns go on by
-const LONG: u32 = 64;
-/// so many pairs of them at a time.
-const UNROLLED: u32 = 2;
-
 /// What of a loop goes one turn after the other: values, all else being in vectors. None where the loop has no such
 /// form, or much of it would be there.
 fn serial(routine: &Routine, turns: (Index, u32, u32), body: &[Stmt]) -> Option<FxHashSet<Value>> {
-    if turns.2 - turns.1 < LEAST || !may_pair(body, turns, &routine.tables) {
+    if !may_pair(body, turns, &routine.tables) {
         return None;
     }
-    let set = |s: &Stmt| if let Stmt::Set(var, _) = s { Some(*var) } else { None };
-    let sets: Vec<_> = body.iter().filter_map(set).collect();
+    let sets: Vec<_> = body.iter().filter_map(Stmt::sets).collect();
     let (mut serial, mut steps) = (FxHashSet::default(), 0);
     for s in body {
         let mut waits = matches!(s, Stmt::Let(_, Op::Get(var)) if sets.contains(var));
@@ -49,18 +41,7 @@ fn serial(routine: &Routine, turns: (Index, u32, u32), body: &[Stmt]) -> Option<
                 }
             }
             Stmt::Store(..) if waits => return None,
-            // A loop that may be paired has no others.
-            Stmt::Store(..)
-            | Stmt::Set(..)
-            | Stmt::If(..)
-            | Stmt::Loop(_)
-            | Stmt::Break
-            | Stmt::Continue
-            | Stmt::For(..)
-            | Stmt::Solve { .. }
-            | Stmt::Count(_)
-            | Stmt::Note(_)
-            | Stmt::Fail(_) => {}
+            _ => {}
         }
     }
     (3 * steps <= body.len()).then_some(serial)
@@ -79,6 +60,10 @@ struct Vectorized<'t, 'a, 'f, M> {
 impl<M: Module> Translate<'_, '_, M> {
     /// Writes a loop so, where it has that form.
     pub(super) fn vectorized_loop(&mut self, index: Index, (from, to): (u32, u32), body: &[Stmt]) -> bool {
+        let options = self.vector_options;
+        if to - from < options.turns {
+            return false;
+        }
         let Some(serial) = serial(self.routine, (index, from, to), body) else { return false };
         let var = self.indices[index.0 as usize];
         let start = self.b.ins().iconst(types::I64, i64::from(from));
@@ -88,7 +73,7 @@ impl<M: Module> Translate<'_, '_, M> {
         self.b.ins().jump(head, &[] as &[BlockArg]);
         self.b.switch_to_block(head);
         // What it takes to go on with the next ones is done once for several of them.
-        let pairs = if to - from < LONG { 1 } else { UNROLLED };
+        let pairs = if to - from < options.long { 1 } else { options.unrolled };
         for _ in 0..pairs {
             let mut two = Vectorized { t: self, index, values: same.clone(), masks: FxHashMap::default() };
             two.turns(body, &serial);

@@ -1,6 +1,6 @@
 //! Machine code for many scenes of one code shape: it is made once, and takes the numbers in which they differ from its data.
 
-use super::jit::{Code, Compiled, JIT, WORTH, Whole};
+use super::jit::{Code, Compiled, JIT, WORTH_INTERVALS, Whole};
 use crate::backend::unit::{self, Own};
 use crate::backend::{is_large, lower_apart};
 use bond_runtime::interpreter::Interpreter;
@@ -11,7 +11,7 @@ use bond_runtime::simulate::{Maker, Options, Places, Start, Stretch};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// At most this many code shapes are known; what comes later is interpreted.
-const MOST: usize = 64;
+const MAX_SHAPES: usize = 64;
 
 /// Compiles each code shape of a program or scene once; the numbers of a run are those of code made for it alone, to the
 /// last bit. Large programs, which have no such form, are compiled each for itself.
@@ -49,7 +49,7 @@ fn find(list: &Shapes<Vec<u8>, Known>, scene: &Scene, options: &Options, start: 
 impl Shared {
     /// Nothing yet, for so many scenes.
     pub fn new(scenes: u64) -> Self {
-        Self { worth: WORTH / scenes.max(1), ..Self::default() }
+        Self { worth: WORTH_INTERVALS / scenes.max(1), ..Self::default() }
     }
 
     /// How many code shapes of programs it knows, and of scenes.
@@ -68,7 +68,7 @@ fn known<K: PartialEq, V>(list: &Shapes<K, V>, key: K, make: impl FnOnce() -> Op
     if let Some((_, found)) = list.iter().find(|(k, _)| *k == key) {
         return found.clone();
     }
-    if list.len() >= MOST {
+    if list.len() >= MAX_SHAPES {
         return None;
     }
     let made = make().map(Arc::new);

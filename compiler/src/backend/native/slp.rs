@@ -6,16 +6,12 @@
 //! that hang together is weighed: an instruction less a pair, against those that bring numbers into vectors and out.
 
 use super::functions;
-use crate::backend::code::{Memory, Op, Routine, Stmt, Value};
+use super::vector::VectorOptions;
+use crate::backend::code::{Memory, Op, Routine, Stmt, Value, visit};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::{FxHashMap, FxHashSet, FxHasher};
 use std::cmp::Reverse;
 use std::hash::{Hash, Hasher};
-
-/// Shorter code stays as it is.
-const LEAST: usize = 8;
-/// What two divisions or roots in one instruction are worth: they take as long as one.
-const SLOW: i64 = 4;
 
 /// The pairs of some statements that come one after the other.
 pub(super) struct Pairs {
@@ -29,14 +25,8 @@ pub(super) struct Pairs {
 
 /// How often each value is looked at.
 pub(super) fn uses(routine: &Routine) -> Vec<u32> {
-    fn count(body: &[Stmt], uses: &mut [u32]) {
-        for s in body {
-            s.each_value(&mut |v| uses[v.0 as usize] += 1);
-            s.inner().into_iter().for_each(|block| count(block, uses));
-        }
-    }
     let mut uses = vec![0; routine.numbers.len()];
-    count(&routine.body, &mut uses);
+    visit(&routine.body, &mut |s| s.each_value(&mut |v| uses[v.0 as usize] += 1));
     uses
 }
 
@@ -47,7 +37,6 @@ pub(super) fn straight_line(body: &[Stmt]) -> usize {
     let goes = |s: &&Stmt| match s {
         Stmt::Let(_, Op::Load(place)) => !stored.contains(&place.memory),
         Stmt::Let(_, Op::Get(var)) => !set.contains(var),
-        Stmt::Let(..) => true,
         Stmt::Set(var, _) => {
             set.insert(*var);
             true
@@ -56,15 +45,7 @@ pub(super) fn straight_line(body: &[Stmt]) -> usize {
             stored.insert(place.memory);
             true
         }
-        Stmt::If(..)
-        | Stmt::Loop(_)
-        | Stmt::Break
-        | Stmt::Continue
-        | Stmt::For(..)
-        | Stmt::Solve { .. }
-        | Stmt::Count(_)
-        | Stmt::Note(_)
-        | Stmt::Fail(_) => false,
+        s => s.is_straight(),
     };
     body.iter().take_while(goes).count()
 }
@@ -116,8 +97,8 @@ struct Search<'a> {
 }
 
 /// The pairs of straight code; None where there are none that are worth it.
-pub(super) fn pairs(routine: &Routine, uses: &[u32], body: &[Stmt]) -> Option<Pairs> {
-    if body.len() < LEAST {
+pub(super) fn pairs(routine: &Routine, uses: &[u32], body: &[Stmt], options: VectorOptions) -> Option<Pairs> {
+    if body.len() < options.straight_statements {
         return None;
     }
     let defined = body.iter().enumerate().filter_map(|(i, s)| match s {
@@ -129,7 +110,7 @@ pub(super) fn pairs(routine: &Routine, uses: &[u32], body: &[Stmt]) -> Option<Pa
     for any in [false, true] {
         search.pair(any);
     }
-    search.weigh(uses);
+    search.weigh(uses, options);
     let Search { place, with, .. } = search;
     if with.iter().all(Option::is_none) {
         return None;
@@ -223,7 +204,7 @@ impl Search<'_> {
     }
 
     /// Takes pairs that hang together apart again where they cost more than they save.
-    fn weigh(&mut self, uses: &[u32]) {
+    fn weigh(&mut self, uses: &[u32], options: VectorOptions) {
         // The pair that stands for those that hang together, by the statement of its first value.
         let mut stands: Vec<usize> = (0..self.body.len()).collect();
         fn of(stands: &mut [usize], mut i: usize) -> usize {
@@ -254,7 +235,7 @@ impl Search<'_> {
         let (mut gains, mut brought) = (vec![0_i64; self.body.len()], FxHashSet::default());
         for &both in &firsts {
             let stand = of(&mut stands, both[0]);
-            let mut gain = if made(both[0]).0.is_slow() { SLOW } else { 1 };
+            let mut gain = if made(both[0]).0.is_slow() { options.slow_gain } else { 1 };
             for [x, y] in operands(both) {
                 let numbers = self.is_number(x) && self.is_number(y);
                 if !numbers && self.joined([x, y]).is_none() && brought.insert((stand, x, y)) {
@@ -284,7 +265,7 @@ mod tests {
     fn paired(b: Builder) -> usize {
         let routine = lower(&b.finish()).unwrap();
         let body = &routine.body[..straight_line(&routine.body)];
-        pairs(&routine, &uses(&routine), body).map_or(0, |p| p.with.iter().flatten().count())
+        pairs(&routine, &uses(&routine), body, VectorOptions::default()).map_or(0, |p| p.with.iter().flatten().count())
     }
 
     /// Sums of the same states with a sum's own weights; every second sum has another number in between.

@@ -2,7 +2,7 @@
 
 use super::functions;
 use super::slp::{self, Pairs};
-use super::vector::{self, Kind};
+use super::vector::{self, Kind, VectorOptions};
 use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value, visit};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
@@ -73,6 +73,7 @@ pub(super) fn define<M: Module>(
         sin_cos_known: Vec::new(),
         uses: slp::uses(routine),
         vectors: Vectors::default(),
+        vector_options: VectorOptions::default(),
         names,
         routine,
         params,
@@ -125,6 +126,7 @@ pub(super) struct Translate<'a, 'f, M> {
     /// How often each value is looked at.
     uses: Vec<u32>,
     vectors: Vectors,
+    pub(super) vector_options: VectorOptions,
 }
 
 /// What is in vectors of two numbers, within straight code.
@@ -176,7 +178,7 @@ impl<M: Module> Translate<'_, '_, M> {
 
     /// Writes statements as [`slp::straight_line`] finds them.
     fn straight_line(&mut self, body: &[Stmt]) {
-        match slp::pairs(self.routine, &self.uses, body) {
+        match slp::pairs(self.routine, &self.uses, body, self.vector_options) {
             Some(pairs) => self.paired(body, &pairs),
             None => body.iter().for_each(|s| {
                 self.statement(s);

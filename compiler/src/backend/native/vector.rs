@@ -5,6 +5,27 @@ use cranelift_codegen::ir::condcodes::FloatCC;
 use cranelift_codegen::ir::{self, Endianness, InstBuilder, MemFlagsData, types};
 use cranelift_frontend::FunctionBuilder;
 
+/// When two numbers go side by side.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct VectorOptions {
+    /// Statements of straight-line code at least; shorter code stays as it is.
+    pub(super) straight_statements: usize,
+    /// What two divisions or roots in one instruction save, in instructions: they take as long as one.
+    pub(super) slow_gain: i64,
+    /// Turns of a loop at least; shorter loops stay as they are.
+    pub(super) turns: u32,
+    /// Turns from which on a loop goes on by several pairs at a time,
+    pub(super) long: u32,
+    /// and how many.
+    pub(super) unrolled: u32,
+}
+
+impl Default for VectorOptions {
+    fn default() -> Self {
+        Self { straight_statements: 8, slow_gain: 4, turns: 8, long: 64, unrolled: 2 }
+    }
+}
+
 /// The same word in both.
 pub(super) fn constant(b: &mut FunctionBuilder, kind: ir::Type, word: u64) -> ir::Value {
     let both = [word.to_le_bytes(), word.to_le_bytes()].concat();

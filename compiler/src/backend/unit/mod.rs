@@ -16,7 +16,7 @@ mod step;
 mod stretch;
 
 use super::code::{Cond, Memory, Place, Reason, Routine, Stmt, Value, size};
-use super::if_conversion::{LaneForm, lane_forms};
+use super::if_conversion::{ConversionOptions, LaneForm, lane_forms};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
 use apart::{Answer, Apart};
@@ -145,7 +145,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let open = (0..scene.open.len()).map(|o| unit.open(o)).collect();
     let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
-    let lane_forms = if whole { lane_forms(&commit) } else { Vec::new() };
+    let lane_forms = if whole { lane_forms(&commit, ConversionOptions::default()) } else { Vec::new() };
     Ok(Unit {
         name: scene.name.clone(),
         interval: plan.interval,

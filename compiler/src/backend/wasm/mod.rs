@@ -98,25 +98,45 @@ impl Places {
     }
 }
 
-/// Types of functions, by their numbers in the module.
-const TYPES: [(&[ValType], &[ValType]); 8] = [
-    (&[], &[]),
-    (&[], &[ValType::I32]),
-    (&[], &[ValType::F64]),
-    (&[ValType::F64], &[ValType::F64]),
-    (&[ValType::F64, ValType::F64], &[ValType::F64]),
-    (&[ValType::I32, ValType::F64], &[]),
-    (&[ValType::I32], &[ValType::I32]),
-    (&[ValType::I32, ValType::I32], &[ValType::F64]),
-];
-const GIVES_NOTHING: u32 = 0;
-const GIVES_STATUS: u32 = 1;
-const GIVES_NUMBER: u32 = 2;
-const OF_ONE: u32 = 3;
-const OF_TWO: u32 = 4;
-const SETS: u32 = 5;
-const GOES: u32 = 6;
-const BOOKS: u32 = 7;
+/// Types of functions, in the order of the module.
+#[derive(Clone, Copy)]
+enum Type {
+    GivesNothing,
+    GivesStatus,
+    GivesNumber,
+    OfOne,
+    OfTwo,
+    Sets,
+    Goes,
+    Books,
+}
+
+impl Type {
+    const ALL: [Type; 8] = [
+        Type::GivesNothing,
+        Type::GivesStatus,
+        Type::GivesNumber,
+        Type::OfOne,
+        Type::OfTwo,
+        Type::Sets,
+        Type::Goes,
+        Type::Books,
+    ];
+
+    /// What it takes and gives.
+    fn parts(self) -> (&'static [ValType], &'static [ValType]) {
+        match self {
+            Type::GivesNothing => (&[], &[]),
+            Type::GivesStatus => (&[], &[ValType::I32]),
+            Type::GivesNumber => (&[], &[ValType::F64]),
+            Type::OfOne => (&[ValType::F64], &[ValType::F64]),
+            Type::OfTwo => (&[ValType::F64, ValType::F64], &[ValType::F64]),
+            Type::Sets => (&[ValType::I32, ValType::F64], &[]),
+            Type::Goes => (&[ValType::I32], &[ValType::I32]),
+            Type::Books => (&[ValType::I32, ValType::I32], &[ValType::F64]),
+        }
+    }
+}
 
 /// The module of a scene's unit.
 ///
@@ -134,12 +154,16 @@ pub fn module(scene: &Scene, unit: &Unit) -> Result<Vec<u8>, String> {
     let imported = print::imported(&routines);
     let mut functions: FxHashMap<&'static str, u32> = FxHashMap::default();
     let (mut module, mut types, mut imports) = (Module::new(), TypeSection::new(), ImportSection::new());
-    for (params, results) in TYPES {
+    for (params, results) in Type::ALL.map(Type::parts) {
         types.ty().function(params.iter().copied(), results.iter().copied());
     }
     for (name, arguments) in &imported {
         functions.insert(name, functions.len() as u32);
-        imports.import("Math", name, EntityType::Function(if *arguments == 1 { OF_ONE } else { OF_TWO }));
+        imports.import(
+            "Math",
+            name,
+            EntityType::Function(if *arguments == 1 { Type::OfOne } else { Type::OfTwo } as u32),
+        );
     }
     let mut writer = Writer {
         functions: FunctionSection::new(),
@@ -147,17 +171,17 @@ pub fn module(scene: &Scene, unit: &Unit) -> Result<Vec<u8>, String> {
         exports: ExportSection::new(),
         next: imports.len(),
     };
-    functions.insert("sign", writer.function(OF_ONE, sign()));
+    functions.insert("sign", writer.function(Type::OfOne, sign()));
     if let Some(pow) = functions.get("pow") {
         let power = power(*pow);
-        functions.insert("power", writer.function(OF_TWO, power));
+        functions.insert("power", writer.function(Type::OfTwo, power));
     }
     let mut inner = Vec::new();
     for (k, r) in routines.iter().enumerate() {
         let printer = print::Printer { functions: &functions, memories: &places.of(k), tables: places.tables[k] };
         let body = print::function(r, &printer)
             .ok_or("this scene's interval is more code than machines take in a function of a module: take --emit c")?;
-        inner.push(writer.function(GIVES_STATUS, body));
+        inner.push(writer.function(Type::GivesStatus, body));
     }
     writer.interface(unit, &places, &inner);
     let mut globals = GlobalSection::new();
@@ -282,15 +306,15 @@ fn power(pow: u32) -> Function {
 
 impl Writer {
     /// Adds a function: its number.
-    fn function(&mut self, of: u32, f: Function) -> u32 {
-        self.functions.function(of);
+    fn function(&mut self, of: Type, f: Function) -> u32 {
+        self.functions.function(of as u32);
         self.codes.function(&f);
         self.next += 1;
         self.next - 1
     }
 
     /// Adds one that is seen from outside.
-    fn public(&mut self, name: &str, of: u32, locals: &[(u32, ValType)], code: &[I<'_>]) {
+    fn public(&mut self, name: &str, of: Type, locals: &[(u32, ValType)], code: &[I<'_>]) {
         let at = self.function(of, written(locals, code));
         self.exports.export(name, ExportKind::Func, at);
     }
@@ -311,7 +335,7 @@ impl Writer {
         ];
         self.public(
             "init",
-            GIVES_NOTHING,
+            Type::GivesNothing,
             &[],
             &[clear.to_vec(), copy(places.state, places.start, unit.kept)].concat(),
         );
@@ -325,7 +349,7 @@ impl Writer {
             commit.extend(copy(state(late.state.start), state(late.next), late.state.len()));
         }
         commit.extend([I::End, I::LocalGet(0)]);
-        self.public("commit", GIVES_STATUS, &[(1, ValType::I32)], &commit);
+        self.public("commit", Type::GivesStatus, &[(1, ValType::I32)], &commit);
         if let Some(many) = inner.get(2) {
             let run = [
                 zero(),
@@ -345,17 +369,17 @@ impl Writer {
                 I::End,
                 I::LocalGet(1),
             ];
-            self.public("run", GOES, &[(1, ValType::I32)], &run);
+            self.public("run", Type::Goes, &[(1, ValType::I32)], &run);
         }
-        self.public("probes", GIVES_STATUS, &[], &[I::Call(inner[1])]);
+        self.public("probes", Type::GivesStatus, &[], &[I::Call(inner[1])]);
         let mut output = Vec::new();
         for (k, o) in unit.open.iter().enumerate() {
             output.extend([zero(), zero(), I::F64Load(number(state(o.at)))]);
             output.extend((o.sign < 0.0).then_some(I::F64Neg));
             output.push(I::F64Store(number(places.held + 8 * k as u64)));
         }
-        self.public("output", GIVES_NOTHING, &[], &output);
-        self.public("time", GIVES_NUMBER, &[], &[zero(), I::F64Load(number(state(unit.time)))]);
+        self.public("output", Type::GivesNothing, &[], &output);
+        self.public("time", Type::GivesNumber, &[], &[zero(), I::F64Load(number(state(unit.time)))]);
         let mut energy = Vec::new();
         for (k, r) in unit.regions.iter().enumerate() {
             energy.extend([zero(), I::F64Load(number(state(r.at)))]);
@@ -364,7 +388,7 @@ impl Writer {
         if energy.is_empty() {
             energy.push(I::F64Const(0.0.into()));
         }
-        self.public("energy", GIVES_NUMBER, &[], &energy);
+        self.public("energy", Type::GivesNumber, &[], &energy);
         let mut ledger = Vec::new();
         for (k, r) in unit.regions.iter().enumerate() {
             ledger.extend([I::LocalGet(0), I::I32Const(k as i32), I::I32Eq]);
@@ -385,7 +409,7 @@ impl Writer {
             ]);
         }
         ledger.push(I::F64Const(f64::NAN.into()));
-        self.public("ledger", BOOKS, &[], &ledger);
+        self.public("ledger", Type::Books, &[], &ledger);
         let mut input = Vec::new();
         if let Some(first) = unit.inputs.first() {
             input.extend([I::LocalGet(0), I::I32Const(unit.inputs.len() as i32), I::I32LtU, I::If(BlockType::Empty)]);
@@ -398,6 +422,6 @@ impl Writer {
             ]);
             input.push(I::End);
         }
-        self.public("input", SETS, &[], &input);
+        self.public("input", Type::Sets, &[], &input);
     }
 }

@@ -5,9 +5,6 @@ use crate::backend::code::{Cond, Memory, Place, Stmt, Value};
 use crate::backend::lower::writer::{At, scratch};
 use bond_runtime::ir::{self, Array, Op};
 
-/// What a matrix may depend on: so many numbers at most.
-const KEYS: usize = 2;
-
 /// How a matrix is made, and when.
 #[derive(Clone)]
 pub(super) struct Fixed {
@@ -69,7 +66,7 @@ impl Reroller<'_> {
             if let Op::Load(slot) = op {
                 let (memory, base) = self.places[slot.array as usize];
                 let key = (memory, base + slot.index);
-                if slot.array == Array::Local || (keys.len() == KEYS && !keys.contains(&key)) {
+                if slot.array == Array::Local || (keys.len() == self.w.loops.matrix_keys && !keys.contains(&key)) {
                     return None;
                 }
                 if !keys.contains(&key) {

@@ -6,16 +6,6 @@ use crate::backend::code::{Index, Memory, Place, Reason, Stmt, Value, Var};
 use crate::backend::lower::writer::Writer;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// Fewer members are written out.
-const FEW: usize = 4;
-/// Even stretches of a group are worth loops of their own where they are so long on average,
-const STRETCH: usize = 16;
-/// and so few.
-const STRETCHES: usize = 8;
-
-/// A group whose members go by so few lists of numbers at most is one for each list: numbers need no loads then.
-const LISTS: usize = 8;
-
 /// Watches numbers that have to be finite: 0 times each is added up.
 pub(super) struct Watch {
     memory: Memory,
@@ -94,9 +84,9 @@ pub(super) fn write(w: &mut Writer, watch: &mut Watch, cones: Vec<Cone>) {
     for mut group in groups {
         let parts = std::mem::take(&mut group[0].shape.0);
         group.sort_by_key(|c| c.to.base);
-        for group in by_numbers(group) {
+        for group in by_numbers(group, w.loops.number_lists) {
             let stretches = stretches(&group);
-            if stretches.len() <= 1 + (group.len() / STRETCH).min(STRETCHES) {
+            if stretches.len() <= 1 + (group.len() / w.loops.stretch).min(w.loops.stretches) {
                 let mut from = 0;
                 for n in stretches {
                     members(w, watch, &parts, &group[from..from + n]);
@@ -109,8 +99,8 @@ pub(super) fn write(w: &mut Writer, watch: &mut Watch, cones: Vec<Cone>) {
     }
 }
 
-/// A group by the numbers of its members, where these are few lists; else as it is.
-fn by_numbers(group: Vec<Cone>) -> Vec<Vec<Cone>> {
+/// A group by the numbers of its members, where these are at most so many lists; else as it is.
+fn by_numbers(group: Vec<Cone>, most: usize) -> Vec<Vec<Cone>> {
     let numbers = |c: &Cone| -> Vec<u64> {
         let of = |l: &Leaf| match l {
             Leaf::Number(x) => Some(x.to_bits()),
@@ -123,7 +113,7 @@ fn by_numbers(group: Vec<Cone>) -> Vec<Vec<Cone>> {
     for cone in &group {
         let next = known.len();
         let k = *known.entry(numbers(cone)).or_insert(next);
-        if k == LISTS {
+        if k == most {
             return vec![group];
         }
         which.push(k);
@@ -165,7 +155,7 @@ fn stretches(group: &[Cone]) -> Vec<usize> {
 
 /// Writes members of a group.
 fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], group: &[Cone]) {
-    if group.len() < FEW {
+    if group.len() < w.loops.members {
         for cone in group {
             let value = member(w, parts, &cone.to, |w, k| match cone.leaves[k] {
                 Leaf::Number(x) => w.number(x),

@@ -7,9 +7,6 @@ use crate::backend::lower::writer::{At, Writer, scratch};
 use bond_runtime::ir::{self, Binary, Op, SIDE_BY_SIDE};
 use rustc_hash::FxHashMap;
 
-/// Sums of so many terms are loops.
-pub(super) const SUM: usize = 16;
-
 /// A long sum: its last value, where its terms lie, in their order, and whether it is several side by side.
 pub(super) struct Sum {
     pub(super) end: ir::Value,
@@ -30,7 +27,11 @@ pub(super) enum Total {
 impl Total {
     /// Of a loop of so many turns, where the order does not matter.
     pub(super) fn of(w: &mut Writer, turns: usize, none: f64) -> Self {
-        if turns < SUM * SIDE_BY_SIDE { Self::One(w.starting(none)) } else { Self::side_by_side(w, turns, none) }
+        if turns < w.loops.sum_terms * SIDE_BY_SIDE {
+            Self::One(w.starting(none))
+        } else {
+            Self::side_by_side(w, turns, none)
+        }
     }
 
     fn side_by_side(w: &mut Writer, turns: usize, none: f64) -> Self {
@@ -107,7 +108,7 @@ impl Reroller<'_> {
             }
         }
         for v in 0..n {
-            if linked[v] || length[v] < SUM {
+            if linked[v] || length[v] < self.w.loops.sum_terms {
                 continue;
             }
             let end = ir::Value(v as u32);
@@ -174,7 +175,7 @@ impl Reroller<'_> {
         // So many terms each; the first ones may have one more.
         let least = *lengths.iter().min()?;
         let more = lengths.iter().take_while(|n| **n > least).count();
-        if (least + 1) * SIDE_BY_SIDE < SUM * SIDE_BY_SIDE {
+        if least + 1 < self.w.loops.sum_terms {
             return None;
         }
         let chains = parts.iter().enumerate().map(|(k, v)| self.chain(*v, if k < more { least + 1 } else { least }));
