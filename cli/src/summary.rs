@@ -22,7 +22,7 @@ impl Early {
     fn words(&self) -> &'static str {
         match self {
             Early::Failed(_) => "then the numerics failed",
-            Early::Asked(_) => "then it was asked to end",
+            Early::Asked(_) => "then it was interrupted",
         }
     }
 

@@ -297,7 +297,7 @@ fn energy_from_nothing_is_seen() {
     let grown = far.regions[0].modified.map_or(0.0, |m| m.grown_relative);
     assert!(grown > 0.1 && far.worst_step <= 1e-12, "{grown} and {}", far.worst_step);
     assert!(
-        !far.passive && far.reasons.iter().any(|r| r.contains("above the energy given to it")),
+        !far.passive && far.reasons.iter().any(|r| r.contains("above what it had been given")),
         "{:?}",
         far.reasons
     );

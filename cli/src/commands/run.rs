@@ -44,8 +44,8 @@ use std::time::Instant;
                   are kept in FILE.part until the table is written; after an interruption the same command continues.\nWith --error or --budget, the steppers that keep the balance (or the one of --method) are tried \
                   first and compared with a far more exact run; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
                   seconds, and for each column the path of an `input`, in SI units.\nTimes are in seconds or have a unit.\nA resumed run gives the same bits as an uninterrupted one, if both have the same rows and the same steps. \
-                  If neither --step nor --longest is given, some step lengths depend on --stop: steps of `exact` are a\n\
-                  thousandth of the run, and so is the first adaptive step. A resumed run keeps the lengths with which it began. \
+                  If neither --step nor --longest is given, some step lengths depend on --stop: those of `exact`, a\n\
+                  thousandth of the run, and the first adaptive one. A resumed run keeps the lengths with which it began. \
                   To resume a state that was saved with --error or --budget,\n\
                   give the --method that the summary names as chosen.\nCtrl-C (or TERM) ends a run at the next row: it writes its tables and, with --checkpoint, its state; exit \
                   status 130."

@@ -35,7 +35,11 @@ fn notes_are_made() {
     let shut = "model Shut { I:m { inertia = 1 kg; f0 = 1 m/s }  1:v -> m
         sampled at 100 Hz { active R:n = -0.3 N*s/m  C:k = 1 m/N  1:w -> n, k }  v ||> w  probe x = k.q }";
     let here = here.with("e.bond", shut).with("f.bond", shut.replace("Hz {", "Hz budget off {"));
-    here.bond(&["check", "e.bond"]).is(0, &[], &["note: the energy budget of the sampled region of `n` lets out"]);
+    here.bond(&["check", "e.bond"]).is(
+        0,
+        &[],
+        &["note: the energy budget of the sampled region of `n` gives out only"],
+    );
     assert!(!here.bond(&["check", "f.bond"]).is(0, &[], &[]).err.contains("note"));
     // A double pendulum whose strokes ask for the sideways speeds of its masses, not for its joints' turning.
     let arm = "model Arm { C:q1 { H = 0; q0 = 1.2 rad }  C:q2 { H = 0; q0 = 2 rad }  1:w1 -> q1  1:w2 -> q2

@@ -126,7 +126,7 @@ fn a_start_far_from_rest_is_told() {
     let start = ["at t = 0 s, the step of `n`", "start it nearer to its equilibrium"];
     here.bond(&["run", "charged.bond", "--tolerance", "1e-6", "--set", "q0=10 uC"]).is(0, &["passive     yes"], &[]);
     here.bond(&["run", "charged.bond", "--tolerance", "1e-6"]).is(3, &[], &start);
-    let words = [&["cannot be told", "adaptive steps fail"][..], &start].concat();
+    let words = [&["cannot be measured", "adaptive steps fail"][..], &start].concat();
     here.bond(&["run", "charged.bond", "--error", "1e-5"]).is(3, &[], &words);
 }
 

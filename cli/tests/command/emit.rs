@@ -126,8 +126,8 @@ fn files_go_where_they_are_told() {
     std::fs::remove_dir(here.0.join("q.c")).unwrap();
     let wrong: [(&[&str], &str); 7] = [
         (&["-o", "-"], "does not go to standard output: give a name with -o"),
-        (&["-o", "wall"], "name it `.c`, as in wall.c"),
-        (&["-o", "wall.h"], "name it `.c`"),
+        (&["-o", "wall"], "name it wall.c"),
+        (&["-o", "wall.h"], "name it wall.h.c"),
         (&["-o", "nowhere/wall.c"], "cannot write nowhere/wall.h"),
         (&["-o", "a\"b.c"], "no C compiler finds a header of that name"),
         (&["--prefix", "1x"], "--prefix 1x: it must be a name in C"),

@@ -121,7 +121,7 @@ fn a_unit_has_all_that_tools_look_for() {
     assert!(
         std::fs::read(here.0.join("my wall.fmu")).unwrap() == std::fs::read(here.0.join("other/my wall.fmu")).unwrap()
     );
-    build("wall.zip").is(2, &[], &["name it `.fmu`"]);
+    build("wall.zip").is(2, &[], &["name it wall.zip.fmu"]);
     build("-").is(2, &[], &["give a name with -o"]);
     here.bond(&["build", file.to_str().unwrap(), "--emit", "fmu", "--prefix", "x"]).is(2, &[], &["--prefix is for"]);
 }

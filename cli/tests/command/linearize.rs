@@ -68,7 +68,7 @@ fn poles_and_response_as_tables() {
 #[test]
 fn what_is_wrong_is_told() {
     let here = Folder::new().with("a.bond", OSCILLATOR);
-    here.bond(&["linearize", "a.bond", "--at", "1kg"]).is(2, &[], &["no time"]);
+    here.bond(&["linearize", "a.bond", "--at", "1kg"]).is(2, &[], &["not a time"]);
     here.bond(&["linearize", "a.bond", "--at=-1"]).is(2, &[], &["starts at 0"]);
     here.bond(&["linearize", "none.bond"]).is(2, &[], &["cannot read none.bond"]);
 }

@@ -21,8 +21,8 @@ fn the_new_model_runs() {
 #[test]
 fn nothing_is_overwritten() {
     let here = Folder::new().with("wall/mine.txt", "mine").with("file", "mine");
-    here.bond(&["new", "wall"]).is(2, &[], &["is there already"]);
-    here.bond(&["new", "file"]).is(2, &[], &["is there already"]);
+    here.bond(&["new", "wall"]).is(2, &[], &["exists already"]);
+    here.bond(&["new", "file"]).is(2, &[], &["exists already"]);
     assert_eq!(here.read("wall/mine.txt"), "mine");
     assert_eq!(here.list(), ["file", "wall"]);
 }

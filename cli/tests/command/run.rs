@@ -374,7 +374,7 @@ fn a_run_that_is_asked_to_end_before_it_began() {
     assert!(std::process::Command::new("mkfifo").arg(here.0.join("u.csv")).status().unwrap().success());
     let args = ["run", "a.bond", "--budget", "1ms", "--input", "u.csv"];
     let Some((status, out, err)) = asked_to_end(&here, &args, "a.bond", [300, 0]) else { return };
-    assert!(status == Some(130) && out.is_empty() && err.contains("asked to end"), "{status:?} {out} {err}");
+    assert!(status == Some(130) && out.is_empty() && err.contains("interrupted"), "{status:?} {out} {err}");
 }
 
 #[cfg(target_os = "linux")]
@@ -387,8 +387,8 @@ fn a_run_that_is_asked_to_end_keeps_what_it_has() {
     // Twice at once is once: `timeout` does so.
     let Some((status, out, err)) = asked_to_end(&here, &long, "l.csv", [200, 0]) else { return };
     assert_eq!(status, Some(130), "{err}");
-    assert!(out.contains("of 1e6 s, then it was asked to end") && out.contains("at the end"), "{out}");
-    assert!(err.contains("asked to end") && err.contains("s has the state at "), "{err}");
+    assert!(out.contains("of 1e6 s, then it was interrupted") && out.contains("at the end"), "{out}");
+    assert!(err.contains("interrupted") && err.contains("s has the state at "), "{err}");
     assert_eq!(here.list(), ["a.bond", "a.csv", "l.csv", "s"]);
     let (_, first) = table(&here.read("a.csv"));
     let end = first.last().unwrap()[0];
@@ -627,7 +627,7 @@ fn wrong_tables_are_refused_with_their_line() {
         ("", "a.csv:1: the table is empty"),
         ("time,u\n0,1\n", "a.csv:1: there is no column `t`"),
         ("t,v\n0,1\n", "a.csv:1: the model has no input `v`; its inputs are u, w"),
-        ("t,u\n0,1\n2,x\n", "a.csv:3: `x` in the column `u` is no number"),
+        ("t,u\n0,1\n2,x\n", "a.csv:3: `x` in the column `u` is not a number"),
         ("t,u\n0,1\n0,2\n", "a.csv:3: the time 0 s is not after 0 s"),
         ("t,u\n0,1,2\n", "a.csv:2: this row has 3 numbers for the 2 columns of the header"),
         ("t,u\n", "a.csv:1: there are no rows"),

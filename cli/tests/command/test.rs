@@ -8,7 +8,7 @@ fn expectations_are_checked() {
     let here = Folder::new().with("a.bond", strict);
     here.bond(&["test", "a.bond"]).is(
         1,
-        &["1 passed, 2 failed", "FAIL", "measured max 0.1", "measured 0.1, off by 0.1"],
+        &["1 passed, 2 failed", "FAIL", "measured max 0.1", "measured 0.1, deviation 0.1"],
         &[],
     );
     here.fed(&["test", "-"], OSCILLATOR).is(0, &["3 passed"], &[]);

@@ -259,14 +259,14 @@ impl Simulation<'_> {
             }
             if let Some(m) = region.modified.filter(|m| m.grown_relative > GROWN) {
                 reasons.push(format!(
-                    "H of `{}` was {:.3e} J above the energy given to it, {:.1e} of its stored energy until then: \
+                    "H of `{}` was {:.3e} J above what it had been given, {:.1e} of what it had held until then: \
                     shorter steps keep it near the modified energy",
                     region.name, m.grown, m.grown_relative
                 ));
             }
             if owed > OWED {
                 reasons.push(format!(
-                    "`{}` gave out up to {:.3e} J more than it and its tank stored",
+                    "`{}` gave out up to {:.3e} J more than it stored and its tank held",
                     region.name, region.debt_max
                 ));
             }
