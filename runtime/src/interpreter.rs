@@ -11,6 +11,7 @@ use crate::ir::Program;
 use crate::kernel::{Backend, Failure, Kernel, Workspace};
 use crate::solve::{linear, newton};
 use code::Code;
+use std::cell::Cell;
 use std::ops::Range;
 
 /// A program as code for the machine in this file.
@@ -180,11 +181,17 @@ impl Machine<'_> {
         gather(&mut scratch.weight, &shape.weight, &self.work.registers);
         gather(&mut scratch.scale, &shape.scale, &self.work.registers);
         gather(&mut scratch.cold, &shape.cold, &self.work.registers);
-        let mut small = std::mem::take(&mut scratch.small);
-        gather(&mut small, &shape.small, &self.work.registers);
+        gather(&mut scratch.small, &shape.small, &self.work.registers);
+        let places = plan.unknowns..plan.unknowns + plan.method.n;
+        scratch.unknowns.copy_from_slice(&self.work.local[places.clone()]);
+        let small = std::mem::take(&mut scratch.small);
         let mut count = 0;
-        let mut body = Body { machine: self, shape, plan, small: &small };
+        let mut body = Body { machine: self, shape, unknowns: places.clone(), small: &small };
         let result = newton::solve(plan, &mut scratch, &mut count, &mut body);
+        self.work.local[places].copy_from_slice(&scratch.unknowns);
+        if let Some(first) = plan.rounding {
+            self.work.local[first..first + plan.method.n].copy_from_slice(&scratch.rounding);
+        }
         scratch.small = small;
         self.work.newtons[k] = scratch;
         self.work.newton_iterations += count;
@@ -202,43 +209,36 @@ impl Machine<'_> {
 struct Body<'a, 'b> {
     machine: &'a mut Machine<'b>,
     shape: &'a Loop,
-    plan: &'a newton::Plan,
+    /// Where the body reads the unknowns.
+    unknowns: Range<usize>,
     /// See [`crate::ir::Newton::small`].
     small: &'a [f64],
 }
 
 impl newton::System for Body<'_, '_> {
-    fn evaluate(&mut self, residual: &mut [f64], jacobian: &mut [f64]) -> Result<(), Failure> {
-        self.machine.run(self.shape.body.clone())?;
+    fn evaluate(
+        &mut self,
+        unknowns: &[Cell<f64>],
+        residual: &mut [f64],
+        jacobian: &mut [f64],
+        coarse: bool,
+    ) -> Result<(), Failure> {
+        let slots = &mut self.machine.work.local[self.unknowns.clone()];
+        slots.iter_mut().zip(unknowns).for_each(|(slot, u)| *slot = u.get());
+        if coarse {
+            for k in &self.shape.small {
+                self.machine.work.registers[*k as usize] = -0.0;
+            }
+        }
+        let result = self.machine.run(self.shape.body.clone());
         gather(residual, &self.shape.residual, &self.machine.work.registers);
         gather(jacobian, &self.shape.jacobian, &self.machine.work.registers);
-        Ok(())
-    }
-
-    fn coarse(&mut self, residual: &mut [f64], jacobian: &mut [f64]) -> Result<bool, Failure> {
-        for k in &self.shape.small {
-            self.machine.work.registers[*k as usize] = -0.0;
-        }
-        let result = self.evaluate(residual, jacobian);
-        for (k, x) in self.shape.small.iter().zip(self.small) {
-            self.machine.work.registers[*k as usize] = *x;
-        }
-        result.map(|()| !self.small.is_empty())
-    }
-
-    fn pairs(&mut self) -> (&mut [f64], &mut [f64]) {
-        let (local, n, unknowns) = (&mut self.machine.work.local, self.plan.n, self.plan.unknowns);
-        match self.plan.rests {
-            None => (&mut local[unknowns..unknowns + n], &mut []),
-            Some(rests) if rests < unknowns => {
-                let (before, from) = local.split_at_mut(unknowns);
-                (&mut from[..n], &mut before[rests..rests + n])
-            }
-            Some(rests) => {
-                let (before, from) = local.split_at_mut(rests);
-                (&mut before[unknowns..unknowns + n], &mut from[..n])
+        if coarse {
+            for (k, x) in self.shape.small.iter().zip(self.small) {
+                self.machine.work.registers[*k as usize] = *x;
             }
         }
+        result
     }
 }
 

@@ -107,6 +107,7 @@ pub mod ir;
 pub mod kernel;
 pub mod ledger;
 pub mod machine;
+pub mod options;
 pub mod scene;
 pub mod simulate;
 pub mod solve;

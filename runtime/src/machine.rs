@@ -14,7 +14,7 @@ use crate::eval;
 use crate::ir::{Binary, Unary};
 use crate::kernel::Failure;
 use std::cell::Cell;
-use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Range, Sub};
 
 /// How code ends that may leave what is around it.
 pub type Flow = Result<(), Exit>;
@@ -149,6 +149,21 @@ pub trait Machine: Copy {
 
     /// Whether all numbers of a vector are known to be positive and finite, before anything runs.
     fn is_positive(self, vector: &Self::Vector) -> bool;
+
+    /// Does something with that of some numbers which is equal to `which`, if one is.
+    fn chosen(self, which: Self::Number, of: Range<usize>, mut body: impl FnMut(usize)) {
+        for i in of {
+            self.only(which.equals(self.number(i as f64)), || body(i));
+        }
+    }
+
+    /// Takes numbers of a vector times a factor off others of it: so many from two places on.
+    fn take_off(self, vector: &Self::Vector, (to, from): (usize, usize), count: usize, factor: Self::Number) {
+        for k in 0..count {
+            let (to, from) = (self.place(to + k), self.place(from + k));
+            self.put(vector, to, self.at(vector, to) - factor * self.at(vector, from));
+        }
+    }
 
     /// A variable that is this now.
     fn holding(self, x: Self::Number) -> Self::Variable {
@@ -323,6 +338,19 @@ impl<'a> Machine for Real<'a> {
     #[inline(always)]
     fn all(self, n: usize, condition: impl FnMut(usize) -> bool) -> bool {
         (0..n).all(condition)
+    }
+
+    #[inline(always)]
+    fn chosen(self, which: f64, of: Range<usize>, mut body: impl FnMut(usize)) {
+        if of.contains(&(which as usize)) {
+            body(which as usize);
+        }
+    }
+
+    #[inline(always)]
+    fn take_off(self, vector: &&'a [Cell<f64>], (to, from): (usize, usize), count: usize, factor: f64) {
+        let pairs = vector[to..to + count].iter().zip(&vector[from..from + count]);
+        pairs.for_each(|(x, u)| x.set(x.get() - factor * u.get()));
     }
 
     #[inline(always)]

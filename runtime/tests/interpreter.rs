@@ -1,7 +1,7 @@
 //! The interpreter against a direct reading of the program, and what it promises of its runs.
 
 use bond_runtime::ir::{Array, Binary, Builder, Inst, Newton, Program, Slot, Unary, Value};
-use bond_runtime::solve::quick::ROUNDING;
+use bond_runtime::options::NewtonOptions;
 use bond_runtime::{Failure, Interpreter, Kernel};
 
 /// `n[0] = sqrt(x[0])` by Newton's method, from 1.
@@ -21,7 +21,7 @@ fn root(flag: bool) -> Program {
     let j = b.mul(two, v);
     b.close(Newton {
         unknowns: u.index,
-        rests: None,
+        rounding: None,
         body: Vec::new(),
         residual: vec![r],
         jacobian: vec![(0, 0, j)],
@@ -29,12 +29,12 @@ fn root(flag: bool) -> Program {
         scale: vec![one],
         cold: Vec::new(),
         small: Vec::new(),
-        bends: Vec::new(),
+        knees: Vec::new(),
         limit: 50,
         update: Vec::new(),
-        left: ROUNDING,
+        left: NewtonOptions::DEFAULT.rounding,
         affine: false,
-        open: false,
+        undetermined: false,
         corners: false,
         flag: flag.then_some(flag_slot),
     });
@@ -64,7 +64,7 @@ fn rests_are_what_the_residual_tells() {
         let r = b.sub(off, z);
         b.close(Newton {
             unknowns: u.index,
-            rests: Some(rest.index),
+            rounding: Some(rest.index),
             body: Vec::new(),
             residual: vec![r],
             jacobian: vec![(0, 0, one)],
@@ -72,12 +72,12 @@ fn rests_are_what_the_residual_tells() {
             scale: vec![one],
             cold: vec![x],
             small: if small { vec![z] } else { Vec::new() },
-            bends: Vec::new(),
+            knees: Vec::new(),
             limit: 50,
             update: Vec::new(),
-            left: ROUNDING,
+            left: NewtonOptions::DEFAULT.rounding,
             affine: false,
-            open: false,
+            undetermined: false,
             corners: false,
             flag: None,
         });
@@ -123,7 +123,7 @@ fn iterations_nest() {
     let (one, two, six) = (b.number(1.0), b.number(2.0), b.number(6.0));
     let shape = |u: Slot, r: Value, j: Value| Newton {
         unknowns: u.index,
-        rests: None,
+        rounding: None,
         body: Vec::new(),
         residual: vec![r],
         jacobian: vec![(0, 0, j)],
@@ -131,12 +131,12 @@ fn iterations_nest() {
         scale: vec![one],
         cold: Vec::new(),
         small: Vec::new(),
-        bends: Vec::new(),
+        knees: Vec::new(),
         limit: 50,
         update: Vec::new(),
-        left: ROUNDING,
+        left: NewtonOptions::DEFAULT.rounding,
         affine: false,
-        open: false,
+        undetermined: false,
         corners: false,
         flag: None,
     };

@@ -41,7 +41,7 @@ fn ladder(n: usize) -> Program {
     }
     b.close(Newton {
         unknowns: unknowns.index,
-        rests: None,
+        rounding: None,
         body: Vec::new(),
         residual,
         jacobian,
@@ -49,12 +49,12 @@ fn ladder(n: usize) -> Program {
         scale: vec![one; n],
         cold: Vec::new(),
         small: Vec::new(),
-        bends: Vec::new(),
+        knees: Vec::new(),
         limit: 50,
         update: Vec::new(),
         left: 0.0,
         affine: false,
-        open: false,
+        undetermined: false,
         corners: false,
         flag: None,
     });

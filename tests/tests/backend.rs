@@ -7,12 +7,12 @@ use bond_compiler::backend::code::Stmt;
 use bond_compiler::backend::native::{JIT, Jit, Shared};
 use bond_compiler::backend::{lower, unit};
 use bond_runtime::interpreter::Interpret;
-use bond_runtime::ir::{Array, Bend, Binary, Builder, Newton, Program, Slot, Unary, Value};
+use bond_runtime::ir::{Array, Binary, Builder, Knee, Newton, Program, Slot, Unary, Value};
 use bond_runtime::kernel::{Backend, Failure, Kernel};
+use bond_runtime::options::NewtonOptions;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{self, Maker, Places, Start, Stretch};
-use bond_runtime::solve::newton::BENT;
-use bond_runtime::solve::quick::ROUNDING;
+use bond_runtime::solve::newton::MAX_KNEES;
 use proptest::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -465,15 +465,15 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         jacobian.retain(|t| t.0 as usize != n - 1);
         jacobian.extend(same);
     }
-    let bend = |p: &(u8, u8, u8, u8)| Bend {
+    let knee = |p: &(u8, u8, u8, u8)| Knee {
         unknown: u32::from(p.1) % n as u32,
         knee: (f64::from(p.2) - 128.0) / 64.0,
         rate: (f64::from(p.3) - 127.5) / 8.0,
     };
-    let bends = if n <= BENT { picks.iter().take(picks.len() % 4).map(bend).collect() } else { Vec::new() };
+    let knees = if n <= MAX_KNEES { picks.iter().take(picks.len() % 4).map(knee).collect() } else { Vec::new() };
     b.close(Newton {
         unknowns: unknowns.index,
-        rests: rests.map(|r| r.index),
+        rounding: rests.map(|r| r.index),
         body: Vec::new(),
         residual,
         jacobian: if own { Vec::new() } else { jacobian },
@@ -481,18 +481,18 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         scale: if weight { vec![small; n] } else { scales },
         cold: Vec::new(),
         small: if picks.len().is_multiple_of(3) { vec![pool[1]] } else { Vec::new() },
-        bends,
+        knees,
         limit: 40,
         update: if own { update } else { Vec::new() },
         left: if own {
             1e-18
         } else if weight {
-            ROUNDING
+            NewtonOptions::DEFAULT.rounding
         } else {
             1e-20
         },
         affine: false,
-        open,
+        undetermined: open,
         corners: !own && picks.len() % 4 == 1,
         flag: Some(flag),
     });

@@ -222,6 +222,38 @@ impl Cond {
     }
 }
 
+impl std::ops::Not for Cond {
+    type Output = Cond;
+
+    fn not(self) -> Cond {
+        Cond::not(self)
+    }
+}
+
+impl std::ops::BitAnd for Cond {
+    type Output = Cond;
+
+    fn bitand(self, other: Cond) -> Cond {
+        let parts = |c| match c {
+            Cond::All(list) => list,
+            c => vec![c],
+        };
+        Cond::all(parts(self).into_iter().chain(parts(other)))
+    }
+}
+
+impl std::ops::BitOr for Cond {
+    type Output = Cond;
+
+    fn bitor(self, other: Cond) -> Cond {
+        let parts = |c| match c {
+            Cond::Any(list) => list,
+            c => vec![c],
+        };
+        Cond::any(parts(self).into_iter().chain(parts(other)))
+    }
+}
+
 /// One statement.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Stmt {

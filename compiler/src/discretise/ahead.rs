@@ -14,7 +14,7 @@ use super::write::{self, System};
 use crate::model::Model;
 use crate::structure::Form;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
-use bond_runtime::solve::quick::UNKNOWNS;
+use bond_runtime::solve::chord::MAX_UNKNOWNS;
 
 /// Over so many lengths of the last step its change is carried on.
 const REACH: f64 = 2.5;
@@ -27,7 +27,7 @@ const FAR: f64 = 0.6;
 /// exponentials start at what follows from them. None where its equations are linear, or too many.
 pub(super) fn foretold(c: &Cluster, model: &mut Model, form: &Form) -> Vec<usize> {
     let n = c.states.len();
-    if n == 0 || n + c.loops.len() > UNKNOWNS {
+    if n == 0 || n + c.loops.len() > MAX_UNKNOWNS {
         return Vec::new();
     }
     let pool = &mut model.pool;

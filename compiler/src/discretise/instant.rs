@@ -10,7 +10,7 @@ use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Program, Slot, Unary, Value};
-use bond_runtime::solve::quick::RANGE;
+use bond_runtime::options::NewtonOptions;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// How strongly the parameter of a curve is held to what the step found, against what the instant tells.
@@ -211,7 +211,7 @@ impl Root<'_> {
             let part = b.unary(Unary::Sqrt, part);
             size = b.mul(size, part);
         }
-        let most = b.number(RANGE);
+        let most = b.number(NewtonOptions::DEFAULT.chord.range);
         let told = b.binary(Binary::Lt, size, most);
         size = b.select(told, size, zero);
         let guess = self.guesses[self.i];

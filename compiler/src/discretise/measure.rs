@@ -9,7 +9,7 @@ use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Binary, Builder, Slot, Unary, Value};
-use bond_runtime::solve::quick::RANGE;
+use bond_runtime::options::NewtonOptions;
 use rustc_hash::FxHashMap;
 
 /// |d2H/dx2| of each state, the weights of an iteration.
@@ -440,7 +440,7 @@ pub(super) fn scales(
         };
         let more = if forward { b.mul(given, slope) } else { b.div(given, slope) };
         // Where a law rises like a root its slope says nothing.
-        let (most, none) = (b.number(RANGE), b.number(0.0));
+        let (most, none) = (b.number(NewtonOptions::DEFAULT.chord.range), b.number(0.0));
         let told = b.binary(Binary::Lt, more, most);
         let more = b.select(told, more, none);
         scales.push(b.add(size, more));

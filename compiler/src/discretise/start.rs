@@ -9,7 +9,7 @@ use crate::expression::{Expr, Symbol};
 use crate::model::{Model, Signal};
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::solve::newton::STALLS;
+use bond_runtime::options::NewtonOptions;
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::FxHashMap;
 
@@ -91,7 +91,7 @@ impl System<'_> {
             let beside = d.iter().zip(z.iter()).filter(|(d, _)| **d != 0.0).map(|(d, z)| (d / z).abs());
             let step = beside.fold(0.0, f64::max);
             (least, stalls) = if step < 0.5 * least { (step, 0) } else { (least, stalls + 1) };
-            if told && stalls >= STALLS && step <= 1e-9 && self.isolated(z) {
+            if told && stalls >= NewtonOptions::DEFAULT.stalls && step <= 1e-9 && self.isolated(z) {
                 // What is left of an unknown may be no more than the rounding of what it is a difference of.
                 return true;
             }

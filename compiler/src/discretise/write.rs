@@ -8,10 +8,10 @@ use crate::expression::{Below, Expr, Lowering, Node, Number, Pool, Symbol};
 use crate::model::{Model, Variable};
 use crate::structure::{Bends, ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{self, Array, Bend, Builder, Newton, Slot, Unary, Value};
+use bond_runtime::ir::{self, Array, Builder, Knee, Newton, Slot, Unary, Value};
+use bond_runtime::options::NewtonOptions;
 use bond_runtime::scene::{Entries, GIVEN};
-use bond_runtime::solve::newton::BENT;
-use bond_runtime::solve::quick::ROUNDING;
+use bond_runtime::solve::newton::MAX_KNEES;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// The values that a program starts from.
@@ -384,18 +384,18 @@ fn iterate(
         return Ok(FxHashMap::default());
     }
     let rests = (system.rests && !affine).then(|| b.slots(Array::Local, n));
-    let bends = if n <= BENT { bends(&system) } else { Vec::new() };
+    let knees = if n <= MAX_KNEES { knees(&system) } else { Vec::new() };
     // An argument near 0 is told no better than to the rounding of the exponential, which is 1 there.
-    for bend in &bends {
-        let one = b.number(1.0 / bend.rate.abs());
-        let scale = &mut system.scale[bend.unknown as usize];
+    for knee in &knees {
+        let one = b.number(1.0 / knee.rate.abs());
+        let scale = &mut system.scale[knee.unknown as usize];
         *scale = b.add(*scale, one);
     }
     for list in [&mut system.start, &mut cold] {
-        for bend in &bends {
-            let Some(x) = list.get_mut(bend.unknown as usize) else { continue };
-            let most = b.number(bend.knee + STEEP / bend.rate);
-            *x = b.binary(if bend.rate > 0.0 { ir::Binary::Min } else { ir::Binary::Max }, *x, most);
+        for knee in &knees {
+            let Some(x) = list.get_mut(knee.unknown as usize) else { continue };
+            let most = b.number(knee.knee + STEEP / knee.rate);
+            *x = b.binary(if knee.rate > 0.0 { ir::Binary::Min } else { ir::Binary::Max }, *x, most);
         }
     }
     for (i, v) in system.start.iter().enumerate() {
@@ -441,20 +441,20 @@ fn iterate(
     }
     b.close(Newton {
         unknowns: slots.index,
-        rests: rests.map(|r| r.index),
+        rounding: rests.map(|r| r.index),
         body: Vec::new(),
         residual,
         jacobian: entries,
         update: Vec::new(),
-        left: system.left.unwrap_or(ROUNDING),
+        left: system.left.unwrap_or(NewtonOptions::DEFAULT.rounding),
         weight: system.weight,
         scale: system.scale,
         cold,
         small: system.small,
-        bends,
+        knees,
         limit: 200,
         affine,
-        open: system.open && !affine,
+        undetermined: system.open && !affine,
         corners: system.corners && !affine,
         flag: system.flag,
     });
@@ -472,13 +472,13 @@ pub(super) fn taken(b: &mut Builder, unknowns: &[Symbol], rests: Option<Slot>) -
     unknowns.iter().enumerate().map(|(i, s)| (*s, b.load(slot(i)))).collect()
 }
 
-/// The bends of a system's unknowns, by their numbers.
-fn bends(system: &System) -> Vec<Bend> {
+/// The knees of a system's unknowns, by their numbers.
+fn knees(system: &System) -> Vec<Knee> {
     let place = |s: Symbol| system.unknowns.iter().position(|u| *u == s);
     let sides = |(s, b): &(Symbol, Bends)| {
         let unknown = place(*s).map(|i| i as u32);
         let all = unknown.into_iter().flat_map(|unknown| {
-            let one = move |(knee, rate)| Bend { unknown, knee, rate };
+            let one = move |(knee, rate)| Knee { unknown, knee, rate };
             [b.above, b.below].into_iter().flatten().map(one)
         });
         all.collect::<Vec<_>>()

@@ -254,8 +254,8 @@ impl Builder {
         let flag = newton.flag;
         newton.body = body;
         self.forget(Array::Local, first, n);
-        if let Some(rests) = newton.rests {
-            self.forget(Array::Local, rests, n);
+        if let Some(rounding) = newton.rounding {
+            self.forget(Array::Local, rounding, n);
         }
         if let Some(f) = flag {
             self.forget(f.array, f.index, 1);

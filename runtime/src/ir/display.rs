@@ -109,7 +109,7 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     if newton.affine {
         write!(f, " affine")?;
     }
-    if newton.open {
+    if newton.undetermined {
         write!(f, " open")?;
     }
     if newton.corners {
@@ -118,7 +118,7 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     if !newton.update.is_empty() {
         write!(f, " left {:e}", newton.left)?;
     }
-    if let Some(index) = newton.rests {
+    if let Some(index) = newton.rounding {
         write!(f, " rests {}", Slot { array: Array::Local, index })?;
     }
     if let Some(flag) = newton.flag {
@@ -144,7 +144,7 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
     for x in &newton.small {
         writeln!(f, "{indent}  small {x}")?;
     }
-    for b in &newton.bends {
+    for b in &newton.knees {
         writeln!(f, "{indent}  bend[{}] from {:?} by {:?}", b.unknown, b.knee, b.rate)?;
     }
     Ok(())
@@ -174,7 +174,7 @@ mod tests {
         let r = b.sub(u, one);
         b.close(Newton {
             unknowns: w.index,
-            rests: None,
+            rounding: None,
             body: Vec::new(),
             residual: vec![r],
             jacobian: vec![(0, 0, one)],
@@ -182,12 +182,12 @@ mod tests {
             scale: vec![v],
             cold: Vec::new(),
             small: Vec::new(),
-            bends: Vec::new(),
+            knees: Vec::new(),
             limit: 9,
             update: Vec::new(),
             left: 0.0,
             affine: false,
-            open: false,
+            undetermined: false,
             corners: false,
             flag: Some(flag),
         });

@@ -224,7 +224,7 @@ pub struct Newton {
     pub unknowns: u32,
     /// First slot, in `Local`, of what rounding took from each unknown in the update made last (see
     /// [`newton`](crate::solve::newton)), where that is asked for; of affine residuals it is not.
-    pub rests: Option<u32>,
+    pub rounding: Option<u32>,
     /// Instructions that compute residual and Jacobian.
     #[serde(deserialize_with = "nested")]
     pub body: Vec<Inst>,
@@ -235,29 +235,29 @@ pub struct Newton {
     /// The update itself, one value an unknown, where the body solves with a matrix of its own that is near the
     /// Jacobian (a simplified Newton method); then there is no `jacobian`. Empty else.
     pub update: Vec<Value>,
-    /// The part of the unknowns that the iteration may leave; [`ROUNDING`](crate::solve::quick::ROUNDING) of what
+    /// The part of the unknowns that the iteration may leave; [`NewtonOptions::rounding`](crate::options::NewtonOptions::rounding) of what
     /// nobody adds up.
     pub left: f64,
     /// One an unknown: energy per square of the unknown; 0 where nothing is known.
     pub weight: Vec<Value>,
     /// One an unknown: size against which a relative change is measured besides the unknown itself.
     pub scale: Vec<Value>,
-    /// Where the unknowns start is foretold, and this, one value an unknown, is where else: what was foretold then
+    /// Where the start of the unknowns is predicted, this is another one, one value per unknown: what was predicted then
     /// never decides whether there is a solution. Empty else.
     pub cold: Vec<Value>,
     /// Values from before the iteration that are next to nothing beside what its body adds them to, as what rounding took
     /// from states: an iteration that begins with two updates has -0 for them in the first, which then does not wait for
     /// them.
     pub small: Vec<Value>,
-    /// Unknowns that exponentials are of, and beyond where these grow; up to [`BENT`](crate::solve::newton::BENT)
-    /// unknowns.
-    pub bends: Vec<Bend>,
+    /// Unknowns that appear as exponents, with the knees beyond which the exponentials dominate; of up to
+    /// [`MAX_KNEES`](crate::solve::newton::MAX_KNEES) unknowns.
+    pub knees: Vec<Knee>,
     /// Iterations at most.
     pub limit: u32,
     /// Whether the residual is affine in the unknowns: the first update is the solution.
     pub affine: bool,
-    /// Whether laws that hold at once may leave open how they share the load, as frictions on both sides of a gear.
-    pub open: bool,
+    /// Whether laws that hold at once may leave undetermined how they share the load, as frictions on both sides of a gear.
+    pub undetermined: bool,
     /// Whether laws have corners beyond which they are steeper by orders of magnitude: what an update leaves that was to
     /// be the last is looked at, since it may have passed one.
     pub corners: bool,
@@ -309,7 +309,7 @@ impl Newton {
 
 /// An exponential of an unknown of an iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Bend {
+pub struct Knee {
     /// The number of the unknown.
     pub unknown: u32,
     /// Where the exponential is 1.
@@ -392,7 +392,7 @@ mod tests {
         let poles = |body: Vec<Inst>| {
             let newton = Newton {
                 unknowns: 0,
-                rests: None,
+                rounding: None,
                 body,
                 residual: vec![Value(3)],
                 jacobian: vec![(0, 0, Value(3))],
@@ -402,10 +402,10 @@ mod tests {
                 scale: vec![Value(0)],
                 cold: Vec::new(),
                 small: Vec::new(),
-                bends: Vec::new(),
+                knees: Vec::new(),
                 limit: 200,
                 affine: false,
-                open: false,
+                undetermined: false,
                 corners: false,
                 flag: None,
             };

@@ -1,7 +1,7 @@
 //! Checks that a program means something.
 
-use super::{Array, Bend, Inst, Newton, Op, Program, Slot, Solve, Value};
-use crate::solve::newton::BENT;
+use super::{Array, Inst, Knee, Newton, Op, Program, Slot, Solve, Value};
+use crate::solve::newton::MAX_KNEES;
 use thiserror::Error;
 
 /// What is wrong with a program. Such a program is a mistake of whoever made it, never of a user.
@@ -130,11 +130,12 @@ impl Check<'_> {
         }
         let size = n as u32;
         self.unknowns(first, size, newton.flag)?;
-        if let Some(rests) = newton.rests {
-            let rests = Slot { array: Array::Local, index: rests };
-            self.write(rests, size)?;
-            apart(rests, size, first, size)?;
-            if newton.affine || newton.flag.is_some_and(|f| (rests.index..rests.index + size).contains(&f.index)) {
+        if let Some(rounding) = newton.rounding {
+            let rounding = Slot { array: Array::Local, index: rounding };
+            self.write(rounding, size)?;
+            apart(rounding, size, first, size)?;
+            if newton.affine || newton.flag.is_some_and(|f| (rounding.index..rounding.index + size).contains(&f.index))
+            {
                 return Err(Invalid::Lengths(first));
             }
         }
@@ -143,8 +144,8 @@ impl Check<'_> {
         if !own || ![0, n].contains(&newton.update.len()) || !(0.0..1.0).contains(&newton.left) {
             return Err(Invalid::Lengths(first));
         }
-        let sound = |b: &Bend| b.unknown < size && b.knee.is_finite() && b.rate.is_finite() && b.rate != 0.0;
-        if !newton.bends.iter().all(sound) || (!newton.bends.is_empty() && n > BENT) {
+        let sound = |b: &Knee| b.unknown < size && b.knee.is_finite() && b.rate.is_finite() && b.rate != 0.0;
+        if !newton.knees.iter().all(sound) || (!newton.knees.is_empty() && n > MAX_KNEES) {
             return Err(Invalid::Lengths(first));
         }
         matrix(first, size, &newton.jacobian)?;
@@ -293,7 +294,7 @@ mod tests {
         let j = b.mul(two, v);
         b.close(Newton {
             unknowns: u.index,
-            rests: None,
+            rounding: None,
             body: Vec::new(),
             residual: vec![r],
             jacobian: vec![(0, 0, j)],
@@ -301,12 +302,12 @@ mod tests {
             scale: vec![one],
             cold: Vec::new(),
             small: Vec::new(),
-            bends: Vec::new(),
+            knees: Vec::new(),
             limit: 50,
             update: Vec::new(),
             left: 0.0,
             affine: false,
-            open: false,
+            undetermined: false,
             corners: false,
             flag: None,
         });
@@ -377,7 +378,7 @@ mod tests {
         assert!(matches!(p.verify(), Err(Invalid::Lengths(_))));
         for (unknown, knee, rate) in [(9, 0.0, 1.0), (0, f64::NAN, 1.0), (0, 0.0, 0.0), (0, 0.0, f64::INFINITY)] {
             let mut p = root();
-            of_root(&mut p).bends.push(Bend { unknown, knee, rate });
+            of_root(&mut p).knees.push(Knee { unknown, knee, rate });
             assert!(matches!(p.verify(), Err(Invalid::Lengths(_))));
         }
         let mut p = root();

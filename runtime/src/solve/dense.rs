@@ -1,37 +1,12 @@
-//! Small and middling dense systems: Gauss' elimination with scaled partial pivoting.
-//!
-//! Back ends repeat [`solve`] operation by operation, so that all of them give the same bits: what is computed, and in
-//! which order, is said there.
+//! Small and middling dense systems: Gauss' elimination with scaled partial pivoting, for every [`Machine`].
 
-/// A pivot below this part of its column's largest entry before elimination is taken for 0.
-pub const TINY: f64 = 1e-16;
+use super::iteration::{SOLVED, UNDETERMINED};
+use crate::machine::{Flow, Machine, Number, Real, Variable, cells};
+use crate::options::LinearOptions;
+use std::cell::Cell;
 
-/// Where equations may leave unknowns open, so may a pivot up to this part be: rounding leaves that of none.
-pub const POOR: f64 = 1e-14;
-/// What equations that say the same may differ by, as a part of the terms of the right side: in an iteration on its way to
-/// rounding, which is in their last digits. What is left of them is told by the next update.
-pub const ALIKE: f64 = 1e-6;
-
-/// Two unknowns are solved by Cramer's rule where the determinant is above this part of the sum of its terms,
-pub const DIGITS: f64 = 1e-6;
-
-/// and within this range.
-pub const RANGE: (f64, f64) = (1e-200, 1e200);
-
-/// Solves `a x = b` in place: `a`, row-major, is destroyed; `b` becomes `x`. Says whether something was left open.
-///
-/// With `s_i = 1 / max_j |a_ij|` and `c_k = max_i |a_ik| s_i` of the matrix as it is given, for each column `k` in
-/// turn: the pivot is the first of the rows from `k` on whose `|a_ik| s_i` is largest, and there is none where that is
-/// at most [`TINY`] `c_k`; it is exchanged with row `k`; with `r_k = 1 / a_kk`, each later row loses `(a_ik r_k)` times
-/// row `k`. Then, from the last, `x_k = (b_k - a_k,k+1 x_k+1 - ...) r_k`, subtracted from left to right. One unknown is
-/// divided; for two see [`DIGITS`].
-///
-/// Where equations may leave unknowns `open`, as what two frictions on both sides of a gear hold each, a row of zeros, as
-/// of ideal diodes in a ring that all conduct, has `s_i = 0`; and where a pivot is at most [`POOR`] `c_k`, row `k` is
-/// exchanged with the first of the rows from `k` on of which least is left, `max_j>k |a_ij| s_i`, and `r_k = s_k`. It
-/// says what other rows said where what is left of it then, `b_k - a_k,k+1 x_k+1 - ...`, is at most [`ALIKE`] times the
-/// sum of `b_k` as it was given and what was taken off it, each by its size; so `x_k = 0`. Else all is done again, as
-/// where nothing may be open.
+/// Solves `a x = b` in place: `a`, row-major, is destroyed; `b` becomes `x`. Says whether something was left
+/// undetermined. It is [`eliminate`] on numbers.
 ///
 /// # Errors
 /// The row for which no pivot is found, counted in the order given. `x` may still be infinite or NaN where the matrix
@@ -39,145 +14,302 @@ pub const RANGE: (f64, f64) = (1e-200, 1e200);
 ///
 /// # Panics
 /// Where `a` is shorter than `n * n`, `b` or `scratch` shorter than `n`.
-pub fn solve(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch, open: bool) -> Result<bool, usize> {
-    if n == 1 {
-        if a[0] == 0.0 {
-            return Err(0);
-        }
-        b[0] /= a[0];
-        return Ok(false);
-    }
+pub fn solve(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch, undetermined: bool) -> Result<bool, usize> {
     let (a, b) = (&mut a[..n * n], &mut b[..n]);
-    if n == 2 && cramer(a, b) {
-        return Ok(false);
+    let Scratch { order, column, scale, inverse, parked, sums, matrix, right } = scratch;
+    if undetermined {
+        matrix.clear();
+        matrix.extend_from_slice(a);
+        right.clear();
+        right.extend_from_slice(b);
     }
-    if !open {
-        return eliminate(n, a, b, scratch, false).map(|_| false);
+    let places = Places {
+        matrix: cells(a),
+        right: cells(b),
+        given: undetermined.then(|| (cells(matrix), cells(right))),
+        column: cells(column),
+        scale: cells(scale),
+        inverse: cells(inverse),
+        order: cells(order),
+        parked: cells(parked),
+        sums: cells(sums),
+    };
+    let row = Cell::new(SOLVED);
+    eliminate(Real::new(), n, &places, &row, undetermined);
+    match row.get() {
+        SOLVED => Ok(false),
+        UNDETERMINED => Ok(true),
+        row => Err(row as usize),
     }
-    scratch.matrix.clear();
-    scratch.matrix.extend_from_slice(a);
-    scratch.right.clear();
-    scratch.right.extend_from_slice(b);
-    if let Some(left) = eliminate(n, a, b, scratch, true)? {
-        return Ok(left);
-    }
-    a.copy_from_slice(&scratch.matrix);
-    b.copy_from_slice(&scratch.right);
-    eliminate(n, a, b, scratch, false).map(|_| false)
 }
 
-/// Eliminates with pivots; None where what was taken for open is not.
-fn eliminate(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch, open: bool) -> Result<Option<bool>, usize> {
-    let mut left = false;
-    let (order, column) = (&mut scratch.order[..n], &mut scratch.column[..n]);
-    let (scale, inverse) = (&mut scratch.scale[..n], &mut scratch.inverse[..n]);
-    let (parked, told) = (&mut scratch.parked[..n], &mut scratch.told[..n]);
-    told.iter_mut().zip(b.iter()).for_each(|(t, b)| *t = b.abs());
-    column.fill(0.0);
-    for (i, row) in a.chunks_exact(n).enumerate() {
-        order[i] = i;
-        let largest = row.iter().fold(0.0f64, |m, x| larger(m, x.abs()));
-        if largest == 0.0 && !open {
-            return Err(i);
-        }
-        // A row that says nothing is never chosen.
-        scale[i] = if largest == 0.0 { 0.0 } else { 1.0 / largest };
-        for (x, c) in row.iter().zip(column.iter_mut()) {
-            *c = larger(*c, x.abs() * scale[i]);
-        }
-    }
-    for k in 0..n {
-        let (mut p, mut best) = (k, a[k * n + k].abs() * scale[k]);
-        for i in k + 1..n {
-            let size = a[i * n + k].abs() * scale[i];
-            if size > best {
-                (p, best) = (i, size);
-            }
-        }
-        parked[k] = open && best <= POOR * column[k];
-        left |= parked[k];
-        if parked[k] {
-            p = emptiest(n, k, a, scale);
-        } else if best <= TINY * column[k] {
-            return Err(order[k]);
-        }
-        let (upper, lower) = a.split_at_mut((k + 1) * n);
-        let pivot_row = &mut upper[k * n..];
-        if p > k {
-            let other = (p - k - 1) * n;
-            pivot_row[k..n].swap_with_slice(&mut lower[other + k..other + n]);
-            b.swap(k, p);
-            order.swap(k, p);
-            scale.swap(k, p);
-            told.swap(k, p);
-        }
-        inverse[k] = if parked[k] { scale[k] } else { 1.0 / pivot_row[k] };
-        let tail = &pivot_row[k + 1..n];
-        let bk = b[k];
-        for ((row, b), told) in lower.chunks_exact_mut(n).zip(b[k + 1..].iter_mut()).zip(&mut told[k + 1..]) {
-            let l = row[k] * inverse[k];
-            for (x, u) in row[k + 1..].iter_mut().zip(tail) {
-                *x -= l * u;
-            }
-            *b -= l * bk;
-            *told += (l * bk).abs();
-        }
-    }
-    for k in (0..n).rev() {
-        let row = &a[k * n..(k + 1) * n];
-        let rest = row[k + 1..].iter().zip(&b[k + 1..]).fold(b[k], |rest, (a, x)| rest - a * x);
-        b[k] = rest * inverse[k];
-        if parked[k] {
-            if rest.abs() > ALIKE * told[k] {
-                return Ok(None);
-            }
-            b[k] = 0.0;
-        }
-    }
-    Ok(Some(left))
+/// Where the numbers of an elimination of `n` unknowns are.
+pub struct Places<M: Machine> {
+    /// The matrix, row by row. It is destroyed.
+    pub matrix: M::Vector,
+    /// The right side, which becomes the solution.
+    pub right: M::Vector,
+    /// The same as they are given, to be copied there first; needed where something may be left undetermined.
+    pub given: Option<(M::Vector, M::Vector)>,
+    /// Room for the largest numbers of the columns.
+    pub column: M::Vector,
+    /// Room for one over those of the rows.
+    pub scale: M::Vector,
+    /// Room for one over the pivots.
+    pub inverse: M::Vector,
+    /// Room for the number of each row as it was given.
+    pub order: M::Vector,
+    /// Room for whether unknowns are left; used where something may be left undetermined, like the last.
+    pub parked: M::Vector,
+    /// Room for the sizes of what right sides are made of.
+    pub sums: M::Vector,
 }
 
-/// The first of the rows from `k` on of which least is left behind column `k`.
-fn emptiest(n: usize, k: usize, a: &[f64], scale: &[f64]) -> usize {
-    let left = |i: usize| a[i * n + k + 1..(i + 1) * n].iter().fold(0.0f64, |m, x| larger(m, x.abs())) * scale[i];
-    let (mut p, mut least) = (k, left(k));
-    for i in k + 1..n {
-        let other = left(i);
-        if other < least {
-            (p, least) = (i, other);
-        }
-    }
-    p
+/// Solves `a x = b`. `row` becomes [`SOLVED`], or [`UNDETERMINED`] where something was left so, or the row for which no
+/// pivot is found, counted in the order given.
+///
+/// With `s_i = 1 / max_j |a_ij|` and `c_k = max_i |a_ik| s_i` of the matrix as it is given, for each column `k` in
+/// turn: the pivot is the first of the rows from `k` on whose `|a_ik| s_i` is largest, and there is none where that is
+/// at most `tiny c_k` ([`LinearOptions`]); it is exchanged with row `k`; with `r_k = 1 / a_kk`, each later row loses
+/// `(a_ik r_k)` times row `k`. Then, from the last, `x_k = (b_k - a_k,k+1 x_k+1 - ...) r_k`, subtracted from left to
+/// right. One unknown is divided; two are solved by Cramer's rule, where that keeps digits.
+///
+/// Where equations may leave unknowns `undetermined`, as what two frictions on both sides of a gear hold each, a row of
+/// zeros, as of ideal diodes in a ring that all conduct, has `s_i = 0`; and where a pivot is at most `poor c_k`, row `k`
+/// is exchanged with the first of the rows from `k` on of which least is left, `max_j>k |a_ij| s_i`, and `r_k = s_k`. It
+/// says what other rows said where what is left of it then, `b_k - a_k,k+1 x_k+1 - ...`, is at most `alike` times the
+/// sum of `b_k` as it was given and what was taken off it, each by its size; so `x_k = 0`. Else all is done again, as
+/// where nothing may be undetermined.
+pub fn eliminate<M: Machine>(m: M, n: usize, places: &Places<M>, row: &M::Variable, undetermined: bool) {
+    let options = LinearOptions::DEFAULT;
+    row.set(m.number(SOLVED));
+    let may = undetermined.then(|| m.holding(m.number(1.0)));
+    let elimination = Elimination { m, n, places, row, may, options: &options };
+    // Nothing in it fails.
+    let _ = match n {
+        1 => elimination.one(),
+        2 => elimination.two(),
+        _ => elimination.pivoted(),
+    };
 }
 
-/// Two unknowns; false where pivots are asked for.
-fn cramer(a: &[f64], b: &mut [f64]) -> bool {
-    let (p, q) = (a[0] * a[3], a[1] * a[2]);
-    let det = p - q;
-    let size = det.abs();
-    let plain = DIGITS * (p.abs() + q.abs()) < size && RANGE.0 < size && size < RANGE.1;
-    if plain {
-        let inverse = 1.0 / det;
-        let (x, y) = (b[0] * a[3] - a[1] * b[1], a[0] * b[1] - b[0] * a[2]);
-        (b[0], b[1]) = (x * inverse, y * inverse);
-    }
-    plain
+/// An elimination on its way.
+struct Elimination<'e, M: Machine> {
+    m: M,
+    n: usize,
+    places: &'e Places<M>,
+    row: &'e M::Variable,
+    /// Whether unknowns may be left undetermined, as yet.
+    may: Option<M::Variable>,
+    options: &'e LinearOptions,
 }
 
 /// The larger; where one is no number, the first.
-fn larger(a: f64, b: f64) -> f64 {
-    if b > a { b } else { a }
+fn larger<M: Machine>(m: M, a: M::Number, b: M::Number) -> M::Number {
+    m.select(a.below(b), b, a)
+}
+
+impl<M: Machine> Elimination<'_, M> {
+    fn get(&self, vector: &M::Vector, i: usize) -> M::Number {
+        self.m.at(vector, self.m.place(i))
+    }
+
+    fn put(&self, vector: &M::Vector, i: usize, x: M::Number) {
+        self.m.put(vector, self.m.place(i), x);
+    }
+
+    fn entry(&self, i: usize, j: usize) -> M::Number {
+        self.get(&self.places.matrix, i * self.n + j)
+    }
+
+    /// Ends without a solution.
+    fn fail(&self, row: M::Number) -> Flow {
+        self.row.set(row);
+        self.m.leave()
+    }
+
+    /// Matrix and right side as they are given.
+    fn given(&self) -> (&M::Vector, &M::Vector) {
+        self.places.given.as_ref().map_or((&self.places.matrix, &self.places.right), |(a, b)| (a, b))
+    }
+
+    fn one(&self) -> Flow {
+        let ((a, b), zero) = (self.given(), self.m.number(0.0));
+        let (a, b) = (self.get(a, 0), self.get(b, 0));
+        self.put(&self.places.right, 0, b / a);
+        self.m.only(a.equals(zero), || self.row.set(zero));
+        Ok(())
+    }
+
+    /// By Cramer's rule where the determinant has digits, else with pivots.
+    fn two(&self) -> Flow {
+        let (m, o, (a, b)) = (self.m, self.options, self.given());
+        let a: [M::Number; 4] = std::array::from_fn(|i| self.get(a, i));
+        let b: [M::Number; 2] = std::array::from_fn(|i| self.get(b, i));
+        let (p, q) = (a[0] * a[3], a[1] * a[2]);
+        let det = p - q;
+        let size = det.abs();
+        let digits = (m.number(o.digits) * (p.abs() + q.abs())).below(size);
+        let plain = digits & m.number(o.range.0).below(size) & size.below(m.number(o.range.1));
+        m.branch(
+            plain,
+            || {
+                let inverse = m.number(1.0) / det;
+                self.put(&self.places.right, 0, (b[0] * a[3] - a[1] * b[1]) * inverse);
+                self.put(&self.places.right, 1, (a[0] * b[1] - b[0] * a[2]) * inverse);
+                Ok(())
+            },
+            || self.pivoted(),
+        )
+    }
+
+    /// With scaled partial pivoting.
+    fn pivoted(&self) -> Flow {
+        let m = self.m;
+        m.repeat(|| {
+            if let Some((matrix, right)) = &self.places.given {
+                (0..self.n * self.n).for_each(|i| self.put(&self.places.matrix, i, self.get(matrix, i)));
+                (0..self.n).for_each(|i| self.put(&self.places.right, i, self.get(right, i)));
+            }
+            self.scale()?;
+            (0..self.n).try_for_each(|k| self.column(k))?;
+            (0..self.n).rev().try_for_each(|k| self.substitute(k))?;
+            m.leave()
+        })
+    }
+
+    /// How large rows and columns are.
+    fn scale(&self) -> Flow {
+        let (m, zero, places) = (self.m, self.m.number(0.0), self.places);
+        for i in 0..self.n {
+            let largest = (0..self.n).fold(zero, |most, j| larger(m, most, self.entry(i, j).abs()));
+            let (empty, s) = (largest.equals(zero), m.number(1.0) / largest);
+            let (fails, s) = match &self.may {
+                // A row that says nothing is never chosen.
+                Some(may) => (empty.clone() & !may.get().is_set(), m.select(empty, zero, s)),
+                None => (empty, s),
+            };
+            m.when(fails, || self.fail(m.number(i as f64)))?;
+            for j in 0..self.n {
+                let before = if i == 0 { zero } else { self.get(&places.column, j) };
+                self.put(&places.column, j, larger(m, before, self.entry(i, j).abs() * s));
+            }
+            self.put(&places.scale, i, s);
+            self.put(&places.order, i, m.number(i as f64));
+            if self.may.is_some() {
+                self.put(&places.sums, i, self.get(&places.right, i).abs());
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds the pivot of a column, and takes its row off the later ones.
+    fn column(&self, k: usize) -> Flow {
+        let (m, n, places, o) = (self.m, self.n, self.places, self.options);
+        let size = |i: usize| self.entry(i, k).abs() * self.get(&places.scale, i);
+        let (mut p, mut best) = (m.number(k as f64), size(k));
+        for i in k + 1..n {
+            let other = size(i);
+            let more = best.below(other);
+            p = m.select(more.clone(), m.number(i as f64), p);
+            best = m.select(more, other, best);
+        }
+        let column = self.get(&places.column, k);
+        let mut none = best.at_most(m.number(o.tiny) * column);
+        if let Some(may) = &self.may {
+            let park = may.get().is_set() & best.at_most(m.tolerance(o.poor) * column);
+            let chosen = m.holding(p);
+            self.put(&places.parked, k, m.select(park.clone(), m.number(1.0), m.number(0.0)));
+            m.only(park.clone(), || {
+                chosen.set(self.emptiest(k));
+                self.row.set(m.number(UNDETERMINED));
+            });
+            p = chosen.get();
+            none = !park & none;
+        }
+        m.when(none, || self.fail(self.get(&places.order, k)))?;
+        m.chosen(p, k + 1..n, |i| self.exchange(k, i));
+        let mut inverse = m.number(1.0) / self.entry(k, k);
+        if self.may.is_some() {
+            let parked = self.get(&places.parked, k).is_set();
+            inverse = m.select(parked, self.get(&places.scale, k), inverse);
+        }
+        self.put(&places.inverse, k, inverse);
+        let right = self.get(&places.right, k);
+        for i in k + 1..n {
+            let l = self.entry(i, k) * inverse;
+            m.take_off(&places.matrix, (i * n + k + 1, k * n + k + 1), n - k - 1, l);
+            let term = l * right;
+            self.put(&places.right, i, self.get(&places.right, i) - term);
+            if self.may.is_some() {
+                self.put(&places.sums, i, self.get(&places.sums, i) + term.abs());
+            }
+        }
+        Ok(())
+    }
+
+    /// Exchanges two rows, of which what is before column `k` counts no more.
+    fn exchange(&self, k: usize, i: usize) {
+        let (n, places) = (self.n, self.places);
+        let swap = |vector: &M::Vector, i: usize, j: usize| {
+            let (x, y) = (self.get(vector, i), self.get(vector, j));
+            self.put(vector, i, y);
+            self.put(vector, j, x);
+        };
+        (k..n).for_each(|j| swap(&places.matrix, k * n + j, i * n + j));
+        [&places.right, &places.scale, &places.order].into_iter().for_each(|vector| swap(vector, k, i));
+        if self.may.is_some() {
+            swap(&places.sums, k, i);
+        }
+    }
+
+    /// The first of the rows from `k` on of which least is left behind column `k`.
+    fn emptiest(&self, k: usize) -> M::Number {
+        let (m, n) = (self.m, self.n);
+        let left = |i: usize| {
+            let most = (k + 1..n).fold(m.number(0.0), |most, j| larger(m, most, self.entry(i, j).abs()));
+            most * self.get(&self.places.scale, i)
+        };
+        let (mut p, mut least) = (m.number(k as f64), left(k));
+        for i in k + 1..n {
+            let other = left(i);
+            let less = other.below(least);
+            p = m.select(less.clone(), m.number(i as f64), p);
+            least = m.select(less, other, least);
+        }
+        p
+    }
+
+    /// Finds an unknown from those after it.
+    fn substitute(&self, k: usize) -> Flow {
+        let (m, n, places) = (self.m, self.n, self.places);
+        let right = |i: usize| self.get(&places.right, i);
+        let rest = (k + 1..n).fold(right(k), |rest, j| rest - self.entry(k, j) * right(j));
+        let mut value = rest * self.get(&places.inverse, k);
+        if let Some(may) = &self.may {
+            let parked = self.get(&places.parked, k).is_set();
+            let bound = m.tolerance(self.options.alike) * self.get(&places.sums, k);
+            m.when(parked.clone() & bound.below(rest.abs()), || {
+                self.row.set(m.number(SOLVED));
+                may.set(m.number(0.0));
+                m.again()
+            })?;
+            value = m.select(parked, m.number(0.0), value);
+        }
+        self.put(&places.right, k, value);
+        Ok(())
+    }
 }
 
 /// Memory for [`solve`].
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
-    order: Vec<usize>,
+    order: Vec<f64>,
     column: Vec<f64>,
     scale: Vec<f64>,
     inverse: Vec<f64>,
-    parked: Vec<bool>,
-    told: Vec<f64>,
+    parked: Vec<f64>,
+    sums: Vec<f64>,
     /// Matrix and right side as they were given.
     matrix: Vec<f64>,
     right: Vec<f64>,
@@ -189,12 +321,12 @@ impl Scratch {
         let zeros = || vec![0.0; n];
         let (matrix, right) = (Vec::with_capacity(n * n), Vec::with_capacity(n));
         Self {
-            order: vec![0; n],
+            order: zeros(),
             column: zeros(),
             scale: zeros(),
             inverse: zeros(),
-            parked: vec![false; n],
-            told: zeros(),
+            parked: zeros(),
+            sums: zeros(),
             matrix,
             right,
         }

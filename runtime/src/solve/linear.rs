@@ -16,7 +16,7 @@ const AGAIN: usize = 200;
 #[derive(Clone, Debug)]
 pub struct Plan {
     n: usize,
-    open: bool,
+    undetermined: bool,
     method: Method,
 }
 
@@ -38,8 +38,8 @@ pub enum Matrix {
     Changing,
     /// Most solutions are with that of the one before, for whose factors more may be done.
     Kept,
-    /// Each solution is with another one, and rows may say the same: what they leave open is 0 then.
-    Open,
+    /// Each solution is with another one, and rows may say the same: what they leave undetermined is 0 then.
+    Undetermined,
     /// Of complex numbers: of each value and of each entry of a vector first the real part, then the imaginary one.
     Complex,
 }
@@ -71,12 +71,12 @@ impl Plan {
                 Err(row) => Method::Never(row),
             }
         };
-        Self { n, open: matrix == Matrix::Open, method }
+        Self { n, undetermined: matrix == Matrix::Undetermined, method }
     }
 
     /// Whether rows may say the same.
-    pub fn is_open(&self) -> bool {
-        self.open
+    pub fn is_undetermined(&self) -> bool {
+        self.undetermined
     }
 
     /// The sparse elimination, where that is what is done; else it is dense.
@@ -106,7 +106,7 @@ impl Plan {
 
     /// Solves `J x = b`, `b` in and `x` out, with the values of `J` in the order of the pattern given to [`Plan::new`].
     /// `same` where these are known to be those of the last solution with this scratch, whose factors are then good
-    /// again. Says whether something was left open.
+    /// again. Says whether something was left undetermined.
     ///
     /// # Errors
     /// A row for which no pivot is found; `vector` then means nothing. `x` may be infinite or NaN without an error.
@@ -154,7 +154,7 @@ impl Plan {
         for (&(row, column), value) in pattern.iter().zip(values) {
             matrix[row as usize * self.n + column as usize] = *value;
         }
-        dense::solve(self.n, matrix, vector, &mut scratch.dense, self.open)
+        dense::solve(self.n, matrix, vector, &mut scratch.dense, self.undetermined)
     }
 }
 

@@ -1,10 +1,12 @@
 //! Solving systems: linear ones, dense or sparse, and Newton's method on top of them.
 
+pub mod chord;
 pub mod dense;
+pub mod iteration;
 pub mod linear;
 pub mod newton;
+mod norm;
 mod order;
-pub mod quick;
 pub mod scalar;
 pub mod sparse;
 

@@ -88,7 +88,7 @@ pub(super) fn functions(routine: &Routine, first: usize, needs: &mut Needs) -> S
                     "(void)same, bond_dense({}, solve_{k}_at, {}, a, b, w, {})",
                     s.n,
                     s.pattern.len(),
-                    u8::from(plan.is_open())
+                    u8::from(plan.is_undetermined())
                 )
             }
         };

@@ -8,11 +8,10 @@ mod eliminate;
 mod fuse;
 mod newton;
 mod options;
-mod quick;
+mod recorder;
 mod reroll;
 pub(super) mod writer;
 
-pub(super) use eliminate::LEFT_OPEN;
 pub(super) use fuse::may_pair;
 
 use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};

@@ -14,8 +14,9 @@ mod fixed;
 mod isomorphic_group;
 mod sum;
 
-use super::newton::Numbers;
-use super::writer::{At, Values, Vector, Writer, scratch};
+use super::newton::{Statements, places};
+use super::recorder::Recorder;
+use super::writer::{At, Vector, Writer, scratch};
 use super::{ELIMINATED, Places};
 use crate::backend::code::{Memory, Place, Stmt};
 use bond_runtime::ir::{self, Array, Binary, Inst, Op, Program, Unary};
@@ -387,25 +388,22 @@ impl<'p> Reroller<'p> {
     fn iteration(&mut self, k: usize) {
         let Loop { newton, body, weight, scale, residual, matrix } = self.loops[k];
         let first = self.places[Array::Local as usize].1;
-        let numbers = Numbers {
-            unknowns: Vector::Memory(first + newton.unknowns),
-            rests: newton.rests.map(|rests| Vector::Memory(first + rests)),
-            weight: Values::Memory(weight),
-            scale: Values::Memory(scale),
-        };
-        let it = super::newton::begin(&mut self.w, newton, numbers);
-        self.w.open();
-        it.count_up(&mut self.w, newton.limit);
-        self.segment(body);
-        it.large(&mut self.w, newton, &Values::Memory(residual), matrix);
-        let block = self.w.close();
-        self.w.push(Stmt::Loop(block));
-        let flag = newton.flag.map(|f| Place::new(Memory::Scratch, first + f.index));
-        it.end(&mut self.w, newton, |w, x| {
-            if let Some(flag) = flag {
-                w.push(Stmt::Store(flag, x));
-            }
+        let unknowns = (Vector::Memory(first + newton.unknowns), newton.rounding.map(|r| Vector::Memory(first + r)));
+        let given = (Vector::Memory(weight), Vector::Memory(scale), None);
+        let places = places(&mut self.w, newton, unknowns, given);
+        let mut writer = std::mem::take(&mut self.w);
+        let equations = Statements::new(&mut writer, newton, Some(matrix), |m, _| {
+            m.with(|w| std::mem::swap(w, &mut self.w));
+            self.segment(body);
+            m.with(|w| std::mem::swap(w, &mut self.w));
+            (Vector::Memory(residual), Vec::new())
         });
+        let recorder = Recorder::new(writer);
+        let good = equations.write(&recorder, places);
+        self.w = recorder.into_writer();
+        if let (Some(flag), Some(x)) = (newton.flag, good) {
+            self.w.push(Stmt::Store(Place::new(Memory::Scratch, first + flag.index), x));
+        }
     }
 
     /// Solves linear equations.

@@ -42,15 +42,14 @@ pub(in crate::backend) enum At {
     Each(Index),
 }
 
-/// Some numbers that change.
+/// Some numbers.
+#[derive(Clone)]
 pub(in crate::backend) enum Vector {
+    /// That change, by name.
     Vars(Vec<Var>),
-    Memory(u32),
-}
-
-/// Some numbers that are read.
-pub(in crate::backend) enum Values {
-    List(Vec<Value>),
+    /// That are only read.
+    Values(Vec<Value>),
+    /// That lie in the scratch from here on.
     Memory(u32),
 }
 
@@ -320,81 +319,21 @@ impl Writer {
         Index(self.indices - 1)
     }
 
-    /// `start`, and then for each of `n` what `f` makes of it.
-    pub(in crate::backend) fn fold(
-        &mut self,
-        n: usize,
-        start: Value,
-        mut f: impl FnMut(&mut Self, At, Value) -> Value,
-    ) -> Value {
-        if n <= UNROLLED {
-            return (0..n).fold(start, |sum, i| f(self, At::One(i), sum));
-        }
-        let sum = self.var();
-        self.set(sum, start);
-        self.each(n, |w, at| {
-            let before = w.get(sum);
-            let after = f(w, at, before);
-            w.set(sum, after);
-        });
-        self.get(sum)
-    }
-
-    /// Whether a condition holds for each of `n`.
-    pub(in crate::backend) fn holds(&mut self, n: usize, mut f: impl FnMut(&mut Self, At) -> Cond) -> Cond {
-        if n <= UNROLLED {
-            let list: Vec<Cond> = (0..n).map(|i| f(self, At::One(i))).collect();
-            return Cond::all(list);
-        }
-        let one = self.number(1.0);
-        let zero = self.number(0.0);
-        let all = self.fold(n, one, |w, at, before| {
-            let c = f(w, at);
-            w.select(c, before, zero)
-        });
-        Cond::True(all)
-    }
-
     /// Room for `n` numbers that change: variables where loops are written out.
     pub(in crate::backend) fn vector(&mut self, n: usize) -> Vector {
         if n <= UNROLLED { Vector::Vars((0..n).map(|_| self.var()).collect()) } else { Vector::Memory(self.room(n)) }
     }
 
-    pub(in crate::backend) fn at(&mut self, v: &Vector, at: At) -> Value {
-        match (v, at) {
-            (Vector::Vars(vars), At::One(i)) => self.get(vars[i]),
-            // Variables are never looped over.
-            (Vector::Vars(vars), At::Each(_)) => self.get(vars[0]),
-            (Vector::Memory(base), at) => self.load(scratch(*base, at)),
-        }
-    }
-
-    pub(in crate::backend) fn put(&mut self, v: &Vector, at: At, x: Value) {
-        match (v, at) {
-            (Vector::Vars(vars), At::One(i)) => self.set(vars[i], x),
-            (Vector::Vars(vars), At::Each(_)) => self.set(vars[0], x),
-            (Vector::Memory(base), at) => self.push(Stmt::Store(scratch(*base, at), x)),
-        }
-    }
-
-    pub(in crate::backend) fn value(&mut self, v: &Values, at: At) -> Value {
-        match (v, at) {
-            (Values::List(list), At::One(i)) => list[i],
-            (Values::List(list), At::Each(_)) => list[0],
-            (Values::Memory(base), at) => self.load(scratch(*base, at)),
-        }
-    }
-
     /// Values in a form that can be gone through.
-    pub(in crate::backend) fn values(&mut self, list: Vec<Value>) -> Values {
+    pub(in crate::backend) fn values(&mut self, list: Vec<Value>) -> Vector {
         if list.len() <= UNROLLED {
-            return Values::List(list);
+            return Vector::Values(list);
         }
         let base = self.room(list.len());
         for (i, v) in list.into_iter().enumerate() {
             self.push(Stmt::Store(scratch(base, At::One(i)), v));
         }
-        Values::Memory(base)
+        Vector::Memory(base)
     }
 }
 

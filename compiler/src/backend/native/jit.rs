@@ -7,7 +7,6 @@
 use super::functions::{self, ONE, SOLVE, TWO};
 use super::translate::{NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
 use crate::backend::code::Routine;
-use crate::backend::lower::LEFT_OPEN;
 use crate::backend::unit::{self, Own};
 use crate::backend::{is_large, lower};
 use bond_runtime::interpreter::Interpreter;
@@ -15,6 +14,7 @@ use bond_runtime::ir::{Array, Program};
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{self, Options, Places, Start, Stretch};
+use bond_runtime::solve::iteration::UNDETERMINED;
 use bond_runtime::solve::linear;
 use cranelift_codegen::settings::{self, Configurable};
 use cranelift_jit::{JITBuilder, JITModule};
@@ -292,7 +292,7 @@ impl Stretch for Whole {
     }
 }
 
-/// Solves a large system for compiled code: -1, [`LEFT_OPEN`], or the row without a pivot. `same` is not 0 where the
+/// Solves a large system for compiled code: -1, [`UNDETERMINED`], or the row without a pivot. `same` is not 0 where the
 /// matrix is that of the last time.
 extern "C" fn solve(
     systems: *mut Vec<linear::System>,
@@ -310,7 +310,7 @@ extern "C" fn solve(
         unsafe { (std::slice::from_raw_parts(matrix, entries), std::slice::from_raw_parts_mut(vector, n)) };
     match system.solve(matrix, vector, same != 0.0) {
         Ok(false) => -1.0,
-        Ok(true) => LEFT_OPEN,
+        Ok(true) => UNDETERMINED,
         Err(row) => row as f64,
     }
 }

@@ -196,7 +196,7 @@ impl Apart {
         let update = stages(b, &self.modes, &along, size);
         b.close(Newton {
             unknowns: slots.index,
-            rests: rests.map(|r| r.index),
+            rounding: rests.map(|r| r.index),
             body: Vec::new(),
             residual,
             jacobian: Vec::new(),
@@ -206,10 +206,10 @@ impl Apart {
             scale,
             cold: Vec::new(),
             small: Vec::new(),
-            bends: Vec::new(),
+            knees: Vec::new(),
             limit: LIMIT,
             affine: false,
-            open: false,
+            undetermined: false,
             corners: false,
             flag: None,
         });
