@@ -172,7 +172,7 @@ impl OptionsInternals for Options {
 ///       cap -> loss
 ///       probe q = cap.q
 ///     }");
-/// for r in [1.0, 2.0] {
+/// for r in [1.0f64, 2.0] {
 ///     let compiled = bond::Options::new().set("r", &format!("{r} Ohm")).compile_text(&text)?;
 ///     let mut sim = compiled.simulate(bond::Steps::new())?;
 ///     sim.advance(1.0)?;

@@ -209,7 +209,7 @@ mod tests {
             ("t,v\n0,1\n", 1, "no input `v`; its inputs are u"),
             ("t,u,u\n0,1,1\n", 1, "two columns `u`"),
             ("t,u\n", 1, "no rows"),
-            ("t,u\n0,1\n1\n", 3, "this row has 1 number for the 2 columns"),
+            ("t,u\n0,1\n1\n", 3, "this row has 1 number, and the header has 2 columns"),
             ("t,u\n0,1\n\n1,x\n", 4, "`x` in the column `u` is not a number"),
             ("t,u\n0,inf\n", 2, "not a number"),
             ("t,u\n0,1\n1,1\n1,2\n", 4, "not after 1 s"),

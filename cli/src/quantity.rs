@@ -143,6 +143,6 @@ mod tests {
         ] {
             assert!(quantity(text).is_err(), "{text:?}");
         }
-        assert!(seconds("1 kg").unwrap_err().contains("no time"));
+        assert!(seconds("1 kg").unwrap_err().contains("not a time"));
     }
 }
