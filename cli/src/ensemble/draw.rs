@@ -174,7 +174,7 @@ mod tests {
     fn nonsense_is_told() {
         for (text, words) in [
             ("m", "PATH="),
-            ("m=3", "no distribution"),
+            ("m=3", "not a distribution"),
             ("m=poisson(3)", "no distribution `poisson`"),
             ("m=uniform(3)", "1 number"),
             ("m=uniform()", "missing"),
@@ -190,7 +190,7 @@ mod tests {
             ("m=triangular(1,2)", "2 numbers"),
             ("m=uniform(-1.7e308, 1.7e308)", "too wide"),
             ("m=uniform(nan, 1)", "number"),
-            ("m=uniform(1, 2", "no distribution"),
+            ("m=uniform(1, 2", "not a distribution"),
         ] {
             let why = parse(text).unwrap_err();
             assert!(why.contains(words), "{text}: {why}");

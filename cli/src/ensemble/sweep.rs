@@ -171,7 +171,7 @@ mod tests {
             ("k=1..2:2.5", "not a number of values"),
             ("k=1..2:1000000001", "too many"),
             ("k=1..2:5:cubic", "cubic"),
-            ("k=1..2:5:log:9", "too much"),
+            ("k=1..2:5:log:9", "one too many"),
             ("k=0..2:5:log", "one sign"),
             ("k=-1..2:5:log", "one sign"),
             ("k=1..2 kg:5", "another has none"),
