@@ -44,7 +44,8 @@ impl Options {
     }
 
     /// Sets the step length, in s, that the step programs are made for: the one length, or the longest. The default is
-    /// what the model's `simulate` says. A run may take other steps; with far longer ones balances hold to fewer digits.
+    /// what the model's `simulate` says. A run may take other steps; with far longer ones balances hold to fewer
+    /// digits.
     pub fn step(mut self, step: f64) -> Self {
         self.step = Some(step);
         self
@@ -135,7 +136,8 @@ impl Options {
 
 /// Settings of a compilation that only the command makes.
 pub trait OptionsInternals {
-    /// Sets the accuracy by which a stepper is chosen if none is named. The default is what the model's `simulate` says.
+    /// Sets the accuracy by which a stepper is chosen if none is named. The default is what the model's `simulate`
+    /// says.
     fn accuracy(self, accuracy: Accuracy) -> Self;
 
     /// Sets a parameter by its path to a number that was read before.
@@ -268,8 +270,8 @@ impl Compiled {
         &self.inner.scene.probes.names
     }
 
-    /// Prints a part of it as text: `all`, `graph`, `causality`, `phs`, `regions` or `program`. Parts of the model that do
-    /// not run are printed too. For another word, the text says so.
+    /// Prints a part of it as text: `all`, `graph`, `causality`, `phs`, `regions` or `program`. Parts of the model that
+    /// do not run are printed too. For another word, the text says so.
     pub fn show(&self, what: &str) -> String {
         self.show_as(what, "text").unwrap_or_else(|why| why + "\n")
     }

@@ -203,8 +203,7 @@ type Library = (&'static str, &'static str, Vec<u8>);
 
 /// Why a scene has no form; a method of several stages solves for all of them at once.
 fn refused(compiled: &Compiled, why: String) -> Stop {
-    let staged = |name: &str| name == "radau" || name.starts_with("collocation");
-    let fewer = compiled.scene().clusters.iter().any(|c| staged(&c.step.name));
+    let fewer = compiled.scene().clusters.iter().any(|c| c.step.properties.couples_stages());
     Stop::Model(if fewer { format!("{why}; or `--method gonzalez`, which solves for fewer") } else { why })
 }
 

@@ -9,9 +9,9 @@
 //! | [`Simulation`] | [`Compiled::simulate`] | the state of a run, at the start |
 //! | [`Summary`] | [`Simulation::summary`] | the ledger, at any time |
 //!
-//! A wrong model gives [`Errors`], which display as text with file, line and column of each, and a suggested fix. A run that
-//! cannot continue gives a [`RunError`]; the state then is that of the last good step. No input panics. The same model with the
-//! same options gives the same bits, on every machine.
+//! A wrong model gives [`Errors`], which display as text with file, line and column of each, and a suggested fix. A run
+//! that cannot continue gives a [`RunError`]; the state then is that of the last good step. No input panics. The same
+//! model with the same options gives the same bits, on every machine.
 //!
 //! ```
 //! let text = "
@@ -36,8 +36,8 @@
 //! # More
 //!
 //! - Input signals: [`Compiled::simulate_with`], [`Simulation::set_input`], and tables of them by [`Given`].
-//! - Open ports: [`Simulation::held`] and [`Simulation::report`] for sampled regions, [`Simulation::drive`] for continuous ones;
-//!   [`exchange`] over a line that loses packets.
+//! - Open ports: [`Simulation::held`] and [`Simulation::report`] for sampled regions, [`Simulation::drive`] for
+//!   continuous ones; [`exchange`] over a line that loses packets.
 //! - Saved states: [`Simulation::save`], [`Compiled::resume`].
 //! - Many compilations of one text: [`Text`].
 //! - Rates and energies at any state, without a run: [`Compiled::rates`], [`Compiled::energies`].

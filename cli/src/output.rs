@@ -331,7 +331,8 @@ impl Whole {
         Err(Stop::Usage(format!("cannot write {}: its folder is full of leftovers", path.display())))
     }
 
-    /// Flushes everything to the disk before renaming, so that after a power failure too only a whole file has the name.
+    /// Flushes everything to the disk before renaming, so that after a power failure too only a whole file has the
+    /// name.
     fn settle(&mut self) -> io::Result<()> {
         self.file.flush()?;
         self.file.get_ref().sync_all()

@@ -3,13 +3,12 @@
 use crate::column;
 use bond::Compiled;
 use bond::internal::CompiledInternals;
-use bond_compiler::discretise::Method;
 use bond_compiler::model::{Kind, Model, Variable};
 use bond_compiler::structure::{Column, ColumnId, Form, Region, Role};
 
 /// A note for each: storages that a detector holds at rest, pieces that nothing gives power, what `ray` never
-/// moves, what gives energy behind a budget that lets none out, what tied storages divide by, and probes whose columns have
-/// other names.
+/// moves, what gives energy behind a budget that lets none out, what tied storages divide by, and probes whose columns
+/// have other names.
 pub fn remarks(compiled: &Compiled) -> Vec<String> {
     let stages = compiled.stages();
     let (model, form) = (&stages.model, &stages.form);
@@ -17,7 +16,7 @@ pub fn remarks(compiled: &Compiled) -> Vec<String> {
     // Regions that nothing asks for do not run.
     let by_ray = |r: &Region| {
         let found = scene.regions.iter().find(|x| x.name == r.name);
-        found.is_some_and(|x| scene.clusters[x.cluster].step.name == Method::Ray.name())
+        found.is_some_and(|x| scene.clusters[x.cluster].entries.iter().any(|e| e.leap.is_some()))
     };
     let of = |(i, r)| {
         let list = held(model, form, r).into_iter().chain(loose(form, r)).chain(unmoved(model, r, by_ray(r)));

@@ -134,7 +134,7 @@ impl<'a> Simulation<'a> {
     }
 }
 
-/// A run of a scene that need not come from a [`Compiled`], on a back end of choice.
+/// A run of a scene that need not come from a [`Compiled`](crate::Compiled), on a back end of choice.
 pub trait SimulationInternals<'a>: Sized {
     /// A scene at its start.
     ///

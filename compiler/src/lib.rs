@@ -1,5 +1,5 @@
-//! From a syntax tree to step programs: elaboration, graph, causality, port-Hamiltonian structure, discretisation, and the
-//! back ends that make code of step programs. It opens no files and reads no clock.
+//! From a syntax tree to step programs: elaboration, graph, causality, port-Hamiltonian structure, discretisation, and
+//! the back ends that make code of step programs. It opens no files and reads no clock.
 //!
 //! # Stages
 //!
@@ -7,29 +7,30 @@
 //!
 //! | module | gives | holds afterwards |
 //! | --- | --- | --- |
-//! | [`elaborate`] | [`Model`](model::Model) | every instance is expanded, every name resolved, every value an expression in SI, every unit checked; the model owns the [`Pool`](expression::Pool) of expressions |
-//! | [`graph`] | [`BondGraph`](graph::BondGraph) | elements and bonds; cutting the double bars left connected regions, continuous or sampled |
-//! | [`causality`] | [`Causality`](causality::Causality) | one stroke per bond, with the reason for it; no two causes conflict |
-//! | [`structure`] | [`Form`](structure::Form) | one *column* per element, which receives one variable and gives the other; D is skew (`Form::validate`); storages in derivative causality are merged into others |
-//! | [`discretise`] | [`Scene`](bond_runtime::scene::Scene) | step programs of each cluster, verified; ledger entries, probes, schedule |
-//! | [`backend`] | kernels, C, objects, modules | the same bits as the interpreter |
+//! | [`elaborate`] | [`Model`] | every instance is expanded, every name resolved, every value an expression in SI, every unit checked; the model owns the [`Pool`](expression::Pool) of expressions |
+//! | [`graph`] | [`BondGraph`] | elements and bonds; cutting the double bars left connected regions, continuous or sampled |
+//! | [`causality`] | [`Causality`] | one stroke per bond, with the reason for it; no two causes conflict |
+//! | [`structure`] | [`Form`] | one *column* per element, which receives one variable and gives the other; D is skew (`Form::validate`); storages in derivative causality are merged into others |
+//! | [`discretise`] | [`Scene`] | step programs of each cluster, verified; ledger entries, probes, schedule |
+//! | [`backend`] | kernels, C, objects, modules | the interpreter's bits, except functions that the host computes |
 //!
-//! Everything runs in the order of declarations, and sums and products are sorted, so the same text gives the same programs.
-//! All errors are [`Diagnostic`](bond_grammar::diagnostic::Diagnostic)s; no input panics.
+//! Everything runs in the order of declarations, and sums and products are sorted, so the same text gives the same
+//! programs. All errors are [`Diagnostic`]s; no input panics.
 //!
 //! # What is evaluated when
 //!
-//! - *When the model is compiled*: parameters, indices, bounds of loops, initial states, and the start of algebraic loops (by
-//!   Newton's method at t = 0). Expressions are exact fractions as long as possible, and become `f64` once.
+//! - *When the model is compiled*: parameters, indices, bounds of loops, initial states, and the start of algebraic
+//!   loops (by Newton's method at t = 0). Expressions are exact fractions as long as possible, and become `f64` once.
 //! - *Before the first step*: tables, such as the matrix exponential of `exact` for a step length.
-//! - *In each step*: everything else, by step programs. What a program may assume, and what may be assumed of it, is in the
-//!   documentation of [`bond_runtime`].
+//! - *In each step*: everything else, by step programs. What a program may assume, and what may be assumed of it, is in
+//!   the documentation of [`bond_runtime`].
 //!
 //! # Where a step is written
 //!
-//! Each step method is a module of [`discretise`]. Its function gets a *cluster* (a sampled region, or the continuous regions
-//! that read each other's signals) and writes one step of it with a [`Builder`](bond_runtime::ir::Builder). It sees columns and
-//! energies, never bonds. It returns the stepper (a step program and its properties) and the entries of the ledger.
+//! Each step method is a module of [`discretise`]. Its function gets a *cluster* (a sampled region, or the continuous
+//! regions and signal states that read each other's signals) and writes one step of it with a
+//! [`Builder`](bond_runtime::ir::Builder). It sees columns and energies, never bonds. It returns the stepper (a step
+//! program and its properties) and the entries of the ledger.
 //!
 //! # Example
 //!
@@ -61,38 +62,44 @@
 //!
 //! # How to add a stepper
 //!
-//! 1. `discretise/NAME.rs`: a function that writes the step of a `Cluster` with the builder, and returns a `Stepper` and the
-//!    ledger's `Entries`. `write.rs` has the common pieces: inputs, Newton's method, the terms of the ledger. `measure.rs` has
-//!    weights and scales of unknowns, `tear.rs` says which of them are eliminated, `tight.rs` which resistors are unknowns.
-//! 2. `discretise/mod.rs`: a variant of [`Method`](discretise::Method), in `Method::ALL` and `name`.
-//! 3. `discretise/cluster.rs`, `Cluster::build`: which regions take it, and whether it may be a default (`choice.rs`).
+//! 1. `discretise/steppers/NAME.rs`: a function that writes the step of a `Cluster` with the builder, and returns a
+//!    `Stepper` and the ledger's `Entries`. `discretise/equations/` has the common pieces: inputs, Newton's method,
+//!    error weights, the terms of the ledger. `gonzalez.rs` is the shortest implicit one.
+//! 2. `discretise/steppers/mod.rs`: its `mod`, and a row of the table, with what it is, its name, its
+//!    [`Properties`](bond_runtime::scene::Properties), the regions that it steps, and the function. The runtime and the
+//!    command read the properties and never ask for the name.
+//! 3. A row in `docs/mathematics.md`. If it is to be taken unasked, a rule of `discretise/choice.rs`, with a model on
+//!    which it decides.
 //!
-//! Then a row in `docs/mathematics.md`. Tests that run over `Method::ALL` check order, balance and back ends.
+//! `tests/tests/hard.rs` tries it if it is passive. Its name in `orders.rs`, `backend.rs` and `emitted.rs` beside that
+//! has its order and its bits tested.
 //!
 //! # How to add a back end
 //!
 //! 1. `backend/NAME/`: a printer of the statements of `backend/code.rs`, each with the meaning that
 //!    [`eval`](bond_runtime::eval) gives its operations (NaN, signed zeros). It looks at nothing else of a program.
-//! 2. `backend/mod.rs`: its module. If `bond build` writes it: an `Emitter` of a `backend::unit::Unit`, which is a row of
-//!    [`EMITTERS`](backend::EMITTERS). If it runs inside `bond`: a [`Backend`](bond_runtime::kernel::Backend) that makes a
-//!    `Kernel`, and uses the interpreter for programs that `lower` does not take.
-//! 3. A test: `tests/tests/backend.rs` (random programs, special values) or `tests/tests/emitted.rs` (whole scenes). It must give
-//!    the interpreter's bits.
+//! 2. `backend/mod.rs`: its module. If `bond build` writes it: an `Emitter` of a `backend::unit::Unit`, which is a row
+//!    of [`EMITTERS`](backend::EMITTERS). If it runs inside `bond`: a [`Backend`](bond_runtime::kernel::Backend) that
+//!    makes a `Kernel`, and uses the interpreter for programs that `lower` does not take.
+//! 3. A test: `tests/tests/backend.rs` (random programs, special values) or `tests/tests/emitted.rs` (whole scenes). It
+//!    must give the interpreter's bits, except where the host computes a function (`docs/embedding.md`, Same bits).
 //!
 //! # How to add an element kind
 //!
-//! 1. `model.rs`: a variant of [`Kind`](model::Kind), and of [`Law`](model::Law) if none fits. The compiler then lists the places
-//!    that must know it.
-//! 2. `element/`: its file, which reads fields and makes the law, called from `elaborate/finish.rs`; a line in `element::ALL`.
+//! 1. `model.rs`: a variant of [`Kind`](model::Kind), and of [`Law`](model::Law) if none fits. The compiler then lists
+//!    the places that must know it.
+//! 2. `element/`: its file, which reads fields and makes the law, called from `elaborate/finish.rs`; a line in
+//!    `element::ALL`.
 //! 3. `elaborate/join.rs`: how many bonds it takes; `elaborate/reading.rs`: its signals.
-//! 4. `causality/mod.rs`: which variable it must or would like to impose, and `propagate.rs` if it has several bonds;
-//!    `structure/mod.rs`: the role of its column, or `junction.rs` its rule.
+//! 4. `causality/strokes.rs`: which variable it must or would like to impose, and `propagate.rs` if it has several
+//!    bonds; `structure/mod.rs`: the role of its column, or `causality/junction.rs` its rule.
 //! 5. `show/`: how it is drawn; `models/elements/`: the smallest model with it; `docs/language.md`.
 //!
 //! # How to add a scalar operation
 //!
 //! 1. [`bond_runtime::ir`]: a variant of `Unary` or `Binary`, and its meaning in [`bond_runtime::eval`].
-//! 2. `expression/function.rs`: its name, unit rule, derivative, sign and parity; `expression/series.rs`: its Taylor series.
+//! 2. `expression/function.rs`: its name, unit rule, derivative, sign and parity; `expression/series.rs`: its Taylor
+//!    series.
 //! 3. `backend/`: the compiler lists the printers that must know it.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
@@ -121,7 +128,7 @@ use bond_runtime::scene::{LeftOut, Scene};
 use causality::Causality;
 use elaborate::{Broken, Loader};
 use graph::BondGraph;
-use model::{Element, ElementId, Kind, Model};
+use model::Model;
 use need::Unneeded;
 use structure::Form;
 use units::Dimension;
@@ -269,35 +276,15 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
 
 /// The strokes and the form; a condition that cannot be told is wrong here too. What is wrong in every round of a loop
 /// is said once.
-fn structured(model: Model, graph: BondGraph) -> Result<Stages, Vec<Diagnostic>> {
-    let stages = to_form(model, graph).map_err(once)?;
-    let mixed = discretise::mixed(&stages.model, &stages.form);
-    if mixed.is_empty() { Ok(stages) } else { Err(mixed) }
-}
-
-fn to_form(mut model: Model, graph: BondGraph) -> Result<Stages, Vec<Diagnostic>> {
+fn structured(mut model: Model, graph: BondGraph) -> Result<Stages, Vec<Diagnostic>> {
     let within = graph.bars_within(&model);
     if !within.is_empty() {
-        return Err(within);
+        return Err(once(within));
     }
-    let causality = causality::assign(&mut model, &graph, &[])?;
-    // Where junctions stand in rings, strokes may tie together what is free, or leave free what is tied.
-    let again = causality::has_rings(&model, &graph).then(|| (model.clone(), graph.clone(), causality.clone()));
-    let errors = match form(model, graph, causality) {
-        Ok(made) => return Ok(made),
-        Err(errors) => errors,
-    };
-    let ring = |e: &Diagnostic| matches!(e.code, "structure::loop" | "structure::not_yet");
-    if let Some((mut model, graph, causality)) = again.filter(|_| errors.iter().all(ring))
-        && let Some(given) = causality::by_rank(&mut model, &graph, &causality)
-        && let Ok(causality) = causality::assign(&mut model, &graph, &given)
-    {
-        match form(model, graph, causality) {
-            Err(later) if later.iter().any(|e| e.code == "structure::loop") => {}
-            made => return made,
-        }
-    }
-    Err(errors)
+    let (graph, causality) = causality::assign(&mut model, graph).map_err(once)?;
+    let form = structure::build(&mut model, &graph, &causality).map_err(once)?;
+    let mixed = discretise::mixed(&model, &form);
+    if mixed.is_empty() { Ok(Stages { model, graph, causality, form }) } else { Err(mixed) }
 }
 
 /// What is wrong with a model: what its elaboration says, and what the later stages say where all but outputs and units
@@ -308,35 +295,11 @@ fn all_errors(Broken { mut errors, model }: Broken, options: &Options) -> Vec<Di
     // Where a unit is wrong, so may be the number, and by numbers goes the form.
     let later = if errors.iter().any(|e| e.code.starts_with("units::")) {
         let graph = graph::build(&model);
-        causality::assign(&mut model, &graph, &[]).err().map(once)
+        causality::assign(&mut model, graph).err().map(once)
     } else {
         let graph = graph::build(&model);
         structured(*model, graph).err()
     };
     errors.extend(later.unwrap_or_default());
     errors
-}
-
-/// The form. Where several storages are tied together by ratios that are divided by, and may pass 0, the junctions that
-/// drive them get speeds of their own first.
-fn form(mut model: Model, graph: BondGraph, causality: Causality) -> Result<Stages, Vec<Diagnostic>> {
-    let is_inertia = |d: &ElementId| model.element(*d).kind == Kind::I;
-    let may = causality::moves(&model) && causality.dependent.iter().any(is_inertia);
-    let spare = (may && !model.elements.iter().any(Element::is_massless)).then(|| model.clone());
-    let plain = structure::build(&mut model, &graph, &causality);
-    if let Some(mut with) = spare.filter(|_| plain.as_ref().map_or(true, |form| form.divided)) {
-        let speeds = causality::speeds(&mut with, &graph, &causality);
-        speeds.iter().for_each(|j| with.add_massless(*j));
-        let again = (!speeds.is_empty()).then(|| {
-            let graph = graph::build(&with);
-            to_form(with, graph)
-        });
-        if let Some(Ok(made)) = again
-            && made.causality.dependent.iter().all(|d| !made.model.element(*d).is_massless())
-            && plain.as_ref().map_or(true, |form| made.form.poles.is_empty() || !form.poles.is_empty())
-        {
-            return Ok(made);
-        }
-    }
-    Ok(Stages { model, graph, causality, form: plain? })
 }

@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 pub struct Linearized {
     /// Energy states, signal states, then integrals.
     pub states: Vec<String>,
-    /// The scene's inputs, open ports, and what sampled regions hold at the others' bonds; then sampled signal states and
-    /// what else of samples is read between them.
+    /// The scene's inputs, open ports, and what sampled regions hold at the others' bonds; then sampled signal states
+    /// and what else of samples is read between them.
     pub inputs: Vec<String>,
     /// Probes.
     pub outputs: Vec<String>,

@@ -476,8 +476,8 @@ impl Model {
         &self.bonds[id.at()]
     }
 
-    /// The place of a bond's variable, as seen from one of its ends, among four a bond: a double bar has its pair twice, once
-    /// on each side.
+    /// The place of a bond's variable, as seen from one of its ends, among four a bond: a double bar has its pair
+    /// twice, once on each side.
     pub fn place(&self, bond: BondId, end: ElementId, variable: Variable) -> usize {
         let b = self.bond(bond);
         4 * bond.at() + 2 * usize::from(b.sampled && b.head == end) + usize::from(variable == Variable::Flow)

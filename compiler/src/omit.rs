@@ -165,8 +165,8 @@ pub(crate) struct Out {
 }
 
 impl Out {
-    /// Has what all bonds of a junction have in common read at one that stays, where it is only looked at: a law that reads
-    /// a part may mean the part.
+    /// Has what all bonds of a junction have in common read at one that stays, where it is only looked at: a law that
+    /// reads a part may mean the part.
     fn keep_common(&self, model: &mut Model, bonds: &[Vec<BondId>]) {
         let (elements, all) = (&model.elements, &model.bonds);
         let laws = elements.iter().flat_map(|e| of_law(&e.law)).chain(model.memories.iter().map(|m| m.law));

@@ -381,8 +381,8 @@ fn held(model: &Model, form: &Form, homes: &[Option<usize>]) -> Vec<(String, Sym
     states.chain(others).collect()
 }
 
-/// Definitions that wait for each other: what they define, by how much that is off, and the slopes of those by what they
-/// define.
+/// Definitions that wait for each other: what they define, by how much that is off, and the slopes of those by what
+/// they define.
 struct Loops {
     symbols: Vec<Symbol>,
     misfits: Vec<Expr>,

@@ -11,8 +11,8 @@
 //! | `explain` | a refused slice to a [`Diagnostic`](diagnostic::Diagnostic) | it has a stable code, a place and mostly a fix |
 //! | [`format()`] | tree to text | reading the result gives the same tree; formatting it again changes nothing |
 //!
-//! [`parse()`] runs the first five. It always returns a tree, and all errors of the text in order of place. With errors, the
-//! tree lacks what could not be read ([`ast::File::gaps`] says if items are missing).
+//! [`parse()`] runs the first five. It always returns a tree, and all errors of the text in order of place. With
+//! errors, the tree lacks what could not be read ([`ast::File::gaps`] says if items are missing).
 //!
 //! # What may be assumed of a tree
 //!
@@ -37,10 +37,10 @@
 //! # How to add a statement
 //!
 //! 1. `bond.pest`: its rule, and a place in `statement`.
-//! 2. [`ast`]: a variant of [`StatementKind`](ast::StatementKind). The compiler then lists the places that must know it:
-//!    `read` makes it, `print` and `format` write it.
-//! 3. `explain/statement.rs`: messages for its likely mistakes. `recover` cuts by words that can only begin a statement; if its
-//!    first word is one, add it to `bracket::is_strong_start`.
+//! 2. [`ast`]: a variant of [`StatementKind`](ast::StatementKind). The compiler then lists the places that must know
+//!    it: `read` makes it, `print` and `format` write it.
+//! 3. `explain/statement.rs`: messages for its likely mistakes. `recover` cuts by words that can only begin a
+//!    statement; if its first word is one, add it to `bracket::is_strong_start`.
 //! 4. `tests/syntax.rs` for its form, `tests/errors.rs` for its mistakes. `tests/generated.rs` formats random trees.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,8 +1,8 @@
 //! Reads a text that the grammar refused: item by item, statement by statement.
 //!
 //! Cutting goes by brackets, by words that only begin statements, and by line starts. Each slice is then read by the
-//! strict grammar, so a text is never accepted here that the grammar would refuse; and it is read as a row of statements
-//! first, so that where a cut is missing or too many, what the grammar would accept is not refused.
+//! strict grammar, so a text is never accepted here that the grammar would refuse; and it is read as a row of
+//! statements first, so that where a cut is missing or too many, what the grammar would accept is not refused.
 
 use crate::ast::{If, Item, Sampled, Statement, StatementKind};
 use crate::bracket::{Brackets, is_strong_start};
@@ -157,8 +157,8 @@ impl Recovery<'_, '_> {
         }
     }
 
-    /// What of a slice is one item, and what comes after it: where it is refused at a word that begins a line, and whole
-    /// without that, the word begins something else.
+    /// What of a slice is one item, and what comes after it: where it is refused at a word that begins a line, and
+    /// whole without that, the word begins something else.
     fn own(
         &mut self,
         range: Range<usize>,

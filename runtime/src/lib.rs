@@ -1,7 +1,7 @@
 //! What runs: step programs and their interpreter, solvers, sample and hold, the energy ledger, simulation.
 //!
-//! It knows nothing of text, graphs or symbols. The compiler hands over a [`Scene`](scene::Scene), and an executable that
-//! `bond build` makes needs this crate alone.
+//! It knows nothing of text, graphs or symbols. The compiler hands over a [`Scene`](scene::Scene), and an executable
+//! that `bond build` makes needs this crate alone.
 //!
 //! # From a scene to a ledger
 //!
@@ -21,37 +21,44 @@
 //!
 //! # When an expression is evaluated
 //!
-//! A step program is straight code: each instruction runs once per step, in order, except the body of a Newton iteration, which
-//! runs once per iteration. There are no branches: both operands of a [`Select`](ir::Op::Select) are computed. So a value is
-//! evaluated
+//! A step program is straight code: each instruction runs once per step, in order, except the body of a Newton
+//! iteration, which runs once per iteration. There are no branches: both operands of a [`Select`](ir::Op::Select) are
+//! computed. So a value is evaluated
 //!
 //! - *before a run*, if it does not depend on the state: the compiler folds it into a constant;
 //! - *once per step length*, if it is an entry of a table (matrices of `exact`);
 //! - *once per step*, outside of an iteration;
 //! - *once per iteration*, inside;
-//! - *at a look*, in the program of the probes and in a cluster's `instant` (the output equations). A look changes no state.
+//! - *at a look*, in the program of the probes and in a cluster's `instant` (the output equations). A look changes no
+//!   state.
 //!
 //! # What a program may assume
 //!
-//! - State `x`, inputs `u` and table `c` are only read, and hold what the [`Scene`](scene::Scene) says for each slot.
-//! - `w` is scratch. Nothing in it survives a step.
-//! - The results, `n` (the next state) and `y` (what the step reports), are used only if the run returns `Ok`.
+//! - State `x`, inputs `u` and table `c` are only read. Inputs are the time, the step length h, ports, signals of other
+//!   clusters, what is given from outside, and traces of states. The state has states, integrals, guesses, carries and
+//!   the stepper's memory. [`scene::Cluster`] says it for each slot.
+//! - `w` is scratch with any content. A program writes a slot before it reads it; the verifier does not check this.
+//! - The results, `n` (the next state) and `y` (what the step reports), are used only if the run returns `Ok`. A run
+//!   fails if an iteration without a flag does not converge, or if a number of `n` is not finite.
 //!
 //! And what may be assumed of a program that [`ir::Program::verify`] accepts:
 //!
 //! - Each value is defined once, before its use, and every slot is inside its array.
-//! - Every slot of `n` and `y` is written once; nothing writes `x`, `u` or `c`.
+//! - Every slot of `n` is written exactly once, outside of iterations; nothing writes `x`, `u` or `c`.
+//! - Nothing reads `n` or `y`. A slot of `y` may be written several times, and the last one counts.
 //! - The patterns of its matrices are fixed, so that all memory is known before the first step.
 //!
-//! The compiler verifies what it writes, and [`Scene::validate`](scene::Scene::validate) verifies what is read from a file.
+//! The compiler verifies what it writes, and [`Scene::validate`](scene::Scene::validate) verifies what is read from a
+//! file.
 //!
 //! # What holds after each stage of a step
 //!
-//! 1. The kernel ran: the workspace holds the next state; the state itself is unchanged. A failed step leaves it unchanged too.
-//! 2. The step is accepted (its error, its events and its numbers are good): the state is replaced, and the ledger's entries are
-//!    booked, all of them or none.
-//! 3. At a sample, every due region first ends its interval, then each one determines what it holds next. Both sides of a double
-//!    bar have then booked the same energy, bit for bit.
+//! 1. The kernel ran: the workspace holds the next state; the state itself is unchanged. A failed step leaves it
+//!    unchanged too.
+//! 2. The step is accepted (its error, its events and its numbers are good): the state is replaced, and the ledger's
+//!    entries are booked, all of them or none.
+//! 3. At a sample, every due region first ends its interval, then each one determines what it holds next. Both sides of
+//!    a double bar have then booked the same energy, bit for bit.
 //!
 //! Nothing in a step allocates, reads a clock or depends on a thread.
 //!
@@ -81,27 +88,32 @@
 //!
 //! # How to add a hold
 //!
-//! A hold decides what a sampled region holds at a double bar until its next sample. The compiler writes it as a program
-//! ([`scene::Respond`]): the value to hold, from the state and either the last movement or the response of the other side.
+//! A hold decides what a sampled region holds at a double bar until its next sample. The compiler writes it as a
+//! program ([`scene::Respond`]): the value to hold, from the state and either the last movement or the response of the
+//! other side.
 //!
 //! 1. The compiler's `model.rs`: a variant of `Hold`, in `Hold::ALL` and `name`.
-//! 2. The compiler's `discretise/hold.rs`: its program. A hold that needs neither of the two forms of [`scene::Respond`] is a
-//!    new variant there; `simulate/sampled.rs` then runs it, and the compiler lists the other places.
+//! 2. The compiler's `discretise/assembly/hold.rs`: its program. A hold that needs neither of the two forms of
+//!    [`scene::Respond`] is a new variant there; `simulate/sampled.rs` then runs it, and the compiler lists the other
+//!    places.
 //! 3. `tests/tests/holds.rs`: passivity under the budget, and order in the period. Budget and tank apply to every hold.
+//!    `docs/language.md` and `docs/mathematics.md` describe it.
 //!
 //! # How to add a number of the ledger
 //!
-//! 1. [`ledger`]: the sum, with its rounding error, booked where `simulate` accepts a step.
-//! 2. `simulate/summary.rs`: the number in the [`Summary`](simulate::Summary); `simulate/save.rs`: in a checkpoint
-//!    ([`envelope::FORMAT`] counts up).
-//! 3. The compiler's `backend/unit`: the same number in stand-alone modules.
-//!
+//! 1. The compiler's `discretise/equations/accounts.rs` and `ledger.rs`: an output of the step, if it comes from one,
+//!    and its place in [`scene::Entries`].
+//! 2. `simulate/cluster.rs`: a [`ledger::Sum`] in `Book`, added to in `book`. A `Book` is saved, so
+//!    [`envelope::FORMAT`] counts up.
+//! 3. `simulate/summary.rs`: the number in [`RegionSummary`](simulate::RegionSummary); `cli/src/summary.rs` prints it.
+//! 4. `simulate/places.rs` and the compiler's `backend/unit/ledger.rs` (`NAMES`): the same number in compiled runs.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod double_double;
 pub mod envelope;
 pub mod eval;
 pub mod exponential;
+mod failure;
 pub mod interpreter;
 pub mod ir;
 pub mod kernel;

@@ -144,6 +144,54 @@ pub struct Region {
     pub pseudo: bool,
 }
 
+/// What is known of a stepper, by which it is chosen and run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Properties {
+    /// The order of its error; 0 where it has none.
+    pub order: u32,
+    /// How many stages a step has; 0 where it has none, as the matrix exponential.
+    pub stages: u32,
+    /// Whether a step follows from rates alone, without equations to solve.
+    pub explicit: bool,
+    /// Whether a step back undoes a step: the method is its own adjoint.
+    pub symmetric: bool,
+    /// Whether its stages damp what is far too fast for a step.
+    pub l_stable: bool,
+    /// Whether the last stage stands at the end of the step.
+    pub stiffly_accurate: bool,
+    /// Whether its steps keep the balance.
+    pub passive: bool,
+}
+
+impl Properties {
+    /// Nothing known.
+    pub const NONE: Properties = Properties {
+        order: 0,
+        stages: 0,
+        explicit: false,
+        symmetric: false,
+        l_stable: false,
+        stiffly_accurate: false,
+        passive: false,
+    };
+
+    /// Whether a step solves for several stages at once.
+    pub fn couples_stages(&self) -> bool {
+        !self.explicit && self.stages > 1
+    }
+
+    /// Whether what is far too fast for a step stays in it or turns round, so that a step and its two halves may say the
+    /// same of it: the stability function of a symmetric method of s > 1 stages tends to (-1)^s.
+    pub fn repeats_fast_modes(&self) -> bool {
+        self.symmetric && self.couples_stages()
+    }
+
+    /// Whether it stays: s is even.
+    pub fn keeps_fast_modes(&self) -> bool {
+        self.repeats_fast_modes() && self.stages.is_multiple_of(2)
+    }
+}
+
 /// A stepper's program.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Stepper {
@@ -151,10 +199,8 @@ pub struct Stepper {
     pub name: Cow<'static, str>,
     /// Why it was taken; empty where there was no choice.
     pub why: Cow<'static, str>,
-    /// Its order; 0 where it has no error.
-    pub order: u32,
-    /// Whether its steps keep the balance.
-    pub passive: bool,
+    /// What is known of it.
+    pub properties: Properties,
     /// One step.
     pub program: Program,
     /// The first of the outputs of `program` that estimate the error of the step, absolute and in the unit of each: of
@@ -174,19 +220,9 @@ pub struct Stepper {
 
 impl Stepper {
     /// A stepper that is its program and nothing else.
-    pub fn new(name: &'static str, order: u32, passive: bool, program: Program) -> Self {
+    pub fn new(name: &'static str, properties: Properties, program: Program) -> Self {
         let why = Cow::Borrowed("");
-        Self {
-            name: name.into(),
-            why,
-            order,
-            passive,
-            program,
-            estimate: None,
-            linear: None,
-            glance: None,
-            fallback: None,
-        }
+        Self { name: name.into(), why, properties, program, estimate: None, linear: None, glance: None, fallback: None }
     }
 }
 
@@ -346,7 +382,7 @@ pub struct Cluster {
     /// starts.
     pub has_exponentials: bool,
     /// Whether a law is a curve with corners, as that of dry friction: what that holds moves by less than it begins to.
-    pub has_corners: bool,
+    pub is_non_smooth: bool,
     /// What is stored: H of each region, then d2H/dx2 and the grain of each state. Inputs as for `instant`; it depends on the state
     /// alone.
     pub stored: Program,
@@ -374,7 +410,7 @@ pub struct Cluster {
     /// Whether its laws are linear.
     pub is_linear: bool,
     /// Shortest period of what swings by time alone, s.
-    pub swing: Option<f64>,
+    pub fastest_period: Option<f64>,
     /// Resistors whose laws jump where what they are given changes its sign: what they hold still has no solution.
     pub jumps: Vec<String>,
 }

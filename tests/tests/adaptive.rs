@@ -240,8 +240,8 @@ fn steps_that_look_at_their_end_meet_a_source_that_switches() {
     }
 }
 
-/// Steps end at kinks, so that methods of high order take fewer of them, where a tolerance is told that is not loose; where
-/// laws have roots, the one that damps, and in a large region none.
+/// Steps end at kinks, so that methods of high order take fewer of them, where a tolerance is told that is not loose;
+/// where laws have roots, the one that damps, and in a large region none.
 #[test]
 fn kinks_are_taken_with_high_order_where_that_is_asked_for() {
     let taken = |tolerance: f64, model: &str| {
@@ -805,8 +805,8 @@ fn switching_ratios_are_met() {
     }
 }
 
-/// A block on a table, pushed ever more, and what counts its way from 0: while dry friction holds it, its speed is rounding
-/// and so is the way. Free from 2 s on, it has moved (t - 2 s)^3/3 at 3 s.
+/// A block on a table, pushed ever more, and what counts its way from 0: while dry friction holds it, its speed is
+/// rounding and so is the way. Free from 2 s on, it has moved (t - 2 s)^3/3 at 3 s.
 #[test]
 fn counters_of_what_rests() {
     for counter in ["C:x { H = 0 J }  v -> x  probe way = x.q", "state x = 0 m { dx = v.f }  probe way = x"] {

@@ -373,8 +373,8 @@ fn op(b: &mut Builder, pool: &[Value], (f, i, j, k): (u8, u8, u8, u8)) -> Value 
     }
 }
 
-/// A line of cells, each of which does the same with its two states, its neighbour's and an input, and adds something to
-/// a sum: long enough to become loops. The states of a cell stand side by side, or far apart.
+/// A line of cells, each of which does the same with its two states, its neighbour's and an input, and adds something
+/// to a sum: long enough to become loops. The states of a cell stand side by side, or far apart.
 fn line(cells: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], apart: bool) -> Program {
     let mut b = Builder::new("line");
     let [state, next] = [Array::State, Array::Next].map(|array| b.slots(array, 2 * cells));
@@ -686,8 +686,8 @@ fn no_turn_of_a_long_loop_waits_for_another() {
     }
 }
 
-/// A state that is not a finite number is told, whether an energy shows it, or a sum that it does not make infinite; where
-/// only the energy overflows, the step is done.
+/// A state that is not a finite number is told, whether an energy shows it, or a sum that it does not make infinite;
+/// where only the energy overflows, the step is done.
 #[test]
 fn states_that_overflow_are_told() {
     let cells = 3000;

@@ -38,7 +38,8 @@ fn independent_storages_stay() {
     assert_eq!(counts("model M { Se:u = 1 V I:l = 1 H GY:g = 2 V*s/m I:m = 3 kg u -> 1:i -> l, g g -> m }"), (0, 2));
 }
 
-/// An attenuator whose every cell halves: the rows of its form have their neighbours in them alone, however many there are.
+/// An attenuator whose every cell halves: the rows of its form have their neighbours in them alone, however many there
+/// are.
 #[test]
 fn many_free_resistors() {
     let attenuator = text(
@@ -96,8 +97,8 @@ fn asserted_strokes_are_kept() {
     assert_ne!(held.show("causality"), other.show("causality"));
 }
 
-/// Two junctions side by side between the same two are what one is with both elements on it, though in their ring strokes
-/// do not show that the elements are tied together.
+/// Two junctions side by side between the same two are what one is with both elements on it, though in their ring
+/// strokes do not show that the elements are tied together.
 #[test]
 fn what_stands_side_by_side_in_a_ring_is_as_on_one_junction() {
     let (c, i, r, v) = ("C:NAME = 1 F", "I:NAME = 2 H", "R:NAME = 3 Ohm", "Se:NAME = 1 V");
@@ -170,8 +171,8 @@ fn small_storages_follow_large_ones() {
     [[0, 1, 2], [2, 1, 0], [1, 2, 0], [0, 2, 1]].into_iter().for_each(ordered);
 }
 
-/// A law that a signal has a part in cannot be seen to be monotone; between two tanks it is solved all the same, and not
-/// left to one of them to have no integral causality.
+/// A law that a signal has a part in cannot be seen to be monotone; between two tanks it is solved all the same, and
+/// not left to one of them to have no integral causality.
 #[test]
 fn modulated_valves_between_two_storages() {
     let tanks = |law: &str, graph: &str| {
@@ -232,7 +233,8 @@ fn mass_matrices_are_inverted_by_their_diagonals() {
     }
 }
 
-/// Of two laws one is solved: the one for which nothing is divided by a ratio that passes 0, whichever stands first. There, at
+/// Of two laws one is solved: the one for which nothing is divided by a ratio that passes 0, whichever stands first.
+/// There, at
 /// 0.5 s, nothing goes through the transformer, and the inner law alone has the source's 1 V.
 #[test]
 fn laws_about_a_ratio_that_passes_0_are_solved_without_a_division() {

@@ -92,8 +92,8 @@ fn what_follows_a_source_keeps_order_and_balance() {
     assert!(summary.passive && summary.worst_step < 1e-14 && summary.regions[0].steps < 200, "{summary:?}");
 }
 
-/// Two condensers in a loop with a source that is a number: `radau` steps what follows it, as the charge of one tells that
-/// of the other; of a source that moves it does not.
+/// Two condensers in a loop with a source that is a number: `radau` steps what follows it, as the charge of one tells
+/// that of the other; of a source that moves it does not.
 #[test]
 fn a_constant_source_leads_nothing() {
     let text = |law: &str| {
@@ -122,7 +122,7 @@ fn a_constant_source_leads_nothing() {
     let summary = sim.summary();
     assert!(summary.passive && summary.worst_step < 1e-14, "{summary:?}");
     let moves = Options::new().method("radau").compile_str("moves.bond", text("5 V * sin(t * 1 rad/s)"));
-    assert!(moves.is_err_and(|e| e.list()[0].message.contains("follows a source that moves")));
+    assert!(moves.is_err_and(|e| e.list()[0].message.contains("follows a moving source")));
 }
 
 /// Fields of several states, which take the stages apart.

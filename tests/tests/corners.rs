@@ -157,8 +157,8 @@ fn a_root_starts_at_its_infinite_slope() {
     }
 }
 
-/// Two tanks that level out in finite time: the head is 0 from then on, to each tolerance, and no time is lost with what
-/// rounding makes of it. The root of the head falls evenly: by 2 a/sqrt(r) k/A a second.
+/// Two tanks that level out in finite time: the head is 0 from then on, to each tolerance, and no time is lost with
+/// what rounding makes of it. The root of the head falls evenly: by 2 a/sqrt(r) k/A a second.
 #[test]
 fn what_has_levelled_out_stays() {
     for law in ["f = 1 m^3/(s*Pa^(1/2)) * sign(e)*sqrt(abs(e))/100", "e = 1e4 Pa*s^2/m^6 * f*abs(f)"] {
@@ -508,8 +508,8 @@ fn a_bell_is_no_knee() {
     }
 }
 
-/// What is told by a very short step is told before an instant at which a source switches, and not beyond: a chopper with a
-/// coil that has run empty behind its diode.
+/// What is told by a very short step is told before an instant at which a source switches, and not beyond: a chopper
+/// with a coil that has run empty behind its diode.
 #[test]
 fn a_chopper_meets_each_turn() {
     let scene = |pulse: &str| {

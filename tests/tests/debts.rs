@@ -3,8 +3,8 @@
 use crate::common::{advance, close, end, finish, probe, start, text};
 use bond::Steps;
 
-/// Two masses and two springs, each sampled, in a ring in which nobody waits for himself: two springs hold for one mass,
-/// but one of them for another one too, which holds for the first.
+/// Two masses and two springs, each sampled, in a ring in which nobody waits for himself: two springs hold for one
+/// mass, but one of them for another one too, which holds for the first.
 fn ring(period: Option<f64>) -> bond::Compiled {
     let block = |inner: &str| match period {
         Some(t) => format!("sampled every {t} s {{ {inner} }}"),
@@ -48,8 +48,8 @@ fn a_ring_of_sampled_regions_keeps_its_order() {
     assert!(coarse < 0.02 && fine < coarse / 12.0, "{coarse} and {fine}");
 }
 
-/// A mass that bounces about, with sampled springs and a sampled mass at three rates: which of them has a debt of 1e-18 J
-/// at a sample must not tell what the others hold.
+/// A mass that bounces about, with sampled springs and a sampled mass at three rates: which of them has a debt of 1e-18
+/// J at a sample must not tell what the others hold.
 #[test]
 fn rounding_makes_no_debt() {
     let run = |speed: &str| {
@@ -113,8 +113,8 @@ fn rounding_of_an_own_source_makes_no_debt() {
     }
 }
 
-/// A wall far too stiff for its period has H go up and down by 1e13 J, and what crosses by some: that is not lost in the
-/// rounding of H.
+/// A wall far too stiff for its period has H go up and down by 1e13 J, and what crosses by some: that is not lost in
+/// the rounding of H.
 #[test]
 fn a_debt_is_not_lost_beside_what_holds_make() {
     let compiled = text(
@@ -166,8 +166,8 @@ fn moved(hold: &str) -> bond::Compiled {
     ))
 }
 
-/// A source of the region's own sets in motion what is at rest, though there is nothing stored: what it puts in is foretold
-/// by the motion that begins, not by the one that was.
+/// A source of the region's own sets in motion what is at rest, though there is nothing stored: what it puts in is
+/// foretold by the motion that begins, not by the one that was.
 #[test]
 fn a_source_of_its_own_begins_from_rest() {
     // p' = 1 - 1.3 p

@@ -79,7 +79,7 @@ const TICKS: u64 = 8;
 
 /// Lets a scene and a device meet for so many intervals. `honest` devices keep the limit.
 fn meet(compiled: &Compiled, who: Who, bad: f64, seed: u64, intervals: u64, honest: bool) -> Ending {
-    let mut exchange = Exchange::new(&compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let mut exchange = Exchange::new(compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
     let n = compiled.scene().open.len();
     let initial: f64 = exchange.summary().regions.iter().map(|r| r.h_initial).sum();
     let period = exchange.period();

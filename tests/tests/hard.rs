@@ -9,8 +9,9 @@ use bond_compiler::discretise::Method;
 fn passive(name: &str, options: &Options) -> Vec<(&'static str, Compiled)> {
     let path = models().join("hard").join(format!("{name}.bond"));
     let by = |m: Method| Some((m.name(), options.clone().method(m.name()).compile_file(&path).ok()?));
-    let takes =
-        |(name, c): &(&str, Compiled)| c.scene().clusters.iter().all(|c| c.step.passive && c.step.name == *name);
+    let takes = |(name, c): &(&str, Compiled)| {
+        c.scene().clusters.iter().all(|c| c.step.properties.passive && c.step.name == *name)
+    };
     let list: Vec<_> = Method::ALL.into_iter().filter_map(by).filter(takes).collect();
     assert!(!list.is_empty(), "{name}: no passive stepper takes it");
     list

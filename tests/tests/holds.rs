@@ -114,8 +114,8 @@ fn no_hold_with_a_budget_gives_more_than_it_got() {
 }
 
 /// What the paper's stepper cannot do, and says: it books its leaps, and both sides still count the same.
-/// What is stored is H and a tank, which all but cancel at first: their rounding is nothing to give out. (As a budget it
-/// was held, by its root, against the push of the first interval.)
+/// What is stored is H and a tank, which all but cancel at first: their rounding is nothing to give out. (As a budget
+/// it was held, by its root, against the push of the first interval.)
 #[test]
 fn rounding_is_no_budget() {
     let scenes = [
@@ -341,8 +341,8 @@ fn a_debt_is_not_forgotten() {
     }
 }
 
-/// A source of the sampled region's own keeps it in the debt that the first interval made, of which nothing is foretold:
-/// it is drawn by the spring all the same, and comes to the continuous motion as the period gets shorter.
+/// A source of the sampled region's own keeps it in the debt that the first interval made, of which nothing is
+/// foretold: it is drawn by the spring all the same, and comes to the continuous motion as the period gets shorter.
 #[test]
 fn debtors_of_the_first_interval() {
     let run = |joint: &str, block: &str, push: f64, damping: f64| {
@@ -381,8 +381,8 @@ fn drawn(seed: &mut u64, from: f64, to: f64) -> f64 {
     from + (to - from) * ((*seed >> 11) as f64 / (1_u64 << 53) as f64)
 }
 
-/// Drawn scenes without sources, at periods from far below to far beyond their fastest times: whatever a debtor earns back,
-/// what it owes stays a small multiple of what was stored.
+/// Drawn scenes without sources, at periods from far below to far beyond their fastest times: whatever a debtor earns
+/// back, what it owes stays a small multiple of what was stored.
 #[test]
 fn debtors_owe_little() {
     let mut seed = 1;
@@ -711,8 +711,8 @@ fn within_an_interval_more_may_cross() {
     );
 }
 
-/// A wall of k T^2 = 10 masses: its budget lets it give back what it was given, and there it rests, not where its spring
-/// would (10 um).
+/// A wall of k T^2 = 10 masses: its budget lets it give back what it was given, and there it rests, not where its
+/// spring would (10 um).
 #[test]
 fn a_wall_too_stiff_for_its_period_rests_where_its_budget_ends() {
     let compiled = text(
@@ -764,8 +764,9 @@ fn what_is_measured_goes_by_the_size_of_the_scene() {
     }
 }
 
-/// A body that slides at the start, and that friction brings to rest within the first interval, answers as one that slides on:
-/// what is left of its way, 1.25 mm of 50 cm, let the spring push as if it could not move: 1.8e8 times what was stored.
+/// A body that slides at the start, and that friction brings to rest within the first interval, answers as one that
+/// slides on: what is left of its way, 1.25 mm of 50 cm, let the spring push as if it could not move: 1.8e8 times what
+/// was stored.
 #[test]
 fn what_friction_stops_answers_as_what_slides() {
     for (v0, k, x0) in [(0.05, 900.0, 0.1), (0.05, 900.0, 0.01), (0.1, 100.0, 1.0), (0.2, 25.0, 0.01)] {
@@ -788,7 +789,8 @@ fn what_friction_stops_answers_as_what_slides() {
     }
 }
 
-/// What friction holds at the start answers as what slides, however it is stepped: else a sampled spring would drive it.
+/// What friction holds at the start answers as what slides, however it is stepped: else a sampled spring would drive
+/// it.
 #[test]
 fn what_friction_holds_answers_as_what_slides() {
     let moved = "Se:push = if t < 0.1 s then 0 N else 5 N  push -> v";

@@ -195,8 +195,8 @@ fn energies_that_level_off_have_a_least() {
     assert!(!passive("{ e = 1 V/C * q - 1e-6 V/C^3 * q^3; q0 = 1 C }"));
 }
 
-/// n log(n/V) has values where both are negative, and falls there without end: no gas gets to them. Its terms cancel but
-/// for rounding while it is near its least, which is no energy from nothing.
+/// n log(n/V) has values where both are negative, and falls there without end: no gas gets to them. Its terms cancel
+/// but for rounding while it is near its least, which is no energy from nothing.
 #[test]
 fn a_gas_is_as_far_as_its_start_leads() {
     let text = |energy: &str| {

@@ -215,8 +215,8 @@ fn efforts_that_cancel() {
     assert_balanced("cancelling efforts", &sim.summary());
 }
 
-/// A spring that begins far from where its stroke is counted from holds what the digits of the stroke can tell of how far
-/// it is pressed: what rounding took from the stroke counts.
+/// A spring that begins far from where its stroke is counted from holds what the digits of the stroke can tell of how
+/// far it is pressed: what rounding took from the stroke counts.
 #[test]
 fn a_stop_far_off_balances() {
     let stops = "model Stops {
@@ -366,7 +366,8 @@ fn an_exact_step_beyond_all_digits_ends_the_run() {
     }
 }
 
-/// A source that moves, and is all but balanced by what is held against it: the balance closes to rounding all the same.
+/// A source that moves, and is all but balanced by what is held against it: the balance closes to rounding all the
+/// same.
 #[test]
 fn what_all_but_balances_a_moving_source_balances() {
     let wall = "model A {
@@ -441,8 +442,8 @@ fn what_gives_little_beside_heat_is_seen() {
     }
 }
 
-/// A coil that saturates, behind a diode: far below the knee, where a step begins, the diode's voltage has no weight, and
-/// is not left anywhere for that.
+/// A coil that saturates, behind a diode: far below the knee, where a step begins, the diode's voltage has no weight,
+/// and is not left anywhere for that.
 #[test]
 fn a_diode_that_opens_late_balances() {
     let compiled = crate::common::text(

@@ -131,8 +131,8 @@ fn a_balanced_loop() {
     assert!((l.d[(0, 0)] - 0.25).abs() < 1e-14, "{l:?}");
 }
 
-/// A controller that is sampled drives a mass by its state: that is an input, and the loop is not closed. It may be read
-/// by a source that switches on it, too, and what does not read it has no part of it.
+/// A controller that is sampled drives a mass by its state: that is an input, and the loop is not closed. It may be
+/// read by a source that switches on it, too, and what does not read it has no part of it.
 #[test]
 fn what_is_sampled_is_given() {
     let compiled = text(
@@ -198,8 +198,8 @@ fn an_infinite_slope_is_told() {
     assert!(told.as_ref().is_err_and(|e| e.starts_with("`tank.q` has no finite slope there")), "{told:?}");
 }
 
-/// Poles and response of a damped oscillator driven by a force, whose probe x has the gain 1/(k - m w^2 + j b w): below,
-/// at and above resonance. The integral of a probe is a pole at 0 itself, beside fast ones.
+/// Poles and response of a damped oscillator driven by a force, whose probe x has the gain 1/(k - m w^2 + j b w):
+/// below, at and above resonance. The integral of a probe is a pole at 0 itself, beside fast ones.
 #[test]
 fn poles_and_response() {
     let compiled = text(

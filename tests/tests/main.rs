@@ -24,6 +24,7 @@ mod holds;
 mod image;
 mod lanes;
 mod laws;
+mod layers;
 mod ledger;
 mod library;
 mod linearize;

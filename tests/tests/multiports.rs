@@ -464,7 +464,8 @@ fn active_fields_give_and_take_by_exact_steps() {
     assert!(summary.worst_step < 1e-12 && !summary.passive, "{summary:?}");
 }
 
-/// Laws that are linear are the matrix that they make, whichever variables they give: the region is stepped without error.
+/// Laws that are linear are the matrix that they make, whichever variables they give: the region is stepped without
+/// error.
 #[test]
 fn linear_laws_of_a_field_are_a_matrix() {
     let ends = [
@@ -534,8 +535,8 @@ fn a_clamped_rod_is_stepped_exactly() {
     }
 }
 
-/// A current goes on round two coils while a field of resistors lets the voltage die away to rounding. The number is of an
-/// implicit Runge-Kutta method with tolerances of 1e-11.
+/// A current goes on round two coils while a field of resistors lets the voltage die away to rounding. The number is of
+/// an implicit Runge-Kutta method with tolerances of 1e-11.
 #[test]
 fn what_dies_away_in_a_field_is_rounding_of_what_goes_on() {
     let scene = "model Round {

@@ -41,8 +41,8 @@ fn follows_what_is_read() {
     assert_eq!(left("  probe x = 2*t\n"), (names(&["one", "two", "three"]), names(&["lag", "more"])));
 }
 
-/// Nothing says what is needed where there is neither probe, port nor expectation; and what is expected of the ledger is
-/// expected of every region.
+/// Nothing says what is needed where there is neither probe, port nor expectation; and what is expected of the ledger
+/// is expected of every region.
 #[test]
 fn all_is_needed_where_nothing_says_what() {
     assert_eq!(left(""), (names(&[]), names(&[])));

@@ -53,8 +53,8 @@ fn what_was_passive_stays_so() {
     assert!(tried > 300 && ran > 150, "{ran} of {tried}");
 }
 
-/// A part whose law counts for nothing can be left out without a change: the steps are those of the model that never had
-/// it.
+/// A part whose law counts for nothing can be left out without a change: the steps are those of the model that never
+/// had it.
 #[test]
 fn left_out_is_as_never_written() {
     let model = |more: &str, bonds: &str| {

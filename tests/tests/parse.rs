@@ -86,7 +86,8 @@ fn layouts() {
     insta::assert_snapshot!("layout", laid_out("layout.bond", &text));
 }
 
-/// A keyword is never read as a unit, and newlines separate nothing: any statement may follow a bare number on its line.
+/// A keyword is never read as a unit, and newlines separate nothing: any statement may follow a bare number on its
+/// line.
 #[test]
 fn statements_follow_numbers() {
     let starts =

@@ -5,8 +5,8 @@ use bond::internal::OptionsInternals;
 use bond::{Options, Steps};
 use bond_compiler::discretise::Accuracy;
 
-/// The level of a tank of 1 m^2 at `t`, which 1 m^3/s fills and a hole of 1 m^3/s at 1 m empties: `t = -2 (r + ln(1 - r))`
-/// with its root `r`.
+/// The level of a tank of 1 m^2 at `t`, which 1 m^3/s fills and a hole of 1 m^3/s at 1 m empties: `t = -2 (r + ln(1 -
+/// r))` with its root `r`.
 fn level(t: f64) -> f64 {
     let (mut low, mut high) = (0.0f64, 1.0);
     for _ in 0..60 {
@@ -72,8 +72,8 @@ fn a_root_that_a_current_is_imposed_on() {
     }
 }
 
-/// Pipes whose orifices turn over together, and a valve between: the equations of the roots weigh far less than those of
-/// the charges, and whole updates are right though what is left grows.
+/// Pipes whose orifices turn over together, and a valve between: the equations of the roots weigh far less than those
+/// of the charges, and whole updates are right though what is left grows.
 #[test]
 fn orifices_take_few_iterations() {
     let valve = |resistance: &str| {
@@ -132,8 +132,8 @@ fn orifices_take_few_iterations() {
     }
 }
 
-/// A tank that runs dry, q = (1 - t/2)^2, stays dry: the parabola's other branch fills it again. What flows then is the root
-/// of what is left, however little that is.
+/// A tank that runs dry, q = (1 - t/2)^2, stays dry: the parabola's other branch fills it again. What flows then is the
+/// root of what is left, however little that is.
 #[test]
 fn a_tank_that_runs_dry_stays_dry() {
     for law in ["e = (1 Pa*s^2/m^6)*f*abs(f)", "f = (1 m^3/(s*Pa^(1/2)))*sign(e)*sqrt(abs(e))"] {
@@ -160,8 +160,8 @@ fn a_tank_that_runs_dry_stays_dry() {
     }
 }
 
-/// What rows say of a flow through an orifice is the root of the drop that they say, whatever else the law reads, and however
-/// the law goes on where it is steep.
+/// What rows say of a flow through an orifice is the root of the drop that they say, whatever else the law reads, and
+/// however the law goes on where it is steep.
 #[test]
 fn rows_tell_the_root_of_the_drop() {
     let k = |q: f64| 1.0 + q * q;

@@ -5,7 +5,8 @@ use bond::internal::OptionsInternals;
 use bond::{Options, Steps};
 use bond_compiler::discretise::Accuracy;
 
-/// Ways to step: the default, to a tolerance, by equal steps of the default method, and by a method that ends on a stage.
+/// Ways to step: the default, to a tolerance, by equal steps of the default method, and by a method that ends on a
+/// stage.
 fn ways() -> [(Options, Steps, &'static str); 4] {
     [
         (Options::new(), Steps::new(), "default"),
@@ -30,8 +31,8 @@ fn shows(text: &str, name: &str, tolerance: f64, wanted: impl Fn(f64) -> f64) {
     }
 }
 
-/// Laws that are solved for what the states impose, and steep enough to be told by it, hold in each row, however they are
-/// written: one that saturates, one with two slopes as a curve, dry friction of a body that slides.
+/// Laws that are solved for what the states impose, and steep enough to be told by it, hold in each row, however they
+/// are written: one that saturates, one with two slopes as a curve, dry friction of a body that slides.
 #[test]
 fn laws_hold_in_rows() {
     shows(
@@ -77,8 +78,8 @@ fn laws_hold_in_rows() {
     );
 }
 
-/// Where the states leave it open, as the force of dry friction on a body at rest and the voltage of a diode that keeps a
-/// coil without current, it is what leaves the states there, at the row and not in the middle of the last step.
+/// Where the states leave it open, as the force of dry friction on a body at rest and the voltage of a diode that keeps
+/// a coil without current, it is what leaves the states there, at the row and not in the middle of the last step.
 #[test]
 fn what_holds_is_what_it_holds_against() {
     shows(
@@ -125,8 +126,8 @@ fn what_holds_is_what_it_holds_against() {
     );
 }
 
-/// Two diodes that block leave the node between them to the coil without current: it stands at what that is held against.
-/// While one conducts, it is the source's, less what a resistance takes.
+/// Two diodes that block leave the node between them to the coil without current: it stands at what that is held
+/// against. While one conducts, it is the source's, less what a resistance takes.
 #[test]
 fn a_node_behind_diodes_that_block() {
     let text = |emf: &str| {
@@ -159,9 +160,9 @@ fn a_node_behind_diodes_that_block() {
     close(probe(&mut sim, "u"), 10.0, 1e-6, "while nothing flows");
 }
 
-/// The node of a bridge between the inductance of a line and a coil: the diodes that conduct join these, and it has what is
-/// left of the source to the coil, `u = R i + L (|e| - R i)/(L + l)`. One pair carries all of the current, and no diode
-/// gives power, but for some 1e-5 of what they pass on.
+/// The node of a bridge between the inductance of a line and a coil: the diodes that conduct join these, and it has
+/// what is left of the source to the coil, `u = R i + L (|e| - R i)/(L + l)`. One pair carries all of the current, and
+/// no diode gives power, but for some 1e-5 of what they pass on.
 #[test]
 fn a_node_between_two_coils() {
     for (method, tolerance) in [("", 1e-6), ("", 1e-9), ("radau", 1e-6), ("collocation4", 1e-8), ("gonzalez", 1e-7)] {
@@ -180,8 +181,8 @@ fn a_node_between_two_coils() {
     }
 }
 
-/// What it holds may jump: the friction of a block that is pressed less goes on holding it, with the force that is asked of
-/// it, as soon as that is so, for samples too.
+/// What it holds may jump: the friction of a block that is pressed less goes on holding it, with the force that is
+/// asked of it, as soon as that is so, for samples too.
 #[test]
 fn what_holds_while_its_limit_jumps() {
     shows(
@@ -228,8 +229,8 @@ fn two_frictions_in_series() {
     }
 }
 
-/// Two guides of one body: how they share the force at rest is open, so that they are at the same place of their curves,
-/// each with its part of what it can hold.
+/// Two guides of one body: how they share the force at rest is open, so that they are at the same place of their
+/// curves, each with its part of what it can hold.
 #[test]
 fn two_frictions_on_one_body() {
     let text = "use std.contact
@@ -259,8 +260,9 @@ fn two_frictions_on_one_body() {
     }
 }
 
-/// A source that moves takes a state along through a law that stands upright: a body that sticks to a belt, and the charge
-/// of a capacitor behind a diode that conducts. What the law gives is what that takes, in rows and where samples read it.
+/// A source that moves takes a state along through a law that stands upright: a body that sticks to a belt, and the
+/// charge of a capacitor behind a diode that conducts. What the law gives is what that takes, in rows and where samples
+/// read it.
 #[test]
 fn what_a_source_hands_on() {
     let belt = "model Belt {

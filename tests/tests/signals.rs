@@ -705,8 +705,8 @@ fn samples_hold_the_time() {
     }
 }
 
-/// What counts whole numbers comes to whole numbers, whatever they are divided by, as numbers of the text or of parameters:
-/// a 49th times 49 is less than 1.
+/// What counts whole numbers comes to whole numbers, whatever they are divided by, as numbers of the text or of
+/// parameters: a 49th times 49 is less than 1.
 #[test]
 fn counters_count() {
     for n in [3, 6, 7, 14, 24, 28, 29, 49, 54, 68, 98, 103, 107, 112, 119] {
@@ -745,8 +745,8 @@ fn counters_count() {
     }
 }
 
-/// What only samples and inputs move does not switch within a step: where no step is cut, as in what is built, it is stepped
-/// exactly too.
+/// What only samples and inputs move does not switch within a step: where no step is cut, as in what is built, it is
+/// stepped exactly too.
 #[test]
 fn limits_of_what_is_held_are_no_switches() {
     let limited = |what: &str| {

@@ -329,8 +329,8 @@ fn the_transistor_amplifier_as_published() {
     }
 }
 
-/// Where a source and a storage come to balance across a loop of resistors, what flows is their rounding in the end: the
-/// loop is solved to that, and the run goes on. Of q + q^3 = 1, q is 0.6823278038280193.
+/// Where a source and a storage come to balance across a loop of resistors, what flows is their rounding in the end:
+/// the loop is solved to that, and the run goes on. Of q + q^3 = 1, q is 0.6823278038280193.
 #[test]
 fn loops_come_to_rest() {
     let washer = "model Washer {
@@ -577,9 +577,9 @@ impl Arm {
 }
 
 /// From the Cartesian speeds of an arm's masses its turning follows by divisions that pass 0; it is the turning of its
-/// joints that is kept, however that is written and whatever stands at the joints, be it an inertia that is a very small
-/// number beside the masses. All ways have the numbers of Lagrange's equations, and come to them by the square of the
-/// step.
+/// joints that is kept, however that is written and whatever stands at the joints, be it an inertia that is a very
+/// small number beside the masses. All ways have the numbers of Lagrange's equations, and come to them by the square of
+/// the step.
 #[test]
 fn the_joints_of_an_arm_move_its_masses() {
     let arms = [

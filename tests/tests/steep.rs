@@ -281,8 +281,8 @@ model M {{ Sf:u = {given} A  R:line = {ohms} Ohm  I:l = {size} H  R:d {{ f = (1 
     }
 }
 
-/// Two capacitors and a diode that is given far more than it ever keeps: what moves within 1e-60 s at the start is seen, and
-/// the rest follows the closed form, `exp(-v/Vt) = 1 - (1 - exp(-v0/Vt)) exp(-k t)`.
+/// Two capacitors and a diode that is given far more than it ever keeps: what moves within 1e-60 s at the start is
+/// seen, and the rest follows the closed form, `exp(-v/Vt) = 1 - (1 - exp(-v0/Vt)) exp(-k t)`.
 #[test]
 fn a_start_far_from_rest() {
     let (c1, c2, vt, is) = (0.05, 0.2, 0.2, 1e-5);
@@ -336,8 +336,8 @@ fn a_source_far_from_rest() {
     }
 }
 
-/// The same where the source jumps within the run: whatever ends just before that is seen from just past it. A jump that no
-/// number has digits for is refused.
+/// The same where the source jumps within the run: whatever ends just before that is seen from just past it. A jump
+/// that no number has digits for is refused.
 #[test]
 fn a_jump_far_from_rest() {
     let jump = |volts: f64| {
@@ -373,7 +373,8 @@ fn a_jump_far_from_rest() {
     }
 }
 
-/// At the far end of a line of diodes next to nothing arrives, and less than a number has digits for: that is not iterated.
+/// At the far end of a line of diodes next to nothing arrives, and less than a number has digits for: that is not
+/// iterated.
 #[test]
 fn a_long_line_of_diodes() {
     let text = "model Line {
@@ -415,8 +416,8 @@ fn tight_resistors_are_found_for_the_steps_that_are_asked_for() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: cases(60), ..ProptestConfig::default() })]
 
-    /// Dry friction as a steep curve that saturates, over steps that know nothing of its width: updates go from one side
-    /// of it to the other. Each step has its solution, and finds it.
+    /// Dry friction as a steep curve that saturates, over steps that know nothing of its width: updates go from one
+    /// side of it to the other. Each step has its solution, and finds it.
     #[test]
     fn steep_friction_takes_any_step(
         bodies in (decades(-2.0, 1.0), decades(-1.0, 1.0), any::<bool>()),
@@ -610,8 +611,8 @@ fn logistics_are_hyperbolic_tangents() {
     }
 }
 
-/// Laws in which what is left near 0 is the rounding of a number taken off: what they are asked for there is no more exact
-/// than that, and a mass that starts at rest and is pushed moves.
+/// Laws in which what is left near 0 is the rounding of a number taken off: what they are asked for there is no more
+/// exact than that, and a mass that starts at rest and is pushed moves.
 #[test]
 fn laws_that_cancel_at_rest() {
     for law in [

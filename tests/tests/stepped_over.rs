@@ -26,8 +26,8 @@ fn at(compiled: &Compiled, tolerance: Option<f64>, probe: &str, t: f64) -> (f64,
     (sim.probe(probe).unwrap(), summary.regions[0].steps)
 }
 
-/// A half-wave rectifier: while the diode blocks nothing moves by which a step would know of the next pulse. The numbers
-/// are of an implicit Runge-Kutta method with steps of a thousandth of the period, and tolerances of 1e-12.
+/// A half-wave rectifier: while the diode blocks nothing moves by which a step would know of the next pulse. The
+/// numbers are of an implicit Runge-Kutta method with steps of a thousandth of the period, and tolerances of 1e-12.
 #[test]
 fn pulses_of_diodes() {
     let rectifier = |diode: &str, rs: &str| {
@@ -71,8 +71,8 @@ fn pulses_of_diodes() {
     }
 }
 
-/// Two diodes to one condenser: collocation does not solve short steps where they begin to conduct, and the other stepper
-/// takes these.
+/// Two diodes to one condenser: collocation does not solve short steps where they begin to conduct, and the other
+/// stepper takes these.
 #[test]
 fn diodes_that_begin_to_conduct() {
     let text = "model Centre {
@@ -162,7 +162,8 @@ fn sources_of_linear_regions() {
 /// A tank runs empty, so that its orifice goes to and fro by rounding; the pump that starts later does so on time.
 #[test]
 fn known_times_after_rest() {
-    // From level 0 at 40 s on, A dh/dt = pump - a sqrt(2 g h), which has a closed form: t as a function of the root of h.
+    // From level 0 at 40 s on, A dh/dt = pump - a sqrt(2 g h), which has a closed form: t as a function of the root of
+    // h.
     let one = "model One(A = 0.1 m^2, a = 1e-3 m^2, rho = 1000 kg/m^3, g = 9.81 m/s^2) {
       Sf:pump = if t > 40 s then 2e-3 m^3/s else 0
       C:tank { stiffness = rho*g/A; q0 = 0.01 m^3 }
@@ -383,7 +384,8 @@ fn small_beside_what_coasts() {
     }
 }
 
-/// A first step far beyond what an explicit method can take: what it throws far off is not taken for the size of things.
+/// A first step far beyond what an explicit method can take: what it throws far off is not taken for the size of
+/// things.
 #[test]
 fn what_explodes_is_not_its_own_measure() {
     for law in ["R:rs = 1 uOhm", "R:rs { f = if e > 0 V then e/(1 uOhm) else 0 A }"] {
@@ -406,7 +408,8 @@ fn what_explodes_is_not_its_own_measure() {
     }
 }
 
-/// Laws with kinks and roots, of which one matrix a step tells one side alone: the stages of a step are solved together.
+/// Laws with kinks and roots, of which one matrix a step tells one side alone: the stages of a step are solved
+/// together.
 #[test]
 fn stages_beyond_a_kink() {
     let boost = "model Boost {
@@ -478,8 +481,8 @@ fn orifices_at_order_8() {
     }
 }
 
-/// Newton's cradle by Hertz' law: bodies that touch, whose contacts have no stiffness yet, and pass on next to nothing in
-/// the first step (1e-200 m at the last of them).
+/// Newton's cradle by Hertz' law: bodies that touch, whose contacts have no stiffness yet, and pass on next to nothing
+/// in the first step (1e-200 m at the last of them).
 #[test]
 fn bodies_that_touch() {
     let row = |n: u32, law: &str| {
@@ -512,8 +515,8 @@ fn bodies_that_touch() {
     }
 }
 
-/// `e sqrt|e|` has its slope at 0 however it is written: a backlash 10 cm wide in series with such a damper, driven through
-/// it at constant speed, presses on its other flank by what the damper lets through, (v/c)^(2/3).
+/// `e sqrt|e|` has its slope at 0 however it is written: a backlash 10 cm wide in series with such a damper, driven
+/// through it at constant speed, presses on its other flank by what the damper lets through, (v/c)^(2/3).
 #[test]
 fn broken_powers_have_their_slope_at_rest() {
     for law in ["e*sqrt(abs(e))", "sign(e)*abs(e)^1.5", "e*abs(e)^(1/2)"] {
@@ -600,7 +603,8 @@ fn rows_beyond_a_diode() {
                 if i > 0.01 {
                     close(u, 0.05 * (1.0 + i / 1e-9).ln(), 1e-4, &format!("{method}, conducting at {t}"));
                 }
-                // Just after it is let go, what rings may be off by more than the mains, but is no number of another order.
+                // Just after it is let go, what rings may be off by more than the mains, but is no number of another
+                // order.
                 assert!((u - mains.min(0.0)).abs() < 100.0, "{method} at {t}: {u} V, mains {mains} V");
             }
         }
@@ -636,8 +640,8 @@ fn rows_within_long_steps() {
     }
 }
 
-/// What a coil asks of a diode that blocks, and a spring of a slider: nothing but the states decides it, and the law has
-/// an end. A symmetric method rings there, and what the law gives comes to anything.
+/// What a coil asks of a diode that blocks, and a spring of a slider: nothing but the states decides it, and the law
+/// has an end. A symmetric method rings there, and what the law gives comes to anything.
 #[test]
 fn beyond_a_diode() {
     let battery = "use std.electrical
@@ -678,7 +682,8 @@ fn beyond_a_diode() {
         let (u, _) = at(&compiled(relay, None, tolerance), tolerance, "u", 0.06);
         assert!((u - 24.0 * 48.0 * 1e-7).abs() < 1e-7, "{tolerance:?}: {u}");
         let coil = compiled(HALF_WAVE, None, tolerance);
-        // While it conducts, by an implicit Runge-Kutta method at 1e-12; while it blocks, -Is flows and the source is left.
+        // While it conducts, by an implicit Runge-Kutta method at 1e-12; while it blocks, -Is flows and the source is
+        // left.
         let (i, _) = at(&coil, tolerance, "i", 5e-3);
         assert!((i - 1.965_91).abs() < 2e-3, "{tolerance:?}: {i}");
         for t in [0.013, 0.015, 0.0185, 0.019, 0.0545] {
@@ -791,8 +796,8 @@ fn knees_at_the_end_of_a_step() {
     }
 }
 
-/// A stiff branch that is entered again with the steps in which it was left: Gauss' method lets stay what is far too fast for
-/// a step, and so do its halves. A chamber with a valve, 0.1 ms fast, that opens twice.
+/// A stiff branch that is entered again with the steps in which it was left: Gauss' method lets stay what is far too
+/// fast for a step, and so do its halves. A chamber with a valve, 0.1 ms fast, that opens twice.
 #[test]
 fn a_stiff_branch_that_is_entered_again() {
     let text = "model Chamber {
@@ -819,8 +824,8 @@ fn a_stiff_branch_that_is_entered_again() {
     }
 }
 
-/// The far end of a row of springs with a kink is moved by next to nothing, whose square is nothing. To a tight tolerance a
-/// row as long takes a method of high order, in far fewer steps.
+/// The far end of a row of springs with a kink is moved by next to nothing, whose square is nothing. To a tight
+/// tolerance a row as long takes a method of high order, in far fewer steps.
 #[test]
 fn springs_with_a_kink_in_a_row() {
     let text = "model Chain {

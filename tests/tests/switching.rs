@@ -34,7 +34,8 @@ fn a_contact_closes() {
     }
 }
 
-/// A resistance that is nothing after 5 us, and one that is before: `u` of a capacitor behind 1 kOhm, and of one beside it.
+/// A resistance that is nothing after 5 us, and one that is before: `u` of a capacitor behind 1 kOhm, and of one beside
+/// it.
 #[test]
 fn a_contact_may_be_ideal() {
     for (contact, law) in [
@@ -101,8 +102,8 @@ fn a_contact_switches_on_what_it_does() {
     }
 }
 
-/// A leg of a bridge: `up` opens at 0.1 ms, the current of the coil goes on through the diode, and `dn` closes beside it
-/// at 0.12 ms. No step sees the contacts' rounding, whatever they let through while they are open.
+/// A leg of a bridge: `up` opens at 0.1 ms, the current of the coil goes on through the diode, and `dn` closes beside
+/// it at 0.12 ms. No step sees the contacts' rounding, whatever they let through while they are open.
 #[test]
 fn a_leg_hands_its_current_over() {
     for off in ["1e-9", "1e-6", "1e-3"] {
@@ -126,7 +127,8 @@ fn a_leg_hands_its_current_over() {
             let mut sim = start(&compiled, step.map_or(Steps::new(), Steps::fixed));
             finish(&mut sim, 2e-4);
             let what = format!("{off}, {method}, {step:?}");
-            // 2.01 Ohm to 300 V, then 2 Ohm to 0 V, then 2.01 Ohm (the contact is at most 1 mOhm beside an ideal diode).
+            // 2.01 Ohm to 300 V, then 2 Ohm to 0 V, then 2.01 Ohm (the contact is at most 1 mOhm beside an ideal
+            // diode).
             let i = 300.0 / 2.01 + (10.0 - 300.0 / 2.01) * f64::exp(-2.01 / 5e-3 * 1e-4);
             let i = i * f64::exp(-2.0 / 5e-3 * 1e-4);
             let leaks = if off == "1e-3" { 5e-3 } else { 2e-5 };
@@ -256,8 +258,9 @@ fn a_conductance_may_be_a_diode() {
     }
 }
 
-/// A bridge of ideal diodes behind the inductance of a line: while the current goes over from one pair to the other, all
-/// four conduct, and what goes round in them is open. The load's current against that of the two circuits, by turns.
+/// A bridge of ideal diodes behind the inductance of a line: while the current goes over from one pair to the other,
+/// all four conduct, and what goes round in them is open. The load's current against that of the two circuits, by
+/// turns.
 #[test]
 fn a_bridge_behind_a_line_commutes() {
     let (line, coil, r, u) = (1e-3, 20e-3, 10.0, |t: f64| 325.0 * f64::sin(100.0 * std::f64::consts::PI * t));
@@ -312,7 +315,8 @@ fn bridge(diode: &str, line: &str, load: &str) -> String {
     )
 }
 
-/// A bridge of diodes with a threshold behind a line: nothing tells at its start what lies between diodes that all block.
+/// A bridge of diodes with a threshold behind a line: nothing tells at its start what lies between diodes that all
+/// block.
 #[test]
 fn a_bridge_with_thresholds_starts() {
     let load = "R:load = 44 Ohm  plus -> load  probe i = line.f  probe u = plus.e";
@@ -378,8 +382,8 @@ fn a_flow_into_diodes_that_block_has_no_start() {
     assert!(wrong.contains("no solution was found at the start") && wrong.contains("a small leak"), "{wrong}");
 }
 
-/// A coil behind a bridge whose diodes have a threshold and leak a little is fed while the source is above both thresholds,
-/// and discharges through all four else, until none is left.
+/// A coil behind a bridge whose diodes have a threshold and leak a little is fed while the source is above both
+/// thresholds, and discharges through all four else, until none is left.
 #[test]
 fn a_bridge_that_leaks_feeds_a_coil() {
     let diode = "{ e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A + 1 uA * (0.7 + min(s, 0)) }";
@@ -407,8 +411,8 @@ fn a_bridge_that_leaks_feeds_a_coil() {
     }
 }
 
-/// What hands a source on to a storage, as a bridge of diodes to a capacitor and dry friction to a body that sticks to a
-/// belt, is not stepped to and fro about it: each law lets go and takes hold a few times a period.
+/// What hands a source on to a storage, as a bridge of diodes to a capacitor and dry friction to a body that sticks to
+/// a belt, is not stepped to and fro about it: each law lets go and takes hold a few times a period.
 #[test]
 fn a_storage_goes_with_a_source() {
     let diode = "{ e = 0.7 V + min(s, 0)*1 V; f = max(s, 0)*1 A + 1 uA * (0.7 + min(s, 0)) }";
@@ -439,8 +443,8 @@ fn a_storage_goes_with_a_source() {
     }
 }
 
-/// Diodes of two straight pieces, conducting to 10 mOhm and blocking to 10 uS: where a step ends at the corner of one, what
-/// rounding leaves there is looked at, and the balance closes.
+/// Diodes of two straight pieces, conducting to 10 mOhm and blocking to 10 uS: where a step ends at the corner of one,
+/// what rounding leaves there is looked at, and the balance closes.
 #[test]
 fn corners_of_steep_diodes_balance() {
     let diode = "{ f = if e > 0 V then e/(10 mOhm) else 10 uS * e }";

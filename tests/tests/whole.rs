@@ -136,9 +136,9 @@ fn whole_arguments_keep_their_value() {
     }
 }
 
-/// A window that closes where the turn ends is met, however narrow: the guard of its condition changes its sign twice, the
-/// second time by a jump. Each of 20 pulses of 1 kV and 100 ns leaves 0.1 mV*s in a coil; the same over the last part of
-/// each turn of a disk, and over the first part of turns that go backwards.
+/// A window that closes where the turn ends is met, however narrow: the guard of its condition changes its sign twice,
+/// the second time by a jump. Each of 20 pulses of 1 kV and 100 ns leaves 0.1 mV*s in a coil; the same over the last
+/// part of each turn of a disk, and over the first part of turns that go backwards.
 #[test]
 fn windows_at_the_end_of_a_turn() {
     for tolerance in [None, Some(1e-4), Some(1e-9)] {

@@ -69,7 +69,7 @@ fn steppers(options: &Options, file: &str, only: Option<&str>) -> Vec<(&'static 
             list.push((method.name(), compiled));
         }
     }
-    list.sort_by_key(|(_, c)| !c.scene().clusters.iter().all(|c| c.step.passive));
+    list.sort_by_key(|(_, c)| !c.scene().clusters.iter().all(|c| c.step.properties.passive));
     list
 }
 

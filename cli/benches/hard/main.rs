@@ -3,8 +3,8 @@
 //!
 //! `cargo bench -p bond --bench hard` prints the tables; with `-- --page` it writes those of `docs/hard-cases.md` anew,
 //! of which the runs without loss, 1e7 steps each, only with `--long`; printed, and without it, they take 1e5.
-//! `--only NAME` does one table alone, `--stepper NAME` prints those of long runs by one stepper, `--case FILE` prints the
-//! comparison of one file.
+//! `--only NAME` does one table alone, `--stepper NAME` prints those of long runs by one stepper, `--case FILE` prints
+//! the comparison of one file.
 
 mod case;
 mod compared;

@@ -84,11 +84,8 @@ pub fn run(compiled: &Compiled, steps: Steps, until: Option<f64>, names: &[Strin
         (None, Some(x)) => format!("tolerance {x:.0e}"),
         (None, None) => String::new(),
     };
-    let how = if summary.regions.iter().all(|r| r.period.is_some() || r.stepper == "exact") && chosen.step.is_none() {
-        "fitted to rows".into()
-    } else {
-        how
-    };
+    let exact = compiled.scene().clusters.iter().all(|c| c.period.is_some() || c.step.linear.is_some());
+    let how = if exact && chosen.step.is_none() { "fitted to rows".into() } else { how };
     Ok(Ours {
         stepper: format!("{}, {how}", region.stepper),
         steps: summary.regions.iter().map(|r| r.steps).sum(),

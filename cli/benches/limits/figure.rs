@@ -109,8 +109,8 @@ model Damper {
   probe p = mass.p
 }";
 
-/// A ladder of `n` cells, all of which move from the start on: those that a wave has yet to reach hold subnormal numbers,
-/// with which some processors are many times slower.
+/// A ladder of `n` cells, all of which move from the start on: those that a wave has yet to reach hold subnormal
+/// numbers, with which some processors are many times slower.
 pub const LADDER: &str = "
 model Ladder(n = 100) {
   Se:u = 1 V

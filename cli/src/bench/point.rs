@@ -100,8 +100,8 @@ pub fn measure(
     })
 }
 
-/// Runs without rows, `repeat` readings of the clock, or fewer if they take longer than `limit` in all. Returns the first
-/// run, and the processor time of one run, s.
+/// Runs without rows, `repeat` readings of the clock, or fewer if they take longer than `limit` in all. Returns the
+/// first run, and the processor time of one run, s.
 ///
 /// # Errors
 /// A run that fails.

@@ -106,8 +106,8 @@ fn join(made: &Scene, base: &Scene, name: &'static str) -> Result<Way, String> {
         let others: Vec<&str> = continuous().map(|c| c.step.name.as_ref()).collect();
         return Err(format!("no continuous region takes it ({} does)", others.first().unwrap_or(&"another")));
     }
-    let order = continuous().filter(|c| c.step.name == name).map(|c| c.step.order).min().unwrap_or(0);
-    let passive = continuous().all(|c| c.step.passive);
+    let order = continuous().filter(|c| c.step.name == name).map(|c| c.step.properties.order).min().unwrap_or(0);
+    let passive = continuous().all(|c| c.step.properties.passive);
     let adaptive = continuous().any(|c| c.step.linear.is_none());
     Ok(Way { name, order, passive, adaptive, scene })
 }

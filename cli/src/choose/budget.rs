@@ -44,8 +44,9 @@ pub fn choose(
         progress.at(0.5 + 0.5 * i as f64 / candidates.len() as f64);
         for k in 0..limits.halvings {
             let setting = Setting::Step(first.min(ask.stop) / f64::from(k).exp2());
-            // A candidate that fails or loses its balance with a long step may succeed with a shorter one; one that takes
-            // too long only takes longer. Once one is as exact as the reference can measure, the others must be faster.
+            // A candidate that fails or loses its balance with a long step may succeed with a shorter one; one that
+            // takes too long only takes longer. Once one is as exact as the reference can measure, the others must be
+            // faster.
             let floor = 10.0 * reference.error;
             let settled = best.as_ref().filter(|b| b.error <= floor).map(|b| b.seconds);
             let most = settled.map_or(allowed, |s| s.min(allowed));

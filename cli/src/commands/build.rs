@@ -13,7 +13,8 @@ use bond_compiler::discretise::{Accuracy, Method};
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use std::path::{Path, PathBuf};
 
-/// Build a model into what runs without `bond`: an executable file, C source, an object file, an FMU or a WebAssembly module
+/// Build a model into what runs without `bond`: an executable file, C source, an object file, an FMU or a WebAssembly
+/// module
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
@@ -25,8 +26,8 @@ pub struct Args {
     /// A model; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The file to write; C and objects also get a header beside it. Default: the model's name with the usual ending, in
-    /// this folder
+    /// The file to write; C and objects also get a header beside it. Default: the model's name with the usual ending,
+    /// in this folder
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     /// What to build

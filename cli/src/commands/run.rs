@@ -61,7 +61,8 @@ pub struct Args {
     set: Set,
     #[command(flatten)]
     which: Which,
-    /// Choose stepper and step so that the relative error of every probe and state is at most E; --method fixes the stepper
+    /// Choose stepper and step so that the relative error of every probe and state is at most E; --method fixes the
+    /// stepper
     #[arg(long, value_name = "E", value_parser = tolerance, allow_negative_numbers = true, conflicts_with_all = ["step", "tolerance", "budget", "resume"])]
     error: Option<f64>,
     /// Choose the most exact stepper and step that take at most this processor time per period of the fastest sampled
@@ -83,8 +84,8 @@ pub struct How {
     /// Fixed step of continuous regions; with --tolerance, the longest adaptive step
     #[arg(long, value_name = "H", value_parser = input::span, allow_negative_numbers = true)]
     step: Option<f64>,
-    /// Largest error of a step of continuous regions, relative to the size of the states. Default, if neither this nor a
-    /// step is given: 1e-6
+    /// Largest error of a step of continuous regions, relative to the size of the states. Default, if neither this nor
+    /// a step is given: 1e-6
     #[arg(long, value_name = "X", value_parser = tolerance, allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
     /// Longest adaptive step
@@ -108,8 +109,8 @@ pub struct How {
     /// Draw the probes over time as a picture, `.svg` or `.png`, with one panel per unit
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Write the energy ledger over time to a table, `.csv` or `.parquet`; a row between two fixed steps shows the ledger
-    /// after the first
+    /// Write the energy ledger over time to a table, `.csv` or `.parquet`; a row between two fixed steps shows the
+    /// ledger after the first
     #[arg(long, value_name = "FILE")]
     ledger: Option<PathBuf>,
     /// Format of the summary, which goes to standard error if standard output has the rows

@@ -40,8 +40,8 @@ const THREADS: u64 = 256;
 #[command(next_help_heading = "Ensembles")]
 #[group(skip)]
 pub struct Args {
-    /// Run once per value of a parameter: N values, evenly spaced from FROM to TO, both included, or with `:log` by equal
-    /// factors; or a list, `m=1,2,5`. Several sweeps give a grid, the last one varying fastest
+    /// Run once per value of a parameter: N values, evenly spaced from FROM to TO, both included, or with `:log` by
+    /// equal factors; or a list, `m=1,2,5`. Several sweeps give a grid, the last one varying fastest
     #[arg(long, value_name = "PATH=FROM..TO:N", value_parser = sweep::parse, allow_hyphen_values = true)]
     sweep: Vec<Sweep>,
     /// Run N times with random parameters, at each point of the grid if there is one

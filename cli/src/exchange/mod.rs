@@ -1,9 +1,9 @@
 //! A scene with open ports, connected to a device over a line that may lose, delay, duplicate and reorder packets.
 //!
 //! The device sends sums since its start: how far it moved (`q`) and the energy it put in (`w`). The environment books
-//! the differences, whenever they arrive, and sends with each effort the least value that `w` may fall to: where all the
-//! energy that was put in has been given back. So the energy given out never exceeds the energy put in, whatever the
-//! line does; `docs/serve.md` has the argument.
+//! the differences, whenever they arrive, and sends with each effort the least value that `w` may fall to: where all
+//! the energy that was put in has been given back. So the energy given out never exceeds the energy put in, whatever
+//! the line does; `docs/serve.md` has the argument.
 
 mod device;
 mod packet;
@@ -229,8 +229,8 @@ impl Exchange<'_> {
         heard
     }
 
-    /// Ends the interval with the newest measurement, and begins the next one, whose held values are in [`Self::effort`].
-    /// Allocates nothing.
+    /// Ends the interval with the newest measurement, and begins the next one, whose held values are in
+    /// [`Self::effort`]. Allocates nothing.
     ///
     /// # Errors
     /// A step that fails.

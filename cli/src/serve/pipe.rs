@@ -97,8 +97,8 @@ impl Pipe {
     /// # Errors
     /// A malformed line, or one for an effort that is no longer remembered.
     pub fn receive(&mut self) -> Result<Option<Arrival>, Stop> {
-        // A line that is early waits for its effort, also if it is malformed: the lines before it count, however fast they
-        // are read.
+        // A line that is early waits for its effort, also if it is malformed: the lines before it count, however fast
+        // they are read.
         if !self.binary && self.items.peek().is_ok() && self.sums.sequence >= self.next {
             return Ok(None);
         }

@@ -300,8 +300,8 @@ model Soft {
 #[test]
 fn making_code_does_not_count() {
     let here = Folder::new().with("soft.bond", SOFT);
-    // The runs themselves take some milliseconds, and 20 with their repetitions; making code anew for each of those takes
-    // seconds.
+    // The runs themselves take some milliseconds, and 20 with their repetitions; making code anew for each of those
+    // takes seconds.
     let args = ["bench", "soft.bond", "--methods", "gonzalez", "--steps", "1s,500ms,250ms,125ms", "--as", "json"];
     let done = here.bond(&[&args[..], &["--limit", "500ms", "--repeat", "1"]].concat()).is(0, &[], &[]);
     assert!(!done.err.contains("skipped"), "{}", done.err);

@@ -47,7 +47,7 @@ fn notes_are_made() {
         MTF:a1 = 1 m * cos(q1.q)  MTF:b1 = 1 m * sin(q1.q)  MTF:a2 = 1 m * cos(q2.q)  MTF:b2 = 1 m * sin(q2.q)
         w1 -> a1 -> 1:u1 ->| x1  w1 -> b1 -> 1:v1 -> y1  w2 -> a2 -> 0:s ->| x2  u1 -> s  w2 -> b2 -> 0:z -> y2  v1 -> z }";
     let here = here.with("g.bond", arm).with("h.bond", arm.replace("->|", "->"));
-    here.bond(&["check", "g.bond"]).is(0, &[], &["by a division by `cos(q2.q)`: where that is 0"]);
+    here.bond(&["check", "g.bond"]).is(0, &[], &["by a division by `cos(q2.q)`: where it is 0"]);
     assert!(!here.bond(&["check", "h.bond"]).is(0, &[], &[]).err.contains("note"));
     let done = here.with("d.bond", OSCILLATOR).bond(&["check", "d.bond"]).is(0, &[], &["ok: d.bond"]);
     assert!(!done.err.contains("note"), "{}", done.err);

@@ -112,7 +112,8 @@ fn all_reasons_are_told() {
     here.bond(&["run", "pole.bond", "--error", "1e-4"]).is(3, &[], &words);
 }
 
-/// A start that no fitted step gets away from is named, with the mend; by `--error` too. One that is a quarter as far is run.
+/// A start that no fitted step gets away from is named, with the mend; by `--error` too. One that is a quarter as far
+/// is run.
 #[test]
 fn a_start_far_from_rest_is_told() {
     let charged = "model Charged(q0 = 40e-6 C) {

@@ -165,8 +165,8 @@ int main(void) {
     }
 }
 
-/// Whatever the communication steps, the unit counts the energy that goes through its port: what it holds times what the
-/// outside moves. States go back to the bit, and what is wrong is refused.
+/// Whatever the communication steps, the unit counts the energy that goes through its port: what it holds times what
+/// the outside moves. States go back to the bit, and what is wrong is refused.
 #[test]
 fn a_port_of_a_unit_counts_what_goes_through() {
     if !is_there("cc") {

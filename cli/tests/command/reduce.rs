@@ -110,9 +110,8 @@ fn what_is_wrong_is_told() {
     here.bond(&["run", "o.bond", "--without", "spring"]).is(2, &[], &["reads it"]);
 }
 
-/// What no probe depends on is named, and not tried; what is left out has its indices, which the next command takes, with
-/// all else that the run was made with.
-/// Whatever the file is called, a shell takes the command for what it is.
+/// What no probe depends on is named, and not tried; what is left out has its indices, which the next command takes,
+/// with all else that the run was made with. Whatever the file is called, a shell takes the command for what it is.
 #[cfg(unix)]
 #[test]
 fn no_shell_reads_more_into_it() {

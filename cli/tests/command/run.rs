@@ -629,7 +629,7 @@ fn wrong_tables_are_refused_with_their_line() {
         ("t,v\n0,1\n", "a.csv:1: the model has no input `v`; its inputs are u, w"),
         ("t,u\n0,1\n2,x\n", "a.csv:3: `x` in the column `u` is not a number"),
         ("t,u\n0,1\n0,2\n", "a.csv:3: the time 0 s is not after 0 s"),
-        ("t,u\n0,1,2\n", "a.csv:2: this row has 3 numbers for the 2 columns of the header"),
+        ("t,u\n0,1,2\n", "a.csv:2: this row has 3 numbers, and the header has 2 columns"),
         ("t,u\n", "a.csv:1: there are no rows"),
         ("t;u\n0;1,5\n", "a.csv:1: columns are separated by commas"),
         (

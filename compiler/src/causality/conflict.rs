@@ -1,7 +1,7 @@
 //! Two causes that cannot both be, and the chains of bonds that carried them together.
 
 use super::Cause;
-use super::propagate::{self, Assignment};
+use super::assignment::{Assignment, common};
 use crate::model::{BondId, ElementId, Kind};
 use bond_grammar::diagnostic::Diagnostic;
 
@@ -31,7 +31,7 @@ impl Conflict {
             second.1 = rest.1;
         }
         let kind = place.map(|p| a.model.element(p).kind);
-        let what = match (place.zip(kind.and_then(propagate::common)), kind) {
+        let what = match (place.zip(kind.and_then(common)), kind) {
             // What meets at a junction is asked to give it the common variable once more, or the other one, so that
             // nothing is left that gives the common one.
             (Some((p, common)), Some(kind)) => {

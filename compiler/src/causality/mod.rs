@@ -2,33 +2,33 @@
 //!
 //! Order: sources and detectors, asserted strokes, one-way laws, sample-and-hold bonds and open ports, storages in
 //! integral causality, laws that are explicit one way, resistors, and what is left. Each choice is propagated at once
-//! through junctions, TF and GY. Everything runs in declaration order, and the cost is linear in the number of bonds. Of
-//! storages that are tied together and very unequal, the large ones keep their states then.
+//! through junctions, TF and GY. Everything runs in declaration order, and the cost is linear in the number of bonds.
+//! Of storages that depend on one another and are very unequal, the large ones keep their states.
 
-mod complete;
+mod analysis;
+mod assignment;
 mod conflict;
-mod part;
+mod exchange;
+mod junction;
+mod laws;
+mod matching;
+mod modulation;
 mod propagate;
-mod rank;
-mod size;
+mod strokes;
+mod structural_rank;
 
-use crate::expression::{Pool, Sign};
-use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Law, Model, Resistor, Variable};
+use crate::graph::{self, BondGraph};
+use crate::model::{BondId, ElementId, Kind, Model, Variable};
+use analysis::Facts;
+use assignment::Assignment;
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
-use part::Parts;
-pub use part::moves;
-use propagate::Assignment;
-pub use rank::{by_rank, has_rings, speeds};
+pub(crate) use junction::{Given, Undetermined, combine, rows};
+use laws::{Laws, law};
+use strokes::strokes;
 
-/// So many asserted strokes are taken off one by one, to see which of them does it.
-const MOST_TRIED: usize = 100;
-
-/// So many pairs of a law that cannot be run backwards and a storage are looked at before the storages are assigned.
-const LOOKED_AT: usize = 100_000;
-/// More resistors than this, whose causality is free, are many.
-const MANY: usize = 64;
+/// At most this many asserted strokes are taken off one by one, to see which of them holds a storage.
+const MAX_TRIED: usize = 100;
 
 /// Why a bond has its stroke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,36 +105,6 @@ pub fn integral(kind: Kind) -> Option<Variable> {
     }
 }
 
-/// Whether a law cannot be run backwards: its slope is not seen to be positive everywhere.
-fn one_way(pool: &mut Pool, r: &Resistor) -> bool {
-    if r.curve.is_some() {
-        return false; // solved along the curve either way
-    }
-    let slope = pool.derivative(r.output, r.argument);
-    if matches!(pool.sign(slope, &|_| Sign::Unknown), Sign::Positive | Sign::Negative) {
-        return false;
-    }
-    if pool.symbols(r.output).iter().any(|s| *s != r.argument) {
-        // A linear law can be run backwards unless its coefficient vanishes, as that of a damper that is off does.
-        let Some(k) = r.linear else { return true };
-        let points = [0.37, -0.61, 2.3, -3.7, 41.0, -53.0];
-        return points.iter().any(|x| pool.eval(k, &|s| x * (1.0 + 0.01 * f64::from(s.0 % 7))) == 0.0);
-    }
-    // Strictly monotone at every point that was tried will do: the solution is checked in each step.
-    let points = [1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6];
-    !points.iter().flat_map(|x| [*x, -*x]).all(|x| {
-        let k = pool.eval(slope, &|_| x);
-        k > 0.0 || k.is_nan() || (k == 0.0 && x.abs() > 1e2)
-    })
-}
-
-/// Whether a storage's co-energy variable is linear in the states.
-fn quadratic(pool: &mut Pool, law: &Law) -> bool {
-    let Law::Storage(s) = law else { return false };
-    let symbols = pool.symbols(s.energy);
-    pool.affine(s.coenergy, &symbols).is_some_and(|(linear, _)| linear.iter().all(|t| pool.constant(t.1).is_some()))
-}
-
 /// The elements of some kinds that have one port, with their bonds.
 fn one_ports(model: &Model, graph: &BondGraph, kinds: &[Kind]) -> Vec<(ElementId, BondId)> {
     model
@@ -144,178 +114,62 @@ fn one_ports(model: &Model, graph: &BondGraph, kinds: &[Kind]) -> Vec<(ElementId
         .collect()
 }
 
-/// The law of a resistor.
-fn law(model: &Model, id: ElementId) -> Option<&Resistor> {
-    match &model.element(id).law {
-        Law::Resistor(r) => Some(r),
-        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
-    }
-}
-
-/// What is known of laws: which cannot be run backwards, which are of quadratic energies, and what moves what.
-struct Laws {
-    one_way: Vec<bool>,
-    quadratic: Vec<bool>,
-    parts: Parts,
-}
-
-/// Gives every bond its stroke, choice by choice; `thorough` takes only those that leave the rest a completion.
-fn strokes<'a>(
-    model: &'a Model,
-    graph: &'a BondGraph,
-    Laws { one_way, quadratic, parts }: &Laws,
-    given: &[(ElementId, Variable)],
-    thorough: bool,
-) -> Result<Assignment<'a>, Vec<Diagnostic>> {
-    let mut a = Assignment::new(model, graph);
-    a.thorough = thorough;
-    let mut errors = Vec::new();
-    let mut seen: Vec<Vec<String>> = Vec::new();
-    let one_ports = |kinds: &[Kind]| one_ports(model, graph, kinds);
-    for (id, bond) in one_ports(&[Kind::Se, Kind::Sf, Kind::De, Kind::Df]) {
-        let Some(gives) = forced(model.element(id).kind) else { continue };
-        if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), Cause::Source(id))
-            && !seen.contains(&c.causes())
-        {
-            seen.push(c.causes());
-            errors.push(c.diagnose(&a));
-        }
-    }
-    for (i, bond) in model.bonds.iter().enumerate() {
-        let Some(stroke) = bond.stroke else { continue };
-        if let Err(c) = a.attempt(BondId(i as u32), stroke, Cause::Asserted) {
-            errors.push(c.diagnose(&a));
-        }
-    }
-    for &(id, gives) in given {
-        let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
-        let cause = if integral(model.element(id).kind).is_some() { Cause::Storage(id) } else { Cause::Free };
-        if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), cause) {
-            errors.push(c.diagnose(&a));
-        }
-    }
-    if !errors.is_empty() {
-        return Err(errors);
-    }
-    let resistors = one_ports(&[Kind::R]);
-    let storages = one_ports(&[Kind::C, Kind::I]);
-    let few = one_way.iter().filter(|one| **one).count() * storages.len() <= LOOKED_AT;
-    for &(id, bond) in resistors.iter().filter(|(id, _)| one_way[id.at()]) {
-        if let Some(r) = law(model, id) {
-            let wanted = a.stroke_for(bond, id, r.gives);
-            // A law that would leave a storage without integral causality is rather solved the other way.
-            let mark = a.mark();
-            let mut fits = a.attempt(bond, wanted, Cause::Law(id)).is_ok() && !a.costs_storage(mark);
-            let may_turn = r.curve.is_none() && model.element(id).field.is_none();
-            let other = a.stroke_for(bond, id, r.gives.other());
-            if fits && may_turn && few {
-                // It may show only once the storages are assigned, as of two tanks with a valve between.
-                let lost = a.lost(&storages);
-                a.undo(mark);
-                fits = lost == 0 || a.attempt(bond, other, Cause::Law(id)).is_err() || lost <= a.lost(&storages);
-                a.undo(mark);
-                fits = fits && a.attempt(bond, wanted, Cause::Law(id)).is_ok();
-            }
-            if !fits && may_turn {
-                a.undo(mark);
-                a.prefer(bond, other, Cause::Law(id));
-            } else if !fits {
-                a.undo(mark);
-                a.prefer(bond, wanted, Cause::Law(id));
-            }
-        }
-    }
-    let keeps = |id: ElementId| match &model.element(id).law {
-        Law::Storage(s) => {
-            !s.massless && s.linear.is_none() && model.element(id).field.is_none_or(|_| !quadratic[id.at()])
-        }
-        Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
-    };
-    for (i, bond) in model.bonds.iter().enumerate() {
-        let id = BondId(i as u32);
-        if bond.sampled && a.strokes[i].is_none() {
-            let holder = holder(model, id);
-            choose(&mut a, model, &storages, id, holder);
-        }
-    }
-    for (id, bond) in one_ports(&[Kind::Port]) {
-        // The outside of an open port is met as a moving thing: it takes an effort and shows a flow.
-        if a.strokes[bond.at()].is_none() {
-            choose(&mut a, model, &storages, bond, model.bond(bond).other(id));
-        }
-    }
-    // Of storages that are tied together, those with quadratic energies can best be the dependent ones; those of which
-    // a ratio reads the state have to keep it. Of the rest, what moves others through ratios that change goes before
-    // these: from their speeds it does not follow where such a ratio passes 0.
-    let mut order = storages.clone();
-    order.sort_by_key(|s| if keeps(s.0) { None } else { Some(parts.turn(model, s.0)) });
-    for (id, bond) in order {
-        if let Some(gives) = integral(model.element(id).kind) {
-            a.prefer(bond, a.stroke_for(bond, id, gives), Cause::Storage(id));
-        }
-    }
-    let free = resistors.iter().filter(|(_, bond)| a.strokes[bond.at()].is_none()).count();
-    let vanishes = model.ids().any(|(id, _)| part::changes(model, id).is_some());
-    for linear in [false, true] {
-        for &(id, bond) in &resistors {
-            let Some(r) = law(model, id).filter(|r| r.linear.is_some() == linear) else { continue };
-            // What a curve has at rest is 0 itself, and not the difference of what stands beside it, where it gives its
-            // junction what all there have in common. Of many resistors without storages between them, as the cells of
-            // an attenuator, each equation then has its neighbours in it, and not all that stand before it.
-            let turns = r.linear.map_or(!one_way[id.at()], |k| model.pool.constant(k) != Some(0.0));
-            let common = r.curve.is_some() || free > MANY && turns;
-            let gives = match model.element(model.bond(bond).other(id)).kind {
-                Kind::One if common => Variable::Flow,
-                Kind::Zero if common => Variable::Effort,
-                _ => r.gives,
-            };
-            let cause = if linear { Cause::Free } else { Cause::Law(id) };
-            let open = vanishes && a.strokes[bond.at()].is_none();
-            // One law or the other is solved: rather the one for which nothing is divided by a ratio that may be 0. A curve,
-            // as of a diode, is not turned for that.
-            let mark = a.mark();
-            let mut whole = |gives, turned| {
-                let fits = a.attempt(bond, a.stroke_for(bond, id, gives), cause).is_ok()
-                    && !a.divides(mark)
-                    && !(turned && a.turns_curve(mark));
-                a.undo(mark);
-                fits
-            };
-            let turned = open && !whole(gives, false) && whole(gives.other(), true);
-            let gives = if turned { gives.other() } else { gives };
-            a.prefer(bond, a.stroke_for(bond, id, gives), cause);
-        }
-    }
-    for i in 0..model.bonds.len() {
-        if a.strokes[i].is_none() {
-            a.prefer(BondId(i as u32), Stroke::Head, Cause::Free);
-        }
-    }
-    errors.extend(a.undetermined());
-    if !errors.is_empty() {
-        return Err(errors);
-    }
-    Ok(a)
-}
-
-/// Assigns causality to every bond; these storages and resistors give what is said (see [`by_rank`]).
+/// Assigns causality to every bond. Junctions that need speeds of their own get massless inertias before that, so that
+/// the graph is another one then.
 ///
 /// # Errors
 /// Conflicts, with the chain of bonds, and junctions that nothing determines.
-pub fn assign(
-    model: &mut Model,
+pub fn assign(model: &mut Model, graph: BondGraph) -> Result<(BondGraph, Causality), Vec<Diagnostic>> {
+    let causality = strokes_and_rank(model, &graph)?;
+    let speeds = speeds(model, &graph, &causality);
+    if speeds.is_empty() {
+        return Ok((graph, causality));
+    }
+    speeds.iter().for_each(|junction| model.add_massless(*junction));
+    let graph = graph::build(model);
+    let causality = strokes_and_rank(model, &graph)?;
+    Ok((graph, causality))
+}
+
+/// The junctions that get speeds of their own: where dependent inertias follow several others by ratios that are
+/// divided by, and may pass 0.
+fn speeds(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<ElementId> {
+    let is_inertia = |d: &ElementId| model.element(*d).kind == Kind::I;
+    if !modulation::moves(model) || !causality.dependent.iter().any(is_inertia) {
+        return Vec::new();
+    }
+    let laws = Laws::of(model, graph);
+    let facts = Facts::of(model, graph, &laws, causality);
+    if facts.mergeable && !facts.divided {
+        return Vec::new();
+    }
+    structural_rank::speeds(model, graph, causality)
+}
+
+/// Assigns causality. Where junctions stand in rings, strokes may make independent variables depend on one another, or
+/// leave dependent ones independent: then what elements give is found by structural rank.
+fn strokes_and_rank(model: &mut Model, graph: &BondGraph) -> Result<Causality, Vec<Diagnostic>> {
+    let laws = Laws::of(model, graph);
+    let first = with_given(model, graph, &laws, &[])?;
+    let facts = |model: &Model, causality: &Causality| Facts::of(model, graph, &laws, causality);
+    if !structural_rank::has_rings(model, graph) || facts(model, &first).mergeable {
+        return Ok(first);
+    }
+    let second = structural_rank::by_rank(model, graph, &first)
+        .and_then(|given| with_given(model, graph, &laws, &given).ok())
+        .filter(|second| facts(model, second).determined);
+    Ok(second.unwrap_or(first))
+}
+
+/// Assigns causality; these storages and resistors give what is said. Large storages keep their states.
+fn with_given(
+    model: &Model,
     graph: &BondGraph,
+    laws: &Laws,
     given: &[(ElementId, Variable)],
 ) -> Result<Causality, Vec<Diagnostic>> {
-    let mut pool = std::mem::take(&mut model.pool);
-    let one_way: Vec<bool> =
-        model.elements.iter().map(|e| matches!(&e.law, Law::Resistor(r) if one_way(&mut pool, r))).collect();
-    let quadratic: Vec<bool> = model.elements.iter().map(|e| quadratic(&mut pool, &e.law)).collect();
-    model.pool = pool;
-    let model = &*model;
-    let laws = Laws { one_way, quadratic, parts: Parts::of(model, graph) };
-    let first = assigned(model, graph, &laws, given)?;
-    Ok(size::by_size(model, graph, &laws, given, first))
+    let first = assigned(model, graph, laws, given)?;
+    Ok(exchange::larger_keep_states(model, graph, laws, given, first))
 }
 
 /// Assigns causality, in the order of declaration.
@@ -358,12 +212,13 @@ pub fn holding(model: &Model, graph: &BondGraph, storage: ElementId) -> Vec<Bond
         for b in without {
             model.bonds[b.at()].stroke = None;
         }
-        assign(&mut model, graph, &[]).is_ok_and(|c| !c.dependent.contains(&storage))
+        let laws = Laws::of(&mut model, graph);
+        with_given(&model, graph, &laws, &[]).is_ok_and(|c| !c.dependent.contains(&storage))
     };
     if asserted.is_empty() || !free(&asserted) {
         return Vec::new();
     }
-    let alone = asserted.iter().take(MOST_TRIED).find(|b| free(&[**b]));
+    let alone = asserted.iter().take(MAX_TRIED).find(|b| free(&[**b]));
     alone.map_or(asserted.clone(), |b| vec![*b])
 }
 
@@ -372,32 +227,4 @@ pub fn holder(model: &Model, bond: BondId) -> ElementId {
     let b = model.bond(bond);
     let period = |id: ElementId| model.element(id).sampling.map_or(0.0, |s| model.samplings[s].period);
     if period(b.tail) > period(b.head) { b.tail } else { b.head }
-}
-
-/// Settles a double bar: the holder gives effort, unless fewer storages are dependent when it gives flow.
-fn choose(a: &mut Assignment, model: &Model, storages: &[(ElementId, BondId)], bond: BondId, holder: ElementId) {
-    let mut best: Option<(usize, Stroke)> = None;
-    for gives in [Variable::Effort, Variable::Flow] {
-        let stroke = a.stroke_for(bond, holder, gives);
-        let mark = a.mark();
-        if a.attempt(bond, stroke, Cause::Hold).is_ok() {
-            let mut lost = 0;
-            for &(id, b) in storages {
-                let Some(gives) = integral(model.element(id).kind) else { continue };
-                let wanted = a.stroke_for(b, id, gives);
-                a.prefer(b, wanted, Cause::Storage(id));
-                lost += usize::from(a.strokes[b.at()] != Some(wanted));
-            }
-            if best.is_none_or(|(n, _)| lost < n) {
-                best = Some((lost, stroke));
-            }
-        }
-        a.undo(mark);
-        if best.is_some_and(|(n, _)| n == 0) {
-            break;
-        }
-    }
-    if let Some((_, stroke)) = best {
-        a.prefer(bond, stroke, Cause::Hold);
-    }
 }

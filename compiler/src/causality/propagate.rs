@@ -1,75 +1,13 @@
-//! Strokes as they are assigned, and the rules that carry them on.
+//! The rules that carry strokes on, and what an attempt to assign one comes to.
 
+use super::assignment::{Assignment, common};
 use super::conflict::Conflict;
-use super::{Cause, complete, forced, part};
-use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
+use super::{Cause, forced, matching, modulation};
+use crate::model::{BondId, ElementId, Kind, Law, Variable};
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
 
-/// The variable that all bonds of a junction share.
-pub(super) fn common(kind: Kind) -> Option<Variable> {
-    match kind {
-        Kind::Zero => Some(Variable::Effort),
-        Kind::One => Some(Variable::Flow),
-        Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df | Kind::Port => {
-            None
-        }
-    }
-}
-
-/// A partial assignment, with a trail so that attempts can be undone.
-pub(super) struct Assignment<'a> {
-    pub(super) model: &'a Model,
-    pub(super) graph: &'a BondGraph,
-    pub(super) strokes: Vec<Option<Stroke>>,
-    pub(super) causes: Vec<Cause>,
-    /// For each junction the bonds that give it its common variable, counted.
-    giving: Vec<u32>,
-    assigned: Vec<u32>,
-    trail: Vec<BondId>,
-    /// Whether a choice is taken only where the rest can still be completed.
-    pub(super) thorough: bool,
-}
-
-impl<'a> Assignment<'a> {
-    pub(super) fn new(model: &'a Model, graph: &'a BondGraph) -> Self {
-        Self {
-            model,
-            graph,
-            strokes: vec![None; model.bonds.len()],
-            causes: vec![Cause::Free; model.bonds.len()],
-            giving: vec![0; model.elements.len()],
-            assigned: vec![0; model.elements.len()],
-            trail: Vec::new(),
-            thorough: false,
-        }
-    }
-
-    /// The stroke with which the element at `end` gives `variable`.
-    pub(super) fn stroke_for(&self, bond: BondId, end: ElementId, variable: Variable) -> Stroke {
-        let head = self.model.bond(bond).head == end;
-        if head == (variable == Variable::Flow) { Stroke::Head } else { Stroke::Tail }
-    }
-
-    /// What the element at `end` gives to an assigned bond.
-    pub(super) fn gives(&self, bond: BondId, end: ElementId) -> Option<Variable> {
-        self.strokes[bond.at()]
-            .map(|s| if s == self.stroke_for(bond, end, Variable::Flow) { Variable::Flow } else { Variable::Effort })
-    }
-
-    pub(super) fn mark(&self) -> usize {
-        self.trail.len()
-    }
-
-    pub(super) fn undo(&mut self, mark: usize) {
-        while self.trail.len() > mark {
-            let Some(bond) = self.trail.pop() else { break };
-            self.count(bond, false);
-            self.strokes[bond.at()] = None;
-        }
-    }
-
+impl Assignment<'_> {
     /// Whether a bond that was assigned since a mark is so at one of its ends.
     fn since(&self, mark: usize, is_so: impl Fn(BondId, ElementId) -> bool) -> bool {
         self.trail[mark..].iter().any(|&bond| {
@@ -89,11 +27,12 @@ impl<'a> Assignment<'a> {
     /// Whether something is divided by a ratio that may pass 0, by what was assigned since a mark.
     pub(super) fn divides(&self, mark: usize) -> bool {
         self.since(mark, |bond, end| {
-            self.gives(bond, end).is_some_and(|gives| part::divides(self.model, end, bond, gives))
+            self.gives(bond, end).is_some_and(|gives| modulation::divides(self.model, end, bond, gives))
         })
     }
 
-    /// Whether a curve was asked, since a mark, for another variable than the one that all at its junction have in common.
+    /// Whether a curve was asked, since a mark, for another variable than the one that all at its junction have in
+    /// common.
     pub(super) fn turns_curve(&self, mark: usize) -> bool {
         self.since(mark, |bond, end| {
             let common = common(self.model.element(self.model.bond(bond).other(end)).kind);
@@ -122,7 +61,7 @@ impl<'a> Assignment<'a> {
     pub(super) fn attempt(&mut self, bond: BondId, stroke: Stroke, cause: Cause) -> Result<(), Conflict> {
         let mark = self.mark();
         let mut result = self.assign_all(bond, stroke, cause);
-        if result.is_ok() && self.thorough && !complete::possible(self) {
+        if result.is_ok() && self.thorough && !matching::possible(self) {
             result = Err(Conflict::new(self, bond, cause));
         }
         if result.is_err() {
@@ -160,32 +99,6 @@ impl<'a> Assignment<'a> {
             }
         }
         Ok(())
-    }
-
-    /// Whether some bond gives a junction its common variable.
-    pub(super) fn has_giver(&self, junction: ElementId) -> bool {
-        self.giving[junction.at()] > 0
-    }
-
-    /// Whether a bond gives its end, a junction, the common variable: the junction itself then gives the other one.
-    fn is_giver(&self, bond: BondId, junction: ElementId) -> bool {
-        let common = common(self.model.element(junction).kind);
-        common.is_some() && self.gives(bond, junction) == common.map(Variable::other)
-    }
-
-    fn count(&mut self, bond: BondId, up: bool) {
-        let b = self.model.bond(bond);
-        for end in [b.tail, b.head] {
-            let giver = u32::from(self.is_giver(bond, end));
-            let (g, n) = (&mut self.giving[end.at()], &mut self.assigned[end.at()]);
-            if up {
-                *g += giver;
-                *n += 1;
-            } else {
-                *g -= giver;
-                *n -= 1;
-            }
-        }
     }
 
     /// The rule of the element at `end`, after `bond` got its stroke.

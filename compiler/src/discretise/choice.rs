@@ -1,35 +1,15 @@
-//! Which stepper a continuous cluster takes where none is named.
+//! Which stepper a continuous cluster takes where none is named: a table of rules, of which the first that applies
+//! decides.
 
-use super::cluster::{self, Cluster};
-use super::{Method, collocation, exact, stiff, tie};
-use crate::expression::{Expr, Node, Pool};
+use crate::discretise::analysis::{index2, polynomial, relay, smoothness, switching_conditions};
+use crate::discretise::cluster::Cluster;
+use crate::discretise::steppers::exact::{self, Exact};
+use crate::discretise::steppers::label::Step;
+use crate::discretise::steppers::{Method, collocation};
+use crate::expression::{Expr, Node};
 use crate::model::Model;
-use crate::structure::{Form, Output};
-use bond_runtime::ir::{Binary, Unary};
-
-/// A tolerance above this asks for nothing better than order 2.
-const LOOSE: f64 = 1e-3;
-/// One at most this asks for order 8, between the two for 6. Measured on smooth problems: Duffing, pendulum, Kepler. Of a
-/// region with kinks it asks for order 8 or for none above 2: steps to a looser one are so long that they may pass over what
-/// a kink brings, such as the pulse of a diode.
-const TIGHT: f64 = 1e-5;
-/// The same of a region with laws that are curves with corners. One with exponentials, which may be driven hard, takes
-/// `radau` above this.
-const CORNERS: f64 = 1e-7;
-/// Stages of the method of order 8.
-const ORDER_8: usize = 4;
-/// Stages of `radau`.
-const RADAU: usize = 3;
-/// Collocation has so many unknowns in a stage at most; above, the sparse system of order 2 is what is known to be
-/// cheap.
-const UNKNOWNS: usize = 16;
-/// The same by the method of order 6 where the tolerance is at most [`FINE`], or of a region with kinks [`CORNERS`]: far fewer
-/// steps then are worth what each and compiling it takes. Of many diodes it would begin in far more.
-const LARGE: usize = 512;
-/// See [`LARGE`].
-const FINE: f64 = 1e-6;
-/// The same of a linear region with storages that follow a source which moves: its matrix stays as it is.
-const LINEAR: usize = 64;
+use crate::structure::Form;
+use bond_grammar::diagnostic::Diagnostic;
 
 /// What was asked of a run's accuracy besides the method.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -61,151 +41,376 @@ impl Accuracy {
     }
 }
 
-/// The stepper of a cluster that `exact` does not take, and why. Passive always.
-pub(super) fn nonlinear(
+/// The numbers that the choice goes by.
+struct Limits {
+    /// A tolerance above this asks for nothing better than order 2.
+    order_2: f64,
+    /// A tolerance of at most this asks for order 8, one between this and `order_2` for order 6. Measured on smooth
+    /// problems: Duffing, pendulum, Kepler. A region with kinks takes order 8 or none above 2: steps to a looser
+    /// tolerance are so long that they may pass over what a kink brings, such as the pulse of a diode.
+    order_8: f64,
+    /// The same of a region with branched laws. One with exponentials, which may be driven hard, takes `radau` above
+    /// this.
+    order_8_non_smooth: f64,
+    /// A tolerance of at most this has large smooth regions stepped with order 6.
+    order_6_large: f64,
+    /// Unknowns of a stage up to which collocation is cheap; above, the sparse system of order 2 is known to be.
+    unknowns: usize,
+    /// The same of a linear region with storages that follow a moving source: its matrix is constant.
+    unknowns_linear: usize,
+    /// The same where the tolerance is tight: far fewer steps of order 6 are worth what each costs, and compiling it.
+    /// A region with many diodes would begin far more steps.
+    unknowns_tight: usize,
+}
+
+const LIMITS: Limits = Limits {
+    order_2: 1e-3,
+    order_8: 1e-5,
+    order_8_non_smooth: 1e-7,
+    order_6_large: 1e-6,
+    unknowns: 16,
+    unknowns_linear: 64,
+    unknowns_tight: 512,
+};
+
+/// What the rules ask of a cluster. Facts that take work are found once, when the first rule asks for them.
+struct Facts<'a> {
+    c: &'a Cluster,
+    model: &'a mut Model,
+    form: &'a Form,
+    accuracy: Accuracy,
+    tolerance: Option<f64>,
+    /// The step by the matrix exponential, where there is one.
+    exact: Option<Exact>,
+    laws: Vec<Expr>,
+    damps: Option<bool>,
+    kinked: Option<bool>,
+}
+
+impl Facts<'_> {
+    /// Unknowns of a stage of collocation, but arguments of exponentials: what these are solved with is linear in the
+    /// rest.
+    fn unknowns(&self) -> usize {
+        self.c.states.len() + self.c.loops.len() - self.c.exponential_arguments().len()
+    }
+
+    fn is_small(&self) -> bool {
+        self.unknowns() <= LIMITS.unknowns
+    }
+
+    fn is_linear(&self) -> bool {
+        self.c.nodes.iter().all(|n| !n.curved)
+    }
+
+    fn all_quadratic(&mut self) -> bool {
+        polynomial::all_quadratic(self.c, &mut self.model.pool)
+    }
+
+    /// Whether `radau` can step it and books what it damps. Its steps end before a switch: no node of it may find what
+    /// a state takes across.
+    fn damps(&mut self) -> bool {
+        if let Some(damps) = self.damps {
+            return damps;
+        }
+        let damps = !self.c.has_moving_source_driven_storage(&self.model.pool)
+            && collocation::is_coupled(self.c, stages(Method::Radau))
+            && self.all_quadratic()
+            && !relay::has_state_dependent_switch(self.c, self.model, self.form);
+        *self.damps.insert(damps)
+    }
+
+    fn any_law(&self, test: &dyn Fn(&Node) -> bool) -> bool {
+        self.laws.iter().any(|e| self.model.pool.any_node(*e, test))
+    }
+
+    fn is_kinked(&mut self) -> bool {
+        let found = self.kinked.unwrap_or_else(|| self.any_law(&smoothness::is_kink) || self.is_non_smooth());
+        *self.kinked.insert(found)
+    }
+
+    fn is_non_smooth(&self) -> bool {
+        smoothness::is_non_smooth(self.c)
+    }
+
+    fn has_flat_law(&mut self) -> bool {
+        let pool = &mut self.model.pool;
+        self.c.nodes.iter().any(|n| smoothness::is_flat(n, pool))
+    }
+
+    fn follows_source(&self) -> bool {
+        !self.c.driving_sources.is_empty()
+    }
+
+    /// Whether steps are fitted to a tolerance of at most this.
+    fn is_within(&self, tolerance: f64) -> bool {
+        self.tolerance.is_some_and(|t| t <= tolerance)
+    }
+}
+
+fn stages(method: Method) -> usize {
+    method.properties().stages as usize
+}
+
+/// A rule: a cluster takes this stepper, for this reason, where the rule applies and none before it does.
+struct Rule {
+    take: Method,
+    because: &'static str,
+    when: fn(&mut Facts) -> bool,
+}
+
+/// Why a linear cluster that `exact` would cut its steps for is not stepped by that.
+pub(crate) const UNCUT: &str = "a source switches, and no step of it is cut there";
+
+const RULES: [Rule; 19] = [
+    // Of an odd number of stages: what is stiff and was set off by a jump of the source is damped at last. Not of what
+    // is sampled, in intervals that are short beside what moves.
+    Rule {
+        take: Method::Collocation6,
+        because: "it is linear, but for a source that `exact` does not follow",
+        when: |f| {
+            f.accuracy.is_fitted() && f.exact.as_ref().is_some_and(|e| e.strays) && f.is_small() && f.c.ports.is_empty()
+        },
+    },
+    Rule {
+        take: Method::Gonzalez,
+        because: UNCUT,
+        when: |f| {
+            f.accuracy == Accuracy::Uncut
+                && f.exact.is_some()
+                && switching_conditions::find(f.c, f.model, f.form, true).is_some()
+        },
+    },
+    Rule { take: Method::Exact, because: "it is linear", when: |f| f.exact.is_some() },
+    // A probe is to cost no accuracy.
+    Rule {
+        take: Method::Collocation8,
+        because: "it is linear, but for what a probe integrates",
+        when: |f| exact::takes_states(f.c, f.model, f.form),
+    },
+    Rule {
+        take: Method::Radau,
+        because: "a law is all but a switch, and what it damps within a step must not ring on",
+        when: |f| f.damps() && relay::has_relay(f.c, f.model, f.form),
+    },
+    Rule {
+        take: Method::Radau,
+        because: "a law whose vertical branch ties a storage to a source must not let the storage ring about it",
+        when: |f| f.damps() && index2::has_index2_constraint(f.c, f.model, f.form),
+    },
+    // The middle of a step, and of its halves, may all lie below a knee that its end is far beyond.
+    Rule {
+        take: Method::Radau,
+        because: "it has exponentials, and a step must see where on them it ends",
+        when: |f| {
+            f.damps()
+                && f.accuracy.is_fitted()
+                && !f.is_within(LIMITS.order_8_non_smooth)
+                && !f.c.exponential_arguments().is_empty()
+        },
+    },
+    Rule {
+        take: Method::Gonzalez,
+        because: "a storage follows a source",
+        when: |f| {
+            let fits = f.is_small() || f.is_linear() && f.unknowns() <= LIMITS.unknowns_linear;
+            f.follows_source() && (!fits || f.is_kinked() || !f.all_quadratic())
+        },
+    },
+    Rule {
+        take: Method::Collocation8,
+        because: "it is linear, but for a storage that follows a source",
+        when: |f| f.follows_source() && f.is_linear(),
+    },
+    Rule {
+        take: Method::Gonzalez,
+        because: "it is linear, and large",
+        when: |f| !f.is_small() && f.is_linear() && f.all_quadratic(),
+    },
+    Rule { take: Method::Gonzalez, because: "it is not linear", when: |f| !f.is_within(LIMITS.order_2) },
+    Rule {
+        take: Method::Gonzalez,
+        because: "it is not linear, and large",
+        when: |f| {
+            let limit = if f.is_kinked() { LIMITS.order_8_non_smooth } else { LIMITS.order_6_large };
+            let fits =
+                f.unknowns() <= LIMITS.unknowns_tight && f.c.exponential_arguments().is_empty() && !f.is_non_smooth();
+            !(f.is_small() || f.is_within(limit) && fits)
+        },
+    },
+    // Where branched laws hold one another, as dry friction on both sides of a gear, only steps of order 2 go on well.
+    Rule {
+        take: Method::Gonzalez,
+        because: "it is not linear, and not smooth",
+        when: |f| {
+            let limit = if f.is_non_smooth() { LIMITS.order_8_non_smooth } else { LIMITS.order_8 };
+            f.is_kinked() && !f.is_within(limit)
+        },
+    },
+    // A tank that runs dry does so in finite time: nodes on both sides of that instant would fill it again.
+    Rule {
+        take: Method::Radau,
+        because: "it comes to rest by a root, in finite time, and must not go on beyond",
+        when: |f| f.is_kinked() && f.damps() && !f.c.states.is_empty() && smoothness::empties(f.c, &mut f.model.pool),
+    },
+    Rule {
+        take: Method::Gonzalez,
+        because: "it is not linear, and has kinks and a root",
+        when: |f| {
+            f.is_kinked()
+                && !collocation::is_coupled(f.c, stages(Method::Collocation8))
+                && (f.any_law(&smoothness::is_root) || f.has_flat_law())
+        },
+    },
+    Rule {
+        take: Method::Collocation6,
+        because: "it is large, and the tolerance asks for order 6",
+        when: |f| !f.is_small(),
+    },
+    Rule {
+        take: Method::Collocation8,
+        because: "steps end at its kinks, and the tolerance asks for order 8",
+        when: |f| f.is_kinked(),
+    },
+    Rule {
+        take: Method::Collocation8,
+        because: "it is smooth, and the tolerance asks for order 8",
+        when: |f| f.is_within(LIMITS.order_8),
+    },
+    Rule { take: Method::Collocation6, because: "it is smooth, and the tolerance asks for order 6", when: |_| true },
+];
+
+/// The stepper of a cluster, and why.
+pub(crate) struct Choice {
+    pub(crate) method: Method,
+    pub(crate) because: &'static str,
+    /// The step, where choosing has made it already.
+    pub(crate) step: Option<Step>,
+}
+
+/// Chooses the stepper of a continuous cluster. Every one that is chosen is passive.
+///
+/// # Errors
+/// Those of writing a step by the matrix exponential, which is how it is found whether a cluster is linear.
+pub(crate) fn choose(
     c: &Cluster,
     model: &mut Model,
     form: &Form,
     (accuracy, tolerance): (Accuracy, Option<f64>),
-) -> (Method, &'static str) {
-    // A probe is to cost no accuracy.
-    if exact::takes_states(c, model, form) {
-        return (Method::Collocation8, "it is linear, but for what a probe integrates");
-    }
-    let small = is_small(c);
-    let damps =
-        !c.is_led(&model.pool) && collocation::is_coupled(c, RADAU) && collocation::all_quadratic(c, &mut model.pool);
-    // Its steps end before a switch. What a state then has to take across, no node may find on either side.
-    let damps = damps && !stiff::is_steered(c, model, form);
-    if damps && stiff::is_switched(c, model, form) {
-        return (Method::Radau, "a law is all but a switch, and what it damps within a step must not ring on");
-    }
-    if damps && tie::is_tied(c, model, form) {
-        return (
-            Method::Radau,
-            "a law that may stand upright hands a source on to a storage, which must not ring about it",
-        );
-    }
-    // The middle of a step, and of its halves, may all lie below a knee that its end is far beyond.
-    let coarse = tolerance.is_none_or(|t| t > CORNERS) && accuracy.is_fitted();
-    if damps && coarse && !c.arguments().is_empty() {
-        return (Method::Radau, "it has exponentials, and a step must see where on them it ends");
-    }
-    let laws = laws(c);
-    let any = |model: &Model, test: &dyn Fn(&Node) -> bool| laws.iter().any(|e| model.pool.any_node(*e, test));
-    let kinked = any(model, &is_kink) || has_corners(c);
-    if !c.followed.is_empty() {
-        let linear = c.nodes.iter().all(|n| !n.curved);
-        let fits = small || linear && count(c) <= LINEAR;
-        if !fits || kinked || !collocation::all_quadratic(c, &mut model.pool) {
-            return (Method::Gonzalez, "a storage follows a source");
-        }
-        if linear {
-            return (Method::Collocation8, "it is linear, but for a storage that follows a source");
-        }
-    }
-    if !small && c.nodes.iter().all(|n| !n.curved) && collocation::all_quadratic(c, &mut model.pool) {
-        return (Method::Gonzalez, "it is linear, and large");
-    }
-    let Some(tolerance) = tolerance.filter(|t| *t <= LOOSE) else {
-        return (Method::Gonzalez, "it is not linear");
-    };
-    let asks = tolerance <= if kinked { CORNERS } else { FINE };
-    let fits = count(c) <= LARGE && c.arguments().is_empty() && !has_corners(c);
-    if !(small || asks && fits) {
-        return (Method::Gonzalez, "it is not linear, and large");
-    }
-    // Where curves hold one another, as dry friction on both sides of a gear, only steps of order 2 go on well.
-    if kinked && (tolerance > TIGHT || has_corners(c) && tolerance > CORNERS) {
-        return (Method::Gonzalez, "it is not linear, and not smooth");
-    }
-    // A tank that runs dry does so in finite time: nodes that lie on both sides of that take it for filling again.
-    if kinked && damps && !c.states.is_empty() && empties(c, &mut model.pool) {
-        return (Method::Radau, "it comes to rest by a root, in finite time, and must not go on beyond");
-    }
-    let apart = kinked && !collocation::is_coupled(c, ORDER_8);
-    if apart && (any(model, &is_root) || c.nodes.iter().any(|n| is_flat(n, &mut model.pool))) {
-        return (Method::Gonzalez, "it is not linear, and has kinks and a root");
-    }
-    if !small {
-        return (Method::Collocation6, "it is large, and the tolerance asks for order 6");
-    }
-    if kinked {
-        return (Method::Collocation8, "steps end at its kinks, and the tolerance asks for order 8");
-    }
-    match tolerance <= TIGHT {
-        true => (Method::Collocation8, "it is smooth, and the tolerance asks for order 8"),
-        false => (Method::Collocation6, "it is smooth, and the tolerance asks for order 6"),
-    }
+) -> Result<Choice, Vec<Diagnostic>> {
+    let exact = exact::write(Method::Exact.label(), c, model, form)?;
+    let laws = smoothness::laws(c);
+    let mut facts = Facts { c, model, form, accuracy, tolerance, exact, laws, damps: None, kinked: None };
+    let rule = RULES.iter().find(|rule| (rule.when)(&mut facts));
+    let (method, because) = rule.map_or((Method::Gonzalez, ""), |rule| (rule.take, rule.because));
+    let step = facts.exact.filter(|_| method == Method::Exact).map(|exact| exact.step);
+    Ok(Choice { method, because, step })
 }
 
-/// The stepper of a linear cluster with a source that `exact` does not follow, where steps are fitted, and why; none where
-/// it is too large for another of high order, or is sampled, in intervals that are short beside what moves.
-pub(super) fn driven(c: &Cluster) -> Option<(Method, &'static str)> {
-    // Of an odd number of stages: what is stiff and was set off by a jump of the source is seen to last.
-    (is_small(c) && c.ports.is_empty())
-        .then_some((Method::Collocation6, "it is linear, but for a source that `exact` does not follow"))
-}
+#[cfg(test)]
+mod tests {
+    use super::{Accuracy, RULES};
+    use crate::elaborate::NoFiles;
+    use bond_grammar::source::Sources;
 
-/// Whether collocation is cheap. Arguments of exponentials come on top: what they are solved with is linear in the rest.
-fn is_small(c: &Cluster) -> bool {
-    count(c) <= UNKNOWNS
-}
+    /// Dividers of 12 outlets and a spring that hardens: too many unknowns for `radau`.
+    const OUTLETS: &str = "model M {
+      C:spring { H = 0.5*(1 Pa/m^3)*q^2 + 0.25*(1 Pa/m^9)*q^4 }
+      spring -> 0:low
+      for i in 1..12 {
+        C:tank[i] { stiffness = 1 Pa/m^3; e0 = 1 Pa }
+        R:hole[i] { f = (1 m^3/(s*Pa^(1/2)))*sign(e)*sqrt(abs(e)) }
+        tank[i] -> 1:q[i] -> hole[i]
+        q[i] -> low
+      }
+    }";
 
-/// Unknowns of a stage, but arguments of exponentials.
-fn count(c: &Cluster) -> usize {
-    c.states.len() + c.loops.len() - c.arguments().len()
-}
+    const LADDER: &str = "model M {
+      Se:u = 1 V
+      u -> 0:node[0]
+      for i in 1..100 {
+        R:r[i] = 1 kOhm
+        C:c[i] = 1 uF
+        node[i-1] -> 1:s[i] -> r[i]
+        s[i] -> 0:node[i] -> c[i]
+      }
+    }";
 
-/// All that a step is solved for: laws, sources, rates and slopes of energies. What probes integrate is not.
-pub(super) fn laws(c: &Cluster) -> Vec<Expr> {
-    let energies = c.groups.iter().flat_map(|g| g.coenergy.iter().copied());
-    let nodes = c.nodes.iter().flat_map(|n| n.how.expressions());
-    energies.chain(nodes).chain(c.states.iter().map(|s| s.rate)).collect()
-}
+    const CHAIN: &str = "model M {
+      for i in 1..20 {
+        I:mass[i] = 1 kg
+        C:spring[i] { H = 0.5*(1 N/m)*q^2 + 0.25*(1 N/m^3)*q^4;  q0 = 1 m }
+        0:force[i] -> spring[i]
+        1:v[i] -> mass[i], force[i]
+      }
+      for i in 2..20 { force[i] -> v[i-1] }
+    }";
 
-/// Whether a law is a curve with corners, as that of dry friction.
-pub(super) fn has_corners(c: &Cluster) -> bool {
-    c.nodes.iter().any(|n| n.is_bare())
-}
+    const PENDULUM: &str = "model M { I:m = 1 kg  C:c { e = (1 N)*sin(q/(1 m)); q0 = 1 m }  1:v -> m, c }";
 
-/// Whether something has a kink or a jump.
-pub(super) fn is_kink(n: &Node) -> bool {
-    match n {
-        Node::Select(..) => true,
-        Node::Unary(f, _) => matches!(f, Unary::Abs | Unary::Sign | Unary::Floor | Unary::Not),
-        Node::Binary(f, ..) => !matches!(f, Binary::Atan2 | Binary::Pow),
-        Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) | Node::Power(..) => false,
-    }
-}
+    const STOP: &str =
+        "model M { I:m = 1 kg  C:c { H = if q > 0 m then 0.5*(1 N/m)*q^2 else 0 J; q0 = 1 m }  1:v -> m, c }";
 
-/// Whether a law that is solved for what it is given has no slope at 0, so that its inverse is a root.
-pub(super) fn is_flat(n: &cluster::Node, pool: &mut Pool) -> bool {
-    let Output::Implicit { residual: e, .. } = n.how else { return false };
-    let (slope, zero) = (pool.derivative(e, n.out), pool.int(0));
-    let slope = pool.substitute(slope, &std::iter::once((n.out, zero)).collect());
-    pool.is_zero(slope)
-}
+    /// For each rule a model that it decides on.
+    const DECIDES: [(&str, Accuracy); RULES.len()] = [
+        ("model M { Se:u = 1 V * sin((3 Hz * t)^2)  R:r = 1 Ohm  C:c = 1 F  u -> 1:i -> r, c }", Accuracy::Tolerance(1e-6)),
+        ("model M { Se:u = if t < 0.5 s then 1 V else 0 V  R:r = 1 Ohm  C:c = 1 F  u -> 1:i -> r, c }", Accuracy::Uncut),
+        ("model M { Se:u = 1 V  R:r = 1 Ohm  C:c = 1 F  u -> 1:i -> r, c }", Accuracy::Tolerance(1e-6)),
+        (
+            "model M { Se:u = 1 V  R:r = 1 Ohm  C:c = 1 F  u -> 1:i -> r, c  probe p = integral(abs(c.e), 0 V*s) }",
+            Accuracy::Tolerance(1e-6),
+        ),
+        (
+            "model M { Se:push = 1 N  I:m = 1 kg  R:hole { f = (1 m/(s*N^(1/2)))*sign(e)*sqrt(abs(e)) }
+             push -> 1:v -> m, hole }",
+            Accuracy::Tolerance(1e-6),
+        ),
+        (
+            "model M { Se:u = 10 V * sin(100 Hz * t)  R:d { e = min(s, 0) * 1 V; f = max(s, 0) * 1 A }  C:c = 1 uF  R:r = 1 kOhm
+             u -> 1:i -> d  i -> 0:n -> c, r }",
+            Accuracy::Tolerance(1e-4),
+        ),
+        (
+            "model M { Se:u = 4 V * sin(6 kHz * t)  R:series = 2.2 kOhm  C:c = 10 nF  R:d { f = 2.5 nA * (exp(e/(45 mV)) - 1) }
+             u -> 1:i -> series  i -> 0:n -> c, d }",
+            Accuracy::Tolerance(1e-4),
+        ),
+        (
+            "model M { Se:u = 10 V * sin(100 Hz * t)  C:c = 1 uF  R:r { e = 1 Ohm * f + 1 Ohm * abs(f) }  I:l = 1 H
+             u -> 0:n -> c  n -> 1:i -> l, r }",
+            Accuracy::Fixed,
+        ),
+        ("model M { Se:u = 10 V * sin(100 Hz * t)  C:c = 1 uF  u -> c }", Accuracy::Tolerance(1e-4)),
+        (LADDER, Accuracy::Fixed),
+        (PENDULUM, Accuracy::Fixed),
+        (CHAIN, Accuracy::Tolerance(1e-4)),
+        (STOP, Accuracy::Tolerance(1e-4)),
+        (
+            "model M { C:high { stiffness = 1 Pa/m^3; e0 = 1 Pa }  C:low { stiffness = 1 Pa/m^3 }
+             R:hole { f = (0.1 m^3/(s*Pa^(1/2)))*sign(e)*sqrt(abs(e)) }  high -> 1:q -> hole, low }",
+            Accuracy::Tolerance(1e-6),
+        ),
+        (OUTLETS, Accuracy::Tolerance(1e-8)),
+        (CHAIN, Accuracy::Tolerance(1e-6)),
+        (STOP, Accuracy::Tolerance(1e-6)),
+        (PENDULUM, Accuracy::Tolerance(1e-6)),
+        (PENDULUM, Accuracy::Tolerance(1e-4)),
+    ];
 
-/// Whether a law gives the root of what it is given, up to 0, as an orifice does.
-fn empties(c: &Cluster, pool: &mut Pool) -> bool {
-    let rooted = |n: &Node| match n {
-        Node::Product(_, factors) => {
-            factors.iter().any(|(base, n)| (f64::EPSILON..1.0).contains(&n.to_f64()) && pool.any_node(*base, &is_kink))
-        }
-        _ => false,
-    };
-    let written = c.nodes.iter().flat_map(|n| n.how.expressions()).any(|e| pool.any_node(e, &rooted));
-    written || c.nodes.iter().any(|n| is_flat(n, pool))
-}
-
-/// Whether something has a root, and so an infinite slope: beyond it a step may have no solution, however near.
-fn is_root(n: &Node) -> bool {
-    match n {
-        Node::Product(_, pairs) => pairs.iter().any(|(_, n)| (f64::EPSILON..1.0).contains(&n.to_f64())),
-        Node::Power(..) => true,
-        Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Unary(..) | Node::Binary(..) | Node::Select(..) => {
-            false
+    #[test]
+    fn every_rule_decides_on_a_model() {
+        for (rule, (text, accuracy)) in RULES.iter().zip(DECIDES) {
+            let mut sources = Sources::new();
+            let id = sources.add("model.bond", text);
+            let options = crate::Options { accuracy, ..crate::Options::default() };
+            let compiled = match crate::compile(&mut sources, id, &mut NoFiles, &options) {
+                Ok(compiled) => compiled,
+                Err(errors) => {
+                    let errors: Vec<String> = errors.iter().map(|e| e.render(&sources)).collect();
+                    panic!("{text}: {}", errors.join("\n"))
+                }
+            };
+            let step = &compiled.scene.clusters[0].step;
+            assert_eq!((&*step.name, &*step.why), (rule.take.name(), rule.because), "{text}");
         }
     }
 }

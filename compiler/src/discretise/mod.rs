@@ -1,138 +1,29 @@
-//! From the port-Hamiltonian form to step programs: one file a stepper, one for the holds.
+//! From the port-Hamiltonian form to step programs: clusters, analysis, choice, steppers, assembly of the scene.
 
-mod accounts;
-mod ahead;
+mod analysis;
+mod assembly;
 mod choice;
 mod cluster;
-mod collocation;
-mod exact;
-mod explicit;
-mod gather;
-mod gonzalez;
-mod guard;
-mod hold;
-mod instant;
-mod jump;
-mod level;
-mod measure;
-mod near;
-mod order;
-mod probes;
-mod ray;
-mod root;
-mod sav;
-mod start;
-mod stiff;
-mod stored;
-mod swing;
-mod switching;
-mod tear;
-mod tie;
-mod tight;
-mod turn;
-mod upright;
-mod whole;
-mod write;
+mod equations;
+mod steppers;
 
-pub(crate) use probes::mixed;
+pub(crate) use assembly::probes::mixed;
+pub use assembly::switching::{Switching, is_uncut, switching};
+pub use choice::Accuracy;
+pub use steppers::Method;
 
 use crate::Options;
 use crate::expression::Symbol;
-use crate::model::{Model, Signal, Variable};
+use crate::model::{Model, Variable};
 use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
+use assembly::build::Asked;
+use assembly::{build, probes};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::scene::{self, Made, Scene};
-pub use choice::Accuracy;
-use cluster::Cluster;
+use cluster::partition;
 use rustc_hash::FxHashMap;
-pub use switching::{Switching, is_uncut, switching};
-
-/// A stepper that can be asked for by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
-    /// The matrix exponential, for linear regions.
-    Exact,
-    /// The discrete gradient.
-    Gonzalez,
-    /// Energy-preserving collocation of 2 stages.
-    Collocation4,
-    /// The same of 3.
-    Collocation6,
-    /// The same of 4.
-    Collocation8,
-    /// The same of 5.
-    Collocation10,
-    /// The same of 6.
-    Collocation12,
-    /// Radau IIA of 3 stages, which damps what is stiff.
-    Radau,
-    /// Linearly implicit with a quadratised energy: one linear solve.
-    Sav,
-    /// The paper's own, for sampled regions.
-    Ray,
-    /// Explicit Euler.
-    Euler,
-    /// The classical Runge-Kutta method.
-    Rk4,
-    /// That of Dormand and Prince, of order 5 with an estimate of order 4.
-    Rk45,
-    /// Theirs of order 8 with estimates of order 5 and 3.
-    Dop853,
-    /// The semi-implicit Euler method.
-    SymplecticEuler,
-}
-
-impl Method {
-    /// All of them.
-    pub const ALL: [Method; 15] = [
-        Method::Exact,
-        Method::Gonzalez,
-        Method::Collocation4,
-        Method::Collocation6,
-        Method::Collocation8,
-        Method::Collocation10,
-        Method::Collocation12,
-        Method::Radau,
-        Method::Sav,
-        Method::Ray,
-        Method::Euler,
-        Method::SymplecticEuler,
-        Method::Rk4,
-        Method::Rk45,
-        Method::Dop853,
-    ];
-
-    /// As it is written.
-    pub fn name(self) -> &'static str {
-        match self {
-            Method::Exact => "exact",
-            Method::Gonzalez => "gonzalez",
-            Method::Collocation4 => "collocation4",
-            Method::Collocation6 => "collocation6",
-            Method::Collocation8 => "collocation8",
-            Method::Collocation10 => "collocation10",
-            Method::Collocation12 => "collocation12",
-            Method::Radau => "radau",
-            Method::Sav => "sav",
-            Method::Ray => "ray",
-            Method::Euler => "euler",
-            Method::Rk4 => "rk4",
-            Method::Rk45 => "rk45",
-            Method::Dop853 => "dop853",
-            Method::SymplecticEuler => "symplectic_euler",
-        }
-    }
-
-    /// The method of this name.
-    pub fn named(name: &str) -> Option<Method> {
-        Method::ALL.into_iter().find(|m| m.name() == name)
-    }
-}
-
-/// What is wrong with a method that the model names, and with one that the user asks for in its place.
-const NAMED: &str = "discretise::method";
-const ASKED: &str = "discretise::asked";
+use steppers::{ASKED, NAMED};
 
 /// The method that the user or the model names.
 ///
@@ -145,15 +36,12 @@ pub fn method(model: &Model, options: &Options) -> Result<Option<Method>, Vec<Di
         (None, None) => return Ok(None),
     };
     match Method::named(name) {
-        Some(Method::Ray) if model.samplings.is_empty() => {
-            let what = "the method `ray` steps sampled regions, and there is none";
-            Err(vec![
-                Diagnostic::error(code, span, what)
-                    .help("take `gonzalez`, which steps every region, or leave the method out"),
-            ])
+        Some(method) if !method.is_for_continuous() && model.samplings.is_empty() => {
+            let what = format!("the method `{name}` steps sampled regions, and there is none");
+            Err(vec![Diagnostic::error(code, span, what).help(steppers::OTHERWISE)])
         }
         Some(method) => Ok(Some(method)),
-        None => Err(cluster::unknown_method(name, span)),
+        None => Err(steppers::unknown_method(name, span)),
     }
 }
 
@@ -172,7 +60,7 @@ pub fn discretise(
         Accuracy::AsModel if tolerance.is_none() && step.or(model.settings.step).is_some() => Accuracy::Fixed,
         other => other,
     };
-    let mut clusters = gather::gather(model, form, method == Some(Method::Ray));
+    let mut clusters = partition::partition(model, form, method.is_some_and(|m| !m.is_for_continuous()));
     let wanted = probes::wanted(model, form);
     // Which signals does each cluster have to show to the others and to the probes?
     let mut shows: Vec<Vec<Symbol>> = vec![Vec::new(); clusters.len()];
@@ -187,6 +75,7 @@ pub fn discretise(
             shows[i].push(s);
         }
     }
+    let asked = Asked { method, tolerance, accuracy };
     let place = |s: Symbol| places.get(&s).copied();
     let made = Made { pace: model.settings.pace, tolerance };
     let mut scene = Scene { name: model.name.clone(), excluded: excluded(model, form), made, ..Scene::default() };
@@ -194,7 +83,7 @@ pub fn discretise(
         let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
         let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
         c.fitted = tolerance.is_some();
-        scene.clusters.push(c.build(model, form, (method, tolerance, accuracy), &shows[i], foreign)?);
+        scene.clusters.push(build::build(c, model, form, &asked, &shows[i], foreign)?);
     }
     for i in &model.inputs {
         let (name, unit) = (i.name.clone(), i.unit.map(|u| u.to_string()));
@@ -262,43 +151,4 @@ fn excluded(model: &Model, form: &Form) -> Vec<String> {
         }
     }
     list
-}
-
-/// Whether a symbol is time.
-fn is_time(model: &Model, s: Symbol) -> bool {
-    model.signals.get(&s) == Some(&Signal::Time)
-}
-
-/// Which input a symbol is, or is the slope of.
-fn input_of(model: &Model, s: Symbol) -> Option<usize> {
-    match model.signals.get(&s) {
-        Some(Signal::Input(i) | Signal::Slope(i)) => Some(*i),
-        Some(
-            Signal::Time
-            | Signal::Effort(_)
-            | Signal::Flow(_)
-            | Signal::State(_)
-            | Signal::Integral(_)
-            | Signal::Argument(_)
-            | Signal::Parameter(_)
-            | Signal::Memory(_),
-        )
-        | None => None,
-    }
-}
-
-/// Makes the error for a method that a region cannot take.
-fn unfit(model: &Model, cluster: &Cluster, form: &Form, method: Method, why: &str) -> Vec<Diagnostic> {
-    let own = cluster.sampling.map(|s| &model.samplings[s]).filter(|s| s.method.is_some()).map(|s| s.span);
-    let named = own.or(model.settings.method.as_ref().map(|m| m.1));
-    let (code, span) = named.map_or((ASKED, model.span), |span| (NAMED, span));
-    let region = cluster.name(form);
-    vec![
-        Diagnostic::error(
-            code,
-            span,
-            format!("the method `{}` cannot step the region `{region}`: {why}", method.name()),
-        )
-        .help("take `gonzalez`, which steps every region, or leave the method out"),
-    ]
 }

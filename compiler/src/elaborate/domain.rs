@@ -1,6 +1,6 @@
 //! Domains of physics: pairs of units, and what is said where elements of two of them are bonded without a transducer.
 
-use super::infer::{Equation, Inference, System, Unit, Unknown};
+use super::equation::{Equation, System, Unit, Unknown};
 use crate::model::ElementId;
 use crate::units::Dimension;
 use bond_grammar::diagnostic::{Diagnostic, Label};
@@ -105,7 +105,7 @@ pub(super) fn entropy(all: &[Equation], e: &Equation, system: &System, names: &N
     let (source, _) = rest.split_once("` on its two ports (the thermal one")?;
     let Unit::Form(_, terms) = &e.found.0 else { return None };
     let graph = terms.iter().find(|(_, (n, d))| (*n < 0) != (*d < 0)).map(|(v, _)| v.0 / 2)?;
-    let pair = [Inference::effort(graph as usize), Inference::flow(graph as usize)].map(|unit| system.known(&unit));
+    let pair = [Unit::effort(graph as usize), Unit::flow(graph as usize)].map(|unit| system.known(&unit));
     if pair != [Some(Dimension::KELVIN), Some(Dimension::WATT)] {
         return None;
     }
@@ -183,8 +183,8 @@ impl Mixed {
         e.owner?;
         let graph = only_domain(e)?;
         let side = |unit: Unit| system.known(&unit);
-        let effort = side(Inference::effort(graph as usize))?;
-        let flow = side(Inference::flow(graph as usize))?;
+        let effort = side(Unit::effort(graph as usize))?;
+        let flow = side(Unit::flow(graph as usize))?;
         let among = domains().into_iter().find(|d| d.effort == effort && d.flow == flow)?;
         let mut fitting = fitting(e, graph, system);
         // Energies fit several domains. Swapped units are a mistake within the domain: a conductance for a resistance.

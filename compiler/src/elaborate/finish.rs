@@ -1,6 +1,7 @@
 //! Second walk: laws, outputs, settings, units.
 
 use super::expand::{given, part};
+use super::infer::Units;
 use super::{Broken, Elaborator, Entity, Inference, Mode, Typed, Unit, Value};
 use crate::Options;
 use crate::expression::Expr;
@@ -38,13 +39,74 @@ impl<'a> Elaborator<'a> {
         }
         whole &= self.errors.len() == said;
         self.check_unused();
+        let units = self.solve_units(domains);
+        self.forget_misread();
+        self.forget_followers();
+        if !whole {
+            return Err(Broken { errors: self.errors, model: None });
+        }
+        let known = |u: &Unit| units.system.known(u);
+        let parameters = self
+            .params
+            .iter()
+            .flat_map(|p| match &p.state {
+                super::ParamState::Done(Some(value)) => self.listed(&p.name, value),
+                super::ParamState::Done(None) | super::ParamState::New | super::ParamState::Open => Vec::new(),
+            })
+            .map(|(p, unit)| Parameter { unit: known(&unit), ..p })
+            .collect();
+        let probes = probes
+            .into_iter()
+            .map(|(name, span, t)| Probe { name, value: t.expr, unit: known(&t.unit), span })
+            .collect();
+        let inputs = inputs.into_iter().map(|(i, unit)| Input { unit: known(&unit), ..i }).collect();
+        let memories = memories.into_iter().map(|(m, unit)| Memory { unit: known(&unit), ..m }).collect();
+        let bond_units = self.domain_of.iter().map(|&d| (known(&Unit::effort(d)), known(&Unit::flow(d)))).collect();
+        let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
+        let model = Model {
+            name: decl.name.text.clone(),
+            docs: decl.docs.clone(),
+            span: decl.span,
+            pool: self.pool,
+            elements: laws.into_iter().flatten().collect(),
+            bonds: self.bonds,
+            fields: self
+                .fields
+                .into_iter()
+                .map(|f| Field {
+                    kind: f.ast.kind.text.clone(),
+                    name: f.name,
+                    members: f.members,
+                    span: f.ast.kind.span.to(f.ast.name.span),
+                })
+                .collect(),
+            samplings: self.samplings,
+            integrals: self.integrals,
+            inputs,
+            memories,
+            probes,
+            expectations,
+            settings,
+            parameters,
+            signals: self.signals,
+            units: bond_units,
+            pseudo,
+        };
+        if self.errors.is_empty() {
+            return Ok(model);
+        }
+        Err(Broken { errors: self.errors, model: Some(Box::new(model)) })
+    }
+
+    /// Solves for the units; what contradicts the rest is an error.
+    fn solve_units(&mut self, domains: usize) -> Units {
         let mut inference = Inference::new(domains);
         for e in std::mem::take(&mut self.equations) {
             inference.equate(e);
         }
         let (elements, functions, params, sources) = (&self.elements, &self.functions, &self.params, self.sources);
         let (scopes, instances, lets) = (&self.scopes, &self.instances, &self.lets);
-        let units = inference.solve(
+        inference.solve(
             &mut self.errors,
             &super::domain::Names {
                 element: &|id| elements.get(id.at()).map_or("", |e| &e.name),
@@ -82,64 +144,7 @@ impl<'a> Elaborator<'a> {
                     super::unknown::misread(sources.slice(e.found.1), &known)
                 },
             },
-        );
-        self.forget_misread();
-        self.forget_followers();
-        if !whole {
-            return Err(Broken { errors: self.errors, model: None });
-        }
-        let known = |u: &Unit| units.system.known(u);
-        let parameters = self
-            .params
-            .iter()
-            .flat_map(|p| match &p.state {
-                super::ParamState::Done(Some(value)) => self.listed(&p.name, value),
-                super::ParamState::Done(None) | super::ParamState::New | super::ParamState::Open => Vec::new(),
-            })
-            .map(|(p, unit)| Parameter { unit: known(&unit), ..p })
-            .collect();
-        let probes = probes
-            .into_iter()
-            .map(|(name, span, t)| Probe { name, value: t.expr, unit: known(&t.unit), span })
-            .collect();
-        let inputs = inputs.into_iter().map(|(i, unit)| Input { unit: known(&unit), ..i }).collect();
-        let memories = memories.into_iter().map(|(m, unit)| Memory { unit: known(&unit), ..m }).collect();
-        let bond_units =
-            self.domain_of.iter().map(|&d| (known(&Inference::effort(d)), known(&Inference::flow(d)))).collect();
-        let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
-        let model = Model {
-            name: decl.name.text.clone(),
-            docs: decl.docs.clone(),
-            span: decl.span,
-            pool: self.pool,
-            elements: laws.into_iter().flatten().collect(),
-            bonds: self.bonds,
-            fields: self
-                .fields
-                .into_iter()
-                .map(|f| Field {
-                    kind: f.ast.kind.text.clone(),
-                    name: f.name,
-                    members: f.members,
-                    span: f.ast.kind.span.to(f.ast.name.span),
-                })
-                .collect(),
-            samplings: self.samplings,
-            integrals: self.integrals,
-            inputs,
-            memories,
-            probes,
-            expectations,
-            settings,
-            parameters,
-            signals: self.signals,
-            units: bond_units,
-            pseudo,
-        };
-        if self.errors.is_empty() {
-            return Ok(model);
-        }
-        Err(Broken { errors: self.errors, model: Some(Box::new(model)) })
+        )
     }
 
     /// Takes the errors of units out where the grammar refused what is written: it may not be what was meant.

@@ -1,5 +1,6 @@
 //! Functions of the user, `let f(x, y) = expr`: worked out anew at each call, with the units of its arguments.
 
+use super::equation::{Call, Calls, calls};
 use super::load::ModelRef;
 use super::{Elaborator, Entity, Let, LetState, ScopeId, Value};
 use bond_grammar::ast;
@@ -11,24 +12,6 @@ use std::rc::Rc;
 /// Calls may not be nested deeper than this, nor may there be more of them in all.
 const DEEPEST: usize = 64;
 const MOST_CALLS: u64 = 2_000_000;
-
-/// A call that is being worked out, and the one around it.
-#[derive(Debug)]
-pub struct Call {
-    /// Which function.
-    pub function: usize,
-    /// Where it is called.
-    pub span: Span,
-    outer: Calls,
-}
-
-/// The innermost of the calls that are open.
-pub type Calls = Option<Rc<Call>>;
-
-/// The open calls, from the inside out.
-pub fn each(calls: &Calls) -> impl Iterator<Item = &Call> {
-    std::iter::successors(calls.as_deref(), |c| c.outer.as_deref())
-}
 
 /// All functions, and the calls that are open.
 #[derive(Default)]
@@ -177,7 +160,7 @@ impl<'a> Elaborator<'a> {
 
     /// Refuses a call that leads back to itself, or one too many.
     fn admit(&mut self, f: usize, span: Span) -> Option<()> {
-        let open: Vec<usize> = each(&self.functions.open).map(|c| c.function).collect();
+        let open: Vec<usize> = calls(&self.functions.open).map(|c| c.function).collect();
         if let Some(i) = open.iter().position(|c| *c == f) {
             let chain: Vec<&str> = open[..=i].iter().rev().map(|c| self.functions.name(*c)).collect();
             let name = self.functions.name(f);

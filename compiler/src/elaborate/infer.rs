@@ -3,188 +3,11 @@
 //! in the exponents, so that all of them are one linear system, solved by elimination as the equations come.
 
 use super::domain::{self, Names};
-use super::function::{self, Calls};
-use crate::model::ElementId;
+use super::equation::{self, Equation, System, Unit, Unknown};
 use crate::units::Dimension;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
-use rustc_hash::{FxHashMap, FxHashSet};
-
-/// A rational exponent, den > 0, in lowest terms.
-type Ratio = (i32, i32);
-
-fn reduce((n, d): Ratio) -> Ratio {
-    fn gcd(a: i32, b: i32) -> i32 {
-        if b == 0 { a.abs().max(1) } else { gcd(b, a % b) }
-    }
-    let g = gcd(n, d) * d.signum();
-    (n / g, d / g)
-}
-
-fn plus(a: Ratio, b: Ratio) -> Ratio {
-    reduce((a.0.saturating_mul(b.1).saturating_add(b.0.saturating_mul(a.1)), a.1.saturating_mul(b.1)))
-}
-
-fn times(a: Ratio, b: Ratio) -> Ratio {
-    reduce((a.0.saturating_mul(b.0), a.1.saturating_mul(b.1)))
-}
-
-/// An unknown unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Unknown(pub u32);
-
-/// The unit of an expression.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Unit {
-    /// The literal 0 has every unit.
-    Any,
-    /// A dimension times powers of unknowns.
-    Form(Dimension, Vec<(Unknown, Ratio)>),
-}
-
-impl Unit {
-    /// A known one.
-    pub fn known(d: Dimension) -> Unit {
-        Unit::Form(d, Vec::new())
-    }
-
-    /// A bare number.
-    pub fn one() -> Unit {
-        Unit::known(Dimension::DIMENSIONLESS)
-    }
-
-    /// An unknown.
-    pub fn unknown(v: Unknown) -> Unit {
-        Unit::Form(Dimension::DIMENSIONLESS, vec![(v, (1, 1))])
-    }
-
-    /// `self * other^n`
-    pub fn times(&self, other: &Unit, n: Ratio) -> Unit {
-        match (self, other) {
-            (Unit::Any, _) | (_, Unit::Any) => Unit::Any,
-            (Unit::Form(a, x), Unit::Form(b, y)) => {
-                let mut terms = x.clone();
-                for &(v, c) in y {
-                    add_term(&mut terms, v, times(c, n));
-                }
-                Unit::Form(a.mul(b.pow(n.0, n.1)), terms)
-            }
-        }
-    }
-
-    /// `self * other`
-    pub fn mul(&self, other: &Unit) -> Unit {
-        self.times(other, (1, 1))
-    }
-
-    /// `self / other`
-    pub fn div(&self, other: &Unit) -> Unit {
-        self.times(other, (-1, 1))
-    }
-
-    /// `self^n`
-    pub fn pow(&self, n: Ratio) -> Unit {
-        match self {
-            Unit::Any => Unit::Any,
-            Unit::Form(..) => Unit::one().times(self, n),
-        }
-    }
-}
-
-fn add_term(terms: &mut Vec<(Unknown, Ratio)>, v: Unknown, c: Ratio) {
-    match terms.binary_search_by_key(&v, |t| t.0) {
-        Ok(i) => {
-            terms[i].1 = plus(terms[i].1, c);
-            if terms[i].1.0 == 0 {
-                terms.remove(i);
-            }
-        }
-        Err(i) => {
-            if c.0 != 0 {
-                terms.insert(i, (v, c));
-            }
-        }
-    }
-}
-
-/// Two units that must be the same, and where that was asked.
-#[derive(Clone, Debug)]
-pub struct Equation {
-    /// What was found.
-    pub found: (Unit, Span),
-    /// What is needed.
-    pub needed: (Unit, Option<Span>),
-    /// What it is about: "resistance of `damper`".
-    pub about: String,
-    /// Equations of lower rank are believed first. Up to 2: what an element asks of its own value; 3: within an
-    /// expression.
-    pub rank: u8,
-    /// The element whose law asks for it.
-    pub owner: Option<ElementId>,
-    /// The calls of functions in which it arose.
-    pub calls: Calls,
-}
-
-impl Equation {
-    /// Whether what was found is a number without a unit.
-    fn is_bare(&self) -> bool {
-        self.found.0 == Unit::one()
-    }
-}
-
-/// The solved part of the system.
-#[derive(Default)]
-pub struct System {
-    /// unknown = dimension times powers of others
-    rows: FxHashMap<Unknown, (Dimension, Vec<(Unknown, Ratio)>)>,
-}
-
-impl System {
-    /// Replaces all solved unknowns.
-    pub fn reduce(&self, unit: &Unit) -> Unit {
-        let Unit::Form(d, terms) = unit else { return Unit::Any };
-        let (mut d, mut terms) = (*d, terms.clone());
-        while let Some(i) = terms.iter().position(|(v, _)| self.rows.contains_key(v)) {
-            let (v, c) = terms.remove(i);
-            let (dim, row) = &self.rows[&v];
-            d = d.mul(dim.pow(c.0, c.1));
-            for &(w, k) in row {
-                add_term(&mut terms, w, times(k, c));
-            }
-        }
-        Unit::Form(d, terms)
-    }
-
-    /// The dimension of a unit, where it is determined.
-    pub fn known(&self, unit: &Unit) -> Option<Dimension> {
-        match self.reduce(unit) {
-            Unit::Form(d, terms) if terms.is_empty() => Some(d),
-            Unit::Form(..) | Unit::Any => None,
-        }
-    }
-
-    /// A unit with the unknowns that are not of interest replaced, as far as they are solved.
-    pub fn reduce_others(&self, unit: &Unit, keep: &dyn Fn(Unknown) -> bool) -> Unit {
-        let Unit::Form(d, terms) = unit else { return Unit::Any };
-        let mut all = Unit::known(*d);
-        for &(v, n) in terms {
-            let one = Unit::unknown(v);
-            all = all.times(&if keep(v) { one } else { self.reduce(&one) }, n);
-        }
-        all
-    }
-
-    /// Adds `unit = 1`; false where it contradicts what is known.
-    pub fn require_one(&mut self, unit: &Unit) -> bool {
-        let Unit::Form(d, mut terms) = self.reduce(unit) else { return true };
-        let Some((v, c)) = terms.pop() else { return d.is_one() };
-        // v^c * rest * d = 1, so v = (rest * d)^(-1/c)
-        let k = reduce((-c.1, c.0));
-        let row = terms.into_iter().map(|(w, x)| (w, times(x, k))).collect();
-        self.rows.insert(v, (d.pow(k.0, k.1), row));
-        true
-    }
-}
+use rustc_hash::FxHashSet;
 
 /// Effort and flow units that belong together although their product is no power.
 fn is_pseudo_pair(e: Dimension, f: Dimension) -> bool {
@@ -222,26 +45,6 @@ impl Inference {
     /// For a number of domains.
     pub fn new(domains: usize) -> Self {
         Self { equations: Vec::new(), domains: domains as u32 }
-    }
-
-    /// Effort of a domain.
-    pub fn effort(domain: usize) -> Unit {
-        Unit::unknown(Unknown(2 * domain as u32))
-    }
-
-    /// Flow of a domain.
-    pub fn flow(domain: usize) -> Unit {
-        Unit::unknown(Unknown(2 * domain as u32 + 1))
-    }
-
-    /// A unit of its own, that of the signal with this number, where what it starts with does not tell it.
-    pub fn signal(number: usize) -> Unit {
-        Unit::unknown(Unknown(1 << 31 | number as u32))
-    }
-
-    /// The same of the parameter with this number: 0 has every unit, what stands for it has one.
-    pub fn parameter(number: usize) -> Unit {
-        Unit::unknown(Unknown(3 << 30 | number as u32))
     }
 
     /// Asks for two units to be the same.
@@ -284,7 +87,7 @@ impl Inference {
                 format!("wrong unit: {}{within} is {found} where {needed} is needed", e.about),
             )
             .here(format!("this is {found}"));
-            for call in function::each(&e.calls) {
+            for call in equation::calls(&e.calls) {
                 error = error.label(call.span, format!("`{}` is called here", (names.function)(call.function)));
             }
             error = names.and_given(error, e);
@@ -414,7 +217,7 @@ impl Inference {
         let mut system = System::default();
         let mut pseudo = Vec::new();
         for d in 0..self.domains as usize {
-            let (e, f) = (Self::effort(d), Self::flow(d));
+            let (e, f) = (Unit::effort(d), Unit::flow(d));
             let odd = match (free.known(&e), free.known(&f)) {
                 (Some(e), Some(f)) => is_pseudo_pair(e, f),
                 _ => false,
@@ -427,9 +230,9 @@ impl Inference {
         let mut mixed = domain::Mixed::default();
         let (mut told, mut off) = (Vec::new(), Vec::new());
         for (i, e) in self.equations.iter().enumerate() {
-            let solved = system.rows.len();
+            let solved = system.solved();
             if system.require_one(&e.found.0.div(&e.needed.0)) {
-                if system.rows.len() > solved {
+                if system.solved() > solved {
                     told.push(i);
                 }
             } else if !mixed.takes(&self.equations, i, &system) {
@@ -437,7 +240,7 @@ impl Inference {
             }
         }
         let strange = (0..self.domains as usize)
-            .filter(|d| match (system.known(&Self::effort(*d)), system.known(&Self::flow(*d))) {
+            .filter(|d| match (system.known(&Unit::effort(*d)), system.known(&Unit::flow(*d))) {
                 (Some(e), Some(f)) => !domain::is_physical(e, f),
                 _ => false,
             })

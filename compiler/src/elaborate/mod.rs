@@ -7,6 +7,7 @@
 mod array;
 mod bond;
 mod domain;
+mod equation;
 mod expand;
 mod express;
 mod finish;
@@ -24,7 +25,8 @@ mod table;
 mod unknown;
 mod value;
 
-pub use infer::{Equation, Inference, Unit};
+pub use equation::{Equation, Unit};
+pub use infer::Inference;
 pub use library::LIBRARY;
 pub use load::{Files, Loader, NoFiles, load};
 pub use suggest::{distance, foreign, meant, nearest};

@@ -1,6 +1,6 @@
 //! What the names in an expression mean: parameters, `let`s, inputs, states, time, and whatever a path leads to.
 
-use super::{Elaborator, Entity, Inference, LetState, Mode, Param, ParamState, ScopeId, Sought, Typed, Unit, Value};
+use super::{Elaborator, Entity, LetState, Mode, Param, ParamState, ScopeId, Sought, Typed, Unit, Value};
 use crate::model::Signal;
 use crate::units::Dimension;
 use bond_grammar::ast;
@@ -34,45 +34,10 @@ impl<'a> Elaborator<'a> {
             let found = t.clone();
             return self.no_entries(&path.segments[1..], path.span, found);
         }
-        if path.segments.len() == 1 {
-            let plain = first.index.is_empty();
-            if plain && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == first.name.text) {
-                return Some(Value::Scalar(t.clone()));
-            }
-            let mut at = Some(scope);
-            while let Some(s) = at {
-                if let Some((v, i)) = &self.scopes[s].loop_variable
-                    && *v == first.name.text
-                    && plain
-                {
-                    // A count may be 0 and is still a bare number.
-                    let i = *i;
-                    return Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() }));
-                }
-                match self.scopes[s].locals.get(&first.name.text).map(|(entity, _)| *entity) {
-                    Some(Entity::Let(l)) if plain || !self.is_declared(first, scope, s)? => {
-                        let value = self.let_value(l, path.span)?;
-                        return self.entry(value, first, scope);
-                    }
-                    Some(Entity::Input(i)) if plain => return self.input_value(i, path.span).map(Value::Scalar),
-                    Some(Entity::Memory(i)) if plain => return self.memory_value(i, path.span).map(Value::Scalar),
-                    Some(
-                        Entity::Element(_)
-                        | Entity::Instance(_)
-                        | Entity::Port(_)
-                        | Entity::Param(_)
-                        | Entity::Let(_)
-                        | Entity::Input(_)
-                        | Entity::Memory(_)
-                        | Entity::Function(_)
-                        | Entity::Bond(_)
-                        | Entity::Field(_)
-                        | Entity::Missing,
-                    )
-                    | None => {}
-                }
-                at = self.scopes[s].parent;
-            }
+        if path.segments.len() == 1
+            && let Some(found) = self.local(first, path.span, scope)
+        {
+            return found;
         }
         // As far as the path leads through instances.
         let mut at = self.scopes[scope].instance;
@@ -151,6 +116,55 @@ impl<'a> Elaborator<'a> {
                     return self.no_entries(rest, path.span, found);
                 }
             }
+        }
+        None
+    }
+
+    /// What a name alone means in a scope and those around it, up to its instance; None where it means nothing there.
+    fn local(&mut self, first: &'a ast::Segment, whole: Span, scope: ScopeId) -> Option<Option<Value>> {
+        let plain = first.index.is_empty();
+        if plain && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == first.name.text) {
+            return Some(Some(Value::Scalar(t.clone())));
+        }
+        let mut at = Some(scope);
+        while let Some(s) = at {
+            if let Some((v, i)) = &self.scopes[s].loop_variable
+                && *v == first.name.text
+                && plain
+            {
+                // A count may be 0 and is still a bare number.
+                let i = *i;
+                return Some(Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() })));
+            }
+            match self.scopes[s].locals.get(&first.name.text).map(|(entity, _)| *entity) {
+                Some(Entity::Let(l)) => {
+                    let is_let = if plain { Some(true) } else { self.is_declared(first, scope, s).map(|other| !other) };
+                    match is_let {
+                        None => return Some(None),
+                        Some(true) => {
+                            let value = self.let_value(l, whole);
+                            return Some(value.and_then(|value| self.entry(value, first, scope)));
+                        }
+                        Some(false) => {}
+                    }
+                }
+                Some(Entity::Input(i)) if plain => return Some(self.input_value(i, whole).map(Value::Scalar)),
+                Some(Entity::Memory(i)) if plain => return Some(self.memory_value(i, whole).map(Value::Scalar)),
+                Some(
+                    Entity::Element(_)
+                    | Entity::Instance(_)
+                    | Entity::Port(_)
+                    | Entity::Param(_)
+                    | Entity::Input(_)
+                    | Entity::Memory(_)
+                    | Entity::Function(_)
+                    | Entity::Bond(_)
+                    | Entity::Field(_)
+                    | Entity::Missing,
+                )
+                | None => {}
+            }
+            at = self.scopes[s].parent;
         }
         None
     }
@@ -282,7 +296,7 @@ impl<'a> Elaborator<'a> {
                     return self.wrong("elaborate::set", span, message, &help);
                 }
                 (Some(given), Unit::Any) => Unit::known(given),
-                (None, Unit::Any) => Inference::parameter(p),
+                (None, Unit::Any) => Unit::parameter(p),
                 (Some(_) | None, Unit::Form(..)) => default,
             };
             return self.known_parameter(&name, number, unit, span).map(Value::Scalar);
@@ -291,7 +305,7 @@ impl<'a> Elaborator<'a> {
         if let Value::Scalar(t) = &mut value
             && t.unit == Unit::Any
         {
-            t.unit = Inference::parameter(p);
+            t.unit = Unit::parameter(p);
         }
         let mut names = value.leaves().into_iter().map(|(index, _)| format!("{name}{index}")).collect::<Vec<_>>();
         names.reverse();

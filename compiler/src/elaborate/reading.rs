@@ -1,6 +1,6 @@
 //! Signals of elements, fields and bonds, with their units.
 
-use super::{Elaborator, Inference, Mode, Typed, Unit};
+use super::{Elaborator, Mode, Typed, Unit};
 use crate::expression::Symbol;
 use crate::model::{BondId, ElementId, Kind, Signal};
 use crate::units::Dimension;
@@ -44,7 +44,7 @@ impl<'a> Elaborator<'a> {
         let symbol = self.signal(Signal::State(id));
         let d = self.domain_of[bond.at()];
         let is_c = self.elements[id.at()].kind == Kind::C;
-        let other = if is_c { Inference::flow(d) } else { Inference::effort(d) };
+        let other = if is_c { Unit::flow(d) } else { Unit::effort(d) };
         Some(Typed { expr: self.pool.var(symbol), unit: other.mul(&Unit::known(Dimension::SECOND)) })
     }
 
@@ -132,7 +132,7 @@ impl<'a> Elaborator<'a> {
         let bond = bond?;
         let d = self.domain_of[bond.at()];
         let words: Vec<&str> = rest.iter().map(|s| s.name.text.as_str()).collect();
-        let (effort, flow) = (Inference::effort(d), Inference::flow(d));
+        let (effort, flow) = (Unit::effort(d), Unit::flow(d));
         match words[..] {
             ["e"] => {
                 let s = self.signal(Signal::Effort(bond));
@@ -159,7 +159,7 @@ impl<'a> Elaborator<'a> {
     /// Unit of H on a bond: joule on a true one.
     pub(crate) fn energy_unit(&self, bond: BondId) -> Unit {
         let d = self.domain_of[bond.at()];
-        Inference::effort(d).mul(&Inference::flow(d)).mul(&Unit::known(Dimension::SECOND))
+        Unit::effort(d).mul(&Unit::flow(d)).mul(&Unit::known(Dimension::SECOND))
     }
 
     /// The symbol of a signal.

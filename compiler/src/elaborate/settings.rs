@@ -217,8 +217,7 @@ impl<'a> Elaborator<'a> {
             self.mode = Mode::Constant;
             let typed = self.express(&field.value, scope)?;
             let d = self.bond_domain(bond);
-            let needed =
-                super::Inference::effort(d).div(&super::Inference::flow(d)).mul(&Unit::known(Dimension::SECOND));
+            let needed = Unit::effort(d).div(&Unit::flow(d)).mul(&Unit::known(Dimension::SECOND));
             // What the elements say of the domain is believed before what is said of the outside.
             self.require((&typed.unit, field.value.span), needed, None, "the inertia of the port", 3);
             let x = self.number(&typed, &field.value)?;

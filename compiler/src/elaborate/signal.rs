@@ -1,6 +1,6 @@
 //! Signals that no bond carries: `input`s, given from outside, and signal states, which controllers remember with.
 
-use super::{Elaborator, Entity, Inference, Mode, ScopeId, Typed, Unit};
+use super::{Elaborator, Entity, Mode, ScopeId, Typed, Unit};
 use crate::model::{Input, Memory, Signal};
 use crate::units::Dimension;
 use bond_grammar::ast::{Expr, Field, Name};
@@ -105,7 +105,7 @@ impl<'a> Elaborator<'a> {
             self.errors.push(e.help("it must be a finite number"));
             return None;
         }
-        let unit = if typed.unit == Unit::Any { Inference::signal(number) } else { typed.unit };
+        let unit = if typed.unit == Unit::Any { Unit::signal(number) } else { typed.unit };
         Some((unit, x))
     }
 

@@ -2,7 +2,7 @@
 //! reciprocal by construction. Resistors: a matrix, whose symmetric part must not give power, or a law a port.
 
 use super::fields::Fields;
-use crate::elaborate::{Elaborator, Inference, Typed, Unit};
+use crate::elaborate::{Elaborator, Typed, Unit};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{BondId, ElementId, Kind, Law, Resistor, Signal, Storage, Variable};
 use crate::structure::inverse;
@@ -44,7 +44,7 @@ impl<'a> Elaborator<'a> {
     /// Units of a port's state and co-energy variable.
     fn state_units(&self, kind: Kind, bond: BondId) -> (Unit, Unit) {
         let d = self.bond_domain(bond);
-        let (effort, flow) = (Inference::effort(d), Inference::flow(d));
+        let (effort, flow) = (Unit::effort(d), Unit::flow(d));
         let second = Unit::known(Dimension::SECOND);
         if kind == Kind::C { (flow.mul(&second), effort) } else { (effort.mul(&second), flow) }
     }
@@ -152,8 +152,8 @@ impl<'a> Elaborator<'a> {
         let domain = |this: &Self, i: usize| this.bond_domain(bonds[i]);
         let domains: Vec<usize> = (0..n).map(|i| domain(self, i)).collect();
         let entry = |i: usize, j: usize| match gives {
-            Variable::Effort => Inference::effort(domains[i]).div(&Inference::flow(domains[j])),
-            Variable::Flow => Inference::flow(domains[i]).div(&Inference::effort(domains[j])),
+            Variable::Effort => Unit::effort(domains[i]).div(&Unit::flow(domains[j])),
+            Variable::Flow => Unit::flow(domains[i]).div(&Unit::effort(domains[j])),
         };
         let m = self.square(value, scope, n, &format!("the {what} of `{name}`"), &entry)?;
         let verdict = self.dissipates(&m);
@@ -260,7 +260,7 @@ impl<'a> Elaborator<'a> {
         let before = self.locals.len();
         for (i, (p, (variable, _))) in ports.iter().zip(&given).enumerate() {
             let d = self.bond_domain(bonds[i]);
-            let unit = if *variable == Variable::Effort { Inference::flow(d) } else { Inference::effort(d) };
+            let unit = if *variable == Variable::Effort { Unit::flow(d) } else { Unit::effort(d) };
             let expr = self.pool.var(arguments[i]);
             self.locals.push((format!("{p}.{}", variable.other().letter()), Typed { expr, unit }));
         }
@@ -270,7 +270,7 @@ impl<'a> Elaborator<'a> {
         let mut terms = Vec::new();
         for (i, (law, (variable, value))) in laws.iter().zip(&given).enumerate() {
             let d = self.bond_domain(bonds[i]);
-            let needed = if *variable == Variable::Effort { Inference::effort(d) } else { Inference::flow(d) };
+            let needed = if *variable == Variable::Effort { Unit::effort(d) } else { Unit::flow(d) };
             let about = format!("the law of `{name}` for `{}`", ports[i]);
             self.require((&law.unit, value.span), needed, None, about, 2);
             let x = self.pool.var(arguments[i]);
@@ -340,7 +340,7 @@ impl<'a> Elaborator<'a> {
         let about = format!("the power of `{name}` on its two ports (the thermal one is a true bond, K and W/K)");
         self.require((&power, ast.name.span), Unit::one(), None, about, 3);
         self.require(
-            (&Inference::effort(d), ast.name.span),
+            (&Unit::effort(d), ast.name.span),
             Unit::known(Dimension::KELVIN),
             None,
             format!("the effort at the thermal port of `{name}`"),

@@ -1,7 +1,7 @@
 //! Resistors: `e = r f`, `f = g e`, or a law that never gives power.
 
 use super::fields::Fields;
-use crate::elaborate::{Elaborator, Inference, Typed, told};
+use crate::elaborate::{Elaborator, Typed, Unit, told};
 use crate::expression::{Expr, Node, Symbol};
 use crate::model::{BondId, Curve, ElementId, Resistor, Variable};
 use bond_grammar::ast;
@@ -31,7 +31,7 @@ impl<'a> Elaborator<'a> {
         }
         let fields = Fields::read(self, ast, "resistance", &["resistance", "conductance", "e", "f"], &[])?;
         let d = self.bond_domain(bond);
-        let (effort, flow) = (Inference::effort(d), Inference::flow(d));
+        let (effort, flow) = (Unit::effort(d), Unit::flow(d));
         let argument = self.argument(id);
         let x = self.pool.var(argument);
         let (gives, output) = if let Some(value) = fields.get("resistance").or_else(|| fields.get("conductance")) {
@@ -186,8 +186,8 @@ impl<'a> Elaborator<'a> {
         let (effort, flow) = (self.with_signals(e, scope), self.with_signals(f, scope));
         self.locals.pop();
         let (effort, flow) = (effort?, flow?);
-        self.require((&effort.unit, e.span), Inference::effort(d), None, format!("the effort of `{name}`"), 2);
-        self.require((&flow.unit, f.span), Inference::flow(d), None, format!("the flow of `{name}`"), 2);
+        self.require((&effort.unit, e.span), Unit::effort(d), None, format!("the effort of `{name}`"), 2);
+        self.require((&flow.unit, f.span), Unit::flow(d), None, format!("the flow of `{name}`"), 2);
         let (effort, flow) = (effort.expr, flow.expr);
         let mut verdict = Some(true);
         for (what, x) in [("effort", effort), ("flow", flow)] {

@@ -1,7 +1,7 @@
 //! Sources, `Se: e = v`, `Sf: f = v`.
 
 use super::fields::Fields;
-use crate::elaborate::{Elaborator, Inference};
+use crate::elaborate::{Elaborator, Unit};
 use crate::expression::Expr;
 use crate::model::{BondId, Kind};
 use bond_grammar::ast;
@@ -14,7 +14,7 @@ impl<'a> Elaborator<'a> {
         let value = fields.get(field).or_else(|| fields.get(&field[..1]))?;
         let typed = self.with_signals(value, scope)?;
         let d = self.bond_domain(bond);
-        let needed = if kind == Kind::Se { Inference::effort(d) } else { Inference::flow(d) };
+        let needed = if kind == Kind::Se { Unit::effort(d) } else { Unit::flow(d) };
         self.require((&typed.unit, value.span), needed, None, format!("{about} of `{}`", ast.name.text), 0);
         self.finite(typed.expr, value, &ast.name.text)?;
         Some(typed.expr)

@@ -1,7 +1,7 @@
 //! Storages. `C`: dq/dt = f, e = dH/dq. `I`: dp/dt = e, f = dH/dp.
 
 use super::fields::Fields;
-use crate::elaborate::{Elaborator, Inference, Typed, Unit, told};
+use crate::elaborate::{Elaborator, Typed, Unit, told};
 use crate::expression::{Expr, Node, Number, Sign, Symbol};
 use crate::model::{BondId, ElementId, Kind, Signal, Storage};
 use crate::units::Dimension;
@@ -39,7 +39,7 @@ impl<'a> Elaborator<'a> {
         let name = self.elements[id.at()].name.clone();
         let fields = Fields::read(self, ast, short, laws, others)?;
         let d = self.bond_domain(bond);
-        let (effort, flow) = (Inference::effort(d), Inference::flow(d));
+        let (effort, flow) = (Unit::effort(d), Unit::flow(d));
         let second = Unit::known(Dimension::SECOND);
         // Unit of the state, of the co-energy variable, and of their ratio.
         let (state_unit, co_unit) = if c { (flow.mul(&second), effort) } else { (effort.mul(&second), flow) };
@@ -112,6 +112,30 @@ impl<'a> Elaborator<'a> {
         let bounded = self.is_bounded(energy, &[state], &[0.0]);
         let mut storage =
             Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded, massless: false };
+        let units = [state_unit, co_unit];
+        self.stated_start(&fields, scope, (c, units), &name, &mut storage)?;
+        if let Some((reach, law)) = reach
+            && reach <= 2.0 * storage.initial.abs()
+        {
+            self.errors.push(
+                Diagnostic::error("elaborate::law", law.span, format!("no energy was found whose derivative is this \
+                law of `{name}`"))
+                    .help(format!("give the energy itself, `H = ...` in `{state_name}`; or a law that can be integrated, in pieces by `if` on `{state_name}`")),
+            );
+            return None;
+        }
+        Some(storage)
+    }
+
+    /// The start that is stated of a storage, by its state or by its co-energy variable, in these units.
+    fn stated_start(
+        &mut self,
+        fields: &Fields<'a>,
+        scope: usize,
+        (c, [state_unit, co_unit]): (bool, [Unit; 2]),
+        name: &str,
+        storage: &mut Storage,
+    ) -> Option<()> {
         let start = [(if c { "q0" } else { "p0" }, true), (if c { "e0" } else { "f0" }, false)];
         let mut given: Vec<_> =
             start.iter().filter_map(|(f, is_state)| Some((fields.get(f)?, *is_state, *f))).collect();
@@ -133,21 +157,11 @@ impl<'a> Elaborator<'a> {
             let needed = if is_state { state_unit } else { co_unit };
             self.require((&typed.unit, value.span), needed, None, format!("`{field}` of `{name}`"), 2);
             let number = self.number(&typed, value)?;
-            self.finite(typed.expr, value, &name)?;
+            self.finite(typed.expr, value, name)?;
             storage.explicit = true;
-            storage.initial = if is_state { number } else { self.state_at(&storage, number, value, &name)? };
+            storage.initial = if is_state { number } else { self.state_at(storage, number, value, name)? };
         }
-        if let Some((reach, law)) = reach
-            && reach <= 2.0 * storage.initial.abs()
-        {
-            self.errors.push(
-                Diagnostic::error("elaborate::law", law.span, format!("no energy was found whose derivative is this \
-                law of `{name}`"))
-                    .help(format!("give the energy itself, `H = ...` in `{state_name}`; or a law that can be integrated, in pieces by `if` on `{state_name}`")),
-            );
-            return None;
-        }
-        Some(storage)
+        Some(())
     }
 
     /// Linear storages and resistors have positive values.
@@ -274,8 +288,8 @@ impl<'a> Elaborator<'a> {
         near > f64::NEG_INFINITY && small >= deepest && (levels_off || far.min(farther) >= deepest)
     }
 
-    /// Whether a quadratic energy has a lower bound, by the eigenvalues of its matrix; `None` of another one, and on the
-    /// border between the two.
+    /// Whether a quadratic energy has a lower bound, by the eigenvalues of its matrix; `None` of another one, and on
+    /// the border between the two.
     fn is_bounded_form(&mut self, energy: Expr, states: &[Symbol]) -> Option<bool> {
         let (pairs, _, _) = self.pool.quadratic(energy, states)?;
         let zero = self.pool.zero();

@@ -1,7 +1,7 @@
 //! Transformer, `e_in = v e_out, f_out = v f_in`, and gyrator, `e_in = v f_out, e_out = v f_in`.
 
 use super::fields::Fields;
-use crate::elaborate::{Elaborator, Inference};
+use crate::elaborate::{Elaborator, Unit};
 use crate::expression::Expr;
 use crate::model::{BondId, ElementId, Kind};
 use bond_grammar::ast;
@@ -23,8 +23,8 @@ impl<'a> Elaborator<'a> {
         let typed = self.with_signals(value, scope)?;
         let (i, o) = (self.bond_domain(into), self.bond_domain(out));
         let (first, second) = match kind {
-            Kind::Gy => (Inference::effort(i).div(&Inference::flow(o)), Inference::effort(o).div(&Inference::flow(i))),
-            _ => (Inference::effort(i).div(&Inference::effort(o)), Inference::flow(o).div(&Inference::flow(i))),
+            Kind::Gy => (Unit::effort(i).div(&Unit::flow(o)), Unit::effort(o).div(&Unit::flow(i))),
+            _ => (Unit::effort(i).div(&Unit::effort(o)), Unit::flow(o).div(&Unit::flow(i))),
         };
         let about = format!("the ratio of `{name}`");
         self.require((&typed.unit, value.span), first, None, about.clone(), 2);

@@ -1,6 +1,6 @@
 //! Sums and products in canonical form.
 
-use super::pool::Pairs;
+use super::node::Pairs;
 use super::{Expr, Node, Number, Pool};
 use bond_runtime::ir::Unary;
 

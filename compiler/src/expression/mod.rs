@@ -20,6 +20,7 @@ mod kernel;
 mod known;
 mod latex;
 mod lower;
+mod node;
 mod number;
 mod pages;
 mod piecewise;
@@ -39,8 +40,9 @@ mod zone;
 
 pub use greek::greek;
 pub use lower::{Below, Lowering};
+pub use node::{Expr, Node, Symbol};
 pub use number::Number;
 pub use polynomial::{Affine, Quadratic};
-pub use pool::{Expr, Node, Pool, Symbol};
+pub use pool::Pool;
 pub(crate) use series::{Taylor, extent, limit, rest};
 pub use sign::Sign;

@@ -1,21 +1,11 @@
 //! Everything as JSON.
 
 use super::json_form::form;
+use super::object::object;
 use super::{Shown, What, causality, name, region, signal};
 use crate::model::{BondId, Law};
 use bond_grammar::ast::Stroke;
 use serde_json::{Map, Value, json};
-
-/// An object with its keys in this order.
-macro_rules! object {
-    ($($key:literal: $value:expr),* $(,)?) => {{
-        let mut map = Map::new();
-        $(map.insert($key.to_string(), json!($value));)*
-        map
-    }};
-}
-
-pub(super) use object;
 
 /// What is asked for, as indented JSON with a line end.
 pub(super) fn text(shown: &mut Shown<'_>, what: What) -> String {

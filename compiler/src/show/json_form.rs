@@ -1,7 +1,7 @@
 //! The port-Hamiltonian form of a region as JSON, in the shape that the command's reference fixes.
 
-use super::json::object;
 use super::matrix::{self, LARGE, Matrix};
+use super::object::object;
 use super::{fact, name, phs};
 use crate::expression::Pool;
 use crate::model::{Law, Model};

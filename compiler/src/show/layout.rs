@@ -1,7 +1,9 @@
 //! Places for the elements of a graph: stress majorisation over all-pairs distances (Gansner, Koren, North 2004), begun
 //! from classical scaling, turned so that most bonds lie level or upright, and pushed apart where labels meet.
 
-use super::settle::{self, settle};
+mod settle;
+
+use settle::settle;
 
 /// A point, in pixels.
 pub(super) type Point = [f64; 2];

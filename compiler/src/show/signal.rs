@@ -1,6 +1,6 @@
 //! Signals that no bond carries: what is given from outside, and signal states.
 
-use super::json::object;
+use super::object::object;
 use super::region::UNNEEDED;
 use super::{Shown, name, table};
 use crate::model::Memory;

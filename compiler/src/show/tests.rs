@@ -23,7 +23,7 @@ fn compiled(text: &str) -> Compiled {
         .map_err(|broken| tell(broken.errors))
         .unwrap_or_else(|e| panic!("{e}"));
     let graph = graph::build(&model);
-    let causality = causality::assign(&mut model, &graph, &[]).map_err(tell).unwrap_or_else(|e| panic!("{e}"));
+    let (graph, causality) = causality::assign(&mut model, graph).map_err(tell).unwrap_or_else(|e| panic!("{e}"));
     let form = structure::build(&mut model, &graph, &causality).map_err(tell).unwrap_or_else(|e| panic!("{e}"));
     (model, graph, causality, form)
 }

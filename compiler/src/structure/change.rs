@@ -1,7 +1,7 @@
 //! Changes of coordinates of the Dirac structure.
 
-use super::junction::combine;
 use super::{ColumnId, Form, Row};
+use crate::causality::combine;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{Model, Signal};
 use rustc_hash::FxHashMap;

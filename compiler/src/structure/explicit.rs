@@ -36,8 +36,8 @@ pub struct Explicit {
 const NOTHING: f64 = 1e-9;
 
 /// Inverse by Gauss-Jordan elimination; `None` if singular. What is inverted is a mass matrix, or has a symmetric part
-/// above 0 as `1 + S K` and `R - D_R`: its pivots on the diagonal pass 0 nowhere, which one off it may, however large it
-/// is where it is looked at. Numbers alone are taken by size.
+/// above 0 as `1 + S K` and `R - D_R`: its pivots on the diagonal pass 0 nowhere, which one off it may, however large
+/// it is where it is looked at. Numbers alone are taken by size.
 pub fn inverse(pool: &mut Pool, a: &Matrix) -> Option<Matrix> {
     let n = a.len();
     let (zero, one) = (pool.int(0), pool.int(1));
@@ -177,7 +177,7 @@ fn sum(pool: &mut Pool, a: &Matrix, b: &Matrix) -> Matrix {
         .collect()
 }
 
-/// (1 - K D)^-1 K, taken apart into the resistors that are tied together.
+/// (1 - K D)^-1 K, solved separately for each set of resistors that depend on one another.
 fn loop_gain(pool: &mut Pool, d: &Matrix, k: &Matrix) -> Option<Matrix> {
     let n = k.len();
     let (zero, one) = (pool.int(0), pool.int(1));

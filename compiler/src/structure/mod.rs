@@ -5,15 +5,18 @@
 
 mod change;
 mod curved;
-mod dependent;
+mod dependence;
+mod eliminate;
+mod eliminated;
 mod explicit;
 mod junction;
 mod quadratic;
+mod region;
 mod resistor;
 mod resolve;
 mod singular;
 mod start;
-mod tied;
+mod storage;
 
 pub use explicit::{Explicit, explicit, inverse};
 
@@ -178,7 +181,7 @@ pub struct State {
     pub initial: f64,
 }
 
-/// Storages with one energy: one alone, or those that dependent ones tie together.
+/// Storages with one energy: one alone, or those into which dependent ones are merged.
 #[derive(Clone, Debug)]
 pub struct Group {
     /// Indices into the region's states.
@@ -260,9 +263,7 @@ pub struct Form {
     pub column_of_element: Vec<Option<ColumnId>>,
     /// The column whose output a symbol is.
     pub column_of: FxHashMap<Symbol, ColumnId>,
-    /// Whether several tied storages see one another through ratios that are divided by.
-    pub divided: bool,
-    /// Of what is divided by there, that at whose zeros their mass matrix is singular.
+    /// What ratios between dependent storages are divided by, where their mass matrix is singular at its zeros.
     pub poles: Vec<Expr>,
     /// Signals that a ratio depends on and sets itself: unknowns of the step.
     pub loops: Vec<Loop>,
@@ -320,7 +321,6 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         regions: Vec::new(),
         bars: Vec::new(),
         loops: Vec::new(),
-        divided: false,
         poles: Vec::new(),
         probes: Vec::new(),
         integrals: Vec::new(),
@@ -328,13 +328,12 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         expectations: Vec::new(),
     };
     resolve::rows(model, graph, &rows, &mut form)?;
-    let eliminated = dependent::eliminate(model, causality, &mut form).map_err(|errors| {
+    let eliminated = eliminate::eliminate(model, causality, &mut form).map_err(|errors| {
         let errors = once(errors).into_iter().map(|e| held(model, graph, causality, e));
         errors.collect::<Vec<_>>()
     })?;
-    form.divided = eliminated.divided;
     form.poles.clone_from(&eliminated.poles);
-    resolve::outputs(model, graph, &rows, &eliminated, &mut form)?;
+    region::regions(model, graph, &rows, &eliminated, &mut form)?;
     form.bars = bars(model, &form);
     form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;
     Ok(form)

@@ -10,8 +10,8 @@ use bond_runtime::ir::Unary;
 use nalgebra::DMatrix;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// What leaks through a curve where its loop has no other start, as a part of its slopes: a flow along its effort. Circuit
-/// simulators put 1e-12 S across each junction (Nagel, SPICE2, 1975).
+/// What leaks through a curve where its loop has no other start, as a part of its slopes: a flow along its effort.
+/// Circuit simulators put 1e-12 S across each junction (Nagel, SPICE2, 1975).
 const LEAK: f64 = 1e-12;
 
 /// A resistor's output, and its coefficients where it is linear.
@@ -85,25 +85,7 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     if let Some(curve) = law.curve {
         let effort = r.resolve(curve.effort, Some(c.region), span)?;
         let flow = r.resolve(curve.flow, Some(c.region), span)?;
-        let (out, other) = if c.gives == Variable::Effort { (effort, flow) } else { (flow, effort) };
-        let (along, across) = (steepness(r, out, curve.parameter), steepness(r, other, curve.parameter));
-        let pool = &mut r.model.pool;
-        let off = pool.sub(other, inputs[place]);
-        let residual = pool.div(off, across);
-        let weight = pool.mul(along, across);
-        let curve = |out, residual| Output::Curve { parameter: curve.parameter, out, residual, weight, bends: None };
-        let leak = pool.float(LEAK);
-        let leaky = if c.gives == Variable::Effort {
-            let part = pool.div(leak, along);
-            let more = pool.mul(part, out);
-            curve(out, pool.add(residual, more))
-        } else {
-            let part = pool.mul(leak, along);
-            let part = pool.div(part, across);
-            let more = pool.mul(part, other);
-            curve(pool.add(out, more), residual)
-        };
-        return Ok(Some(Found { leaky: Some(leaky), ..Found::plain(curve(out, residual)) }));
+        return Ok(Some(on_curve(r, c.gives, curve.parameter, (effort, flow), inputs[place])));
     }
     if let (None, Some(k)) = (r.model.element(c.element).field, law.linear) {
         let k = r.resolve(k, Some(c.region), span)?;
@@ -162,7 +144,37 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     Ok(Some(found))
 }
 
-/// Whether a law comes to a level where its exponentials grow, as a logistic does: then nothing in it is steep for long.
+/// The output of a resistor on a curve, from effort and flow in the curve's parameter.
+fn on_curve(
+    r: &mut Resolver<'_>,
+    gives: Variable,
+    parameter: Symbol,
+    (effort, flow): (Expr, Expr),
+    input: Expr,
+) -> Found {
+    let (out, other) = if gives == Variable::Effort { (effort, flow) } else { (flow, effort) };
+    let (along, across) = (steepness(r, out, parameter), steepness(r, other, parameter));
+    let pool = &mut r.model.pool;
+    let off = pool.sub(other, input);
+    let residual = pool.div(off, across);
+    let weight = pool.mul(along, across);
+    let curve = |out, residual| Output::Curve { parameter, out, residual, weight, bends: None };
+    let leak = pool.float(LEAK);
+    let leaky = if gives == Variable::Effort {
+        let part = pool.div(leak, along);
+        let more = pool.mul(part, out);
+        curve(out, pool.add(residual, more))
+    } else {
+        let part = pool.mul(leak, along);
+        let part = pool.div(part, across);
+        let more = pool.mul(part, other);
+        curve(pool.add(out, more), residual)
+    };
+    Found { leaky: Some(leaky), ..Found::plain(curve(out, residual)) }
+}
+
+/// Whether a law comes to a level where its exponentials grow, as a logistic does: then nothing in it is steep for
+/// long.
 fn levels_off(pool: &mut Pool, law: Expr, argument: Symbol) -> bool {
     let bends = bends(pool, law, argument);
     let at = |x: f64| pool.eval(law, &|s| if s == argument { x } else { f64::NAN }).abs();

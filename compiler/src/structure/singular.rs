@@ -1,4 +1,4 @@
-//! Where the mass matrix of tied storages is singular though that of what they stand for is not.
+//! Where the mass matrix of dependent storages is singular though the masses that it stands for are not.
 
 use crate::expression::{Expr, Pool, Symbol};
 use std::f64::consts::PI;

@@ -1,7 +1,7 @@
-//! Where storages that are tied together start: what is stated of them must agree.
+//! Where storages that depend on one another start: what is stated of them must agree.
 
-use super::dependent::storage;
-use super::tied::Tied;
+use super::dependence::Dependence;
+use super::storage::storage;
 use super::{ColumnId, Form, Role};
 use crate::expression::{Expr, Symbol};
 use crate::model::{Model, Signal};
@@ -61,7 +61,7 @@ pub(super) fn driven(model: &Model, form: &Form, sources: &[(ColumnId, Expr)]) -
 pub(super) fn solve(
     model: &Model,
     form: &Form,
-    tied: &Tied,
+    set: &Dependence,
     stated: &[Stated],
     otherwise: &[f64],
 ) -> Result<Vec<Option<f64>>, Diagnostic> {
@@ -84,11 +84,11 @@ pub(super) fn solve(
     }
     // Several unknowns at once: the least that fits.
     let free: Vec<usize> = (0..n).filter(|i| w[*i].is_none()).collect();
-    let open: Vec<&Stated> = stated.iter().filter(|s| free.iter().any(|i| s.row[*i] != 0.0)).collect();
-    if !open.is_empty() {
-        let a = DMatrix::from_fn(open.len(), free.len(), |r, c| open[r].row[free[c]]);
-        let b = DVector::from_fn(open.len(), |r, _| {
-            open[r].value - (0..n).filter_map(|i| Some(product(open[r].row[i], w[i]?))).sum::<f64>()
+    let undetermined: Vec<&Stated> = stated.iter().filter(|s| free.iter().any(|i| s.row[*i] != 0.0)).collect();
+    if !undetermined.is_empty() {
+        let a = DMatrix::from_fn(undetermined.len(), free.len(), |r, c| undetermined[r].row[free[c]]);
+        let b = DVector::from_fn(undetermined.len(), |r, _| {
+            undetermined[r].value - (0..n).filter_map(|i| Some(product(undetermined[r].row[i], w[i]?))).sum::<f64>()
         });
         if a.iter().chain(b.iter()).all(|x| x.is_finite())
             && let Ok(x) = a.svd(true, true).solve(&b, 1e-12)
@@ -104,23 +104,23 @@ pub(super) fn solve(
         let follows: f64 = terms.iter().sum();
         let size = terms.iter().map(|x| x.abs()).fold(s.value.abs(), f64::max);
         if (follows - s.value).abs() > SAME * size {
-            return Err(clash(model, form, tied, s, follows));
+            return Err(clash(model, form, set, s, follows));
         }
     }
     Ok(w)
 }
 
 /// A stated start that the others do not allow.
-fn clash(model: &Model, form: &Form, tied: &Tied, s: &Stated, follows: f64) -> Diagnostic {
+fn clash(model: &Model, form: &Form, set: &Dependence, s: &Stated, follows: f64) -> Diagnostic {
     let follows = follows + s.driven;
     let e = model.element(form.column(s.column).element);
-    let ties: Vec<ColumnId> = match tied.dependent.iter().position(|d| *d == s.column) {
-        Some(d) => (0..tied.independent.len())
-            .filter(|i| !model.pool.is_zero(tied.ratio[d][*i]))
-            .map(|i| tied.independent[i])
-            .chain(tied.sources[d].iter().map(|t| t.0))
+    let ties: Vec<ColumnId> = match set.dependent.iter().position(|d| *d == s.column) {
+        Some(d) => (0..set.independent.len())
+            .filter(|i| !model.pool.is_zero(set.ratio[d][*i]))
+            .map(|i| set.independent[i])
+            .chain(set.sources[d].iter().map(|t| t.0))
             .collect(),
-        None => tied.independent.iter().chain(&tied.dependent).copied().filter(|c| *c != s.column).collect(),
+        None => set.independent.iter().chain(&set.dependent).copied().filter(|c| *c != s.column).collect(),
     };
     let mut error = Diagnostic::error(
         "structure::initial",

@@ -152,25 +152,12 @@ impl Dimension {
         }
     }
 
-    /// A unit of that dimension as it may be written behind a number: `s^-1` and not `1/s`, `V/s` and not its base
-    /// units; `1` for none.
-    pub fn written(self) -> String {
-        use super::name::{composed, familiar, named};
-        if let Some(name) = familiar(self) {
-            return name.to_string();
-        }
-        if let Some(name) = named(self.pow(-1, 1)) {
-            return format!("{name}^-1");
-        }
-        let first = self.0.iter().position(|e| e.above < 0);
-        composed(self).unwrap_or_else(|| match (self.product(), first) {
-            (product, Some(i)) if product.starts_with("1/") => {
-                let mut rest = self;
-                rest.0[i] = Exponent::ZERO;
-                format!("{}^{}{}", BASE[i], self.0[i], rest.product().trim_start_matches('1'))
-            }
-            (product, _) => product,
-        })
+    /// The first base unit that it is divided by, with its power, as `s^-1`, and what it is without that.
+    pub(super) fn first_divisor(self) -> Option<(String, Dimension)> {
+        let i = self.0.iter().position(|e| e.above < 0)?;
+        let mut rest = self;
+        rest.0[i] = Exponent::ZERO;
+        Some((format!("{}^{}", BASE[i], self.0[i]), rest))
     }
 
     /// How many symbols it takes to write it in base units; None where a power is no whole number.
@@ -179,7 +166,7 @@ impl Dimension {
     }
 
     /// The powers of the base units, as a product: `kg*m^2/s^3`.
-    fn product(self) -> String {
+    pub(super) fn product(self) -> String {
         let side = |positive: bool| -> Vec<String> {
             let mut all = Vec::new();
             for (e, name) in self.0.into_iter().zip(BASE) {
@@ -197,18 +184,6 @@ impl Dimension {
             text.push_str(&b);
         }
         text
-    }
-}
-
-impl fmt::Display for Dimension {
-    /// A unit of that dimension that reads well: `N`, `N*s/m`, `1/V`, `kg*m^2/s^3`; `1` for none.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        use super::name::{familiar, named};
-        match (familiar(*self), named(self.pow(-1, 1))) {
-            (Some(name), _) => f.write_str(name),
-            (None, Some(name)) => write!(f, "1/{name}"),
-            (None, None) => f.write_str(&self.product()),
-        }
     }
 }
 

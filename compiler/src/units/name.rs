@@ -1,6 +1,7 @@
-//! Familiar names of dimensions.
+//! How dimensions are written: familiar names, and base units where there is none.
 
 use super::Dimension as D;
+use std::fmt;
 
 /// Named units first, then the combinations that modellers use; the first that fits is taken.
 const FAMILIAR: &[(&str, D)] = &[
@@ -52,12 +53,12 @@ const COMBINED: &[(&str, &[(D, i32)])] = &[
 ];
 
 /// The unit of a dimension that has a name of its own, if there is one.
-pub(super) fn named(of: D) -> Option<&'static str> {
+fn named(of: D) -> Option<&'static str> {
     FAMILIAR.iter().find(|(_, d)| *d == of).map(|(name, _)| *name)
 }
 
 /// The familiar name of a dimension, if it has one.
-pub(super) fn familiar(of: D) -> Option<&'static str> {
+fn familiar(of: D) -> Option<&'static str> {
     if let Some(name) = named(of) {
         return Some(name);
     }
@@ -66,7 +67,7 @@ pub(super) fn familiar(of: D) -> Option<&'static str> {
 }
 
 /// A named unit times powers of s and m, where that is shorter than base units: `V/s`.
-pub(super) fn composed(of: D) -> Option<String> {
+fn composed(of: D) -> Option<String> {
     let mut best = (of.length()?, None);
     for (name, unit) in FAMILIAR {
         for (s, m) in (-3..=3).flat_map(|s| (-3..=3).map(move |m| (s, m))) {
@@ -84,4 +85,34 @@ pub(super) fn composed(of: D) -> Option<String> {
         }
     }
     best.1
+}
+
+impl D {
+    /// A unit of that dimension as it may be written behind a number: `s^-1` and not `1/s`, `V/s` and not its base
+    /// units; `1` for none.
+    pub fn written(self) -> String {
+        if let Some(name) = familiar(self) {
+            return name.to_string();
+        }
+        if let Some(name) = named(self.pow(-1, 1)) {
+            return format!("{name}^-1");
+        }
+        composed(self).unwrap_or_else(|| match (self.product(), self.first_divisor()) {
+            (product, Some((divisor, rest))) if product.starts_with("1/") => {
+                format!("{divisor}{}", rest.product().trim_start_matches('1'))
+            }
+            (product, _) => product,
+        })
+    }
+}
+
+impl fmt::Display for D {
+    /// A unit of that dimension that reads well: `N`, `N*s/m`, `1/V`, `kg*m^2/s^3`; `1` for none.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (familiar(*self), named(self.pow(-1, 1))) {
+            (Some(name), _) => f.write_str(name),
+            (None, Some(name)) => write!(f, "1/{name}"),
+            (None, None) => f.write_str(&self.product()),
+        }
+    }
 }

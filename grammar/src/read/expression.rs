@@ -83,8 +83,8 @@ impl Reader<'_> {
         Expr { kind: ExprKind::Binary(operator, Box::new(left), Box::new(right)), span }
     }
 
-    /// Refuses `2 m^2^2` and `2 m^(0.5)`: a `^` that touches a unit looks like the unit's, and would be that of number and
-    /// unit together.
+    /// Refuses `2 m^2^2` and `2 m^(0.5)`: a `^` that touches a unit looks like the unit's, and would be that of number
+    /// and unit together.
     fn check_unit_power(&mut self, left: &Expr, sign: Span, right: &Expr) {
         let ExprKind::Number { unit: Some(unit), .. } = &left.kind else { return };
         if unit.span.end != sign.start {

@@ -1,8 +1,8 @@
 //! Step programs: what a stepper writes and a back end translates, and nothing else passes between the two.
 //!
 //! A [`Program`] is straight code over `f64`: blocks of instructions in static single assignment, of which most compute
-//! a value by an [`Op`], and a few have structure ([`Inst::Newton`], [`Inst::MatVec`], [`Inst::Quad`]). There is no
-//! control flow besides. Truth values are 1 and 0. Values print as `v12`, slots as `x[3]`.
+//! a value by an [`Op`], and four kinds have structure ([`Inst::Newton`], [`Inst::Solve`], [`Inst::MatVec`], [`Inst::Quad`]).
+//! There is no control flow besides. Truth values are 1 and 0. Values print as `v12`, slots as `x[3]`.
 
 mod builder;
 mod code_shape;

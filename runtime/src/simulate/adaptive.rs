@@ -4,7 +4,7 @@
 //! kept until the cluster is advanced past its end. So rows of output lie inside of steps, and an input that is set at
 //! a row ends the step there. A plan is a cache: the state of a run without it gives the same plan again.
 
-use super::attempt::{Attempt, RADAU, Taken, copy, is_stateless};
+use super::attempt::{Attempt, Taken, copy, is_stateless};
 use super::cluster::{Run, advance_ports, book};
 use super::event::{STANDS, noise};
 use super::{Error, Options};
@@ -177,7 +177,7 @@ impl Fit {
         // What has no state does not slow down where something is about to happen: it is looked at evenly.
         let most = if is_stateless(c) { options.default_step } else { f64::INFINITY };
         // What swings in time is looked at often enough not to be stepped over, though nothing moves by it just now.
-        let most = c.swing.map_or(most, |period| most.min(SWING * period));
+        let most = c.fastest_period.map_or(most, |period| most.min(SWING * period));
         Self {
             tolerance,
             longest: options.longest.unwrap_or(f64::INFINITY).min(most),
@@ -353,10 +353,10 @@ impl Run {
     fn fitted(&mut self, c: &Cluster, t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
         let Some(fit) = &self.fit else { return Ok((t, true)) };
         let (tolerance, longest, limit, mut control) = (fit.tolerance, fit.longest, fit.limit, fit.control);
-        let order = f64::from(c.step.order + 1);
+        let order = f64::from(c.step.properties.order + 1);
         // A law has switched where the step begins. By exponentials things may go far before the time does.
         let mut begins = t > 0.0 && control.began == t;
-        if self.steps == 0 && control.events == 0 || begins && (c.has_exponentials || c.step.name == RADAU) {
+        if self.steps == 0 && control.events == 0 || begins && (c.has_exponentials || c.step.properties.l_stable) {
             let first = control.ahead.min(longest);
             let Some(found) = self.first_step(c, t, first) else {
                 let (region, step) = (c.name.clone(), AT_ONCE * first);

@@ -204,11 +204,11 @@ impl Run {
             // Of an interval of more samples than that the begin has to tell.
             return self.answers(c, (period, own, steps.min(most(later)) as usize), at, later).unwrap_or_default();
         }
-        if c.step.linear.is_some() && c.step.order == 0 {
+        if c.step.linear.is_some() && c.step.properties.order == 0 {
             return self.answers(c, (period, period, 1), at, later).unwrap_or_default();
         }
         // Of a symmetric method the error has even powers of the step only; taken for one that is not, these are none.
-        let order = c.step.order.max(1);
+        let order = c.step.properties.order.max(1);
         let each = 2 - order % 2;
         let (mut rows, mut best): (Vec<Answers>, Option<(f64, Answers)>) = (Vec::new(), None);
         let mut left = EFFORT / self.state.len().max(1);

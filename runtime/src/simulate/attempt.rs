@@ -35,9 +35,6 @@ const SHORTER: f64 = 1.0 / 256.0;
 /// a source begins at 0.
 const BEGINS: f64 = 1.0 / 1_048_576.0;
 
-/// What damps that is far too fast for its steps, and passes over it.
-pub(super) const RADAU: &str = "radau";
-
 /// The largest energy so far, above the least that there is, J.
 fn above(b: &Book, e: &Entries) -> f64 {
     // What is counted as turned over at least says nothing of sizes.
@@ -207,15 +204,15 @@ impl Run {
     }
 
     /// The first step of a run, at most `h`: where a method lets stay what is far too fast for it (Gauss' of an even
-    /// number of stages does), or damps it (`radau`), or a step is of many turns, a whole step and its halves may say the
+    /// number of stages does), or damps it (an L-stable one), or a step is of many turns, a whole step and its halves may say the
     /// same, and no estimate tells that both are wrong. By exponentials a state may be moved so far, too, where it starts,
     /// that what all of them say is worth nothing. So steps that are ever shorter are looked at first, by which no state may
     /// move by more than its size in the first. None where the shortest of them still moves one of them so.
     pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
-        if !c.step.passive && c.step.name != RADAU {
+        if c.step.properties.explicit {
             return Some(self.first_explicit(c, t, h));
         }
-        let stays = c.step.name.starts_with("collocation") && c.step.order.is_multiple_of(4);
+        let stays = c.step.properties.keeps_fast_modes();
         let least = if stays { LOOKS } else { 0 };
         let looks = if c.has_exponentials { LOOKS + MORE } else { LOOKS };
         let root = self.cool(c, self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum()).sqrt();
@@ -252,7 +249,7 @@ impl Run {
     /// how the states begin to move, where that one does not. What is far too fast for it stays, or turns round, and so it
     /// does in its halves. None where each moves on as it begins, or in no step that is not far shorter still.
     pub(super) fn set_off(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
-        let is_of = !c.has_corners && c.step.name.starts_with("collocation");
+        let is_of = !c.is_non_smooth && c.step.properties.repeats_fast_modes();
         if !is_of || self.fit.as_ref().is_none_or(|fit| fit.spare) {
             return None;
         }
@@ -334,7 +331,11 @@ impl Run {
         let mut most = Estimate { error: 0.0, fresh: false, size: 0.0, worst: usize::MAX };
         let Some(fit) = &self.fit else { return Ok(most) };
         let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
-        let order = if fit.spare { c.step.fallback.as_ref().map_or(1, |f| f.order) } else { c.step.order };
+        let order = if fit.spare {
+            c.step.fallback.as_ref().map_or(1, |f| f.properties.order)
+        } else {
+            c.step.properties.order
+        };
         let raised = 2f64.powi(order as i32);
         let part = if whole || near { raised } else { 1.0 } / (raised - 1.0).max(1.0);
         // Divided is what is worse than all before.
@@ -363,7 +364,7 @@ impl Run {
                     let root = if scale.heat { root } else { cool };
                     let before = self.largest[i].max(apart * root * scale.natural);
                     // What an explicit step has thrown far off is no size: beside it, its own error is small.
-                    let most = if c.step.passive || before == 0.0 { f64::INFINITY } else { THROWN * before };
+                    let most = if c.step.properties.passive || before == 0.0 { f64::INFINITY } else { THROWN * before };
                     (before, x.abs().min(most).max(before))
                 }
                 // An integral is measured against all that went into it and out of it.

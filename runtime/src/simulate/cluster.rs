@@ -35,8 +35,6 @@ pub const GROSS: f64 = 1e-3;
 const STORED: &str = "what is stored is not a finite number";
 /// Below this part of the largest value of a state, a change is as good as none.
 const TRACES: f64 = 1e-6;
-/// The stepper whose last stage is the end of the step.
-const STIFF: &str = "radau";
 /// The part of what is looked at that a last step takes, to which nothing happens any more.
 const LAST: f64 = 1.0 / 16.0;
 /// Tables for different step lengths kept at most.
@@ -415,7 +413,7 @@ impl Run {
         if self.fit.is_some() {
             self.fit_to(c, end, moved)?;
         } else {
-            let h = self.fixed.unwrap_or(if c.step.order == 0 && c.step.linear.is_some() {
+            let h = self.fixed.unwrap_or(if c.step.properties.order == 0 && c.step.linear.is_some() {
                 end - now
             } else {
                 self.default_step
@@ -670,7 +668,7 @@ impl Run {
     /// tell it, it is as wrong as the rates at the end of a step, which are right only when nothing switched within it.
     /// Whether there is any.
     fn settle_answers(&mut self, c: &Cluster, at: f64, h: f64) -> bool {
-        if c.guesses == 0 || c.step.name != STIFF {
+        if c.guesses == 0 || !c.step.properties.stiffly_accurate {
             return false;
         }
         self.aside.copy_from_slice(&self.glanced);

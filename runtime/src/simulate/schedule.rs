@@ -260,7 +260,7 @@ impl<'a> Simulation<'a> {
     fn lay(&mut self, i: usize, end: f64) {
         let c = &self.scene.clusters[i];
         let now = self.runs[i].time();
-        let whole = c.step.linear.is_some() && c.step.order == 0;
+        let whole = c.step.linear.is_some() && c.step.properties.order == 0;
         let wanted = self.runs[i].wanted().unwrap_or(if whole { end - now } else { self.runs[i].usual() });
         self.runs[i].regrid(now, end, wanted);
     }

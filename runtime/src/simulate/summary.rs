@@ -189,7 +189,7 @@ impl Simulation<'_> {
                 states: region.states,
                 stepper: c.step.name.clone(),
                 why: c.step.why.clone(),
-                order: c.step.order,
+                order: c.step.properties.order,
                 hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
                 steps: run.steps,
                 rejected: control.map_or(0, |k| k.rejected),
@@ -206,7 +206,7 @@ impl Simulation<'_> {
                 leaps: b.leaps,
                 worst_step: b.worst.above(floor),
                 total: if b.largest() > 0.0 { b.residual.abs() / b.largest() } else { 0.0 },
-                passive_stepper: c.step.passive,
+                passive_stepper: c.step.properties.passive,
                 pseudo: region.pseudo,
                 modified: e.modified.map(|_| Modified {
                     difference: b.modified.0,

@@ -1,7 +1,7 @@
 //! Newton's method, as [`crate::ir::Newton`] means it. [`super::iteration`] is that for every machine, and [`solve`] is it on numbers.
 //!
 //! # The method
-//! Names and numbers are those of [`NewtonOptions`](crate::options::NewtonOptions).
+//! Names and numbers are those of [`NewtonOptions`].
 //!
 //! With unknowns `u`, residual `r(u)`, Jacobian `J(u)`, weights `w` and scales `s`, all norms squared:
 //!

@@ -5,7 +5,7 @@ use super::programs;
 use bond_runtime::double_double::DoubleDouble;
 use bond_runtime::exponential::Linear;
 use bond_runtime::ir::Program;
-use bond_runtime::scene::{Cluster, Probes, Respond, Scene, Stepper};
+use bond_runtime::scene::{Cluster, Probes, Properties, Respond, Scene, Stepper};
 use bond_runtime::simulate::{Options, Start, StartCluster};
 
 /// Which numbers of how a cluster's answer depends on what it holds; see [`StartCluster`].
@@ -83,7 +83,7 @@ pub fn code_shape(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
         c.initial.fill(0.0);
         c.guards.iter_mut().for_each(|g| (g.program, g.branch) = (Program::default(), None));
         c.stored = Program::default();
-        c.swing = None;
+        c.fastest_period = None;
         c.instant = c.instant.code_shape();
         c.entries.iter_mut().for_each(|e| (e.floor, e.least) = (0.0, f64::from(u8::from(e.least != 0.0))));
         match &mut c.respond {
@@ -93,7 +93,7 @@ pub fn code_shape(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
         }
         c.step.why = "".into();
         // Where there is another stepper to fall back on, there is no routine.
-        c.step.fallback.iter_mut().for_each(|f| **f = Stepper::new("", 0, true, Program::default()));
+        c.step.fallback.iter_mut().for_each(|f| **f = Stepper::new("", Properties::default(), Program::default()));
         c.step.glance = None;
         c.step.program = c.step.program.code_shape();
         c.step.linear.iter_mut().for_each(shape);

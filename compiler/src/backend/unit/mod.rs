@@ -247,7 +247,7 @@ impl Plan {
         connected: bool,
         options: &Options,
     ) -> Result<Steps, String> {
-        let whole = c.step.linear.is_some() && c.step.order == 0;
+        let whole = c.step.linear.is_some() && c.step.properties.order == 0;
         let usual = options.step.unwrap_or(options.default_step);
         let h = options.step.unwrap_or(if whole && connected { interval } else { options.default_step });
         let n = (interval / h - 1e-9).ceil().max(1.0);

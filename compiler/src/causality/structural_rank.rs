@@ -1,0 +1,230 @@
+//! What elements give, found by structural rank. Where junctions stand in rings, strokes alone do not show which
+//! variables depend on one another.
+//!
+//! What junctions, TF and GY ask of efforts and flows is a set of linear equations. Elements choose in the order of
+//! SCAP: each gives its preferred variable unless that follows, by these equations, from what was given before it, and
+//! the other one else. The junction structure being a Dirac structure, one of the two always is free (van der Schaft
+//! and Jeltsema, Port-Hamiltonian Systems Theory, 2014), and in the end what all give determines all there is.
+
+use super::laws::{law, one_way};
+use super::modulation::Parts;
+use super::{Causality, forced, integral};
+use crate::expression::Pool;
+use crate::graph::BondGraph;
+use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
+use rustc_hash::FxHashMap;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Models of more bonds are not looked at.
+const MAX_BONDS: usize = 5000;
+/// A part of the largest coefficient that is rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// Linear equations, each free of the pivots of those before it.
+#[derive(Clone, Default)]
+struct Echelon {
+    rows: Vec<(usize, Vec<(usize, f64)>)>,
+    /// The equation of which a variable is the pivot.
+    of: FxHashMap<usize, usize>,
+}
+
+impl Echelon {
+    /// An equation reduced by the others, without rounding errors; empty where it follows from them.
+    fn rest(&self, terms: &[(usize, f64)]) -> BTreeMap<usize, f64> {
+        let mut row = BTreeMap::new();
+        terms.iter().for_each(|(i, x)| *row.entry(*i).or_insert(0.0) += x);
+        let size = row.values().fold(0.0f64, |m, x| m.max(x.abs()));
+        let mut due: BTreeSet<usize> = row.keys().filter_map(|i| self.of.get(i)).copied().collect();
+        while let Some(k) = due.pop_first() {
+            let (pivot, other) = &self.rows[k];
+            let part = row.remove(pivot).unwrap_or(0.0);
+            if part != 0.0 {
+                for (i, x) in other.iter().filter(|t| t.0 != *pivot) {
+                    *row.entry(*i).or_insert(0.0) -= part * x;
+                    due.extend(self.of.get(i));
+                }
+            }
+        }
+        if row.values().all(|x| x.abs() <= ROUNDING * size) {
+            row.clear();
+        }
+        row.retain(|_, x| x.abs() > 1e-3 * ROUNDING * size);
+        row
+    }
+
+    /// Whether an equation follows from the others.
+    fn follows(&self, terms: &[(usize, f64)]) -> bool {
+        self.rest(terms).is_empty()
+    }
+
+    /// Adds an equation, unless it follows from the others.
+    fn take(&mut self, terms: &[(usize, f64)]) -> bool {
+        let row = self.rest(terms);
+        let Some((&pivot, &x)) = row.iter().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())) else { return false };
+        let scale = 1.0 / x;
+        self.of.insert(pivot, self.rows.len());
+        self.rows.push((pivot, row.into_iter().map(|(i, x)| (i, x * scale)).collect()));
+        true
+    }
+}
+
+/// The equations of junctions, TF and GY.
+fn equations(model: &Model, graph: &BondGraph) -> Echelon {
+    use Variable::{Effort, Flow};
+    let mut all = Echelon::default();
+    for (id, e) in model.ids() {
+        let bonds = &graph.bonds_of[id.at()];
+        let at = |b: BondId, v: Variable| model.place(b, id, v);
+        let sign = |b: BondId| if model.bond(b).head == id { 1.0 } else { -1.0 };
+        match (e.kind, &e.law) {
+            (Kind::Zero | Kind::One, _) => {
+                let (common, summed) = if e.kind == Kind::Zero { (Effort, Flow) } else { (Flow, Effort) };
+                let sum: Vec<_> = bonds.iter().map(|b| (at(*b, summed), sign(*b))).collect();
+                all.take(&sum);
+                for pair in bonds.windows(2) {
+                    all.take(&[(at(pair[0], common), 1.0), (at(pair[1], common), -1.0)]);
+                }
+            }
+            (Kind::Tf | Kind::Gy, Law::Ratio(v)) => {
+                let ends = (bonds.iter().find(|b| sign(**b) > 0.0), bonds.iter().find(|b| sign(**b) < 0.0));
+                let (Some(&into), Some(&out)) = ends else { continue };
+                let ratio = model.pool.eval(*v, &|s| 0.37 + 0.21 * f64::from(s.0 % 11));
+                let ratio = if ratio.is_finite() && ratio != 0.0 { ratio } else { 1.0 };
+                if e.kind == Kind::Tf {
+                    all.take(&[(at(into, Effort), 1.0), (at(out, Effort), -ratio)]);
+                    all.take(&[(at(out, Flow), 1.0), (at(into, Flow), -ratio)]);
+                } else {
+                    all.take(&[(at(into, Effort), 1.0), (at(out, Flow), -ratio)]);
+                    all.take(&[(at(out, Effort), 1.0), (at(into, Flow), -ratio)]);
+                }
+            }
+            (
+                Kind::Se
+                | Kind::Sf
+                | Kind::C
+                | Kind::I
+                | Kind::R
+                | Kind::De
+                | Kind::Df
+                | Kind::Port
+                | Kind::Tf
+                | Kind::Gy,
+                _,
+            ) => {}
+        }
+    }
+    all
+}
+
+/// Whether bonds make a ring, in a model that is not too large for [`by_rank`].
+pub(super) fn has_rings(model: &Model, graph: &BondGraph) -> bool {
+    model.bonds.len() <= MAX_BONDS && petgraph::algo::is_cyclic_undirected(&graph.graph)
+}
+
+/// The elements with one port, by when they choose what they give: first what cannot be turned, then storages, those
+/// first that can least be dependent, then resistors; none for what chooses nothing.
+fn ports(model: &mut Model, graph: &BondGraph) -> Vec<(usize, ElementId, BondId)> {
+    let parts = Parts::of(model, graph);
+    let mut pool = std::mem::take(&mut model.pool);
+    let rank = |pool: &mut Pool, id: ElementId, asserted: bool| match &model.element(id).law {
+        Law::Source(_) | Law::Port(_) => Some(0),
+        Law::Ratio(_) | Law::Junction => None,
+        _ if asserted => Some(0),
+        Law::Resistor(r) if r.curve.is_some() || one_way(pool, r) => Some(1),
+        Law::Storage(s) if !s.massless && s.linear.is_none() => Some(2),
+        Law::Storage(_) => Some(3),
+        Law::Resistor(r) if r.linear.is_none() => Some(4),
+        Law::Resistor(_) => Some(5),
+    };
+    let mut ports = Vec::new();
+    for (id, _) in model.ids() {
+        let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
+        ports.extend(rank(&mut pool, id, model.bond(bond).stroke.is_some()).map(|rank| (rank, id, bond)));
+    }
+    model.pool = pool;
+    ports.sort_by_key(|p| (p.0, if p.0 == 3 { parts.turn(model, p.1) } else { 0 }));
+    ports
+}
+
+/// The equations of junctions, TF, GY and double bars. None where these contradict one another.
+fn asked(model: &Model, graph: &BondGraph, causality: &Causality) -> Option<Echelon> {
+    let mut known = equations(model, graph);
+    for (i, b) in model.bonds.iter().enumerate().filter(|(_, b)| b.sampled) {
+        let bond = BondId(i as u32);
+        for far in [b.tail, b.head] {
+            let gives = causality.gives(model, bond, far);
+            if !known.take(&[(model.place(bond, b.other(far), gives), 1.0)]) {
+                return None;
+            }
+        }
+    }
+    Some(known)
+}
+
+/// Which variable an element of this rank is to give, if it can.
+fn wish(model: &Model, causality: &Causality, (rank, id, bond): (usize, ElementId, BondId)) -> Option<Variable> {
+    let kind = model.element(id).kind;
+    (rank == 0)
+        .then(|| forced(kind).unwrap_or_else(|| causality.gives(model, bond, id)))
+        .or_else(|| integral(kind))
+        .or_else(|| law(model, id).map(|r| r.gives))
+}
+
+/// What each storage and resistor is to give. What sources, double bars, open ports and asserted strokes of elements
+/// give is as `causality` has it. None where these contradict one another.
+pub(super) fn by_rank(
+    model: &mut Model,
+    graph: &BondGraph,
+    causality: &Causality,
+) -> Option<Vec<(ElementId, Variable)>> {
+    let ports = ports(model, graph);
+    let mut known = asked(model, graph, causality)?;
+    let mut list = Vec::new();
+    for (rank, id, bond) in ports {
+        let wanted = wish(model, causality, (rank, id, bond))?;
+        let free = known.take(&[(model.place(bond, id, wanted), 1.0)]);
+        let gives = if free { wanted } else { wanted.other() };
+        if !free && (rank == 0 || !known.take(&[(model.place(bond, id, gives), 1.0)])) {
+            return None;
+        }
+        if rank > 0 {
+            list.push((id, gives));
+        }
+    }
+    Some(list)
+}
+
+/// The 1-junctions that need speeds of their own: the joints of an arm whose masses have Cartesian speeds. Their flows,
+/// with those of the inertias of their parts, determine the flows of all that moves others through ratios which change
+/// with states. They follow from the storages' flows too, but by a division by such a ratio, which may be 0; those
+/// follow from them without one.
+pub(super) fn speeds(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<ElementId> {
+    let ports = ports(model, graph);
+    let parts = Parts::of(model, graph);
+    let Some(mut known) = asked(model, graph, causality) else { return Vec::new() };
+    let mut all = known.clone();
+    let mut order: Vec<(usize, usize, ElementId, BondId)> = Vec::new();
+    for &(rank, id, bond) in ports.iter().filter(|p| matches!(p.0, 0 | 2 | 3)) {
+        let Some(gives) = wish(model, causality, (rank, id, bond)) else { continue };
+        let given = [(model.place(bond, id, gives), 1.0)];
+        all.take(&given);
+        if rank < 3 {
+            known.take(&given);
+        } else if parts.turn(model, id) < usize::MAX {
+            order.push((parts.turn(model, id), 0, id, bond));
+        }
+    }
+    for (id, _) in model.ids().filter(|(id, e)| e.kind == Kind::One && parts.turn(model, *id) < usize::MAX) {
+        let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
+        order.push((parts.turn(model, id), if parts.is_direct(id) { 1 } else { 2 }, id, bond));
+    }
+    order.sort_by_key(|o| (o.0, o.1));
+    let mut list = Vec::new();
+    for (_, own, id, bond) in order {
+        let flow = [(model.place(bond, id, Variable::Flow), 1.0)];
+        if (own == 0 || all.follows(&flow)) && known.take(&flow) && own > 0 {
+            list.push(id);
+        }
+    }
+    list
+}

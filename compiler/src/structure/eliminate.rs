@@ -1,0 +1,79 @@
+//! Dependent storages (derivative causality) are merged into those they depend on.
+//!
+//! A dependent storage gives d(x_d)/dt, which falls back on the storages that it depends on. Taken out (`merge`), that
+//! is a change of coordinates: with rates F = D z of what is left, the new states move by T F and the old outputs are z
+//! = T^T z', z' = dH/dy, so that D' = T D T^T is skew again. `quadratic` takes quadratic energies and ratios that may
+//! change with other states; `curved` takes any energy of the independent storages, and constant ratios.
+
+use super::dependence::{self, Dependence};
+use super::eliminated::Eliminated;
+use super::storage::{ids, stiffness};
+use super::{ColumnId, Form, Role, curved, quadratic};
+use crate::causality::Causality;
+use crate::model::Model;
+use bond_grammar::diagnostic::Diagnostic;
+
+/// Merges all dependent storages, and takes their columns out of all rows.
+pub(super) fn eliminate(
+    model: &mut Model,
+    causality: &Causality,
+    form: &mut Form,
+) -> Result<Eliminated, Vec<Diagnostic>> {
+    let mut done = Eliminated { before: form.columns.iter().map(|c| c.out).collect(), ..Eliminated::default() };
+    if causality.dependent.is_empty() {
+        return Ok(done);
+    }
+    let dependent = ids(form, Role::Dependent);
+    let errors: Vec<Diagnostic> = dependent.iter().filter_map(|d| dependence::check(model, form, *d)).collect();
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let all = dependence::all(model, form, &dependent).map_err(|d| vec![d])?;
+    let starts = all.iter().map(|t| start_of(model, form, t)).collect::<Result<Vec<_>, _>>().map_err(|d| vec![d])?;
+    strip(form, &dependent);
+    for (dependence, start) in all.iter().zip(starts) {
+        match start {
+            Start::Quadratic => quadratic::merge(model, form, dependence, &mut done),
+            Start::Curved(z) => curved::merge(model, form, dependence, &z, &mut done),
+        }
+        .map_err(|d| vec![d])?;
+    }
+    // Ratios elsewhere may read what is merged, and that other merged storages.
+    let fixed = &done.fixed;
+    let entries = form.columns.iter_mut().flat_map(|c| c.row.iter_mut().map(|t| &mut t.1));
+    for k in entries.chain(form.loops.iter_mut().map(|l| &mut l.value)) {
+        // Each round takes one layer of merged storages away.
+        for _ in 0..=all.len() {
+            if !model.pool.contains_any(*k, &|s| fixed.contains_key(&s)) {
+                break;
+            }
+            *k = model.pool.substitute(*k, fixed);
+        }
+    }
+    Ok(done)
+}
+
+/// How storages are merged; of curved ones, with the co-energy variables that the stated starts settle.
+enum Start {
+    Quadratic,
+    Curved(Vec<Option<f64>>),
+}
+
+fn start_of(model: &mut Model, form: &Form, dependence: &Dependence) -> Result<Start, Diagnostic> {
+    let is_quadratic = dependence.independent.iter().all(|c| stiffness(model, form, *c).is_some());
+    Ok(if is_quadratic { Start::Quadratic } else { Start::Curved(curved::start(model, form, dependence)?) })
+}
+
+/// Takes the dependent columns out of all rows but those of the sources that they follow.
+fn strip(form: &mut Form, dependent: &[ColumnId]) {
+    let is_source: Vec<bool> = form.columns.iter().map(|c| matches!(c.role, Role::Source(_))).collect();
+    let mut is_dependent = vec![false; form.columns.len()];
+    dependent.iter().for_each(|d| is_dependent[d.at()] = true);
+    for (i, c) in form.columns.iter_mut().enumerate() {
+        if is_dependent[i] {
+            c.row.retain(|(j, _)| is_source[j.at()]);
+        } else if !is_source[i] {
+            c.row.retain(|(j, _)| !is_dependent[j.at()]);
+        }
+    }
+}
