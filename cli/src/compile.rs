@@ -125,6 +125,7 @@ impl Options {
             without: self.without.clone(),
             powers: self.powers,
             whole: self.whole,
+            ..bond_compiler::Options::default()
         };
         let sources = text.sources.clone();
         match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {
@@ -143,7 +144,7 @@ pub trait OptionsInternals {
     /// Sets a parameter by its path to a number that was read before.
     fn set_quantity(self, path: impl Into<String>, value: Quantity) -> Self;
 
-    /// Adds probes behind the others: the power into each of [`bond_compiler::omit::parts`].
+    /// Adds probes behind the others: the power into each of [`bond_compiler::reduction::parts`].
     fn powers(self) -> Self;
 }
 

@@ -180,7 +180,7 @@ fn written(sources: &Sources, default: &Expr) -> Option<String> {
 /// Units of effort and flow at a port of a model that was elaborated alone.
 fn units(flat: Option<&Flat>, port: &str) -> (Option<String>, Option<String>) {
     let pair = flat.and_then(|f| {
-        let (id, _) = f.ids().find(|(_, e)| e.kind == Kind::Port && e.name == port)?;
+        let (id, _) = f.ids().find(|(_, e)| e.kind == Kind::PORT && e.name == port)?;
         let at = f.bonds.iter().position(|b| b.tail == id || b.head == id)?;
         f.units.get(at).copied()
     });

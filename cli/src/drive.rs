@@ -1,6 +1,6 @@
 //! Runs a simulation through the instants of its rows.
 
-use crate::blame::{By, Said};
+use crate::attribution::{Attribution, Statement};
 use crate::rows::Rows;
 use crate::stop::Stop;
 use crate::summary::short;
@@ -15,8 +15,8 @@ const MAX_STEPS: f64 = 1e10;
 ///
 /// # Errors
 /// A step or a period that is tiny against the run.
-pub fn possible(scene: &Scene, options: &Options, stop: f64, by: By) -> Result<(), Stop> {
-    let refuse = |steps: f64, what: String, said: Said, longer: &str| {
+pub fn possible(scene: &Scene, options: &Options, stop: f64, by: Attribution) -> Result<(), Stop> {
+    let refuse = |steps: f64, what: String, said: Statement, longer: &str| {
         // Written so that NaN is refused too.
         if steps <= MAX_STEPS {
             return Ok(());
@@ -26,17 +26,17 @@ pub fn possible(scene: &Scene, options: &Options, stop: f64, by: By) -> Result<(
         Err(by.refuse(said, why, fix))
     };
     if let Some(h) = options.step {
-        refuse(stop / h, format!("steps of {} s", short(h)), Said::Step, &by.setting("step"))?;
+        refuse(stop / h, format!("steps of {} s", short(h)), Statement::Step, &by.setting("step"))?;
     }
     // None of those that are fitted is longer.
     if let Some(h) = options.tolerance.and(options.longest) {
         let what = format!("steps of at most {} s", short(h));
-        refuse(stop / h, what, Said::Step, "bound on them")?;
+        refuse(stop / h, what, Statement::Step, "bound on them")?;
     }
     for c in &scene.clusters {
         if let Some(period) = c.period {
             let what = format!("the period {} s of `{}`", short(period), c.name);
-            refuse(stop / period, what, Said::Period(period), "period")?;
+            refuse(stop / period, what, Statement::Period(period), "period")?;
         }
     }
     Ok(())

@@ -5,7 +5,7 @@
 //! [`MARK`].
 
 use crate::arguments;
-use crate::blame::By;
+use crate::attribution::Attribution;
 use crate::commands::{run, serve};
 use crate::report;
 use crate::stop::Stop;
@@ -240,7 +240,7 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
                     `bond build --method collocation8` takes one of high order",
                 );
             }
-            run::simulate(&e.scene, &e.settings(), &args.how, By::Model(&e.scene.name))
+            run::simulate(&e.scene, &e.settings(), &args.how, Attribution::Model(&e.scene.name))
         }
         Command::Serve(args) => {
             args.fixed.check()?;

@@ -42,17 +42,33 @@ impl Given {
     /// The line that is wrong, and what is wrong with it.
     pub fn read(text: &str, known: &[&str]) -> Result<Self, TableError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        let mut lines = text
-            .lines()
-            .enumerate()
-            .map(|(i, l)| (i + 1, l.trim()))
-            .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
-        let Some((head, header)) = lines.next() else { return wrong(1, "the table is empty; it begins with `t,...`") };
-        let text = header;
-        let header = cells(header).or_else(|why| wrong(head, why))?;
+        let is_row = |row: &(usize, &str)| !row.1.is_empty() && !row.1.starts_with('#');
+        let rows: Vec<(usize, &str)> =
+            text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(is_row).collect();
+        let Some(&(head, first)) = rows.first() else { return wrong(1, "the table is empty; it begins with `t,...`") };
+        // Quotes are closed in their line, so that a record is a line.
+        let (mut lines, mut unquoted) = (String::new(), Ok(()));
+        for (line, row) in &rows {
+            match unpadded(row) {
+                Ok(row) => lines.push_str(&row),
+                Err(why) => {
+                    unquoted = wrong(*line, why);
+                    break;
+                }
+            }
+            lines.push('\n');
+        }
+        let mut reader = csv::ReaderBuilder::new();
+        let reader = reader.has_headers(false).flexible(true).trim(csv::Trim::All).from_reader(lines.as_bytes());
+        let mut records = rows.iter().zip(reader.into_records()).map(|((line, _), record)| match record {
+            Ok(record) => Ok((*line, record.iter().map(str::to_string).collect::<Vec<_>>())),
+            Err(e) => wrong(*line, e.to_string()),
+        });
+        let Some(header) = records.next() else { return unquoted.and(wrong(head, "the table is empty")) };
+        let header = header?.1;
         let Some(time) = header.iter().position(|c| c == "t") else {
             // As tables are written where the decimal sign is a comma.
-            if text.contains(';') {
+            if first.contains(';') {
                 return wrong(head, "columns are separated by commas, and not by `;`; the decimal sign is a point");
             }
             return wrong(head, "there is no column `t`, the time in seconds");
@@ -61,8 +77,8 @@ impl Given {
         let names = header.iter().enumerate().filter(|(i, _)| *i != time).map(|(_, n)| n.clone()).collect();
         let values = vec![Vec::new(); header.len() - 1];
         let mut table = Self { names, lines: Vec::new(), instants: Vec::new(), values };
-        for (line, text) in lines {
-            let row = cells(text).or_else(|why| wrong(line, why))?;
+        for record in records {
+            let (line, row) = record?;
             if row.len() != header.len() {
                 return wrong(
                     line,
@@ -90,6 +106,7 @@ impl Given {
                 }
             }
         }
+        unquoted?;
         if table.instants.is_empty() {
             return wrong(head, "there are no rows below the header");
         }
@@ -136,52 +153,32 @@ fn columns(line: usize, header: &[String], known: &[&str]) -> Result<(), TableEr
     Ok(())
 }
 
-/// The cells of a line. A name with a comma is in quotes, such as `"u[1,2]"`; a quote in it is doubled.
-fn cells(line: &str) -> Result<Vec<String>, String> {
-    let (mut list, mut rest) = (Vec::new(), line);
-    loop {
-        let (cell, after) = cell(rest)?;
-        list.push(cell);
-        match after {
-            Some(more) => rest = more,
-            None => return Ok(list),
-        }
+/// A line without blanks beside its quotes, which stand around whole cells, as in `"u[1,2]"`; a quote in a cell is
+/// doubled.
+fn unpadded(line: &str) -> Result<String, String> {
+    let parts: Vec<&str> = line.split('"').collect();
+    let last = parts.len() - 1;
+    if last % 2 == 1 {
+        return Err("a quote is not closed in this line".into());
     }
-}
-
-/// The first cell of a line, and what follows its comma, if there is one.
-fn cell(text: &str) -> Result<(String, Option<&str>), String> {
-    let Some(mut rest) = text.trim_start().strip_prefix('"') else {
-        let (cell, after) = text.split_once(',').map_or((text, None), |(cell, after)| (cell, Some(after)));
-        if cell.contains('"') {
-            return Err(format!("`{}` has a quote inside; quotes enclose a whole cell", cell.trim()));
+    let mut all = Vec::new();
+    for (i, part) in parts.into_iter().enumerate() {
+        let within = i % 2 == 1;
+        if within || part.is_empty() {
+            all.push(part);
+            continue;
         }
-        return Ok((cell.trim().to_string(), after));
-    };
-    let mut cell = String::new();
-    loop {
-        let Some((part, after)) = rest.split_once('"') else {
-            return Err("a quote is not closed in this line".into());
-        };
-        cell.push_str(part);
-        match after.strip_prefix('"') {
-            Some(more) => {
-                cell.push('"');
-                rest = more;
-            }
-            None => return Ok((cell.trim().to_string(), behind(after)?)),
+        let outside = part.trim();
+        if i > 0 && !outside.starts_with(',') {
+            return Err(format!("a comma is missing between a closing quote and `{outside}`"));
         }
+        if i < last && !outside.ends_with(',') {
+            let cell = outside.rsplit(',').next().unwrap_or(outside).trim();
+            return Err(format!("`{cell}` has a quote inside; quotes enclose a whole cell"));
+        }
+        all.push(outside);
     }
-}
-
-/// What follows the comma behind a quoted cell, if there is one.
-fn behind(text: &str) -> Result<Option<&str>, String> {
-    let text = text.trim_start();
-    match text.strip_prefix(',') {
-        None if text.is_empty() => Ok(None),
-        None => Err(format!("a comma is missing between a closing quote and `{text}`")),
-        after => Ok(after),
-    }
+    Ok(all.join("\""))
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! The `bond` command.
 
 mod arguments;
+mod attribution;
 mod bench;
-mod blame;
 mod checkpoint;
 mod choose;
 mod column;
@@ -18,6 +18,7 @@ mod environment;
 mod expectation;
 mod hash;
 mod input;
+mod lints;
 mod output;
 #[cfg(feature = "parquet")]
 mod parquet;
@@ -25,7 +26,6 @@ mod pending;
 mod plot;
 mod progress;
 mod reduce;
-mod remarks;
 mod report;
 mod rows;
 mod serve;

@@ -1,6 +1,6 @@
 //! The instants of the rows of output.
 
-use crate::blame::{By, Said};
+use crate::attribution::{Attribution, Statement};
 use crate::stop::Stop;
 use bond_compiler::elaborate::told;
 
@@ -54,7 +54,7 @@ impl Rows {
     ///
     /// # Errors
     /// An instant beyond the end, or too many of them.
-    pub fn new(stop: f64, grid: Grid, at: &[f64], by: By) -> Result<Self, Stop> {
+    pub fn new(stop: f64, grid: Grid, at: &[f64], by: Attribution) -> Result<Self, Stop> {
         let mut at = at.to_vec();
         at.sort_by(f64::total_cmp);
         if let Some(late) = at.iter().find(|t| **t > stop * (1.0 + 1e-9)) {
@@ -75,7 +75,7 @@ impl Rows {
         if points.is_nan() || points > MAX_ROWS {
             let why = format!("that would be {points:.1e} rows, at most {MAX_ROWS:.0e} are written");
             let fix = format!("take a longer {}{}", by.setting("every"), by.place());
-            return Err(by.refuse(Said::Every, why, fix));
+            return Err(by.refuse(Statement::Every, why, fix));
         }
         Ok(Self { grid, stop, count: points as u64, at, k: 0, i: 0 })
     }
@@ -122,22 +122,23 @@ mod tests {
 
     #[test]
     fn every_and_at_join() -> Result<(), Stop> {
-        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(0.3), &[0.5, 0.3, 0.5, 1.0], By::Line)?.collect();
+        let rows: Vec<f64> =
+            Rows::new(1.0, Grid::Every(0.3), &[0.5, 0.3, 0.5, 1.0], Attribution::CommandLine)?.collect();
         assert_eq!(rows, [0.0, 0.3, 0.5, 0.6, 3.0 * 0.3, 1.0]);
-        let rows: Vec<f64> = Rows::new(0.3, Grid::Every(0.1), &[], By::Line)?.collect();
+        let rows: Vec<f64> = Rows::new(0.3, Grid::Every(0.1), &[], Attribution::CommandLine)?.collect();
         assert_eq!(rows, [0.0, 0.1, 0.2, 0.3]);
-        let rows: Vec<f64> = Rows::new(0.3, Grid::None, &[0.2, 0.1], By::Line)?.collect();
+        let rows: Vec<f64> = Rows::new(0.3, Grid::None, &[0.2, 0.1], Attribution::CommandLine)?.collect();
         assert_eq!(rows, [0.1, 0.2]);
-        assert_eq!(Rows::new(3.0, Grid::Parts(1000), &[], By::Line)?.count(), 1001);
-        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(5.0), &[], By::Line)?.collect();
+        assert_eq!(Rows::new(3.0, Grid::Parts(1000), &[], Attribution::CommandLine)?.count(), 1001);
+        let rows: Vec<f64> = Rows::new(1.0, Grid::Every(5.0), &[], Attribution::CommandLine)?.collect();
         assert_eq!(rows, [0.0, 1.0]);
         Ok(())
     }
 
     #[test]
     fn too_many_are_refused() {
-        assert!(Rows::new(1.0, Grid::Every(1e-300), &[], By::Line).is_err());
-        assert!(Rows::new(f64::MAX, Grid::Every(5e-324), &[], By::Line).is_err());
-        assert!(Rows::new(1.0, Grid::Every(1.0), &[2.0], By::Line).is_err());
+        assert!(Rows::new(1.0, Grid::Every(1e-300), &[], Attribution::CommandLine).is_err());
+        assert!(Rows::new(f64::MAX, Grid::Every(5e-324), &[], Attribution::CommandLine).is_err());
+        assert!(Rows::new(1.0, Grid::Every(1.0), &[2.0], Attribution::CommandLine).is_err());
     }
 }

@@ -86,8 +86,8 @@
 //!
 //! # How to add an element kind
 //!
-//! 1. `model.rs`: a variant of [`Kind`](model::Kind), and of [`Law`](model::Law) if none fits. The compiler then lists
-//!    the places that must know it.
+//! 1. `model.rs`: a role of [`OnePort`](model::OnePort) or [`TwoPort`](model::TwoPort), and a variant of
+//!    [`Law`](model::Law) if none fits. The compiler then lists the places that must know it.
 //! 2. `element/`: its file, which reads fields and makes the law, called from `elaborate/finish.rs`; a line in
 //!    `element::ALL`.
 //! 3. `elaborate/join.rs`: how many bonds it takes; `elaborate/reading.rs`: its signals.
@@ -97,10 +97,11 @@
 //!
 //! # How to add a scalar operation
 //!
-//! 1. [`bond_runtime::ir`]: a variant of `Unary` or `Binary`, and its meaning in [`bond_runtime::eval`].
-//! 2. `expression/function.rs`: its name, unit rule, derivative, sign and parity; `expression/series.rs`: its Taylor
-//!    series.
-//! 3. `backend/`: the compiler lists the printers that must know it.
+//! A function of one value of a mathematical library:
+//! 1. `runtime/src/ir/op.rs`: a row at the end of `unary!` with its name and its function. The language, all back ends
+//!    and the text of programs have it then.
+//! 2. `expression/unary.rs`: a row with its derivative and what else is known of it.
+//! 3. `docs/language.md`: its name; `elaborate/suggest.rs`: what was suggested in its place.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
@@ -114,10 +115,10 @@ pub mod graph;
 pub mod linearize;
 pub mod model;
 mod modes;
-pub mod need;
-pub mod omit;
 pub mod rates;
+pub mod reduction;
 pub mod show;
+pub mod slice;
 pub mod structure;
 pub mod units;
 
@@ -129,7 +130,7 @@ use causality::Causality;
 use elaborate::{Broken, Loader};
 use graph::BondGraph;
 use model::Model;
-use need::Unneeded;
+use slice::Unneeded;
 use structure::Form;
 use units::Dimension;
 
@@ -150,10 +151,12 @@ pub struct Options {
     pub stop: Option<f64>,
     /// Parts that are left out, by path.
     pub without: Vec<String>,
-    /// Whether the scene's probes end with the powers of its [`omit::parts`].
+    /// Whether the scene's probes end with the powers of its [`reduction::parts`].
     pub powers: bool,
     /// Whether what the scene does not need runs too.
     pub whole: bool,
+    /// Bounds on the size of the model.
+    pub limits: elaborate::Limits,
 }
 
 /// The part of a run that a long one of its fitted steps takes.
@@ -247,7 +250,7 @@ pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader) -> L
 pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> Result<Compiled, Vec<Diagnostic>> {
     let elaborated = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone());
     let mut model = elaborated.map_err(|broken| all_errors(broken, options))?;
-    omit::leave_out(&mut model, &options.without)?;
+    reduction::leave_out(&mut model, &options.without)?;
     model.settings.pace = options.pace(&model.settings);
     model.settings.end = options.stop.or(model.settings.stop).unwrap_or(1.0);
     if options.method.is_some() {
@@ -258,7 +261,7 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
     let unneeded = Unneeded::of(&model, &graph).filter(|_| !options.whole);
     let mut needed = unneeded.map(|u| (u.names(&model, &graph), u.without(model.clone(), &graph), u));
     if options.powers {
-        omit::watch(needed.as_mut().map_or(&mut model, |n| &mut n.1));
+        reduction::watch(needed.as_mut().map_or(&mut model, |n| &mut n.1));
     }
     let (mut stages, method) = match (structured(model, graph), method) {
         (Ok(stages), Ok(method)) => (stages, method),

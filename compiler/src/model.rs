@@ -32,35 +32,6 @@ impl BondId {
     }
 }
 
-/// What an element is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Kind {
-    /// Effort source.
-    Se,
-    /// Flow source.
-    Sf,
-    /// Compliance.
-    C,
-    /// Inertia.
-    I,
-    /// Resistor.
-    R,
-    /// Transformer.
-    Tf,
-    /// Gyrator.
-    Gy,
-    /// Junction of common effort.
-    Zero,
-    /// Junction of common flow.
-    One,
-    /// Effort detector.
-    De,
-    /// Flow detector.
-    Df,
-    /// An open port of the scene.
-    Port,
-}
-
 /// One of the pair of power variables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Variable {
@@ -84,6 +55,106 @@ impl Variable {
         match self {
             Variable::Effort => 'e',
             Variable::Flow => 'f',
+        }
+    }
+}
+
+/// What an element is: its topology, and its role there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Kind {
+    /// One bond.
+    OnePort(OnePort),
+    /// A bond in and a bond out, with the same power.
+    TwoPort(TwoPort),
+    /// Any number of bonds, which share this variable: the effort at a 0-junction, the flow at a 1-junction.
+    Junction(Variable),
+}
+
+/// The role of an element with one bond.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum OnePort {
+    /// It gives this variable whatever the other one is: `Se`, `Sf`.
+    Source(Variable),
+    /// It measures this variable, and the other one is 0: `De`, `Df`.
+    Detector(Variable),
+    /// In integral causality it gives this variable, by a state that integrates the other one: `C`, `I`.
+    Storage(Variable),
+    /// A law between effort and flow: `R`.
+    Resistor,
+    /// An open port of the scene.
+    Open,
+}
+
+/// How an element with two bonds relates their variables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum TwoPort {
+    /// Efforts with efforts, flows with flows: `TF`.
+    Transformer,
+    /// Efforts with flows: `GY`.
+    Gyrator,
+}
+
+#[expect(missing_docs, reason = "they are called as in the language")]
+impl Kind {
+    pub const SE: Kind = Kind::OnePort(OnePort::Source(Variable::Effort));
+    pub const SF: Kind = Kind::OnePort(OnePort::Source(Variable::Flow));
+    pub const DE: Kind = Kind::OnePort(OnePort::Detector(Variable::Effort));
+    pub const DF: Kind = Kind::OnePort(OnePort::Detector(Variable::Flow));
+    pub const C: Kind = Kind::OnePort(OnePort::Storage(Variable::Effort));
+    pub const I: Kind = Kind::OnePort(OnePort::Storage(Variable::Flow));
+    pub const R: Kind = Kind::OnePort(OnePort::Resistor);
+    pub const PORT: Kind = Kind::OnePort(OnePort::Open);
+    pub const TF: Kind = Kind::TwoPort(TwoPort::Transformer);
+    pub const GY: Kind = Kind::TwoPort(TwoPort::Gyrator);
+    pub const ZERO: Kind = Kind::Junction(Variable::Effort);
+    pub const ONE: Kind = Kind::Junction(Variable::Flow);
+}
+
+impl Kind {
+    /// The variable that the bonds of a junction share.
+    pub fn common(self) -> Option<Variable> {
+        match self {
+            Kind::Junction(common) => Some(common),
+            Kind::OnePort(_) | Kind::TwoPort(_) => None,
+        }
+    }
+
+    /// Whether it is a junction.
+    pub fn is_junction(self) -> bool {
+        self.common().is_some()
+    }
+
+    /// Whether it is a C or an I.
+    pub fn is_storage(self) -> bool {
+        self.integral().is_some()
+    }
+
+    /// Whether it is an `Se` or an `Sf`.
+    pub fn is_source(self) -> bool {
+        matches!(self, Kind::OnePort(OnePort::Source(_)))
+    }
+
+    /// Whether it is a `De` or a `Df`.
+    pub fn is_detector(self) -> bool {
+        matches!(self, Kind::OnePort(OnePort::Detector(_)))
+    }
+
+    /// The variable that a source or a detector must give.
+    pub fn forced(self) -> Option<Variable> {
+        match self {
+            Kind::OnePort(OnePort::Source(given)) => Some(given),
+            Kind::OnePort(OnePort::Detector(measured)) => Some(measured.other()),
+            Kind::OnePort(OnePort::Storage(_) | OnePort::Resistor | OnePort::Open)
+            | Kind::TwoPort(_)
+            | Kind::Junction(_) => None,
+        }
+    }
+
+    /// The variable that a storage gives in integral causality.
+    pub fn integral(self) -> Option<Variable> {
+        match self {
+            Kind::OnePort(OnePort::Storage(given)) => Some(given),
+            Kind::OnePort(_) | Kind::TwoPort(_) | Kind::Junction(_) => None,
         }
     }
 }

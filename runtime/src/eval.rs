@@ -1,10 +1,10 @@
-//! What each scalar operation means: here, and nowhere else.
+//! The meaning of the scalar operations: the functions that the rows of `ir/op.rs` name.
 //!
-//! The interpreter and the folding of constants call these functions; every other back end is tested against them. They
+//! The interpreter and the folding of constants call them; every other back end is tested against them. They
 //! are deterministic to the bit: no fused multiply-add, fixed orders of multiplication, and transcendental functions in
-//! Rust, none of the system's. Exponentials and logarithms are `pxfm`'s, which rounds them correctly; the others are the
-//! crate `libm`'s, good to a unit in the last place, in a half to a fifth of the time that correct rounding takes where
-//! a fused multiply-add cannot be counted on.
+//! Rust, none of the system's. Exponentials and logarithms are `pxfm`'s, which rounds them correctly; the others are
+//! the crate `libm`'s, good to a unit in the last place, in a half to a fifth of the time that correct rounding takes
+//! where a fused multiply-add cannot be counted on.
 //!
 //! A value counts as true where it is not 0; NaN is not 0.
 
@@ -72,45 +72,13 @@ pub fn turn(a: f64) -> (f64, f64) {
 /// A function of one value.
 #[inline]
 pub fn unary(f: Unary, a: f64) -> f64 {
-    match f {
-        Unary::Neg => -a,
-        Unary::Abs => a.abs(),
-        Unary::Sign => sign(a),
-        Unary::Floor => a.floor(),
-        Unary::Sqrt => a.sqrt(),
-        Unary::Exp => pxfm::f_exp(a),
-        Unary::Log => pxfm::f_log(a),
-        Unary::Sin => libm::sin(a),
-        Unary::Cos => libm::cos(a),
-        Unary::Tan => libm::tan(a),
-        Unary::Asin => libm::asin(a),
-        Unary::Acos => libm::acos(a),
-        Unary::Atan => libm::atan(a),
-        Unary::Sinh => sinh(a),
-        Unary::Cosh => pxfm::f_cosh(a),
-        Unary::Tanh => libm::tanh(a),
-        Unary::Not => truth(a == 0.0),
-    }
+    f.value(a)
 }
 
 /// A function of two values.
 #[inline]
 pub fn binary(f: Binary, a: f64, b: f64) -> f64 {
-    match f {
-        Binary::Add => a + b,
-        Binary::Sub => a - b,
-        Binary::Mul => a * b,
-        Binary::Div => a / b,
-        Binary::Pow => pow(a, b),
-        Binary::Min => min(a, b),
-        Binary::Max => max(a, b),
-        Binary::Atan2 => libm::atan2(a, b),
-        Binary::Lt => truth(a < b),
-        Binary::Le => truth(a <= b),
-        Binary::Eq => truth(a == b),
-        Binary::And => truth(a != 0.0 && b != 0.0),
-        Binary::Or => truth(a != 0.0 || b != 0.0),
-    }
+    f.value(a, b)
 }
 
 /// `a` where `c` is not 0, else `b`. NaN is not 0.
@@ -125,9 +93,39 @@ fn truth(holds: bool) -> f64 {
     if holds { 1.0 } else { 0.0 }
 }
 
+#[inline]
+pub(crate) fn not(a: f64) -> f64 {
+    truth(a == 0.0)
+}
+
+#[inline]
+pub(crate) fn less(a: f64, b: f64) -> f64 {
+    truth(a < b)
+}
+
+#[inline]
+pub(crate) fn less_or_equal(a: f64, b: f64) -> f64 {
+    truth(a <= b)
+}
+
+#[inline]
+pub(crate) fn equal(a: f64, b: f64) -> f64 {
+    truth(a == b)
+}
+
+#[inline]
+pub(crate) fn and(a: f64, b: f64) -> f64 {
+    truth(a != 0.0 && b != 0.0)
+}
+
+#[inline]
+pub(crate) fn or(a: f64, b: f64) -> f64 {
+    truth(a != 0.0 || b != 0.0)
+}
+
 /// -1, 0 or 1; 0 for either zero; NaN for NaN.
 #[inline]
-fn sign(a: f64) -> f64 {
+pub(crate) fn sign(a: f64) -> f64 {
     if a > 0.0 {
         1.0
     } else if a < 0.0 {
@@ -141,7 +139,7 @@ fn sign(a: f64) -> f64 {
 
 /// The smaller, where -0 is smaller than 0; NaN if either is.
 #[inline]
-fn min(a: f64, b: f64) -> f64 {
+pub(crate) fn min(a: f64, b: f64) -> f64 {
     if a < b {
         a
     } else if b < a {
@@ -155,7 +153,7 @@ fn min(a: f64, b: f64) -> f64 {
 
 /// The larger, where 0 is larger than -0; NaN if either is.
 #[inline]
-fn max(a: f64, b: f64) -> f64 {
+pub(crate) fn max(a: f64, b: f64) -> f64 {
     if a > b {
         a
     } else if b > a {
@@ -169,12 +167,12 @@ fn max(a: f64, b: f64) -> f64 {
 
 /// The hyperbolic sine; that of -0 is -0, which `pxfm` loses.
 #[inline]
-fn sinh(a: f64) -> f64 {
+pub(crate) fn sinh(a: f64) -> f64 {
     if a == 0.0 { a } else { pxfm::f_sinh(a) }
 }
 
 /// `a^b`: 1 for `a = 1` and any `b`; a product or a root where [`Exponent::of`] knows the exponent, else `libm`'s.
-fn pow(a: f64, b: f64) -> f64 {
+pub(crate) fn pow(a: f64, b: f64) -> f64 {
     match Exponent::of(b) {
         Some(e) => e.power(a),
         None if a == 1.0 => 1.0,

@@ -1,7 +1,7 @@
 //! The exact step of a linear system: its exponential, means and integrals of quadratic forms over the step.
 //!
-//! The exponential is computed in double-double arithmetic, by a Taylor series at a small step and doubling from there. What
-//! is doubled is `F = exp(A t) - 1`: `F(2 t) = 2 F + F²`. Rounding that strikes the slow motions of a stiff system
+//! The exponential is computed in double-double arithmetic, by a Taylor series at a small step and doubling from there.
+//! What is doubled is `F = exp(A t) - 1`: `F(2 t) = 2 F + F²`. Rounding that strikes the slow motions of a stiff system
 //! doubles each time, so that of some 32 digits about 20 are left at a stiffness ratio of 1e12. The units are made even
 //! first, by powers of two.
 
@@ -32,8 +32,8 @@ pub struct Linear {
     /// The same for matrices `M >= 0`, whose integrals are wanted as `Q = R^T R`: a sum of squares keeps its digits
     /// where a form in entries would cancel.
     pub squares: Vec<Vec<DoubleDouble>>,
-    /// Symmetric matrices `M`: the integral of `(w(s) - w̄)^T M (w(s) - w̄)` is wanted, with the mean `w̄` over the step,
-    /// as a form in how far `w` would go by the implicit Euler method, which is 0 where all rests.
+    /// Symmetric matrices `M`: the integral of `(w(s) - w̄)^T M (w(s) - w̄)` is wanted, with the mean `w̄` over the
+    /// step, as a form in how far `w` would go by the implicit Euler method, which is 0 where all rests.
     pub drifts: Vec<Vec<DoubleDouble>>,
     /// Whether the change of the states is wanted where they change little: the rows of `exp(A h)` then lack their 1 on
     /// the diagonal where [`Layout::keep`] says 1.
@@ -222,8 +222,8 @@ const TERMS: u32 = 18;
 /// Terms of the series of a form: `(2 SERIES)^18 / 19!` is below 1e-33.
 const FORM_TERMS: u32 = 18;
 
-/// Up to so many states, forms are computed in double-double arithmetic: what a slow motion turns over may be 1e-16 of what a
-/// fast one would. Beyond, that would take seconds.
+/// Up to so many states, forms are computed in double-double arithmetic: what a slow motion turns over may be 1e-16 of
+/// what a fast one would. Beyond, that would take seconds.
 const FINE: usize = 64;
 
 /// A system over the step, in even units.
@@ -311,8 +311,8 @@ fn root(mut q: Matrix, fine: bool) -> Vec<f64> {
     (0..n * n).map(|k| r.entries[k].high * size[k % n]).collect()
 }
 
-/// `L` with `Q = L^T L`, by Cholesky's method with the largest entry of the diagonal first, as it is where each variable
-/// is `size` times as large; of a variable, what is left below rounding beside its own entry is left out.
+/// `L` with `Q = L^T L`, by Cholesky's method with the largest entry of the diagonal first, as it is where each
+/// variable is `size` times as large; of a variable, what is left below rounding beside its own entry is left out.
 ///
 /// Small entries are partly what the series of the form left out, and need not go with each other: they come last, and
 /// are kept to what `Q >= 0` allows.

@@ -1,7 +1,7 @@
 //! The numbers that solvers go by, each with its meaning and its scale.
 
-/// What Newton's method goes by; [`crate::solve::newton`] says where each is used. Norms are the weighted ones of there,
-/// all squared, and so are parts of them.
+/// What Newton's method goes by; [`crate::solve::newton`] says where each is used. Norms are the weighted ones of
+/// there, all squared, and so are parts of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewtonOptions {
     /// The part of the unknowns that is rounding.
@@ -89,9 +89,9 @@ pub struct ChordOptions {
     pub corrected: f64,
     /// The largest size that is taken: squares of larger ones overflow.
     pub range: f64,
-    /// The largest first update, as a part of the unknowns, after which the second one may be the last. What is far from
-    /// where it began says nothing by the matrix from there: of a pendulum over many of its periods a residual may be
-    /// small by chance, or beside a matrix that was large.
+    /// The largest first update, as a part of the unknowns, after which the second one may be the last. What is far
+    /// from where it began says nothing by the matrix from there: of a pendulum over many of its periods a residual may
+    /// be small by chance, or beside a matrix that was large.
     pub near: f64,
     /// How far an entry of the matrix may be from what it was, as a part of it, where the iteration ends far from its
     /// start.

@@ -180,8 +180,8 @@ impl Properties {
         !self.explicit && self.stages > 1
     }
 
-    /// Whether what is far too fast for a step stays in it or turns round, so that a step and its two halves may say the
-    /// same of it: the stability function of a symmetric method of s > 1 stages tends to (-1)^s.
+    /// Whether what is far too fast for a step stays in it or turns round, so that a step and its two halves may say
+    /// the same of it: the stability function of a symmetric method of s > 1 stages tends to (-1)^s.
     pub fn repeats_fast_modes(&self) -> bool {
         self.symmetric && self.couples_stages()
     }
@@ -266,7 +266,8 @@ pub struct Entries {
     pub dissipated: Vec<(String, usize)>,
     /// What of H is no more than its zero: the sum of the storages' least energies.
     pub floor: f64,
-    /// Which of `supplied` are ports that a sampled region holds: what crossed there is booked at the end of the interval.
+    /// Which of `supplied` are ports that a sampled region holds: what crossed there is booked at the end of the
+    /// interval.
     pub held: Vec<usize>,
     /// The least that H can be, where there is such a level: what a sampled region has to give is counted from there.
     pub least: f64,
@@ -328,8 +329,8 @@ pub struct Guards {
     /// The step along a branch, where the stepper looks at the end of its step or beyond: what it saw behind a switch
     /// would spoil the step to there.
     pub branch: Option<Branch>,
-    /// Whether a guard jumps, as one of what comes again with each turn does: it may change its sign twice in a step, the
-    /// second time where it jumps.
+    /// Whether a guard jumps, as one of what comes again with each turn does: it may change its sign twice in a step,
+    /// the second time where it jumps.
     pub jumps: bool,
 }
 
@@ -339,8 +340,8 @@ pub struct Branch {
     /// It gives what the step gives, and more after that. Inputs behind the traces tell the branches: as each guard is,
     /// 1 or -1, or 0 where the law looks for itself.
     pub program: Program,
-    /// The first of the outputs that tell the states and integrals halfway, nearly, where they do: to look at the guards
-    /// there.
+    /// The first of the outputs that tell the states and integrals halfway, nearly, where they do: to look at the
+    /// guards there.
     pub middle: Option<usize>,
 }
 
@@ -363,8 +364,8 @@ pub struct Cluster {
     pub guesses: usize,
     /// What the stepper keeps of its last step; that comes last.
     pub memory: usize,
-    /// The number of the memory that is 0 where the last step says nothing of where the next one's iteration should start.
-    /// Where a law has switched in between, it is made 0.
+    /// The number of the memory that is 0 where the last step says nothing of where the next one's iteration should
+    /// start. Where a law has switched in between, it is made 0.
     pub recall: Option<usize>,
     /// The state at the start.
     pub initial: Vec<f64>,
@@ -378,13 +379,13 @@ pub struct Cluster {
     pub instant: Program,
     /// Where its laws switch.
     pub guards: Option<Guards>,
-    /// Whether it is solved for arguments of exponentials: by such laws a state may be moved in next to no time where it
-    /// starts.
+    /// Whether it is solved for arguments of exponentials: by such laws a state may be moved in next to no time where
+    /// it starts.
     pub has_exponentials: bool,
     /// Whether a law is a curve with corners, as that of dry friction: what that holds moves by less than it begins to.
     pub is_non_smooth: bool,
-    /// What is stored: H of each region, then d2H/dx2 and the grain of each state. Inputs as for `instant`; it depends on the state
-    /// alone.
+    /// What is stored: H of each region, then d2H/dx2 and the grain of each state. Inputs as for `instant`; it depends
+    /// on the state alone.
     pub stored: Program,
     /// H of each region of the cluster: region, output of `stored`.
     pub energies: Vec<(usize, usize)>,
@@ -392,7 +393,8 @@ pub struct Cluster {
     pub curvatures: Vec<usize>,
     /// States of storages of heat, on bonds of temperature and entropy.
     pub heats: Vec<usize>,
-    /// What dH/dx of each state is uncertain by where the parameter of a curve is rounded at a corner, likewise; 0 of most.
+    /// What dH/dx of each state is uncertain by where the parameter of a curve is rounded at a corner, likewise; 0 of
+    /// most.
     pub grains: Vec<usize>,
     /// The ports.
     pub ports: Vec<Port>,

@@ -1,7 +1,7 @@
 //! `bond bench`: speed against error.
 
+use crate::attribution::Attribution;
 use crate::bench::{self, Setup, Thresholds, Ways};
-use crate::blame::By;
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::stop::Stop;
@@ -129,7 +129,8 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
         thresholds: Thresholds::default(),
     };
     let least = setup.steps.iter().copied().fold(stop, f64::min);
-    let by = By::Model(text.name()).unless(args.stop.is_some() || !args.steps.is_empty() || !args.set.set.is_empty());
+    let by = Attribution::Model(text.name())
+        .or_command_line(args.stop.is_some() || !args.steps.is_empty() || !args.set.set.is_empty());
     crate::drive::possible(scene, &Steps::fixed(least).resolve(&Settings::default(), stop, None)?, stop, by)?;
     let problem = match args.file.file_stem() {
         Some(stem) if args.file != Path::new("-") => stem.to_string_lossy().into_owned(),

@@ -1,10 +1,10 @@
 //! `bond check`: all that is wrong.
 
-use crate::blame::By;
+use crate::attribution::Attribution;
 use crate::drive;
 use crate::input::{self, Which};
+use crate::lints::lints;
 use crate::output;
-use crate::remarks::remarks;
 use crate::report;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
@@ -56,7 +56,7 @@ pub fn check(args: &Args) -> Result<(), Stop> {
             Ok(compiled) => match feasible(&compiled) {
                 Ok(()) => {
                     report::say(&fine(&name, &compiled));
-                    remarks(&compiled).iter().for_each(|r| report::say(&format!("note: {r}")));
+                    lints(&compiled).iter().for_each(|r| report::say(&format!("note: {r}")));
                 }
                 Err(Stop::Placed(placed)) => {
                     tell(args.message_format, &placed.0, std::slice::from_ref(&placed.1))?;
@@ -87,7 +87,7 @@ fn fine(name: &str, compiled: &Compiled) -> String {
 
 /// Whether it can be run as it says itself.
 fn feasible(compiled: &Compiled) -> Result<(), Stop> {
-    let (settings, by) = (&compiled.stages().model.settings, By::Text(compiled));
+    let (settings, by) = (&compiled.stages().model.settings, Attribution::Text(compiled));
     let stop = settings.stop.unwrap_or(1.0);
     Rows::new(stop, Grid::asked(None, settings.every, &[]), &[], by)?;
     drive::possible(compiled.scene(), &Steps::new().resolve(settings, stop, settings.every)?, stop, by)

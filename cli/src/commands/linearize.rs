@@ -1,6 +1,6 @@
 //! `bond linearize`: the linear model around a state, its poles, its answer to sines.
 
-use crate::blame::By;
+use crate::attribution::Attribution;
 use crate::column::{Cell, Column, Kind};
 use crate::drive::{self, Halt, drive};
 use crate::ensemble::sweep::{self, Sweep};
@@ -69,17 +69,19 @@ pub fn linearize(args: &Args) -> Result<(), Stop> {
     if time > 0.0 {
         let settings = &compiled.stages().model.settings;
         let options = Steps::new().resolve(settings, time, None)?;
-        drive::possible(compiled.scene(), &options, time, By::Line)?;
+        drive::possible(compiled.scene(), &options, time, Attribution::CommandLine)?;
         let mut sim = Simulation::new(compiled.scene(), &options)?;
         let progress = Progress::new();
         let row = &mut |_: &mut Simulation<'_>, t: f64| {
             progress.at(t / time);
             Ok(())
         };
-        drive(&mut sim, Rows::new(time, Grid::Parts(1000), &[], By::Line)?, time, row).map_err(|halt| match halt {
-            Halt::Numerics(e) => Stop::from(e),
-            Halt::Stop(stop) => stop,
-        })?;
+        drive(&mut sim, Rows::new(time, Grid::Parts(1000), &[], Attribution::CommandLine)?, time, row).map_err(
+            |halt| match halt {
+                Halt::Numerics(e) => Stop::from(e),
+                Halt::Stop(stop) => stop,
+            },
+        )?;
         for name in compiled.scene().clusters.iter().flat_map(|c| &c.names) {
             if let Some(x) = sim.state(name) {
                 states.insert(name.clone(), x);

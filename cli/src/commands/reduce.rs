@@ -1,7 +1,7 @@
 //! `bond reduce`: only what the scene needs.
 
+use crate::attribution::Attribution;
 use crate::bench::{Setting, Thresholds};
-use crate::blame::By;
 use crate::commands::run::tolerance;
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
@@ -100,7 +100,8 @@ pub fn reduce(args: &Args) -> Result<(), Stop> {
         Setting::Step(h) => options.accuracy(Accuracy::Fixed).step(h),
         Setting::Tolerance(x) => options.accuracy(Accuracy::Tolerance(x)),
     };
-    let by = By::Model(text.name()).unless(args.stop.is_some() || args.step.is_some() || !args.set.set.is_empty());
+    let by = Attribution::Model(text.name())
+        .or_command_line(args.stop.is_some() || args.step.is_some() || !args.set.set.is_empty());
     drive::possible(compiled.scene(), &setting.steps(None).resolve(&Settings::default(), stop, None)?, stop, by)?;
     let given = match &args.input {
         Some(path) => input::table(path, compiled.scene(), args.input_hold)?,

@@ -1,16 +1,16 @@
 //! `bond run`: simulate.
 
+use crate::attribution::Attribution;
 use crate::bench::Ways;
-use crate::blame::By;
 use crate::checkpoint::Checkpoints;
 use crate::choose::{Ask, Chosen, Target};
 use crate::column::{self, Column, Kind};
 use crate::drive::{self, Halt, Watch};
 use crate::input::{self, Set, Which};
+use crate::lints::lints;
 use crate::pending::{Pending, Sink};
 use crate::plot::Plot;
 use crate::progress::Progress;
-use crate::remarks::remarks;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Early, Outcome};
@@ -175,8 +175,8 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     }
     let compiled = compile(args, options)?;
     unused(&args.how, compiled.used())?;
-    remarks(&compiled).iter().for_each(|r| report::say(&format!("note: {r}")));
-    let by = By::Text(&compiled).unless(!args.set.set.is_empty());
+    lints(&compiled).iter().for_each(|r| report::say(&format!("note: {r}")));
+    let by = Attribution::Text(&compiled).or_command_line(!args.set.set.is_empty());
     simulate(compiled.scene(), &compiled.stages().model.settings, &args.how, by)
 }
 
@@ -188,10 +188,11 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
     let ways = Ways::base(&text, &options)?;
     let settings = ways.base.stages().model.settings.clone();
     let (_, stop, every) = asked(how, &settings);
-    let by = By::Model(text.name()).unless(!args.set.set.is_empty());
+    let by = Attribution::Model(text.name()).or_command_line(!args.set.set.is_empty());
     let rows = rows(how, &settings, stop, by)?;
     let scene = ways.base.scene();
-    let (options, own) = (steps(how).resolve(&Settings::default(), stop, every)?, by.unless(how.stop.is_some()));
+    let (options, own) =
+        (steps(how).resolve(&Settings::default(), stop, every)?, by.or_command_line(how.stop.is_some()));
     drive::possible(scene, &options, stop, own)?;
     let given = match &how.input {
         Some(path) if is_dash(Some(path)) => {
@@ -223,13 +224,13 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
 ///
 /// # Errors
 /// A command line that is wrong, settings that cannot be, numerics that fail.
-pub fn simulate(scene: &Scene, settings: &Settings, args: &How, by: By) -> Result<(), Stop> {
+pub fn simulate(scene: &Scene, settings: &Settings, args: &How, by: Attribution) -> Result<(), Stop> {
     go(scene, settings, args, (by, None))
 }
 
 /// The instants of the rows of a run to `stop`.
-fn rows(args: &How, settings: &Settings, stop: f64, by: By) -> Result<Rows, Stop> {
-    let by = by.unless(args.stop.is_some() || args.every.is_some());
+fn rows(args: &How, settings: &Settings, stop: f64, by: Attribution) -> Result<Rows, Stop> {
+    let by = by.or_command_line(args.stop.is_some() || args.every.is_some());
     Rows::new(stop, Grid::asked(args.every, settings.every, &args.at), &args.at, by)
 }
 
@@ -246,12 +247,17 @@ fn later(at: &[f64], from: f64) -> Result<(), Stop> {
 }
 
 /// Runs a scene, with chosen or given steps.
-fn go(scene: &Scene, settings: &Settings, args: &How, (model, chosen): (By, Option<&Chosen>)) -> Result<(), Stop> {
+fn go(
+    scene: &Scene,
+    settings: &Settings,
+    args: &How,
+    (model, chosen): (Attribution, Option<&Chosen>),
+) -> Result<(), Stop> {
     places(args, None)?;
     let (steps, stop, every) = asked(args, settings);
     let steps = chosen.map_or(steps, Chosen::steps);
     let rows = rows(args, settings, stop, model)?;
-    let by = model.unless(args.stop.is_some() || args.step.is_some() || args.longest.is_some());
+    let by = model.or_command_line(args.stop.is_some() || args.step.is_some() || args.longest.is_some());
     let given = match &args.input {
         Some(path) => input::table(path, scene, args.input_hold)?,
         None => Vec::new(),
@@ -408,7 +414,7 @@ impl Watch for OnTheWay<'_> {
 /// The summary, and the error of a run that failed.
 fn tell(
     args: &How,
-    (scene, model, chosen): (&Scene, By, Option<&Chosen>),
+    (scene, model, chosen): (&Scene, Attribution, Option<&Chosen>),
     sim: &mut Simulation<'_>,
     (from, stop): (f64, f64),
     started: Instant,
@@ -456,8 +462,8 @@ fn tell(
 
 /// Names the law without a finite value by which a step failed. Values held by samples or imposed from outside are
 /// unknown to the model, so then there is none.
-fn cause(e: &RunError, model: By, args: &How, sim: &Simulation<'_>) -> Option<String> {
-    let (Some(Failed::Step { time, region, why, .. }), By::Text(compiled)) = (failure(e), model) else {
+fn cause(e: &RunError, model: Attribution, args: &How, sim: &Simulation<'_>) -> Option<String> {
+    let (Some(Failed::Step { time, region, why, .. }), Attribution::Text(compiled)) = (failure(e), model) else {
         return None;
     };
     let is_off = match why {

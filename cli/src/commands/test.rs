@@ -1,6 +1,6 @@
 //! `bond test`: what models expect of themselves, and snapshots of their structure.
 
-use crate::blame::By;
+use crate::attribution::Attribution;
 use crate::diff;
 use crate::drive::{self, Halt, drive};
 use crate::expectation::{Outcome, Watch};
@@ -227,7 +227,7 @@ fn watched(title: &str, compiled: &Compiled) -> Result<Vec<Outcome>, Stop> {
     let scene = compiled.scene();
     let settings = &compiled.stages().model.settings;
     let named = format!("{title}: {UNRUN}");
-    let by = By::Model(&named);
+    let by = Attribution::Model(&named);
     let stop = settings.stop.unwrap_or(1.0);
     let instants: Vec<f64> = scene
         .probes

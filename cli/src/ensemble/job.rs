@@ -3,7 +3,7 @@
 use super::choice::Choice;
 use super::outcome::Outcome;
 use super::plan::Plan;
-use crate::blame::By;
+use crate::attribution::Attribution;
 use crate::drive::{self, Halt, Walk, Watch};
 use crate::pending::reached;
 use crate::rows::{Grid, Rows};
@@ -60,9 +60,10 @@ impl Job {
         let settings = &compiled.stages().model.settings;
         let stop = self.stop.or(settings.stop).unwrap_or(1.0);
         // The command line sets values of every instance, so an error may be its own.
-        let rows = Rows::new(stop, Grid::asked(self.every, settings.every, &self.at), &self.at, By::Line)?;
+        let rows =
+            Rows::new(stop, Grid::asked(self.every, settings.every, &self.at), &self.at, Attribution::CommandLine)?;
         let steps = self.steps.resolve(settings, stop, self.every.or(settings.every))?;
-        drive::possible(compiled.scene(), &steps, stop, By::Line)?;
+        drive::possible(compiled.scene(), &steps, stop, Attribution::CommandLine)?;
         Ok((rows, steps, stop))
     }
 

@@ -11,7 +11,7 @@ use crate::input;
 use crate::stop::Stop;
 use bond::internal::{CompiledInternals, OptionsInternals};
 use bond::{Compiled, Course, Options, Text};
-use bond_compiler::omit::{self, Part};
+use bond_compiler::reduction::{self, Part};
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::LeftOut;
 
@@ -138,7 +138,7 @@ impl Trial {
         let (run, seconds) = self.on(setup, |runner| timed(runner, setup.setting, timing.readings, timing.limit))?;
         let stages = self.compiled.stages();
         Ok(Size {
-            parts: omit::parts(&stages.model).len(),
+            parts: reduction::parts(&stages.model).len(),
             states: stages.form.regions.iter().map(|r| r.states.len()).sum(),
             steps: run.steps,
             seconds: seconds / setup.stop,
@@ -170,7 +170,7 @@ pub fn reduce(setup: &Setup, progress: &dyn Fn(f64)) -> Result<Reduction, Stop> 
     // Parts that are read, or bonded without a junction, are not tried.
     for entry in &mut entries {
         if entry.kept.is_none() {
-            entry.kept = omit::kept(&whole.compiled.stages().model, &entry.part.name);
+            entry.kept = reduction::kept(&whole.compiled.stages().model, &entry.part.name);
         }
     }
     let order: Vec<usize> = (0..entries.len()).filter(|i| entries[*i].kept.is_none()).collect();
@@ -236,7 +236,7 @@ fn active(setup: &Setup, whole: &Trial) -> Result<Vec<Entry>, Stop> {
     let run = watched
         .run(setup, f64::INFINITY)
         .map_err(|_| Stop::Numerics("the power of its parts is infinite or undefined at some row of the run".into()))?;
-    let parts = omit::parts(&whole.compiled.stages().model);
+    let parts = reduction::parts(&whole.compiled.stages().model);
     let width = setup.stop / f64::from(ROWS_COMPARED);
     let rows: Vec<&[f64]> = run.rows.iter().map(Vec::as_slice).chain([run.end.as_slice()]).collect();
     let integral = |k: usize| -> f64 {

@@ -1,8 +1,8 @@
 //! Back ends: what step programs become besides the interpreter's code. [`lower`] makes a program plain, once for all
 //! of them.
 //!
-//! What `bond build --emit` writes is a row of [`EMITTERS`]: a new one is its folder, its module and its row here, and a
-//! test.
+//! What `bond build --emit` writes is a row of [`EMITTERS`]: a new one is its folder, its module and its row here, and
+//! a test.
 
 pub mod c;
 pub mod code;

@@ -1,9 +1,9 @@
 //! What strokes come to, told from the values of the junction structure at one place: whether they leave a variable
 //! undetermined, whether dependent storages can be merged, and whether that divides by ratios which may pass 0.
 
+use super::Causality;
 use super::junction::{Coefficients, Given, rows, somewhere};
 use super::laws::Laws;
-use super::{Causality, integral};
 use crate::expression::{Expr, Node, Symbol};
 use crate::graph::BondGraph;
 use crate::model::{BondId, ElementId, Law, Model, Signal};
@@ -126,7 +126,7 @@ impl Facts {
         let mut divides = Vec::new();
         for &id in &causality.dependent {
             let bond = graph.bonds_of[id.at()].first();
-            let Some((&bond, variable)) = bond.zip(integral(model.element(id).kind)) else { continue };
+            let Some((&bond, variable)) = bond.zip(model.element(id).kind.integral()) else { continue };
             let row = &rows[model.place(bond, id, variable)];
             mergeable &= laws.quadratic[id.at()] && !row.is_empty();
             for (by, k) in row {

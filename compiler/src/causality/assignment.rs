@@ -2,19 +2,8 @@
 
 use super::Cause;
 use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Model, Variable};
+use crate::model::{BondId, ElementId, Model, Variable};
 use bond_grammar::ast::Stroke;
-
-/// The variable that all bonds of a junction share.
-pub(super) fn common(kind: Kind) -> Option<Variable> {
-    match kind {
-        Kind::Zero => Some(Variable::Effort),
-        Kind::One => Some(Variable::Flow),
-        Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df | Kind::Port => {
-            None
-        }
-    }
-}
 
 /// A partial assignment, with a trail so that attempts can be undone.
 pub(super) struct Assignment<'a> {
@@ -75,7 +64,7 @@ impl<'a> Assignment<'a> {
 
     /// Whether a bond gives its end, a junction, the common variable: the junction itself then gives the other one.
     pub(super) fn is_giver(&self, bond: BondId, junction: ElementId) -> bool {
-        let common = common(self.model.element(junction).kind);
+        let common = self.model.element(junction).kind.common();
         common.is_some() && self.gives(bond, junction) == common.map(Variable::other)
     }
 

@@ -1,8 +1,8 @@
 //! Two causes that cannot both be, and the chains of bonds that carried them together.
 
 use super::Cause;
-use super::assignment::{Assignment, common};
-use crate::model::{BondId, ElementId, Kind};
+use super::assignment::Assignment;
+use crate::model::{BondId, ElementId, Kind, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 
 const NO_EFFORT: &str = "gets no effort: every bond of it brings a flow";
@@ -31,7 +31,7 @@ impl Conflict {
             second.1 = rest.1;
         }
         let kind = place.map(|p| a.model.element(p).kind);
-        let what = match (place.zip(kind.and_then(common)), kind) {
+        let what = match (place.zip(kind.and_then(Kind::common)), kind) {
             // What meets at a junction is asked to give it the common variable once more, or the other one, so that
             // nothing is left that gives the common one.
             (Some((p, common)), Some(kind)) => {
@@ -59,9 +59,9 @@ impl Conflict {
     /// A junction that gets its common variable twice.
     pub(super) fn two_givers(a: &Assignment, junction: ElementId, _: BondId) -> Self {
         let kind = a.model.element(junction).kind;
-        let wanted = if kind == Kind::Zero { crate::model::Variable::Flow } else { crate::model::Variable::Effort };
+        let wanted = kind.common().map(Variable::other);
         let mut chains = Vec::new();
-        for b in a.graph.bonds_of[junction.at()].iter().filter(|b| a.gives(**b, junction) == Some(wanted)) {
+        for b in a.graph.bonds_of[junction.at()].iter().filter(|b| a.gives(**b, junction) == wanted) {
             chains.push(chain(a, *b));
         }
         Self { place: Some(junction), chains, met: None, what: twice(kind) }
@@ -142,10 +142,10 @@ impl Conflict {
             return d.help(self.giver(a));
         }
         d.help(match self.place.map(|p| model.element(p).kind) {
-            Some(Kind::Zero) => {
+            Some(Kind::ZERO) => {
                 "take one of them out, or put a 1-junction with an R, or a C, between them: efforts add up there"
             }
-            Some(Kind::One) => {
+            Some(Kind::ONE) => {
                 "take one of them out, or put a 0-junction with an R, or an I, between them: flows add up there"
             }
             _ if self.chains.iter().any(|(_, cause)| matches!(cause, Cause::Asserted)) => {
@@ -159,12 +159,12 @@ impl Conflict {
 
 /// What a junction says that gets its common variable twice.
 fn twice(kind: Kind) -> &'static str {
-    if kind == Kind::Zero { "gets two efforts" } else { "gets two flows" }
+    if kind == Kind::ZERO { "gets two efforts" } else { "gets two flows" }
 }
 
 /// What a junction says that nothing gives its common variable.
 fn none(kind: Kind) -> &'static str {
-    if kind == Kind::Zero { NO_EFFORT } else { NO_FLOW }
+    if kind == Kind::ZERO { NO_EFFORT } else { NO_FLOW }
 }
 
 /// The element by whose rule a bond has its stroke.

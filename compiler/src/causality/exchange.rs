@@ -1,21 +1,17 @@
 //! Which of several dependent storages keep their states: small storages follow large ones.
 
 use super::laws::Laws;
-use super::{Causality, assigned, integral};
+use super::{Causality, OPTIONS, assigned};
 use crate::graph::BondGraph;
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
 use rustc_hash::FxHashMap;
 
-/// A storage that is less than this part of another one's size follows it, and not the other way round.
-const SMALLER: f64 = 1e-4;
-/// At most this many dependent storages are looked at for that.
-const MAX_EXCHANGED: usize = 16;
-
-/// Large storages keep their states. A dependent storage takes the place of one that is [`SMALLER`], where that makes
-/// no other storage dependent: the state of a large storage, found as a difference from the states of small ones, has
-/// as many digits less as they are unequal (a node of 200 pF beside 47 uF: five). Of two storages alone, as a motor's
-/// rotor and its load, no state is a difference, and the one that was declared first keeps its state. Sizes are
-/// compared where constant ratios lead from one storage to the other, each as one flow, or effort, sees it.
+/// Large storages keep their states. A dependent storage takes the place of one that is smaller by
+/// [`Options::smaller`](super::Options), where that makes no other storage dependent: the state of a large storage,
+/// found as a difference from the states of small ones, has as many digits less as they are unequal (a node of 200 pF
+/// beside 47 uF: five). Of two storages alone, as a motor's rotor and its load, no state is a difference, and the one
+/// that was declared first keeps its state. Sizes are compared where constant ratios lead from one storage to the
+/// other, each as one flow, or effort, sees it.
 pub(super) fn larger_keep_states(
     model: &Model,
     graph: &BondGraph,
@@ -31,15 +27,15 @@ pub(super) fn larger_keep_states(
     };
     let mut best = first;
     let mut given = given.to_vec();
-    for id in best.dependent.clone().into_iter().take(MAX_EXCHANGED) {
-        let (Some(large), Some(gives)) = (size(id), integral(model.element(id).kind)) else { continue };
+    for id in best.dependent.clone().into_iter().take(OPTIONS.swapped) {
+        let (Some(large), Some(gives)) = (size(id), model.element(id).kind.integral()) else { continue };
         if !best.dependent.contains(&id) {
             continue;
         }
         let alike = alike(model, graph, id, gives);
         let is_small = |other: ElementId| {
             let seen = size(other).zip(alike.get(&other)).map(|(x, ratio)| x * ratio * ratio);
-            seen.is_some_and(|x| x < SMALLER * large)
+            seen.is_some_and(|x| x < OPTIONS.smaller * large)
         };
         if !alike.keys().any(|other| is_small(*other)) {
             continue;
@@ -81,16 +77,16 @@ fn alike(model: &Model, graph: &BondGraph, id: ElementId, gives: Variable) -> Fx
                 let Some(ratio) = model.pool.constant(*v).filter(|v| *v != 0.0) else { continue };
                 // Of the flow at the tail a TF makes that at the head by its ratio, of efforts the other way round.
                 let times = match (e.kind, variable) {
-                    (Kind::Tf, Variable::Flow) => model.bond(from).head == at,
-                    (Kind::Tf, Variable::Effort) => model.bond(from).tail == at,
+                    (Kind::TF, Variable::Flow) => model.bond(from).head == at,
+                    (Kind::TF, Variable::Effort) => model.bond(from).tail == at,
                     (_, Variable::Flow) => true,
                     (_, Variable::Effort) => false,
                 };
-                let other = if e.kind == Kind::Gy { variable.other() } else { variable };
+                let other = if e.kind == Kind::GY { variable.other() } else { variable };
                 (other, if times { x * ratio } else { x / ratio })
             }
             Law::Storage(_) | Law::Source(_) | Law::Resistor(_) | Law::Port(_) => {
-                if e.kind == model.element(id).kind && integral(e.kind) == Some(variable) {
+                if e.kind == model.element(id).kind && e.kind.integral() == Some(variable) {
                     found.insert(at, x);
                 }
                 continue;

@@ -4,10 +4,10 @@
 //! dependence; where they form a loop (junctions in a ring), the loop's linear equations are solved. The coefficients
 //! are expressions in the form, and values at one place where only the pattern of the rows counts (`analysis`).
 
-use super::Causality;
+use super::{Causality, OPTIONS};
 use crate::expression::{Expr, Pool};
 use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
+use crate::model::{BondId, ElementId, Kind, Law, Model, TwoPort, Variable};
 use petgraph::Graph;
 use petgraph::graph::NodeIndex;
 use rustc_hash::FxHashMap;
@@ -15,8 +15,6 @@ use std::hash::Hash;
 
 /// Variables that a loop may have.
 const MAX_LOOP: usize = 64;
-/// A pivot that is no more than this is none.
-const NO_PIVOT: f64 = 1e-9;
 
 /// What coefficients are made of.
 pub trait Coefficients {
@@ -149,8 +147,10 @@ pub fn rows<K: Copy + Ord + Hash, A: Coefficients>(
     }
     for (id, e) in model.ids() {
         match (e.kind, &e.law) {
-            (Kind::Zero | Kind::One, _) => junction(a, model, graph, causality, id, &mut definitions),
-            (Kind::Tf | Kind::Gy, Law::Ratio(v)) => {
+            (Kind::Junction(common), _) => {
+                junction(a, (model, graph), causality, (id, common), &mut definitions);
+            }
+            (Kind::TwoPort(two_port), Law::Ratio(v)) => {
                 let bonds = &graph.bonds_of[id.at()];
                 let points_in = |b: &&BondId| model.bond(**b).head == id;
                 let ends = (bonds.iter().find(points_in), bonds.iter().find(|b| !points_in(b)));
@@ -161,30 +161,18 @@ pub fn rows<K: Copy + Ord + Hash, A: Coefficients>(
                 for &b in bonds {
                     let other = if b == into { out } else { into };
                     let gives = causality.gives(model, b, id);
-                    let (from, k) = match (e.kind, gives, b == into) {
-                        (Kind::Tf, Variable::Effort, true) => (at(other, Variable::Effort), ratio),
-                        (Kind::Tf, Variable::Effort, false) => (at(other, Variable::Effort), inverse),
-                        (Kind::Tf, Variable::Flow, true) => (at(other, Variable::Flow), inverse),
-                        (Kind::Tf, Variable::Flow, false) => (at(other, Variable::Flow), ratio),
-                        (_, Variable::Effort, _) => (at(other, Variable::Flow), ratio),
-                        (_, Variable::Flow, _) => (at(other, Variable::Effort), inverse),
+                    let (from, k) = match (two_port, gives, b == into) {
+                        (TwoPort::Transformer, Variable::Effort, true) => (at(other, Variable::Effort), ratio),
+                        (TwoPort::Transformer, Variable::Effort, false) => (at(other, Variable::Effort), inverse),
+                        (TwoPort::Transformer, Variable::Flow, true) => (at(other, Variable::Flow), inverse),
+                        (TwoPort::Transformer, Variable::Flow, false) => (at(other, Variable::Flow), ratio),
+                        (TwoPort::Gyrator, Variable::Effort, _) => (at(other, Variable::Flow), ratio),
+                        (TwoPort::Gyrator, Variable::Flow, _) => (at(other, Variable::Effort), inverse),
                     };
                     definitions[at(b, gives)].push((Term::Variable(from), k));
                 }
             }
-            (
-                Kind::Se
-                | Kind::Sf
-                | Kind::C
-                | Kind::I
-                | Kind::R
-                | Kind::De
-                | Kind::Df
-                | Kind::Port
-                | Kind::Tf
-                | Kind::Gy,
-                _,
-            ) => {}
+            (Kind::OnePort(_) | Kind::TwoPort(_), _) => {}
         }
     }
     substitute(a, &definitions)
@@ -193,16 +181,12 @@ pub fn rows<K: Copy + Ord + Hash, A: Coefficients>(
 /// What a junction defines: what all its bonds have in common, and the sum of the other variable.
 fn junction<K: Copy, A: Coefficients>(
     a: &mut A,
-    model: &Model,
-    graph: &BondGraph,
+    (model, graph): (&Model, &BondGraph),
     causality: &Causality,
-    id: ElementId,
+    (id, common): (ElementId, Variable),
     definitions: &mut Definitions<K, A>,
 ) {
-    let (common, summed) = match model.element(id).kind {
-        Kind::Zero => (Variable::Effort, Variable::Flow),
-        _ => (Variable::Flow, Variable::Effort),
-    };
+    let summed = common.other();
     let bonds = &graph.bonds_of[id.at()];
     let at = |b: BondId, v: Variable| model.place(b, id, v);
     let points_in = |b: BondId| model.bond(b).head == id;
@@ -289,19 +273,26 @@ fn eliminate<K: Copy + Ord + Hash, A: Coefficients>(
 ) -> Option<Vec<Row<K, A>>> {
     let n = matrix.len();
     let one = a.int(1);
+    // What is rounding of a row's least coefficient is no pivot.
+    let least = |row: &Vec<Option<A::Of>>| {
+        let sizes = row.iter().flatten().map(|x| a.size(*x).1).filter(|x| *x > 0.0);
+        OPTIONS.rounding * sizes.fold(f64::INFINITY, f64::min)
+    };
+    let mut nothing: Vec<f64> = matrix.iter().map(least).collect();
     for k in 0..n {
         // A number before what may pass 0.
         let rank = |i: &usize| {
             let (known, size) = matrix[*i][k].map_or((false, 0.0), |x| a.size(x));
-            (known && size >= NO_PIVOT, size)
+            (known && size >= nothing[*i], size)
         };
         let order = |a: (bool, f64), b: (bool, f64)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1));
         let pivot = (k..n).max_by(|i, j| order(rank(i), rank(j)))?;
-        if rank(&pivot).1 < NO_PIVOT {
+        if rank(&pivot).1 < nothing[pivot] {
             return None;
         }
         matrix.swap(k, pivot);
         right.swap(k, pivot);
+        nothing.swap(k, pivot);
         let p = matrix[k][k]?;
         let inverse = a.div(one, p);
         for entry in matrix[k].iter_mut().flatten() {

@@ -6,21 +6,22 @@
 //! So completions are the matchings of a graph that cover every junction, TF and GY, and a vertex in the middle of each
 //! bond between two that need the same variable.
 
-use super::assignment::{Assignment, common};
-use crate::model::{BondId, ElementId, Kind, Variable};
+use super::assignment::Assignment;
+use crate::model::{BondId, ElementId, Kind, TwoPort, Variable};
 use petgraph::Undirected;
 use petgraph::algo::maximum_matching;
 use petgraph::graph::{Graph, NodeIndex};
 
 /// What a bond has to bring to an end so that it serves it; nothing to an element with one port, which takes either.
 fn need(a: &Assignment, bond: BondId, end: ElementId) -> Option<Variable> {
-    let kind = a.model.element(end).kind;
-    match kind {
-        Kind::Zero | Kind::One => common(kind),
-        Kind::Tf => Some(Variable::Effort),
-        Kind::Gy if a.graph.bonds_of[end.at()].first() == Some(&bond) => Some(Variable::Effort),
-        Kind::Gy => Some(Variable::Flow),
-        Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port => None,
+    match a.model.element(end).kind {
+        Kind::Junction(common) => Some(common),
+        Kind::TwoPort(TwoPort::Transformer) => Some(Variable::Effort),
+        Kind::TwoPort(TwoPort::Gyrator) => {
+            let first = a.graph.bonds_of[end.at()].first() == Some(&bond);
+            Some(if first { Variable::Effort } else { Variable::Flow })
+        }
+        Kind::OnePort(_) => None,
     }
 }
 
@@ -33,9 +34,9 @@ pub(super) fn possible(a: &Assignment) -> bool {
     let nodes: Vec<Option<(NodeIndex, NodeIndex)>> = (a.model.ids())
         .map(|(id, e)| {
             let waits = match e.kind {
-                Kind::Zero | Kind::One => !a.has_giver(id),
-                Kind::Tf | Kind::Gy => a.graph.bonds_of[id.at()].iter().any(|b| a.strokes[b.at()].is_none()),
-                Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port => false,
+                Kind::Junction(_) => !a.has_giver(id),
+                Kind::TwoPort(_) => a.graph.bonds_of[id.at()].iter().any(|b| a.strokes[b.at()].is_none()),
+                Kind::OnePort(_) => false,
             };
             waits.then(&mut pair)
         })

@@ -27,8 +27,33 @@ pub(crate) use junction::{Given, Undetermined, combine, rows};
 use laws::{Laws, law};
 use strokes::strokes;
 
-/// At most this many asserted strokes are taken off one by one, to see which of them holds a storage.
-const MAX_TRIED: usize = 100;
+/// Bounds on the work of the assignment, and what counts as small.
+struct Options {
+    /// Asserted strokes that are taken off one by one to see which of them contradicts the others.
+    asserted: usize,
+    /// Pairs of a law that cannot be run backwards and a storage that are looked at before the storages are assigned.
+    pairs: usize,
+    /// Resistors with free causality beyond which each takes the direction that keeps equations short.
+    resistors: usize,
+    /// Dependent storages that may change places with larger ones.
+    swapped: usize,
+    /// The size, as a part of another storage's, below which a storage follows that one.
+    smaller: f64,
+    /// Bonds of a model whose rank is determined.
+    ranked_bonds: usize,
+    /// The part of the largest coefficient of an equation that is rounding.
+    rounding: f64,
+}
+
+const OPTIONS: Options = Options {
+    asserted: 100,
+    pairs: 100_000,
+    resistors: 64,
+    swapped: 16,
+    smaller: 1e-4,
+    ranked_bonds: 5000,
+    rounding: 1e-9,
+};
 
 /// Why a bond has its stroke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,38 +103,11 @@ impl Causality {
     }
 }
 
-/// What a 1-port element must give, whatever else.
-fn forced(kind: Kind) -> Option<Variable> {
-    match kind {
-        Kind::Se | Kind::Df => Some(Variable::Effort),
-        Kind::Sf | Kind::De => Some(Variable::Flow),
-        Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port => None,
-    }
-}
-
-/// What a storage gives in integral causality.
-pub fn integral(kind: Kind) -> Option<Variable> {
-    match kind {
-        Kind::C => Some(Variable::Effort),
-        Kind::I => Some(Variable::Flow),
-        Kind::Se
-        | Kind::Sf
-        | Kind::R
-        | Kind::Tf
-        | Kind::Gy
-        | Kind::Zero
-        | Kind::One
-        | Kind::De
-        | Kind::Df
-        | Kind::Port => None,
-    }
-}
-
 /// The elements of some kinds that have one port, with their bonds.
-fn one_ports(model: &Model, graph: &BondGraph, kinds: &[Kind]) -> Vec<(ElementId, BondId)> {
+fn one_ports(model: &Model, graph: &BondGraph, wanted: &dyn Fn(Kind) -> bool) -> Vec<(ElementId, BondId)> {
     model
         .ids()
-        .filter(|(_, e)| kinds.contains(&e.kind))
+        .filter(|(_, e)| wanted(e.kind))
         .filter_map(|(id, _)| graph.bonds_of[id.at()].first().map(|b| (id, *b)))
         .collect()
 }
@@ -183,14 +181,14 @@ fn assigned(
     // closely.
     let a = strokes(model, graph, laws, given, false)
         .or_else(|errors| strokes(model, graph, laws, given, true).map_err(|_| errors))?;
-    let one_ports = |kinds: &[Kind]| one_ports(model, graph, kinds);
-    let (resistors, storages) = (one_ports(&[Kind::R]), one_ports(&[Kind::C, Kind::I]));
+    let one_ports = |wanted: &dyn Fn(Kind) -> bool| one_ports(model, graph, wanted);
+    let (resistors, storages) = (one_ports(&|kind| kind == Kind::R), one_ports(&Kind::is_storage));
     let given = |a: &Assignment, id: ElementId, bond: BondId, gives: Variable| {
         a.strokes[bond.at()] == Some(a.stroke_for(bond, id, gives))
     };
     let dependent = storages
         .iter()
-        .filter(|(id, bond)| integral(model.element(*id).kind).is_some_and(|g| !given(&a, *id, *bond, g)))
+        .filter(|(id, bond)| model.element(*id).kind.integral().is_some_and(|g| !given(&a, *id, *bond, g)))
         .map(|s| s.0)
         .collect();
     let implicit = resistors
@@ -218,7 +216,7 @@ pub fn holding(model: &Model, graph: &BondGraph, storage: ElementId) -> Vec<Bond
     if asserted.is_empty() || !free(&asserted) {
         return Vec::new();
     }
-    let alone = asserted.iter().take(MAX_TRIED).find(|b| free(&[**b]));
+    let alone = asserted.iter().take(OPTIONS.asserted).find(|b| free(&[**b]));
     alone.map_or(asserted.clone(), |b| vec![*b])
 }
 

@@ -23,7 +23,7 @@ pub(super) struct Parts {
 fn along(model: &Model, id: ElementId) -> Option<bool> {
     let Law::Ratio(v) = model.element(id).law else { return None };
     let is_state = |s: Symbol| matches!(model.signals.get(&s), Some(Signal::State(_)));
-    if model.element(id).kind == Kind::Tf { multiplies(&model.pool, v, &is_state) } else { None }
+    if model.element(id).kind == Kind::TF { multiplies(&model.pool, v, &is_state) } else { None }
 }
 
 /// Whether a ratio changes with some symbols, and if so, whether it is to be multiplied by, rather than divided.
@@ -48,7 +48,7 @@ pub(super) fn changes(model: &Model, id: ElementId) -> Option<bool> {
 pub(super) fn divides(model: &Model, id: ElementId, bond: BondId, gives: Variable) -> bool {
     // Of a TF the flow at the head is the ratio times that at the tail, and of efforts the other way round.
     let product = match model.element(id).kind {
-        Kind::Tf if model.bond(bond).tail == id => Variable::Flow,
+        Kind::TF if model.bond(bond).tail == id => Variable::Flow,
         _ => Variable::Effort,
     };
     changes(model, id).is_some_and(|multiplies| (gives == product) != multiplies)
@@ -65,7 +65,7 @@ impl Parts {
         let ratios: Vec<Option<bool>> = model.ids().map(|(id, _)| along(model, id)).collect();
         let mut sets = UnionFind::<usize>::new(n);
         for b in model.bonds.iter().filter(|b| !b.sampled) {
-            let cut = |id: ElementId| ratios[id.at()].is_some() || model.element(id).kind == Kind::Gy;
+            let cut = |id: ElementId| ratios[id.at()].is_some() || model.element(id).kind == Kind::GY;
             if !cut(b.tail) && !cut(b.head) {
                 sets.union(b.tail.at(), b.head.at());
             }
@@ -95,7 +95,7 @@ impl Parts {
     /// When an inertia, or a junction, has its turn among those that move others; last where it moves none.
     pub(super) fn turn(&self, model: &Model, id: ElementId) -> usize {
         let turn = self.turn[self.part[id.at()]].unwrap_or(usize::MAX);
-        if matches!(model.element(id).kind, Kind::I | Kind::One) { turn } else { usize::MAX }
+        if matches!(model.element(id).kind, Kind::I | Kind::ONE) { turn } else { usize::MAX }
     }
 
     /// Whether a ratio that changes is bonded to an element which moves something by it.

@@ -1,9 +1,9 @@
 //! The rules that carry strokes on, and what an attempt to assign one comes to.
 
-use super::assignment::{Assignment, common};
+use super::assignment::Assignment;
 use super::conflict::Conflict;
-use super::{Cause, forced, matching, modulation};
-use crate::model::{BondId, ElementId, Kind, Law, Variable};
+use super::{Cause, matching, modulation};
+use crate::model::{BondId, ElementId, Kind, Law, TwoPort, Variable};
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
 
@@ -19,7 +19,7 @@ impl Assignment<'_> {
     /// Whether a storage lost its integral causality since a mark.
     pub(super) fn costs_storage(&self, mark: usize) -> bool {
         self.since(mark, |bond, end| {
-            let wanted = super::integral(self.model.element(end).kind);
+            let wanted = self.model.element(end).kind.integral();
             wanted.is_some() && self.gives(bond, end) != wanted
         })
     }
@@ -35,7 +35,7 @@ impl Assignment<'_> {
     /// common.
     pub(super) fn turns_curve(&self, mark: usize) -> bool {
         self.since(mark, |bond, end| {
-            let common = common(self.model.element(self.model.bond(bond).other(end)).kind);
+            let common = self.model.element(self.model.bond(bond).other(end)).kind.common();
             let is_curve = matches!(&self.model.element(end).law, Law::Resistor(r) if r.curve.is_some());
             is_curve && common.is_some() && self.gives(bond, end) != common
         })
@@ -46,12 +46,11 @@ impl Assignment<'_> {
     pub(super) fn lost(&mut self, storages: &[(ElementId, BondId)]) -> usize {
         let mark = self.mark();
         for &(id, bond) in storages {
-            if let Some(gives) = super::integral(self.model.element(id).kind) {
+            if let Some(gives) = self.model.element(id).kind.integral() {
                 self.prefer(bond, self.stroke_for(bond, id, gives), Cause::Storage(id));
             }
         }
-        let lost =
-            |&&(id, bond): &&(ElementId, BondId)| self.gives(bond, id) != super::integral(self.model.element(id).kind);
+        let lost = |&&(id, bond): &&(ElementId, BondId)| self.gives(bond, id) != self.model.element(id).kind.integral();
         let count = storages.iter().filter(lost).count();
         self.undo(mark);
         count
@@ -112,8 +111,7 @@ impl Assignment<'_> {
         let kind = self.model.element(end).kind;
         let given = self.gives(bond, end);
         match kind {
-            Kind::Zero | Kind::One => {
-                let Some(common) = common(kind) else { return Ok(()) };
+            Kind::Junction(common) => {
                 let giving = self.giving[end.at()];
                 if giving > 1 {
                     return Err(Conflict::two_givers(self, end, bond));
@@ -131,18 +129,20 @@ impl Assignment<'_> {
                     return Err(Conflict::no_giver(self, end, bond));
                 }
             }
-            Kind::Tf | Kind::Gy => {
+            Kind::TwoPort(two_port) => {
                 let Some(&other) = bonds.iter().find(|b| **b != bond) else { return Ok(()) };
                 let Some(given) = given else { return Ok(()) };
-                let gives = if kind == Kind::Tf { given.other() } else { given };
+                let gives = match two_port {
+                    TwoPort::Transformer => given.other(),
+                    TwoPort::Gyrator => given,
+                };
                 queue.push_back((other, self.stroke_for(other, end, gives), Cause::Rule(end, bond)));
             }
-            Kind::Se | Kind::Sf | Kind::De | Kind::Df => {
-                if given != forced(kind) {
+            Kind::OnePort(_) => {
+                if kind.forced().is_some_and(|forced| given != Some(forced)) {
                     return Err(Conflict::new(self, bond, Cause::Source(end)));
                 }
             }
-            Kind::C | Kind::I | Kind::R | Kind::Port => {}
         }
         Ok(())
     }
@@ -153,7 +153,7 @@ impl Assignment<'_> {
         for (id, e) in self.model.ids() {
             let bonds = &self.graph.bonds_of[id.at()];
             let free: Vec<BondId> = bonds.iter().copied().filter(|b| self.strokes[b.at()].is_none()).collect();
-            let lacks = common(e.kind).filter(|_| self.giving[id.at()] == 0);
+            let lacks = e.kind.common().filter(|_| self.giving[id.at()] == 0);
             if let Some(common) = lacks {
                 let what = if common == Variable::Effort { "effort" } else { "flow" };
                 let list: Vec<&str> = if free.is_empty() { bonds } else { &free }

@@ -2,17 +2,11 @@
 
 use super::assignment::Assignment;
 use super::laws::{Laws, law};
-use super::{Cause, forced, holder, integral, modulation, one_ports};
+use super::{Cause, OPTIONS, holder, modulation, one_ports};
 use crate::graph::BondGraph;
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
-
-/// At most this many pairs of a law that cannot be run backwards and a storage are looked at before the storages are
-/// assigned.
-const MAX_LOOKED_AT: usize = 100_000;
-/// More resistors than this, whose causality is free, are many.
-const MANY: usize = 64;
 
 /// Gives every bond its stroke. These storages and resistors give what is said; a thorough search takes only choices
 /// that leave the rest a completion.
@@ -26,7 +20,7 @@ pub(super) fn strokes<'a>(
     let mut a = Assignment::new(model, graph);
     a.thorough = thorough;
     required(&mut a, given)?;
-    let storages = one_ports(model, graph, &[Kind::C, Kind::I]);
+    let storages = one_ports(model, graph, &Kind::is_storage);
     one_way_laws(&mut a, laws, &storages);
     holds_and_ports(&mut a, &storages);
     integral_causality(&mut a, laws, &storages);
@@ -45,8 +39,8 @@ fn required(a: &mut Assignment<'_>, given: &[(ElementId, Variable)]) -> Result<(
     let (model, graph) = (a.model, a.graph);
     let mut errors = Vec::new();
     let mut seen: Vec<Vec<String>> = Vec::new();
-    for (id, bond) in one_ports(model, graph, &[Kind::Se, Kind::Sf, Kind::De, Kind::Df]) {
-        let Some(gives) = forced(model.element(id).kind) else { continue };
+    for (id, bond) in one_ports(model, graph, &|kind| kind.forced().is_some()) {
+        let Some(gives) = model.element(id).kind.forced() else { continue };
         if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), Cause::Source(id))
             && !seen.contains(&c.causes())
         {
@@ -62,7 +56,7 @@ fn required(a: &mut Assignment<'_>, given: &[(ElementId, Variable)]) -> Result<(
     }
     for &(id, gives) in given {
         let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
-        let cause = if integral(model.element(id).kind).is_some() { Cause::Storage(id) } else { Cause::Free };
+        let cause = if model.element(id).kind.integral().is_some() { Cause::Storage(id) } else { Cause::Free };
         if let Err(c) = a.attempt(bond, a.stroke_for(bond, id, gives), cause) {
             errors.push(c.diagnose(a));
         }
@@ -74,8 +68,8 @@ fn required(a: &mut Assignment<'_>, given: &[(ElementId, Variable)]) -> Result<(
 /// other way.
 fn one_way_laws(a: &mut Assignment<'_>, laws: &Laws, storages: &[(ElementId, BondId)]) {
     let model = a.model;
-    let few = laws.one_way.iter().filter(|one| **one).count() * storages.len() <= MAX_LOOKED_AT;
-    for (id, bond) in one_ports(model, a.graph, &[Kind::R]) {
+    let few = laws.one_way.iter().filter(|one| **one).count() * storages.len() <= OPTIONS.pairs;
+    for (id, bond) in one_ports(model, a.graph, &|kind| kind == Kind::R) {
         let Some(r) = law(model, id).filter(|_| laws.one_way[id.at()]) else { continue };
         let wanted = a.stroke_for(bond, id, r.gives);
         let mark = a.mark();
@@ -106,7 +100,7 @@ fn holds_and_ports(a: &mut Assignment<'_>, storages: &[(ElementId, BondId)]) {
             choose(a, storages, id, holder(model, id));
         }
     }
-    for (id, bond) in one_ports(model, a.graph, &[Kind::Port]) {
+    for (id, bond) in one_ports(model, a.graph, &|kind| kind == Kind::PORT) {
         // The outside of an open port is met as a moving thing: it takes an effort and shows a flow.
         if a.strokes[bond.at()].is_none() {
             choose(a, storages, bond, model.bond(bond).other(id));
@@ -128,7 +122,7 @@ fn integral_causality(a: &mut Assignment<'_>, laws: &Laws, storages: &[(ElementI
     let mut order = storages.to_vec();
     order.sort_by_key(|s| if keeps(s.0) { None } else { Some(laws.parts.turn(model, s.0)) });
     for (id, bond) in order {
-        if let Some(gives) = integral(model.element(id).kind) {
+        if let Some(gives) = model.element(id).kind.integral() {
             a.prefer(bond, a.stroke_for(bond, id, gives), Cause::Storage(id));
         }
     }
@@ -137,7 +131,7 @@ fn integral_causality(a: &mut Assignment<'_>, laws: &Laws, storages: &[(ElementI
 /// Resistors: first those whose law is explicit one way, then linear ones.
 fn resistors(a: &mut Assignment<'_>, laws: &Laws) {
     let model = a.model;
-    let resistors = one_ports(model, a.graph, &[Kind::R]);
+    let resistors = one_ports(model, a.graph, &|kind| kind == Kind::R);
     let free = resistors.iter().filter(|(_, bond)| a.strokes[bond.at()].is_none()).count();
     let vanishes = model.ids().any(|(id, _)| modulation::changes(model, id).is_some());
     for linear in [false, true] {
@@ -147,10 +141,9 @@ fn resistors(a: &mut Assignment<'_>, laws: &Laws) {
             // junction what all there have in common. Of many resistors without storages between them, as the cells of
             // an attenuator, each equation then has its neighbours in it, and not all that stand before it.
             let turns = r.linear.map_or(!laws.one_way[id.at()], |k| model.pool.constant(k) != Some(0.0));
-            let common = r.curve.is_some() || free > MANY && turns;
+            let common = r.curve.is_some() || free > OPTIONS.resistors && turns;
             let gives = match model.element(model.bond(bond).other(id)).kind {
-                Kind::One if common => Variable::Flow,
-                Kind::Zero if common => Variable::Effort,
+                Kind::Junction(shared) if common => shared,
                 _ => r.gives,
             };
             let cause = if linear { Cause::Free } else { Cause::Law(id) };
@@ -182,7 +175,7 @@ fn choose(a: &mut Assignment<'_>, storages: &[(ElementId, BondId)], bond: BondId
         if a.attempt(bond, stroke, Cause::Hold).is_ok() {
             let mut lost = 0;
             for &(id, b) in storages {
-                let Some(gives) = integral(model.element(id).kind) else { continue };
+                let Some(gives) = model.element(id).kind.integral() else { continue };
                 let wanted = a.stroke_for(b, id, gives);
                 a.prefer(b, wanted, Cause::Storage(id));
                 lost += usize::from(a.strokes[b.at()] != Some(wanted));

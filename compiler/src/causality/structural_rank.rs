@@ -8,17 +8,12 @@
 
 use super::laws::{law, one_way};
 use super::modulation::Parts;
-use super::{Causality, forced, integral};
+use super::{Causality, OPTIONS};
 use crate::expression::Pool;
 use crate::graph::BondGraph;
-use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
+use crate::model::{BondId, ElementId, Kind, Law, Model, TwoPort, Variable};
 use rustc_hash::FxHashMap;
 use std::collections::{BTreeMap, BTreeSet};
-
-/// Models of more bonds are not looked at.
-const MAX_BONDS: usize = 5000;
-/// A part of the largest coefficient that is rounding.
-const ROUNDING: f64 = 1e-9;
 
 /// Linear equations, each free of the pivots of those before it.
 #[derive(Clone, Default)]
@@ -45,10 +40,10 @@ impl Echelon {
                 }
             }
         }
-        if row.values().all(|x| x.abs() <= ROUNDING * size) {
+        if row.values().all(|x| x.abs() <= OPTIONS.rounding * size) {
             row.clear();
         }
-        row.retain(|_, x| x.abs() > 1e-3 * ROUNDING * size);
+        row.retain(|_, x| x.abs() > 1e-3 * OPTIONS.rounding * size);
         row
     }
 
@@ -77,40 +72,27 @@ fn equations(model: &Model, graph: &BondGraph) -> Echelon {
         let at = |b: BondId, v: Variable| model.place(b, id, v);
         let sign = |b: BondId| if model.bond(b).head == id { 1.0 } else { -1.0 };
         match (e.kind, &e.law) {
-            (Kind::Zero | Kind::One, _) => {
-                let (common, summed) = if e.kind == Kind::Zero { (Effort, Flow) } else { (Flow, Effort) };
-                let sum: Vec<_> = bonds.iter().map(|b| (at(*b, summed), sign(*b))).collect();
+            (Kind::Junction(common), _) => {
+                let sum: Vec<_> = bonds.iter().map(|b| (at(*b, common.other()), sign(*b))).collect();
                 all.take(&sum);
                 for pair in bonds.windows(2) {
                     all.take(&[(at(pair[0], common), 1.0), (at(pair[1], common), -1.0)]);
                 }
             }
-            (Kind::Tf | Kind::Gy, Law::Ratio(v)) => {
+            (Kind::TwoPort(two_port), Law::Ratio(v)) => {
                 let ends = (bonds.iter().find(|b| sign(**b) > 0.0), bonds.iter().find(|b| sign(**b) < 0.0));
                 let (Some(&into), Some(&out)) = ends else { continue };
                 let ratio = model.pool.eval(*v, &|s| 0.37 + 0.21 * f64::from(s.0 % 11));
                 let ratio = if ratio.is_finite() && ratio != 0.0 { ratio } else { 1.0 };
-                if e.kind == Kind::Tf {
-                    all.take(&[(at(into, Effort), 1.0), (at(out, Effort), -ratio)]);
-                    all.take(&[(at(out, Flow), 1.0), (at(into, Flow), -ratio)]);
-                } else {
-                    all.take(&[(at(into, Effort), 1.0), (at(out, Flow), -ratio)]);
-                    all.take(&[(at(out, Effort), 1.0), (at(into, Flow), -ratio)]);
-                }
+                // The variables at the head that go with the effort and the flow at the tail.
+                let (first, second) = match two_port {
+                    TwoPort::Transformer => (Effort, Flow),
+                    TwoPort::Gyrator => (Flow, Effort),
+                };
+                all.take(&[(at(into, Effort), 1.0), (at(out, first), -ratio)]);
+                all.take(&[(at(out, second), 1.0), (at(into, Flow), -ratio)]);
             }
-            (
-                Kind::Se
-                | Kind::Sf
-                | Kind::C
-                | Kind::I
-                | Kind::R
-                | Kind::De
-                | Kind::Df
-                | Kind::Port
-                | Kind::Tf
-                | Kind::Gy,
-                _,
-            ) => {}
+            (Kind::OnePort(_) | Kind::TwoPort(_), _) => {}
         }
     }
     all
@@ -118,7 +100,7 @@ fn equations(model: &Model, graph: &BondGraph) -> Echelon {
 
 /// Whether bonds make a ring, in a model that is not too large for [`by_rank`].
 pub(super) fn has_rings(model: &Model, graph: &BondGraph) -> bool {
-    model.bonds.len() <= MAX_BONDS && petgraph::algo::is_cyclic_undirected(&graph.graph)
+    model.bonds.len() <= OPTIONS.ranked_bonds && petgraph::algo::is_cyclic_undirected(&graph.graph)
 }
 
 /// The elements with one port, by when they choose what they give: first what cannot be turned, then storages, those
@@ -165,8 +147,8 @@ fn asked(model: &Model, graph: &BondGraph, causality: &Causality) -> Option<Eche
 fn wish(model: &Model, causality: &Causality, (rank, id, bond): (usize, ElementId, BondId)) -> Option<Variable> {
     let kind = model.element(id).kind;
     (rank == 0)
-        .then(|| forced(kind).unwrap_or_else(|| causality.gives(model, bond, id)))
-        .or_else(|| integral(kind))
+        .then(|| kind.forced().unwrap_or_else(|| causality.gives(model, bond, id)))
+        .or_else(|| kind.integral())
         .or_else(|| law(model, id).map(|r| r.gives))
 }
 
@@ -214,7 +196,7 @@ pub(super) fn speeds(model: &mut Model, graph: &BondGraph, causality: &Causality
             order.push((parts.turn(model, id), 0, id, bond));
         }
     }
-    for (id, _) in model.ids().filter(|(id, e)| e.kind == Kind::One && parts.turn(model, *id) < usize::MAX) {
+    for (id, _) in model.ids().filter(|(id, e)| e.kind == Kind::ONE && parts.turn(model, *id) < usize::MAX) {
         let Some(&bond) = graph.bonds_of[id.at()].first() else { continue };
         order.push((parts.turn(model, id), if parts.is_direct(id) { 1 } else { 2 }, id, bond));
     }

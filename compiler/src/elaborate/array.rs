@@ -5,9 +5,6 @@ use bond_grammar::ast::{self, Binary};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 
-/// An array may have so many numbers.
-const MOST_ENTRIES: usize = 10_000;
-
 /// An operand: its value, and what was written.
 pub(super) type Operand<'e> = (Value, &'e ast::Expr);
 
@@ -34,10 +31,11 @@ impl<'a> Elaborator<'a> {
 
     /// Says where an array has too many numbers.
     fn few(&mut self, count: usize, span: Span) -> Option<()> {
-        if count <= MOST_ENTRIES {
+        let most = self.limits.entries;
+        if count <= most {
             return Some(());
         }
-        let message = format!("this array has {count} numbers, and may have {MOST_ENTRIES}");
+        let message = format!("this array has {count} numbers, and may have {most}");
         self.errors.push(Diagnostic::error("elaborate::limit", span, message).help("use fewer entries"));
         None
     }

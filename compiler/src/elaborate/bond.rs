@@ -7,9 +7,6 @@ use bond_grammar::ast::{Chain, End, Path, Segment};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 
-/// After so many errors it is no longer looked for what a name may have been meant for.
-const MEANT: usize = 100;
-
 impl<'a> Elaborator<'a> {
     pub(super) fn chain(&mut self, chain: &'a Chain, scope: ScopeId) {
         let groups: Vec<Vec<Option<(RawEnd, String)>>> =
@@ -97,7 +94,7 @@ impl<'a> Elaborator<'a> {
             let [_, .., end] = &ends[..] else { continue };
             let passes = |end: &Option<(RawEnd, String)>| {
                 let Some((RawEnd::Element(id), _)) = end else { return false };
-                matches!(self.elements[id.at()].kind, Kind::Zero | Kind::One | Kind::Tf | Kind::Gy)
+                !matches!(self.elements[id.at()].kind, Kind::OnePort(_))
             };
             let (on, stay): (Vec<_>, Vec<_>) = ends.iter().zip(made).partition(|(_, made)| passes(made));
             if on.is_empty() {
@@ -315,7 +312,8 @@ impl<'a> Elaborator<'a> {
             return Diagnostic::error("elaborate::unknown", span, message).help(help);
         }
         // Of so many, all names would be gone through for each.
-        let names = if self.errors.len() < MEANT { Some(self.instances[at].names.keys()) } else { None };
+        let names =
+            if self.errors.len() < self.limits.explained { Some(self.instances[at].names.keys()) } else { None };
         let mut known: Vec<&str> = names.into_iter().flatten().map(String::as_str).collect();
         if sought == Sought::Value && self.mode == Mode::Expect {
             known.push("passive");

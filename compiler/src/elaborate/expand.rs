@@ -11,17 +11,6 @@ use bond_grammar::ast::{
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
 
-/// No model may have more elements and bonds than this.
-const MOST_ELEMENTS: usize = 2_000_000;
-/// Nor more instances than this.
-const MOST_INSTANCES: usize = 1_000_000;
-/// Nor more parameters, `let`s, probes, inputs and states.
-const MOST_VALUES: usize = 4_000_000;
-/// No `for` may run longer than this, nor all of them together.
-const MOST_ROUNDS: u64 = 4_000_000;
-/// Instances may not be nested deeper than this.
-const DEEPEST: usize = 64;
-
 impl<'a> Elaborator<'a> {
     /// Makes an instance of a model: its scope, its parameters, its names, its children, its bonds.
     pub(super) fn instantiate(
@@ -52,11 +41,11 @@ impl<'a> Elaborator<'a> {
             );
             return None;
         }
-        if self.stack.len() >= DEEPEST {
+        if self.stack.len() >= self.limits.nesting {
             self.errors.push(Diagnostic::error(
                 "elaborate::limit",
                 at,
-                format!("instances are nested more than {DEEPEST} deep"),
+                format!("instances are nested more than {} deep", self.limits.nesting),
             ));
             return None;
         }
@@ -257,18 +246,19 @@ impl<'a> Elaborator<'a> {
                         self.lose(&f.body, scope);
                         continue;
                     };
-                    if self.rounds > MOST_ROUNDS {
+                    let most = self.limits.rounds;
+                    if self.rounds > most {
                         continue; // said of the `for` that ran too long
                     }
                     let rounds = if to < from { 0 } else { (to as i128 - from as i128 + 1) as u128 };
-                    if rounds > u128::from(MOST_ROUNDS.saturating_sub(self.rounds)) {
-                        self.rounds = MOST_ROUNDS + 1;
-                        let message = if rounds > u128::from(MOST_ROUNDS) {
+                    if rounds > u128::from(most.saturating_sub(self.rounds)) {
+                        self.rounds = most + 1;
+                        let message = if rounds > u128::from(most) {
                             format!(
-                                "this `for` runs {rounds} times: too many (all loops together may run {MOST_ROUNDS} times)"
+                                "this `for` runs {rounds} times: too many (all loops together may run {most} times)"
                             )
                         } else {
-                            format!("with this `for`, all loops together run more than {MOST_ROUNDS} times")
+                            format!("with this `for`, all loops together run more than {most} times")
                         };
                         self.errors.push(
                             Diagnostic::error("elaborate::limit", f.from.span.to(f.to.span), message)
@@ -283,7 +273,7 @@ impl<'a> Elaborator<'a> {
                     }
                     self.rounds += rounds as u64;
                     for i in from..=to {
-                        if self.rounds > MOST_ROUNDS || self.too_big(s.span) {
+                        if self.rounds > most || self.too_big(s.span) {
                             break;
                         }
                         if self.errors.len() > 200 {
@@ -400,14 +390,15 @@ impl<'a> Elaborator<'a> {
 
     /// Whether there is too much of the model already, which is said once.
     fn too_big(&mut self, span: Span) -> bool {
-        let (what, help) = if self.elements.len() + self.raw_bonds.len() > MOST_ELEMENTS {
-            (format!("{MOST_ELEMENTS} elements and bonds"), "lower the bounds of the loops")
-        } else if self.instances.len() > MOST_INSTANCES {
+        let limits = &self.limits;
+        let (what, help) = if self.elements.len() + self.raw_bonds.len() > limits.elements {
+            (format!("{} elements and bonds", limits.elements), "lower the bounds of the loops")
+        } else if self.instances.len() > limits.instances {
             let help = "models whose instances hold several instances each multiply; take some out, or lower the bounds of the loops";
-            (format!("{MOST_INSTANCES} instances"), help)
-        } else if self.values() > MOST_VALUES {
+            (format!("{} instances", limits.instances), help)
+        } else if self.values() > limits.values {
             let help = "lower the bounds of the loops, or take names out of them";
-            (format!("{MOST_VALUES} parameters, `let`s, probes, inputs and states"), help)
+            (format!("{} parameters, `let`s, probes, inputs and states", limits.values), help)
         } else {
             return false;
         };
@@ -634,7 +625,7 @@ impl<'a> Elaborator<'a> {
                 let span = name.span;
                 self.elements.push(Decl {
                     name: full,
-                    kind: Kind::Port,
+                    kind: Kind::PORT,
                     ast: None,
                     scope,
                     sampling,

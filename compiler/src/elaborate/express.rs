@@ -12,20 +12,9 @@ use bond_runtime::ir;
 /// An extreme over the run: its symbol, what it is of, and whether it is the largest.
 type Extreme = (Symbol, crate::expression::Expr, bool);
 
-/// The functions of the language.
-const FUNCTIONS: [&str; 27] = [
-    "sin",
-    "cos",
-    "tan",
-    "asin",
-    "acos",
-    "atan",
+/// The functions of the language besides those of a mathematical library.
+const FUNCTIONS: [&str; 16] = [
     "atan2",
-    "sinh",
-    "cosh",
-    "tanh",
-    "exp",
-    "log",
     "sqrt",
     "abs",
     "sign",
@@ -42,6 +31,11 @@ const FUNCTIONS: [&str; 27] = [
     "len",
     "transpose",
 ];
+
+/// All functions of the language.
+fn functions() -> impl Iterator<Item = &'static str> {
+    ir::Unary::ALL.into_iter().filter(|f| f.is_library()).map(ir::Unary::name).chain(FUNCTIONS)
+}
 
 /// Prefixes that are no units by themselves.
 const PREFIXES: [&str; 8] = ["p", "n", "u", "µ", "μ", "k", "M", "G"];
@@ -297,8 +291,8 @@ impl<'a> Elaborator<'a> {
                         let unit = match of {
                             Some(Kind::C) => "F",
                             Some(Kind::I) => "H",
-                            Some(Kind::Se) => "V",
-                            Some(Kind::Sf) => "A",
+                            Some(Kind::SE) => "V",
+                            Some(Kind::SF) => "A",
                             Some(_) => "Ohm",
                             None if matches!(prefix.as_str(), "k" | "M" | "G") => "Ohm",
                             None => "F",
@@ -485,7 +479,7 @@ impl<'a> Elaborator<'a> {
         if f == "integral" {
             return self.integral(args, span, scope).map(Value::Scalar);
         }
-        if !FUNCTIONS.contains(&f) {
+        if !functions().any(|name| name == f) {
             return self.unknown_function(name, args, scope).map(Value::Scalar);
         }
         let values: Vec<Option<Value>> = args.iter().map(|a| self.value(a, scope)).collect();
@@ -508,7 +502,6 @@ impl<'a> Elaborator<'a> {
     ) -> Option<Typed> {
         use ir::Unary as F;
         let f = name.text.as_str();
-        let plain = [F::Exp, F::Log, F::Sin, F::Cos, F::Tan, F::Asin, F::Acos, F::Atan, F::Sinh, F::Cosh, F::Tanh];
         let count = |n: usize, this: &mut Self| -> Option<()> {
             if values.len() == n {
                 return Some(());
@@ -520,7 +513,7 @@ impl<'a> Elaborator<'a> {
                 "correct the call",
             )
         };
-        if let Some(op) = plain.into_iter().find(|op| op.name() == f) {
+        if let Some(op) = F::ALL.into_iter().find(|op| op.is_library() && op.name() == f) {
             count(1, self)?;
             self.require((&values[0].unit, args[0].span), Unit::one(), None, format!("the argument of `{f}`"), 3);
             return Some(Typed { expr: self.pool.unary(op, values[0].expr), unit: Unit::one() });
@@ -624,14 +617,17 @@ impl<'a> Elaborator<'a> {
         if self.is_lost(self.scopes[scope].instance, &name.text) || self.has_gaps(scope) {
             return None;
         }
-        let own = self.function_names(scope);
+        let (own, known) = (self.function_names(scope), functions().collect::<Vec<_>>());
         let error = Diagnostic::error("elaborate::function", name.span, format!("there is no function `{f}`"));
         let all: Vec<(String, String)> = args.iter().map(|a| (self.words(a), self.operand(a))).collect();
-        let help = match (super::foreign(f, &all), super::nearest(f, own.iter().map(String::as_str).chain(FUNCTIONS))) {
+        let help = match (
+            super::foreign(f, &all),
+            super::nearest(f, own.iter().map(String::as_str).chain(known.iter().copied())),
+        ) {
             (Some(fix), _) => fix,
             // Of few letters another function is near.
             (None, Some(n)) if f.len() > 4 || super::distance(f, n) < 2 => format!("did you mean `{n}`?"),
-            (None, _) => format!("the functions are {}", FUNCTIONS.join(", ")),
+            (None, _) => format!("the functions are {}", known.join(", ")),
         };
         self.errors.push(error.help(help));
         None

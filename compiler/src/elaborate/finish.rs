@@ -5,20 +5,17 @@ use super::infer::Units;
 use super::{Broken, Elaborator, Entity, Inference, Mode, Typed, Unit, Value};
 use crate::Options;
 use crate::expression::Expr;
-use crate::model::{BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, Parameter, Probe, Signal};
+use crate::model::{
+    BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, OnePort, Parameter, Probe, Signal,
+};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use rustc_hash::FxHashSet;
 
-/// How many letters and numbers of unused `let`s are worked out, before further rounds of loops are taken to be like
-/// the first.
-const MOST_UNUSED: usize = 1_000_000;
-
 impl<'a> Elaborator<'a> {
     pub(super) fn finish(mut self, decl: &'a ast::Model) -> Result<Model, Broken> {
         self.domain_of = self.domains();
-        let domains = self.domain_of.iter().max().map_or(0, |d| d + 1);
         self.energies = vec![None; self.elements.len()];
         self.mode = Mode::Signals;
         let laws = self.laws();
@@ -39,7 +36,7 @@ impl<'a> Elaborator<'a> {
         }
         whole &= self.errors.len() == said;
         self.check_unused();
-        let units = self.solve_units(domains);
+        let units = self.solve_units();
         self.forget_misread();
         self.forget_followers();
         if !whole {
@@ -98,9 +95,10 @@ impl<'a> Elaborator<'a> {
         Err(Broken { errors: self.errors, model: Some(Box::new(model)) })
     }
 
-    /// Solves for the units; what contradicts the rest is an error.
-    fn solve_units(&mut self, domains: usize) -> Units {
-        let mut inference = Inference::new(domains);
+    /// The units that follow from all equations; what contradicts them is an error.
+    fn solve_units(&mut self) -> Units {
+        let domains = self.domain_of.iter().max().map_or(0, |d| d + 1);
+        let mut inference = Inference::new(domains, self.limits.equations);
         for e in std::mem::take(&mut self.equations) {
             inference.equate(e);
         }
@@ -172,7 +170,7 @@ impl<'a> Elaborator<'a> {
     fn domains(&self) -> Vec<usize> {
         let mut sets = petgraph::unionfind::UnionFind::<usize>::new(self.bonds.len());
         for (i, decl) in self.elements.iter().enumerate() {
-            if matches!(decl.kind, Kind::Zero | Kind::One) {
+            if decl.kind.is_junction() {
                 for pair in self.bonds_of.get(i).map(Vec::as_slice).unwrap_or(&[]).windows(2) {
                     sets.union(pair[0].at(), pair[1].at());
                 }
@@ -200,45 +198,34 @@ impl<'a> Elaborator<'a> {
         let field = decl.field;
         let law = match (kind, ast) {
             (_, Some(_)) if field.is_some() => self.field_law(id, field?.0, scope)?,
-            (Kind::Zero | Kind::One, Some(ast)) => {
+            (Kind::Junction(_), Some(ast)) => {
                 self.no_value(ast, "a junction");
                 Law::Junction
             }
-            (Kind::De | Kind::Df, Some(ast)) => {
+            (Kind::OnePort(OnePort::Detector(_)), Some(ast)) => {
                 self.no_value(ast, "a detector");
                 Law::Source(self.pool.int(0))
             }
-            (Kind::Port, _) => {
+            (Kind::OnePort(OnePort::Open), _) => {
                 let fields = self.open_ports.iter().find(|p| p.0 == id).map(|p| (p.1, p.2));
                 let (fields, scope) = fields?;
                 Law::Port(self.open_port(fields, scope, bonds.first().copied()?)?)
             }
-            (Kind::Se | Kind::Sf, Some(ast)) => Law::Source(self.source(ast, scope, kind, bonds.first().copied()?)?),
-            (Kind::C | Kind::I, Some(ast)) => {
+            (Kind::OnePort(OnePort::Source(_)), Some(ast)) => {
+                Law::Source(self.source(ast, scope, kind, bonds.first().copied()?)?)
+            }
+            (Kind::OnePort(OnePort::Storage(_)), Some(ast)) => {
                 Law::Storage(self.storage(id, ast, scope, kind, bonds.first().copied()?)?)
             }
-            (Kind::R, Some(ast)) => Law::Resistor(self.resistor(id, ast, scope, bonds.first().copied()?)?),
-            (Kind::Tf | Kind::Gy, Some(ast)) => {
+            (Kind::OnePort(OnePort::Resistor), Some(ast)) => {
+                Law::Resistor(self.resistor(id, ast, scope, bonds.first().copied()?)?)
+            }
+            (Kind::TwoPort(kind), Some(ast)) => {
                 let into = bonds.iter().copied().find(|b| self.bonds[b.at()].head == id)?;
                 let out = bonds.iter().copied().find(|b| self.bonds[b.at()].tail == id)?;
                 Law::Ratio(self.ratio(id, (ast, scope), kind, into, out)?)
             }
-            (
-                Kind::Zero
-                | Kind::One
-                | Kind::De
-                | Kind::Df
-                | Kind::Se
-                | Kind::Sf
-                | Kind::C
-                | Kind::I
-                | Kind::R
-                | Kind::Tf
-                | Kind::Gy,
-                None,
-            ) => {
-                return None;
-            }
+            (Kind::OnePort(_) | Kind::TwoPort(_) | Kind::Junction(_), None) => return None,
         };
         let decl = &self.elements[id.at()];
         let active = ast.is_some_and(|a| a.active);
@@ -317,7 +304,7 @@ impl<'a> Elaborator<'a> {
             unused.into_iter().partition(|l| seen.insert(self.lets[*l].value.span));
         let (written, mut spent) = (first.len(), 0);
         for (i, l) in first.into_iter().chain(further).enumerate() {
-            if i >= written && spent > MOST_UNUSED {
+            if i >= written && spent > self.limits.unused {
                 break;
             }
             let span = self.lets[l].value.span;

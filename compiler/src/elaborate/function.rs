@@ -9,10 +9,6 @@ use bond_grammar::source::Span;
 use rustc_hash::FxHashMap;
 use std::rc::Rc;
 
-/// Calls may not be nested deeper than this, nor may there be more of them in all.
-const DEEPEST: usize = 64;
-const MOST_CALLS: u64 = 2_000_000;
-
 /// All functions, and the calls that are open.
 #[derive(Default)]
 pub(super) struct Functions<'a> {
@@ -170,14 +166,15 @@ impl<'a> Elaborator<'a> {
             return None;
         }
         self.functions.count += 1;
-        let (deep, many) = (open.len() >= DEEPEST, self.functions.count > MOST_CALLS);
+        let (nesting, calls) = (self.limits.nesting, self.limits.calls);
+        let (deep, many) = (open.len() >= nesting, self.functions.count > calls);
         if deep || many {
             let message = if deep {
-                format!("calls of functions are nested more than {DEEPEST} deep")
+                format!("calls of functions are nested more than {nesting} deep")
             } else {
-                format!("functions are called more than {MOST_CALLS} times")
+                format!("functions are called more than {calls} times")
             };
-            if deep || self.functions.count == MOST_CALLS + 1 {
+            if deep || self.functions.count == calls + 1 {
                 let error = Diagnostic::error("elaborate::limit", span, message);
                 self.errors.push(error.help("write some of the functions out, or name values with `let`"));
             }

@@ -24,13 +24,12 @@ fn is_pseudo_pair(e: Dimension, f: Dimension) -> bool {
     .contains(&(e, f))
 }
 
-/// So many equations are looked at, at most, to find which of them misleads.
-const WORK: usize = 10_000_000;
-
 /// The units of a whole model.
 pub struct Inference {
     equations: Vec<Equation>,
     domains: u32,
+    /// Equations that are looked at to find the ones that mislead.
+    work: usize,
 }
 
 /// What inference found.
@@ -43,8 +42,8 @@ pub struct Units {
 
 impl Inference {
     /// For a number of domains.
-    pub fn new(domains: usize) -> Self {
-        Self { equations: Vec::new(), domains: domains as u32 }
+    pub fn new(domains: usize, work: usize) -> Self {
+        Self { equations: Vec::new(), domains: domains as u32, work }
     }
 
     /// Asks for two units to be the same.
@@ -148,7 +147,7 @@ impl Inference {
     /// equation that told something can mislead, and so each of those is tried at the end.
     fn weigh(&mut self) -> Belief {
         let mut belief = self.believe();
-        let mut trials = WORK / self.equations.len().max(1);
+        let mut trials = self.work / self.equations.len().max(1);
         while !belief.off.is_empty() {
             let suspects = self.suspects(&belief);
             trials = trials.saturating_sub(suspects.len());
@@ -204,7 +203,7 @@ impl Inference {
         let (last, mut equations): (Vec<Equation>, Vec<Equation>) =
             self.equations.iter().cloned().partition(|e| doubted(e));
         equations.extend(last);
-        Inference { equations, domains: self.domains }
+        Inference { equations, ..*self }
     }
 
     /// What follows where the equations are believed one after the other.

@@ -1,15 +1,9 @@
 //! Takes the ports of instances out: the bond inside and the bond outside become one.
 
 use super::{Decl, Elaborator, PortDecl, RawEnd};
-use crate::model::{Bond, BondId, ElementId, Kind};
+use crate::model::{Bond, BondId, ElementId, Kind, OnePort};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
-
-/// So many elements at most are told as they are to be bonded together.
-const TOLD: usize = 8;
-
-/// After so many errors it is no longer looked for what is to be bonded together.
-const TOLD_OF: usize = 100;
 
 impl Elaborator<'_> {
     /// Makes the flat bonds, and checks that everything is bonded as its kind asks for.
@@ -116,16 +110,15 @@ impl Elaborator<'_> {
             let id = ElementId(i as u32);
             let has = |tail: bool| self.bonds_of[i].iter().any(|b| (self.bonds[b.at()].tail == id) == tail);
             let lacking: &[bool] = match self.elements[i].kind {
-                Kind::Zero | Kind::One => &[],
-                Kind::Tf | Kind::Gy => match (has(true), has(false)) {
+                Kind::Junction(_) => &[],
+                Kind::TwoPort(_) => match (has(true), has(false)) {
                     (true, true) => &[],
                     (true, false) => &[false],
                     (false, true) => &[true],
                     (false, false) => &[true, false],
                 },
-                Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port => {
-                    if self.bonds_of[i].is_empty() { &[false] } else { &[] }
-                }
+                Kind::OnePort(_) if self.bonds_of[i].is_empty() => &[false],
+                Kind::OnePort(_) => &[],
             };
             for out in lacking {
                 let (tail, head) = if *out { (id, nowhere) } else { (nowhere, id) };
@@ -139,7 +132,7 @@ impl Elaborator<'_> {
             if self.errors.is_empty() {
                 self.errors.push(unconnected(&name, span));
             }
-            let kind = Kind::One; // of no domain: it has no bonds of its own
+            let kind = Kind::ONE; // of no domain: it has no bonds of its own
             self.elements.push(Decl { name, kind, ast: None, scope: 0, sampling: None, span, field: None });
             self.bonds_of.push(Vec::new());
         }
@@ -151,7 +144,7 @@ impl Elaborator<'_> {
             for (end, other) in [(bond.tail, bond.head), (bond.head, bond.tail)] {
                 let sampling = self.elements[other.at()].sampling;
                 let port = &mut self.elements[end.at()];
-                if port.kind == Kind::Port && port.sampling.is_none() && sampling.is_some() {
+                if port.kind == Kind::PORT && port.sampling.is_none() && sampling.is_some() {
                     port.sampling = sampling;
                     bond.sampled = false;
                 }
@@ -260,12 +253,12 @@ impl Elaborator<'_> {
         // A bond that was not made may be the one that seems to be missing.
         let whole = !self.torn[id.at()] && self.is_whole(self.scopes[decl.scope].instance);
         let error = match (decl.kind, bonds.len()) {
-            (Kind::Zero | Kind::One, 0) => whole
+            (Kind::Junction(_), 0) => whole
                 .then(|| unconnected(name, span).help(format!("bond it, as in `a -> {name} -> b`, or take it out"))),
-            (Kind::Se | Kind::Sf, 0) => whole.then(|| {
+            (Kind::OnePort(OnePort::Source(given)), 0) => whole.then(|| {
                 let error = unconnected(name, span);
                 let Some(value) = decl.ast.and_then(|ast| ast.value.as_ref()) else { return error };
-                let letter = if decl.kind == Kind::Se { 'e' } else { 'f' };
+                let letter = given.letter();
                 let path = &self.instances[self.scopes[decl.scope].instance].path;
                 let (own, value) = (within(name, path), self.sources.slice(value.span));
                 error.help(format!(
@@ -273,8 +266,8 @@ impl Elaborator<'_> {
                 ))
             }),
             (_, 0) => whole.then(|| unconnected(name, span)),
-            (Kind::Zero | Kind::One, _) => None,
-            (Kind::Tf | Kind::Gy, _) => {
+            (Kind::Junction(_), _) => None,
+            (Kind::TwoPort(_), _) => {
                 let into = bonds.iter().filter(|b| self.bonds[b.at()].head == id).count();
                 let out = bonds.len() - into;
                 (into > 1 || out > 1 || whole && bonds.len() != 2).then(|| {
@@ -286,8 +279,8 @@ impl Elaborator<'_> {
                     .help(format!("bond it as in `a -> {name} -> b`"))
                 })
             }
-            (Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port, 1) => None,
-            (Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port, n) => Some(
+            (Kind::OnePort(_), 1) => None,
+            (Kind::OnePort(_), n) => Some(
                 arrows(Diagnostic::error(
                     "elaborate::one_port",
                     span,
@@ -307,12 +300,15 @@ impl Elaborator<'_> {
     fn at_junction(&self, id: ElementId) -> String {
         let decl = &self.elements[id.at()];
         let general = format!("join them at a junction, as in `a, b -> 0:node -> {}`", decl.name);
-        if self.errors.len() > TOLD_OF || self.bonds_of[id.at()].iter().any(|b| self.bonds[b.at()].sampled) {
+        if self.errors.len() > self.limits.explained
+            || self.bonds_of[id.at()].iter().any(|b| self.bonds[b.at()].sampled)
+        {
             return general;
         }
         let through = |end: RawEnd| {
             let RawEnd::Element(id) = end else { return None };
-            let passive = matches!(self.elements[id.at()].kind, Kind::R | Kind::C | Kind::I);
+            let kind = self.elements[id.at()].kind;
+            let passive = kind == Kind::R || kind.is_storage();
             let [from, to] = self.neighbours(id);
             let ([from], [to]) = (&from[..], &to[..]) else { return None };
             passive.then_some((*from, *to))
@@ -321,11 +317,15 @@ impl Elaborator<'_> {
         let mut chain = vec![RawEnd::Element(id)];
         if let Some((mut from, mut to)) = through(chain[0]) {
             // In a ring it comes back; long ones are not told.
-            while let Some((before, _)) = through(from).filter(|_| !chain.contains(&from) && chain.len() < TOLD) {
+            while let Some((before, _)) =
+                through(from).filter(|_| !chain.contains(&from) && chain.len() < self.limits.suggested)
+            {
                 chain.insert(0, from);
                 from = before;
             }
-            while let Some((_, after)) = through(to).filter(|_| !chain.contains(&to) && chain.len() < TOLD) {
+            while let Some((_, after)) =
+                through(to).filter(|_| !chain.contains(&to) && chain.len() < self.limits.suggested)
+            {
                 chain.push(to);
                 to = after;
             }
@@ -336,13 +336,13 @@ impl Elaborator<'_> {
             ends.retain(|end| !chain.contains(end));
         }
         heads.retain(|end| !tails.contains(end));
-        if matches!(decl.kind, Kind::Se | Kind::Sf) && !heads.is_empty() {
+        if decl.kind.is_source() && !heads.is_empty() {
             tails.append(&mut chain);
         } else if tails.is_empty() {
             tails.push(chain.remove(0));
         }
         heads.splice(0..0, chain);
-        if tails.len() + heads.len() > TOLD || heads.is_empty() {
+        if tails.len() + heads.len() > self.limits.suggested || heads.is_empty() {
             return general;
         }
         let instance = &self.instances[self.scopes[decl.scope].instance];

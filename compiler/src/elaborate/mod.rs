@@ -15,6 +15,7 @@ mod function;
 mod infer;
 mod join;
 mod library;
+mod limits;
 mod load;
 mod name;
 mod reading;
@@ -28,6 +29,7 @@ mod value;
 pub use equation::{Equation, Unit};
 pub use infer::Inference;
 pub use library::LIBRARY;
+pub use limits::Limits;
 pub use load::{Files, Loader, NoFiles, load};
 pub use suggest::{distance, foreign, meant, nearest};
 pub(crate) use value::Value;
@@ -199,6 +201,7 @@ struct PortDecl {
 pub(crate) struct Elaborator<'a> {
     files: &'a Files,
     sources: &'a Sources,
+    limits: Limits,
     pub(crate) pool: Pool,
     pub(crate) errors: Vec<Diagnostic>,
     /// Kinds of elements that are told to be unknown, by where they stand.
@@ -317,6 +320,7 @@ pub fn elaborate(
     let e = Elaborator {
         files,
         sources,
+        limits: options.limits.clone(),
         pool: Pool::new(),
         ruined: !errors.is_empty(),
         errors,

@@ -7,9 +7,6 @@ use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 
-/// Expressions may be worked out so deep inside one another, by way of names: each takes some of the stack.
-const DEEPEST: usize = 50_000;
-
 /// What a segment of a path is looked up for.
 fn sought(path: &ast::Path, segment: usize) -> Sought {
     match (segment, path.segments.len()) {
@@ -64,57 +61,8 @@ impl<'a> Elaborator<'a> {
             }
             let (key, entity, _) = self.find(at, segment, scope, sought(path, i))?;
             match entity {
-                Entity::Instance(_) if rest.is_empty() => {
-                    return self.wrong(
-                        "elaborate::signal",
-                        path.span,
-                        format!("`{key}` is an instance, not a signal"),
-                        "name a signal of it, as in `wall.spring.q`",
-                    );
-                }
-                Entity::Instance(inner) => at = inner,
-                Entity::Missing => return None,
-                Entity::Param(p) if rest.is_empty() => return self.param_value(p, path.span),
-                Entity::Let(l) if rest.is_empty() => return self.let_value(l, path.span),
-                Entity::Input(i) if rest.is_empty() => return self.input_value(i, path.span).map(Value::Scalar),
-                Entity::Memory(i) if rest.is_empty() => return self.memory_value(i, path.span).map(Value::Scalar),
-                Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) => {
-                    return self.wrong(
-                        "elaborate::signal",
-                        path.span,
-                        format!("`{}` is no signal", self.sources.slice(path.span)),
-                        "a parameter, `let`, `input` or `state` has no parts, and a probe is for the outside: use a `let`",
-                    );
-                }
-                Entity::Function(_) => return self.no_call(&key, path.span),
-                Entity::Element(id) => {
-                    // In a law, its own variable by its full name.
-                    if self.owner == Some(id)
-                        && let [own] = rest
-                        && own.index.is_empty()
-                        && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == own.name.text)
-                    {
-                        return Some(Value::Scalar(t.clone()));
-                    }
-                    let found = self.element_signal(id, rest, path.span)?;
-                    return self.no_entries(rest, path.span, found);
-                }
-                Entity::Field(f) => {
-                    let found = self.field_signal(f, rest, path.span)?;
-                    return self.no_entries(rest, path.span, found);
-                }
-                Entity::Port(p) => {
-                    let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
-                    let shown = self.ports[p].name.clone();
-                    let bond = raw.and_then(|r| self.merged.get(r).copied().flatten());
-                    let found = self.bond_signal(bond, &shown, rest, path.span)?;
-                    return self.no_entries(rest, path.span, found);
-                }
-                Entity::Bond(b) => {
-                    let shown = self.raw_bonds[b].name.clone();
-                    let found = self.bond_signal(self.merged.get(b).copied().flatten(), &shown, rest, path.span)?;
-                    return self.no_entries(rest, path.span, found);
-                }
+                Entity::Instance(inner) if !rest.is_empty() => at = inner,
+                _ => return self.entity_value(entity, &key, rest, path.span),
             }
         }
         None
@@ -169,6 +117,58 @@ impl<'a> Elaborator<'a> {
         None
     }
 
+    /// The value of an entity, of which a path names the parts `rest`.
+    fn entity_value(&mut self, entity: Entity, key: &str, rest: &'a [ast::Segment], span: Span) -> Option<Value> {
+        match entity {
+            Entity::Instance(_) => self.wrong(
+                "elaborate::signal",
+                span,
+                format!("`{key}` is an instance, not a signal"),
+                "name a signal of it, as in `wall.spring.q`",
+            ),
+            Entity::Missing => None,
+            Entity::Param(p) if rest.is_empty() => self.param_value(p, span),
+            Entity::Let(l) if rest.is_empty() => self.let_value(l, span),
+            Entity::Input(i) if rest.is_empty() => self.input_value(i, span).map(Value::Scalar),
+            Entity::Memory(i) if rest.is_empty() => self.memory_value(i, span).map(Value::Scalar),
+            Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) => self.wrong(
+                "elaborate::signal",
+                span,
+                format!("`{}` is no signal", self.sources.slice(span)),
+                "a parameter, `let`, `input` or `state` has no parts, and a probe is for the outside: use a `let`",
+            ),
+            Entity::Function(_) => self.no_call(key, span),
+            Entity::Element(id) => {
+                // In a law, its own variable by its full name.
+                if self.owner == Some(id)
+                    && let [own] = rest
+                    && own.index.is_empty()
+                    && let Some((_, t)) = self.locals.iter().rev().find(|(n, _)| *n == own.name.text)
+                {
+                    return Some(Value::Scalar(t.clone()));
+                }
+                let found = self.element_signal(id, rest, span)?;
+                self.no_entries(rest, span, found)
+            }
+            Entity::Field(f) => {
+                let found = self.field_signal(f, rest, span)?;
+                self.no_entries(rest, span, found)
+            }
+            Entity::Port(p) => {
+                let raw = self.ports[p].outside.first().or(self.ports[p].inside.first()).map(|r| r.0);
+                let shown = self.ports[p].name.clone();
+                let bond = raw.and_then(|r| self.merged.get(r).copied().flatten());
+                let found = self.bond_signal(bond, &shown, rest, span)?;
+                self.no_entries(rest, span, found)
+            }
+            Entity::Bond(b) => {
+                let shown = self.raw_bonds[b].name.clone();
+                let found = self.bond_signal(self.merged.get(b).copied().flatten(), &shown, rest, span)?;
+                self.no_entries(rest, span, found)
+            }
+        }
+    }
+
     /// The signal that a path leads to, unless a part of it has an index: elements have no arrays of signals.
     fn no_entries(&mut self, rest: &'a [ast::Segment], whole: Span, found: Typed) -> Option<Value> {
         let Some(at) = rest.iter().position(|s| !s.index.is_empty()) else { return Some(Value::Scalar(found)) };
@@ -189,10 +189,11 @@ impl<'a> Elaborator<'a> {
 
     /// Whether the value of one more name goes too deep, which is said once.
     fn is_too_deep(&mut self, at: Span) -> bool {
-        let deep = self.depth > DEEPEST;
+        let most = self.limits.depth;
+        let deep = self.depth > most;
         if deep && !self.errors.iter().any(|e| e.code == "elaborate::limit") {
             let name = self.sources.slice(at);
-            let message = format!("values are nested too deep: `{name}` is reached through a chain of {DEEPEST} names");
+            let message = format!("values are nested too deep: `{name}` is reached through a chain of {most} names");
             self.errors.push(
                 Diagnostic::error("elaborate::limit", at, message)
                     .help("give some names of the chain a value that uses no other name"),

@@ -2,7 +2,7 @@
 
 use super::{Elaborator, Mode, Typed, Unit};
 use crate::expression::Symbol;
-use crate::model::{BondId, ElementId, Kind, Signal};
+use crate::model::{BondId, ElementId, Kind, OnePort, Signal, Variable};
 use crate::units::Dimension;
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
@@ -18,14 +18,15 @@ impl<'a> Elaborator<'a> {
         {
             let id = f.members[place];
             let kind = self.elements[id.at()].kind;
-            if !rest.is_empty() || self.mode == Mode::Constant || !matches!(kind, Kind::C | Kind::I) {
+            if !rest.is_empty() || self.mode == Mode::Constant || !kind.is_storage() {
                 return self.element_signal(id, rest, span);
             }
             return self.state_signal(id);
         }
         let first = f.members.first().copied()?;
-        if let ([h], Kind::C | Kind::I) = (rest, self.elements[first.at()].kind)
+        if let [h] = rest
             && h.name.text == "H"
+            && self.elements[first.at()].kind.is_storage()
         {
             return self.element_signal(first, rest, span);
         }
@@ -63,7 +64,7 @@ impl<'a> Elaborator<'a> {
         let bond = self.bonds_of.get(id.at()).and_then(|b| b.first().copied());
         match (kind, &words[..]) {
             (Kind::C, ["q"]) | (Kind::I, ["p"]) if decl.field.is_none() => self.state_signal(id),
-            (Kind::C | Kind::I, ["H"]) => {
+            (Kind::OnePort(OnePort::Storage(_)), ["H"]) => {
                 let bond = bond?;
                 let found = self.energy(id);
                 if found.is_none() && self.asked.is_empty() && std::mem::take(&mut self.circular) {
@@ -77,26 +78,26 @@ impl<'a> Elaborator<'a> {
                 let expr = found?;
                 Some(Typed { expr, unit: self.energy_unit(bond) })
             }
-            (Kind::Tf | Kind::Gy, [side @ ("in" | "out"), _]) => {
+            (Kind::TwoPort(_), [side @ ("in" | "out"), _]) => {
                 let inward = *side == "in";
                 let found =
                     self.bonds_of.get(id.at())?.iter().copied().find(|b| (self.bonds[b.at()].head == id) == inward);
                 self.bond_signal(found, &format!("{name}.{side}"), &rest[1..], span)
             }
-            (Kind::Zero, ["e"]) | (Kind::One, ["f"]) => self.bond_signal(bond, &name, rest, span),
-            (
-                Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::De | Kind::Df | Kind::Port,
-                ["e" | "f" | "P"],
-            ) => self.bond_signal(bond, &name, rest, span),
+            (Kind::ZERO, ["e"]) | (Kind::ONE, ["f"]) | (Kind::OnePort(_), ["e" | "f" | "P"]) => {
+                self.bond_signal(bond, &name, rest, span)
+            }
             _ => {
                 let has = match kind {
-                    Kind::C | Kind::I if decl.field.is_some() => "the state under its own name, and .e .f .P",
-                    Kind::C => ".e .f .P .q .H",
-                    Kind::I => ".e .f .P .p .H",
-                    Kind::Zero => ".e, its common effort; the flows are those of its bonds",
-                    Kind::One => ".f, its common flow; the efforts are those of its bonds",
-                    Kind::Tf | Kind::Gy => ".in.e .in.f .in.P .out.e .out.f .out.P",
-                    Kind::Se | Kind::Sf | Kind::R | Kind::De | Kind::Df | Kind::Port => ".e .f .P",
+                    Kind::OnePort(OnePort::Storage(_)) if decl.field.is_some() => {
+                        "the state under its own name, and .e .f .P"
+                    }
+                    Kind::OnePort(OnePort::Storage(Variable::Effort)) => ".e .f .P .q .H",
+                    Kind::OnePort(OnePort::Storage(Variable::Flow)) => ".e .f .P .p .H",
+                    Kind::OnePort(_) => ".e .f .P",
+                    Kind::Junction(Variable::Effort) => ".e, its common effort; the flows are those of its bonds",
+                    Kind::Junction(Variable::Flow) => ".f, its common flow; the efforts are those of its bonds",
+                    Kind::TwoPort(_) => ".in.e .in.f .in.P .out.e .out.f .out.P",
                 };
                 let asked = if words.is_empty() {
                     format!("`{name}` is an element, not a signal")
@@ -197,7 +198,7 @@ impl<'a> Elaborator<'a> {
         let bond = &self.bonds[b.at()];
         for end in [bond.head, bond.tail] {
             let decl = &self.elements[end.at()];
-            if self.bonds_of[end.at()].len() == 1 && !matches!(decl.kind, Kind::Zero | Kind::One) {
+            if self.bonds_of[end.at()].len() == 1 && !decl.kind.is_junction() {
                 return decl.name.clone();
             }
         }

@@ -25,9 +25,7 @@ impl Elaborator<'_> {
             Kind::R => ("resistance or conductance is a number", "`{ e = ... }` in `f`, or `{ f = ... }` in `e`"),
             Kind::C => ("compliance or stiffness is a number", "`{ e = ... }` in `q`"),
             Kind::I => ("inertia is a number", "`{ f = ... }` in `p`"),
-            Kind::Se | Kind::Sf | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::De | Kind::Df | Kind::Port => {
-                return None;
-            }
+            _ => return None,
         };
         Some(format!("a {is}, as `= value` gives it; write a law in braces: {law}").replace("a inertia", "an inertia"))
     }

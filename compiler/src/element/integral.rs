@@ -19,7 +19,7 @@ impl Elaborator<'_> {
             return (h, f64::INFINITY);
         }
         let pool = &mut self.pool;
-        let reach = reach(pool, law, x);
+        let radius = radius(pool, law, x);
         let at = pool.var(x);
         let mut terms = Vec::new();
         for (s, weight) in rule() {
@@ -31,24 +31,24 @@ impl Elaborator<'_> {
         let sum = pool.sum(&terms);
         let closed = pool.cancelling_antiderivative(law, x);
         // A form that cancels near 0 is taken from where both agree.
-        let joint = closed.and_then(|h| Some((h, joint(pool, (h, sum), reach)?)));
+        let joint = closed.and_then(|h| Some((h, joint(pool, (h, sum), radius)?)));
         let (beyond, limit) = match joint {
             Some((h, 0.0)) => return (h, f64::INFINITY),
             Some((h, limit)) => (h, limit),
-            None => (pool.float(f64::NAN), reach),
+            None => (pool.float(f64::NAN), radius),
         };
         let (size, edge) = (pool.unary(Unary::Abs, at), pool.float(limit));
         let inside = pool.binary(Binary::Le, size, edge);
-        (pool.select(inside, sum, beyond), if joint.is_some() { f64::INFINITY } else { reach })
+        (pool.select(inside, sum, beyond), if joint.is_some() { f64::INFINITY } else { radius })
     }
 }
 
 /// Where a closed form takes over from the rule: 0 where there is no rule, None where they nowhere agree.
-fn joint(pool: &Pool, (closed, rule): (Expr, Expr), reach: f64) -> Option<f64> {
-    if reach == 0.0 {
+fn joint(pool: &Pool, (closed, rule): (Expr, Expr), radius: f64) -> Option<f64> {
+    if radius == 0.0 {
         return Some(0.0);
     }
-    [0.25, 0.5, 1.0].map(|part| part * reach).into_iter().find(|place| {
+    [0.25, 0.5, 1.0].map(|part| part * radius).into_iter().find(|place| {
         [*place, -place].iter().all(|x| {
             let values = pool.eval_all(&[closed, rule], &|_| *x);
             values[1].is_nan() || (values[0] - values[1]).abs() <= EXACT * values[1].abs()
@@ -57,7 +57,7 @@ fn joint(pool: &Pool, (closed, rule): (Expr, Expr), reach: f64) -> Option<f64> {
 }
 
 /// How far from 0 the slope of the rule is the law.
-fn reach(pool: &mut Pool, law: Expr, x: Symbol) -> f64 {
+fn radius(pool: &mut Pool, law: Expr, x: Symbol) -> f64 {
     let slope = pool.derivative(law, x);
     let mut places: Vec<f64> =
         OCTAVES.flat_map(|k| [1.0, 1.25, 1.5, 1.75].map(|s| s * libm::exp2(f64::from(k)))).collect();
@@ -65,7 +65,7 @@ fn reach(pool: &mut Pool, law: Expr, x: Symbol) -> f64 {
     let first = turns.iter().copied().filter(|t| *t > 0.0).fold(f64::INFINITY, f64::min);
     places.extend(turns);
     places.sort_by(f64::total_cmp);
-    let (mut reach, mut size) = (0.0, 0.0f64);
+    let (mut radius, mut size) = (0.0, 0.0f64);
     for place in places {
         for x in [place, -place] {
             let value = pool.eval(law, &|_| x);
@@ -78,12 +78,12 @@ fn reach(pool: &mut Pool, law: Expr, x: Symbol) -> f64 {
             let close = (parts.sum::<f64>() - value).abs() <= EXACT * size || value.is_nan();
             if !close || value.is_infinite() {
                 // Far from all that the law does, its own rounding ends it: nothing of it is reached.
-                return if first.is_finite() && reach < 1e-3 * first { 0.0 } else { reach };
+                return if first.is_finite() && radius < 1e-3 * first { 0.0 } else { radius };
             }
         }
-        reach = place;
+        radius = place;
     }
-    reach
+    radius
 }
 
 /// Where the argument of a function in the law is 0, and a little around: there a law may turn within a short way.

@@ -12,22 +12,22 @@ use crate::model::Kind;
 
 /// Every kind that can be written, and how.
 pub const ALL: [(&str, Kind); 16] = [
-    ("Se", Kind::Se),
-    ("MSe", Kind::Se),
-    ("Sf", Kind::Sf),
-    ("MSf", Kind::Sf),
+    ("Se", Kind::SE),
+    ("MSe", Kind::SE),
+    ("Sf", Kind::SF),
+    ("MSf", Kind::SF),
     ("C", Kind::C),
     ("I", Kind::I),
     ("R", Kind::R),
     ("MR", Kind::R),
-    ("TF", Kind::Tf),
-    ("MTF", Kind::Tf),
-    ("GY", Kind::Gy),
-    ("MGY", Kind::Gy),
-    ("0", Kind::Zero),
-    ("1", Kind::One),
-    ("De", Kind::De),
-    ("Df", Kind::Df),
+    ("TF", Kind::TF),
+    ("MTF", Kind::TF),
+    ("GY", Kind::GY),
+    ("MGY", Kind::GY),
+    ("0", Kind::ZERO),
+    ("1", Kind::ONE),
+    ("De", Kind::DE),
+    ("Df", Kind::DF),
 ];
 
 /// Whether a word before a colon means an element: one of [`ALL`], or a field that has ports of several kinds.

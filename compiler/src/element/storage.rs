@@ -8,16 +8,21 @@ use crate::units::Dimension;
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 
-/// An energy is looked at up to this power of two, in strides of so many.
-const POWERS: u32 = 1000;
-/// See [`POWERS`].
-const STRIDE: u32 = 32;
-/// The way from the start to a state is looked at in parts, each half of the one before, so many.
-const WAY: u32 = 256;
-/// So many pairs of states are looked between.
-const BETWEEN: usize = 66;
-/// To this power of two, where an energy falls without end.
-const FAR: u32 = 100;
+/// Where an energy is looked at to see whether it has a lower bound.
+struct Search {
+    /// Powers of 2 up to which an energy may fall without end.
+    powers: u32,
+    /// Powers of 2 from one look at whether it has values to the next.
+    stride: u32,
+    /// The power of 2 of the state that has to be reached where it falls without end.
+    far: u32,
+    /// Halvings of the way from the start to a state, on which it has to have values.
+    halvings: u32,
+    /// Pairs of states with directions between them.
+    pairs: usize,
+}
+
+const SEARCH: Search = Search { powers: 1000, stride: 32, far: 100, halvings: 256, pairs: 66 };
 
 impl<'a> Elaborator<'a> {
     /// A storage's energy and initial state.
@@ -46,11 +51,11 @@ impl<'a> Elaborator<'a> {
         let state = self.signal(Signal::State(id));
         let x = self.pool.var(state);
         let local = Typed { expr: x, unit: state_unit.clone() };
-        let mut reach = None;
+        let mut radius = None;
         let mut by_law = |this: &mut Self, law: Expr, value: &'a ast::Expr| {
             let law = this.pool.beyond_dead_zones(law);
-            let (h, reached) = this.energy_of_law(law, state);
-            reach = Some((reached, value)).filter(|r| r.0.is_finite());
+            let (h, within) = this.energy_of_law(law, state);
+            radius = Some((within, value)).filter(|r| r.0.is_finite());
             (h, law)
         };
         let (energy, coenergy, linear) = if let Some(value) = fields.get(short).or_else(|| fields.get("stiffness")) {
@@ -112,10 +117,9 @@ impl<'a> Elaborator<'a> {
         let bounded = self.is_bounded(energy, &[state], &[0.0]);
         let mut storage =
             Storage { state, energy, coenergy, linear, initial: 0.0, explicit: false, bounded, massless: false };
-        let units = [state_unit, co_unit];
-        self.stated_start(&fields, scope, (c, units), &name, &mut storage)?;
-        if let Some((reach, law)) = reach
-            && reach <= 2.0 * storage.initial.abs()
+        self.initial_state(&mut storage, &fields, (scope, &name), (c, state_unit, co_unit))?;
+        if let Some((radius, law)) = radius
+            && radius <= 2.0 * storage.initial.abs()
         {
             self.errors.push(
                 Diagnostic::error("elaborate::law", law.span, format!("no energy was found whose derivative is this \
@@ -127,14 +131,13 @@ impl<'a> Elaborator<'a> {
         Some(storage)
     }
 
-    /// The start that is stated of a storage, by its state or by its co-energy variable, in these units.
-    fn stated_start(
+    /// Sets the initial state of a storage, which is stated as such or as the co-energy variable at the start.
+    fn initial_state(
         &mut self,
-        fields: &Fields<'a>,
-        scope: usize,
-        (c, [state_unit, co_unit]): (bool, [Unit; 2]),
-        name: &str,
         storage: &mut Storage,
+        fields: &Fields<'a>,
+        (scope, name): (usize, &str),
+        (c, state_unit, co_unit): (bool, Unit, Unit),
     ) -> Option<()> {
         let start = [(if c { "q0" } else { "p0" }, true), (if c { "e0" } else { "f0" }, false)];
         let mut given: Vec<_> =
@@ -241,7 +244,7 @@ impl<'a> Elaborator<'a> {
         if n > 1 {
             let many = |k: usize| (0..n).map(|i| ((k * 37 + i * 101) % 19) as f64 / 9.0 - 1.0).collect();
             directions.extend((n..40).map(many));
-            let pairs = (0..n).flat_map(|i| (0..i).map(move |j| (i, j))).take(BETWEEN);
+            let pairs = (0..n).flat_map(|i| (0..i).map(move |j| (i, j))).take(SEARCH.pairs);
             let ratios = [1.0, -1.0, 0.5, -0.5, 2.0, -2.0];
             directions.extend(pairs.flat_map(|(i, j)| ratios.map(|x| only(i, 1.0, j, x))));
         }
@@ -253,8 +256,9 @@ impl<'a> Elaborator<'a> {
             self.pool.eval(energy, &|s| states.iter().position(|t| *t == s).map_or(f64::NAN, place))
         };
         let begins = n > 1 && !between(0.0, 0.0, &directions[0]).is_nan();
-        let reaches =
-            |x: f64, along: &[f64]| !begins || (0..WAY).all(|k| !between(libm::exp2(-f64::from(k)), x, along).is_nan());
+        let reaches = |x: f64, along: &[f64]| {
+            !begins || (0..SEARCH.halvings).all(|k| !between(libm::exp2(-f64::from(k)), x, along).is_nan())
+        };
         let least = |xs: &[f64]| {
             let all = xs.iter().flat_map(|x| directions.iter().flat_map(move |d| [(*x, d), (-*x, d)]));
             all.fold(f64::INFINITY, |least, (x, d)| {
@@ -267,15 +271,16 @@ impl<'a> Elaborator<'a> {
         let falls = |along: &[f64], sign: f64| {
             let level = |k: u32| at(sign * libm::exp2(f64::from(k)), along);
             // Up to where it has values: looked for in strides, the last of which is gone through.
-            let end = (0..POWERS).step_by(STRIDE as usize).find(|k| !level(*k).is_finite()).unwrap_or(POWERS);
-            let last = end.saturating_sub(STRIDE);
+            let Search { powers, stride, far, .. } = SEARCH;
+            let end = (0..powers).step_by(stride as usize).find(|k| !level(*k).is_finite()).unwrap_or(powers);
+            let last = end.saturating_sub(stride);
             let end = (last..end).find(|k| !level(*k).is_finite()).unwrap_or(end);
             let values: Vec<f64> = (end.saturating_sub(8)..end).map(level).collect();
             let drops: Vec<f64> = values.windows(2).map(|w| w[0] - w[1]).collect();
             let falls = drops.len() == 7 && drops[0] > 1e-9 * level(0).abs();
             falls
                 && drops.windows(2).all(|w| w[1] >= 0.5 * w[0])
-                && reaches(sign * libm::exp2(f64::from(end.saturating_sub(1).min(FAR))), along)
+                && reaches(sign * libm::exp2(f64::from(end.saturating_sub(1).min(far))), along)
         };
         if directions.iter().any(|d| falls(d, 1.0) || falls(d, -1.0)) {
             return false;

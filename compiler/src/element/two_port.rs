@@ -3,7 +3,7 @@
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Unit};
 use crate::expression::Expr;
-use crate::model::{BondId, ElementId, Kind};
+use crate::model::{BondId, ElementId, TwoPort};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 
@@ -13,7 +13,7 @@ impl<'a> Elaborator<'a> {
         &mut self,
         id: ElementId,
         (ast, scope): (&'a ast::Element, usize),
-        kind: Kind,
+        kind: TwoPort,
         into: BondId,
         out: BondId,
     ) -> Option<Expr> {
@@ -23,8 +23,8 @@ impl<'a> Elaborator<'a> {
         let typed = self.with_signals(value, scope)?;
         let (i, o) = (self.bond_domain(into), self.bond_domain(out));
         let (first, second) = match kind {
-            Kind::Gy => (Unit::effort(i).div(&Unit::flow(o)), Unit::effort(o).div(&Unit::flow(i))),
-            _ => (Unit::effort(i).div(&Unit::effort(o)), Unit::flow(o).div(&Unit::flow(i))),
+            TwoPort::Gyrator => (Unit::effort(i).div(&Unit::flow(o)), Unit::effort(o).div(&Unit::flow(i))),
+            TwoPort::Transformer => (Unit::effort(i).div(&Unit::effort(o)), Unit::flow(o).div(&Unit::flow(i))),
         };
         let about = format!("the ratio of `{name}`");
         self.require((&typed.unit, value.span), first, None, about.clone(), 2);

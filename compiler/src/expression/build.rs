@@ -216,8 +216,8 @@ impl Pool {
         self.make_product(product.coefficient, product.pairs)
     }
 
-    /// `x^n |x|^m` with a fractional m is `sign(x)^n |x|^(n + m)`: where x is 0, the slope of one factor has no bound, and
-    /// that of the product has.
+    /// `x^n |x|^m` with a fractional m is `sign(x)^n |x|^(n + m)`: where x is 0, the slope of one factor has no bound,
+    /// and that of the product has.
     fn signs_apart(&mut self, pairs: &mut Vec<(Expr, Number)>) {
         let broken = |m: Number| m.integer().is_none();
         for i in 0..pairs.len() {
@@ -306,8 +306,8 @@ impl Pool {
         self.make_sum(divide(constant), terms)
     }
 
-    /// What a sum that is a factor gives to the coefficient: the sign of its first term, and the size that most summands
-    /// have, the largest of several, where all share it or all are powers of two, so that nothing is rounded.
+    /// What a sum that is a factor gives to the coefficient: the sign of its first term, and the size that most
+    /// summands have, the largest of several, where all share it or all are powers of two, so that nothing is rounded.
     fn content(&self, constant: Number, terms: &[(Expr, Number)]) -> Number {
         let sign = if terms[0].1.is_negative() { Number::MINUS_ONE } else { Number::ONE };
         let sizes = || terms.iter().map(|t| t.1.abs()).chain((!constant.is_zero()).then(|| constant.abs()));

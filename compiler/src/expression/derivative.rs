@@ -1,5 +1,6 @@
 //! Derivatives.
 
+use super::unary::row;
 use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
@@ -34,7 +35,7 @@ impl Pool {
             let slopes = self.derivatives(sum, all);
             let scaled = all.iter().zip(slopes).map(|(&s, slope)| {
                 let slope = self.mul(before, slope);
-                self.derivatives.insert(e, s, false, slope);
+                self.derivatives.insert((e, s), slope);
                 slope
             });
             return scaled.collect();
@@ -69,7 +70,7 @@ impl Pool {
                     let parts: Vec<_> =
                         terms.iter().map(|&(t, n)| (self.slope_of(t, s), n)).filter(|&(d, _)| d != zero).collect();
                     let slope = self.combine(&parts);
-                    self.derivatives.insert(e, s, false, slope);
+                    self.derivatives.insert((e, s), slope);
                     slope
                 }
             };
@@ -89,7 +90,7 @@ impl Pool {
 
     /// The derivative, where it was taken before.
     fn remembered(&self, e: Expr, s: Symbol) -> Option<Expr> {
-        self.derivatives.get(e, s, self.variables.few(e).is_some())
+        self.derivatives.get(&(e, s)).copied()
     }
 
     /// Takes the derivatives of nodes, children first, and remembers them.
@@ -97,7 +98,7 @@ impl Pool {
         for e in nodes {
             if !matches!(self.node(e), Node::Symbol(_)) && self.remembered(e, s).is_none() {
                 let slope = self.differentiate(e, s);
-                self.derivatives.insert(e, s, self.variables.few(e).is_some(), slope);
+                self.derivatives.insert((e, s), slope);
             }
         }
     }
@@ -199,7 +200,7 @@ impl Pool {
             }
             Node::Unary(f, a) => {
                 let d = known(self, a);
-                let slope = self.slope(f, a, e);
+                let slope = (row(f).derivative)(self, a, e);
                 self.mul(slope, d)
             }
             Node::Binary(f, a, b) => {
@@ -213,9 +214,9 @@ impl Pool {
         }
     }
 
-    /// Of what grows as an exponential of `u` and is never 0, `u` and its slope there as a part of itself: `a + b exp(u)`
-    /// has `b/(b + a exp(-u))` of itself, and `cosh(u)` its `tanh(u)`. Where it is beyond all numbers, as within a steep
-    /// logistic, its own slope is so too, and beside its inverse they are none.
+    /// Of what grows as an exponential of `u` and is never 0, `u` and its slope there as a part of itself: `a + b
+    /// exp(u)` has `b/(b + a exp(-u))` of itself, and `cosh(u)` its `tanh(u)`. Where it is beyond all numbers, as
+    /// within a steep logistic, its own slope is so too, and beside its inverse they are none.
     fn saturating(&mut self, e: Expr) -> Option<(Expr, Expr)> {
         match self.node(e).clone() {
             Node::Unary(Unary::Cosh, u) => Some((u, self.unary(Unary::Tanh, u))),
@@ -249,8 +250,8 @@ impl Pool {
         self.powers(&all)
     }
 
-    /// `d` times factors that may be infinite where it is 0, as of `sqrt(max(x, 0))`: its choices stay outside, so that 0
-    /// is 0 there.
+    /// `d` times factors that may be infinite where it is 0, as of `sqrt(max(x, 0))`: its choices stay outside, so that
+    /// 0 is 0 there.
     fn within_choices(&mut self, d: Expr, factors: &[(Expr, Number)]) -> Expr {
         match *self.node(d) {
             Node::Select(c, a, b) if self.is_zero(a) || self.is_zero(b) => {
@@ -259,44 +260,6 @@ impl Pool {
             }
             _ if self.is_zero(d) => d,
             _ => self.with(d, factors),
-        }
-    }
-
-    /// The derivative of a function at `a`, where its value is `e`.
-    pub(super) fn slope(&mut self, f: Unary, a: Expr, e: Expr) -> Expr {
-        let one = self.one();
-        let square = |pool: &mut Pool, x: Expr, n: Number| {
-            let square = pool.powi(x, 2);
-            pool.combine(&[(one, Number::ONE), (square, n)])
-        };
-        match f {
-            Unary::Neg => self.int(-1),
-            Unary::Abs => self.unary(Unary::Sign, a),
-            Unary::Sign | Unary::Not | Unary::Floor => self.zero(),
-            Unary::Sqrt => {
-                let e = self.powers(&[(a, Number::ratio(-1, 2))]);
-                self.scale(e, Number::HALF)
-            }
-            Unary::Exp => e,
-            Unary::Log => self.powi(a, -1),
-            Unary::Sin => self.unary(Unary::Cos, a),
-            Unary::Cos => {
-                let sin = self.unary(Unary::Sin, a);
-                self.neg(sin)
-            }
-            Unary::Tan => square(self, e, Number::ONE),
-            Unary::Asin | Unary::Acos => {
-                let inside = square(self, a, Number::MINUS_ONE);
-                let d = self.power(inside, Number::ratio(-1, 2));
-                if f == Unary::Asin { d } else { self.neg(d) }
-            }
-            Unary::Atan => {
-                let inside = square(self, a, Number::ONE);
-                self.powi(inside, -1)
-            }
-            Unary::Sinh => self.unary(Unary::Cosh, a),
-            Unary::Cosh => self.unary(Unary::Sinh, a),
-            Unary::Tanh => square(self, e, Number::MINUS_ONE),
         }
     }
 

@@ -1,11 +1,9 @@
 //! Whether a law only takes energy: `law(s) s >= 0` for all `s`.
 
+use super::unary::{Continuous, row};
 use super::{Expr, Node, Pool, Sign, Symbol};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
-
-/// How deep proofs may be nested.
-const DEPTH: usize = 24;
 
 impl Pool {
     /// Whether `law * s >= 0` for all values of `s` and of all other variables: `Some(true)` if that is proved,
@@ -23,7 +21,7 @@ impl Pool {
     }
 
     fn proves(&mut self, law: Expr, s: Symbol, assume: &dyn Fn(Symbol) -> Sign, depth: usize) -> bool {
-        if depth > DEPTH {
+        if depth > self.options.nesting {
             return false;
         }
         if self.proves_by_sign(law, s, assume) || self.proves_by_slope(law, s, assume) || self.proves_by_pieces(law, s)
@@ -53,9 +51,7 @@ impl Pool {
                         && self.proves(f, s, assume, depth + 1)
                 })
             }
-            Node::Unary(Unary::Sign | Unary::Sinh | Unary::Tanh | Unary::Atan | Unary::Asin | Unary::Floor, a) => {
-                self.proves(a, s, assume, depth + 1)
-            }
+            Node::Unary(f, a) if keeps_sign(f) => self.proves(a, s, assume, depth + 1),
             Node::Binary(Binary::Min | Binary::Max, a, b) => {
                 self.proves(a, s, assume, depth + 1) && self.proves(b, s, assume, depth + 1)
             }
@@ -130,19 +126,10 @@ impl Pool {
                     || (n.is_positive() && self.sign(f, &assume).is_nonnegative())
             }),
             Node::Power(a, b) => !self.contains(*b, s) && self.sign(*a, &assume) == Sign::Positive,
-            Node::Unary(f, a) => match f {
-                Unary::Neg
-                | Unary::Abs
-                | Unary::Exp
-                | Unary::Sin
-                | Unary::Cos
-                | Unary::Atan
-                | Unary::Sinh
-                | Unary::Cosh
-                | Unary::Tanh => true,
-                Unary::Log => self.sign(*a, &assume) == Sign::Positive,
-                Unary::Sqrt => self.sign(*a, &assume).is_nonnegative(),
-                Unary::Sign | Unary::Tan | Unary::Asin | Unary::Acos | Unary::Not | Unary::Floor => false,
+            Node::Unary(f, a) => match row(*f).continuous {
+                Continuous::Everywhere => true,
+                Continuous::Positive => self.sign(*a, &assume) == Sign::Positive,
+                Continuous::Partly => false,
             },
             Node::Binary(f, ..) => *f == Binary::Min || *f == Binary::Max,
             Node::Select(..) => false,
@@ -176,4 +163,10 @@ impl Pool {
             values[0] * x < 0.0 && values[0].is_finite() && values[0].abs() > 1e-9 * largest
         })
     }
+}
+
+/// Whether a function of something is never of the other sign.
+fn keeps_sign(f: Unary) -> bool {
+    let sign = row(f).sign;
+    sign(Sign::Positive).is_nonnegative() && sign(Sign::Negative).is_nonpositive()
 }

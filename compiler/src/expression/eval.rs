@@ -5,7 +5,7 @@ use bond_runtime::eval;
 use bond_runtime::ir::{Binary, Unary};
 
 /// The part of its terms that is rounding of a sum.
-const ROUNDED: f64 = 8.0 * f64::EPSILON;
+pub(super) const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 impl Pool {
     /// The value where each variable has the value `at` gives it; parameters have their own.
@@ -27,11 +27,11 @@ impl Pool {
         all.iter().map(|&e| get(&values, e)).collect()
     }
 
-    /// Whether the value `x` of an expression is no more than what its terms are rounded by: nothing more can be known of
-    /// it. A value of no sum is as it is.
+    /// Whether the value `x` of an expression is no more than what its terms are rounded by: nothing more can be known
+    /// of it. A value of no sum is as it is.
     pub fn is_rounding(&self, e: Expr, x: f64, at: &dyn Fn(Symbol) -> f64) -> bool {
         let size = self.size(e, at);
-        x == 0.0 || (size.is_finite() && x.abs() <= ROUNDED * size)
+        x == 0.0 || (size.is_finite() && x.abs() <= ROUNDING * size)
     }
 
     /// What the terms of a sum come to by their magnitudes; 0 of what is none.
@@ -71,7 +71,7 @@ impl Pool {
     /// beyond rounding. Far out, where a law levels off, it is not. Where 0 is as good, the root is as good as 0.
     pub fn is_told(&self, e: Expr, z: Symbol, x: f64, at: &dyn Fn(Symbol) -> f64) -> bool {
         let of = |x: f64| move |s| if s == z { x } else { at(s) };
-        let (here, least) = (self.eval(e, &of(x)), ROUNDED * self.size(e, &of(x)));
+        let (here, least) = (self.eval(e, &of(x)), ROUNDING * self.size(e, &of(x)));
         let change = |y: f64| (self.eval(e, &of(y)) - here).abs();
         change(0.99 * x) > least || change(1.01 * x) > least || change(0.0) <= least
     }

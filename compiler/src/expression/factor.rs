@@ -3,9 +3,6 @@
 use super::{Expr, Node, Number, Pool, Symbol};
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// Sums of more terms stay as they are.
-const MOST: usize = 64;
-
 /// A number times factors.
 type Term = (Number, Vec<(Expr, Number)>);
 
@@ -27,7 +24,7 @@ impl Pool {
     /// A sum in factors; other expressions as they are.
     fn gather(&mut self, e: Expr, variables: &FxHashSet<Symbol>) -> Expr {
         let Node::Sum(constant, terms) = self.node(e).clone() else { return e };
-        if terms.len() > MOST {
+        if terms.len() > self.options.terms {
             return e;
         }
         let mut rest: Vec<Term> = terms.iter().map(|&(t, n)| (n, self.factors(t))).collect();

@@ -1,5 +1,6 @@
 //! Functions, comparisons and choices in canonical form.
 
+use super::unary::{Parity, row};
 use super::{Expr, Node, Number, Pool};
 use bond_runtime::eval;
 use bond_runtime::ir::{Binary, Unary};
@@ -16,19 +17,7 @@ impl Pool {
                     Number::Ratio(n, d) => Number::from(n.div_euclid(d)),
                     Number::Float(x) => Number::float(eval::unary(f, x)),
                 },
-                Unary::Sign
-                | Unary::Exp
-                | Unary::Log
-                | Unary::Sin
-                | Unary::Cos
-                | Unary::Tan
-                | Unary::Asin
-                | Unary::Acos
-                | Unary::Atan
-                | Unary::Sinh
-                | Unary::Cosh
-                | Unary::Tanh
-                | Unary::Not => Number::float(eval::unary(f, n.to_f64())),
+                _ => Number::float(eval::unary(f, n.to_f64())),
             });
         }
         match f {
@@ -36,24 +25,6 @@ impl Pool {
             Unary::Sqrt => self.sqrt(a),
             Unary::Abs => self.abs(a),
             Unary::Sign => self.sign_of(a),
-            Unary::Log => {
-                if let Node::Unary(Unary::Exp, x) = *self.node(a) {
-                    return x;
-                }
-                self.intern(Node::Unary(f, a))
-            }
-            Unary::Sin | Unary::Tan | Unary::Asin | Unary::Atan | Unary::Sinh | Unary::Tanh => {
-                if self.leads_negative(a) {
-                    let a = self.neg(a);
-                    let e = self.intern(Node::Unary(f, a));
-                    return self.neg(e);
-                }
-                self.intern(Node::Unary(f, a))
-            }
-            Unary::Cos | Unary::Cosh => {
-                let a = if self.leads_negative(a) { self.neg(a) } else { a };
-                self.intern(Node::Unary(f, a))
-            }
             Unary::Not => {
                 if let Node::Unary(Unary::Not, x) = *self.node(a)
                     && self.is_truth(x)
@@ -65,8 +36,22 @@ impl Pool {
                     None => self.intern(Node::Unary(f, a)),
                 }
             }
-            Unary::Exp | Unary::Acos | Unary::Floor => self.intern(Node::Unary(f, a)),
+            _ => match *self.node(a) {
+                Node::Unary(Unary::Exp, x) if f == Unary::Log => x,
+                _ => self.function(f, a),
+            },
         }
+    }
+
+    /// A function of an argument, whose leading minus is taken out of an odd one and left out of an even one.
+    fn function(&mut self, f: Unary, a: Expr) -> Expr {
+        let parity = row(f).parity;
+        if parity == Parity::Neither || !self.leads_negative(a) {
+            return self.intern(Node::Unary(f, a));
+        }
+        let a = self.neg(a);
+        let e = self.intern(Node::Unary(f, a));
+        if parity == Parity::Odd { self.neg(e) } else { e }
     }
 
     fn abs(&mut self, a: Expr) -> Expr {

@@ -2,8 +2,9 @@
 
 use super::greek::greek;
 use super::print::coefficient;
+use super::unary::{Latex, row};
 use super::{Expr, Node, Number, Pool};
-use bond_runtime::ir::{Binary, Unary};
+use bond_runtime::ir::Binary;
 use rustc_hash::FxHashMap;
 
 /// How tightly a formula holds together.
@@ -129,31 +130,18 @@ impl Pool {
             Node::Power(a, b) => {
                 (format!("{}^{{{}}}", within(*a, Tightness::Atom), within(*b, Tightness::Logic)), Tightness::Power)
             }
-            Node::Unary(f, a) => match f {
-                Unary::Abs => (format!(r"\left|{}\right|", within(*a, Tightness::Logic)), Tightness::Atom),
-                Unary::Floor => {
-                    (format!(r"\left\lfloor {} \right\rfloor", within(*a, Tightness::Logic)), Tightness::Atom)
+            Node::Unary(f, a) => {
+                let inside = within(*a, Tightness::Logic);
+                match row(*f).latex {
+                    Latex::Operator => {
+                        (format!(r"\operatorname{{{}}}\left({inside}\right)", f.name()), Tightness::Power)
+                    }
+                    Latex::Command(name) => (format!(r"\{name}\left({inside}\right)"), Tightness::Power),
+                    Latex::Between(left, right) => (format!("{left}{inside}{right}"), Tightness::Atom),
+                    Latex::Exponent => (format!("e^{{{inside}}}"), Tightness::Power),
+                    Latex::Prefix(sign) => (format!("{sign}{}", within(*a, Tightness::Atom)), Tightness::Power),
                 }
-                Unary::Not => (format!(r"\lnot {}", within(*a, Tightness::Atom)), Tightness::Power),
-                Unary::Exp => (format!("e^{{{}}}", within(*a, Tightness::Logic)), Tightness::Power),
-                Unary::Sign => {
-                    (format!(r"\operatorname{{sign}}\left({}\right)", within(*a, Tightness::Logic)), Tightness::Power)
-                }
-                Unary::Asin | Unary::Acos | Unary::Atan => {
-                    (format!(r"\arc{}\left({}\right)", &f.name()[1..], within(*a, Tightness::Logic)), Tightness::Power)
-                }
-                Unary::Neg
-                | Unary::Sqrt
-                | Unary::Log
-                | Unary::Sin
-                | Unary::Cos
-                | Unary::Tan
-                | Unary::Sinh
-                | Unary::Cosh
-                | Unary::Tanh => {
-                    (format!(r"\{}\left({}\right)", f.name(), within(*a, Tightness::Logic)), Tightness::Power)
-                }
-            },
+            }
             Node::Binary(f, a, b) => {
                 let turned = self.constant(*a).is_some() && self.constant(*b).is_none();
                 binary_formula(*f, turned, (*a, *b), &within)

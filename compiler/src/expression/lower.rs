@@ -1,6 +1,5 @@
 //! Expressions as instructions of a step program.
 
-use super::pages::Pages;
 use super::walk::Found;
 use super::zone::zones;
 use super::{Expr, Node, Number, Pool, Symbol};
@@ -13,9 +12,9 @@ use rustc_hash::{FxHashMap, FxHashSet};
 #[derive(Clone)]
 pub struct Lowering {
     /// The values of symbols.
-    env: Pages,
+    env: FxHashMap<Symbol, Value>,
     /// The values of expressions.
-    memo: Pages,
+    memo: FxHashMap<Expr, Value>,
     /// Symbols that were not looked at yet.
     fresh: Vec<Symbol>,
     /// Whether a parameter was given a value.
@@ -39,8 +38,8 @@ impl Lowering {
     /// Symbols with their values. A parameter that is not among them is its number.
     pub fn new(env: impl IntoIterator<Item = (Symbol, Value)>) -> Self {
         let mut lowering = Lowering {
-            env: Pages::default(),
-            memo: Pages::default(),
+            env: FxHashMap::default(),
+            memo: FxHashMap::default(),
             fresh: Vec::new(),
             given: false,
             inverses: FxHashMap::default(),
@@ -55,7 +54,7 @@ impl Lowering {
 
     /// Gives a symbol its value. What was lowered with another one keeps that.
     pub fn bind(&mut self, s: Symbol, value: Value) {
-        self.env.insert(s.0, value.0);
+        self.env.insert(s, value);
         if !self.given {
             self.fresh.push(s);
         }
@@ -96,7 +95,7 @@ impl Lowering {
 
     /// Gives an expression its value, where that is had by other means.
     pub fn know(&mut self, e: Expr, value: Value) {
-        self.memo.insert(e.0, value.0);
+        self.memo.insert(e, value);
     }
 
     /// The value of an expression. Parameters and constant parts become one number each.
@@ -113,13 +112,13 @@ impl Lowering {
         }
         for e in self.needed(pool, e, &|e| folded(e).is_none() && self.known(e).is_none()) {
             let value = self.node(pool, builder, e, &folded)?;
-            self.memo.insert(e.0, value.0);
+            self.memo.insert(e, value);
         }
         Ok(self.child(builder, e, &folded))
     }
 
     fn known(&self, e: Expr) -> Option<Value> {
-        self.memo.get(e.0).map(Value)
+        self.memo.get(&e).copied()
     }
 
     /// What is to be written, in order. A product that is a term of a sum is written there, with its coefficient.
@@ -174,8 +173,8 @@ impl Lowering {
     ) -> Result<Value, Symbol> {
         Ok(match pool.node(e) {
             Node::Number(n) => builder.number(n.to_f64()),
-            Node::Symbol(s) => match (self.env.get(s.0), pool.value(*s)) {
-                (Some(value), _) => Value(value),
+            Node::Symbol(s) => match (self.env.get(s), pool.value(*s)) {
+                (Some(value), _) => *value,
                 (None, Some(x)) => builder.number(x),
                 (None, None) => return Err(*s),
             },
@@ -300,9 +299,9 @@ impl Lowering {
     }
 
     /// Positive terms first, then the others are taken off; all constants are one summand. Then what is to come last.
-    /// What weighs a term may be a number of a method, and so has its sign and the term its place: the sums at two nodes
-    /// are then made in the same way, whatever the signs of their weights.
-    /// A variable that another term cuts off is taken with its cut: the dead zone `x - min(max(x, -1), 1)` is 0 exactly.
+    /// What weighs a term may be a number of a method, and so has its sign and the term its place: the sums at two
+    /// nodes are then made in the same way, whatever the signs of their weights. A variable that another term cuts off
+    /// is taken with its cut: the dead zone `x - min(max(x, -1), 1)` is 0 exactly.
     fn sum(
         &mut self,
         pool: &Pool,
@@ -381,7 +380,7 @@ impl Lowering {
         folded: &dyn Fn(Expr) -> Option<f64>,
     ) -> Value {
         if let Node::Product(_, factors) = pool.node(t)
-            && !self.memo.contains(t.0)
+            && !self.memo.contains_key(&t)
         {
             return self.product(builder, n, factors, folded);
         }
@@ -514,8 +513,8 @@ fn binary_branch(b: &mut Builder, f: Binary, (x, y): (Value, Value), side: Value
     }
 }
 
-/// What a sum has as `n p (exp(x) - 1)`, as the current of a diode: the terms `n p exp(x)` and `-n p`, where `p` may be 1
-/// and that a number.
+/// What a sum has as `n p (exp(x) - 1)`, as the current of a diode: the terms `n p exp(x)` and `-n p`, where `p` may be
+/// 1 and that a number.
 struct Growth {
     with: Expr,
     without: Option<Expr>,
@@ -524,11 +523,8 @@ struct Growth {
     n: Number,
 }
 
-/// More terms than this are not looked at.
-const LOOKED_AT: usize = 64;
-
 fn growths(pool: &Pool, c: Number, terms: &[(Expr, Number)], folded: &dyn Fn(Expr) -> Option<f64>) -> Vec<Growth> {
-    if terms.len() > LOOKED_AT {
+    if terms.len() > pool.options.terms {
         return Vec::new();
     }
     let of = |e: Expr| match pool.node(e) {

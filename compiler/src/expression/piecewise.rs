@@ -3,10 +3,6 @@
 
 use super::{Expr, Node, Pool, Symbol};
 
-/// Polynomials of no higher degree are looked at, in no more pieces.
-const DEGREE: usize = 8;
-const PIECES: usize = 100_000;
-
 impl Pool {
     /// Whether a law that is a polynomial on each of finitely many pieces has the sign of `s` there, or is 0, as far as
     /// its coefficients are not rounding. Parameters count as their values.
@@ -33,7 +29,7 @@ impl Pool {
     ) -> Option<()> {
         let Node::Select(c, a, b) = *self.node(law) else {
             found.push((law, low, high));
-            return (found.len() <= PIECES).then_some(());
+            return (found.len() <= self.options.polynomial_pieces).then_some(());
         };
         let threshold = self.threshold(c, s)?;
         let at = self.constant(threshold).filter(|at| at.is_finite())?;
@@ -92,7 +88,7 @@ impl Pool {
         }
         let (mut derivative, mut factorial) = (e, 1.0);
         let mut all = Vec::new();
-        for k in 0..=DEGREE {
+        for k in 0..=self.options.degree {
             if k > 0 {
                 factorial *= k as f64;
             }

@@ -13,10 +13,6 @@ pub type Quadratic = (Vec<(usize, usize, Expr)>, Vec<(usize, Expr)>, Expr);
 /// The symbols that count as variables, with their places.
 type Places = FxHashMap<Symbol, usize>;
 
-/// How deep choices may be nested in each other, how many summands a product may have when multiplied out.
-const DEPTH: usize = 32;
-const TERMS: usize = 400;
-
 /// A polynomial of degree 2 in the making: the summands of each coefficient.
 #[derive(Default)]
 struct Parts {
@@ -96,7 +92,7 @@ impl Pool {
                         [..] => return None,
                     }
                 }
-                Node::Select(c, a, b) if depth < DEPTH && !self.contains_any(c, &within) => {
+                Node::Select(c, a, b) if depth < self.options.nesting && !self.contains_any(c, &within) => {
                     let a = self.quadratic_at(a, places, degree, depth + 1)?;
                     let b = self.quadratic_at(b, places, degree, depth + 1)?;
                     self.choose_into(&mut parts, c, &a, &b, weight);
@@ -183,7 +179,7 @@ impl Pool {
         for (f, n) in open {
             let Node::Sum(c, inner) = self.node(f).clone() else { return None };
             for _ in 0..n.integer()? {
-                if terms.len() * (inner.len() + 1) > TERMS {
+                if terms.len() * (inner.len() + 1) > self.options.product_terms {
                     return None;
                 }
                 let mut next = Vec::new();

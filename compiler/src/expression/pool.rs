@@ -1,10 +1,10 @@
 //! The pool that owns all expressions, its nodes and its symbols.
 
 use super::Number;
-use super::known::{Known, hash_of, hash_of_pairs};
+use super::free_symbols::FreeSymbols;
+use super::intern::{InternTable, hash_of, hash_of_pairs};
 use super::node::{Expr, Node, Pairs, Symbol};
-use super::slopes::Slopes;
-use super::support::Supports;
+use super::options::Options;
 use bond_runtime::ir::Unary;
 use rustc_hash::FxHashMap;
 
@@ -21,20 +21,23 @@ struct SymbolData {
 #[derive(Clone, Debug)]
 pub struct Pool {
     nodes: Vec<Node>,
-    known: Known,
+    interned: InternTable,
     /// The variables of each expression.
-    pub(super) variables: Supports,
+    pub(super) variables: FreeSymbols,
     /// The parameters of each expression.
-    parameters: Supports,
+    parameters: FreeSymbols,
     /// Of each expression that has no variables, its value.
     constants: Vec<f64>,
     symbols: Vec<SymbolData>,
     /// Of each symbol, the expression that it is alone.
     alone: Vec<Option<Expr>>,
     small: [Option<Expr>; 8],
-    pub(super) derivatives: Slopes,
+    /// Derivatives that were taken before.
+    pub(super) derivatives: FxHashMap<(Expr, Symbol), Expr>,
     /// Whether an antiderivative may be a sum that cancels near 0.
     pub(super) cancelling: bool,
+    /// Bounds on the work of its rules.
+    pub options: Options,
 }
 
 impl Default for Pool {
@@ -48,15 +51,16 @@ impl Pool {
     pub fn new() -> Pool {
         Pool {
             nodes: Vec::new(),
-            known: Known::default(),
-            variables: Supports::default(),
-            parameters: Supports::default(),
+            interned: InternTable::default(),
+            variables: FreeSymbols::default(),
+            parameters: FreeSymbols::default(),
             constants: Vec::new(),
             symbols: Vec::new(),
             alone: Vec::new(),
             small: [None; 8],
-            derivatives: Slopes::default(),
+            derivatives: FxHashMap::default(),
             cancelling: false,
+            options: Options::default(),
         }
     }
 
@@ -194,7 +198,7 @@ impl Pool {
     /// The one expression that is this node, which must be canonical.
     pub(super) fn intern(&mut self, node: Node) -> Expr {
         let hash = hash_of(&node);
-        match self.known.find(hash, |e| self.nodes[e.0 as usize] == node) {
+        match self.interned.find(hash, |e| self.nodes[e.0 as usize] == node) {
             Some(e) => e,
             None => self.append(hash, node),
         }
@@ -203,7 +207,7 @@ impl Pool {
     /// A function of an expression, where it is there.
     pub(crate) fn existing(&self, f: Unary, e: Expr) -> Option<Expr> {
         let node = Node::Unary(f, e);
-        self.known.find(hash_of(&node), |e| self.nodes[e.0 as usize] == node)
+        self.interned.find(hash_of(&node), |e| self.nodes[e.0 as usize] == node)
     }
 
     /// The one sum of these terms.
@@ -211,7 +215,7 @@ impl Pool {
         let hash = hash_of_pairs(true, c, terms.as_ref());
         let is =
             |e: Expr| matches!(&self.nodes[e.0 as usize], Node::Sum(d, list) if *d == c && **list == *terms.as_ref());
-        match self.known.find(hash, is) {
+        match self.interned.find(hash, is) {
             Some(e) => e,
             None => self.append(hash, Node::Sum(c, terms.into())),
         }
@@ -221,7 +225,7 @@ impl Pool {
     pub(super) fn intern_product(&mut self, c: Number, factors: impl AsRef<[(Expr, Number)]> + Into<Pairs>) -> Expr {
         let hash = hash_of_pairs(false, c, factors.as_ref());
         let is = |e: Expr| matches!(&self.nodes[e.0 as usize], Node::Product(d, list) if *d == c && **list == *factors.as_ref());
-        match self.known.find(hash, is) {
+        match self.interned.find(hash, is) {
             Some(e) => e,
             None => self.append(hash, Node::Product(c, factors.into())),
         }
@@ -257,7 +261,7 @@ impl Pool {
         };
         self.constants.push(constant);
         self.nodes.push(node);
-        self.known.add(hash, e);
+        self.interned.add(hash, e);
         e
     }
 }

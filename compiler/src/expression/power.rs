@@ -1,7 +1,8 @@
 //! Powers and roots in canonical form.
 
 use super::build::is_even;
-use super::{Expr, Node, Number, Pool};
+use super::unary::row;
+use super::{Expr, Node, Number, Pool, Sign};
 use bond_runtime::ir::Unary;
 
 impl Pool {
@@ -114,15 +115,8 @@ impl Pool {
     /// Whether it is seen at once to be positive.
     pub(super) fn is_positive(&self, e: Expr) -> bool {
         match self.node(e) {
-            Node::Unary(Unary::Exp | Unary::Cosh, _) => true,
-            Node::Number(_)
-            | Node::Symbol(_)
-            | Node::Sum(..)
-            | Node::Product(..)
-            | Node::Power(..)
-            | Node::Unary(..)
-            | Node::Binary(..)
-            | Node::Select(..) => self.constant(e).is_some_and(|x| x > 0.0),
+            Node::Unary(f, _) if (row(*f).sign)(Sign::Unknown) == Sign::Positive => true,
+            _ => self.constant(e).is_some_and(|x| x > 0.0),
         }
     }
 

@@ -5,9 +5,6 @@ use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 use std::cmp::Ordering;
 
-/// A part with more letters is left out: parts that are used again and again can make a text that no memory holds.
-const LONGEST_PART: usize = 1_000_000;
-
 /// How tightly a piece of text holds together.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(super) enum Tightness {
@@ -99,7 +96,7 @@ impl Pool {
         }
         for node in nodes {
             let (text, tightness) = match self.text(node, &texts) {
-                (text, _) if text.len() > LONGEST_PART && node != e => ("...".to_string(), Tightness::Atom),
+                (text, _) if text.len() > self.options.letters && node != e => ("...".to_string(), Tightness::Atom),
                 written => written,
             };
             texts.insert(node, Text { text, tightness, variable: self.constant(node).is_none() });

@@ -4,8 +4,8 @@ use super::{Expr, Node, Number, Pool};
 use bond_runtime::ir::Binary;
 use rustc_hash::FxHashMap;
 
-/// The terms of a sum that is `n (x - cut(x))` and more: each `x`, `cut(x)`, which takes the larger or the smaller of it
-/// and a number, and `n`.
+/// The terms of a sum that is `n (x - cut(x))` and more: each `x`, `cut(x)`, which takes the larger or the smaller of
+/// it and a number, and `n`.
 pub(super) fn zones(pool: &Pool, terms: &[(Expr, Number)]) -> Vec<(Expr, Expr, Number)> {
     let mut zones: Vec<(Expr, Expr, Number)> = Vec::new();
     for &(cut, n) in terms {

@@ -1,6 +1,6 @@
 //! The bond graph of a flat model, and its regions.
 
-use crate::model::{Bond, BondId, ElementId, Kind, Model};
+use crate::model::{Bond, BondId, ElementId, Model};
 use bond_grammar::diagnostic::Diagnostic;
 use petgraph::Graph;
 use petgraph::graph::NodeIndex;
@@ -84,7 +84,7 @@ fn name(model: &Model, elements: &[ElementId]) -> String {
     if !common.is_empty() && elements.iter().all(|e| prefix(e) == common) {
         return common.to_string();
     }
-    let junction = elements.iter().find(|e| matches!(model.element(**e).kind, Kind::Zero | Kind::One));
+    let junction = elements.iter().find(|e| model.element(**e).kind.is_junction());
     model.element(*junction.unwrap_or(first)).name.clone()
 }
 

@@ -1,8 +1,8 @@
 //! `causality` as text: every bond with its stroke, and why it stands there.
 
 use super::{Shown, name, table};
-use crate::causality::{Cause, integral};
-use crate::model::{BondId, Kind};
+use crate::causality::Cause;
+use crate::model::{BondId, Variable};
 use bond_grammar::ast::Stroke;
 use std::fmt::Write;
 
@@ -13,12 +13,10 @@ pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
     match *cause {
         Cause::Source(id) => {
             let e = model.element(id);
-            let what = match e.kind {
-                Kind::Se | Kind::Df => "gives effort",
-                Kind::Sf | Kind::De => "gives flow",
-                Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port => {
-                    "can do no other"
-                }
+            let what = match e.kind.forced() {
+                Some(Variable::Effort) => "gives effort",
+                Some(Variable::Flow) => "gives flow",
+                None => "can do no other",
             };
             format!("{} {what}", name::element(e))
         }
@@ -28,7 +26,7 @@ pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
         Cause::Hold => "an open port".into(),
         Cause::Storage(id) => {
             let e = model.element(id);
-            let gives = integral(e.kind).map(|g| shown.causality.gives(model, bond, id) == g);
+            let gives = e.kind.integral().map(|g| shown.causality.gives(model, bond, id) == g);
             let how = if gives == Some(false) { "derivative" } else { "preferred integral" };
             format!("{how} causality of {}", name::element(e))
         }

@@ -1,7 +1,7 @@
 //! The bond graph for Graphviz: half arrows, causal strokes, regions as clusters, double bars bold.
 
 use super::{Shown, What, name, node, region};
-use crate::model::{BondId, ElementId, Kind};
+use crate::model::{BondId, ElementId, Kind, OnePort};
 use bond_grammar::ast::Stroke;
 use std::fmt::Write;
 
@@ -70,12 +70,12 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> String {
 fn label(shown: &Shown<'_>, id: ElementId) -> String {
     let e = shown.model.element(id);
     let more = match e.kind {
-        Kind::Zero | Kind::One => ", fontname=\"Helvetica-Bold\"",
-        Kind::Se | Kind::Sf | Kind::Port => ", fontcolor=\"#9a3412\"",
-        Kind::C | Kind::I => ", fontcolor=\"#1d4ed8\"",
-        Kind::R => ", fontcolor=\"#15803d\"",
-        Kind::Tf | Kind::Gy => ", fontcolor=\"#6b21a8\"",
-        Kind::De | Kind::Df => ", fontcolor=\"#57534e\"",
+        Kind::Junction(_) => ", fontname=\"Helvetica-Bold\"",
+        Kind::OnePort(OnePort::Source(_) | OnePort::Open) => ", fontcolor=\"#9a3412\"",
+        Kind::OnePort(OnePort::Storage(_)) => ", fontcolor=\"#1d4ed8\"",
+        Kind::OnePort(OnePort::Resistor) => ", fontcolor=\"#15803d\"",
+        Kind::TwoPort(_) => ", fontcolor=\"#6b21a8\"",
+        Kind::OnePort(OnePort::Detector(_)) => ", fontcolor=\"#57534e\"",
     };
     let text = match e.field {
         Some(_) => {

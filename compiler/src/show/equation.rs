@@ -1,15 +1,13 @@
 //! The differential equations of a region, written out: what each state's rate is, in states, inputs and time.
 
 use super::name;
+use super::size::SIZES;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output, Region};
 use petgraph::Graph;
 use petgraph::graph::NodeIndex;
 use rustc_hash::FxHashMap;
-
-/// Loops of more resistors are not solved on paper.
-const LARGEST: usize = 6;
 
 /// An output that no formula was found for.
 pub(super) struct Unknown {
@@ -120,7 +118,7 @@ fn resistors(
             known.insert(out, law);
             continue;
         }
-        let solved = if explicit && members.len() <= LARGEST { solve(pool, &laws, &outs) } else { None };
+        let solved = if explicit && members.len() <= SIZES.written_loop { solve(pool, &laws, &outs) } else { None };
         loops.push((members.iter().map(|i| region.resistors[*i].0).collect(), solved.is_some()));
         match solved {
             Some(values) => known.extend(outs.into_iter().zip(values)),

@@ -1,6 +1,7 @@
 //! What is known of a region's form: skewness, semi-definiteness, bounds, dissipation.
 
-use super::matrix::{Explicit, LARGE, Matrix};
+use super::matrix::{Explicit, Matrix};
+use super::size::SIZES;
 use super::{equation::Equations, name};
 use crate::expression::{Expr, Pool};
 use crate::model::{Law, Model};
@@ -82,7 +83,7 @@ pub(super) fn semidefinite(
 
 fn by_eigenvalues(pool: &Pool, e: &Explicit) -> Option<Verdict> {
     let (nx, nu) = (e.r.rows.len(), e.s.rows.len());
-    if nx + nu > 4 * LARGE {
+    if nx + nu > 4 * SIZES.dense_states {
         return None;
     }
     let mut a = DMatrix::<f64>::zeros(nx + nu, nx + nu);

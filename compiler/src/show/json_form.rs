@@ -1,7 +1,8 @@
 //! The port-Hamiltonian form of a region as JSON, in the shape that the command's reference fixes.
 
-use super::matrix::{self, LARGE, Matrix};
+use super::matrix::{self, Matrix};
 use super::object::object;
+use super::size::SIZES;
 use super::{fact, name, phs};
 use crate::expression::Pool;
 use crate::model::{Law, Model};
@@ -21,7 +22,7 @@ pub(super) fn form(model: &mut Model, form: &Form, r: &Region, names: &[String])
         .iter()
         .map(|s| json!(object! { "name": s.name, "unit": s.unit.map(|u| u.to_string()), "initial": s.initial }))
         .collect();
-    let large = r.states.len() > LARGE;
+    let large = r.states.len() > SIZES.dense_states;
     let mut o = object! {
         "states": states,
         "dependent": r.dependent.iter().map(|d| model.element(d.element).name.clone()).collect::<Vec<_>>(),
@@ -58,7 +59,7 @@ pub(super) fn form(model: &mut Model, form: &Form, r: &Region, names: &[String])
             }
         }
     }
-    let dirac = object! { "rows": d.rows, "columns": d.columns, "D": table(pool, &d, large || d.rows.len() > 2 * LARGE),
+    let dirac = object! { "rows": d.rows, "columns": d.columns, "D": table(pool, &d, large || d.rows.len() > 2 * SIZES.dense_states),
     "sources": laws, "resistive": resistive };
     o.insert("dirac".into(), Value::Object(dirac));
     o.extend(object! { "skew": skew, "semidefinite": semidefinite.decided(), "unbounded": fact::unbounded(r), "pseudo": r.pseudo });

@@ -1,20 +1,18 @@
 //! `phs` as LaTeX: a fragment that needs `amsmath`.
 
 use super::matrix::{self, Explicit, Matrix};
+use super::size::SIZES;
 use super::{Shown, equation, name, region};
 use crate::expression::{Expr, Pool, greek};
 use crate::model::Model;
 use crate::structure::{Form, Region, Role};
 use std::fmt::Write;
 
-/// Matrices with more columns are lists of entries.
-const WIDEST: usize = 20;
-
 /// The form of all regions.
 pub(super) fn text(shown: &mut Shown<'_>) -> String {
     let names = name::columns(shown.model, shown.form);
     let mut text = format!("% {}: the port-Hamiltonian form. Needs \\usepackage{{amsmath}}.\n", shown.model.name);
-    let _ = writeln!(text, "\\setcounter{{MaxMatrixCols}}{{{}}}", WIDEST + 1);
+    let _ = writeln!(text, "\\setcounter{{MaxMatrixCols}}{{{}}}", SIZES.latex_columns + 1);
     for (i, r) in shown.form.regions.iter().enumerate() {
         let kind = shown.graph.regions.get(i).map(|g| region::kind(shown, g)).unwrap_or_default();
         let _ = writeln!(text, "\n\\paragraph{{Region \\texttt{{{}}}, {}.}}", escape(&r.name), escape(&kind));
@@ -54,11 +52,11 @@ fn one(model: &mut Model, form: &Form, r: &Region, names: &[String], text: &mut 
     }
     let explicit = matrix::explicit_form(model, form, r, names);
     match &explicit {
-        Some(e) if e.inputs.len().max(r.states.len()) <= WIDEST => form_of(&mut model.pool, r, e, text),
+        Some(e) if e.inputs.len().max(r.states.len()) <= SIZES.latex_columns => form_of(&mut model.pool, r, e, text),
         Some(_) | None => equations(model, form, r, names, text),
     }
     let d = matrix::dirac(form, r, names);
-    if d.rows.len() <= WIDEST && !d.rows.is_empty() {
+    if d.rows.len() <= SIZES.latex_columns && !d.rows.is_empty() {
         text.push_str("The Dirac structure, the power $e f$ of each element counted into it:\n");
         let pool = &mut model.pool;
         let (rows, columns) = (column(pool, &d.rows), column(pool, &d.columns));

@@ -3,6 +3,7 @@
 
 mod settle;
 
+use super::size::SIZES;
 use settle::settle;
 
 /// A point, in pixels.
@@ -17,12 +18,6 @@ pub(super) struct Drawing<'a> {
     /// The part each node belongs to; parts are kept from overlapping.
     pub(super) parts: &'a [usize],
 }
-
-/// Pixels from one element to the next.
-const UNIT: f64 = 92.0;
-
-/// From this many elements on a graph may be a long chain.
-const LONG: usize = 24;
 
 /// Where the nodes go.
 pub(super) fn place(drawing: &Drawing<'_>) -> Vec<Point> {
@@ -41,15 +36,12 @@ pub(super) fn place(drawing: &Drawing<'_>) -> Vec<Point> {
         }
     }
     // Wide labels take wide steps.
-    let mut needs: Vec<f64> = drawing
-        .bonds
-        .iter()
-        .map(|(a, b, _)| drawing.sizes[*a][0] + drawing.sizes[*b][0] + 8.0 + settle::SEEN)
-        .collect();
+    let mut needs: Vec<f64> =
+        drawing.bonds.iter().map(|(a, b, _)| drawing.sizes[*a][0] + drawing.sizes[*b][0] + 8.0 + SIZES.bond).collect();
     needs.sort_by(f64::total_cmp);
-    let step = needs.get(needs.len() * 4 / 5).copied().unwrap_or(UNIT).clamp(UNIT, 2.0 * UNIT);
+    let step = needs.get(needs.len() * 4 / 5).copied().unwrap_or(SIZES.step).clamp(SIZES.step, 2.0 * SIZES.step);
     for p in &mut x {
-        *p = [p[0] * step, p[1] * UNIT * 0.9];
+        *p = [p[0] * step, p[1] * SIZES.step * 0.9];
     }
     settle(&mut x, drawing);
     x
@@ -57,7 +49,7 @@ pub(super) fn place(drawing: &Drawing<'_>) -> Vec<Point> {
 
 /// Long chains start with their leaves on both sides by turns, since all on one side would bend them.
 fn fan(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
-    if x.len() < LONG {
+    if x.len() < SIZES.chain {
         return;
     }
     let mut degree = vec![0; x.len()];

@@ -1,14 +1,12 @@
 //! The matrices of a region with the names of their rows and columns.
 
 use super::name;
+use super::size::SIZES;
 use super::sparse::{self, Entries, Sparse};
 use crate::expression::{Expr, Pool};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Region, explicit};
 use rustc_hash::FxHashMap;
-
-/// The matrices of a region with more states are sparse.
-pub(super) const LARGE: usize = 60;
 
 /// A matrix: the entries that are not 0, by rows.
 pub(super) struct Matrix {
@@ -75,7 +73,8 @@ pub(super) fn dirac(form: &Form, region: &Region, names: &[String]) -> Matrix {
 
 /// The explicit form of a region; `None` where it has none, or one that is too large to be written out.
 pub(super) fn explicit_form(model: &mut Model, form: &Form, region: &Region, names: &[String]) -> Option<Explicit> {
-    let large = region.states.len() > LARGE || region.resistors.len() + region.inputs.len() > 2 * LARGE;
+    let large = region.states.len() > SIZES.dense_states
+        || region.resistors.len() + region.inputs.len() > 2 * SIZES.dense_states;
     let Sparse { matrices, inputs, nonlinear } = if large {
         sparse::explicit(model, form, region)?
     } else {

@@ -20,6 +20,7 @@ mod object;
 mod phs;
 mod region;
 mod signal;
+mod size;
 mod sparse;
 mod summary;
 mod svg;
@@ -30,7 +31,7 @@ mod tests;
 use crate::causality::Causality;
 use crate::graph::BondGraph;
 use crate::model::Model;
-use crate::need::Unneeded;
+use crate::slice::Unneeded;
 use crate::structure::Form;
 use bond_runtime::ir::Program;
 

@@ -2,7 +2,7 @@
 
 use super::Shown;
 use crate::expression::{Expr, Pool};
-use crate::model::{Bond, BondId, Element, ElementId, Kind, Law, Model, Signal, Variable};
+use crate::model::{Bond, BondId, Element, ElementId, Kind, Law, Model, OnePort, Signal, TwoPort, Variable};
 use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
 use bond_grammar::ast::Stroke;
@@ -14,36 +14,28 @@ const LONGEST: u64 = 1_000_000;
 /// The kind as it is written in the language.
 pub(super) fn kind(kind: Kind) -> &'static str {
     match kind {
-        Kind::Se => "Se",
-        Kind::Sf => "Sf",
-        Kind::C => "C",
-        Kind::I => "I",
-        Kind::R => "R",
-        Kind::Tf => "TF",
-        Kind::Gy => "GY",
-        Kind::Zero => "0",
-        Kind::One => "1",
-        Kind::De => "De",
-        Kind::Df => "Df",
-        Kind::Port => "port",
+        Kind::OnePort(one_port) => match one_port {
+            OnePort::Source(Variable::Effort) => "Se",
+            OnePort::Source(Variable::Flow) => "Sf",
+            OnePort::Detector(Variable::Effort) => "De",
+            OnePort::Detector(Variable::Flow) => "Df",
+            OnePort::Storage(Variable::Effort) => "C",
+            OnePort::Storage(Variable::Flow) => "I",
+            OnePort::Resistor => "R",
+            OnePort::Open => "port",
+        },
+        Kind::TwoPort(TwoPort::Transformer) => "TF",
+        Kind::TwoPort(TwoPort::Gyrator) => "GY",
+        Kind::Junction(Variable::Effort) => "0",
+        Kind::Junction(Variable::Flow) => "1",
     }
 }
 
 /// `I:mass`
 pub(super) fn element(e: &Element) -> String {
     match e.kind {
-        Kind::Port => format!("port {}", e.name),
-        Kind::Se
-        | Kind::Sf
-        | Kind::C
-        | Kind::I
-        | Kind::R
-        | Kind::Tf
-        | Kind::Gy
-        | Kind::Zero
-        | Kind::One
-        | Kind::De
-        | Kind::Df => format!("{}{}:{}", if e.active { "active " } else { "" }, kind(e.kind), e.name),
+        Kind::PORT => format!("port {}", e.name),
+        _ => format!("{}{}:{}", if e.active { "active " } else { "" }, kind(e.kind), e.name),
     }
 }
 
@@ -211,8 +203,8 @@ pub(super) fn law(shown: &Shown<'_>, id: ElementId) -> String {
     let pool = &shown.model.pool;
     let text = |x: Expr| expression(pool, x);
     match &e.law {
-        Law::Source(_) if matches!(e.kind, Kind::De | Kind::Df) => String::new(),
-        Law::Source(v) => format!("{} = {}", if e.kind == Kind::Se { "e" } else { "f" }, text(*v)),
+        Law::Source(_) if e.kind.is_detector() => String::new(),
+        Law::Source(v) => format!("{} = {}", if e.kind == Kind::SE { "e" } else { "f" }, text(*v)),
         Law::Storage(s) => format!("H = {}", text(s.energy)),
         Law::Resistor(r) => {
             if let Some(curve) = r.curve {
@@ -236,7 +228,7 @@ pub(super) fn law(shown: &Shown<'_>, id: ElementId) -> String {
                 }
             }
         }
-        Law::Ratio(v) if e.kind == Kind::Tf => format!("e_in = ({0})*e_out, f_out = ({0})*f_in", text(*v)),
+        Law::Ratio(v) if e.kind == Kind::TF => format!("e_in = ({0})*e_out, f_out = ({0})*f_in", text(*v)),
         Law::Ratio(v) => format!("e_in = ({0})*f_out, e_out = ({0})*f_in", text(*v)),
         Law::Junction => String::new(),
         Law::Port(None) => "open".into(),

@@ -1,6 +1,7 @@
 //! `phs` as text: the port-Hamiltonian form of each region.
 
 use super::matrix::{self, Explicit};
+use super::size::SIZES;
 use super::{Shown, equation, fact, name, region, signal, table};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Region, Role};
@@ -58,7 +59,7 @@ pub(super) fn states(r: &Region, text: &mut String) {
 
 /// H, a line a term where there are many.
 pub(super) fn energy(model: &mut Model, r: &Region, text: &mut String) {
-    if r.groups.len() <= table::WIDEST {
+    if r.groups.len() <= SIZES.table {
         let h = matrix::energy(&mut model.pool, r);
         let _ = writeln!(text, "  H = {}", name::expression(&model.pool, h));
         return;

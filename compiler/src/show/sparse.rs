@@ -1,16 +1,11 @@
 //! The explicit form of a large region: the same formulas as `structure::explicit`, on rows of entries.
 
+use super::size::SIZES;
 use crate::expression::{Expr, Pool};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Region, Row};
 use rustc_hash::FxHashMap;
 use std::collections::BTreeMap;
-
-/// Loops of more linear resistors are not solved on paper.
-const LARGEST: usize = 8;
-
-/// More entries than this for each state or input would be no sparse matrix.
-const DENSEST: usize = 64;
 
 /// Entries by row and column.
 pub(super) type Entries = BTreeMap<(usize, usize), Expr>;
@@ -44,7 +39,7 @@ pub(super) fn explicit(model: &mut Model, form: &Form, region: &Region) -> Optio
     for c in states.iter().chain(&inputs) {
         let row = substitute(pool, &form.column(*c).row, &outputs);
         count += row.len();
-        if count > DENSEST * (n + inputs.len()) {
+        if count > SIZES.sparse_entries * (n + inputs.len()) {
             return None;
         }
         f.push(row);
@@ -129,7 +124,7 @@ fn resistors(pool: &mut Pool, form: &Form, linear: &[(ColumnId, Expr)]) -> Optio
     }
     let mut known = FxHashMap::default();
     for members in loops.values() {
-        if members.len() > LARGEST {
+        if members.len() > SIZES.linear_loop {
             return None;
         }
         let rows = solve(pool, form, linear, members)?;

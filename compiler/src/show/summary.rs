@@ -1,16 +1,14 @@
 //! `all` as text: what the model is, on a page.
 
+use super::size::SIZES;
 use super::{Shown, equation, fact, graph, matrix, name, phs, region, signal, table};
 use crate::model::Kind;
 use std::fmt::Write;
 
-/// Lists are cut after this many lines.
-const MANY: usize = 24;
-
 /// The lines of a list, cut where it is long.
 fn cut(mut rows: Vec<Vec<String>>, indent: usize, more: &str) -> String {
-    let left = rows.len().saturating_sub(MANY);
-    rows.truncate(MANY);
+    let left = rows.len().saturating_sub(SIZES.list);
+    rows.truncate(SIZES.list);
     let mut text = table::lines(indent, &rows);
     if left > 0 {
         let _ = writeln!(text, "{}... and {left} more{more}", " ".repeat(indent));
@@ -25,15 +23,15 @@ pub(super) fn text(shown: &mut Shown<'_>) -> String {
     for line in &model.docs {
         let _ = writeln!(text, "  {}", line.trim());
     }
-    let count = |kinds: &[Kind]| model.elements.iter().filter(|e| kinds.contains(&e.kind)).count();
+    let count = |wanted: fn(Kind) -> bool| model.elements.iter().filter(|e| wanted(e.kind)).count();
     let parts = [
-        (count(&[Kind::C, Kind::I]), "storage"),
-        (count(&[Kind::R]), "resistor"),
-        (count(&[Kind::Se, Kind::Sf]), "source"),
-        (count(&[Kind::Zero, Kind::One]), "junction"),
-        (count(&[Kind::Tf, Kind::Gy]), "two-port"),
-        (count(&[Kind::De, Kind::Df]), "detector"),
-        (count(&[Kind::Port]), "open port"),
+        (count(Kind::is_storage), "storage"),
+        (count(|kind| kind == Kind::R), "resistor"),
+        (count(Kind::is_source), "source"),
+        (count(Kind::is_junction), "junction"),
+        (count(|kind| matches!(kind, Kind::TwoPort(_))), "two-port"),
+        (count(Kind::is_detector), "detector"),
+        (count(|kind| kind == Kind::PORT), "open port"),
         (model.bonds.len(), "bond"),
     ];
     let parts: Vec<String> =
@@ -63,7 +61,7 @@ fn one(shown: &mut Shown<'_>, at: usize, names: &[String], text: &mut String) {
     if !rows.is_empty() {
         let _ = write!(text, "  states\n{}", cut(rows, 4, ""));
     }
-    if r.groups.len() <= MANY {
+    if r.groups.len() <= SIZES.list {
         let h = matrix::energy(&mut model.pool, r);
         let _ = writeln!(text, "  H = {}", name::expression(&model.pool, h));
     } else {
@@ -72,7 +70,7 @@ fn one(shown: &mut Shown<'_>, at: usize, names: &[String], text: &mut String) {
     let equations = equation::equations(model, form, r, names);
     let pool = &model.pool;
     let mut rows: Vec<Vec<String>> = Vec::new();
-    for (s, rate) in r.states.iter().zip(&equations.rates).take(MANY + 1) {
+    for (s, rate) in r.states.iter().zip(&equations.rates).take(SIZES.list + 1) {
         rows.push(vec![format!("d({})/dt", s.name), format!("= {}", name::expression(pool, *rate))]);
     }
     for u in &equations.unknowns {
@@ -84,8 +82,8 @@ fn one(shown: &mut Shown<'_>, at: usize, names: &[String], text: &mut String) {
         });
     }
     if !rows.is_empty() {
-        rows.truncate(MANY);
-        let left = (r.states.len() + equations.unknowns.len()).saturating_sub(MANY);
+        rows.truncate(SIZES.list);
+        let left = (r.states.len() + equations.unknowns.len()).saturating_sub(SIZES.list);
         let _ = write!(text, "  equations\n{}", table::lines(4, &rows));
         if left > 0 {
             let _ = writeln!(text, "    ... and {left} more");

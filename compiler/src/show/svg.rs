@@ -2,20 +2,12 @@
 
 use super::arrow::{Arrow, escape};
 use super::layout::{Drawing, Point, place};
+use super::size::SIZES;
 use super::{Shown, What, name, node, region};
 use crate::graph::Region;
-use crate::model::{Bond, Element, Kind, Model};
+use crate::model::{Bond, Element, Kind, Model, OnePort};
 use rustc_hash::FxHashMap;
 use std::fmt::Write;
-
-/// Pictures of more elements can't be read.
-const LARGEST: usize = 400;
-
-/// Pixels between the outermost label and the edge.
-const MARGIN: f64 = 28.0;
-
-/// Room around the labels of a region.
-const PADDING: f64 = 22.0;
 
 const STYLE: &str = "text{font-family:'DejaVu Sans',Verdana,Helvetica,Arial,sans-serif;font-size:14px;fill:#111}\
 .node{text-anchor:middle}.junction{font-weight:bold}.sub{font-size:11px;font-weight:normal;fill:#555}\
@@ -26,18 +18,8 @@ const STYLE: &str = "text{font-family:'DejaVu Sans',Verdana,Helvetica,Arial,sans
 /// What stands at a node: the kind, and the name where it fits.
 fn label(model: &Model, e: &Element) -> String {
     match e.kind {
-        Kind::Port => e.name.clone(),
-        Kind::Se
-        | Kind::Sf
-        | Kind::C
-        | Kind::I
-        | Kind::R
-        | Kind::Tf
-        | Kind::Gy
-        | Kind::Zero
-        | Kind::One
-        | Kind::De
-        | Kind::Df => {
+        Kind::PORT => e.name.clone(),
+        _ => {
             let (kind, name) = node::title(model, e);
             format!("{kind}:{name}")
         }
@@ -66,10 +48,11 @@ fn width(text: &str, size: f64) -> f64 {
 /// More elements than can be read.
 pub(super) fn text(shown: &Shown<'_>, what: What) -> Result<String, String> {
     let model = &*shown.model;
-    if model.elements.len() > LARGEST {
+    if model.elements.len() > SIZES.picture {
         return Err(format!(
-            "a picture of {} elements is too large to be read (the most is {LARGEST}); `dot` takes it",
-            model.elements.len()
+            "a picture of {} elements is too large to be read (the most is {}); `dot` takes it",
+            model.elements.len(),
+            SIZES.picture
         ));
     }
     let nodes = node::nodes(model);
@@ -129,18 +112,18 @@ pub(super) fn text(shown: &Shown<'_>, what: What) -> Result<String, String> {
     if model.elements.is_empty() {
         bounds = [0.0; 4];
     }
-    let (w, h) = (bounds[2] - bounds[0] + 2.0 * MARGIN, bounds[3] - bounds[1] + 2.0 * MARGIN);
+    let (w, h) = (bounds[2] - bounds[0] + 2.0 * SIZES.margin, bounds[3] - bounds[1] + 2.0 * SIZES.margin);
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w:.0}\" height=\"{h:.0}\" viewBox=\"{:.1} {:.1} {w:.1} {h:.1}\">\n",
-        bounds[0] - MARGIN,
-        bounds[1] - MARGIN
+        bounds[0] - SIZES.margin,
+        bounds[1] - SIZES.margin
     );
     let _ = writeln!(text, "<title>{}</title>\n<style>{STYLE}</style>", escape(&model.name));
     let _ = writeln!(
         text,
         "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" fill=\"white\"/>",
-        bounds[0] - MARGIN,
-        bounds[1] - MARGIN
+        bounds[0] - SIZES.margin,
+        bounds[1] - SIZES.margin
     );
     text.push_str(&body);
     text.push_str("</svg>\n");
@@ -151,16 +134,16 @@ fn draw(model: &Model, e: &Element, p: Point, text: &mut String) {
     let y = p[1] + 5.0;
     let name = escape(&e.name);
     let _ = match e.kind {
-        Kind::Zero | Kind::One => writeln!(
+        Kind::Junction(_) => writeln!(
             text,
             "<text class=\"node junction\" x=\"{:.1}\" y=\"{y:.1}\">{}<tspan class=\"sub\">:{name}</tspan></text>",
             p[0],
             name::kind(e.kind)
         ),
-        Kind::Port => {
+        Kind::OnePort(OnePort::Open) => {
             writeln!(text, "<text class=\"node\" font-style=\"italic\" x=\"{:.1}\" y=\"{y:.1}\">{name}</text>", p[0])
         }
-        Kind::Se | Kind::Sf | Kind::C | Kind::I | Kind::R | Kind::Tf | Kind::Gy | Kind::De | Kind::Df => {
+        Kind::OnePort(_) | Kind::TwoPort(_) => {
             let (kind, name) = node::title(model, e);
             let name = escape(&name);
             writeln!(text, "<text class=\"node\" x=\"{:.1}\" y=\"{y:.1}\">{kind}:{name}</text>", p[0])
@@ -181,14 +164,14 @@ fn shade(
         for (sx, sy) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
             corners.push([p[0] + sx * s[0], p[1] + sy * s[1]]);
         }
-        cover(p, [s[0] + PADDING, s[1] + PADDING]);
+        cover(p, [s[0] + SIZES.padding, s[1] + SIZES.padding]);
     }
     let hull = hull(corners);
     let points: Vec<String> = hull.iter().map(|p| format!("{:.1},{:.1}", p[0], p[1])).collect();
     let _ = writeln!(
         text,
         "<polygon class=\"sampled\" stroke-width=\"{:.0}\" points=\"{}\"/>",
-        2.0 * PADDING,
+        2.0 * SIZES.padding,
         points.join(" ")
     );
     let label = format!("{}: {}", r.name, region::kind(shown, r));
@@ -196,7 +179,7 @@ fn shade(
     let edge =
         |k: usize, least: bool| hull.iter().map(|p| p[k]).fold(f64::NAN, if least { f64::min } else { f64::max });
     let middle = 0.5 * (edge(0, true) + edge(0, false));
-    let places = [edge(1, true) - PADDING - 10.0, edge(1, false) + PADDING + 10.0].map(|y| [middle, y]);
+    let places = [edge(1, true) - SIZES.padding - 10.0, edge(1, false) + SIZES.padding + 10.0].map(|y| [middle, y]);
     let crossed = |p: &Point| {
         let bonds = lines.iter().filter(|l| crosses(**l, *p, half)).count();
         let meets = |q: &Point, s: &Point| (0..2).all(|k| (q[k] - p[k]).abs() < s[k] + half[k]);

@@ -2,14 +2,9 @@
 
 use super::matrix::Matrix;
 use super::name;
+use super::size::SIZES;
 use crate::expression::Pool;
 use std::fmt::Write;
-
-/// Matrices with more rows or columns than this are lists of their entries.
-pub(super) const WIDEST: usize = 12;
-
-/// Entries longer than this stand below the table.
-const LONGEST: usize = 24;
 
 fn width(text: &str) -> usize {
     text.chars().count()
@@ -40,7 +35,7 @@ pub(super) fn matrix(pool: &Pool, title: &str, m: &Matrix) -> String {
     if m.entries.is_empty() {
         return format!("  {title} = 0 ({} x {})\n", shape.0, shape.1);
     }
-    if shape.0 > WIDEST || shape.1 > WIDEST {
+    if shape.0 > SIZES.table || shape.1 > SIZES.table {
         let mut text = format!("  {title} ({} x {}), entries that are not 0\n", shape.0, shape.1);
         let rows: Vec<Vec<String>> = m
             .entries
@@ -54,7 +49,7 @@ pub(super) fn matrix(pool: &Pool, title: &str, m: &Matrix) -> String {
     let mut below: Vec<String> = Vec::new();
     for (i, j, e) in &m.entries {
         let text = name::expression(pool, *e);
-        cells[*i][*j] = if width(&text) <= LONGEST {
+        cells[*i][*j] = if width(&text) <= SIZES.entry {
             text
         } else {
             let known = below.iter().position(|b| *b == text);

@@ -5,12 +5,12 @@
 //! dz/dx is symmetric dH/dx = N^T z with N = 1 + A^T L A dz/dx: a change of coordinates by N^-1.
 
 use super::change::{self, Change};
-use super::dependence::{Dependence, MAX_INDEPENDENT, refused};
+use super::dependence::{Dependence, refused};
 use super::eliminated::{Eliminated, Merged};
 use super::explicit::Matrix;
 use super::start::{self, Stated, at_start};
 use super::storage::{family, stiffness, storage};
-use super::{ColumnId, Form, inverse};
+use super::{ColumnId, Form, OPTIONS, inverse};
 use crate::expression::{Expr, Symbol};
 use crate::model::{Model, Storage};
 use bond_grammar::diagnostic::Diagnostic;
@@ -64,9 +64,10 @@ pub(super) fn merge(
 /// Why they cannot be merged, if so.
 fn obstacle(model: &mut Model, form: &Form, set: &Dependence) -> Option<String> {
     let n = set.independent.len();
-    if n > MAX_INDEPENDENT {
+    if n > OPTIONS.tied {
         return Some(format!(
-            "it depends on {n} storages with energies that are not quadratic among them, more than {MAX_INDEPENDENT}"
+            "it depends on {n} storages with energies that are not quadratic among them, more than {}",
+            OPTIONS.tied
         ));
     }
     let curved = set.independent.iter().find(|c| stiffness(model, form, **c).is_none()).copied();

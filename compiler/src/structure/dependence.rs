@@ -8,10 +8,6 @@ use bond_grammar::diagnostic::Diagnostic;
 use petgraph::unionfind::UnionFind;
 use rustc_hash::FxHashMap;
 
-/// At most this many independent storages may be merged with others where the inverse of their mass matrix is written
-/// out, which is so where it changes with states.
-pub(super) const MAX_INDEPENDENT: usize = 8;
-
 /// Dependent storages that share independent ones, and these.
 #[derive(Default)]
 pub(super) struct Dependence {

@@ -4,7 +4,7 @@
 //!
 //! with J and M skew and [[R, P], [P^T, S]] >= 0. Resistors with a law that is not linear stay, as inputs of their own.
 
-use super::{ColumnId, Form, Region};
+use super::{ColumnId, Form, OPTIONS, Region};
 use crate::expression::{Expr, Pool};
 use crate::model::Model;
 
@@ -32,9 +32,6 @@ pub struct Explicit {
     pub s: Matrix,
 }
 
-/// A pivot that is no more than this part of the largest is none.
-const NOTHING: f64 = 1e-9;
-
 /// Inverse by Gauss-Jordan elimination; `None` if singular. What is inverted is a mass matrix, or has a symmetric part
 /// above 0 as `1 + S K` and `R - D_R`: its pivots on the diagonal pass 0 nowhere, which one off it may, however large
 /// it is where it is looked at. Numbers alone are taken by size.
@@ -54,7 +51,7 @@ pub fn inverse(pool: &mut Pool, a: &Matrix) -> Option<Matrix> {
     for k in 0..n {
         let largest = (k..n).max_by(|i, j| size(pool, w[*i][k]).total_cmp(&size(pool, w[*j][k])))?;
         let numbers = (k..n).all(|i| pool.constant(w[i][k]).is_some());
-        let stays = !numbers && size(pool, w[k][k]) > NOTHING * size(pool, w[largest][k]);
+        let stays = !numbers && size(pool, w[k][k]) > OPTIONS.rounding * size(pool, w[largest][k]);
         let pivot = if stays { k } else { largest };
         if pool.is_zero(w[pivot][k]) || size(pool, w[pivot][k]) == 0.0 {
             return None;

@@ -29,6 +29,26 @@ use bond_grammar::diagnostic::{Diagnostic, once};
 use rustc_hash::FxHashMap;
 use std::fmt;
 
+/// What counts as rounding in the elimination, and bounds on its work.
+struct Options {
+    /// The part of what an equation is made of that is rounding of a pivot, or of a stated start.
+    rounding: f64,
+    /// Storages that others may depend on by ratios that change: the inverse of their masses is written out.
+    tied: usize,
+    /// Places at which a divisor is looked at to see whether it passes 0.
+    divisor_places: u32,
+    /// Halvings by which a zero of a divisor is found.
+    divisor_halvings: usize,
+    /// The part of the inertia elsewhere below which a mass matrix is singular.
+    singular: f64,
+    /// What leaks through a curve whose loop has no other start, as a part of its slopes: a flow along its effort.
+    /// Circuit simulators put 1e-12 S across each junction (Nagel, SPICE2, 1975).
+    leak: f64,
+}
+
+const OPTIONS: Options =
+    Options { rounding: 1e-9, tied: 8, divisor_places: 40, divisor_halvings: 60, singular: 1e-12, leak: 1e-12 };
+
 /// A column of the Dirac structure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ColumnId(pub u32);
@@ -361,11 +381,10 @@ fn held(model: &Model, graph: &BondGraph, causality: &Causality, error: Diagnost
 /// Which variable of an element takes the sign of a half arrow that points away from it: not the one that the user
 /// states, which is the value of a source, the argument of a law, `f0` of an inertia, `e0` of a compliance.
 fn sign_on(kind: Kind, law: &Law) -> Variable {
-    match (kind, law) {
-        (_, Law::Resistor(r)) => r.written,
-        (Kind::Sf | Kind::De | Kind::I, _) => Variable::Effort,
-        (Kind::Se | Kind::Df | Kind::C | Kind::R | Kind::Tf | Kind::Gy | Kind::Zero | Kind::One | Kind::Port, _) => {
-            Variable::Flow
+    match law {
+        Law::Resistor(r) => r.written,
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => {
+            kind.forced().or(kind.integral()).map_or(Variable::Flow, Variable::other)
         }
     }
 }
@@ -431,7 +450,7 @@ fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<C
 }
 
 fn is_junction(model: &Model, id: ElementId) -> bool {
-    matches!(model.element(id).kind, Kind::Zero | Kind::One)
+    model.element(id).kind.is_junction()
 }
 
 fn bars(model: &Model, form: &Form) -> Vec<Bar> {

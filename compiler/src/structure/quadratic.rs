@@ -11,12 +11,12 @@
 //! M stays regular.
 
 use super::change::{self, Change};
-use super::dependence::{Dependence, MAX_INDEPENDENT, refused};
+use super::dependence::{Dependence, refused};
 use super::eliminated::{Eliminated, Following, Merged};
 use super::explicit::Matrix;
 use super::start::{self, Stated, at_start};
 use super::storage::{family, stiffness, storage};
-use super::{ColumnId, Form, Role, inverse, singular};
+use super::{ColumnId, Form, OPTIONS, Role, inverse, singular};
 use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::{ElementId, Model, Signal};
 use bond_grammar::diagnostic::Diagnostic;
@@ -209,8 +209,8 @@ fn inverse_mass(
         done.poles.extend(singular::poles(&model.pool, seen.divisors.iter().flatten().map(|t| t.0), mass));
     }
     let known = mass.iter().flatten().all(|e| model.pool.constant(*e).is_some());
-    if n > MAX_INDEPENDENT && !known {
-        let why = format!("{n} storages are tied together by ratios that change, more than {MAX_INDEPENDENT}");
+    if n > OPTIONS.tied && !known {
+        let why = format!("{n} storages are tied together by ratios that change, more than {}", OPTIONS.tied);
         return Err(refused(model, form, set.dependent[0], &why, None));
     }
     if n == 0 {

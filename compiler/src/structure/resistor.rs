@@ -2,17 +2,13 @@
 //! root of a residual. A port of a field reads the variables of the others.
 
 use super::resolve::Resolver;
-use super::{Bends, ColumnId, Form, Output, Row, inverse};
-use crate::expression::{Expr, Node, Number, Pool, Sign, Symbol};
+use super::{Bends, ColumnId, Form, OPTIONS, Output, Row, inverse};
+use crate::expression::{Expr, Growth, Node, Number, Pool, Sign, Symbol, growth};
 use crate::model::{ElementId, Law, Resistor, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Unary;
 use nalgebra::DMatrix;
 use rustc_hash::{FxHashMap, FxHashSet};
-
-/// What leaks through a curve where its loop has no other start, as a part of its slopes: a flow along its effort.
-/// Circuit simulators put 1e-12 S across each junction (Nagel, SPICE2, 1975).
-const LEAK: f64 = 1e-12;
 
 /// A resistor's output, and its coefficients where it is linear.
 pub(super) struct Found {
@@ -118,9 +114,13 @@ pub(super) fn output(r: &mut Resolver<'_>, form: &Form, id: ColumnId) -> Result<
     let divides = |f: &(Expr, Number)| f.1.to_f64() < 0.0 && pool.any_node(f.0, &is_exp);
     let rises = |e: Expr| !pool.sign(e, &|_| Sign::Unknown).is_nonpositive();
     let grows = |n: &Node| match n {
-        Node::Unary(Unary::Exp, e) => rises(*e),
+        Node::Unary(f, e) => match growth(*f) {
+            Growth::Bounded | Growth::Algebraic => false,
+            Growth::Exponential => rises(*e),
+            Growth::ExponentialBothWays => true,
+        },
         Node::Product(_, factors) => factors.iter().any(divides),
-        _ => matches!(n, Node::Unary(Unary::Sinh | Unary::Cosh, _) | Node::Power(..)),
+        _ => matches!(n, Node::Power(..)),
     };
     let is_steep = members.len() == 1
         && r.model.pool.any_node(law.output, &grows)
@@ -159,7 +159,7 @@ fn on_curve(
     let residual = pool.div(off, across);
     let weight = pool.mul(along, across);
     let curve = |out, residual| Output::Curve { parameter, out, residual, weight, bends: None };
-    let leak = pool.float(LEAK);
+    let leak = pool.float(OPTIONS.leak);
     let leaky = if gives == Variable::Effort {
         let part = pool.div(leak, along);
         let more = pool.mul(part, out);
@@ -193,10 +193,11 @@ fn bends(pool: &mut Pool, law: Expr, argument: Symbol) -> Bends {
         let node = pool.node(e).clone();
         node.each_child(&mut |c| stack.push(c));
         let Node::Unary(f, exponent) = node else { continue };
-        let both = matches!(f, Unary::Sinh | Unary::Cosh);
-        if !both && f != Unary::Exp {
-            continue;
-        }
+        let both = match growth(f) {
+            Growth::Bounded | Growth::Algebraic => continue,
+            Growth::Exponential => false,
+            Growth::ExponentialBothWays => true,
+        };
         let Some((slope, rest)) = pool.linear(exponent, argument) else { continue };
         let (Some(slope), Some(rest)) = (pool.constant(slope), pool.constant(rest)) else { continue };
         let knee = -rest / slope;

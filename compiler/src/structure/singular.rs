@@ -1,14 +1,8 @@
 //! Where the mass matrix of dependent storages is singular though the masses that it stands for are not.
 
+use super::OPTIONS;
 use crate::expression::{Expr, Pool, Symbol};
 use std::f64::consts::PI;
-
-/// At so many places a divisor is looked at, to see where it passes 0.
-const PLACES: u32 = 40;
-/// Within that a place where it is 0 is looked for by so many halvings.
-const HALVINGS: usize = 60;
-/// A pivot less than this part of the inertia elsewhere is none.
-const NOTHING: f64 = 1e-12;
 
 /// Of what is divided by, that at whose zeros the mass matrix is singular: there it is so for the division alone.
 pub(super) fn poles(pool: &Pool, divisors: impl Iterator<Item = Expr>, mass: &[Vec<Expr>]) -> Vec<Expr> {
@@ -16,18 +10,18 @@ pub(super) fn poles(pool: &Pool, divisors: impl Iterator<Item = Expr>, mass: &[V
     let usual = pool.eval_all(&entries, &|s| place(s, 1, PI));
     let scale: Vec<f64> = (0..mass.len()).map(|i| 1.0 / usual[i * mass.len() + i].sqrt()).collect();
     let is_pole = |g: &Expr| {
-        [PI, 1e3].into_iter().flat_map(|size| (1..PLACES).map(move |k| (k, size))).any(|(k, size)| {
+        [PI, 1e3].into_iter().flat_map(|size| (1..OPTIONS.divisor_places).map(move |k| (k, size))).any(|(k, size)| {
             let between = |s: Symbol, t: f64| (1.0 - t) * place(s, k, size) + t * place(s, k + 1, size);
             let at = |t: f64| pool.eval(*g, &|s| between(s, t));
             let (mut from, mut to) = (0.0, 1.0);
             if at(from) * at(to) >= 0.0 {
                 return false;
             }
-            for _ in 0..HALVINGS {
+            for _ in 0..OPTIONS.divisor_halvings {
                 let middle = f64::midpoint(from, to);
                 if at(from) * at(middle) > 0.0 { from = middle } else { to = middle }
             }
-            least_pivot(pool.eval_all(&entries, &|s| between(s, from)), &scale) < NOTHING
+            least_pivot(pool.eval_all(&entries, &|s| between(s, from)), &scale) < OPTIONS.singular
         })
     };
     divisors.filter(is_pole).collect()

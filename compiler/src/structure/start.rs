@@ -2,14 +2,11 @@
 
 use super::dependence::Dependence;
 use super::storage::storage;
-use super::{ColumnId, Form, Role};
+use super::{ColumnId, Form, OPTIONS, Role};
 use crate::expression::{Expr, Symbol};
 use crate::model::{Model, Signal};
 use bond_grammar::diagnostic::Diagnostic;
 use nalgebra::{DMatrix, DVector};
-
-/// Two stated values are the same up to this part of them.
-const SAME: f64 = 1e-9;
 
 /// What is stated of a storage: a combination of the unknowns has a value.
 pub(super) struct Stated {
@@ -103,7 +100,7 @@ pub(super) fn solve(
         let terms: Vec<f64> = s.row.iter().zip(&all).map(|(a, x)| product(*a, *x)).collect();
         let follows: f64 = terms.iter().sum();
         let size = terms.iter().map(|x| x.abs()).fold(s.value.abs(), f64::max);
-        if (follows - s.value).abs() > SAME * size {
+        if (follows - s.value).abs() > OPTIONS.rounding * size {
             return Err(clash(model, form, set, s, follows));
         }
     }

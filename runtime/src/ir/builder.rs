@@ -1,6 +1,5 @@
 //! Makes programs. Equal values of one block are made once.
 
-use super::known::{Key, Known};
 use super::prune::prune;
 use super::{Array, Binary, Inst, Newton, Op, Program, Slot, Solve, Unary, Value};
 use crate::eval;
@@ -11,11 +10,20 @@ pub const SIDE_BY_SIDE: usize = 8;
 /// So many terms are many.
 const MANY: usize = 16 * SIDE_BY_SIDE;
 
+/// An op by its bits, so that it can be looked up.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Key {
+    Const(u64),
+    Unary(Unary, Value),
+    Binary(Binary, Value, Value),
+    Select(Value, Value, Value),
+}
+
 /// A block that is being written, and the loads and values known in it.
 #[derive(Default)]
 struct Scope {
     body: Vec<Inst>,
-    known: Known,
+    numbered: FxHashMap<Key, Value>,
     /// Loads apart, for they are forgotten one by one: of each array, what was loaded of each slot.
     loads: [Vec<Option<Value>>; 6],
 }
@@ -94,8 +102,8 @@ impl Builder {
             Op::Select(c, a, b) => Key::Select(c, a, b),
         };
         for scope in self.scopes.iter().rev() {
-            if let Some(v) = scope.known.get(key) {
-                return v;
+            if let Some(v) = scope.numbered.get(&key) {
+                return *v;
             }
         }
         let v = self.define(op);
@@ -111,7 +119,7 @@ impl Builder {
             self.products.insert(v, (a, b));
         }
         if let Some(scope) = self.scopes.last_mut() {
-            scope.known.insert(key, v);
+            scope.numbered.insert(key, v);
         }
         v
     }
@@ -174,8 +182,8 @@ impl Builder {
         self.binary(Binary::Add, a, b)
     }
 
-    /// The sum of some values; None of none. Of many, each is added to the one [`SIDE_BY_SIDE`] before it, and what that leaves
-    /// half to half, so that back ends add several at once.
+    /// The sum of some values; None of none. Of many, each is added to the one [`SIDE_BY_SIDE`] before it, and what
+    /// that leaves half to half, so that back ends add several at once.
     pub fn total(&mut self, values: &[Value]) -> Option<Value> {
         let (first, rest) = values.split_at(if values.len() < MANY { 1.min(values.len()) } else { SIDE_BY_SIDE });
         let mut parts = first.to_vec();

@@ -1,5 +1,5 @@
-//! What programs of one code shape have in common, and the numbers in which they differ: a model with other parameters mostly
-//! gives the same instructions.
+//! What programs of one code shape have in common, and the numbers in which they differ: a model with other parameters
+//! mostly gives the same instructions.
 
 use super::{Binary, Inst, Op, Program, Value};
 
@@ -21,8 +21,8 @@ impl Program {
         list
     }
 
-    /// The program with other numbers of the same sign in place of [`Self::numbers`]. Where two have the same code shape,
-    /// code that takes these from elsewhere does for both.
+    /// The program with other numbers of the same sign in place of [`Self::numbers`]. Where two have the same code
+    /// shape, code that takes these from elsewhere does for both.
     pub fn code_shape(&self) -> Program {
         let (fixed, mut other) = (self.exponents(), self.clone());
         replace(&mut other.body, &mut |v, x| {

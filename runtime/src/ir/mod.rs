@@ -1,13 +1,12 @@
 //! Step programs: what a stepper writes and a back end translates, and nothing else passes between the two.
 //!
 //! A [`Program`] is straight code over `f64`: blocks of instructions in static single assignment, of which most compute
-//! a value by an [`Op`], and four kinds have structure ([`Inst::Newton`], [`Inst::Solve`], [`Inst::MatVec`], [`Inst::Quad`]).
-//! There is no control flow besides. Truth values are 1 and 0. Values print as `v12`, slots as `x[3]`.
+//! a value by an [`Op`], and four kinds have structure ([`Inst::Newton`], [`Inst::Solve`], [`Inst::MatVec`],
+//! [`Inst::Quad`]). There is no control flow besides. Truth values are 1 and 0. Values print as `v12`, slots as `x[3]`.
 
 mod builder;
 mod code_shape;
 mod display;
-mod known;
 mod op;
 mod prune;
 mod verify;
@@ -161,8 +160,8 @@ pub enum Inst {
         from: Slot,
         /// Size.
         n: u32,
-        /// Whether the table has the rows of `R` with `Q = R^T R`, upper triangular and `n` numbers each, and `to` is the
-        /// sum of the squares of `R v`.
+        /// Whether the table has the rows of `R` with `Q = R^T R`, upper triangular and `n` numbers each, and `to` is
+        /// the sum of the squares of `R v`.
         root: bool,
     },
 }
@@ -235,19 +234,19 @@ pub struct Newton {
     /// The update itself, one value an unknown, where the body solves with a matrix of its own that is near the
     /// Jacobian (a simplified Newton method); then there is no `jacobian`. Empty else.
     pub update: Vec<Value>,
-    /// The part of the unknowns that the iteration may leave; [`NewtonOptions::rounding`](crate::options::NewtonOptions::rounding) of what
-    /// nobody adds up.
+    /// The part of the unknowns that the iteration may leave;
+    /// [`NewtonOptions::rounding`](crate::options::NewtonOptions::rounding) of what nobody adds up.
     pub left: f64,
     /// One an unknown: energy per square of the unknown; 0 where nothing is known.
     pub weight: Vec<Value>,
     /// One an unknown: size against which a relative change is measured besides the unknown itself.
     pub scale: Vec<Value>,
-    /// Where the start of the unknowns is predicted, this is another one, one value per unknown: what was predicted then
-    /// never decides whether there is a solution. Empty else.
+    /// Where the start of the unknowns is predicted, this is another one, one value per unknown: what was predicted
+    /// then never decides whether there is a solution. Empty else.
     pub cold: Vec<Value>,
-    /// Values from before the iteration that are next to nothing beside what its body adds them to, as what rounding took
-    /// from states: an iteration that begins with two updates has -0 for them in the first, which then does not wait for
-    /// them.
+    /// Values from before the iteration that are next to nothing beside what its body adds them to, as what rounding
+    /// took from states: an iteration that begins with two updates has -0 for them in the first, which then does not
+    /// wait for them.
     pub small: Vec<Value>,
     /// Unknowns that appear as exponents, with the knees beyond which the exponentials dominate; of up to
     /// [`MAX_KNEES`](crate::solve::newton::MAX_KNEES) unknowns.
@@ -256,10 +255,11 @@ pub struct Newton {
     pub limit: u32,
     /// Whether the residual is affine in the unknowns: the first update is the solution.
     pub affine: bool,
-    /// Whether laws that hold at once may leave undetermined how they share the load, as frictions on both sides of a gear.
+    /// Whether laws that hold at once may leave undetermined how they share the load, as frictions on both sides of a
+    /// gear.
     pub undetermined: bool,
-    /// Whether laws have corners beyond which they are steeper by orders of magnitude: what an update leaves that was to
-    /// be the last is looked at, since it may have passed one.
+    /// Whether laws have corners beyond which they are steeper by orders of magnitude: what an update leaves that was
+    /// to be the last is looked at, since it may have passed one.
     pub corners: bool,
     /// Where the step fails when the method does not converge; with a slot, the slot (of `Local`) gets 1 or 0 and the
     /// program goes on with the last iterate.
@@ -267,8 +267,8 @@ pub struct Newton {
 }
 
 impl Newton {
-    /// Whether what an unknown moves may have a pole, beyond which the residual goes on from the other side: something is
-    /// divided by it, or raised to a power that need not be above 0.
+    /// Whether what an unknown moves may have a pole, beyond which the residual goes on from the other side: something
+    /// is divided by it, or raised to a power that need not be above 0.
     pub fn has_poles(&self) -> bool {
         let mut moved: FxHashSet<Value> = FxHashSet::default();
         let mut powers: FxHashSet<Value> = FxHashSet::default();

@@ -1,136 +1,155 @@
-//! The scalar operations. What each of them means stands in `eval`, and nowhere else.
+//! The scalar operations: one row per operation, with its name and what it computes.
+//!
+//! An operation is written in one row here. The compiler's facts about a function (derivative, parity, sign and so on)
+//! are one row of `expression/unary.rs` in `bond-compiler`.
 
+use crate::eval;
 use serde::{Deserialize, Serialize};
 
-/// Functions of one value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the names say it")]
-pub enum Unary {
-    Neg,
-    Abs,
+/// Who computes a function of one value on the back ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    /// Each back end has an instruction or a few for it.
+    Instruction,
+    /// A function of this name: of `libm` in C and object files, of `Math` in WebAssembly, of [`eval`] elsewhere. In
+    /// the language its argument and its value have no unit.
+    Library,
+}
+
+macro_rules! unary {
+    ($($(#[$doc:meta])* $op:ident $name:literal $form:ident $meaning:expr,)+) => {
+        /// Functions of one value.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+        #[expect(missing_docs, reason = "the names say it")]
+        pub enum Unary {
+            $($(#[$doc])* $op,)+
+        }
+
+        impl Unary {
+            /// All of them.
+            pub const ALL: [Unary; [$($name),+].len()] = [$(Unary::$op),+];
+
+            /// As it is written in the language and in the text form of a program.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Unary::$op => $name,)+
+                }
+            }
+
+            /// Its value at `a`.
+            #[inline]
+            pub(crate) fn value(self, a: f64) -> f64 {
+                match self {
+                    $(Unary::$op => $meaning(a),)+
+                }
+            }
+
+            /// The name under which machine code finds the function.
+            pub fn symbol(self) -> &'static str {
+                match self {
+                    $(Unary::$op => concat!("bond_", $name),)+
+                }
+            }
+
+            /// The function, for machine code to call.
+            pub fn address(self) -> extern "C" fn(f64) -> f64 {
+                match self {
+                    $(Unary::$op => {
+                        extern "C" fn value(a: f64) -> f64 {
+                            $meaning(a)
+                        }
+                        value
+                    })+
+                }
+            }
+
+            fn form(self) -> Form {
+                match self {
+                    $(Unary::$op => Form::$form,)+
+                }
+            }
+        }
+    };
+}
+
+// A new row goes to the end: saved scenes hold an operation by its number.
+unary! {
+    Neg "neg" Instruction std::ops::Neg::neg,
+    Abs "abs" Instruction f64::abs,
     /// -1, 0 or 1; `sign(0) = 0`, NaN stays NaN.
-    Sign,
-    Sqrt,
-    Exp,
-    Log,
-    Sin,
-    Cos,
-    Tan,
-    Asin,
-    Acos,
-    Atan,
-    Sinh,
-    Cosh,
-    Tanh,
+    Sign "sign" Instruction eval::sign,
+    Sqrt "sqrt" Instruction f64::sqrt,
+    Exp "exp" Library pxfm::f_exp,
+    Log "log" Library pxfm::f_log,
+    Sin "sin" Library libm::sin,
+    Cos "cos" Library libm::cos,
+    Tan "tan" Library libm::tan,
+    Asin "asin" Library libm::asin,
+    Acos "acos" Library libm::acos,
+    Atan "atan" Library libm::atan,
+    Sinh "sinh" Library eval::sinh,
+    Cosh "cosh" Library pxfm::f_cosh,
+    Tanh "tanh" Library libm::tanh,
     /// 1 where the value is 0, else 0.
-    Not,
+    Not "not" Instruction eval::not,
     /// The largest whole number that is not above the value.
-    Floor,
+    Floor "floor" Instruction f64::floor,
 }
 
 impl Unary {
-    /// All of them.
-    pub const ALL: [Unary; 17] = [
-        Unary::Neg,
-        Unary::Abs,
-        Unary::Sign,
-        Unary::Sqrt,
-        Unary::Exp,
-        Unary::Log,
-        Unary::Sin,
-        Unary::Cos,
-        Unary::Tan,
-        Unary::Asin,
-        Unary::Acos,
-        Unary::Atan,
-        Unary::Sinh,
-        Unary::Cosh,
-        Unary::Tanh,
-        Unary::Not,
-        Unary::Floor,
-    ];
-
-    /// As it is written in the language and in the text form of a program.
-    pub fn name(self) -> &'static str {
-        match self {
-            Unary::Neg => "neg",
-            Unary::Abs => "abs",
-            Unary::Sign => "sign",
-            Unary::Sqrt => "sqrt",
-            Unary::Exp => "exp",
-            Unary::Log => "log",
-            Unary::Sin => "sin",
-            Unary::Cos => "cos",
-            Unary::Tan => "tan",
-            Unary::Asin => "asin",
-            Unary::Acos => "acos",
-            Unary::Atan => "atan",
-            Unary::Sinh => "sinh",
-            Unary::Cosh => "cosh",
-            Unary::Tanh => "tanh",
-            Unary::Not => "not",
-            Unary::Floor => "floor",
-        }
+    /// Whether it is a function of a mathematical library on every back end, and not an instruction.
+    pub fn is_library(self) -> bool {
+        self.form() == Form::Library
     }
 }
 
-/// Functions of two values.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the names say it")]
-pub enum Binary {
-    Add,
-    Sub,
-    Mul,
-    Div,
+macro_rules! binary {
+    ($($(#[$doc:meta])* $op:ident $name:literal $meaning:expr,)+) => {
+        /// Functions of two values.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+        #[expect(missing_docs, reason = "the names say it")]
+        pub enum Binary {
+            $($(#[$doc])* $op,)+
+        }
+
+        impl Binary {
+            /// All of them.
+            pub const ALL: [Binary; [$($name),+].len()] = [$(Binary::$op),+];
+
+            /// As it is written in the text form of a program.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Binary::$op => $name,)+
+                }
+            }
+
+            /// Its value at `a` and `b`.
+            #[inline]
+            pub(crate) fn value(self, a: f64, b: f64) -> f64 {
+                match self {
+                    $(Binary::$op => $meaning(a, b),)+
+                }
+            }
+        }
+    };
+}
+
+binary! {
+    Add "add" std::ops::Add::add,
+    Sub "sub" std::ops::Sub::sub,
+    Mul "mul" std::ops::Mul::mul,
+    Div "div" std::ops::Div::div,
     /// `a^b`; integer and half-integer exponents are products and roots.
-    Pow,
+    Pow "pow" eval::pow,
     /// The smaller; NaN if either is.
-    Min,
+    Min "min" eval::min,
     /// The larger; NaN if either is.
-    Max,
-    Atan2,
+    Max "max" eval::max,
+    Atan2 "atan2" libm::atan2,
     /// Comparisons give 1 or 0, and 0 where either is NaN.
-    Lt,
-    Le,
-    Eq,
-    And,
-    Or,
-}
-
-impl Binary {
-    /// All of them.
-    pub const ALL: [Binary; 13] = [
-        Binary::Add,
-        Binary::Sub,
-        Binary::Mul,
-        Binary::Div,
-        Binary::Pow,
-        Binary::Min,
-        Binary::Max,
-        Binary::Atan2,
-        Binary::Lt,
-        Binary::Le,
-        Binary::Eq,
-        Binary::And,
-        Binary::Or,
-    ];
-
-    /// As it is written in the text form of a program.
-    pub fn name(self) -> &'static str {
-        match self {
-            Binary::Add => "add",
-            Binary::Sub => "sub",
-            Binary::Mul => "mul",
-            Binary::Div => "div",
-            Binary::Pow => "pow",
-            Binary::Min => "min",
-            Binary::Max => "max",
-            Binary::Atan2 => "atan2",
-            Binary::Lt => "lt",
-            Binary::Le => "le",
-            Binary::Eq => "eq",
-            Binary::And => "and",
-            Binary::Or => "or",
-        }
-    }
+    Lt "lt" eval::less,
+    Le "le" eval::less_or_equal,
+    Eq "eq" eval::equal,
+    And "and" eval::and,
+    Or "or" eval::or,
 }

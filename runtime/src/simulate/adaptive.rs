@@ -20,8 +20,8 @@ const CRAWL: (u32, f64) = (20_000, 1e-5);
 const TAKEN_BACK: u32 = 4;
 /// Of steps as short as this part of the usual one a run has more than it will ever come through.
 const ENDLESS: f64 = 1e-7;
-/// No step is shorter than this part of the time that it begins at, nor than that part of the usual step, nor, where longer
-/// ones are not solved, than that part of what was tried first.
+/// No step is shorter than this part of the time that it begins at, nor than that part of the usual step, nor, where
+/// longer ones are not solved, than that part of what was tried first.
 const RESOLVED: f64 = 1e-13;
 const SHORTEST: f64 = 1e-12;
 /// No step of exponential laws is shorter than this part of the usual one, whatever the time: where they begin to move
@@ -151,7 +151,8 @@ pub(super) struct Fit {
     pub(super) trial: Taken,
     /// By how much each state was moved by a look at a short step.
     pub(super) moves: Vec<f64>,
-    /// The guard that the step which is tried ends just before, and the length of a step that ends just past its change.
+    /// The guard that the step which is tried ends just before, and the length of a step that ends just past its
+    /// change.
     pub(super) stood: Option<(usize, f64)>,
     /// The guards before a switch, beyond it, and where they were looked at last.
     pub(super) below: Vec<f64>,

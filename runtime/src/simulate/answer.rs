@@ -22,8 +22,9 @@ const EFFORT: usize = 400_000;
 /// The same of a sampled side, whose steps are given: some tenths of a second.
 const SAMPLES: usize = 10_000_000;
 /// What is held more and less where the other side is not linear, at first, and the part of it that is tried next, so
-/// often at most, until it makes no more of a change than that: what is large depends on the scene. Where friction holds,
-/// or soon will, it is made larger by that instead, and then by so many times as long as the answer grows by so much.
+/// often at most, until it makes no more of a change than that: what is large depends on the scene. Where friction
+/// holds, or soon will, it is made larger by that instead, and then by so many times as long as the answer grows by so
+/// much.
 const PROBE: f64 = 1e-3;
 const FINER: f64 = 1e-3;
 const MORE: f64 = 10.0;
@@ -124,8 +125,8 @@ impl Simulation<'_> {
 }
 
 impl Run {
-    /// The answer ([`Self::response`]) about 0, or `about` what is held at the start where there is none, or one beyond all
-    /// others; where friction holds within the hold, to a change that is large enough.
+    /// The answer ([`Self::response`]) about 0, or `about` what is held at the start where there is none, or one beyond
+    /// all others; where friction holds within the hold, to a change that is large enough.
     fn measured(&mut self, c: &Cluster, period: f64, ports: &[usize], about: &[f64]) -> Answers {
         let zero = vec![0.0; ports.len()];
         if c.is_linear {
@@ -140,7 +141,8 @@ impl Run {
                 answers = there;
             }
         }
-        // What friction brings to rest within the hold answers as little as it has way left, and what it holds, nothing.
+        // What friction brings to rest within the hold answers as little as it has way left, and what it holds,
+        // nothing.
         let rests = |a: &Answers| size(a) == 0.0 || c.states > 0 && a.iter().skip(1).flatten().all(|x| *x == 0.0);
         let mut probe = PROBE;
         for _ in 0..LOOKS {

@@ -17,13 +17,13 @@ const ROUNDED: f64 = 1e-15;
 /// The same of what has no energy, a state or an integral, in SI units.
 const SMALLEST: f64 = 1e-24;
 
-/// Before the first step, so many are looked at, each this part of the one before; where laws have exponentials, up to so
-/// many more, until no state moves by more than this part of its size.
+/// Before the first step, so many are looked at, each this part of the one before; where laws have exponentials, up to
+/// so many more, until no state moves by more than this part of its size.
 const LOOKS: i32 = 4;
 const MORE: i32 = 110;
 const MOVES: f64 = 1.0 / 256.0;
-/// What begins to move by the square root of the time moves by a sixteenth of what a step of 256 times the length moves it by;
-/// this many times as much are looked at.
+/// What begins to move by the square root of the time moves by a sixteenth of what a step of 256 times the length moves
+/// it by; this many times as much are looked at.
 const ALIKE: f64 = 32.0;
 /// What a state moves by misses no more than this part of what it begins to move by.
 const MISSED: f64 = 0.75;
@@ -31,8 +31,8 @@ const MISSED: f64 = 0.75;
 const QUARTER: f64 = 0.25;
 const QUARTERS: i32 = 10;
 const SHORTER: f64 = 1.0 / 256.0;
-/// The power of [`SHORTER`] with the exponent 5/2: states begin to move by no higher power of the time, by its square where
-/// a source begins at 0.
+/// The power of [`SHORTER`] with the exponent 5/2: states begin to move by no higher power of the time, by its square
+/// where a source begins at 0.
 const BEGINS: f64 = 1.0 / 1_048_576.0;
 
 /// The largest energy so far, above the least that there is, J.
@@ -99,9 +99,9 @@ impl Scale {
         states.chain(std::iter::repeat_n(integral, c.integrals)).collect()
     }
 
-    /// Where H does not bend at the start, as of bodies that touch by Hertz' law: how far away an energy of 1 J lies, by
-    /// the curvature there, `bends` of a state and how far it is moved. An error of next to nothing would be one of all
-    /// that there is, else.
+    /// Where H does not bend at the start, as of bodies that touch by Hertz' law: how far away an energy of 1 J lies,
+    /// by the curvature there, `bends` of a state and how far it is moved. An error of next to nothing would be one of
+    /// all that there is, else.
     pub(super) fn look_further(
         scales: &mut [Self],
         c: &Cluster,
@@ -204,10 +204,11 @@ impl Run {
     }
 
     /// The first step of a run, at most `h`: where a method lets stay what is far too fast for it (Gauss' of an even
-    /// number of stages does), or damps it (an L-stable one), or a step is of many turns, a whole step and its halves may say the
-    /// same, and no estimate tells that both are wrong. By exponentials a state may be moved so far, too, where it starts,
-    /// that what all of them say is worth nothing. So steps that are ever shorter are looked at first, by which no state may
-    /// move by more than its size in the first. None where the shortest of them still moves one of them so.
+    /// number of stages does), or damps it (an L-stable one), or a step is of many turns, a whole step and its halves
+    /// may say the same, and no estimate tells that both are wrong. By exponentials a state may be moved so far, too,
+    /// where it starts, that what all of them say is worth nothing. So steps that are ever shorter are looked at first,
+    /// by which no state may move by more than its size in the first. None where the shortest of them still moves one
+    /// of them so.
     pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
         if c.step.properties.explicit {
             return Some(self.first_explicit(c, t, h));
@@ -245,9 +246,10 @@ impl Run {
         (!c.has_exponentials || most < MOVES).then_some(first.max(h * SHORTER.powi(looks)))
     }
 
-    /// Where a law has switched, and a step of a Gauss method that begins there was found good: how long one may be that sees
-    /// how the states begin to move, where that one does not. What is far too fast for it stays, or turns round, and so it
-    /// does in its halves. None where each moves on as it begins, or in no step that is not far shorter still.
+    /// Where a law has switched, and a step of a Gauss method that begins there was found good: how long one may be
+    /// that sees how the states begin to move, where that one does not. What is far too fast for it stays, or turns
+    /// round, and so it does in its halves. None where each moves on as it begins, or in no step that is not far
+    /// shorter still.
     pub(super) fn set_off(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
         let is_of = !c.is_non_smooth && c.step.properties.repeats_fast_modes();
         if !is_of || self.fit.as_ref().is_none_or(|fit| fit.spare) {
@@ -281,8 +283,8 @@ impl Run {
         })
     }
 
-    /// The first step of an explicit method, at most `h`: one that is too long for what is stiff moves states by the power
-    /// of its length that the method has stages, and not as they begin to move.
+    /// The first step of an explicit method, at most `h`: one that is too long for what is stiff moves states by the
+    /// power of its length that the method has stages, and not as they begin to move.
     fn first_explicit(&mut self, c: &Cluster, t: f64, h: f64) -> f64 {
         let (mut first, mut looked) = (h, false);
         for k in 0..=LOOKS {
@@ -303,8 +305,8 @@ impl Run {
         first
     }
 
-    /// What of an energy may move states that are no heat, J: what is stored as heat does not come back, and is large beside
-    /// all else. Where there is any, what the largest values of the other states come to.
+    /// What of an energy may move states that are no heat, J: what is stored as heat does not come back, and is large
+    /// beside all else. Where there is any, what the largest values of the other states come to.
     fn cool(&self, c: &Cluster, energy: f64) -> f64 {
         if c.heats.is_empty() {
             return energy;
@@ -325,8 +327,8 @@ impl Run {
 
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
     /// states' sizes: the embedded estimate, or what the difference of the two tells. Where there is no state, it
-    /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. Where the step is
-    /// `near` a switch, that difference itself.
+    /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. Where the step
+    /// is `near` a switch, that difference itself.
     fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<Estimate, Failure> {
         let mut most = Estimate { error: 0.0, fresh: false, size: 0.0, worst: usize::MAX };
         let Some(fit) = &self.fit else { return Ok(most) };

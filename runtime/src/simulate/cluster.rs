@@ -588,8 +588,8 @@ impl Run {
         }
     }
 
-    /// The state at `t`, without keeping it: by a step from the state, or from halfway through the planned one. Where the
-    /// run is beyond that, because another region failed there, it is the state as it is.
+    /// The state at `t`, without keeping it: by a step from the state, or from halfway through the planned one. Where
+    /// the run is beyond that, because another region failed there, it is the state as it is.
     pub(super) fn look_at(&mut self, c: &Cluster, t: f64) -> Result<&[f64], Error> {
         if self.fit.as_ref().is_some_and(|f| f.shown == Some(t)) {
             return Ok(&self.glanced);
@@ -664,9 +664,9 @@ impl Run {
         }
     }
 
-    /// What laws give at the end of what is looked at, left aside, by a last step that is short: where states alone do not
-    /// tell it, it is as wrong as the rates at the end of a step, which are right only when nothing switched within it.
-    /// Whether there is any.
+    /// What laws give at the end of what is looked at, left aside, by a last step that is short: where states alone do
+    /// not tell it, it is as wrong as the rates at the end of a step, which are right only when nothing switched within
+    /// it. Whether there is any.
     fn settle_answers(&mut self, c: &Cluster, at: f64, h: f64) -> bool {
         if c.guesses == 0 || !c.step.properties.stiffly_accurate {
             return false;

@@ -23,8 +23,8 @@ const FAINT: f64 = 1e-4;
 /// After so many switches of such guards.
 const CHATTER: u32 = 20;
 
-/// Switches before one that was located are looked for so often at most; and what changes its sign by less than this part
-/// of its largest is rounding.
+/// Switches before one that was located are looked for so often at most; and what changes its sign by less than this
+/// part of its largest is rounding.
 const SOONER: u32 = 16;
 const SLIGHT: f64 = 1e-9;
 

@@ -59,8 +59,8 @@ impl Watch {
         m > 0 && slopes.is_some_and(|slopes| slopes.iter().any(|x| *x != 0.0))
     }
 
-    /// Looks at the guards: whether there is something that the state does not tell, and whether one that time alone tells
-    /// switches within so long a time.
+    /// Looks at the guards: whether there is something that the state does not tell, and whether one that time alone
+    /// tells switches within so long a time.
     pub(super) fn run(&mut self, state: &[f64], input: &mut [f64], ahead: f64) -> Result<(bool, bool), Failure> {
         let known = ahead > 0.0 && self.loops > 0 && !self.times.is_empty();
         if known {

@@ -15,12 +15,12 @@ pub const WARY: f64 = 16.0;
 /// What an interval of which nothing was foretold could lose, J: what it does lose says nothing of forecasts, and costs
 /// no trust.
 pub(super) const UNTOLD: f64 = f64::INFINITY;
-/// A loss, or a debt, of less than this part of the most that an interval ever risked, or that crossed and was put in, is
-/// rounding, and counts as none.
+/// A loss, or a debt, of less than this part of the most that an interval ever risked, or that crossed and was put in,
+/// is rounding, and counts as none.
 pub const LOSS: f64 = 1e-12;
 
-/// What of an energy is its rounding. What is stored is no budget as far as it is that: of next to nothing, held against
-/// what was not foretold, its root would be given out.
+/// What of an energy is its rounding. What is stored is no budget as far as it is that: of next to nothing, held
+/// against what was not foretold, its root would be given out.
 pub const NOISE: f64 = 1e-14;
 /// Beside this part of the scene's largest energy a debt counts, where the region's own are smaller: what crosses from
 /// there has the rounding of that.
@@ -54,8 +54,8 @@ pub(super) struct Held {
     /// Energy that crossed since the last sample, where the other side is sampled too and may have latched earlier
     /// values.
     pub(super) w: f64,
-    /// Of a holder that goes by another clock: the answer since that one's last sample; what of it the other side, in its
-    /// interval that runs, was taken to give; and what it gave a second in the one before.
+    /// Of a holder that goes by another clock: the answer since that one's last sample; what of it the other side, in
+    /// its interval that runs, was taken to give; and what it gave a second in the one before.
     pub(super) got: f64,
     pub(super) ahead: f64,
     pub(super) rate: f64,
@@ -162,8 +162,8 @@ impl Held {
 pub(super) struct Caution {
     /// The largest debt since there was none, its own or another's, J.
     pub(super) peak: f64,
-    /// The part of what could be risked that is: less after each loss, its own or another's, in proportion to it; 1 where
-    /// nobody is in debt.
+    /// The part of what could be risked that is: less after each loss, its own or another's, in proportion to it; 1
+    /// where nobody is in debt.
     pub(super) trust: f64,
     /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
     /// foretold to move at all.
@@ -189,8 +189,8 @@ impl Caution {
         self.most = if self.most < energy { energy } else { self.most };
     }
 
-    /// Ends an interval, in which so much came in, with a debt (not above 0 where there is none), and whether nobody has
-    /// one. By how much it is trusted less for what it lost: 1 where it lost nothing.
+    /// Ends an interval, in which so much came in, with a debt (not above 0 where there is none), and whether nobody
+    /// has one. By how much it is trusted less for what it lost: 1 where it lost nothing.
     pub(super) fn settle(&mut self, (debt, free): (f64, bool), crossed: f64) -> f64 {
         if free {
             (self.peak, self.trust) = (0.0, 1.0);
@@ -210,8 +210,8 @@ impl Caution {
     }
 
     /// In debt, or distrusted, scales held variables down until no more is at risk than was repaid since the debt was
-    /// largest (or is stored besides), or than is trusted: of what they put at risk, W(s) = s u + s^2 b at s times them,
-    /// where `doubt` is what each alpha may be off by.
+    /// largest (or is stored besides), or than is trusted: of what they put at risk, W(s) = s u + s^2 b at s times
+    /// them, where `doubt` is what each alpha may be off by.
     pub(super) fn restrain(
         &mut self,
         v: &mut [f64],

@@ -1,13 +1,15 @@
-//! Sampled regions whose periods are in no whole ratio, joined by double bars: the holder goes by the other side's clock.
+//! Sampled regions whose periods are in no whole ratio, joined by double bars: the holder goes by the other side's
+//! clock.
 //!
 //! The faster side latches what is held at instants of its own, and does what it does over whole intervals of its own.
 //! So the holder's k-th sample is at the first such instant at or after kT, and its interval is made of whole ones of
-//! the other side: n_k of them, n_k being one of two neighbours. Then what is held is met throughout the interval that it
-//! is reckoned with, by all that it is held for, and the leak is that of the forecast alone. What the others do is told
-//! interval by interval of that clock, and foretold so. A holder of one that goes by another clock goes by it too, and so
-//! do the sides of its own period that hold for nobody.
+//! the other side: n_k of them, n_k being one of two neighbours. Then what is held is met throughout the interval that
+//! it is reckoned with, by all that it is held for, and the leak is that of the forecast alone. What the others do is
+//! told interval by interval of that clock, and foretold so. A holder of one that goes by another clock goes by it too,
+//! and so do the sides of its own period that hold for nobody.
 //!
-//! Sides that have intervals beside those of the clock are told of as if they went on as they did, until they have ended.
+//! Sides that have intervals beside those of the clock are told of as if they went on as they did, until they have
+//! ended.
 
 use super::hold::{Held, RECURRENCE, TERMS};
 use super::schedule::Simulation;
@@ -41,9 +43,9 @@ pub fn paced(scene: &Scene) -> Option<usize> {
 }
 
 impl Pace {
-    /// By cluster, the clock that it goes by: of the sampled sides that it holds for, where one is in no whole ratio to it
-    /// or goes by another clock itself, the slowest at whose samples all others sample; the slowest, if there is none.
-    /// Sides of its own period that hold for nobody sample when it does, then.
+    /// By cluster, the clock that it goes by: of the sampled sides that it holds for, where one is in no whole ratio to
+    /// it or goes by another clock itself, the slowest at whose samples all others sample; the slowest, if there is
+    /// none. Sides of its own period that hold for nobody sample when it does, then.
     pub(super) fn all(scene: &Scene) -> Vec<Option<Pace>> {
         let mut all: Vec<Option<Pace>> = vec![None; scene.clusters.len()];
         for (period, i) in by_period((0..scene.clusters.len()).collect(), scene) {
@@ -74,8 +76,8 @@ impl Pace {
         (k as f64 * self.ratio).ceil() as u64
     }
 
-    /// beta of so many intervals of the clock, from what one of them and the recurrence tell: what is held goes on to be
-    /// felt in the later ones.
+    /// beta of so many intervals of the clock, from what one of them and the recurrence tell: what is held goes on to
+    /// be felt in the later ones.
     pub(super) fn find_betas(&mut self, n: usize, beta: &[f64], gamma: &[f64], decay: &[f64]) {
         self.betas = [vec![0.0; n * n], vec![0.0; n * n]];
         for (a, b) in (0..n).flat_map(|a| (0..n).map(move |b| (a, b))) {

@@ -6,8 +6,8 @@ use std::borrow::Cow;
 
 /// What the balance of a step is off by at most, relative, where it is said to be kept.
 pub const KEPT: f64 = 1e-12;
-/// The same for each state, where there are many: a sum of n terms is rounded by up to n parts in 1e16 of itself (Higham,
-/// Accuracy and Stability of Numerical Algorithms, 4.2), and there are two of them in a balance.
+/// The same for each state, where there are many: a sum of n terms is rounded by up to n parts in 1e16 of itself
+/// (Higham, Accuracy and Stability of Numerical Algorithms, 4.2), and there are two of them in a balance.
 const KEPT_EACH: f64 = 2.0 * f64::EPSILON;
 /// Energies below this part of the scene's largest are rounding.
 const FLOOR: f64 = 1e-14;
@@ -17,8 +17,8 @@ const GROWN: f64 = 0.1;
 const OWED: f64 = 1e-11;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
-/// J, and what that is a part of at least: k T in a room. Where next to nothing moves, rounding of a speed times a force
-/// may have any sign.
+/// J, and what that is a part of at least: k T in a room. Where next to nothing moves, rounding of a speed times a
+/// force may have any sign.
 const THERMAL: f64 = 4e-21;
 /// What rounding may make of an energy in each step.
 const ROUNDING: f64 = 1e-15;
@@ -53,8 +53,8 @@ pub struct Modified {
     pub max_difference: f64,
     /// The same, as a part of the largest energy that was stored or turned over in a step.
     pub relative: f64,
-    /// The most, as the next one measures it, that H was above what it was at the start and what was supplied since less
-    /// what was dissipated, J.
+    /// The most, as the next one measures it, that H was above what it was at the start and what was supplied since
+    /// less what was dissipated, J.
     pub grown: f64,
     /// The same, as a part of the largest energy that was held until then, or given in that step.
     pub grown_relative: f64,
@@ -122,8 +122,8 @@ pub struct RegionSummary {
     pub resistors: Vec<ElementEnergy>,
     /// Entropy produced by each field with thermal ports.
     pub produced: Vec<ElementEntropy>,
-    /// The largest fall of entropy in a step, times the temperature there, relative to the larger of H and what is turned
-    /// over; 0 where none fell.
+    /// The largest fall of entropy in a step, times the temperature there, relative to the larger of H and what is
+    /// turned over; 0 where none fell.
     pub sunk: f64,
 }
 

@@ -1,5 +1,5 @@
-//! The chord start: two updates with one matrix (the simplified Newton method), how an iteration of few unknowns begins,
-//! and mostly ends.
+//! The chord start: two updates with one matrix (the simplified Newton method), how an iteration of few unknowns
+//! begins, and mostly ends.
 //!
 //! # What is done
 //! At the start, with residual `r` and Jacobian `J`; the numbers are those of [`ChordOptions`]:
@@ -11,20 +11,20 @@
 //! 3. The residual there with the same elimination gives `e`. Where a `|d_i|` is above 1e-2 `z_i`: done where no entry
 //!    of `J` there is off by more than a tenth, and `|e_i| <= 4e-16 z_i`. Else done where each `|e_i| <= 4e-16 |u_i|`,
 //!    which the unknowns hardly show: its opposite becomes their rounding error. The next such update would be near
-//!    `2 e_i² / d_i`: so it is done, with `u = u - e`, where for each unknown that is at most a quarter of `left z_i`, and
-//!    `|e_i| <= 1e-11 z_i`; or `|e_i| <= 4e-16 z_i`. Each unknown counts by itself, since those that converge at once say
-//!    nothing of the others.
+//!    `2 e_i² / d_i`: so it is done, with `u = u - e`, where for each unknown that is at most a quarter of `left z_i`,
+//!    and `|e_i| <= 1e-11 z_i`; or `|e_i| <= 4e-16 z_i`. Each unknown counts by itself, since those that converge at
+//!    once say nothing of the others.
 //!
 //!    Of one equation, where that is not all, and `|e| <= |d| / 10`, `e` becomes `e + 2 e² / d`: the slope there, as
 //!    the two residuals determine it, is `(1 - 2 e / d) J`, and the method is of order 4 (Ostrowski, Solution of
 //!    equations and systems of equations, 1960). Then the next one would be near `e² / d² e`, but that the third
-//!    derivative counts, most so where the second is 0 by chance: so it is done where `|e / d| (|e / d| + |d / z|) |e|` is
-//!    at most an eighth of `left z`, and `|e| <= 1e-11 z`: where a law has a corner none of this is so.
+//!    derivative counts, most so where the second is 0 by chance: so it is done where `|e / d| (|e / d| + |d / z|) |e|`
+//!    is at most an eighth of `left z`, and `|e| <= 1e-11 z`: where a law has a corner none of this is so.
 //! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the
 //!    iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
-//! 5. Else it begins anew from the start that was given apart from a predicted one; where there is none, it goes on from
-//!    `u`, as after an iteration that made the update `d`, unless an exponential of an unknown may have taken that too
-//!    far ([`ir::Newton::knees`]). Where `|d|` is not finite it begins anew in any case.
+//! 5. Else it begins anew from the start that was given apart from a predicted one; where there is none, it goes on
+//!    from `u`, as after an iteration that made the update `d`, unless an exponential of an unknown may have taken that
+//!    too far ([`ir::Newton::knees`]). Where `|d|` is not finite it begins anew in any case.
 //!
 //! An elimination without pivots that lost digits shows as an `e` that is not small, or as one that leaves the residual
 //! unexplained: it is done only where each `|r_i| <= 2 Σ |J_ij| (|d_j| + 4e-16 z_j)`, which is to be finite, with the
@@ -336,7 +336,8 @@ impl<'i, 'p, M: Machine, const N: usize> Start<'i, 'p, M, N> {
         v.iter().zip(&self.z).fold(self.m.number(0.0), |sum, (v, z)| sum + v.abs() / *z)
     }
 
-    /// Ends with an update, where it and what rounding leaves of the unknowns come up to the residual; else begins anew.
+    /// Ends with an update, where it and what rounding leaves of the unknowns come up to the residual; else begins
+    /// anew.
     fn done(
         &self,
         matrix: &[[M::Number; N]; N],
@@ -355,8 +356,8 @@ impl<'i, 'p, M: Machine, const N: usize> Start<'i, 'p, M, N> {
         )
     }
 
-    /// Whether an update and what rounding leaves of the unknowns come up to a residual, by a matrix that is finite. One
-    /// equation is divided by its slope, which loses nothing; of two an infinite entry leaves no number.
+    /// Whether an update and what rounding leaves of the unknowns come up to a residual, by a matrix that is finite.
+    /// One equation is divided by its slope, which loses nothing; of two an infinite entry leaves no number.
     fn explained(
         &self,
         matrix: &[[M::Number; N]; N],
@@ -396,8 +397,8 @@ fn is_last<M: Machine>(
     second.at_most(m.tolerance(o.rounding) * z) | (near & second.at_most(m.tolerance(o.last) * z))
 }
 
-/// The second update of one equation by the slope there, as the residuals determine it, where it is at most `part` of the
-/// first.
+/// The second update of one equation by the slope there, as the residuals determine it, where it is at most `part` of
+/// the first.
 fn corrected<M: Machine>(m: M, part: f64, first: M::Number, second: M::Number) -> M::Number {
     let more = second * second * (m.number(2.0) / first);
     m.select(second.abs().at_most(m.number(part) * first.abs()), second + more, second)

@@ -75,11 +75,11 @@ pub struct Places<M: Machine> {
 /// right. One unknown is divided; two are solved by Cramer's rule, where that keeps digits.
 ///
 /// Where equations may leave unknowns `undetermined`, as what two frictions on both sides of a gear hold each, a row of
-/// zeros, as of ideal diodes in a ring that all conduct, has `s_i = 0`; and where a pivot is at most `poor c_k`, row `k`
-/// is exchanged with the first of the rows from `k` on of which least is left, `max_j>k |a_ij| s_i`, and `r_k = s_k`. It
-/// says what other rows said where what is left of it then, `b_k - a_k,k+1 x_k+1 - ...`, is at most `alike` times the
-/// sum of `b_k` as it was given and what was taken off it, each by its size; so `x_k = 0`. Else all is done again, as
-/// where nothing may be undetermined.
+/// zeros, as of ideal diodes in a ring that all conduct, has `s_i = 0`; and where a pivot is at most `poor c_k`, row
+/// `k` is exchanged with the first of the rows from `k` on of which least is left, `max_j>k |a_ij| s_i`, and `r_k =
+/// s_k`. It says what other rows said where what is left of it then, `b_k - a_k,k+1 x_k+1 - ...`, is at most `alike`
+/// times the sum of `b_k` as it was given and what was taken off it, each by its size; so `x_k = 0`. Else all is done
+/// again, as where nothing may be undetermined.
 pub fn eliminate<M: Machine>(m: M, n: usize, places: &Places<M>, row: &M::Variable, undetermined: bool) {
     let options = LinearOptions::DEFAULT;
     row.set(m.number(SOLVED));
@@ -391,8 +391,8 @@ mod tests {
         let solve_so = |open, b: &mut [f64]| solve(3, &mut matrix.clone(), b, &mut Scratch::new(3), open);
         assert_eq!(solve_so(true, &mut b), Ok(true));
         assert!((b[0] - 0.2).abs() < 1e-15 && (b[1] + 1e5).abs() < 1e-9 && b[2] == 0.0, "{b:?}");
-        // Of a row of zeros, as of laws that are all flat, another unknown is told nothing, wherever it stands; and so of
-        // one that becomes such.
+        // Of a row of zeros, as of laws that are all flat, another unknown is told nothing, wherever it stands; and so
+        // of one that becomes such.
         for empty in [[0.0; 3], [2.0, -2.0, 0.0]] {
             let rows = [(empty, empty[0] / 2.0), ([1.0, -1.0, 0.0], 0.5), ([0.0, 0.0, 2.0], 3.0)];
             for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {

@@ -54,8 +54,8 @@ pub struct Scratch {
 }
 
 impl Plan {
-    /// The plan for `n` unknowns and a pattern of (row, column), each place at most once. Of complex numbers it is always
-    /// sparse, and without a second try where a pivot is bad but that which raises it.
+    /// The plan for `n` unknowns and a pattern of (row, column), each place at most once. Of complex numbers it is
+    /// always sparse, and without a second try where a pivot is bad but that which raises it.
     ///
     /// # Panics
     /// Where the pattern is not within `n` rows and columns.

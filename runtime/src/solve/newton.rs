@@ -1,60 +1,62 @@
-//! Newton's method, as [`crate::ir::Newton`] means it. [`super::iteration`] is that for every machine, and [`solve`] is it on numbers.
+//! Newton's method, as [`crate::ir::Newton`] means it. [`super::iteration`] is that for every machine, and [`solve`] is
+//! it on numbers.
 //!
 //! # The method
 //! Names and numbers are those of [`NewtonOptions`].
 //!
 //! With unknowns `u`, residual `r(u)`, Jacobian `J(u)`, weights `w` and scales `s`, all norms squared:
 //!
-//! - `|v|² = Σ w_i v_i²` (a weighted norm; the `w_i` are error weights). A weight that is not finite or not above 0 (as of a spring that is not in contact yet) is the
-//!   mean of the other `w_j s_j²` over `s_i²`, so that no equation goes unseen, and in sums of `u_i² + s_i²` counts
-//!   `s_i²` alone; without a scale either, as of a root from rest, its scale is the first update (if that is not one of two
-//!   to begin with), but in sums it counts nothing; where there is no weight at all, all are 1.
+//! - `|v|² = Σ w_i v_i²` (a weighted norm; the `w_i` are error weights). A weight that is not finite or not above 0 (as
+//!   of a spring that is not in contact yet) is the mean of the other `w_j s_j²` over `s_i²`, so that no equation goes
+//!   unseen, and in sums of `u_i² + s_i²` counts `s_i²` alone; without a scale either, as of a root from rest, its
+//!   scale is the first update (if that is not one of two to begin with), but in sums it counts nothing; where there is
+//!   no weight at all, all are 1.
 //! - Up to `limit` times: compute `r`, `J`.
 //!   1. Where `|r|²` is not finite, or an update was made and `|r|²` is above 4 times the smallest `|r|²` so far
 //!      (from the iteration `patience` on, where the update's `|d|²` was above `negligible` times
-//!      `Σ w_i (u_i² + s_i²)`, above `1 - decrease / 2^halvings` times that before the update; not where the update is given)
-//!      and above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first `damped` iterations, and the
-//!      last update was halved fewer than `halvings` times: take half of it back (`d = d / 2`, `u = u + d`) and start
-//!      over. Of a whole update that left `|r|²` above 4 times the smallest this waits for the next one: where that one's
-//!      `|d|²` is at most `closer` times as large, the iteration converges whatever the residual, whose equations may
-//!      weigh little or much, and goes on from there. Not beside an exponential ([`ir::Knee`]) or a pole
+//!      `Σ w_i (u_i² + s_i²)`, above `1 - decrease / 2^halvings` times that before the update; not where the update is
+//!      given) and above the noise `1e-26 Σ w_i (u_i² + s_i²)` (0 without weights), in the first `damped` iterations,
+//!      and the last update was halved fewer than `halvings` times: take half of it back (`d = d / 2`, `u = u + d`) and
+//!      start over. Of a whole update that left `|r|²` above 4 times the smallest this waits for the next one: where
+//!      that one's `|d|²` is at most `closer` times as large, the iteration converges whatever the residual, whose
+//!      equations may weigh little or much, and goes on from there. Not beside an exponential ([`ir::Knee`]) or a pole
 //!      ([`ir::Newton::has_poles`]), from beyond which the update is small by nature.
 //!   2. Where all of `r` is 0, or after `damped` iterations, once an update is more than half of the smallest before or
-//!      after `grace` more, `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where a body that all but rests sticks,
-//!      rounding leaves open what holds it.
-//!   3. Solve `J d = r`. Where that fails, or `J` or `d` is not finite: halve as in 1, if that is still allowed; before the
-//!      first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another time, or
-//!      where `|r|²` is not finite there, take 2e-3 of it off, and so on by `nudges`; else fail.
+//!      after `grace` more, `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where a body that all but rests
+//!      sticks, rounding leaves open what holds it.
+//!   3. Solve `J d = r`. Where that fails, or `J` or `d` is not finite: halve as in 1, if that is still allowed; before
+//!      the first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another
+//!      time, or where `|r|²` is not finite there, take 2e-3 of it off, and so on by `nudges`; else fail.
 //!   4. Where `|d + e|²` is at most `|e|² / 16`, with the update `e` before, neither halved nor doubled: half of `d`.
 //!      It only takes back what `e` did, as about the infinite slope of a root, where such updates go to and fro for
 //!      ever.
-//!   5. `u = u - d`, then test. Of an unknown that is an exponent ([`ir::Knee`]) the update is limited: made along the curve
-//!      of argument and exponential, in a parameter that is the argument before the knee and the exponential beyond it
-//!      (Newton's method in the voltage of a junction that blocks, in the current of one that conducts; Nagel, SPICE2,
-//!      1975): else what lies beyond would be overshot, or come back from by one unit of the exponent at a time. `d` is
-//!      what was made of it; up to an eighth of a unit it stays.
-//! - Where laws may leave `undetermined` how they share a load, so may the matrix ([`super::dense::solve`]): those unknowns stay,
-//!   the residual that comes of such an update is not compared with those before, and from then on one that is rounding,
-//!   as in 2, is enough after `patience` iterations or where the matrix has no pivot: what is the same is not to the
-//!   last digit.
+//!   5. `u = u - d`, then test. Of an unknown that is an exponent ([`ir::Knee`]) the update is limited: made along the
+//!      curve of argument and exponential, in a parameter that is the argument before the knee and the exponential
+//!      beyond it (Newton's method in the voltage of a junction that blocks, in the current of one that conducts;
+//!      Nagel, SPICE2, 1975): else what lies beyond would be overshot, or come back from by one unit of the exponent
+//!      at a time. `d` is what was made of it; up to an eighth of a unit it stays.
+//! - Where laws may leave `undetermined` how they share a load, so may the matrix ([`super::dense::solve`]): those
+//!   unknowns stay, the residual that comes of such an update is not compared with those before, and from then on one
+//!   that is rounding, as in 2, is enough after `patience` iterations or where the matrix has no pivot: what is the
+//!   same is not to the last digit.
 //! - *Small(t)*: each unknown has `|d_i| <= t (|u_i| + s_i)` or, with its weight above 0,
 //!   `w_i d_i² <= t² Σ w_j (u_j² + s_j²)`, where `|r|²` is no more than that sum: far out on an exponential one unknown
 //!   is too large for another to show.
 //! - Where the residual is affine, only `u = u - J^-1 r`, once. Else done where small(4e-16); or, where the update
 //!   before, `e`, was not halved and `|d|` is at most 1e-3 `|e|`, small(t) with `t = min(1e-11, left |e|² / |d|²)`:
-//!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below what may be left (`left`, 4e-16 as
-//!   a rule); or small(1e-12), where `|d|` is at least half of `|e|`: rounding keeps it from falling; or small(1e-10),
-//!   where besides it was at least half of the smallest before it `stalls` times in a row: the equations hardly determine
-//!   that unknown; or small(1e-6) then, where the smallest `|r|²` so far is at most `1e-20 Σ w_i (u_i² + s_i²)`, which is
-//!   rounding.
+//!   convergence being quadratic, the next update would be near `d |d|² / |e|²`, below what may be left (`left`, 4e-16
+//!   as a rule); or small(1e-12), where `|d|` is at least half of `|e|`: rounding keeps it from falling; or
+//!   small(1e-10), where besides it was at least half of the smallest before it `stalls` times in a row: the equations
+//!   hardly determine that unknown; or small(1e-6) then, where the smallest `|r|²` so far is at most `1e-20 Σ w_i (u_i²
+//!   + s_i²)`, which is rounding.
 //!
-//! - Where laws have `corners` beyond which they are steeper by orders of magnitude, an update that was to be the last may
-//!   have passed one, if it is no more than rounding. So the residual that it leaves is looked at, up to `looks` times,
-//!   and where it is above `1e-28 Σ w_i (u_i² + s_i²)` the iteration goes on; above `1e-24` of it, where it was no more than
-//!   4 times as large before.
+//! - Where laws have `corners` beyond which they are steeper by orders of magnitude, an update that was to be the last
+//!   may have passed one, if it is no more than rounding. So the residual that it leaves is looked at, up to `looks`
+//!   times, and where it is above `1e-28 Σ w_i (u_i² + s_i²)` the iteration goes on; above `1e-24` of it, where it was
+//!   no more than 4 times as large before.
 //!
-//! Few unknowns begin with two updates by one matrix, [`super::chord`], which mostly is all. Where the start was predicted and
-//! the iteration fails from there, it begins anew from the other start that is given.
+//! Few unknowns begin with two updates by one matrix, [`super::chord`], which mostly is all. Where the start was
+//! predicted and the iteration fails from there, it begins anew from the other start that is given.
 //!
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what
 //! it gave, and fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what

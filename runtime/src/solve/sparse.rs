@@ -103,8 +103,8 @@ impl Pattern {
 }
 
 impl Symbolic {
-    /// Analyses a pattern of (row, column), each place at most once. Where a matrix is `kept` for many solutions, a line
-    /// is looked for, whose factors take longer to make.
+    /// Analyses a pattern of (row, column), each place at most once. Where a matrix is `kept` for many solutions, a
+    /// line is looked for, whose factors take longer to make.
     ///
     /// # Errors
     /// A row for which there can be no pivot: every matrix of this pattern is singular.

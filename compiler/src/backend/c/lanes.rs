@@ -316,7 +316,8 @@ fn each(line: &Line, f: &mut impl FnMut(Value)) {
     line.when.iter().for_each(|v| f(*v));
 }
 
-/// The function of this name that takes an interval of all lanes but those that are slow, and tells whether there are any.
+/// The function of this name that takes an interval of all lanes but those that are slow, and tells whether there are
+/// any.
 fn function(form: &LaneForm, name: &str, (p, lanes): (&str, &str), data: bool, needs: &mut Needs) -> String {
     let loops = Loops::of(form);
     let lane_words = LaneWords { lanes, flags: &form.flags };

@@ -255,19 +255,7 @@ impl Words<'_> {
                         let name = self.helper("bond_sign", "bond_lane_sign");
                         format!("{name}({a})")
                     }
-                    Unary::Sqrt
-                    | Unary::Floor
-                    | Unary::Exp
-                    | Unary::Log
-                    | Unary::Sin
-                    | Unary::Cos
-                    | Unary::Tan
-                    | Unary::Asin
-                    | Unary::Acos
-                    | Unary::Atan
-                    | Unary::Sinh
-                    | Unary::Cosh
-                    | Unary::Tanh => format!("BOND_M({})({a})", f.name()),
+                    _ => format!("BOND_M({})({a})", f.name()),
                 }
             }
             Op::Binary(f, x, y) => {

@@ -1,4 +1,5 @@
-//! A routine without control flow: what many scenes do side by side in vector lanes, each to the bits that it has alone.
+//! A routine without control flow: what many scenes do side by side in vector lanes, each to the bits that it has
+//! alone.
 //!
 //! Both ways of a branch are computed, and each number is chosen by the branch's condition where they meet again; so is
 //! what a loop leaves that is run through once and left in different places. What would take long or really repeats
@@ -64,22 +65,7 @@ pub struct Line {
 /// Whether a function takes long, and is none of those that several numbers take at once.
 pub fn is_call(op: &Op) -> bool {
     match op {
-        Op::Unary(f, _) => match f {
-            Unary::Neg | Unary::Abs | Unary::Sign | Unary::Not => false,
-            Unary::Sqrt
-            | Unary::Exp
-            | Unary::Log
-            | Unary::Sin
-            | Unary::Cos
-            | Unary::Tan
-            | Unary::Asin
-            | Unary::Acos
-            | Unary::Atan
-            | Unary::Sinh
-            | Unary::Cosh
-            | Unary::Tanh
-            | Unary::Floor => true,
-        },
+        Op::Unary(f, _) => f.is_library() || matches!(f, Unary::Sqrt | Unary::Floor),
         Op::Binary(f, ..) => matches!(f, Binary::Pow | Binary::Atan2),
         Op::Load(_) | Op::Get(_) | Op::Select(..) => false,
     }

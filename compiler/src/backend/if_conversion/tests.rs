@@ -154,7 +154,8 @@ fn branches_and_exits_are_choices() {
     assert!(form.body.iter().any(|l| l.when.is_some()), "a root is taken where it is looked at");
 }
 
-/// An iteration in a branch is slow, or gone on with twice; who goes on further is slow. One that all begin has no form.
+/// An iteration in a branch is slow, or gone on with twice; who goes on further is slow. One that all begin has no
+/// form.
 #[test]
 fn iterations_that_go_on_are_slow() {
     let [zero, one, _, half, _] = [0, 1, 2, 3, 4].map(Value);

@@ -47,9 +47,9 @@ pub fn lower(program: &Program) -> Option<Routine> {
     Some(writer.routine(program.name.clone()))
 }
 
-/// A routine that takes [`Program::numbers`] from [`Memory::Data`], and so does for all programs of the same code shape.
-/// None as of [`lower`], or where the program is large: then its isomorphic groups take the numbers in which their members
-/// differ from there.
+/// A routine that takes [`Program::numbers`] from [`Memory::Data`], and so does for all programs of the same code
+/// shape. None as of [`lower`], or where the program is large: then its isomorphic groups take the numbers in which
+/// their members differ from there.
 ///
 /// # Panics
 /// As [`lower`].

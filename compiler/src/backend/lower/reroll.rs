@@ -1,13 +1,13 @@
-//! Large programs: groups of isomorphic computations become loops, so that a ladder's code is as long for 1e5 cells as for
-//! ten.
+//! Large programs: groups of isomorphic computations become loops, so that a ladder's code is as long for 1e5 cells as
+//! for ten.
 //!
 //! What a stretch of straight code gives (what it stores, and the values that are used after it) is cut into cones: a
 //! result with all that it is made of, down to what is loaded, to numbers, and to other results. Cones of one shape are
 //! a group, and a group is a loop over its members. Where the places that they read and write run evenly these are
 //! counted, else they are looked up in a table. What two cones share is computed in both, unless that is dear. A long
 //! sum is a group of terms, and a loop that adds them in their order, or several such sums side by side. A matrix that
-//! depends on next to nothing, as that of a linear region does on the step alone, is made again, and factored, only where
-//! that has changed.
+//! depends on next to nothing, as that of a linear region does on the step alone, is made again, and factored, only
+//! where that has changed.
 
 mod expression_cone;
 mod fixed;

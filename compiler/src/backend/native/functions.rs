@@ -5,21 +5,7 @@ use bond_runtime::ir::{Binary, Unary};
 
 /// The name under which compiled code finds a function; None where an instruction or a few do it.
 pub(super) fn unary(f: Unary) -> Option<&'static str> {
-    match f {
-        Unary::Neg | Unary::Abs | Unary::Sign | Unary::Sqrt | Unary::Not => None,
-        Unary::Floor => Some("bond_floor"),
-        Unary::Exp => Some("bond_exp"),
-        Unary::Log => Some("bond_log"),
-        Unary::Sin => Some("bond_sin"),
-        Unary::Cos => Some("bond_cos"),
-        Unary::Tan => Some("bond_tan"),
-        Unary::Asin => Some("bond_asin"),
-        Unary::Acos => Some("bond_acos"),
-        Unary::Atan => Some("bond_atan"),
-        Unary::Sinh => Some("bond_sinh"),
-        Unary::Cosh => Some("bond_cosh"),
-        Unary::Tanh => Some("bond_tanh"),
-    }
+    (f.is_library() || f == Unary::Floor).then(|| f.symbol())
 }
 
 /// The same for functions of two values.
@@ -40,21 +26,6 @@ pub(super) fn binary(f: Binary) -> Option<&'static str> {
         | Binary::Or => None,
     }
 }
-
-macro_rules! one {
-    ($($name:ident $op:ident),*) => {
-        $(extern "C" fn $name(x: f64) -> f64 {
-            eval::unary(Unary::$op, x)
-        })*
-        /// Names and addresses of the functions of one value.
-        pub(super) const ONE: &[(Unary, extern "C" fn(f64) -> f64)] = &[$((Unary::$op, $name)),*];
-    };
-}
-
-one!(
-    floor Floor, exp Exp, log Log, sin Sin, cos Cos, tan Tan, asin Asin, acos Acos, atan Atan, sinh Sinh, cosh Cosh,
-    tanh Tanh
-);
 
 extern "C" fn pow(a: f64, b: f64) -> f64 {
     eval::binary(Binary::Pow, a, b)

@@ -4,13 +4,13 @@
     reason = "compiled code is called through a pointer, and reads and writes memory through pointers"
 )]
 
-use super::functions::{self, ONE, SOLVE, TWO};
+use super::functions::{self, SOLVE, TWO};
 use super::translate::{NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
 use crate::backend::code::Routine;
 use crate::backend::unit::{self, Own};
 use crate::backend::{is_large, lower};
 use bond_runtime::interpreter::Interpreter;
-use bond_runtime::ir::{Array, Program};
+use bond_runtime::ir::{Array, Program, Unary};
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::{self, Options, Places, Start, Stretch};
@@ -132,8 +132,10 @@ impl Code {
         }
         let isa = cranelift_native::builder().ok()?.finish(settings::Flags::new(flags)).ok()?;
         let mut builder = JITBuilder::with_isa(isa, default_libcall_names());
-        for (op, f) in ONE {
-            builder.symbol(functions::unary(*op)?, *f as *const u8);
+        for f in Unary::ALL {
+            if let Some(name) = functions::unary(f) {
+                builder.symbol(name, f.address() as *const u8);
+            }
         }
         for (op, f) in TWO {
             builder.symbol(functions::binary(*op)?, *f as *const u8);
@@ -144,7 +146,8 @@ impl Code {
         let id = define(&mut module, "step", &routine, Linkage::Export, |name| name, cfg!(unix)).ok()?;
         module.finalize_definitions().ok()?;
         let code = module.get_finalized_function(id);
-        // SAFETY: `define` gives the function this signature, in the platform's C convention, which `extern "C"` is too.
+        // SAFETY: `define` gives the function this signature, in the platform's C convention, which `extern "C"` is
+        // too.
         let function = unsafe { std::mem::transmute::<*const u8, Function>(code) };
         let systems = routine.systems.iter().map(|s| linear::System::new(s.n, s.pattern.clone(), s.matrix)).collect();
         let scratch = routine.scratch as usize;

@@ -1,4 +1,5 @@
-//! Machine code for many scenes of one code shape: it is made once, and takes the numbers in which they differ from its data.
+//! Machine code for many scenes of one code shape: it is made once, and takes the numbers in which they differ from its
+//! data.
 
 use super::jit::{Code, Compiled, JIT, WORTH_INTERVALS, Whole};
 use crate::backend::unit::{self, Own};
@@ -13,8 +14,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// At most this many code shapes are known; what comes later is interpreted.
 const MAX_SHAPES: usize = 64;
 
-/// Compiles each code shape of a program or scene once; the numbers of a run are those of code made for it alone, to the
-/// last bit. Large programs, which have no such form, are compiled each for itself.
+/// Compiles each code shape of a program or scene once; the numbers of a run are those of code made for it alone, to
+/// the last bit. Large programs, which have no such form, are compiled each for itself.
 ///
 /// To be used by many threads at once: who asks for what another is just compiling waits for it.
 #[derive(Default)]

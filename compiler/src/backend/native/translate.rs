@@ -493,18 +493,7 @@ impl<M: Module> Translate<'_, '_, M> {
                 let (sine, cosine) = self.sin_cos(a, x);
                 if f == Unary::Sin { sine } else { cosine }
             }
-            Unary::Floor
-            | Unary::Exp
-            | Unary::Log
-            | Unary::Sin
-            | Unary::Cos
-            | Unary::Tan
-            | Unary::Asin
-            | Unary::Acos
-            | Unary::Atan
-            | Unary::Sinh
-            | Unary::Cosh
-            | Unary::Tanh => self.call(functions::unary(f), &[x]),
+            _ => self.call(functions::unary(f), &[x]),
         }
     }
 

@@ -73,19 +73,7 @@ pub(super) fn unary(b: &mut FunctionBuilder, f: Unary, x: ir::Value) -> ir::Valu
             let rest = choose(b, below, minus, rest);
             choose(b, above, one, rest)
         }
-        Unary::Not
-        | Unary::Floor
-        | Unary::Exp
-        | Unary::Log
-        | Unary::Sin
-        | Unary::Cos
-        | Unary::Tan
-        | Unary::Asin
-        | Unary::Acos
-        | Unary::Atan
-        | Unary::Sinh
-        | Unary::Cosh
-        | Unary::Tanh => x,
+        _ => x,
     }
 }
 

@@ -1,5 +1,5 @@
-//! The numbers in which scenes of the same code shape differ, kept apart from the code, so that one routine does for all of
-//! them.
+//! The numbers in which scenes of the same code shape differ, kept apart from the code, so that one routine does for
+//! all of them.
 
 use super::programs;
 use bond_runtime::double_double::DoubleDouble;
@@ -73,8 +73,8 @@ fn of(c: &Cluster) -> impl Iterator<Item = &Program> {
     [&c.step.program, &c.instant].into_iter().chain(respond)
 }
 
-/// What scenes of the same code shape have in common, as bytes: where it is the same, so are their routines but for their
-/// numbers. None where it cannot be told.
+/// What scenes of the same code shape have in common, as bytes: where it is the same, so are their routines but for
+/// their numbers. None where it cannot be told.
 pub fn code_shape(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
     let mut common = scene.clone();
     common.probes = Probes::default();

@@ -94,7 +94,74 @@ fn row(list: &[(String, usize)]) -> Option<usize> {
     (list.len() >= ROLLED && stand).then_some(first)
 }
 
+/// What the sources and resistors of a region do in a step.
+struct Terms {
+    supplied: Value,
+    dissipated: Value,
+    /// The sum of the sizes of both.
+    turnover: Value,
+    /// What the resistor that takes least takes: below 0 it gives.
+    least: Value,
+}
+
 impl Writing<'_> {
+    /// Sums what sources supply and resistors take in the step whose outputs are in the block, and books each of them
+    /// that has an account of its own.
+    fn terms(&self, w: &mut Writer, i: usize, k: usize) -> Terms {
+        let (place, e) = (&self.clusters[i], &self.scene.clusters[i].entries[k]);
+        let (at, more, zero) = (place.books[k], place.more.get(k), w.number(0.0));
+        let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
+        let (mut supplied, mut dissipated, mut turnover, mut least) = (zero, zero, zero, zero);
+        let mut own = None; // of it, what holds have no part in
+        for (k, (_, slot)) in e.supplied.iter().enumerate() {
+            let x = out(w, *slot);
+            supplied = if k == 0 { x } else { w.add(supplied, x) };
+            let size = w.abs(x);
+            turnover = if k == 0 { size } else { w.add(turnover, size) };
+            if e.held.contains(&k) {
+                continue;
+            }
+            own = Some(own.map_or(x, |sum| w.add(sum, x)));
+            if let Some(sums) = more.and_then(|m| m.sources) {
+                w.gather(sums + 2 * k, x);
+            }
+        }
+        if let Some(own) = &own {
+            w.gather(at + SUPPLIED, *own);
+        }
+        let rolled = match more.and_then(|m| m.resistors) {
+            None => row(&e.dissipated),
+            Some(_) => None,
+        };
+        if let Some(first) = rolled {
+            let (base, sums) = (place.output + first, [w.starting(0.0), w.holding(turnover), w.starting(0.0)]);
+            w.each(e.dissipated.len(), |w, at| {
+                let x = w.read(base, at);
+                let [lost, turned, least] = sums.map(|v| w.get(v));
+                let (lost, size) = (w.add(lost, x), w.abs(x));
+                let (turned, below) = (w.add(turned, size), w.lt(x, least));
+                let least = w.select(below, x, least);
+                for (v, x) in sums.into_iter().zip([lost, turned, least]) {
+                    w.set(v, x);
+                }
+            });
+            [dissipated, turnover, least] = sums.map(|v| w.get(v));
+        }
+        let single = if rolled.is_some() { &[][..] } else { &e.dissipated[..] };
+        for (k, (_, slot)) in single.iter().enumerate() {
+            let x = out(w, *slot);
+            dissipated = if k == 0 { x } else { w.add(dissipated, x) };
+            let size = w.abs(x);
+            turnover = if k == 0 && e.supplied.is_empty() { size } else { w.add(turnover, size) };
+            let below = w.lt(x, least);
+            least = w.select(below, x, least);
+            if let Some(own) = more.and_then(|m| m.resistors) {
+                w.gather(own + 2 * k, x);
+            }
+        }
+        Terms { supplied, dissipated, turnover, least }
+    }
+
     /// Books the step whose outputs are in the block.
     pub(super) fn book(&self, w: &mut Writer, i: usize) {
         let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
@@ -102,54 +169,7 @@ impl Writing<'_> {
             let more = place.more.get(k);
             let zero = w.number(0.0);
             let out = |w: &mut Writer, k: usize| w.kept(place.output + k);
-            let (mut supplied, mut dissipated, mut turnover, mut least) = (zero, zero, zero, zero);
-            let mut own = None; // of it, what holds have no part in
-            for (k, (_, slot)) in e.supplied.iter().enumerate() {
-                let x = out(w, *slot);
-                supplied = if k == 0 { x } else { w.add(supplied, x) };
-                let size = w.abs(x);
-                turnover = if k == 0 { size } else { w.add(turnover, size) };
-                if e.held.contains(&k) {
-                    continue;
-                }
-                own = Some(own.map_or(x, |sum| w.add(sum, x)));
-                if let Some(sums) = more.and_then(|m| m.sources) {
-                    w.gather(sums + 2 * k, x);
-                }
-            }
-            if let Some(own) = &own {
-                w.gather(at + SUPPLIED, *own);
-            }
-            let rolled = match more.and_then(|m| m.resistors) {
-                None => row(&e.dissipated),
-                Some(_) => None,
-            };
-            if let Some(first) = rolled {
-                let (base, sums) = (place.output + first, [w.starting(0.0), w.holding(turnover), w.starting(0.0)]);
-                w.each(e.dissipated.len(), |w, at| {
-                    let x = w.read(base, at);
-                    let [lost, turned, least] = sums.map(|v| w.get(v));
-                    let (lost, size) = (w.add(lost, x), w.abs(x));
-                    let (turned, below) = (w.add(turned, size), w.lt(x, least));
-                    let least = w.select(below, x, least);
-                    for (v, x) in sums.into_iter().zip([lost, turned, least]) {
-                        w.set(v, x);
-                    }
-                });
-                [dissipated, turnover, least] = sums.map(|v| w.get(v));
-            }
-            let single = if rolled.is_some() { &[][..] } else { &e.dissipated[..] };
-            for (k, (_, slot)) in single.iter().enumerate() {
-                let x = out(w, *slot);
-                dissipated = if k == 0 { x } else { w.add(dissipated, x) };
-                let size = w.abs(x);
-                turnover = if k == 0 && e.supplied.is_empty() { size } else { w.add(turnover, size) };
-                let below = w.lt(x, least);
-                least = w.select(below, x, least);
-                if let Some(own) = more.and_then(|m| m.resistors) {
-                    w.gather(own + 2 * k, x);
-                }
-            }
+            let Terms { supplied, dissipated, turnover, least } = self.terms(w, i, k);
             if !e.dissipated.is_empty() {
                 w.gather(at + DISSIPATED, dissipated);
             }

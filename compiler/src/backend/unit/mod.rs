@@ -10,6 +10,7 @@ mod apart;
 mod block;
 mod ledger;
 mod more;
+mod places;
 mod sample;
 mod scalar_promotion;
 mod step;
@@ -20,12 +21,13 @@ use super::if_conversion::{ConversionOptions, LaneForm, lane_forms};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
 use apart::{Answer, Apart};
-use block::{Block, Cluster};
+use block::Block;
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Program};
 use bond_runtime::scene::{GIVEN, Respond, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start, paced};
+use places::Cluster;
 use scalar_promotion::{Promoted, Uses, promote};
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -492,8 +494,8 @@ impl Writing<'_> {
         Ok((routine, read))
     }
 
-    /// Writes an observation of a cluster at the time that is now, a sampled one's last sample; where it is `due`, one is
-    /// taken now.
+    /// Writes an observation of a cluster at the time that is now, a sampled one's last sample; where it is `due`, one
+    /// is taken now.
     fn look(&mut self, mut w: Writer, i: usize, due: Option<Cond>) -> Result<Writer, String> {
         let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
         let mut t = w.kept(self.time);

@@ -46,8 +46,8 @@ impl Writing<'_> {
         Ok(w)
     }
 
-    /// One step of a cluster from `t` on, kept and booked. Where it is the `only` one of the interval, many states are not
-    /// kept before its end: what fails until then has left them as they were.
+    /// One step of a cluster from `t` on, kept and booked. Where it is the `only` one of the interval, many states are
+    /// not kept before its end: what fails until then has left them as they were.
     pub(super) fn one(&mut self, mut w: Writer, i: usize, t: Value, h: f64, only: bool) -> Result<Writer, String> {
         let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
         let length = w.number(h);

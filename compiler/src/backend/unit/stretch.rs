@@ -135,7 +135,7 @@ fn book(at: usize, m: &super::more::More) -> BookPlaces {
     }
 }
 
-fn held(h: &super::block::Held) -> HeldPlaces {
+fn held(h: &super::places::Held) -> HeldPlaces {
     HeldPlaces {
         v: h.v,
         q: h.q,

@@ -11,7 +11,7 @@ pub(super) fn imported(routines: &[&Routine]) -> BTreeSet<(&'static str, usize)>
     let mut out = BTreeSet::new();
     for routine in routines {
         visit(&routine.body, &mut |s| match s {
-            Stmt::Let(_, Op::Unary(f, _)) if !is_plain(*f) => {
+            Stmt::Let(_, Op::Unary(f, _)) if f.is_library() => {
                 out.insert((f.name(), 1));
             }
             Stmt::Let(_, Op::Binary(f @ (Binary::Pow | Binary::Atan2), ..)) => {
@@ -21,11 +21,6 @@ pub(super) fn imported(routines: &[&Routine]) -> BTreeSet<(&'static str, usize)>
         });
     }
     out
-}
-
-/// Whether the machine has it, or it is written out.
-fn is_plain(f: Unary) -> bool {
-    matches!(f, Unary::Neg | Unary::Abs | Unary::Not | Unary::Sign | Unary::Floor | Unary::Sqrt)
 }
 
 /// Where functions and memories are.
@@ -263,18 +258,7 @@ impl Body<'_> {
                     Unary::Sqrt => self.push(I::F64Sqrt),
                     Unary::Sign => self.call("sign"),
                     Unary::Floor => self.push(I::F64Floor),
-                    Unary::Not
-                    | Unary::Exp
-                    | Unary::Log
-                    | Unary::Sin
-                    | Unary::Cos
-                    | Unary::Tan
-                    | Unary::Asin
-                    | Unary::Acos
-                    | Unary::Atan
-                    | Unary::Sinh
-                    | Unary::Cosh
-                    | Unary::Tanh => self.call(f.name()),
+                    _ => self.call(f.name()),
                 }
             }
             Op::Binary(f, x, y) => {

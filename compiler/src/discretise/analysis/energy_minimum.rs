@@ -1,9 +1,7 @@
 //! The energy reference of a group: where its energy is least, and how large it is there.
 
 use crate::discretise::cluster::{Cluster, Group};
-use crate::expression::Expr;
-use crate::expression::Pool;
-use crate::expression::Symbol;
+use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Model;
 
 /// Where the least of an energy is looked for, on both sides of where it is near: powers of ten, in SI units.

@@ -258,26 +258,18 @@ fn guesses_of(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, V
 
 /// Unknowns that equations have in common, each block in order, the blocks by their first.
 fn blocks(reads: &[Vec<usize>]) -> Vec<Vec<usize>> {
-    let mut of: Vec<usize> = (0..reads.len()).collect();
-    fn root(of: &mut [usize], mut i: usize) -> usize {
-        while of[i] != i {
-            of[i] = of[of[i]];
-            i = of[i];
-        }
-        i
-    }
+    let mut sets = petgraph::unionfind::UnionFind::<usize>::new(reads.len());
     for (i, list) in reads.iter().enumerate() {
         for j in list {
-            let (a, b) = (root(&mut of, i), root(&mut of, *j));
-            of[a.max(b)] = a.min(b);
+            sets.union(i, *j);
         }
     }
     let mut found: Vec<Vec<usize>> = vec![Vec::new(); reads.len()];
-    for i in 0..reads.len() {
-        let at = root(&mut of, i);
+    for (i, at) in sets.into_labeling().into_iter().enumerate() {
         found[at].push(i);
     }
     found.retain(|b| !b.is_empty());
+    found.sort_by_key(|b| b[0]);
     found
 }
 

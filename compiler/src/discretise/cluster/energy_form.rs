@@ -1,7 +1,7 @@
 //! The energy of a group as it is computed: without cancellation near its minimum.
 
 use crate::discretise::cluster::maclaurin::{Expansions, Maclaurin};
-use crate::expression::{Expr, Node, Number, Pool, Sign, Symbol};
+use crate::expression::{Expr, Node, Number, Pool, Sign, Symbol, is_piecewise_linear};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 
@@ -138,12 +138,11 @@ fn without_sizes(pool: &mut Pool, energy: Expr) -> Expr {
 /// Whether an expression has a function or a root in it, and no choice.
 fn is_smooth(pool: &Pool, e: Expr) -> bool {
     let chooses = |n: &Node| {
-        matches!(
-            n,
-            Node::Select(..)
-                | Node::Binary(Binary::Min | Binary::Max | Binary::Lt | Binary::Le | Binary::Eq, ..)
-                | Node::Unary(Unary::Abs | Unary::Sign | Unary::Floor | Unary::Not, _)
-        )
+        matches!(n, Node::Unary(f, _) if is_piecewise_linear(*f))
+            || matches!(
+                n,
+                Node::Select(..) | Node::Binary(Binary::Min | Binary::Max | Binary::Lt | Binary::Le | Binary::Eq, ..)
+            )
     };
     let is_curved = |n: &Node| match n {
         Node::Unary(..) | Node::Power(..) => true,

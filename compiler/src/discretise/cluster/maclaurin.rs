@@ -1,7 +1,7 @@
 //! Maclaurin expansions of laws at rest and of their energies, which replace closed forms that are small differences of
 //! large terms.
 
-use crate::expression::{Expr, Node, Pool, Symbol, Taylor, extent, limit, rest};
+use crate::expression::{Expr, Maclaurin as Expansion, Node, Pool, Symbol, extent, is_piecewise_linear, limit, rest};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 use std::rc::Rc;
@@ -120,8 +120,8 @@ impl Maclaurin {
 impl Series {
     fn of(pool: &Pool, s: Symbol, law: Expr, energy: Expr) -> Option<Series> {
         let start = pool.eval(energy, &|_| 0.0);
-        let radius = |sides: &[(Taylor, f64); 2], of: fn(&[f64]) -> f64| {
-            sides.iter().fold(f64::INFINITY, |r, (t, _)| r.min(of(&t.series)).min(t.reach))
+        let radius = |sides: &[(Expansion, f64); 2], of: fn(&[f64]) -> f64| {
+            sides.iter().fold(f64::INFINITY, |r, (t, _)| r.min(of(&t.series)).min(t.radius))
         };
         let length = radius(&sides(pool, s, law, (1.0, FEW))?, extent);
         if !(length.is_finite() && length > 0.0 && start.is_finite()) {
@@ -134,7 +134,7 @@ impl Series {
         // What the closed forms are off by at most, going half the way from `t` to rest.
         let off = |t: f64| {
             let mut worst = 0.0f64;
-            for (Taylor { series, .. }, scale) in &sides {
+            for (Expansion { series, .. }, scale) in &sides {
                 for t in PLACES.map(|part| part * t) {
                     let values = pool.eval_all(&[law, energy], &|_| scale * t);
                     let sum = |c: &dyn Fn(usize) -> f64| (0..TERMS).rev().fold(0.0, |sum, k| c(k) + t * sum);
@@ -162,8 +162,8 @@ impl Series {
 }
 
 /// The series of a law above and below 0, each with the way from rest in which it is.
-fn sides(pool: &Pool, s: Symbol, law: Expr, (length, count): (f64, usize)) -> Option<[(Taylor, f64); 2]> {
-    let side = |scale: f64| Some((pool.series(law, s, scale, count)?, scale));
+fn sides(pool: &Pool, s: Symbol, law: Expr, (length, count): (f64, usize)) -> Option<[(Expansion, f64); 2]> {
+    let side = |scale: f64| Some((pool.maclaurin(law, s, scale, count)?, scale));
     Some([side(length)?, side(-length)?])
 }
 
@@ -207,7 +207,7 @@ fn quotient(pool: &mut Pool, (from, to): (Expr, Expr), c: &[f64]) -> Expr {
 /// Whether it is more than a polynomial.
 fn is_curved(n: &Node) -> bool {
     match n {
-        Node::Unary(f, _) => !matches!(f, Unary::Abs | Unary::Sign | Unary::Floor | Unary::Not),
+        Node::Unary(f, _) => !is_piecewise_linear(*f),
         Node::Power(..) => true,
         Node::Product(_, factors) => factors.iter().any(|f| f.1.integer().is_none_or(|n| n < 0)),
         Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Binary(..) | Node::Select(..) => false,

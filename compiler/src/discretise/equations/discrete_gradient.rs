@@ -1,7 +1,6 @@
 //! The equations of a step by the discrete gradient, and what their iteration measures its unknowns against.
 
-use crate::discretise::analysis::curvature;
-use crate::discretise::analysis::polynomial;
+use crate::discretise::analysis::{curvature, polynomial};
 use crate::discretise::cluster::{Cluster, Group, Part, missing};
 use crate::discretise::equations::error_weights;
 use crate::discretise::equations::inputs::Inputs;

@@ -10,11 +10,7 @@ use crate::expression::{Expr, Lowering, Number, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::Array;
-use bond_runtime::ir::Binary;
-use bond_runtime::ir::Builder;
-use bond_runtime::ir::Unary;
-use bond_runtime::ir::Value;
+use bond_runtime::ir::{Array, Binary, Builder, Unary, Value};
 use bond_runtime::options::NewtonOptions;
 use rustc_hash::{FxHashMap, FxHashSet};
 

@@ -3,12 +3,10 @@
 mod pieces;
 mod product;
 
+use super::unary::row;
 use super::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
-
-/// How many rules may follow each other.
-const DEPTH: usize = 100;
 
 impl Pool {
     /// `F` with `dF/ds = e`, continuous where `e` jumps, and `F = 0` at `s = 0`; without that constant where `F` has no
@@ -45,7 +43,7 @@ impl Pool {
 
     /// Some antiderivative.
     fn primitive(&mut self, e: Expr, s: Symbol, depth: usize) -> Option<Expr> {
-        if depth > DEPTH {
+        if depth > self.options.rules {
             return None;
         }
         let x = self.var(s);
@@ -121,65 +119,12 @@ impl Pool {
     /// A function of an affine argument, by its slope.
     fn primitive_function(&mut self, f: Unary, u: Expr, e: Expr, s: Symbol) -> Option<Expr> {
         let (slope, _) = self.linear(u, s)?;
-        let log_square = |pool: &mut Pool| {
-            let one = pool.one();
-            let square = pool.powi(u, 2);
-            let sum = pool.add(one, square);
-            let log = pool.unary(Unary::Log, sum);
-            pool.scale(log, Number::HALF)
-        };
-        let above = match f {
-            Unary::Sin => {
-                let cos = self.unary(Unary::Cos, u);
-                self.neg(cos)
-            }
-            Unary::Cos => self.unary(Unary::Sin, u),
-            Unary::Tan => {
-                let cos = self.unary(Unary::Cos, u);
-                let size = self.unary(Unary::Abs, cos);
-                let log = self.unary(Unary::Log, size);
-                self.neg(log)
-            }
-            Unary::Exp => e,
-            Unary::Sinh => self.unary(Unary::Cosh, u),
-            Unary::Cosh => self.unary(Unary::Sinh, u),
-            Unary::Tanh => self.log_cosh(u),
-            Unary::Log => {
-                let product = self.mul(u, e);
-                self.sub(product, u)
-            }
-            Unary::Atan => {
-                let product = self.mul(u, e);
-                let log = log_square(self);
-                self.sub(product, log)
-            }
-            Unary::Asin | Unary::Acos => {
-                let product = self.mul(u, e);
-                let one = self.one();
-                let square = self.powi(u, 2);
-                let inside = self.sub(one, square);
-                let root = self.sqrt(inside);
-                if f == Unary::Asin { self.add(product, root) } else { self.sub(product, root) }
-            }
-            Unary::Abs => {
-                let product = self.mul(u, e);
-                self.scale(product, Number::HALF)
-            }
-            Unary::Sign => self.unary(Unary::Abs, u),
-            Unary::Floor => {
-                // n u - n (n + 1)/2 with n = floor(u)
-                let one = self.one();
-                let next = self.add(one, e);
-                let (all, steps) = (self.mul(e, u), self.mul(e, next));
-                self.combine(&[(all, Number::ONE), (steps, -Number::HALF)])
-            }
-            Unary::Sqrt | Unary::Neg | Unary::Not => return None,
-        };
+        let above = (row(f).antiderivative)(self, u, e)?;
         Some(self.div(above, slope))
     }
 
     /// `log(cosh(u))`, which is `|u| - log(2)` to rounding long before the cosine overflows.
-    fn log_cosh(&mut self, u: Expr) -> Expr {
+    pub(in crate::expression) fn log_cosh(&mut self, u: Expr) -> Expr {
         let cosh = self.unary(Unary::Cosh, u);
         let near = self.unary(Unary::Log, cosh);
         let (low, high, two) = (self.int(-300), self.int(300), self.int(2));

@@ -1,12 +1,9 @@
 //! Laws with kinks as choices by plain comparisons of the variable.
 
+use crate::expression::unary::{Inverse, Parity, Row, row};
 use crate::expression::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
-
-/// So many pieces a law may have, so many functions what is compared in it.
-const PIECES: usize = 256;
-const DEPTH: usize = 32;
 
 impl Pool {
     /// The same, but at single points, by choices `s < root` alone: no `abs`, `sign`, `min`, `max` or other comparison
@@ -21,7 +18,7 @@ impl Pool {
         let found = nodes.into_iter().find_map(|kink| Some((kink, self.compared(kink)?)));
         let Some((kink, (a, b))) = found else {
             *pieces += 1;
-            return (*pieces <= PIECES).then_some(e);
+            return (*pieces <= self.options.pieces).then_some(e);
         };
         let u = self.sub(a, b);
         let zero = self.zero();
@@ -130,7 +127,7 @@ impl Pool {
     /// sign. `None` where these are not found.
     pub(crate) fn places(&mut self, u: Expr, y: Expr, s: Symbol) -> Option<Vec<Expr>> {
         let mut found = Vec::new();
-        self.solve(u, y, s, DEPTH, &mut found)?;
+        self.solve(u, y, s, self.options.nesting, &mut found)?;
         Some(found)
     }
 
@@ -216,9 +213,14 @@ impl Pool {
                 if value < 0.0 { Some(()) } else { self.solve(a, y, s, depth, found) }
             }
             Node::Unary(f, a) => {
-                let Some(inverse) = self.inverse(f, y, value)? else { return Some(()) };
+                let Row { inverse, parity, .. } = row(f);
+                let Inverse { takes, of } = (*inverse)?;
+                if !takes(value) {
+                    return Some(());
+                }
+                let inverse = of(self, y, value);
                 self.solve(a, inverse, s, depth, found)?;
-                if f == Unary::Cosh {
+                if *parity == Parity::Even {
                     let minus = self.neg(inverse);
                     self.solve(a, minus, s, depth, found)?;
                 }
@@ -230,46 +232,5 @@ impl Pool {
             }
             Node::Number(_) | Node::Symbol(_) | Node::Power(..) | Node::Binary(..) | Node::Select(..) => None,
         }
-    }
-
-    /// At which argument, not below 0 of two, a function that turns nowhere else is `y`; `Some(None)` if at none.
-    fn inverse(&mut self, f: Unary, y: Expr, value: f64) -> Option<Option<Expr>> {
-        let one = self.one();
-        let in_range = match f {
-            Unary::Exp => value > 0.0,
-            Unary::Tanh => value.abs() < 1.0,
-            Unary::Cosh => value >= 1.0,
-            Unary::Atan | Unary::Asin => value.abs() < std::f64::consts::FRAC_PI_2,
-            Unary::Acos => (0.0..std::f64::consts::PI).contains(&value),
-            Unary::Log | Unary::Sinh => true,
-            Unary::Neg | Unary::Sqrt | Unary::Abs | Unary::Sign | Unary::Not => return None,
-            Unary::Sin | Unary::Cos | Unary::Tan | Unary::Floor => return None,
-        };
-        if !in_range {
-            return Some(None);
-        }
-        Some(Some(match f {
-            Unary::Exp => self.unary(Unary::Log, y),
-            Unary::Log => self.unary(Unary::Exp, y),
-            Unary::Atan => self.unary(Unary::Tan, y),
-            Unary::Asin => self.unary(Unary::Sin, y),
-            Unary::Acos => self.unary(Unary::Cos, y),
-            Unary::Tanh => {
-                let (above, below) = (self.add(one, y), self.sub(one, y));
-                let ratio = self.div(above, below);
-                let log = self.unary(Unary::Log, ratio);
-                self.scale(log, Number::HALF)
-            }
-            _ => {
-                // sinh and cosh: log(|y| + sqrt(y^2 +- 1))
-                let size = self.unary(Unary::Abs, y);
-                let square = self.powi(y, 2);
-                let inside = if f == Unary::Sinh { self.add(square, one) } else { self.sub(square, one) };
-                let root = self.sqrt(inside);
-                let sum = self.add(size, root);
-                let log = self.unary(Unary::Log, sum);
-                if value < 0.0 { self.neg(log) } else { log }
-            }
-        }))
     }
 }

@@ -1,6 +1,6 @@
 //! Antiderivatives of products.
 
-use super::DEPTH;
+use crate::expression::unary::row;
 use crate::expression::{Expr, Node, Number, Pool, Symbol};
 use bond_runtime::ir::Unary;
 
@@ -96,8 +96,8 @@ impl Pool {
         Some(self.div(angle, below))
     }
 
-    /// `P(s) (c u^m)^n` with a polynomial `P`, an affine `u` and numbers or parameters `m`, `n`: as a sum over the powers
-    /// of `u` in `P`.
+    /// `P(s) (c u^m)^n` with a polynomial `P`, an affine `u` and numbers or parameters `m`, `n`: as a sum over the
+    /// powers of `u` in `P`.
     pub(super) fn primitive_shifted(&mut self, factors: &[(Expr, Number)], s: Symbol) -> Option<Expr> {
         let mut found = None;
         for (i, &(f, n)) in factors.iter().enumerate() {
@@ -121,7 +121,7 @@ impl Pool {
         }
         let mut terms = Vec::new();
         let mut factorial = Number::ONE;
-        for k in 1..=DEPTH as i64 {
+        for k in 1..=self.options.rules as i64 {
             let coefficient = self.at(rest, s, root);
             let next = self.int(k);
             let next = self.add(exponent, next);
@@ -255,7 +255,7 @@ impl Pool {
                     Some(g) => self.unary(g, x),
                     None => self.power(x, n),
                 };
-                if let Some(found) = self.primitive(outer, u, DEPTH) {
+                if let Some(found) = self.primitive(outer, u, self.options.rules) {
                     let found = self.at(found, u, inner);
                     return Some(self.mul(rest, found));
                 }
@@ -274,9 +274,9 @@ impl Pool {
         if !one.is_one() {
             return None;
         }
-        let Node::Unary(Unary::Exp | Unary::Sin | Unary::Cos | Unary::Sinh | Unary::Cosh, _) = *self.node(f) else {
+        if !matches!(*self.node(f), Node::Unary(f, _) if row(f).by_parts) {
             return None;
-        };
+        }
         let inner = self.primitive(f, s, depth + 1)?;
         let first = self.power(x, n);
         let first = self.mul(first, inner);

@@ -6,7 +6,7 @@ use bond_runtime::ir::{Binary, Unary};
 
 impl Pool {
     /// `exp(y)`
-    pub(super) fn along_exp(&mut self, y: Along, step: &Step) -> Expr {
+    pub(in crate::expression) fn along_exp(&mut self, y: Along, step: &Step) -> Expr {
         let mean = self.mean(y);
         let exp = self.unary(Unary::Exp, mean);
         let half = self.half_change(y, step);
@@ -15,7 +15,7 @@ impl Pool {
     }
 
     /// `log(y)`: `log(b/a) = 2 atanh(w)` with `w = (b - a)/(a + b)`.
-    pub(super) fn along_log(&mut self, y: Along, step: &Step) -> Expr {
+    pub(in crate::expression) fn along_log(&mut self, y: Along, step: &Step) -> Expr {
         let both = self.add(y.from, y.to);
         let change = self.change(y, step);
         let w = self.div(change, both);
@@ -33,86 +33,84 @@ impl Pool {
         self.select(small, near, far)
     }
 
-    /// `f(y)`, whose ends are known.
-    pub(super) fn along_function(&mut self, f: Unary, y: Along, ends: Along, step: &Step) -> Expr {
-        let of_mean = |pool: &mut Pool, g: Unary| {
-            let mean = pool.mean(y);
-            pool.unary(g, mean)
-        };
-        match f {
-            Unary::Neg => self.neg(y.slope),
-            Unary::Sqrt => self.along_half_power(y, 1, step),
-            Unary::Exp => self.along_exp(y, step),
-            Unary::Log => self.along_log(y, step),
-            Unary::Sin | Unary::Cos => {
-                let factor = of_mean(self, if f == Unary::Sin { Unary::Cos } else { Unary::Sin });
-                let half = self.half_change(y, step);
-                let sinc = self.sinc(half);
-                let slope = self.product(&[factor, sinc, y.slope]);
-                if f == Unary::Sin { slope } else { self.neg(slope) }
-            }
-            Unary::Sinh | Unary::Cosh => {
-                let factor = of_mean(self, if f == Unary::Sinh { Unary::Cosh } else { Unary::Sinh });
-                let half = self.half_change(y, step);
-                let sinhc = self.sinhc(half);
-                self.product(&[factor, sinhc, y.slope])
-            }
-            Unary::Tan => {
-                // tan b - tan a = sin(b - a)/(cos a cos b)
-                let change = self.change(y, step);
-                let sinc = self.sinc(change);
-                let cosines = [y.from, y.to].map(|x| self.unary(Unary::Cos, x));
-                let below = self.product(&cosines);
-                let slope = self.mul(sinc, y.slope);
-                self.div(slope, below)
-            }
-            Unary::Tanh => {
-                // tanh b - tanh a = tanh(b - a) (1 - tanh a tanh b)
-                let change = self.change(y, step);
-                let tanhc = self.tanhc(change);
-                let product = self.mul(ends.from, ends.to);
-                let one = self.one();
-                let rest = self.sub(one, product);
-                self.product(&[tanhc, rest, y.slope])
-            }
-            Unary::Atan => {
-                let product = self.mul(y.from, y.to);
-                let one = self.one();
-                let dot = self.add(one, product);
-                self.along_angle(y.slope, dot, step)
-            }
-            Unary::Asin | Unary::Acos => {
-                // tan((asin b - asin a)/2) = (b - a)/(cos asin a + cos asin b)
-                let cosines = [y.from, y.to].map(|x| {
-                    let one = self.one();
-                    let (low, high) = (self.sub(one, x), self.add(one, x));
-                    let square = self.mul(low, high);
-                    self.sqrt(square)
-                });
-                let both = self.sum(&cosines);
-                let change = self.change(y, step);
-                let w = self.div(change, both);
-                let factor = self.atanc(w);
-                let slope = self.mul(factor, y.slope);
-                let slope = self.div(slope, both);
-                self.scale(slope, if f == Unary::Asin { TWO } else { -TWO })
-            }
-            Unary::Abs => {
-                // |b| - |a| = (b^2 - a^2)/(|a| + |b|)
-                let both = self.add(ends.from, ends.to);
-                let sum = self.add(y.from, y.to);
-                let slope = self.mul(sum, y.slope);
-                let slope = self.div(slope, both);
-                let zero = self.zero();
-                let positive = self.binary(Binary::Lt, zero, both);
-                self.select(positive, slope, zero)
-            }
-            Unary::Sign | Unary::Not | Unary::Floor => self.along_jump((ends.from, ends.to), step),
-        }
+    /// `sin(y)` with its derivative, `g` = cos. Of `cos(y)` it is the negative of this with `g` = sin.
+    pub(in crate::expression) fn along_sine(&mut self, g: Unary, y: Along, step: &Step) -> Expr {
+        let factor = self.of_mean(g, y);
+        let half = self.half_change(y, step);
+        let sinc = self.sinc(half);
+        self.product(&[factor, sinc, y.slope])
+    }
+
+    /// `sinh(y)` and `cosh(y)`, each with its derivative `g`.
+    pub(in crate::expression) fn along_hyperbolic_sine(&mut self, g: Unary, y: Along, step: &Step) -> Expr {
+        let factor = self.of_mean(g, y);
+        let half = self.half_change(y, step);
+        let sinhc = self.sinhc(half);
+        self.product(&[factor, sinhc, y.slope])
+    }
+
+    fn of_mean(&mut self, g: Unary, y: Along) -> Expr {
+        let mean = self.mean(y);
+        self.unary(g, mean)
+    }
+
+    /// `tan(y)`: `tan b - tan a = sin(b - a)/(cos a cos b)`.
+    pub(in crate::expression) fn along_tan(&mut self, y: Along, step: &Step) -> Expr {
+        let change = self.change(y, step);
+        let sinc = self.sinc(change);
+        let cosines = [y.from, y.to].map(|x| self.unary(Unary::Cos, x));
+        let below = self.product(&cosines);
+        let slope = self.mul(sinc, y.slope);
+        self.div(slope, below)
+    }
+
+    /// `tanh(y)`: `tanh b - tanh a = tanh(b - a) (1 - tanh a tanh b)`.
+    pub(in crate::expression) fn along_tanh(&mut self, y: Along, value: Along, step: &Step) -> Expr {
+        let change = self.change(y, step);
+        let tanhc = self.tanhc(change);
+        let product = self.mul(value.from, value.to);
+        let one = self.one();
+        let rest = self.sub(one, product);
+        self.product(&[tanhc, rest, y.slope])
+    }
+
+    /// `atan(y)`
+    pub(in crate::expression) fn along_atan(&mut self, y: Along, step: &Step) -> Expr {
+        let product = self.mul(y.from, y.to);
+        let one = self.one();
+        let dot = self.add(one, product);
+        self.along_angle(y.slope, dot, step)
+    }
+
+    /// Half of `asin(y)`: `tan((asin b - asin a)/2) = (b - a)/(cos asin a + cos asin b)`.
+    pub(in crate::expression) fn along_half_asin(&mut self, y: Along, step: &Step) -> Expr {
+        let cosines = [y.from, y.to].map(|x| {
+            let one = self.one();
+            let (low, high) = (self.sub(one, x), self.add(one, x));
+            let square = self.mul(low, high);
+            self.sqrt(square)
+        });
+        let both = self.sum(&cosines);
+        let change = self.change(y, step);
+        let w = self.div(change, both);
+        let factor = self.atanc(w);
+        let slope = self.mul(factor, y.slope);
+        self.div(slope, both)
+    }
+
+    /// `|y|`: `|b| - |a| = (b^2 - a^2)/(|a| + |b|)`.
+    pub(in crate::expression) fn along_abs(&mut self, y: Along, value: Along, _: &Step) -> Expr {
+        let both = self.add(value.from, value.to);
+        let sum = self.add(y.from, y.to);
+        let slope = self.mul(sum, y.slope);
+        let slope = self.div(slope, both);
+        let zero = self.zero();
+        let positive = self.binary(Binary::Lt, zero, both);
+        self.select(positive, slope, zero)
     }
 
     /// Something that is constant but for jumps.
-    pub(super) fn along_jump(&mut self, (from, to): (Expr, Expr), step: &Step) -> Expr {
+    pub(in crate::expression) fn along_jump(&mut self, (from, to): (Expr, Expr), step: &Step) -> Expr {
         let rise = self.sub(to, from);
         let quotient = self.div(rise, step.delta);
         let zero = self.zero();

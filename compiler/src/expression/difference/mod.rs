@@ -1,10 +1,13 @@
 //! Divided differences without cancellation: the discrete gradients of energies.
 
 mod across;
+mod along;
 mod function;
 mod power;
 
+use super::unary::row;
 use super::{Expr, Node, Number, Pool, Symbol};
+pub(super) use along::{Along, Step};
 use bond_runtime::ir::{Binary, Unary};
 
 const TWO: Number = Number::Ratio(2, 1);
@@ -14,24 +17,6 @@ const NOTHING: f64 = 1e-100;
 /// Whether this is a power beyond a square, or with a broken exponent.
 fn is_steep(n: &Node) -> bool {
     matches!(n, Node::Product(_, factors) if factors.iter().any(|f| !matches!(f.1, Number::Ratio(..=2, 1))))
-}
-
-/// An expression along the step: at its start, at its end, and the divided difference between.
-#[derive(Clone, Copy)]
-struct Along {
-    from: Expr,
-    to: Expr,
-    slope: Expr,
-}
-
-/// What a divided difference is taken over.
-struct Step {
-    symbol: Symbol,
-    from: Expr,
-    to: Expr,
-    delta: Expr,
-    /// `from + delta/2`
-    middle: Expr,
 }
 
 /// Nodes in ascending order, and the first of them along the step.
@@ -108,7 +93,7 @@ impl Pool {
                 self.scale(slope, c)
             }
             Node::Power(a, b) => self.along_general_power(e, (along(a), along(b)), (from, to), step),
-            Node::Unary(f, a) => self.along_function(f, along(a), Along { from, to, slope: zero }, step),
+            Node::Unary(f, a) => (row(f).difference)(self, along(a), Along { from, to, slope: zero }, step),
             Node::Binary(f, a, b) => self.along_binary(f, along(a), along(b), (from, to), step),
             Node::Select(condition, then, otherwise) => {
                 let (c, a, b) = (along(condition), along(then), along(otherwise));
@@ -128,8 +113,9 @@ impl Pool {
         }
     }
 
-    /// A divided difference; over next to nothing, where the slopes of quotients are none, the derivative at the start. A
-    /// row of bodies that touch moves its last ones by such: each contact passes on a power of what the one before does.
+    /// A divided difference; over next to nothing, where the slopes of quotients are none, the derivative at the start.
+    /// A row of bodies that touch moves its last ones by such: each contact passes on a power of what the one before
+    /// does.
     pub(crate) fn beyond_nothing(&mut self, (e, s): (Expr, Symbol), slope: Expr, from: Expr, delta: Expr) -> Expr {
         let derivative = self.derivative(e, s);
         let start = [(s, from)].into_iter().collect();

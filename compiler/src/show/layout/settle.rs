@@ -1,9 +1,7 @@
 //! The end of a layout: labels are pushed apart and off the bonds, bonds drawn long enough and straight.
 
 use super::{Drawing, Point};
-
-/// The least length of a bond that is to be seen.
-pub(super) const SEEN: f64 = 36.0;
+use crate::show::size::SIZES;
 
 /// Pushes until nothing moves, or long enough.
 pub(super) fn settle(x: &mut [Point], drawing: &Drawing<'_>) {
@@ -80,7 +78,7 @@ fn stretch(x: &mut [Point], drawing: &Drawing<'_>) -> bool {
                 reach(0).min(reach(1))
             })
             .sum();
-        let short = hidden + SEEN * length - full;
+        let short = hidden + SIZES.bond * length - full;
         if short > 0.5 {
             moved = true;
             for k in 0..2 {

@@ -125,7 +125,8 @@ impl Reroller<'_> {
         self.uses[i] == 1 && !outside[i] && self.home[i] == self.home[of]
     }
 
-    /// The terms of so many additions, one after the other, that end in a value, in their order; and what stands between.
+    /// The terms of so many additions, one after the other, that end in a value, in their order; and what stands
+    /// between.
     fn chain(&self, end: ir::Value, additions: usize) -> (Terms, Vec<ir::Value>) {
         let (mut terms, mut links, mut at) = (Vec::with_capacity(additions + 1), Vec::new(), end);
         for k in 0..additions {
@@ -141,8 +142,8 @@ impl Reroller<'_> {
         (terms, links)
     }
 
-    /// The terms of a value that is made of [`SIDE_BY_SIDE`] sums as `Builder::total` makes them, in their order; and all that
-    /// stands between.
+    /// The terms of a value that is made of [`SIDE_BY_SIDE`] sums as `Builder::total` makes them, in their order; and
+    /// all that stands between.
     fn side_by_side(&self, end: ir::Value, outside: &[bool]) -> Option<(Terms, Vec<ir::Value>)> {
         if self.skipped[end.0 as usize] {
             return None;

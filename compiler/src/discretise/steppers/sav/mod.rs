@@ -25,7 +25,7 @@ use crate::discretise::equations::inputs::{self, Inputs};
 use crate::discretise::equations::system::System;
 use crate::discretise::equations::{discrete_gradient, ledger, newton};
 use crate::discretise::steppers::label::{Label, Refusal, Step};
-use crate::expression::{Expr, Lowering, Node, Number, Pool, Sign, Symbol};
+use crate::expression::{Expr, Growth, Lowering, Node, Number, Pool, Sign, Symbol, growth};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output, Row};
 use auxiliary_energy::{AuxiliaryEnergy, Stores};
@@ -264,42 +264,24 @@ fn grows(pool: &Pool, e: Expr, argument: &dyn Fn(Symbol) -> bool) -> bool {
         Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) | Node::Power(..) | Node::Select(..) => {
             true
         }
-        Node::Unary(op, _) => match op {
-            Unary::Neg
-            | Unary::Abs
-            | Unary::Sqrt
-            | Unary::Exp
-            | Unary::Sinh
-            | Unary::Cosh
-            | Unary::Tan
-            | Unary::Floor => true,
-            Unary::Sign
-            | Unary::Log
-            | Unary::Sin
-            | Unary::Cos
-            | Unary::Asin
-            | Unary::Acos
-            | Unary::Atan
-            | Unary::Tanh
-            | Unary::Not => false,
-        },
+        Node::Unary(f, _) => growth(*f) != Growth::Bounded,
         Node::Binary(op, ..) => match op {
             Binary::Add | Binary::Sub | Binary::Mul | Binary::Div | Binary::Pow | Binary::Min | Binary::Max => true,
             Binary::Atan2 | Binary::Lt | Binary::Le | Binary::Eq | Binary::And | Binary::Or => false,
         },
     };
     pool.ascending(&[e], &passes).into_iter().any(|e| match pool.node(e) {
-        Node::Unary(Unary::Exp, a) => {
-            pool.contains_any(*a, argument) && !pool.sign(*a, &|_| Sign::Unknown).is_nonpositive()
+        Node::Power(_, a) => pool.contains_any(*a, argument),
+        Node::Unary(f, a) => match growth(*f) {
+            Growth::Bounded | Growth::Algebraic => false,
+            Growth::Exponential => {
+                pool.contains_any(*a, argument) && !pool.sign(*a, &|_| Sign::Unknown).is_nonpositive()
+            }
+            Growth::ExponentialBothWays => pool.contains_any(*a, argument),
+        },
+        Node::Number(_) | Node::Symbol(_) | Node::Sum(..) | Node::Product(..) | Node::Binary(..) | Node::Select(..) => {
+            false
         }
-        Node::Unary(Unary::Sinh | Unary::Cosh, a) | Node::Power(_, a) => pool.contains_any(*a, argument),
-        Node::Number(_)
-        | Node::Symbol(_)
-        | Node::Sum(..)
-        | Node::Product(..)
-        | Node::Unary(..)
-        | Node::Binary(..)
-        | Node::Select(..) => false,
     })
 }
 

@@ -4,21 +4,19 @@ use super::{Expr, Symbol};
 
 /// Expressions with more symbols than this don't carry the list of them.
 const FEW: usize = 16;
-/// In the place of a length.
-const MANY: u32 = u32::MAX;
 
-/// The list of each expression: where it starts, and its length.
+/// The list of each expression: where it starts, and its length, which is more than a few where there is no list.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Supports {
+pub(super) struct FreeSymbols {
     of: Vec<(u32, u32)>,
     lists: Vec<Symbol>,
 }
 
-impl Supports {
+impl FreeSymbols {
     /// All symbols of an expression, sorted; `None` where they are more than a few.
     pub(super) fn few(&self, e: Expr) -> Option<&[Symbol]> {
         let (first, len) = self.of[e.0 as usize];
-        (len != MANY).then(|| &self.lists[first as usize..(first + len) as usize])
+        (len as usize <= FEW).then(|| &self.lists[first as usize..(first + len) as usize])
     }
 
     /// Whether it has none.
@@ -38,8 +36,8 @@ impl Supports {
         let mut largest = (0, 0);
         for c in children.clone() {
             let of = self.of[c.0 as usize];
-            if of.1 == MANY {
-                self.of.push((0, MANY));
+            if of.1 as usize > FEW {
+                self.of.push(of);
                 return;
             }
             if of.1 > largest.1 {
@@ -57,7 +55,7 @@ impl Supports {
             for s in &self.lists[first as usize..(first + count) as usize] {
                 if let Err(i) = all[..len].binary_search(s) {
                     if len == FEW {
-                        self.of.push((0, MANY));
+                        self.of.push((0, FEW as u32 + 1));
                         return;
                     }
                     all.copy_within(i..len, i + 1);

@@ -3,7 +3,7 @@
 use crate::common::end;
 use bond::internal::CompiledInternals;
 use bond::{Options, RunError, Steps, Text};
-use bond_compiler::omit;
+use bond_compiler::reduction;
 use std::fs;
 use std::path::Path;
 
@@ -37,12 +37,15 @@ fn what_was_passive_stays_so() {
             if passive(&whole) != Some(true) {
                 continue;
             }
-            for part in omit::parts(&whole.stages().model).iter().take(12) {
+            for part in reduction::parts(&whole.stages().model).iter().take(12) {
                 tried += 1;
-                let kept = omit::kept(&whole.stages().model, &part.name);
+                let kept = reduction::kept(&whole.stages().model, &part.name);
                 let Ok(rest) = Options::new().without(&part.name).compile_text(&text) else { continue };
                 assert_eq!(kept, None, "{}: {}", path.display(), part.name);
-                assert_eq!(omit::parts(&rest.stages().model).len() + 1, omit::parts(&whole.stages().model).len());
+                assert_eq!(
+                    reduction::parts(&rest.stages().model).len() + 1,
+                    reduction::parts(&whole.stages().model).len()
+                );
                 if let Some(passive) = passive(&rest) {
                     assert!(passive, "{} without {}", path.display(), part.name);
                     ran += 1;

@@ -6,7 +6,7 @@
 
 use crate::graph::{BondGraph, RegionId};
 use crate::model::{ElementId, ExpectationKind, Kind, Model, Signal};
-use crate::omit::{Out, of_expectation, of_law};
+use crate::reduction::{Removed, of_expectation, of_law};
 use bond_runtime::scene::LeftOut;
 
 /// What nothing needs.
@@ -24,7 +24,7 @@ impl Unneeded {
     /// What of a model nothing needs; `None` where all is needed.
     pub(crate) fn of(model: &Model, graph: &BondGraph) -> Option<Self> {
         let whole = model.expectations.iter().any(|e| matches!(e.kind, ExpectationKind::Passive));
-        let ports: Vec<ElementId> = model.ids().filter(|(_, e)| e.kind == Kind::Port).map(|(id, _)| id).collect();
+        let ports: Vec<ElementId> = model.ids().filter(|(_, e)| e.kind == Kind::PORT).map(|(id, _)| id).collect();
         if model.probes.is_empty() && model.expectations.is_empty() && ports.is_empty() {
             return None;
         }
@@ -73,7 +73,7 @@ impl Unneeded {
     /// The model without it.
     pub(crate) fn without(&self, mut model: Model, graph: &BondGraph) -> Model {
         let out = |id: ElementId| self.region(graph.region_of[id.at()].at());
-        let gone = Out {
+        let gone = Removed {
             elements: model.ids().map(|(id, _)| out(id)).collect(),
             bonds: model.bonds.iter().map(|b| out(b.tail)).collect(),
             memories: self.memories.clone(),

@@ -94,7 +94,7 @@ pub(crate) fn leave_out(model: &mut Model, names: &[String]) -> Result<(), Vec<D
     let parts = parts(model);
     let by_name: FxHashMap<&str, &Part> = parts.iter().map(|p| (p.name.as_str(), p)).collect();
     let mut errors = Vec::new();
-    let mut out = Out {
+    let mut out = Removed {
         elements: vec![false; model.elements.len()],
         bonds: vec![false; model.bonds.len()],
         memories: vec![false; model.memories.len()],
@@ -112,7 +112,7 @@ pub(crate) fn leave_out(model: &mut Model, names: &[String]) -> Result<(), Vec<D
                 out.bonds[b.at()] = true;
                 let bond = model.bond(*b);
                 let other = model.element(bond.other(*member));
-                if bond.sampled || !matches!(other.kind, Kind::Zero | Kind::One) {
+                if bond.sampled || !other.kind.is_junction() {
                     let how = if bond.sampled { "by a double bar" } else { "itself, not to a junction" };
                     let message = format!("--without {name}: it is bonded to `{}` {how}", other.name);
                     errors.push(
@@ -157,29 +157,31 @@ fn unknown(model: &Model, name: &str, parts: &[Part]) -> Diagnostic {
 }
 
 /// What is out; of a bond that stays, both ends do.
-pub(crate) struct Out {
+pub(crate) struct Removed {
     pub(crate) elements: Vec<bool>,
     pub(crate) bonds: Vec<bool>,
     pub(crate) memories: Vec<bool>,
     pub(crate) integrals: Vec<bool>,
 }
 
-impl Out {
+impl Removed {
     /// Has what all bonds of a junction have in common read at one that stays, where it is only looked at: a law that
     /// reads a part may mean the part.
     fn keep_common(&self, model: &mut Model, bonds: &[Vec<BondId>]) {
         let (elements, all) = (&model.elements, &model.bonds);
         let laws = elements.iter().flat_map(|e| of_law(&e.law)).chain(model.memories.iter().map(|m| m.law));
         let read: FxHashSet<Symbol> = laws.flat_map(|e| model.pool.symbols(e)).collect();
-        let other = |b: BondId, common: Kind| {
+        let other = |b: BondId, common: Variable| {
             let ends = [all[b.at()].tail, all[b.at()].head];
-            let junction = ends.into_iter().find(|id| elements[id.at()].kind == common && !self.elements[id.at()])?;
+            let junction = ends
+                .into_iter()
+                .find(|id| elements[id.at()].kind == Kind::Junction(common) && !self.elements[id.at()])?;
             bonds[junction.at()].iter().copied().find(|b| !self.bonds[b.at()] && !all[b.at()].sampled)
         };
         for (_, signal) in model.signals.iter_mut().filter(|(symbol, _)| !read.contains(symbol)) {
             let kept = match *signal {
-                Signal::Effort(b) if self.bonds[b.at()] => other(b, Kind::Zero).map(Signal::Effort),
-                Signal::Flow(b) if self.bonds[b.at()] => other(b, Kind::One).map(Signal::Flow),
+                Signal::Effort(b) if self.bonds[b.at()] => other(b, Variable::Effort).map(Signal::Effort),
+                Signal::Flow(b) if self.bonds[b.at()] => other(b, Variable::Flow).map(Signal::Flow),
                 _ => None,
             };
             *signal = kept.unwrap_or(*signal);

@@ -9,7 +9,7 @@ use bond_compiler::structure::{Column, ColumnId, Form, Region, Role};
 /// A note for each: storages that a detector holds at rest, pieces that nothing gives power, what `ray` never
 /// moves, what gives energy behind a budget that lets none out, what tied storages divide by, and probes whose columns
 /// have other names.
-pub fn remarks(compiled: &Compiled) -> Vec<String> {
+pub fn lints(compiled: &Compiled) -> Vec<String> {
     let stages = compiled.stages();
     let (model, form) = (&stages.model, &stages.form);
     let scene = compiled.scene();
@@ -57,10 +57,10 @@ fn held(model: &Model, form: &Form, r: &Region) -> Vec<String> {
     let storages = r.states.iter().map(|s| s.column).chain(r.following.iter().map(|f| f.column));
     storages
         .map(|c| form.column(c))
-        .filter(|c| c.row.iter().all(|t| matches!(kind(t.0), Kind::De | Kind::Df)))
+        .filter(|c| c.row.iter().all(|t| kind(t.0).is_detector()))
         .filter_map(|c| {
             let detector = c.row.first()?.0;
-            let (junction, kind) = if kind(detector) == Kind::De { ('0', "De") } else { ('1', "Df") };
+            let (junction, kind) = if kind(detector) == Kind::DE { ('0', "De") } else { ('1', "Df") };
             let what = match c.gives {
                 Variable::Effort => "flow",
                 Variable::Flow => "effort",
