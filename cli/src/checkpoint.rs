@@ -4,7 +4,7 @@ use crate::input::name;
 use crate::output;
 use crate::stop::Stop;
 use bond::internal::{Code, SimulationInternals};
-use bond::{Course, RunError, Simulation};
+use bond::{InputSignal, RunError, Simulation};
 use bond_compiler::elaborate::told;
 use bond_runtime::scene::{Made, Scene};
 use bond_runtime::simulate;
@@ -87,7 +87,7 @@ pub fn resume<'a>(
     code: Code,
     (path, bytes): (&Path, &[u8]),
     scene: &'a Scene,
-    given: Vec<(String, Course)>,
+    given: Vec<(String, InputSignal)>,
     stop: f64,
 ) -> Result<Simulation<'a>, Stop> {
     let sim = Simulation::resume(code.backend(), scene, bytes, given).map_err(|e| match e {

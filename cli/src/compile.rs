@@ -13,8 +13,8 @@ use bond_compiler::show::{As, Shown, What};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
 use bond_runtime::ir::Program;
-use bond_runtime::scene::{Respond, Scene};
-use bond_runtime::simulate::Course;
+use bond_runtime::scene::Scene;
+use bond_runtime::simulate::InputSignal;
 use std::path::{Path, PathBuf};
 
 /// What to compile a model with.
@@ -330,7 +330,7 @@ impl Compiled {
     ///       probe v = cap.e
     ///     }";
     /// let compiled = bond::compile_str("charge.bond", text)?;
-    /// let ramp = bond::Course::table(&[0.0, 2.0], &[0.0, 4.0], false)?; // linear from 0 A at 0 s to 4 A at 2 s
+    /// let ramp = bond::InputSignal::table(&[0.0, 2.0], &[0.0, 4.0], false)?; // linear from 0 A at 0 s to 4 A at 2 s
     /// let mut sim = compiled.simulate_with(bond::Steps::new(), [("u".to_string(), ramp)])?;
     /// sim.advance(2.0)?;
     /// sim.set_input("u", -1.0)?; // from now on
@@ -344,7 +344,7 @@ impl Compiled {
     pub fn simulate_with(
         &self,
         steps: Steps,
-        inputs: impl IntoIterator<Item = (String, Course)>,
+        inputs: impl IntoIterator<Item = (String, InputSignal)>,
     ) -> Result<Simulation<'_>, RunError> {
         Simulation::with(&self.inner.scene, &self.steps(steps)?, inputs)
     }
@@ -420,10 +420,7 @@ fn show(compiled: &Compiled, what: What, format: As) -> Result<String, String> {
 fn programs(scene: &Scene) -> Vec<Program> {
     let mut list = Vec::new();
     for c in &scene.clusters {
-        match &c.respond {
-            Some(Respond::Last(p) | Respond::Matched(p, ..)) => list.push(p.clone()),
-            None => {}
-        }
+        list.extend(c.respond.iter().map(|r| r.program.clone()));
         list.push(c.step.program.clone());
         list.push(c.instant.clone());
     }

@@ -7,7 +7,7 @@ use crate::summary::MAX_LISTED;
 use bond::internal::{CompiledInternals, StepsInternals};
 use bond::{Compiled, Steps};
 use bond_compiler::backend::emitter::{Archive, Emitted, Emitter, Request};
-use bond_compiler::backend::{c, unit};
+use bond_compiler::backend::{c, standalone};
 use bond_compiler::discretise::{is_uncut, switching};
 use std::ffi::{OsStr, OsString};
 use std::io::{Cursor, Write};
@@ -62,7 +62,7 @@ impl Emission<'_> {
     }
 
     /// Says what was written, and what a run of it does besides.
-    fn tell(&self, compiled: &Compiled, unit: &unit::Unit, built: &str) -> Result<(), Stop> {
+    fn tell(&self, compiled: &Compiled, unit: &standalone::StandaloneModule, built: &str) -> Result<(), Stop> {
         let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         report::say(&format!(
             "built {built}: intervals of {:?} s, {}, {}, {}",
@@ -100,8 +100,8 @@ impl Emission<'_> {
     }
 
     /// The scene as a unit.
-    fn unit(&self, compiled: &Compiled) -> Result<unit::Unit, Stop> {
-        unit::unit(compiled.scene(), &self.options(compiled)?).map_err(Stop::Model)
+    fn unit(&self, compiled: &Compiled) -> Result<standalone::StandaloneModule, Stop> {
+        standalone::module(compiled.scene(), &self.options(compiled)?).map_err(Stop::Model)
     }
 
     /// The file; what comes from standard input has the scene's name.

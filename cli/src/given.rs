@@ -1,7 +1,7 @@
 //! Tables of input signals: CSV with the column `t` and one column per input.
 
 use bond_compiler::elaborate::nearest;
-use bond_runtime::simulate::{Course, Unfit};
+use bond_runtime::simulate::{InputSignal, Unfit};
 use thiserror::Error;
 
 /// An error in a table.
@@ -116,10 +116,10 @@ impl Given {
     /// What each input is over time: linear between rows, or that of the row before where `hold` is set.
     ///
     /// # Errors
-    /// A table whose numbers make no course.
-    pub fn courses(&self, hold: bool) -> Result<Vec<(String, Course)>, TableError> {
-        let one = |(name, values): (&String, &Vec<f64>)| match Course::table(&self.instants, values, hold) {
-            Ok(course) => Ok((name.clone(), course)),
+    /// A table whose numbers make no signal.
+    pub fn signals(&self, hold: bool) -> Result<Vec<(String, InputSignal)>, TableError> {
+        let one = |(name, values): (&String, &Vec<f64>)| match InputSignal::table(&self.instants, values, hold) {
+            Ok(signal) => Ok((name.clone(), signal)),
             Err(Unfit::Steep(row)) => {
                 let line = |row: usize| self.lines.get(row).copied().unwrap_or_default();
                 let message = format!(
@@ -190,10 +190,10 @@ mod tests {
         let table =
             Given::read("\u{feff}# weather\n u , t, \"w[1,2]\" \n\n1, 0 ,2\r\n\"-3e1\" ,0.5,4\n", &["u", "w[1,2]"])?;
         assert_eq!(table.instants, [0.0, 0.5]);
-        let courses = table.courses(false)?;
-        assert_eq!(courses[0].0, "u");
-        assert_eq!(courses[1].0, "w[1,2]");
-        assert_eq!((courses[0].1.value(0.25), courses[1].1.value(0.25)), (-14.5, 3.0));
+        let signals = table.signals(false)?;
+        assert_eq!(signals[0].0, "u");
+        assert_eq!(signals[1].0, "w[1,2]");
+        assert_eq!((signals[0].1.value(0.25), signals[1].1.value(0.25)), (-14.5, 3.0));
         Ok(())
     }
 
@@ -224,7 +224,7 @@ mod tests {
             ),
         ];
         for (text, line, words) in cases {
-            match Given::read(text, &["u"]).and_then(|table| table.courses(false)) {
+            match Given::read(text, &["u"]).and_then(|table| table.signals(false)) {
                 Ok(_) => panic!("{text:?} is read"),
                 Err(e) => assert!(e.line == line && e.message.contains(words), "{text:?}: {e}"),
             }

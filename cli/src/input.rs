@@ -3,7 +3,7 @@
 use crate::report;
 use crate::stop::Stop;
 use bond::internal::{OptionsInternals, Quantity, ReadError};
-use bond::{Compiled, Course, Errors, Given, Options, Text};
+use bond::{Compiled, Errors, Given, InputSignal, Options, Text};
 use bond_runtime::scene::Scene;
 use std::path::Path;
 
@@ -161,11 +161,11 @@ pub fn compile(path: &Path, options: &Options) -> Result<Compiled, Stop> {
 ///
 /// # Errors
 /// Status 2, with the line: a file that cannot be read, or is not such a table.
-pub fn table(path: &Path, scene: &Scene, hold: bool) -> Result<Vec<(String, Course)>, Stop> {
+pub fn table(path: &Path, scene: &Scene, hold: bool) -> Result<Vec<(String, InputSignal)>, Stop> {
     let text = bond::internal::read_table(path).map_err(|e| Stop::Usage(format!("cannot read {}: {e}", name(path))))?;
     let wrong = |e: bond::TableError| Stop::Usage(format!("{}:{}: {}", name(path), e.line, e.message));
     let known: Vec<&str> = scene.inputs.iter().map(|i| i.name.as_str()).collect();
-    Given::read(&text, &known).and_then(|table| table.courses(hold)).map_err(wrong)
+    Given::read(&text, &known).and_then(|table| table.signals(hold)).map_err(wrong)
 }
 
 /// Draws what is wrong.

@@ -61,7 +61,7 @@ mod steps;
 pub use bond_grammar::diagnostic::{Diagnostic, Label};
 pub use bond_grammar::source::{Source, SourceId, Sources, Span};
 pub use bond_runtime::simulate::{
-    BarSummary, Course, ElementEnergy, ElementEntropy, Modified, RegionSummary, Summary, Unfit,
+    BarSummary, ElementEnergy, ElementEntropy, InputSignal, Modified, RegionSummary, Summary, Unfit,
 };
 pub use compile::{Compiled, Options, Text, compile_file, compile_str};
 pub use errors::Errors;

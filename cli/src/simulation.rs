@@ -5,7 +5,7 @@ use crate::failure::{RunError, unknown};
 use bond_runtime::ir::{Array, Slot};
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Course, Summary};
+use bond_runtime::simulate::{self, InputSignal, Summary};
 
 /// A compiled model that runs.
 pub struct Simulation<'a> {
@@ -149,7 +149,7 @@ pub trait SimulationInternals<'a>: Sized {
     fn with(
         scene: &'a Scene,
         options: &simulate::Options,
-        inputs: impl IntoIterator<Item = (String, Course)>,
+        inputs: impl IntoIterator<Item = (String, InputSignal)>,
     ) -> Result<Self, RunError>;
 
     /// The same, with programs run by this back end: one of [`Code`], or another.
@@ -160,7 +160,7 @@ pub trait SimulationInternals<'a>: Sized {
         backend: &dyn Backend,
         scene: &'a Scene,
         options: &simulate::Options,
-        inputs: impl IntoIterator<Item = (String, Course)>,
+        inputs: impl IntoIterator<Item = (String, InputSignal)>,
     ) -> Result<Self, RunError>;
 
     /// A run that continues from what [`Simulation::save`] gave, with the step and the tolerance that it had. Input
@@ -172,7 +172,7 @@ pub trait SimulationInternals<'a>: Sized {
         backend: &dyn Backend,
         scene: &'a Scene,
         bytes: &[u8],
-        inputs: impl IntoIterator<Item = (String, Course)>,
+        inputs: impl IntoIterator<Item = (String, InputSignal)>,
     ) -> Result<Self, RunError>;
 
     /// The options with which it was started.
@@ -196,7 +196,7 @@ impl<'a> SimulationInternals<'a> for Simulation<'a> {
     fn with(
         scene: &'a Scene,
         options: &simulate::Options,
-        inputs: impl IntoIterator<Item = (String, Course)>,
+        inputs: impl IntoIterator<Item = (String, InputSignal)>,
     ) -> Result<Self, RunError> {
         Self::on(Code::default().backend(), scene, options, inputs)
     }
@@ -205,20 +205,20 @@ impl<'a> SimulationInternals<'a> for Simulation<'a> {
         backend: &dyn Backend,
         scene: &'a Scene,
         options: &simulate::Options,
-        inputs: impl IntoIterator<Item = (String, Course)>,
+        inputs: impl IntoIterator<Item = (String, InputSignal)>,
     ) -> Result<Self, RunError> {
-        let courses = courses(scene, inputs)?;
-        Ok(Self { inner: simulate::Simulation::on(backend, scene, options, courses)?, scene })
+        let signals = signals(scene, inputs)?;
+        Ok(Self { inner: simulate::Simulation::on(backend, scene, options, signals)?, scene })
     }
 
     fn resume(
         backend: &dyn Backend,
         scene: &'a Scene,
         bytes: &[u8],
-        inputs: impl IntoIterator<Item = (String, Course)>,
+        inputs: impl IntoIterator<Item = (String, InputSignal)>,
     ) -> Result<Self, RunError> {
-        let courses = courses(scene, inputs)?;
-        Ok(Self { inner: simulate::Simulation::resume(backend, scene, bytes, courses)?, scene })
+        let signals = signals(scene, inputs)?;
+        Ok(Self { inner: simulate::Simulation::resume(backend, scene, bytes, signals)?, scene })
     }
 
     fn options(&self) -> &simulate::Options {
@@ -242,11 +242,11 @@ impl<'a> SimulationInternals<'a> for Simulation<'a> {
 }
 
 /// Input signals by number, from those by path.
-fn courses(
+fn signals(
     scene: &Scene,
-    inputs: impl IntoIterator<Item = (String, Course)>,
-) -> Result<Vec<(usize, Course)>, RunError> {
-    inputs.into_iter().map(|(name, course)| Ok((input(scene, &name)?, course))).collect()
+    inputs: impl IntoIterator<Item = (String, InputSignal)>,
+) -> Result<Vec<(usize, InputSignal)>, RunError> {
+    inputs.into_iter().map(|(name, signal)| Ok((input(scene, &name)?, signal))).collect()
 }
 
 /// The number of the open port of that name.

@@ -196,11 +196,11 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     }
     if let Some(m) = r.modified {
         let (most, part) = (short(m.max_difference), short(m.relative));
-        let grown = (m.grown > 0.0).then(|| {
+        let grown = (m.energy_excess > 0.0).then(|| {
             format!(
                 "; H at most {} {unit} ({} of the stored energy) above the energy given",
-                short(m.grown),
-                short(m.grown_relative)
+                short(m.energy_excess),
+                short(m.relative_energy_excess)
             )
         });
         let grown = grown.unwrap_or_default();
@@ -347,7 +347,7 @@ impl Serialize for Region<'_> {
         map.serialize_entry("leaps", &r.leaps)?;
         map.serialize_entry("pseudo", &r.pseudo)?;
         if let Some(m) = r.modified {
-            let modified = serde_json::json!({"difference": m.difference, "max_difference": m.max_difference, "relative": m.relative, "grown": m.grown, "grown_relative": m.grown_relative});
+            let modified = serde_json::json!({"difference": m.difference, "max_difference": m.max_difference, "relative": m.relative, "grown": m.energy_excess, "grown_relative": m.relative_energy_excess});
             map.serialize_entry("modified", &modified)?;
         }
         let energies = |list: &[bond::ElementEnergy]| -> Vec<_> {

@@ -78,9 +78,10 @@
 //!
 //! 1. `backend/NAME/`: a printer of the statements of `backend/code.rs`, each with the meaning that
 //!    [`eval`](bond_runtime::eval) gives its operations (NaN, signed zeros). It looks at nothing else of a program.
-//! 2. `backend/mod.rs`: its module. If `bond build` writes it: an `Emitter` of a `backend::unit::Unit`, which is a row
-//!    of [`EMITTERS`](backend::EMITTERS). If it runs inside `bond`: a [`Backend`](bond_runtime::kernel::Backend) that
-//!    makes a `Kernel`, and uses the interpreter for programs that `lower` does not take.
+//! 2. `backend/mod.rs`: its module. If `bond build` writes it: an `Emitter` of a
+//!    `backend::standalone::StandaloneModule`, which is a row of [`EMITTERS`](backend::EMITTERS). If it runs inside
+//!    `bond`: a [`Backend`](bond_runtime::kernel::Backend) that makes a `Kernel`, and uses the interpreter for programs
+//!    that `lower` does not take.
 //! 3. A test: `tests/tests/backend.rs` (random programs, special values) or `tests/tests/emitted.rs` (whole scenes). It
 //!    must give the interpreter's bits, except where the host computes a function (`docs/embedding.md`, Same bits).
 //!

@@ -38,6 +38,12 @@ pub enum Failure {
     /// The energy of the step does not balance.
     #[error("the energy of the step does not balance")]
     Balance,
+    /// The balance of an exact step is grossly off.
+    #[error("the exact step makes or loses what is stored")]
+    GrossBalance,
+    /// An energy of the step is infinite or NaN.
+    #[error("an energy of the step is infinite or undefined")]
+    Energy,
     /// A number in the new state is infinite or NaN.
     #[error(
         "a number that it gives is infinite or undefined, such as by a ratio of 0 or the root of a negative \

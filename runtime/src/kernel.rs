@@ -36,8 +36,8 @@ pub trait Backend {
     /// Where the program does not pass [`Program::verify`].
     fn kernel(&self, program: &Program) -> Box<dyn Kernel>;
 
-    /// Makes what goes through whole stretches of a run at once, where this back end has such.
-    fn stretches(&self) -> Option<simulate::Maker> {
+    /// Makes routines for block execution, where this back end has such.
+    fn block_maker(&self) -> Option<simulate::BlockMaker> {
         None
     }
 }

@@ -1,5 +1,6 @@
 //! Sums of energies.
 
+use crate::energy::compensated;
 use serde::{Deserialize, Serialize};
 
 /// A sum that keeps what rounding would lose: what each addition is off by is found without branches (Knuth's two-sum),
@@ -21,18 +22,10 @@ impl Sum {
         Self { sum, rest }
     }
 
-    /// Its two numbers.
-    pub(crate) fn parts(&self) -> [f64; 2] {
-        [self.sum, self.rest]
-    }
-
     /// Adds a term.
     #[inline]
     pub fn add(&mut self, x: f64) {
-        let sum = self.sum + x;
-        let added = sum - self.sum;
-        self.rest += (self.sum - (sum - added)) + (x - added);
-        self.sum = sum;
+        [self.sum, self.rest] = compensated([self.sum, self.rest], x);
     }
 
     /// The sum so far. Once it overflows it is infinite or NaN for good.

@@ -15,7 +15,8 @@
 //! | [`machine`] | the operations that code written once for numbers and for compiled statements may use |
 //! | [`solve`] | Newton's method, dense and sparse elimination |
 //! | [`exponential`] | the matrix exponential in double-double arithmetic ([`double_double`]) |
-//! | [`simulate`] | the schedule, adaptive steps, events, holds and the budget, the summary |
+//! | [`simulate`] | the schedule, adaptive steps, events, block execution, the summary |
+//! | [`energy`] | accounts, held ports, predictions and the energy budget, on a [`machine`] |
 //! | [`ledger`] | sums of energy with their rounding errors |
 //! | [`envelope`] | values as bytes with a version and a checksum |
 //!
@@ -93,23 +94,26 @@
 //! other side.
 //!
 //! 1. The compiler's `model.rs`: a variant of `Hold`, in `Hold::ALL` and `name`.
-//! 2. The compiler's `discretise/assembly/hold.rs`: its program. A hold that needs neither of the two forms of
-//!    [`scene::Respond`] is a new variant there; `simulate/sampled.rs` then runs it, and the compiler lists the other
-//!    places.
+//! 2. The compiler's `discretise/assembly/hold.rs`: its program. A hold that the fields of [`scene::Respond`] do not
+//!    say changes that, `simulate/sampled.rs` and the compiler's `backend/standalone/sample.rs`.
 //! 3. `tests/tests/holds.rs`: passivity under the budget, and order in the period. Budget and tank apply to every hold.
 //!    `docs/language.md` and `docs/mathematics.md` describe it.
 //!
 //! # How to add a number of the ledger
 //!
-//! 1. The compiler's `discretise/equations/accounts.rs` and `ledger.rs`: an output of the step, if it comes from one,
-//!    and its place in [`scene::Entries`].
-//! 2. `simulate/cluster.rs`: a [`ledger::Sum`] in `Book`, added to in `book`. A `Book` is saved, so
-//!    [`envelope::FORMAT`] counts up.
-//! 3. `simulate/summary.rs`: the number in [`RegionSummary`](simulate::RegionSummary); `cli/src/summary.rs` prints it.
-//! 4. `simulate/places.rs` and the compiler's `backend/unit/ledger.rs` (`NAMES`): the same number in compiled runs.
+//! 1. `energy/layout.rs`: its place, and what it starts as. In [`energy::ACCOUNT`] if stand-alone modules show it, else
+//!    in [`energy::DetailPlaces`]. Checkpoints, block execution, C headers and modules then have it.
+//! 2. `energy/account.rs` if a step changes it, `energy/interval.rs` if the end of an interval does. Both are written
+//!    once, on a [`machine`]: a run gives them numbers, the compiler's `backend/standalone` writes them as statements.
+//! 3. `simulate/summary.rs`: the number in [`RegionSummary`](simulate::RegionSummary).
+//! 4. The command's `summary.rs` prints it.
+//!
+//! If it needs a term that no step reports yet, the compiler's `discretise/equations/accounts.rs` adds an output to
+//! the steps, and its place to [`scene::Entries`].
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod double_double;
+pub mod energy;
 pub mod envelope;
 pub mod eval;
 pub mod exponential;

@@ -78,7 +78,7 @@ pub struct NewtonOptions {
     pub chord: ChordOptions,
 }
 
-/// What the chord start goes by; [`crate::solve::chord`] says where each is used.
+/// What the chord start goes by; [`crate::solve::iteration::chord`] says where each is used.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChordOptions {
     /// Bodies of more instructions than this do not begin so: back ends write them anew for it.

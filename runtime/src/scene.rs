@@ -228,14 +228,21 @@ impl Stepper {
 
 /// How the held variable of a sampled region is found.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub enum Respond {
-    /// The program's outputs are the efforts (or flows) that the ports call for, given the means of the last interval,
-    /// and what the region's own sources are to supply in the next one.
-    Last(Program),
-    /// The first program solves for them; its last inputs are alpha and beta. Its outputs are those, then 1 where it
-    /// found a solution, then the supply. A law that switches may have none; the second program then gives what the
-    /// ports call for at given means.
-    Matched(Program, Program),
+pub struct Respond {
+    /// Its outputs are the efforts (or flows) that the ports call for, given the means of the last interval, and what
+    /// the region's own sources are to supply in the next one. Where there is a fallback, it solves for them instead:
+    /// its last inputs are the free responses and the port admittance, and between its outputs is a 1 where it found a
+    /// solution.
+    pub program: Program,
+    /// What the ports call for at given means: a law that switches may leave no solution.
+    pub fallback: Option<Program>,
+}
+
+impl Respond {
+    /// Its programs.
+    pub fn programs(&self) -> impl Iterator<Item = &Program> {
+        [&self.program].into_iter().chain(&self.fallback)
+    }
 }
 
 impl Entries {
@@ -445,10 +452,7 @@ impl Cluster {
         stepper(&self.step)
             || beside.into_iter().flatten().any(|s| stepper(s))
             || self.looks(&self.instant)
-            || self.respond.iter().any(|r| match r {
-                Respond::Last(p) => self.looks(p),
-                Respond::Matched(p, q) => self.looks(p) || self.looks(q),
-            })
+            || self.respond.iter().flat_map(Respond::programs).any(|p| self.looks(p))
     }
 
     fn looks(&self, program: &Program) -> bool {

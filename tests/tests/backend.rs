@@ -5,13 +5,13 @@ use bond::internal::{Code, CompiledInternals, SimulationInternals, StepsInternal
 use bond::{Compiled, Options, Simulation, Steps};
 use bond_compiler::backend::code::Stmt;
 use bond_compiler::backend::native::{JIT, Jit, Shared};
-use bond_compiler::backend::{lower, unit};
+use bond_compiler::backend::{lower, standalone};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Binary, Builder, Knee, Newton, Program, Slot, Unary, Value};
 use bond_runtime::kernel::{Backend, Failure, Kernel};
 use bond_runtime::options::NewtonOptions;
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Maker, Places, Start, Stretch};
+use bond_runtime::simulate::{self, BlockMaker, BlockRoutine, Places, Start};
 use bond_runtime::solve::newton::MAX_KNEES;
 use proptest::prelude::*;
 use std::sync::Arc;
@@ -64,9 +64,9 @@ struct Eager;
 static GONE: AtomicU64 = AtomicU64::new(0);
 static FAILED: AtomicU64 = AtomicU64::new(0);
 
-struct Counted(Box<dyn Stretch>);
+struct Counted(Box<dyn BlockRoutine>);
 
-impl Stretch for Counted {
+impl BlockRoutine for Counted {
     fn places(&self) -> &Places {
         self.0.places()
     }
@@ -84,11 +84,11 @@ impl Backend for Eager {
         JIT.kernel(program)
     }
 
-    fn stretches(&self) -> Option<Maker> {
-        let make = |scene: &Scene, options: &simulate::Options, start: &Start| -> Option<Box<dyn Stretch>> {
-            Some(Box::new(Counted((JIT.stretches()?.make)(scene, options, start)?)))
+    fn block_maker(&self) -> Option<BlockMaker> {
+        let make = |scene: &Scene, options: &simulate::Options, start: &Start| -> Option<Box<dyn BlockRoutine>> {
+            Some(Box::new(Counted((JIT.block_maker()?.make)(scene, options, start)?)))
         };
-        Some(Maker { make: Arc::new(make), worth: 0 })
+        Some(BlockMaker { make: Arc::new(make), worth: 0 })
     }
 }
 
@@ -220,7 +220,7 @@ fn same_by_stretches(title: &str, compiled: &Compiled, h: f64, end: f64) -> bool
     let settings = &compiled.stages().model.settings;
     let options = Steps::fixed(h).resolve(settings, end, settings.every).unwrap_or_else(|e| panic!("{e}"));
     let start = simulate::Simulation::on(&Interpret, compiled.scene(), &options, Vec::new()).map(|sim| sim.start());
-    let whole = start.is_ok_and(|start| unit::stretch(compiled.scene(), &options, &start, false).is_some());
+    let whole = start.is_ok_and(|start| standalone::block_program(compiled.scene(), &options, &start, false).is_some());
     let interpreted = stretched(compiled, &Interpret, &options, end);
     for backend in [&Eager as &dyn Backend, &Shared::new(u64::MAX)] {
         let native = stretched(compiled, backend, &options, end);
@@ -583,7 +583,7 @@ fn refusals_say_why() {
     let compiled = file(&crate::common::models().join("hard/irrational_rates.bond"), Options::new());
     let settings = &compiled.stages().model.settings;
     let options = Steps::new().resolve(settings, 1.0, None).unwrap_or_else(|e| panic!("{e}"));
-    let why = unit::unit(compiled.scene(), &options).map(|_| ()).unwrap_err();
+    let why = standalone::module(compiled.scene(), &options).map(|_| ()).unwrap_err();
     assert!(why.contains("have no common measure"), "{why}");
 }
 

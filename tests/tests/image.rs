@@ -49,11 +49,7 @@ fn programs(scene: &Scene) -> Vec<&Program> {
         list.extend([&c.step.program, &c.instant, &c.stored]);
         list.extend(c.guards.iter().map(|g| &g.program));
         list.extend(c.step.glance.iter().map(|g| &g.program));
-        match &c.respond {
-            Some(Respond::Last(p)) => list.push(p),
-            Some(Respond::Matched(p, q)) => list.extend([p, q]),
-            None => {}
-        }
+        list.extend(c.respond.iter().flat_map(Respond::programs));
     }
     list.extend(&scene.probes.program);
     list

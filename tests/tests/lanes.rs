@@ -4,7 +4,7 @@ use crate::common::{all_scenes, file, stop, with};
 use crate::emitted::{Folder, WALL, emit, is_there, options};
 use bond::Options;
 use bond::internal::CompiledInternals;
-use bond_compiler::backend::{c, unit};
+use bond_compiler::backend::{c, standalone};
 use std::path::PathBuf;
 
 /// Runs lanes beside scenes alone: from different starts, each moved in its own way. What fails stands still. Prints
@@ -103,7 +103,7 @@ int main(void) {
 const SINGLE: &str = "-DBOND_FLOAT";
 
 /// How many lanes fail, of a scene whose lanes have the bits of scenes alone.
-fn lanes(u: &unit::Unit, flags: &[&str]) -> f64 {
+fn lanes(u: &standalone::StandaloneModule, flags: &[&str]) -> f64 {
     let here = Folder::new();
     let names = options("bond", "m.h");
     here.put("m.h", c::header(u, &names));

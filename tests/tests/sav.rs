@@ -294,7 +294,7 @@ fn energy_from_nothing_is_seen() {
     let (_, near) = last(&compiled, 0.01, 50.0);
     assert!(near.passive, "{:?}", near.reasons);
     let (_, far) = last(&compiled, 10.0, 2000.0);
-    let grown = far.regions[0].modified.map_or(0.0, |m| m.grown_relative);
+    let grown = far.regions[0].modified.map_or(0.0, |m| m.relative_energy_excess);
     assert!(grown > 0.1 && far.worst_step <= 1e-12, "{grown} and {}", far.worst_step);
     assert!(
         !far.passive && far.reasons.iter().any(|r| r.contains("above what it had been given")),

@@ -2,7 +2,7 @@
 
 use crate::common::{RUN, all_scenes, cases, file, models, stop, text};
 use bond::internal::{Code, CompiledInternals, SimulationInternals, StepsInternals, refusal};
-use bond::{Compiled, Course, Options, Simulation, Steps};
+use bond::{Compiled, InputSignal, Options, Simulation, Steps};
 use bond_runtime::simulate::{self, Refused};
 use proptest::prelude::*;
 
@@ -38,10 +38,10 @@ fn splits(
     options: &simulate::Options,
     end: f64,
     at: u32,
-    course: &[(String, Course)],
+    signal: &[(String, InputSignal)],
 ) {
     let scene = compiled.scene();
-    let Ok(mut whole) = Simulation::with(scene, options, course.to_vec()) else { return };
+    let Ok(mut whole) = Simulation::with(scene, options, signal.to_vec()) else { return };
     for k in 1..=at {
         if whole.advance(instant(end, k)).is_err() {
             return;
@@ -107,12 +107,12 @@ proptest! {
         };
         let settings = &compiled.stages().model.settings;
         let options = steps.resolve(settings, stop(&compiled), settings.every)?;
-        let course = compiled.inputs().iter().map(|name| {
+        let signal = compiled.inputs().iter().map(|name| {
             let instants: Vec<f64> = (0..50).map(|k| f64::from(k) * end / 37.3).collect();
             let values: Vec<f64> = (0..50).map(|k| f64::from(k * k % 7) * 0.1).collect();
-            Ok((name.to_string(), Course::table(&instants, &values, hold)?))
+            Ok((name.to_string(), InputSignal::table(&instants, &values, hold)?))
         }).collect::<Result<Vec<_>, Box<dyn std::error::Error>>>().map_err(|e| TestCaseError::fail(e.to_string()))?;
-        splits(&format!("{name} {scene} way {way}"), &compiled, &options, end, at, &course);
+        splits(&format!("{name} {scene} way {way}"), &compiled, &options, end, at, &signal);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::common::{advance, close, finish, probe, start, text, with};
 use bond::internal::{CompiledInternals, OptionsInternals};
-use bond::{Compiled, Course, Options, Simulation, Steps};
+use bond::{Compiled, InputSignal, Options, Simulation, Steps};
 use bond_compiler::discretise::Accuracy;
 use nalgebra::{DMatrix, DVector};
 
@@ -21,13 +21,13 @@ const FILTER: &str = "model Filter {
 /// Rows at instants that no step meets, with a jump within a microsecond.
 const ROWS: [(f64, f64); 6] = [(0.1, 1.0), (0.533, 5.0), (0.533001, -3.0), (1.271, -3.0), (1.8, 4.0), (2.37, 0.5)];
 
-fn course(rows: &[(f64, f64)], hold: bool) -> Course {
+fn signal(rows: &[(f64, f64)], hold: bool) -> InputSignal {
     let (t, x): (Vec<f64>, Vec<f64>) = rows.iter().copied().unzip();
-    Course::table(&t, &x, hold).unwrap_or_else(|e| panic!("{e}"))
+    InputSignal::table(&t, &x, hold).unwrap_or_else(|e| panic!("{e}"))
 }
 
-fn fed<'a>(compiled: &'a Compiled, steps: Steps, name: &str, course: Course) -> Simulation<'a> {
-    compiled.simulate_with(steps, [(name.to_string(), course)]).unwrap_or_else(|e| panic!("{e}"))
+fn fed<'a>(compiled: &'a Compiled, steps: Steps, name: &str, signal: InputSignal) -> Simulation<'a> {
+    compiled.simulate_with(steps, [(name.to_string(), signal)]).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// v' = (u - v)/tau, tau = 0.5 s, from 1 V, in closed form from row to row.
@@ -59,7 +59,7 @@ fn exact_takes_a_table_without_error() {
     let compiled = text(FILTER);
     for hold in [false, true] {
         for step in [0.3, 0.07, 0.011] {
-            let mut sim = fed(&compiled, Steps::fixed(step), "u", course(&ROWS, hold));
+            let mut sim = fed(&compiled, Steps::fixed(step), "u", signal(&ROWS, hold));
             for k in 1..=90 {
                 let t = f64::from(k) * 0.0333;
                 advance(&mut sim, t);
@@ -94,7 +94,7 @@ fn exact_follows_a_table_over_any_number_of_time_constants() {
 }}"
         ));
         for step in [0.3, 0.011] {
-            let mut sim = fed(&compiled, Steps::fixed(step), "u", course(&ROWS, false));
+            let mut sim = fed(&compiled, Steps::fixed(step), "u", signal(&ROWS, false));
             finish(&mut sim, 1.5);
             close(probe(&mut sim, "v"), -3.0 + 7.0 * 0.229 / 0.529, 1e-6, "the voltage between two rows");
             finish(&mut sim, 3.0);
@@ -117,7 +117,7 @@ fn a_table_is_integrated_exactly() {
                 let mean = if hold { pair[0].1 } else { 0.5 * (pair[0].1 + pair[1].1) };
                 area += mean * (pair[1].0 - pair[0].0);
             }
-            let mut sim = fed(&compiled, Steps::fixed(0.07), "u", course(&ROWS, hold));
+            let mut sim = fed(&compiled, Steps::fixed(0.07), "u", signal(&ROWS, hold));
             finish(&mut sim, 3.0);
             close(probe(&mut sim, "area"), area, 1e-12, &format!("{method}, hold {hold}"));
         }
@@ -133,7 +133,7 @@ fn jumps_and_kinks_cost_no_order() {
             let errors: Vec<f64> = steps
                 .iter()
                 .map(|h| {
-                    let mut sim = fed(&compiled, Steps::fixed(*h), "u", course(&ROWS, hold));
+                    let mut sim = fed(&compiled, Steps::fixed(*h), "u", signal(&ROWS, hold));
                     finish(&mut sim, 2.2);
                     (probe(&mut sim, "v") - filter(&ROWS, hold, 2.2)).abs()
                 })
@@ -150,7 +150,7 @@ fn jumps_and_kinks_cost_no_order() {
 fn adaptive_steps_meet_the_rows() {
     let compiled = with(Options::new().method("gonzalez"), FILTER);
     for hold in [false, true] {
-        let mut sim = fed(&compiled, Steps::tolerance(1e-7), "u", course(&ROWS, hold));
+        let mut sim = fed(&compiled, Steps::tolerance(1e-7), "u", signal(&ROWS, hold));
         for k in 1..=12 {
             let t = f64::from(k) * 0.25;
             advance(&mut sim, t);
@@ -165,7 +165,7 @@ fn adaptive_steps_meet_the_rows() {
 #[test]
 fn inputs_show_what_holds_from_now_on() {
     let compiled = text(FILTER);
-    let mut sim = fed(&compiled, Steps::fixed(0.1), "u", course(&[(0.0, 1.0), (0.3, 2.0)], true));
+    let mut sim = fed(&compiled, Steps::fixed(0.1), "u", signal(&[(0.0, 1.0), (0.3, 2.0)], true));
     for (t, u) in [(0.0, 1.0), (0.2999, 1.0), (0.1 + 0.2, 2.0), (0.31, 2.0)] {
         advance(&mut sim, t);
         assert_eq!(probe(&mut sim, "given"), u, "at {t}");
@@ -209,7 +209,7 @@ fn switches_on_inputs_are_met() {
     );
     // u crosses at 0.74 s: v = 1 - exp(-t), then towards 3.
     let at = |t: f64| 3.0 + (1.0 - (-0.74f64).exp() - 3.0) * (0.74 - t).exp();
-    let mut sim = fed(&compiled, Steps::fixed(0.1), "u", course(&[(0.0, 0.0), (2.0, 1.0)], false));
+    let mut sim = fed(&compiled, Steps::fixed(0.1), "u", signal(&[(0.0, 0.0), (2.0, 1.0)], false));
     finish(&mut sim, 1.5);
     close(probe(&mut sim, "v"), at(1.5), 1e-11, "v");
 }
@@ -453,7 +453,7 @@ fn a_sampled_controller_is_its_recurrence() {
         }",
     );
     let rows = [(0.0, 1.0), (0.5, 3.0), (1.5, 2.0)];
-    let table = course(&rows, false);
+    let table = signal(&rows, false);
     let mut sim = fed(&compiled, Steps::new(), "wanted", table.clone());
     let (t, m) = (0.01, 2.0);
     let (mut x, mut v, mut sum, mut last, mut u, mut held) = (0.25, 0.0, 0.0, 0.25, 0.0, 0.0);
@@ -519,7 +519,7 @@ fn a_sampled_source_takes_its_input_at_the_samples() {
             "model M {{ input u = 0 N  I:m = 2 kg  0:n -> m  sampled every 0.1 s budget off method {method} {{ Se:f = u }}
               f ||> n  probe p = m.p }}"
         ));
-        let table = course(&[(0.0, 0.0), (0.33, 3.3), (2.0, 1.0)], false);
+        let table = signal(&[(0.0, 0.0), (0.33, 3.3), (2.0, 1.0)], false);
         let mut sim = fed(&compiled, Steps::new(), "u", table.clone());
         let mut p = 0.0;
         for k in 0..30u32 {
@@ -601,7 +601,7 @@ fn an_input_overcomes_friction() {
           probe place = x
         }",
     );
-    let mut sim = fed(&compiled, Steps::fixed(0.01), "u", course(&[(0.0, 0.0), (4.0, 4.0)], false));
+    let mut sim = fed(&compiled, Steps::fixed(0.01), "u", signal(&[(0.0, 0.0), (4.0, 4.0)], false));
     for k in 1..=10 {
         let t = 0.25 * f64::from(k);
         advance(&mut sim, t);
@@ -629,7 +629,7 @@ fn fields_in_a_closed_loop() {
     }";
     let ends = [("exact", 0.37), ("rk4", 1e-3)].map(|(method, step)| {
         let compiled = with(Options::new().method(method), field);
-        let mut sim = fed(&compiled, Steps::fixed(step), "u", course(&ROWS, false));
+        let mut sim = fed(&compiled, Steps::fixed(step), "u", signal(&ROWS, false));
         finish(&mut sim, 2.5);
         let summary = sim.summary();
         assert!(method != "exact" || (summary.passive && summary.worst_step <= 1e-12), "{:e}", summary.worst_step);
@@ -655,7 +655,7 @@ fn integrals_of_what_is_sampled() {
         probe rates = integral(w*v, 0 s)
     }";
     let compiled = text(model);
-    let mut sim = fed(&compiled, Steps::new(), "u", course(&[(0.0, 0.0), (2.0, 2.0)], false));
+    let mut sim = fed(&compiled, Steps::new(), "u", signal(&[(0.0, 0.0), (2.0, 2.0)], false));
     let held = |k: i32| 0.5 + f64::from(k);
     for t in [0.25, 1.0] {
         advance(&mut sim, t);

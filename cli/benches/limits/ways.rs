@@ -6,7 +6,7 @@ use super::program::{self, Folder};
 use super::scene::{self, Bare, Driven};
 use bond::Compiled;
 use bond::internal::{Code, CompiledInternals};
-use bond_compiler::backend::{c, unit};
+use bond_compiler::backend::{c, standalone};
 use std::path::PathBuf;
 
 /// A way.
@@ -194,8 +194,12 @@ impl<'a> Ways<'a> {
 }
 
 /// The scene's unit, with its header in the folder.
-fn emit(folder: &Folder, figure: &Figure, compiled: &Compiled) -> Result<(unit::Unit, c::Options), String> {
-    let unit = unit::unit(compiled.scene(), &scene::options(figure, compiled)?)?;
+fn emit(
+    folder: &Folder,
+    figure: &Figure,
+    compiled: &Compiled,
+) -> Result<(standalone::StandaloneModule, c::Options), String> {
+    let unit = standalone::module(compiled.scene(), &scene::options(figure, compiled)?)?;
     let options = c::Options { prefix: "bond".into(), header: "scene.h".into(), single: true, begin: false };
     folder.put("scene.h", c::header(&unit, &options))?;
     Ok((unit, options))
@@ -205,7 +209,7 @@ fn emit(folder: &Folder, figure: &Figure, compiled: &Compiled) -> Result<(unit::
 fn link(
     folder: &Folder,
     figure: &Figure,
-    unit: &unit::Unit,
+    unit: &standalone::StandaloneModule,
     part: &str,
     name: &str,
     flags: &[&str],

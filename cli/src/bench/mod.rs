@@ -31,7 +31,7 @@ pub use thresholds::Thresholds;
 pub use trial::{Look, Lost, Run, Runner, Task};
 pub use way::{Way, Ways};
 
-use bond::Course;
+use bond::InputSignal;
 use bond::internal::CompiledInternals;
 use bond_runtime::kernel::Backend;
 use sweep::{Ended, Sweep};
@@ -52,7 +52,7 @@ pub struct Setup<'a> {
     /// Tolerances, if given.
     pub tolerances: Vec<f64>,
     /// Signals from outside.
-    pub given: Vec<(String, Course)>,
+    pub given: Vec<(String, InputSignal)>,
     /// Readings of the time of a point.
     pub repeat: usize,
     /// Processor time for a method, s.

@@ -6,7 +6,7 @@ use super::setting::Setting;
 use super::thresholds::Thresholds;
 use super::way::Way;
 use bond::internal::{SimulationInternals, StepsInternals};
-use bond::{Course, RunError, Simulation, Summary};
+use bond::{InputSignal, RunError, Simulation, Summary};
 use bond_compiler::model::Settings;
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
@@ -22,7 +22,7 @@ pub struct Task<'a> {
     /// Distance of the rows, s, if given.
     pub every: Option<f64>,
     /// Signals from outside.
-    pub given: &'a [(String, Course)],
+    pub given: &'a [(String, InputSignal)],
     /// Instants of the way, s, in order.
     pub rows: &'a dyn Fn() -> Box<dyn Iterator<Item = (f64, Look)> + 'a>,
     /// Looking at probes is part of the work, and its time counts.

@@ -12,7 +12,7 @@ use crate::bench::{Kernels, Look, Quantities, Reference, Runner, Search, Setting
 use crate::progress::Progress;
 use crate::rows::Rows;
 use crate::stop::Stop;
-use bond::{Course, Options, Steps, Text};
+use bond::{InputSignal, Options, Steps, Text};
 use bond_compiler::discretise::Method;
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::Scene;
@@ -51,7 +51,7 @@ pub struct Ask<'a> {
     /// Probes are written at each row.
     pub shows: bool,
     /// Signals from outside.
-    pub given: &'a [(String, Course)],
+    pub given: &'a [(String, InputSignal)],
     /// What runs the programs.
     pub backend: &'a dyn Backend,
     /// The numbers by which it decides.

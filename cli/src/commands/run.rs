@@ -469,7 +469,7 @@ fn cause(e: &RunError, model: Attribution, args: &How, sim: &Simulation<'_>) -> 
     let is_off = match why {
         Failure::NoConvergence { change, .. } => *change == 0.0,
         Failure::NotFinite { .. } => true,
-        Failure::Singular { .. } | Failure::Balance => false,
+        Failure::Singular { .. } | Failure::Balance | Failure::GrossBalance | Failure::Energy => false,
     };
     let scene = compiled.scene();
     let alone = args.input.is_none() && scene.open.is_empty() && scene.clusters.iter().all(|c| c.period.is_none());

@@ -9,7 +9,7 @@ use crate::pending::reached;
 use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use bond::internal::{Code, CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals};
-use bond::{Compiled, Course, Errors, Options, Simulation, Steps, Text};
+use bond::{Compiled, Errors, InputSignal, Options, Simulation, Steps, Text};
 use std::time::Instant;
 
 /// More numbers than this are not kept of one instance.
@@ -34,7 +34,7 @@ pub struct Job {
     /// Whether there are rows over time.
     pub over_time: bool,
     /// Inputs over time.
-    pub given: Vec<(String, Course)>,
+    pub given: Vec<(String, InputSignal)>,
     /// How they are run.
     pub choice: Choice,
     /// The probes, which all instances must have.

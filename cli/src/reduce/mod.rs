@@ -10,7 +10,7 @@ use crate::bench::{Difference, Kernels, Look, Lost, Quantities, Run, Runner, Set
 use crate::input;
 use crate::stop::Stop;
 use bond::internal::{CompiledInternals, OptionsInternals};
-use bond::{Compiled, Course, Options, Text};
+use bond::{Compiled, InputSignal, Options, Text};
 use bond_compiler::reduction::{self, Part};
 use bond_runtime::kernel::Backend;
 use bond_runtime::scene::LeftOut;
@@ -34,7 +34,7 @@ pub struct Setup<'a> {
     /// How continuous regions are stepped.
     pub setting: Setting,
     /// Signals from outside.
-    pub given: Vec<(String, Course)>,
+    pub given: Vec<(String, InputSignal)>,
     /// What runs the programs.
     pub backend: &'a dyn Backend,
     /// How runs are measured.

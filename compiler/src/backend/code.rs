@@ -307,16 +307,8 @@ impl Stmt {
             Stmt::Note(list) => list.iter().for_each(|v| f(*v)),
             Stmt::If(c, ..) => c.each_value(f),
             Stmt::Solve { same, .. } => same.iter().for_each(|v| f(*v)),
-            Stmt::Fail(Reason::NoConvergence(_, a, b)) => {
-                f(*a);
-                f(*b);
-            }
-            Stmt::Fail(Reason::Singular(a)) => f(*a),
-            Stmt::Fail(Reason::NotFinite | Reason::Clock)
-            | Stmt::Loop(_)
-            | Stmt::For(..)
-            | Stmt::Break
-            | Stmt::Continue => {}
+            Stmt::Fail(reason) => reason.values().into_iter().for_each(f),
+            Stmt::Loop(_) | Stmt::For(..) | Stmt::Break | Stmt::Continue => {}
         }
     }
 
@@ -422,10 +414,54 @@ pub enum Reason {
     NoConvergence(u32, Value, Value),
     /// No pivot in this row.
     Singular(Value),
-    /// A slot of `Next` is not finite.
+    /// A slot of `Next`, or an energy, is not finite.
     NotFinite,
+    /// The balance of an exact step is grossly off.
+    GrossBalance,
     /// Intervals cannot be counted any more: the number has no digit left for one.
     Clock,
+}
+
+impl Reason {
+    /// What a routine gives for each reason is its place in this list, counted from 1: the name in C, and why it ended.
+    pub const ALL: [(&'static str, &'static str); 5] = [
+        ("NO_CONVERGENCE", "an iteration came to its limit"),
+        ("SINGULAR", "equations have no solution"),
+        ("NOT_FINITE", "a number is not finite"),
+        ("CLOCK", "intervals cannot be counted any more (after 2^53 of them; single numbers end at 2^24)"),
+        ("GROSS_BALANCE", "an exact step makes or loses what is stored"),
+    ];
+    /// The code of [`Reason::NoConvergence`].
+    pub const NO_CONVERGENCE: i64 = 1;
+    /// The code of [`Reason::Singular`].
+    pub const SINGULAR: i64 = 2;
+    /// The code of [`Reason::NotFinite`].
+    pub const NOT_FINITE: i64 = 3;
+
+    /// Its code: 0 is a good end.
+    pub fn code(self) -> i64 {
+        match self {
+            Reason::NoConvergence(..) => Self::NO_CONVERGENCE,
+            Reason::Singular(_) => Self::SINGULAR,
+            Reason::NotFinite => Self::NOT_FINITE,
+            Reason::Clock => 4,
+            Reason::GrossBalance => 5,
+        }
+    }
+
+    /// Its name in C.
+    pub fn name(self) -> &'static str {
+        Self::ALL[self.code() as usize - 1].0
+    }
+
+    /// The values that say more.
+    pub fn values(self) -> Vec<Value> {
+        match self {
+            Reason::NoConvergence(_, unknown, change) => vec![unknown, change],
+            Reason::Singular(row) => vec![row],
+            Reason::NotFinite | Reason::GrossBalance | Reason::Clock => Vec::new(),
+        }
+    }
 }
 
 /// A system of equations that is too large to be written out: its size, and rows and columns of its matrix's entries.

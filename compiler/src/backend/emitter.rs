@@ -1,6 +1,6 @@
 //! What a form has in which a scene is written to run without `bond`.
 
-use super::unit::Unit;
+use super::standalone::StandaloneModule;
 use bond_runtime::scene::Scene;
 
 /// A form in which a scene is written.
@@ -27,7 +27,7 @@ pub struct Request<'a> {
     /// The scene.
     pub scene: &'a Scene,
     /// The same at fixed steps.
-    pub unit: &'a Unit,
+    pub unit: &'a StandaloneModule,
     /// The name of the file without its ending.
     pub name: &'a str,
     /// What public names begin with.

@@ -12,7 +12,7 @@ pub mod if_conversion;
 mod lower;
 #[cfg(feature = "native")]
 pub mod native;
-pub mod unit;
+pub mod standalone;
 pub mod wasm;
 
 pub use lower::{is_large, lower, lower_apart};

@@ -15,7 +15,6 @@ pub use builder::{Builder, SIDE_BY_SIDE};
 pub use op::{Binary, Unary};
 pub use verify::Invalid;
 
-use crate::solve::linear::Matrix;
 use rustc_hash::FxHashSet;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -182,6 +181,19 @@ pub struct Solve {
     /// Where the step fails when there is no pivot in a row; with a slot, the slot (of `Local`) gets 1 or 0 and the
     /// program goes on, with numbers that mean nothing.
     pub flag: Option<Slot>,
+}
+
+/// What is known of the matrices of a system.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Matrix {
+    /// Each solution is with another one.
+    Changing,
+    /// Most solutions are with that of the one before, for whose factors more may be done.
+    Kept,
+    /// Each solution is with another one, and rows may say the same: what they leave undetermined is 0 then.
+    Undetermined,
+    /// Of complex numbers: of each value and of each entry of a vector first the real part, then the imaginary one.
+    Complex,
 }
 
 impl Solve {

@@ -3,7 +3,7 @@
 //! An operation is written in one row here. The compiler's facts about a function (derivative, parity, sign and so on)
 //! are one row of `expression/unary.rs` in `bond-compiler`.
 
-use crate::eval;
+use crate::eval::functions;
 use serde::{Deserialize, Serialize};
 
 /// Who computes a function of one value on the back ends.
@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 enum Form {
     /// Each back end has an instruction or a few for it.
     Instruction,
-    /// A function of this name: of `libm` in C and object files, of `Math` in WebAssembly, of [`eval`] elsewhere. In
-    /// the language its argument and its value have no unit.
+    /// A function of this name: of `libm` in C and object files, of `Math` in WebAssembly, of [`eval`](crate::eval)
+    /// elsewhere. In the language its argument and its value have no unit.
     Library,
 }
 
@@ -77,7 +77,7 @@ unary! {
     Neg "neg" Instruction std::ops::Neg::neg,
     Abs "abs" Instruction f64::abs,
     /// -1, 0 or 1; `sign(0) = 0`, NaN stays NaN.
-    Sign "sign" Instruction eval::sign,
+    Sign "sign" Instruction functions::sign,
     Sqrt "sqrt" Instruction f64::sqrt,
     Exp "exp" Library pxfm::f_exp,
     Log "log" Library pxfm::f_log,
@@ -87,11 +87,11 @@ unary! {
     Asin "asin" Library libm::asin,
     Acos "acos" Library libm::acos,
     Atan "atan" Library libm::atan,
-    Sinh "sinh" Library eval::sinh,
+    Sinh "sinh" Library functions::sinh,
     Cosh "cosh" Library pxfm::f_cosh,
     Tanh "tanh" Library libm::tanh,
     /// 1 where the value is 0, else 0.
-    Not "not" Instruction eval::not,
+    Not "not" Instruction functions::not,
     /// The largest whole number that is not above the value.
     Floor "floor" Instruction f64::floor,
 }
@@ -140,16 +140,16 @@ binary! {
     Mul "mul" std::ops::Mul::mul,
     Div "div" std::ops::Div::div,
     /// `a^b`; integer and half-integer exponents are products and roots.
-    Pow "pow" eval::pow,
+    Pow "pow" functions::pow,
     /// The smaller; NaN if either is.
-    Min "min" eval::min,
+    Min "min" functions::min,
     /// The larger; NaN if either is.
-    Max "max" eval::max,
+    Max "max" functions::max,
     Atan2 "atan2" libm::atan2,
     /// Comparisons give 1 or 0, and 0 where either is NaN.
-    Lt "lt" eval::less,
-    Le "le" eval::less_or_equal,
-    Eq "eq" eval::equal,
-    And "and" eval::and,
-    Or "or" eval::or,
+    Lt "lt" functions::less,
+    Le "le" functions::less_or_equal,
+    Eq "eq" functions::equal,
+    And "and" functions::and,
+    Or "or" functions::or,
 }

@@ -1,7 +1,7 @@
 //! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on
 //! that.
 
-use super::{Branch, Cluster, Entries, ExpectationKind, GIVEN, Guards, Respond, Scene, Stepper};
+use super::{Branch, Cluster, Entries, ExpectationKind, GIVEN, Guards, Scene, Stepper};
 use crate::exponential::{Layout, Linear};
 use crate::ir::{Array, Inst, Invalid, Program};
 use thiserror::Error;
@@ -251,15 +251,13 @@ impl Check<'_> {
         let Some(respond) = &self.c.respond else {
             return self.that(n == 0, "it holds ports and does not say what");
         };
-        // alpha and beta come after the inputs.
-        let (first, more, outputs) = match respond {
-            Respond::Last(p) => (p, 0, n + 1),
-            Respond::Matched(p, plain) => {
-                self.look(plain, inputs)?;
-                self.that(plain.size(Array::Output) >= n, "what it holds is not computed")?;
-                (p, n + n * n, n + 2)
-            }
-        };
+        // The free responses and the port admittance come after the inputs.
+        let (first, mut more, mut outputs) = (&respond.program, 0, n + 1);
+        if let Some(plain) = &respond.fallback {
+            self.look(plain, inputs)?;
+            self.that(plain.size(Array::Output) >= n, "what it holds is not computed")?;
+            (more, outputs) = (n + n * n, n + 2);
+        }
         sound(first)?;
         fits(first, self.c.initial.len(), inputs + more, 0)?;
         let enough = more == 0 || first.size(Array::Input) == inputs + more;

@@ -1,13 +1,13 @@
 //! How the other side of a double bar answers to what is held, measured at the start of a run by its own stepper.
 
 use super::cluster::Run;
-use super::hold::{RECURRENCE, TERMS};
 use super::schedule::Simulation;
+use crate::energy::{AR_COEFFICIENTS, AR_ORDER};
 use crate::scene::{Bar, Cluster};
 
 /// Intervals after that of the hold that are looked at: as many as weights are found from, and as many again to see
 /// whether they hold.
-const LATER: usize = 3 * TERMS;
+const LATER: usize = 3 * AR_ORDER;
 /// How well a recurrence has to give what was measured, as a part of the largest of it: where the answer is linear, and
 /// where it is a difference quotient.
 const FITS: [f64; 2] = [1e-9, 1e-6];
@@ -42,17 +42,18 @@ const BEYOND: f64 = 100.0;
 type Answers = Vec<Vec<f64>>;
 
 impl Simulation<'_> {
-    /// beta of a sampled cluster's ports: how the answer over a period falls with what is held; gamma, how those over
-    /// the next ones do, apart from what follows from the answers before; and the recurrence that tells what follows.
-    pub(super) fn find_beta(&mut self, i: usize) {
+    /// Measures how the other sides of a sampled cluster's ports respond: the port admittance, by which the answer over
+    /// a period falls with what is held; the delayed response, by which those over the next ones do, apart from what
+    /// follows from the answers before; and the autoregressive model that says what follows.
+    pub(super) fn measure_port_admittance(&mut self, i: usize) {
         let n = self.held[i].len();
         let own = self.scene.clusters[i].period.unwrap_or(0.0);
-        let period = self.pace[i].as_ref().map_or(own, |p| p.step);
-        let mut beta = vec![0.0; n * n];
-        let mut gamma = vec![0.0; TERMS * n * n];
-        let mut decay = vec![0.0; RECURRENCE * n];
-        for r in decay.chunks_mut(RECURRENCE) {
-            (r[0], r[TERMS], r[TERMS + 1], r[TERMS + 2]) = (1.0, 1.0, 1.0, 1.0);
+        let period = self.transitions[i].as_ref().map_or(own, |p| p.step);
+        let mut port_admittance = vec![0.0; n * n];
+        let mut delayed_response = vec![0.0; AR_ORDER * n * n];
+        let mut ar_coefficients = vec![0.0; AR_COEFFICIENTS * n];
+        for r in ar_coefficients.chunks_mut(AR_COEFFICIENTS) {
+            (r[0], r[AR_ORDER], r[AR_ORDER + 1], r[AR_ORDER + 2]) = (1.0, 1.0, 1.0, 1.0);
         }
         let mut others: Vec<usize> =
             self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
@@ -69,7 +70,7 @@ impl Simulation<'_> {
             let about: Vec<f64> = mine.iter().zip(&bars).map(|(k, bar)| bar.sign * calls[*k]).collect();
             let answers = self.runs[other].measured(c, period, &ports, &about);
             let m = mine.len();
-            // q = sign * integral, input = sign * v, and q = alpha - beta v
+            // q = sign * integral, input = sign * v, and q is the free response less the port admittance times v.
             let fall = |interval: usize, r: usize, s: usize| {
                 -bars[r].sign * bars[s].sign * answers.get(interval).map_or(0.0, |x| x[r * m + s])
             };
@@ -77,31 +78,32 @@ impl Simulation<'_> {
                 let own: Vec<f64> = (1..answers.len()).map(|j| fall(j, r, r)).collect();
                 let rule = recurrence(&own, FITS[usize::from(!c.is_linear)]);
                 for (s, &b) in mine.iter().enumerate() {
-                    beta[a * n + b] = fall(0, r, s);
-                    for p in 0..rule[TERMS + 1] as usize {
+                    port_admittance[a * n + b] = fall(0, r, s);
+                    for p in 0..rule[AR_ORDER + 1] as usize {
                         let follows: f64 = (0..p).map(|j| rule[j] * fall(p - j, r, s)).sum();
-                        gamma[(p * n + a) * n + b] = fall(p + 1, r, s) - follows;
+                        delayed_response[(p * n + a) * n + b] = fall(p + 1, r, s) - follows;
                     }
                 }
-                decay[a * RECURRENCE..(a + 1) * RECURRENCE].copy_from_slice(&rule);
+                ar_coefficients[a * AR_COEFFICIENTS..(a + 1) * AR_COEFFICIENTS].copy_from_slice(&rule);
             }
         }
         for (k, h) in self.held[i].iter().enumerate() {
             if let Some(inertia) = h.open.and_then(|o| self.scene.open[o].inertia) {
-                beta[k * n + k] = period * period / (2.0 * inertia);
-                gamma[k * n + k] = 2.0 * beta[k * n + k];
+                port_admittance[k * n + k] = period * period / (2.0 * inertia);
+                delayed_response[k * n + k] = 2.0 * port_admittance[k * n + k];
             }
         }
         for k in 0..n {
             // A passive other side yields; rounding must not make it push.
-            beta[k * n + k] = if beta[k * n + k].is_finite() { beta[k * n + k].max(0.0) } else { 0.0 };
+            port_admittance[k * n + k] =
+                if port_admittance[k * n + k].is_finite() { port_admittance[k * n + k].max(0.0) } else { 0.0 };
         }
-        if let Some(p) = &mut self.pace[i] {
-            p.find_betas(n, &beta, &gamma, &decay);
+        if let Some(p) = &mut self.transitions[i] {
+            p.find_port_admittances(n, &port_admittance, &delayed_response, &ar_coefficients);
         }
-        self.beta[i] = beta;
-        self.gamma[i] = gamma;
-        self.decay[i] = decay;
+        self.port_admittance[i] = port_admittance;
+        self.delayed_response[i] = delayed_response;
+        self.ar_coefficients[i] = ar_coefficients;
     }
 }
 
@@ -301,17 +303,17 @@ fn largest(matrix: &[f64]) -> f64 {
     matrix.iter().fold(0.0, |most, x| most.max(x.abs()))
 }
 
-/// The recurrence that a row of answers obeys: with the fewest weights, up to [`TERMS`], that give it to `fits` of its
-/// largest. Where none do, one weight, what is left of a motion after the first interval.
-fn recurrence(answers: &[f64], fits: f64) -> [f64; RECURRENCE] {
+/// The recurrence that a row of answers obeys: with the fewest weights, up to [`AR_ORDER`], that give it to `fits` of
+/// its largest. Where none do, one weight, what is left of a motion after the first interval.
+fn recurrence(answers: &[f64], fits: f64) -> [f64; AR_COEFFICIENTS] {
     let (first, second) = (answers.first().copied().unwrap_or(0.0), answers.get(1).copied().unwrap_or(0.0));
     let left = if first == 0.0 { 1.0 } else { second / first };
     let left = if left.is_finite() { left.clamp(0.0, 1.0) } else { 1.0 };
-    let mut one = [0.0; RECURRENCE];
-    (one[0], one[TERMS], one[TERMS + 1], one[TERMS + 2]) = (left, left, 1.0, 1.0);
+    let mut one = [0.0; AR_COEFFICIENTS];
+    (one[0], one[AR_ORDER], one[AR_ORDER + 1], one[AR_ORDER + 2]) = (left, left, 1.0, 1.0);
     let size = answers.iter().fold(0.0f64, |m, x| m.max(x.abs()));
-    let obeys = |rule: &[f64; RECURRENCE]| {
-        let order = rule[TERMS + 1] as usize;
+    let obeys = |rule: &[f64; AR_COEFFICIENTS]| {
+        let order = rule[AR_ORDER + 1] as usize;
         (order..answers.len()).all(|j| {
             let told: f64 = (0..order).map(|p| rule[p] * answers[j - 1 - p]).sum();
             (told - answers[j]).abs() <= fits * size
@@ -320,17 +322,17 @@ fn recurrence(answers: &[f64], fits: f64) -> [f64; RECURRENCE] {
     if obeys(&one) {
         return one;
     }
-    (2..=TERMS)
+    (2..=AR_ORDER)
         .filter(|order| answers.len() > 2 * order)
         .find_map(|order| {
             let mut rule = one;
-            (rule[TERMS + 1], rule[TERMS + 2]) = (order as f64, order as f64);
+            (rule[AR_ORDER + 1], rule[AR_ORDER + 2]) = (order as f64, order as f64);
             weights(answers, &mut rule[..order])?;
             obeys(&rule).then_some(rule)
         })
         .unwrap_or_else(|| {
-            // Its forecasts are no good: all of them count.
-            one[TERMS + 2] = -1.0;
+            // Its predictions are no good: all of them count.
+            one[AR_ORDER + 2] = -1.0;
             one
         })
 }
@@ -338,7 +340,7 @@ fn recurrence(answers: &[f64], fits: f64) -> [f64; RECURRENCE] {
 /// Solves for the weights that give the first answers each from those before; None where they leave them open.
 fn weights(answers: &[f64], rule: &mut [f64]) -> Option<()> {
     let n = rule.len();
-    let mut m = [[0.0; TERMS + 1]; TERMS];
+    let mut m = [[0.0; AR_ORDER + 1]; AR_ORDER];
     for (r, row) in m.iter_mut().take(n).enumerate() {
         for p in 0..n {
             row[p] = answers[n + r - 1 - p];

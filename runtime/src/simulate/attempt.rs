@@ -1,21 +1,18 @@
 //! An attempt at an adaptive step: what is computed of it, and its estimated error.
 
-use super::adaptive::Fit;
-use super::cluster::{Book, FAINTEST, Run, imbalance};
+use super::cluster::{Run, imbalance};
+use super::controller::Fit;
+use super::trial::{Taken, is_stateless};
+use crate::energy::{AccountPlaces, FAINTEST, Ledger};
 use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
 use crate::scene::{Cluster, Entries};
-use serde::{Deserialize, Serialize};
 
 /// A state that is less than this part of what all energy of its cluster would move it by is measured by that part: it
 /// stores less than a balance tells from rounding.
 const APART: f64 = 1e-6;
 /// A state is not beyond so many times all that it was before, by a step that may be wrong altogether.
 const THROWN: f64 = 10.0;
-/// The part of the faintest energy that is its rounding: an error of a state that is worth less is none.
-const ROUNDED: f64 = 1e-15;
-/// The same of what has no energy, a state or an integral, in SI units.
-const SMALLEST: f64 = 1e-24;
 
 /// Before the first step, so many are looked at, each this part of the one before; where laws have exponentials, up to
 /// so many more, until no state moves by more than this part of its size.
@@ -36,90 +33,11 @@ const SHORTER: f64 = 1.0 / 256.0;
 const BEGINS: f64 = 1.0 / 1_048_576.0;
 
 /// The largest energy so far, above the least that there is, J.
-fn above(b: &Book, e: &Entries) -> f64 {
+fn above(ledger: &Ledger, p: &AccountPlaces, e: &Entries) -> f64 {
     // What is counted as turned over at least says nothing of sizes.
-    let turned = if b.turnover_max > FAINTEST { b.turnover_max } else { 0.0 };
-    (b.h_top - e.floor).max(turned).max(0.0)
-}
-
-/// What a step gave.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(super) struct Taken {
-    pub(super) h: f64,
-    pub(super) next: Vec<f64>,
-    pub(super) output: Vec<f64>,
-}
-
-impl Taken {
-    pub(super) fn new(c: &Cluster) -> Self {
-        let program = c.branch().map_or(&c.step.program, |b| &b.program);
-        Self { h: 0.0, next: c.initial.clone(), output: vec![0.0; program.size(Array::Output)] }
-    }
-}
-
-pub(super) fn copy(from: &Taken, to: &mut Taken) {
-    to.h = from.h;
-    to.next.copy_from_slice(&from.next);
-    to.output.copy_from_slice(&from.output);
-}
-
-/// What an error of a state or an integral is measured by.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Scale {
-    /// How far an energy of 1 J moves the state, by the curvature of H at the start; 0 where H does not bend.
-    natural: f64,
-    /// Whether it is of a storage of heat.
-    heat: bool,
-    /// An error that is no more is rounding, as all is of a body that is held at rest.
-    faintest: f64,
-    /// The same of a second's change, where the state has no energy: it may count the speed of such a body.
-    drift: f64,
-}
-
-/// States of which it is looked for where their energies bend, at most.
-const FAR: usize = 256;
-
-impl Scale {
-    /// Those of a cluster's states, then of its integrals, by what `stored` gives at the start.
-    pub(super) fn all(c: &Cluster, stored: &[f64]) -> Vec<Self> {
-        let state = |(i, (curvature, grain)): (usize, (&usize, &usize))| {
-            let (curvature, grain) = (stored[*curvature], stored[*grain]);
-            let heat = c.heats.contains(&i);
-            if curvature.is_nan() || curvature <= 0.0 {
-                let drift = if curvature == 0.0 && grain.is_finite() { grain } else { 0.0 };
-                return Self { natural: 0.0, heat, faintest: if curvature == 0.0 { SMALLEST } else { 0.0 }, drift };
-            }
-            let natural = (2.0 / curvature).sqrt();
-            let natural = if natural.is_finite() { natural } else { 0.0 };
-            let faintest = (grain / curvature).max((2.0 * ROUNDED * FAINTEST / curvature).sqrt());
-            Self { natural, heat, faintest, drift: 0.0 }
-        };
-        let integral = Self { natural: 0.0, heat: false, faintest: SMALLEST, drift: 0.0 };
-        let states = c.curvatures.iter().zip(&c.grains).enumerate().map(state);
-        states.chain(std::iter::repeat_n(integral, c.integrals)).collect()
-    }
-
-    /// Where H does not bend at the start, as of bodies that touch by Hertz' law: how far away an energy of 1 J lies,
-    /// by the curvature there, `bends` of a state and how far it is moved. An error of next to nothing would be one of
-    /// all that there is, else.
-    pub(super) fn look_further(
-        scales: &mut [Self],
-        c: &Cluster,
-        stored: &[f64],
-        mut bends: impl FnMut(usize, f64) -> Option<f64>,
-    ) {
-        if c.states > FAR {
-            return;
-        }
-        for (i, scale) in scales.iter_mut().enumerate().take(c.states) {
-            if stored[c.curvatures[i]] != 0.0 {
-                continue;
-            }
-            let sizes = (-15..=9).map(|k| 10f64.powi(k));
-            let mut holds = |x: f64| bends(i, x).is_some_and(|k| k.is_finite() && 0.5 * k * x * x >= 1.0);
-            scale.natural = sizes.into_iter().find(|x| holds(*x) || holds(-x)).unwrap_or(0.0);
-        }
-    }
+    let turnover = ledger.get(p.turnover_max);
+    let turned = if turnover > FAINTEST { turnover } else { 0.0 };
+    (ledger.get(p.h_top) - e.floor).max(turned).max(0.0)
 }
 
 /// Which step is taken.
@@ -216,7 +134,7 @@ impl Run {
         let stays = c.step.properties.keeps_fast_modes();
         let least = if stays { LOOKS } else { 0 };
         let looks = if c.has_exponentials { LOOKS + MORE } else { LOOKS };
-        let root = self.cool(c, self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum()).sqrt();
+        let root = self.cool(c, self.above(c)).sqrt();
         let (mut first, mut most, mut thrown) = (h, 0.0f64, false);
         for k in 1..=looks {
             let short = h * SHORTER.powi(k);
@@ -255,7 +173,7 @@ impl Run {
         if !is_of || self.fit.as_ref().is_none_or(|fit| fit.spare) {
             return None;
         }
-        let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
+        let h_max = self.above(c);
         let root = self.cool(c, h_max).sqrt();
         let least = h * SHORTER.powi(LOOKS);
         self.stride(t, least, Part::Trial).ok()?;
@@ -318,11 +236,16 @@ impl Run {
     /// What the balance of what counts of an attempt is off by, where another stepper could take it; 0 else.
     fn off(&self, c: &Cluster, whole: bool) -> f64 {
         let Some(fit) = self.fit.as_ref().filter(|f| self.spare.is_some() && !f.spare) else { return 0.0 };
-        let of = |(b, e): (&Book, &Entries)| match whole {
-            true => imbalance(b, e, &fit.whole.output),
-            false => imbalance(b, e, &fit.first.output).max(imbalance(b, e, &fit.second.output)),
+        let of = |(p, e): (&AccountPlaces, &Entries)| {
+            let off = |step: &Taken| imbalance(&self.ledger, p, e, &step.output);
+            if whole { off(&fit.whole) } else { off(&fit.first).max(off(&fit.second)) }
         };
-        self.books.iter().zip(&c.entries).map(of).fold(0.0, f64::max)
+        self.layout.accounts.iter().zip(&c.entries).map(of).fold(0.0, f64::max)
+    }
+
+    /// The largest energy of the cluster so far, above the least that there is, J.
+    fn above(&self, c: &Cluster) -> f64 {
+        self.layout.accounts.iter().zip(&c.entries).map(|(p, e)| above(&self.ledger, p, e)).sum()
     }
 
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
@@ -332,7 +255,7 @@ impl Run {
     fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<Estimate, Failure> {
         let mut most = Estimate { error: 0.0, fresh: false, size: 0.0, worst: usize::MAX };
         let Some(fit) = &self.fit else { return Ok(most) };
-        let h_max: f64 = self.books.iter().zip(&c.entries).map(|(b, e)| above(b, e)).sum();
+        let h_max = self.above(c);
         let order = if fit.spare {
             c.step.fallback.as_ref().map_or(1, |f| f.properties.order)
         } else {
@@ -374,9 +297,10 @@ impl Run {
             };
             tell(i, off, before, size);
         }
-        let books = self.books.iter().zip(&c.entries).filter(|_| is_stateless(c));
-        for (b, e) in books {
-            let moved = b.supplied.value().abs().max(b.dissipated.value().abs()).max(above(b, e));
+        let accounts = self.layout.accounts.iter().zip(&c.entries).filter(|_| is_stateless(c));
+        for (p, e) in accounts {
+            let [supplied, dissipated] = [p.supplied, p.dissipated].map(|at| self.ledger.sum(at).abs());
+            let moved = supplied.max(dissipated).max(above(&self.ledger, p, e));
             for (_, slot) in e.supplied.iter().chain(&e.dissipated) {
                 let whole = fit.whole.output[*slot];
                 let halves = fit.first.output[*slot] + fit.second.output[*slot];
@@ -423,9 +347,4 @@ impl Run {
 /// Whether a step is compared with its halves: where it does not estimate its own error, or has no state to do so.
 fn is_doubled(c: &Cluster) -> bool {
     c.step.estimate.is_none() || is_stateless(c)
-}
-
-/// Whether there is nothing that steps change.
-pub(super) fn is_stateless(c: &Cluster) -> bool {
-    c.states + c.integrals == 0
 }

@@ -1,18 +1,17 @@
 //! A cluster as it runs: its state, its steps, its ledger.
 
-use super::adaptive::Fit;
-use super::attempt::Scale;
-use super::given::{Course, Feed};
+use super::controller::Fit;
+use super::error_scale::Scale;
 use super::guard::Watch;
-use super::worst::Worst;
+use super::input_signal::{ClusterInputs, InputSignal};
+use super::program::{Look, Ready, same_length};
 use super::{Error, Options};
-use crate::exponential;
+use crate::energy::{AccountPlaces, Booking, Layout, Ledger, account};
 use crate::interpreter::Interpret;
-use crate::ir::{Array, Program, Slot};
-use crate::kernel::{Backend, Failure, Kernel, Workspace};
-use crate::ledger::Sum;
-use crate::scene::{Cluster, Entries, Respond, Stepper};
-use serde::{Deserialize, Serialize};
+use crate::ir::{Array, Slot};
+use crate::kernel::{Backend, Failure};
+use crate::machine::{Exit, Real};
+use crate::scene::{Cluster, Entries};
 use std::borrow::Cow;
 
 /// How often a fixed step that fails is halved.
@@ -23,176 +22,12 @@ const OWN: u32 = 4;
 const OFF: f64 = 2e-14;
 /// The same of a step that the other stepper took.
 const CLOSES: f64 = 2e-13;
-/// What the balance of a step is measured against at least, as a part of the largest energy that its region ever held
-/// or turned over in a step: what is off by 1e-12 of that is the rounding of that energy.
-const TRACE: f64 = 1e-4;
-/// J. What a region turned over in a step is counted as at least. Nothing is told of less: of a body that is held at
-/// rest, rounding is all that moves.
-pub(super) const FAINTEST: f64 = 1e-25;
-/// An exact step that is off by more than this part of the energy there says nothing.
-pub const GROSS: f64 = 1e-3;
 /// What is said of an energy that is no number, where it is that of the storages.
 const STORED: &str = "what is stored is not a finite number";
 /// Below this part of the largest value of a state, a change is as good as none.
 const TRACES: f64 = 1e-6;
 /// The part of what is looked at that a last step takes, to which nothing happens any more.
 const LAST: f64 = 1.0 / 16.0;
-/// Tables for different step lengths kept at most.
-const TABLES: usize = 256;
-
-/// Whether two lengths of time differ by no more than the rounding of an instant.
-fn same_length(a: f64, b: f64, instant: f64) -> bool {
-    (a - b).abs() <= (4.0 * f64::EPSILON * instant.abs()).min(1e-6 * a.abs())
-}
-
-/// A stepper ready to run, with its tables by step length.
-pub(super) struct Ready {
-    kernel: Box<dyn Kernel>,
-    pub(super) work: Workspace,
-    linear: Option<exponential::Linear>,
-    /// Tables by step length; the lengths are in order of making.
-    tables: Vec<Vec<f64>>,
-    pub(super) lengths: Vec<f64>,
-    /// The table that was taken last.
-    last: usize,
-}
-
-impl Ready {
-    fn new(stepper: &Stepper, backend: &dyn Backend) -> Self {
-        Self::of(&stepper.program, stepper.linear.clone(), backend)
-    }
-
-    fn of(program: &Program, linear: Option<exponential::Linear>, backend: &dyn Backend) -> Self {
-        let kernel = backend.kernel(program);
-        let work = kernel.workspace();
-        Self { kernel, work, linear, tables: Vec::new(), lengths: Vec::new(), last: 0 }
-    }
-
-    /// A length that there is a table for, where one is the same but for the rounding of the instant `t`.
-    fn known(&self, h: f64, t: f64) -> f64 {
-        self.lengths.iter().copied().find(|l| same_length(h, *l, t)).unwrap_or(h)
-    }
-
-    /// Makes the table for a step length, if the stepper needs one, and takes it from now on.
-    pub(super) fn prepare(&mut self, h: f64) -> Result<(), String> {
-        let Some(linear) = &self.linear else { return Ok(()) };
-        if self.lengths.get(self.last) == Some(&h) {
-            return Ok(());
-        }
-        if let Some(at) = self.lengths.iter().position(|l| *l == h) {
-            self.last = at;
-            return Ok(());
-        }
-        let table = exponential::table(linear, h).map_err(|e| e.to_string())?;
-        if self.tables.len() >= TABLES {
-            self.forget();
-        }
-        self.last = self.tables.len();
-        self.tables.push(table);
-        self.lengths.push(h);
-        Ok(())
-    }
-
-    /// Drops all tables.
-    pub(super) fn forget(&mut self) {
-        self.tables.clear();
-        self.lengths.clear();
-    }
-
-    /// Runs a step of the length that was prepared last.
-    pub(super) fn run(&mut self, state: &[f64], input: &[f64]) -> Result<(), Failure> {
-        let table = self.tables.get(self.last).map_or(&[][..], Vec::as_slice);
-        self.kernel.run(state, input, table, &mut self.work)
-    }
-}
-
-/// A program that is run for its outputs.
-pub(super) struct Look {
-    kernel: Box<dyn Kernel>,
-    pub(super) work: Workspace,
-}
-
-impl Look {
-    pub(super) fn new(program: &Program, backend: &dyn Backend) -> Self {
-        let kernel = backend.kernel(program);
-        let work = kernel.workspace();
-        Self { kernel, work }
-    }
-
-    pub(super) fn run(&mut self, state: &[f64], input: &[f64]) -> Result<&[f64], Failure> {
-        self.kernel.run(state, input, &[], &mut self.work)?;
-        Ok(&self.work.output)
-    }
-}
-
-/// A region's ledger as it is kept.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(super) struct Book {
-    pub(super) h_initial: f64,
-    pub(super) h: f64,
-    pub(super) h_max: f64,
-    /// The highest, with its sign.
-    pub(super) h_top: f64,
-    pub(super) supplied: Sum,
-    pub(super) dissipated: Sum,
-    pub(super) leaked: Sum,
-    /// A sum of roundings: digits of its own rounding are none.
-    pub(super) residual: f64,
-    /// What the balances of the steps are off by.
-    pub(super) worst: Worst,
-    pub(super) turnover_max: f64,
-    /// The largest sum of the magnitudes of what is stored, which may cancel in H.
-    pub(super) size_max: f64,
-    pub(super) sources: Vec<Sum>,
-    pub(super) resistors: Vec<Sum>,
-    /// Entropy produced by each field with thermal ports, J/K.
-    pub(super) produced: Vec<Sum>,
-    /// The worst fall of entropy in a step, as heat at the temperature there.
-    pub(super) sunk: Worst,
-    pub(super) leaps: u64,
-    /// What a sampled region has to give, S: H above its least and what the tank holds. Counted by itself: where a hold
-    /// has H grow and shrink by far more than crosses, that would be lost in the rounding of H.
-    pub(super) stored: f64,
-    /// The most that ever was.
-    pub(super) stored_max: f64,
-    pub(super) debt_max: f64,
-    /// The largest debt beside the energies that were there then.
-    pub(super) owed: f64,
-    /// The largest energy that crossed its ports in an interval.
-    pub(super) crossed_max: f64,
-    /// What resistors gave in the steps.
-    pub(super) gained: Worst,
-    /// Which of them gave most in a step, and how much (below 0).
-    pub(super) giver: (usize, f64),
-    /// What the energy that the stepper keeps is off H by: now, and at most.
-    pub(super) modified: (f64, f64),
-    /// The most that H itself was above what it was at the start and what was given since: relative to the largest that
-    /// was held until then, and in J.
-    pub(super) grown: (f64, f64),
-}
-
-impl Book {
-    /// The largest energy that was held, or turned over in a step.
-    pub(super) fn largest(&self) -> f64 {
-        self.h_max.max(self.turnover_max).max(self.size_max)
-    }
-
-    /// What the tank holds, and H where it is least, below 0.
-    pub(super) fn tank(&self) -> f64 {
-        self.stored - self.h
-    }
-
-    /// The most that may be: the largest energy above the least seen, likewise counted.
-    pub(super) fn cap(&self, e: &Entries) -> f64 {
-        if e.least == 0.0 { self.h_max } else { self.h_top - 2.0 * e.least }
-    }
-
-    /// What balances are measured against at least.
-    pub(super) fn floor(&self) -> f64 {
-        TRACE * self.largest()
-    }
-}
-
 /// A cluster that runs.
 pub(super) struct Run {
     pub(super) step: Ready,
@@ -212,8 +47,10 @@ pub(super) struct Run {
     /// How many of the last, and whether laws are kept on them.
     pub(super) branches: usize,
     pub(super) branched: bool,
-    pub(super) feed: Feed,
-    pub(super) books: Vec<Book>,
+    pub(super) signals: ClusterInputs,
+    /// Where the numbers of its ledger are.
+    pub(super) layout: Layout,
+    pub(super) ledger: Ledger,
     pub(super) steps: u64,
     /// Its own time: `base + count * h`.
     pub(super) base: f64,
@@ -234,7 +71,12 @@ pub(super) struct Run {
 }
 
 impl Run {
-    pub(super) fn new(c: &Cluster, given: &[Course], options: &Options, backend: &dyn Backend) -> Result<Self, Error> {
+    pub(super) fn new(
+        (index, c): (usize, &Cluster),
+        given: &[InputSignal],
+        options: &Options,
+        backend: &dyn Backend,
+    ) -> Result<Self, Error> {
         let instant = Look::new(&c.instant, backend);
         let mut stored = Look::new(&c.stored, &Interpret); // looked at once
         let state = c.initial.clone();
@@ -243,8 +85,8 @@ impl Run {
         let branch = c.branch().filter(|_| fit.is_some());
         let branches = c.guards.as_ref().filter(|_| branch.is_some()).map_or(0, |g| g.count);
         let mut input = vec![0.0; c.branches_at() + branches];
-        let feed = Feed::new(c, given);
-        feed.latch(&mut input, 0.0);
+        let signals = ClusterInputs::new(c, given);
+        signals.latch(&mut input, 0.0);
         leave_traces(&mut input, &state, c);
         let n = c.states;
         let out = stored.run(&state, &input).map_err(|why| Error::Step {
@@ -263,26 +105,9 @@ impl Run {
                 stored.run(&moved, &input).ok().map(|out| out[c.curvatures[i]])
             });
         }
-        let books = c
-            .entries
-            .iter()
-            .map(|e| {
-                let h = c.energies.iter().find(|x| x.0 == e.region).map_or(0.0, |x| out[x.1]);
-                Book {
-                    h_initial: h,
-                    h,
-                    h_max: h.abs(),
-                    h_top: h,
-                    stored: h - e.least,
-                    stored_max: h - e.least,
-                    turnover_max: FAINTEST,
-                    sources: vec![Sum::new(); e.supplied.len()],
-                    resistors: vec![Sum::new(); e.dissipated.len()],
-                    produced: vec![Sum::new(); e.produced.len()],
-                    ..Book::default()
-                }
-            })
-            .collect();
+        let energy = |e: &Entries| c.energies.iter().find(|x| x.0 == e.region).map_or(0.0, |x| out[x.1]);
+        let layout = Layout::new(index, c, true);
+        let ledger = Ledger::new(&layout, c, c.entries.iter().map(energy));
         Ok(Self {
             step: branch.map_or_else(|| Ready::new(&c.step, backend), |b| Ready::of(&b.program, None, backend)),
             branches,
@@ -292,13 +117,8 @@ impl Run {
             instant,
             guards: c.guards.as_ref().map(|g| Watch::new(g, backend)),
             before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.count)],
-            respond: c.respond.as_ref().map(|r| match r {
-                Respond::Last(p) | Respond::Matched(p, _) => Look::new(p, backend),
-            }),
-            fallback: c.respond.as_ref().and_then(|r| match r {
-                Respond::Last(_) => None,
-                Respond::Matched(_, p) => Some(Look::new(p, backend)),
-            }),
+            respond: c.respond.as_ref().map(|r| Look::new(&r.program, backend)),
+            fallback: c.respond.as_ref().and_then(|r| r.fallback.as_ref()).map(|p| Look::new(p, backend)),
             largest: state[..n].iter().map(|x| x.abs()).collect(),
             traced: fit.is_some() || c.is_traced(),
             scales,
@@ -306,8 +126,9 @@ impl Run {
             aside: state.clone(),
             state,
             input,
-            feed,
-            books,
+            signals,
+            layout,
+            ledger,
             steps: 0,
             base: 0.0,
             count: 0,
@@ -342,7 +163,7 @@ impl Run {
                     state.filter(|s| c.names.iter().any(|n| n == s)).unwrap_or(n).to_string()
                 })
             }
-            Failure::Singular { .. } | Failure::Balance => None,
+            Failure::Singular { .. } | Failure::Balance | Failure::Energy | Failure::GrossBalance => None,
         };
         let jumps = if matches!(why, Failure::NoConvergence { .. }) { c.jumps.clone() } else { Vec::new() };
         Error::Step { time, region: c.name.clone(), state, why, jumps }
@@ -450,13 +271,13 @@ impl Run {
         let end = t + h;
         let (mut at, mut rest) = (t, h);
         loop {
-            let cut = self.feed.cut(at, end);
+            let cut = self.signals.cut(at, end);
             let piece = cut.unwrap_or(end);
             if cut.is_some() || at > t {
                 // Rows that lie evenly leave steps that differ by rounding alone.
                 rest = self.step.known(piece - at, end);
             }
-            self.feed.aim(&mut self.input, at, piece);
+            self.signals.aim(&mut self.input, at, piece);
             while let Some(part) = self.switch(c, at, rest) {
                 self.split(c, at, part, moved, 0)?;
                 at += part;
@@ -539,7 +360,7 @@ impl Run {
             self.split(c, t, half, moved, depth + 1)?;
             return self.split(c, t + half, half, moved, depth + 1);
         }
-        if let Err(what) = book(&mut self.books, c, &self.step.work.output) {
+        if let Err(what) = book_step(&self.ledger, &self.layout, c, &self.step.work.output) {
             return Err(self.unsound(c, (t + h, &self.step.work.next), &what));
         }
         // The workspace's numbers mean nothing to the next step.
@@ -566,13 +387,15 @@ impl Run {
         let n = to.output.len();
         to.output.copy_from_slice(&from.output[..n]);
         to.newton_iterations += std::mem::take(&mut from.newton_iterations);
-        let closes = self.books.iter().zip(&c.entries).all(|(b, e)| closes(b, e, &self.step.work.output));
+        let (ledger, output) = (&self.ledger, &self.step.work.output);
+        let closes = self.layout.accounts.iter().zip(&c.entries).all(|(p, e)| closes(ledger, p, e, output));
         if depth >= HALVINGS || closes { Ok(()) } else { Err(Failure::Balance) }
     }
 
     /// Whether the step in the workspace keeps the balance.
     fn keeps(&self, c: &Cluster) -> bool {
-        self.books.iter().zip(&c.entries).all(|(b, e)| imbalance(b, e, &self.step.work.output) == 0.0)
+        let (ledger, output) = (&self.ledger, &self.step.work.output);
+        self.layout.accounts.iter().zip(&c.entries).all(|(p, e)| imbalance(ledger, p, e, output) == 0.0)
     }
 
     fn prepare(&mut self, c: &Cluster, h: f64) -> Result<(), Error> {
@@ -612,12 +435,12 @@ impl Run {
         let (mut at, mut rest) = (now, t - now);
         let mut single = true;
         loop {
-            let cut = self.feed.cut(at, t);
+            let cut = self.signals.cut(at, t);
             let piece = cut.unwrap_or(t);
             if cut.is_some() || at > now {
                 rest = piece - at;
             }
-            self.feed.aim(&mut self.input, at, piece);
+            self.signals.aim(&mut self.input, at, piece);
             while let Some(part) = self.switch(c, at, rest) {
                 self.glance(c, at, part, 0)?;
                 at += part;
@@ -649,16 +472,17 @@ impl Run {
     }
 
     /// The ledger at `t`: with the steps to there where it was looked at within a step.
-    pub(super) fn books_at(&self, c: &Cluster, t: f64) -> Cow<'_, [Book]> {
+    pub(super) fn ledger_at(&self, c: &Cluster, t: f64) -> Cow<'_, Ledger> {
         match self.fit.as_ref().filter(|f| f.shown == Some(t) && f.single) {
-            None => Cow::Borrowed(&self.books),
+            None => Cow::Borrowed(&self.ledger),
             Some(fit) => {
-                let mut books = self.books.clone();
-                let half = if fit.midway { book(&mut books, c, &fit.half.output) } else { Ok(()) };
+                let ledger = self.ledger.clone();
+                let book = |output: &[f64]| book_step(&ledger, &self.layout, c, output);
+                let half = if fit.midway { book(&fit.half.output) } else { Ok(()) };
                 // An energy that is no number ends the step that it lies in.
-                match half.and_then(|()| book(&mut books, c, &fit.output)) {
-                    Ok(()) => Cow::Owned(books),
-                    Err(_) => Cow::Borrowed(&self.books),
+                match half.and_then(|()| book(&fit.output)) {
+                    Ok(()) => Cow::Owned(ledger),
+                    Err(_) => Cow::Borrowed(&self.ledger),
                 }
             }
         }
@@ -690,7 +514,8 @@ impl Run {
             return Err(Error::Table { region: c.name.clone(), why });
         }
         let mut result = ready.run(&self.glanced, &self.input);
-        let off = || self.books.iter().zip(&c.entries).any(|(b, e)| imbalance(b, e, &ready.work.output) > 0.0);
+        let (ledger, accounts) = (&self.ledger, &self.layout.accounts);
+        let off = || accounts.iter().zip(&c.entries).any(|(p, e)| imbalance(ledger, p, e, &ready.work.output) > 0.0);
         if result.is_ok() && depth < OWN && c.step.fallback.is_some() && off() {
             result = Err(Failure::Balance);
         }
@@ -714,7 +539,7 @@ impl Run {
         self.look_at(c, t)?;
         self.input[0] = t;
         if c.period.is_none() {
-            self.feed.latch(&mut self.input, t);
+            self.signals.latch(&mut self.input, t);
         }
         let result = self.instant.run(&self.glanced, &self.input).map(|_| ());
         result.map_err(|why| self.failure(c, t, why))
@@ -735,16 +560,16 @@ fn leave_traces(input: &mut [f64], largest: &[f64], c: &Cluster) {
 }
 
 /// Whether the balance of a step that was taken in the place of another closes.
-fn closes(b: &Book, e: &Entries, out: &[f64]) -> bool {
+fn closes(ledger: &Ledger, p: &AccountPlaces, e: &Entries, out: &[f64]) -> bool {
     let (supplied, dissipated): (f64, f64) =
         (e.supplied.iter().map(|(_, s)| out[*s]).sum(), e.dissipated.iter().map(|(_, s)| out[*s]).sum());
-    let before = e.before.map_or(b.h, |slot| out[slot]);
-    let scale = out[e.size].abs().max(before.abs()).max(supplied.abs()).max(dissipated.abs()).max(b.floor());
+    let before = e.before.map_or(ledger.get(p.h), |slot| out[slot]);
+    let scale = out[e.size].abs().max(before.abs()).max(supplied.abs()).max(dissipated.abs()).max(ledger.floor(p));
     (out[e.energy] - before - (supplied - dissipated)).abs() <= CLOSES * scale
 }
 
 /// What the balance of a step is off by, where that is looked at; 0 where that is no more than rounding.
-pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
+pub(super) fn imbalance(ledger: &Ledger, p: &AccountPlaces, e: &Entries, out: &[f64]) -> f64 {
     let Some((change, exchanged)) = e.change else { return 0.0 };
     let (mut net, mut turnover) = (0.0, out[exchanged]);
     for (_, slot) in &e.supplied {
@@ -755,7 +580,7 @@ pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
         net -= out[*slot];
         turnover += out[*slot].abs();
     }
-    let scale = out[e.size].abs().max(turnover).max(b.floor());
+    let scale = out[e.size].abs().max(turnover).max(ledger.floor(p));
     let off = (out[change] - net).abs();
     if !(off.is_finite() && scale.is_finite()) {
         return f64::INFINITY;
@@ -763,102 +588,45 @@ pub(super) fn imbalance(b: &Book, e: &Entries, out: &[f64]) -> f64 {
     if off <= OFF * scale { 0.0 } else { off }
 }
 
-/// Adds a step to the ledgers.
+/// Adds a step to the ledger.
 ///
 /// # Errors
 /// What of it is no number, or makes no sense.
-pub(super) fn book(books: &mut [Book], c: &Cluster, out: &[f64]) -> Result<(), String> {
-    for (b, e) in books.iter_mut().zip(&c.entries) {
-        let (mut supplied, mut own, mut dissipated, mut turnover, mut given) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for (k, ((name, slot), sum)) in e.supplied.iter().zip(&mut b.sources).enumerate() {
-            let w = out[*slot];
-            if !w.is_finite() {
-                return Err(format!("what `{name}` supplies is not a finite number"));
+pub(super) fn book_step(ledger: &Ledger, layout: &Layout, c: &Cluster, output: &[f64]) -> Result<(), String> {
+    let (sampled, exact) = (c.period.is_some(), c.step.linear.is_some());
+    for (e, p) in c.entries.iter().zip(&layout.accounts) {
+        match account::book_step(Real::new(), Booking { ledger, output }, e, p, (sampled, exact)) {
+            Ok(()) => {}
+            Err(Exit::Fail(Failure::GrossBalance)) => {
+                return Err(
+                    "the exact step does not keep the stored energy: its stiffnesses, masses and times differ by \
+                            too many orders of magnitude; change them, or take another method"
+                        .into(),
+                );
             }
-            supplied += w;
-            given += f64::max(w, 0.0);
-            turnover += f64::abs(w);
-            if !e.held.contains(&k) {
-                own += w;
-                sum.add(w);
-            }
+            Err(_) => return Err(not_finite(e, output)),
         }
-        b.supplied.add(own);
-        let mut least = 0.0f64;
-        for (k, ((name, slot), sum)) in e.dissipated.iter().zip(&mut b.resistors).enumerate() {
-            let w = out[*slot];
-            if !w.is_finite() {
-                return Err(format!("what `{name}` dissipates is not a finite number"));
-            }
-            dissipated += w;
-            turnover += f64::abs(w);
-            least = least.min(w);
-            if w < b.giver.1 {
-                b.giver = (k, w);
-            }
-            sum.add(w);
-        }
-        b.dissipated.add(dissipated);
-        let mut sunk = 0.0;
-        for (p, sum) in e.produced.iter().zip(&mut b.produced) {
-            let (s, heat) = (out[p.entropy], out[p.heat]);
-            if !(s.is_finite() && heat.is_finite()) {
-                return Err(format!("the entropy that `{}` produces is not a finite number", p.name));
-            }
-            sum.add(s);
-            sunk = f64::max(sunk, -heat);
-        }
-        let leap = e.leap.map_or(0.0, |(slot, _)| out[slot]);
-        if let Some((_, count)) = e.leap {
-            b.leaps += u64::from(out[count] != 0.0);
-        }
-        let h = out[e.energy];
-        if !h.is_finite() {
-            return Err(STORED.into());
-        }
-        let size = out[e.size].abs();
-        if !(turnover + size).is_finite() {
-            return Err("what is turned over is not a finite number".into());
-        }
-        if let Some(slot) = e.modified {
-            let off = h - out[slot];
-            if !off.is_finite() {
-                return Err(STORED.into());
-            }
-            b.modified = (off, b.modified.1.max(off.abs()));
-            // What is kept closes the balance: what H is more than that came from nothing. Nothing that comes later
-            // excuses it, nor does H itself in this step, but what a source gives does.
-            let held = b.h_max.max(b.size_max).max(given).max(FAINTEST);
-            if -off > b.grown.0 * held {
-                b.grown = (-off / held, -off);
-            }
-        }
-        let before = e.before.map_or(b.h, |slot| out[slot]);
-        if e.before.is_some() && c.period.is_some() {
-            // What time alone did to it.
-            b.stored += before - b.h;
-        }
-        let residual = (h - before) - ((supplied - dissipated) + leap);
-        let scale = size.max(b.h.abs()).max(turnover);
-        if c.step.linear.is_some() && residual.abs() > GROSS * scale.max(b.floor()) {
-            return Err("the exact step does not keep the stored energy: its stiffnesses, masses and times differ by \
-            too many orders of magnitude; change them, or take another method"
-                .into());
-        }
-        b.turnover_max = b.turnover_max.max(turnover);
-        b.h = h;
-        b.h_max = b.h_max.max(h.abs());
-        // Where none can be negative, the magnitude of the whole is it.
-        b.size_max = if e.size == e.energy { b.h_max } else { b.size_max.max(size) };
-        b.h_top = b.h_top.max(h);
-        let floor = b.floor();
-        b.worst.add(residual.abs(), scale, floor);
-        b.gained.add(-least, scale, floor);
-        b.sunk.add(sunk, scale, floor);
-        b.residual += residual;
-        b.leaked.add(leap);
     }
     Ok(())
+}
+
+/// Which energy of a step is no number, in words.
+fn not_finite(e: &Entries, output: &[f64]) -> String {
+    let off = |slot: usize| !output[slot].is_finite();
+    if let Some((name, _)) = e.supplied.iter().find(|x| off(x.1)) {
+        return format!("what `{name}` supplies is not a finite number");
+    }
+    if let Some((name, _)) = e.dissipated.iter().find(|x| off(x.1)) {
+        return format!("what `{name}` dissipates is not a finite number");
+    }
+    if let Some(p) = e.produced.iter().find(|p| off(p.entropy) || off(p.heat)) {
+        return format!("the entropy that `{}` produces is not a finite number", p.name);
+    }
+    let flows: f64 = e.supplied.iter().chain(&e.dissipated).map(|x| output[x.1].abs()).sum();
+    if !off(e.energy) && !(flows + output[e.size].abs()).is_finite() {
+        return "what is turned over is not a finite number".into();
+    }
+    STORED.into()
 }
 
 /// Adds to each port the integral of what it gave out.

@@ -1,10 +1,12 @@
 //! Where in a step a law switches: the guard that changes sign, located by single steps from the start of the step to
 //! an instant just past the change.
 
-use super::adaptive::Control;
-use super::attempt::{Part, copy};
-use super::cluster::{Ready, Run};
+use super::attempt::Part;
+use super::cluster::Run;
+use super::controller::Control;
 use super::guard::Watch;
+use super::program::Ready;
+use super::trial::copy;
 use crate::kernel::Failure;
 use crate::scene::Cluster;
 

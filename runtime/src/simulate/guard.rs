@@ -7,7 +7,7 @@
 //! back through a diode. What the end does not tell, as the force that holds a body at rest, a very short step from
 //! there does.
 
-use super::cluster::Look;
+use super::program::Look;
 use crate::kernel::{Backend, Failure};
 use crate::scene::Guards;
 

@@ -1,29 +1,32 @@
 //! Runs a scene: the multi-rate schedule, sample and hold, adaptive steps, and what is recorded.
 
 mod adaptive;
-mod ahead;
 mod answer;
 mod attempt;
+mod block_execution;
+mod block_routine;
+mod clock;
 mod cluster;
+mod controller;
+mod error_scale;
 mod event;
-mod given;
 mod guard;
 mod hold;
-mod pace;
-mod places;
+mod input_signal;
+mod program;
+mod rate_transition;
 mod sampled;
+mod sampling;
 mod save;
 mod schedule;
 mod start;
 mod summary;
-mod worst;
+mod trial;
 
-pub use ahead::{Make, Maker, Stretch};
-pub use cluster::GROSS;
-pub use given::{Course, Unfit};
-pub use hold::{BESIDE, FORGET, LOSS, NOISE, RECURRENCE, Report, TERMS, WARY};
-pub use pace::{paced, uneven};
-pub use places::{BookPlaces, ClusterPlaces, HeldPlaces, Places};
+pub use block_routine::{BlockMaker, BlockRoutine, ClusterPlaces, MakeBlock, Places};
+pub use hold::Report;
+pub use input_signal::{InputSignal, Unfit};
+pub use rate_transition::{paced, uneven};
 pub use save::{Refused, made};
 pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, Summary};
 

@@ -1,75 +1,16 @@
 //! An interval of a sampled region: what it holds from its start on, and what is booked at its end.
 
 use super::Error;
-use super::cluster::{Book, Run};
-use super::hold::{BESIDE, Held, LOSS, NOISE, RECURRENCE, TERMS, UNTOLD, within_budget};
-use super::pace::beta_of;
+use super::cluster::Run;
+use super::hold::{Held, UNTOLD};
+use super::rate_transition::port_admittance_of;
+use super::sampling::{Sampling, Scratch};
 use super::schedule::Simulation;
-use crate::scene::{Cluster, Entries, Respond};
-
-/// Room for what a sample works out, so that taking one allocates nothing.
-#[derive(Default)]
-pub(super) struct Scratch {
-    pub(super) due: Vec<usize>,
-    /// The same, by cluster.
-    pub(super) is_due: Vec<bool>,
-    alpha: Vec<f64>,
-    doubt: Vec<f64>,
-    ahead: Vec<Held>,
-    values: Vec<f64>,
-    q: Vec<f64>,
-}
-
-impl Scratch {
-    /// For so many clusters, and ports held by one of them.
-    pub(super) fn new(clusters: usize, ports: usize) -> Self {
-        let room = || Vec::with_capacity(ports);
-        Self {
-            due: Vec::with_capacity(clusters),
-            is_due: vec![false; clusters],
-            alpha: room(),
-            doubt: room(),
-            ahead: Vec::with_capacity(ports),
-            values: room(),
-            q: room(),
-        }
-    }
-}
-
-/// What regions that hold together have to give is one: where one of them is in debt, the others' tanks cover that, and
-/// the cap is on all tanks together.
-fn share(books: &mut [Book], entries: &[Entries]) {
-    if books.len() < 2 {
-        return;
-    }
-    let (mut there, mut lacking) = (0.0, 0.0);
-    for b in books.iter() {
-        if b.stored < 0.0 {
-            lacking -= b.stored;
-        } else {
-            there += b.stored;
-        }
-    }
-    if there > 0.0 && lacking > 0.0 {
-        let cover = if lacking < there { lacking } else { there };
-        let (taken, given) = (cover / there, cover / lacking);
-        for b in books.iter_mut() {
-            b.stored -= b.stored * if b.stored < 0.0 { given } else { taken };
-        }
-    }
-    let (mut over, mut full) = (0.0, 0.0);
-    for (b, e) in books.iter().zip(entries) {
-        let tank = b.tank();
-        over += tank - b.cap(e);
-        full += if tank > 0.0 { tank } else { 0.0 };
-    }
-    if over > 0.0 {
-        let part = over / full;
-        for b in books.iter_mut().filter(|b| b.tank() > 0.0) {
-            b.stored -= b.tank() * part;
-        }
-    }
-}
+use crate::energy::hold::Holder;
+use crate::energy::{AR_ORDER, HeldPlaces, interval};
+use crate::kernel::Failure;
+use crate::machine::Real;
+use crate::scene::Entries;
 
 impl Simulation<'_> {
     /// Whether what a held port answers to is itself sampled, and may have latched an earlier value than the one held
@@ -78,150 +19,96 @@ impl Simulation<'_> {
         h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some())
     }
 
+    /// What a sample of a cluster reads and writes; of one that goes by another's clock, for an interval of that.
+    pub(super) fn sampling(&self, i: usize) -> Sampling<'_> {
+        let responses = [&self.port_admittance[i], &self.delayed_response[i], &self.ar_coefficients[i]];
+        Sampling {
+            runs: &self.runs,
+            cluster: i,
+            own: &self.runs[i].ledger.numbers,
+            responses: responses.map(Vec::as_slice),
+        }
+    }
+
+    /// The same for the interval after its `k`-th sample.
+    pub(super) fn sampling_after(&self, i: usize, k: u64) -> Sampling<'_> {
+        let mut sampling = self.sampling(i);
+        sampling.responses[0] = port_admittance_of(&self.transitions[i], &self.port_admittance[i], k);
+        sampling
+    }
+
+    /// A sampled cluster and its places.
+    pub(super) fn holder(&self, i: usize) -> Holder<'_> {
+        Holder { cluster: i, layout: &self.runs[i].layout }
+    }
+
+    /// Places of a held port.
+    pub(super) fn held_places(&self, i: usize, k: usize) -> &HeldPlaces {
+        &self.runs[i].layout.held[k]
+    }
+
     /// Ends the interval of a sampled cluster: its state moves with what was reported.
     pub(super) fn commit(&mut self, i: usize) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let last = self.next[i] - 1;
         let (start, period) = (self.instant(i, last), self.length(i, last));
-        let (rate, mut crossed) = (1.0 / period, 0.0);
+        let rate = 1.0 / period;
         for k in 0..self.held[i].len() {
-            let latches = self.latches(&self.held[i][k]);
-            let h = &mut self.held[i][k];
-            let mut told = None;
-            if let Some(o) = h.open {
-                h.q = self.open[o].q;
-                h.silent = self.open[o].silent;
-                told = self.open[o].energy;
+            let mut counted = self.latches(&self.held[i][k]);
+            let run = &mut self.runs[i];
+            let (h, p) = (&mut self.held[i][k], &run.layout.held[k]);
+            if let Some(report) = h.open.map(|o| self.open[o]) {
+                h.silent = report.silent;
+                run.ledger.set(p.q, report.q);
+                if let Some(energy) = report.energy {
+                    run.ledger.set(p.w, energy);
+                    counted = true;
+                }
             }
-            // Each side counts for itself: the holder what it held times what it was told, the other what it told times
-            // what it met.
-            let (here, there) = match told {
-                Some(w) => (w, w),
-                None if latches => (h.w, h.w),
-                None => (h.v * h.q, h.q * h.v),
-            };
-            h.crossed = here;
-            h.holder_energy.add(here);
-            h.other_energy.add(there);
-            h.difference = h.difference.max((h.holder_energy.value() - h.other_energy.value()).abs());
-            crossed += here;
-            self.runs[i].input[c.ports[h.port].input] = -h.q * rate;
+            run.input[c.ports[p.port].input] = -run.ledger.get(p.q) * rate;
+            let met = self.held[i][k].bar.map(|b| self.met(&self.scene.bars[b]));
+            interval::cross(Real::new(), self.sampling(i), self.held_places(i, k), counted, met);
         }
         let mut moved = std::mem::take(&mut self.moved[i]);
         let result = self.runs[i].one(c, start, period, &mut moved);
         self.moved[i] = moved;
         result?;
-        self.settle(i, crossed);
-        if self.pace[i].is_some() {
-            self.review_pace(i);
-            return Ok(());
+        let layouts = self.scene.clusters.iter().zip(self.runs.iter().map(|run| &run.layout));
+        interval::settle(Real::new(), self.sampling(i), i, &self.near[i], layouts);
+        if self.transitions[i].is_some() {
+            self.review_transition(i);
+        } else {
+            (0..self.held[i].len()).for_each(|k| self.learn(i, k));
         }
-        let n = self.held[i].len();
-        for k in 0..n {
-            let response: f64 = (0..n).map(|j| self.beta[i][k * n + j] * self.held[i][j].v).sum();
-            let h = &mut self.held[i][k];
-            let gap = h.open.map_or(0, |o| std::mem::take(&mut self.open[o]).gap);
-            h.learn(response, gap, &self.decay[i][k * RECURRENCE..(k + 1) * RECURRENCE]);
-        }
-        for h in &mut self.held[i] {
-            h.q = 0.0;
-            h.w = 0.0;
+        for p in &self.runs[i].layout.held {
+            self.runs[i].ledger.set(p.q, 0.0);
+            self.runs[i].ledger.set(p.w, 0.0);
         }
         Ok(())
     }
 
-    /// Books what crossed in the place of what the step's own effort would have let in, and what that leaves in the
-    /// tanks; `crossed` is that of all its regions.
-    fn settle(&mut self, i: usize, crossed: f64) {
-        let c = &self.scene.clusters[i];
-        let run = &mut self.runs[i];
-        let alone = c.entries.len() == 1;
-        let mut turned = 0.0;
-        for (r, e) in c.entries.iter().enumerate() {
-            let (mut called, mut crossed) = (0.0, 0.0);
-            for h in self.held[i].iter().filter(|h| c.ports[h.port].region == e.region) {
-                let port = &c.ports[h.port];
-                called += h.q * run.output()[port.mean];
-                crossed += h.crossed;
-                turned += h.crossed.abs();
-                if let Some(k) = e.supplied.iter().position(|s| s.0 == port.name) {
-                    run.books[r].sources[k].add(h.crossed);
-                }
-            }
-            let out = run.output();
-            let sources = e.supplied.iter().enumerate().filter(|(k, _)| !e.held.contains(k));
-            let sources = sources.map(|(_, (_, slot))| out[*slot]);
-            let own: f64 = sources.clone().sum();
-            turned = sources.fold(turned, |sum, x| sum + x.abs());
-            let b = &mut run.books[r];
-            if !e.held.is_empty() {
-                b.supplied.add(crossed);
-                b.leaked.add(called - crossed);
-                b.crossed_max = b.crossed_max.max(crossed.abs());
-            }
-            b.stored += crossed;
-            b.stored += own;
-            if alone {
-                // What was promised is not let go; several regions have no open ports.
-                let most = (b.h + b.cap(e)).max(self.reserve[i]);
-                b.stored = b.stored.min(most);
-            }
-        }
-        if run.books.is_empty() {
+    /// Notes what is known of the other side of a held port after an interval.
+    fn learn(&mut self, i: usize, k: usize) {
+        let h = &self.held[i][k];
+        let gap = h.open.map_or(0, |o| std::mem::take(&mut self.open[o]).gap);
+        if h.silent {
             return;
         }
-        share(&mut run.books, &c.entries);
-        let mut stored = 0.0;
-        for b in &mut run.books {
-            b.debt_max = b.debt_max.max(-b.stored);
-            b.stored_max = b.stored_max.max(b.stored);
-            stored += b.stored;
+        let (sampling, holder) = (self.sampling(i), self.holder(i));
+        if gap == 0 {
+            holder.learn(Real::new(), sampling, k);
+            return;
         }
-        self.caution[i].note(turned);
-        let clear = |j: usize, stored: f64| -stored <= LOSS * self.caution[j].most;
-        let easy = self.caution[i].is_easy();
-        let free = clear(i, stored) && (easy || self.near[i].iter().all(|j| clear(*j, self.kept(*j))));
-        let cost = self.caution[i].settle((-stored, free), crossed);
-        if cost > 1.0 {
-            // What it gave out, the others may lose too.
-            for j in &self.near[i] {
-                self.caution[*j].trust /= cost;
-            }
+        // All that is known of the motion is its mean; a jump in it would be taken for a push.
+        let (p, ledger) = (self.held_places(i, k), &self.runs[i].ledger);
+        let mean = ledger.get(p.q) / (f64::from(gap) + 1.0);
+        let free_response = mean + holder.yielded_now(Real::new(), sampling, k);
+        for n in 0..=AR_ORDER {
+            ledger.set(p.free_response.plus(n), free_response);
+            ledger.set(p.before.plus(n), ledger.get(p.v));
         }
-        if !free {
-            self.owe(i);
-        }
-    }
-
-    /// Notes what debts are beside the energies that there were until now: what comes later excuses none.
-    fn owe(&mut self, i: usize) {
-        let clusters = self.runs.iter().zip(&self.scene.clusters);
-        let of = |(run, c): (&Run, &Cluster)| {
-            // What holds alone have a sampled one store is no energy that was there.
-            let largest = |b: &Book| if c.period.is_some() { b.stored_max } else { b.largest() };
-            run.books.iter().map(largest).fold(0.0, f64::max)
-        };
-        let largest = clusters.map(of).fold(0.0, f64::max);
-        for b in &mut self.runs[i].books {
-            let own = b.stored_max.max(b.supplied.value().abs()).max(b.crossed_max);
-            b.owed = b.owed.max(-b.stored / own.max(BESIDE * largest));
-        }
-    }
-
-    /// What alpha of a held port is foretold to be.
-    pub(super) fn foretold(&self, i: usize, k: usize, held: &[Held]) -> f64 {
-        let n = held.len();
-        let r = &self.decay[i][k * RECURRENCE..(k + 1) * RECURRENCE];
-        let effect = |p: usize, of: fn(&Held, usize) -> f64| -> f64 {
-            if p as f64 >= r[TERMS + 1] {
-                return 0.0;
-            }
-            let gamma = &self.gamma[i][(p * n + k) * n..(p * n + k + 1) * n];
-            gamma.iter().zip(held).map(|(g, h)| g * of(h, p)).sum()
-        };
-        let all = std::array::from_fn(|p| effect(p, |h, p| h.before[p]));
-        let changes = std::array::from_fn(|p| effect(p, |h, p| h.before[p] - h.before[p + 1]));
-        held[k].foretold(r, all, changes)
+        ledger.set(p.last_q, mean);
+        ledger.set(p.intervals, ledger.get(p.intervals) + 1.0);
     }
 
     /// Begins an interval: finds what to hold, and latches what others hold.
@@ -231,38 +118,41 @@ impl Simulation<'_> {
         let period = self.length(i, next);
         let rate = 1.0 / self.length(i, next.saturating_sub(1));
         for bar in self.scene.bars.iter().filter(|b| b.other.0 == i) {
-            let v = self.held[bar.holder.0].iter().find(|h| (bar.holder.0, h.port) == bar.holder).map_or(0.0, |h| h.v);
+            let Run { layout, ledger, .. } = &self.runs[bar.holder.0];
+            let v = layout.held.iter().find(|p| p.port == bar.holder.1).map_or(0.0, |p| ledger.get(p.v));
             self.runs[i].input[c.ports[bar.other.1].input] = bar.sign * v;
         }
         let Some(respond) = &c.respond else { return Ok(()) };
         let n = self.held[i].len();
-        let Scratch { alpha, doubt, values, q, ahead, .. } = scratch;
-        alpha.clear();
-        match &self.pace[i] {
-            None => alpha.extend((0..n).map(|k| self.foretold(i, k, &self.held[i]))),
-            Some(_) => self.foretell_ahead(i, alpha, ahead),
+        let Scratch { free_response, doubt, values, q, ahead, .. } = scratch;
+        free_response.clear();
+        match &self.transitions[i] {
+            None => {
+                let predicted = |k| self.holder(i).predicted(Real::new(), self.sampling(i), k);
+                free_response.extend((0..n).map(predicted));
+            }
+            Some(_) => self.predict_ahead(i, free_response, ahead),
         }
         let input = &mut self.respond_input[i];
         let base = self.runs[i].input.len();
         input[..base].copy_from_slice(&self.runs[i].input);
         input[0] = at;
         input[1] = period;
-        for h in &self.held[i] {
-            input[c.ports[h.port].input] = -h.last_q * rate;
+        for p in &self.runs[i].layout.held {
+            input[c.ports[p.port].input] = -self.runs[i].ledger.get(p.last_q) * rate;
         }
-        let matched = matches!(respond, Respond::Matched(..));
+        let matched = respond.fallback.is_some();
         if matched {
-            input[base..base + n].copy_from_slice(alpha);
-            let beta = beta_of(&self.pace[i], &self.beta[i], next);
-            input[base + n..base + n + n * n].copy_from_slice(beta);
+            input[base..base + n].copy_from_slice(free_response);
+            let port_admittance = port_admittance_of(&self.transitions[i], &self.port_admittance[i], next);
+            input[base + n..base + n + n * n].copy_from_slice(port_admittance);
         }
         values.clear();
         values.resize(n, 0.0);
         let mut foreseen = 0.0;
         {
-            let run = &mut self.runs[i];
-            let state = &run.state;
-            if let Some(look) = &mut run.respond {
+            let Run { state, respond, layout, ledger, .. } = &mut self.runs[i];
+            if let Some(look) = respond {
                 let stopped =
                     |why| Error::Step { time: at, region: c.name.clone(), state: None, why, jumps: Vec::new() };
                 let out = look.run(state, input).map_err(stopped)?;
@@ -270,18 +160,19 @@ impl Simulation<'_> {
                 foreseen = out[n + usize::from(matched)];
                 let lost = matched && out[n] == 0.0;
                 let mut rests =
-                    self.held[i].iter().zip(alpha.iter()).map(|(h, alpha)| h.last_q == 0.0 && *alpha == 0.0);
+                    layout.held.iter().zip(&*free_response).map(|(p, a)| ledger.get(p.last_q) == 0.0 && *a == 0.0);
                 if c.budget && !matched && c.entries.iter().any(Entries::is_driven) && rests.all(|r| r) {
                     // From rest, what its sources put in goes by the motion that begins.
-                    let (beta, rate) = (beta_of(&self.pace[i], &self.beta[i], next), 1.0 / period);
-                    for (k, h) in self.held[i].iter().enumerate() {
-                        let given: f64 = (0..n).map(|j| beta[k * n + j] * values[j]).sum();
-                        input[c.ports[h.port].input] = given * rate;
+                    let (port_admittance, rate) =
+                        (port_admittance_of(&self.transitions[i], &self.port_admittance[i], next), 1.0 / period);
+                    for (k, p) in layout.held.iter().enumerate() {
+                        let given: f64 = (0..n).map(|j| port_admittance[k * n + j] * values[j]).sum();
+                        input[c.ports[p.port].input] = given * rate;
                     }
                     foreseen = look.run(state, input).map_err(stopped)?[n];
                 }
                 if lost {
-                    self.search(i, at, alpha, values, q)?;
+                    self.search(i, at, free_response, values, q)?;
                 }
             }
         }
@@ -290,36 +181,29 @@ impl Simulation<'_> {
                 time: at,
                 region: c.name.clone(),
                 state: Some("what it holds".into()),
-                why: crate::kernel::Failure::NotFinite { slot: crate::ir::Slot::new(crate::ir::Array::Output, 0) },
+                why: Failure::NotFinite { slot: crate::ir::Slot::new(crate::ir::Array::Output, 0) },
                 jumps: Vec::new(),
             });
         }
         if c.budget {
-            let (mut stored, mut size) = (0.0, 0.0);
-            for b in &self.runs[i].books {
-                stored += b.stored;
-                size += b.h.abs();
-            }
-            let room = ((stored - NOISE * size) + foreseen.max(0.0)).max(0.0);
-            let rules = self.decay[i].chunks(RECURRENCE);
+            let (m, sampling, holder) = (Real::new(), self.sampling_after(i, next), self.holder(i));
             doubt.clear();
-            doubt.extend(self.held[i].iter().zip(rules).map(|(h, r)| h.doubt(r)));
-            let beta = beta_of(&self.pace[i], &self.beta[i], next);
-            within_budget(values, alpha, std::iter::repeat(0.0), beta, room);
-            within_budget(values, alpha, doubt.iter().copied(), beta, 2.0 * room);
-            self.caution[i].restrain(values, alpha, doubt.iter().copied(), beta, stored);
+            doubt.extend((0..n).map(|k| holder.doubt(m, sampling, k)));
+            holder.within_budget(m, sampling, values, (free_response, doubt), foreseen);
+            let Run { layout, ledger, .. } = &self.runs[i];
             // Once; where others hold for the same, each would have its own.
-            let first = self.held[i].iter().all(|h| h.intervals == 0);
+            let first = layout.held.iter().all(|p| ledger.get(p.intervals) == 0.0);
             if first && foreseen > 0.0 && self.near[i].is_empty() {
-                self.caution[i].risk = UNTOLD;
+                ledger.set(layout.passivity.risk, UNTOLD);
             }
         }
-        for ((h, v), alpha) in self.held[i].iter_mut().zip(values.iter().copied()).zip(alpha.iter()) {
-            h.forecast = *alpha;
+        for (k, (v, free_response)) in values.iter().copied().zip(free_response.iter()).enumerate() {
+            let (h, Run { layout, ledger, .. }) = (&mut self.held[i][k], &self.runs[i]);
+            ledger.set(layout.held[k].predicted, *free_response);
             if std::mem::take(&mut h.silent) {
                 continue;
             }
-            h.v = v;
+            ledger.set(layout.held[k].v, v);
             if let Some(b) = h.bar {
                 let bar = &self.scene.bars[b];
                 let (cluster, port) = bar.other;
@@ -333,26 +217,33 @@ impl Simulation<'_> {
     }
 
     /// What to hold where a switched law leaves no solution: on the jump of the law, where the answer q is such that
-    /// the law calls for less than v = (alpha - q)/beta on one side of it and for more on the other. One port: by
-    /// bisection, v being monotone in q. Several: one after the other, a few times over.
-    fn search(&mut self, i: usize, at: f64, alpha: &[f64], values: &mut [f64], q: &mut Vec<f64>) -> Result<(), Error> {
+    /// the law calls for less than v = (a - q)/Y on one side of it and for more on the other. One port: by bisection,
+    /// v being monotone in q. Several: one after the other, a few times over.
+    fn search(
+        &mut self,
+        i: usize,
+        at: f64,
+        free_response: &[f64],
+        values: &mut [f64],
+        q: &mut Vec<f64>,
+    ) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
         let rate = 1.0 / self.length(i, self.next[i]);
         let n = values.len();
         let base = self.runs[i].input.len();
         q.clear();
-        q.extend_from_slice(alpha);
+        q.extend_from_slice(free_response);
         let rounds = if n == 1 { 1 } else { 20 };
         for k in (0..rounds * n).map(|k| k % n) {
-            let beta = beta_of(&self.pace[i], &self.beta[i], self.next[i]);
-            let own = beta[k * n + k];
-            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| beta[k * n + j] * values[j]).sum();
-            let free = alpha[k] - pull;
+            let port_admittance = port_admittance_of(&self.transitions[i], &self.port_admittance[i], self.next[i]);
+            let own = port_admittance[k * n + k];
+            let pull: f64 = (0..n).filter(|j| *j != k).map(|j| port_admittance[k * n + j] * values[j]).sum();
+            let free = free_response[k] - pull;
             let call = |this: &mut Self, q: &[f64]| -> Result<f64, Error> {
-                for (h, q) in this.held[i].iter().zip(q) {
-                    this.respond_input[i][c.ports[h.port].input] = -q * rate;
-                }
                 let run = &mut this.runs[i];
+                for (p, q) in run.layout.held.iter().zip(q) {
+                    this.respond_input[i][c.ports[p.port].input] = -q * rate;
+                }
                 let Some(look) = &mut run.fallback else { return Ok(0.0) };
                 let input = &this.respond_input[i][..base];
                 look.run(&run.state, input).map(|out| out[k]).map_err(|why| Error::Step {

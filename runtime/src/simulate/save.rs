@@ -1,14 +1,16 @@
 //! The whole state of a run as bytes, and a run that goes on from them, bit for bit.
 //!
-//! What is kept is all that a later step reads: states, what is held and foretold, the ledger, the grids of steps and
+//! What is kept is all that a later step reads: states, what is held and predicted, the ledger, the grids of steps and
 //! the lengths that tables were made for. Workspaces are not, for nothing in them is read by the next run.
 
-use super::adaptive::Control;
-use super::attempt::{Taken, copy};
-use super::cluster::{Book, Ready, Run};
-use super::given::{Course, Feed};
-use super::hold::{Caution, Held, Report};
+use super::cluster::Run;
+use super::controller::Control;
+use super::hold::{Held, Report};
+use super::input_signal::{ClusterInputs, InputSignal};
+use super::program::Ready;
+use super::trial::{Taken, copy};
 use super::{Error, Options, Simulation};
+use crate::energy::Ledger;
 use crate::envelope::{self, Damaged, Kind};
 use crate::kernel::Backend;
 use crate::scene::{Made, Scene};
@@ -53,7 +55,7 @@ struct Saved {
     last_sample: f64,
     clusters: Vec<Part>,
     open: Vec<Report>,
-    given: Vec<Course>,
+    given: Vec<InputSignal>,
 }
 
 /// What is written of a cluster.
@@ -62,8 +64,8 @@ struct Part {
     state: Vec<f64>,
     input: Vec<f64>,
     /// Where it is not what the scene was given: of a run whose inputs were set on the way.
-    feed: Option<Feed>,
-    books: Vec<Book>,
+    signals: Option<ClusterInputs>,
+    ledger: Ledger,
     steps: u64,
     iterations: u64,
     base: f64,
@@ -81,12 +83,10 @@ struct Part {
     lengths: Vec<f64>,
     glance: Vec<f64>,
     held: Vec<Held>,
-    beta: Vec<f64>,
-    gamma: Vec<f64>,
-    decay: Vec<f64>,
-    caution: Caution,
+    port_admittance: Vec<f64>,
+    delayed_response: Vec<f64>,
+    ar_coefficients: Vec<f64>,
     next: u64,
-    reserve: f64,
     moved: Vec<f64>,
 }
 
@@ -121,13 +121,13 @@ impl Simulation<'_> {
 
     fn part(&self, i: usize) -> Part {
         let run = &self.runs[i];
-        let fed = Feed::new(&self.scene.clusters[i], &self.given);
+        let fed = ClusterInputs::new(&self.scene.clusters[i], &self.given);
         let (control, iterations) = run.kept();
         Part {
             state: run.state.clone(),
             input: run.input.clone(),
-            feed: (run.feed != fed).then(|| run.feed.clone()),
-            books: run.books.clone(),
+            signals: (run.signals != fed).then(|| run.signals.clone()),
+            ledger: run.ledger.clone(),
             steps: run.steps,
             iterations,
             base: run.base,
@@ -142,12 +142,10 @@ impl Simulation<'_> {
             lengths: run.step.lengths.clone(),
             glance: run.glance.as_ref().map(|g| g.lengths.clone()).unwrap_or_default(),
             held: self.held[i].clone(),
-            beta: self.beta[i].clone(),
-            gamma: self.gamma[i].clone(),
-            decay: self.decay[i].clone(),
-            caution: self.caution[i],
+            port_admittance: self.port_admittance[i].clone(),
+            delayed_response: self.delayed_response[i].clone(),
+            ar_coefficients: self.ar_coefficients[i].clone(),
             next: self.next[i],
-            reserve: self.reserve[i],
             moved: self.moved[i].clone(),
         }
     }
@@ -155,7 +153,7 @@ impl Simulation<'_> {
 
 impl<'a> Simulation<'a> {
     /// A run that goes on from what [`Self::save`] gave, with the step and the tolerance that it had. Signals given
-    /// from outside are what they were, but for the courses listed with their index.
+    /// from outside are what they were, but for the signals listed with their index.
     ///
     /// # Errors
     /// Bytes that are damaged, or the state of another scene.
@@ -163,7 +161,7 @@ impl<'a> Simulation<'a> {
         backend: &dyn Backend,
         scene: &'a Scene,
         bytes: &[u8],
-        courses: Vec<(usize, Course)>,
+        signals: Vec<(usize, InputSignal)>,
     ) -> Result<Self, Refused> {
         let saved: Saved = envelope::open(Kind::State, bytes)?;
         if saved.model != scene.name {
@@ -182,9 +180,9 @@ impl<'a> Simulation<'a> {
         same("the open ports", &saved.open, &sim.open)?;
         same("the inputs", &saved.given, &sim.given)?;
         sim.given = saved.given;
-        for (i, course) in courses {
+        for (i, signal) in signals {
             if let Some(place) = sim.given.get_mut(i) {
-                *place = course;
+                *place = signal;
             }
         }
         for (i, part) in saved.clusters.into_iter().enumerate() {
@@ -202,26 +200,26 @@ impl<'a> Simulation<'a> {
         let run = &mut self.runs[i];
         same("the states", &part.state, &run.state)?;
         same("the inputs", &part.input, &run.input)?;
-        same("the ledger", &part.books, &run.books)?;
-        for (b, own) in part.books.iter().zip(&run.books) {
-            same("the sources", &b.sources, &own.sources)?;
-            same("the resistors", &b.resistors, &own.resistors)?;
-            same("the entropy", &b.produced, &own.produced)?;
+        if !part.ledger.alike(&run.ledger) {
+            return Err(Refused::Shape("the ledger"));
         }
         same("the traces", &part.largest, &run.largest)?;
         same("what is held", &part.held, &self.held[i])?;
-        if part.held.iter().zip(&self.held[i]).any(|(a, b)| (a.port, a.bar, a.open) != (b.port, b.bar, b.open)) {
+        if part.held.iter().zip(&self.held[i]).any(|(a, b)| (a.bar, a.open) != (b.bar, b.open)) {
             return Err(Refused::Shape("what is held"));
         }
-        for (saved, own) in [(&part.beta, &self.beta[i]), (&part.gamma, &self.gamma[i]), (&part.decay, &self.decay[i])]
-        {
-            same("what is foretold", saved, own)?;
+        for (saved, own) in [
+            (&part.port_admittance, &self.port_admittance[i]),
+            (&part.delayed_response, &self.delayed_response[i]),
+            (&part.ar_coefficients, &self.ar_coefficients[i]),
+        ] {
+            same("what is predicted", saved, own)?;
         }
         same("the ports", &part.moved, &self.moved[i])?;
-        let feed = Feed::new(c, &self.given);
-        match part.feed.take() {
-            None => run.feed = feed,
-            Some(saved) if saved.alike(&feed) => run.feed = saved,
+        let signals = ClusterInputs::new(c, &self.given);
+        match part.signals.take() {
+            None => run.signals = signals,
+            Some(saved) if saved.alike(&signals) => run.signals = saved,
             Some(_) => return Err(Refused::Shape("the inputs")),
         }
         let ahead = part.control.map_or(1.0, |k| k.ahead);
@@ -249,15 +247,18 @@ impl<'a> Simulation<'a> {
         }
         part.fill(run);
         self.held[i] = part.held;
-        self.beta[i] = part.beta;
-        self.gamma[i] = part.gamma;
-        self.decay[i] = part.decay;
-        self.caution[i] = part.caution;
-        if let Some(p) = &mut self.pace[i] {
-            p.find_betas(self.held[i].len(), &self.beta[i], &self.gamma[i], &self.decay[i]);
+        self.port_admittance[i] = part.port_admittance;
+        self.delayed_response[i] = part.delayed_response;
+        self.ar_coefficients[i] = part.ar_coefficients;
+        if let Some(p) = &mut self.transitions[i] {
+            p.find_port_admittances(
+                self.held[i].len(),
+                &self.port_admittance[i],
+                &self.delayed_response[i],
+                &self.ar_coefficients[i],
+            );
         }
         self.next[i] = part.next;
-        self.reserve[i] = part.reserve;
         self.moved[i] = part.moved;
         Ok(())
     }
@@ -268,7 +269,7 @@ impl Part {
     fn fill(&self, run: &mut Run) {
         run.state.copy_from_slice(&self.state);
         run.input.copy_from_slice(&self.input);
-        run.books.clone_from(&self.books);
+        run.ledger.clone_from(&self.ledger);
         run.steps = self.steps;
         run.step.work.newton_iterations = self.iterations;
         run.base = self.base;

@@ -1,15 +1,18 @@
 //! The multi-rate schedule: sampled regions at their instants, continuous ones between.
 
-use super::ahead::Ahead;
-use super::cluster::{Look, Run};
-use super::given::Course;
-use super::hold::{Caution, Held, Report};
-use super::pace::Pace;
-use super::sampled::Scratch;
+use super::block_routine::BlockExecution;
+use super::cluster::Run;
+use super::hold::{Held, Report};
+use super::input_signal::InputSignal;
+use super::program::Look;
+use super::rate_transition::RateTransition;
+use super::sampling::Scratch;
 use super::{Error, Options};
+use crate::energy::interval;
 use crate::interpreter::Interpret;
 use crate::kernel::Backend;
-use crate::scene::{Respond, Scene};
+use crate::machine::Real;
+use crate::scene::Scene;
 
 /// The clusters of some signals, each once.
 fn distinct<'s>(signals: impl IntoIterator<Item = &'s (usize, usize)>) -> Vec<usize> {
@@ -26,29 +29,26 @@ pub struct Simulation<'a> {
     pub(super) runs: Vec<Run>,
     /// By cluster, the ports it holds.
     pub(super) held: Vec<Vec<Held>>,
-    /// By cluster, the matrix beta of those ports, its likes for the intervals after, and the recurrence of each port.
-    pub(super) beta: Vec<Vec<f64>>,
-    pub(super) gamma: Vec<Vec<f64>>,
-    pub(super) decay: Vec<Vec<f64>>,
+    /// By cluster, the matrix port_admittance of those ports, its likes for the intervals after, and the recurrence of
+    /// each port.
+    pub(super) port_admittance: Vec<Vec<f64>>,
+    pub(super) delayed_response: Vec<Vec<f64>>,
+    pub(super) ar_coefficients: Vec<Vec<f64>>,
     /// What [`Scene::near`] says.
     pub(super) near: Vec<Vec<usize>>,
-    /// By cluster, what it risks where it is in debt.
-    pub(super) caution: Vec<Caution>,
     /// By cluster, the clock that it goes by, if not its own.
-    pub(super) pace: Vec<Option<Pace>>,
+    pub(super) transitions: Vec<Option<RateTransition>>,
     /// By cluster, the next sample's number.
     pub(super) next: Vec<u64>,
     /// What [`Scene::order`] says.
     pub(super) order: Vec<usize>,
-    /// By cluster, what its tank keeps for an outside that was promised it, J.
-    pub(super) reserve: Vec<f64>,
     /// By cluster, whether samples of others concern it.
     pub(super) connected: Vec<bool>,
     pub(super) moved: Vec<Vec<f64>>,
     probes: Option<Look>,
     probe_input: Vec<f64>,
     /// What is given from outside.
-    pub(super) given: Vec<Course>,
+    pub(super) given: Vec<InputSignal>,
     /// Answers of open ports for the interval that runs.
     pub(super) open: Vec<Report>,
     pub(super) time: f64,
@@ -58,7 +58,7 @@ pub struct Simulation<'a> {
     pub(super) read: Vec<usize>,
     pub(super) probed: Vec<usize>,
     scratch: Scratch,
-    pub(super) ahead: Ahead,
+    pub(super) block_execution: BlockExecution,
 }
 
 impl<'a> Simulation<'a> {
@@ -70,13 +70,13 @@ impl<'a> Simulation<'a> {
         Self::with(scene, options, Vec::new())
     }
 
-    /// A scene at its start, with the first samples taken. Signals given from outside take the courses listed with
+    /// A scene at its start, with the first samples taken. Signals given from outside take the signals listed with
     /// their index; the others are what they are by default. Programs are interpreted.
     ///
     /// # Errors
     /// A program that fails at the start.
-    pub fn with(scene: &'a Scene, options: &Options, courses: Vec<(usize, Course)>) -> Result<Self, Error> {
-        Self::on(&Interpret, scene, options, courses)
+    pub fn with(scene: &'a Scene, options: &Options, signals: Vec<(usize, InputSignal)>) -> Result<Self, Error> {
+        Self::on(&Interpret, scene, options, signals)
     }
 
     /// The same, with programs run by this back end.
@@ -87,23 +87,23 @@ impl<'a> Simulation<'a> {
         backend: &dyn Backend,
         scene: &'a Scene,
         options: &Options,
-        courses: Vec<(usize, Course)>,
+        signals: Vec<(usize, InputSignal)>,
     ) -> Result<Self, Error> {
         let n = scene.clusters.len();
-        let mut given: Vec<Course> = scene.inputs.iter().map(|i| Course::constant(i.value)).collect();
-        for (i, course) in courses {
+        let mut given: Vec<InputSignal> = scene.inputs.iter().map(|i| InputSignal::constant(i.value)).collect();
+        for (i, signal) in signals {
             if let Some(place) = given.get_mut(i) {
-                *place = course;
+                *place = signal;
             }
         }
-        let runs = scene.clusters.iter();
+        let runs = scene.clusters.iter().enumerate();
         let runs = runs.map(|c| Run::new(c, &given, options, backend)).collect::<Result<Vec<_>, _>>()?;
         let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
         for (i, c) in scene.clusters.iter().enumerate() {
             for &port in &c.holds {
                 let bar = scene.bars.iter().position(|b| b.holder == (i, port));
                 let open = scene.open.iter().position(|o| o.port == (i, port));
-                held[i].push(Held { port, bar, open, ..Held::default() });
+                held[i].push(Held { bar, open, ..Held::default() });
             }
         }
         let mut connected = vec![false; n];
@@ -120,26 +120,19 @@ impl<'a> Simulation<'a> {
         let respond_input = scene
             .clusters
             .iter()
-            .map(|c| {
-                c.respond.as_ref().map_or(0, |r| match r {
-                    Respond::Last(p) | Respond::Matched(p, _) => p.size(crate::ir::Array::Input),
-                })
-            })
-            .map(|k| vec![0.0; k])
+            .map(|c| vec![0.0; c.respond.as_ref().map_or(0, |r| r.program.size(crate::ir::Array::Input))])
             .collect();
         let mut s = Self {
             scene,
             options: options.clone(),
             runs,
-            beta: vec![Vec::new(); n],
-            gamma: vec![Vec::new(); n],
-            decay: vec![Vec::new(); n],
-            caution: vec![Caution::default(); n],
+            port_admittance: vec![Vec::new(); n],
+            delayed_response: vec![Vec::new(); n],
+            ar_coefficients: vec![Vec::new(); n],
             near: scene.near(),
-            pace: Pace::all(scene),
+            transitions: RateTransition::all(scene),
             next: vec![0; n],
             order: scene.order(),
-            reserve: vec![0.0; n],
             connected,
             moved: scene.clusters.iter().map(|c| vec![0.0; c.ports.len()]).collect(),
             probes: scene.probes.program.as_ref().map(|p| Look::new(p, backend)),
@@ -153,7 +146,7 @@ impl<'a> Simulation<'a> {
             probed: distinct(&scene.probes.gather),
             scratch: Scratch::new(n, held.iter().map(Vec::len).max().unwrap_or(0)),
             held,
-            ahead: Ahead::new(backend.stretches()),
+            block_execution: BlockExecution::new(backend.block_maker()),
         };
         // What is driven at a port is driven from the instant on to which it was advanced.
         for open in &scene.open {
@@ -162,7 +155,7 @@ impl<'a> Simulation<'a> {
             }
         }
         for i in s.order.clone() {
-            s.find_beta(i);
+            s.measure_port_admittance(i);
         }
         s.sample(0.0)?;
         Ok(s)
@@ -230,7 +223,7 @@ impl<'a> Simulation<'a> {
     }
 
     fn run_on(&mut self, until: f64) -> Result<(), Error> {
-        self.leap(until);
+        self.run_blocks(until);
         while let Some(at) = self.next_sample().filter(|at| *at <= until * (1.0 + 1e-12)) {
             self.meet(at)?;
             self.sample(at)?;
@@ -334,12 +327,18 @@ impl<'a> Simulation<'a> {
                 Some(_) => bar.sign * self.runs[cluster].output()[self.scene.clusters[cluster].ports[port].mean],
                 None => 0.0,
             };
-            let by_clock = self.pace[bar.holder.0].is_some();
-            if let Some(h) = self.held[bar.holder.0].iter_mut().find(|h| h.bar == Some(k)) {
+            let by_clock = self.transitions[bar.holder.0].is_some();
+            let Run { layout, ledger, .. } = &self.runs[bar.holder.0];
+            let mut held = self.held[bar.holder.0].iter_mut().zip(&layout.held);
+            if let Some((h, p)) = held.find(|(h, _)| h.bar == Some(k)) {
                 let q = bar.sign * m - std::mem::take(&mut h.ahead);
-                *(if by_clock { &mut h.got } else { &mut h.q }) += q;
+                if by_clock {
+                    h.got += q;
+                } else {
+                    ledger.set(p.q, ledger.get(p.q) + q);
+                }
                 h.rate = rate;
-                h.w += met * q;
+                ledger.set(p.w, ledger.get(p.w) + met * q);
             }
         }
     }
@@ -366,7 +365,7 @@ impl<'a> Simulation<'a> {
             }
             let run = &mut self.runs[i];
             if c.period.is_some() {
-                run.feed.latch(&mut run.input, at);
+                run.signals.latch(&mut run.input, at);
             }
             for (k, (cluster, output)) in c.foreign.iter().enumerate() {
                 let x = self.runs[*cluster].instant.work.output[*output];
@@ -435,8 +434,10 @@ impl<'a> Simulation<'a> {
 
     /// What an open port holds now: an effort, or a flow into the scene; 0 where a continuous region meets it.
     pub fn held_at(&self, open: usize) -> f64 {
-        let held = self.held.iter().flatten().find(|h| h.open == Some(open));
-        held.map_or(0.0, |h| self.scene.open[open].sign() * h.v)
+        let open = &self.scene.open[open];
+        let Run { layout, ledger, .. } = &self.runs[open.port.0];
+        let held = layout.held.iter().find(|p| p.port == open.port.1);
+        held.map_or(0.0, |p| open.sign() * ledger.get(p.v))
     }
 
     /// What a sampled cluster could give back of what it was given, J: what it stores, and what it dissipated and keeps
@@ -445,7 +446,7 @@ impl<'a> Simulation<'a> {
     /// # Panics
     /// If there is no such cluster.
     pub fn kept(&self, cluster: usize) -> f64 {
-        self.runs[cluster].books.iter().map(|b| b.stored).sum()
+        interval::stored(Real::new(), self.sampling(cluster), &self.runs[cluster].layout)
     }
 
     /// Keeps so much for the outside, J, though the tank be fuller than its cap: it was promised, and may be drawn yet.
@@ -453,7 +454,8 @@ impl<'a> Simulation<'a> {
     /// # Panics
     /// If there is no such cluster.
     pub fn reserve(&mut self, cluster: usize, energy: f64) {
-        self.reserve[cluster] = energy;
+        let Run { layout, ledger, .. } = &self.runs[cluster];
+        layout.passivity.reserve.into_iter().for_each(|at| ledger.set(at, energy));
     }
 
     /// Reports how far an open port moved in the interval that runs.
@@ -495,7 +497,7 @@ impl<'a> Simulation<'a> {
             for k in (0..c.inputs.len()).filter(|k| c.inputs[*k] == input) {
                 // A sampled cluster looks at its next sample only.
                 let past = if c.period.is_some() { now } else { run.time() };
-                run.feed.set(k, now, value, past);
+                run.signals.set(k, now, value, past);
                 run.drop_plan();
             }
         }

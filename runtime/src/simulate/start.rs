@@ -1,6 +1,6 @@
 //! What a scene starts from, for those who carry on by themselves: compiled scenes that run without this crate.
 
-use super::schedule::Simulation;
+use crate::energy::PortResponse;
 
 /// A scene at its start, its first samples taken.
 #[derive(Clone, Debug, Default)]
@@ -24,22 +24,32 @@ pub struct StartCluster {
     pub input: Vec<f64>,
     /// H of each of its regions, J.
     pub energies: Vec<f64>,
-    /// The least that each can be, J.
-    pub least: Vec<f64>,
     /// Whether samples of others concern it.
     pub connected: bool,
     /// The ports that it holds, in order.
     pub held: Vec<StartHeld>,
     /// How the answer over a period falls with what is held: a matrix of the held ports.
-    pub beta: Vec<f64>,
-    /// The same of the periods after, apart from what follows from the answers before: [`super::TERMS`] matrices.
-    pub gamma: Vec<f64>,
+    pub port_admittance: Vec<f64>,
+    /// The same of the periods after, apart from what follows from the answers before: [`crate::energy::AR_ORDER`]
+    /// matrices.
+    pub delayed_response: Vec<f64>,
     /// What the interval that runs puts at risk, J.
     pub risk: f64,
     /// The most that it ever was, J.
     pub most: f64,
-    /// What follows from them: [`super::RECURRENCE`] numbers for each held port.
-    pub decay: Vec<f64>,
+    /// What follows from them: [`crate::energy::AR_COEFFICIENTS`] numbers for each held port.
+    pub ar_coefficients: Vec<f64>,
+}
+
+impl StartCluster {
+    /// How the other sides respond to what it holds.
+    pub fn response(&self, which: PortResponse) -> &[f64] {
+        match which {
+            PortResponse::PortAdmittance => &self.port_admittance,
+            PortResponse::DelayedResponse => &self.delayed_response,
+            PortResponse::ArCoefficients => &self.ar_coefficients,
+        }
+    }
 }
 
 /// A port that a sampled cluster holds.
@@ -53,34 +63,6 @@ pub struct StartHeld {
     pub open: Option<usize>,
     /// What is held.
     pub value: f64,
-    /// What its alpha is foretold to be.
-    pub forecast: f64,
-}
-
-impl Simulation<'_> {
-    /// What it starts from, or goes on from.
-    pub fn start(&self) -> Start {
-        let cluster = |i: usize| StartCluster {
-            state: self.runs[i].state.clone(),
-            input: self.runs[i].input.clone(),
-            energies: self.runs[i].books.iter().map(|b| b.h).collect(),
-            least: self.scene.clusters[i].entries.iter().map(|e| e.least).collect(),
-            connected: self.connected[i],
-            held: self.held[i]
-                .iter()
-                .map(|h| StartHeld { port: h.port, bar: h.bar, open: h.open, value: h.v, forecast: h.forecast })
-                .collect(),
-            beta: self.beta[i].clone(),
-            gamma: self.gamma[i].clone(),
-            risk: self.caution[i].risk,
-            most: self.caution[i].most,
-            decay: self.decay[i].clone(),
-        };
-        Start {
-            clusters: (0..self.runs.len()).map(cluster).collect(),
-            order: self.order.clone(),
-            read: self.read.clone(),
-            probed: self.probed.clone(),
-        }
-    }
+    /// What its free response is predicted to be.
+    pub predicted: f64,
 }

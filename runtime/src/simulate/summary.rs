@@ -1,7 +1,9 @@
 //! What a run did, in numbers.
 
-use super::cluster::Book;
+use super::cluster::Run;
 use super::schedule::Simulation;
+use crate::energy::{Ledger, Place};
+use crate::scene::{Bar, Produced};
 use std::borrow::Cow;
 
 /// What the balance of a step is off by at most, relative, where it is said to be kept.
@@ -12,9 +14,9 @@ const KEPT_EACH: f64 = 2.0 * f64::EPSILON;
 /// Energies below this part of the scene's largest are rounding.
 const FLOOR: f64 = 1e-14;
 /// What H may be above all that was given, as a part of what was held before, where another energy keeps the balance.
-const GROWN: f64 = 0.1;
+const ENERGY_EXCESS: f64 = 0.1;
 /// What a region may owe, as a part of the energies there: that much is rounding.
-const OWED: f64 = 1e-11;
+const RELATIVE_DEBT: f64 = 1e-11;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
 /// J, and what that is a part of at least: k T in a room. Where next to nothing moves, rounding of a speed times a
@@ -55,9 +57,9 @@ pub struct Modified {
     pub relative: f64,
     /// The most, as the next one measures it, that H was above what it was at the start and what was supplied since
     /// less what was dissipated, J.
-    pub grown: f64,
+    pub energy_excess: f64,
     /// The same, as a part of the largest energy that was held until then, or given in that step.
-    pub grown_relative: f64,
+    pub relative_energy_excess: f64,
 }
 
 /// A region's ledger at one instant. Energies in J, since the start.
@@ -124,7 +126,7 @@ pub struct RegionSummary {
     pub produced: Vec<ElementEntropy>,
     /// The largest fall of entropy in a step, times the temperature there, relative to the larger of H and what is
     /// turned over; 0 where none fell.
-    pub sunk: f64,
+    pub second_law_violation: f64,
 }
 
 /// A double bar's ledger: what crossed, as each side counts it.
@@ -161,126 +163,69 @@ pub struct Summary {
     pub bars: Vec<BarSummary>,
 }
 
+/// What of a region's ledger only the verdict goes by.
+struct Doubts {
+    /// The most that a resistor gave in a step, as a part of the energy there.
+    gained: f64,
+    /// Which one gave most, and how much, below 0.
+    most_negative: (usize, f64),
+    /// The largest debt, as a part of the energies there.
+    relative_debt: f64,
+    /// What rounding may have made of a resistor's sum, J.
+    rounding: f64,
+}
+
+impl RegionSummary {
+    /// Adds why the region did not keep the promise.
+    fn judge(&self, doubts: &Doubts, reasons: &mut Vec<String>) {
+        let name = &self.name;
+        if !self.passive_stepper {
+            reasons.push(format!("`{name}` was stepped by {}, which does not keep the balance", self.stepper));
+        }
+        if !(self.h_initial.is_finite() && self.h_final.is_finite()) {
+            reasons.push(format!("H of `{name}` is not a finite number"));
+        }
+        let kept = KEPT.max(KEPT_EACH * self.states as f64);
+        if self.passive_stepper && (self.worst_step > kept || self.worst_step.is_nan()) {
+            reasons.push(format!("the balance of `{name}` was off by {:.1e} in a step", self.worst_step));
+        }
+        if let Some(m) = self.modified.filter(|m| m.relative_energy_excess > ENERGY_EXCESS) {
+            reasons.push(format!(
+                "H of `{name}` was {:.3e} J above what it had been given, {:.1e} of what it had held until then: \
+                shorter steps keep it near the modified energy",
+                m.energy_excess, m.relative_energy_excess
+            ));
+        }
+        if doubts.relative_debt > RELATIVE_DEBT {
+            reasons
+                .push(format!("`{name}` gave out up to {:.3e} J more than it stored and its tank held", self.debt_max));
+        }
+        if self.second_law_violation > KEPT {
+            reasons.push(format!("entropy fell in `{name}`"));
+        }
+        let (resistor, least) = doubts.most_negative;
+        if doubts.gained > GAIN {
+            let resistor = self.resistors.get(resistor).map_or("", |r| &r.name);
+            reasons.push(format!("`{resistor}` in `{name}` gave energy, up to {:.1e} J in a step", -least));
+        } else if let Some(r) = self.resistors.iter().find(|r| -r.energy > doubts.rounding) {
+            reasons.push(format!("`{}` in `{name}` gave {:.3e} J in all", r.name, -r.energy));
+        }
+    }
+}
+
 impl Simulation<'_> {
     /// The ledger.
     pub fn summary(&self) -> Summary {
-        let mut regions = Vec::new();
-        let mut gained = Vec::new();
-        let books: Vec<_> =
-            self.scene.clusters.iter().zip(&self.runs).map(|(c, run)| run.books_at(c, self.time)).collect();
-        let largest = books.iter().flat_map(|b| b.iter()).map(Book::largest).fold(0.0, f64::max);
-        for (r, region) in self.scene.regions.iter().enumerate() {
-            let c = &self.scene.clusters[region.cluster];
-            let run = &self.runs[region.cluster];
-            let Some(k) = c.entries.iter().position(|e| e.region == r) else { continue };
-            let (b, e) = (&books[region.cluster][k], &c.entries[k]);
-            let (control, newton_iterations) = run.kept();
-            let list = |names: &[(String, usize)], sums: &[crate::ledger::Sum]| {
-                names.iter().zip(sums).map(|(n, s)| ElementEnergy { name: n.0.clone(), energy: s.value() }).collect()
-            };
-            let floor = b.floor().max(FLOOR * largest);
-            // Beside heat, which is large, a step may give much before that is seen.
-            let rounding = run.steps as f64 * (GAIN * b.turnover_max.max(THERMAL) + ROUNDING * b.largest());
-            gained.push((b.gained.above(floor.max(THERMAL)), b.giver, b.owed, rounding));
-            regions.push(RegionSummary {
-                name: region.name.clone(),
-                kind: if region.period.is_some() { "sampled" } else { "continuous" },
-                period: region.period,
-                states: region.states,
-                stepper: c.step.name.clone(),
-                why: c.step.why.clone(),
-                order: c.step.properties.order,
-                hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
-                steps: run.steps,
-                rejected: control.map_or(0, |k| k.rejected),
-                events: control.map_or(0, |k| k.events),
-                newton_iterations,
-                h_initial: b.h_initial,
-                h_final: b.h,
-                h_max: b.h_max,
-                supplied: b.supplied.value(),
-                dissipated: b.dissipated.value(),
-                leaked: b.leaked.value(),
-                debt_max: b.debt_max,
-                tank: if region.period.is_some() { b.tank() + e.least } else { 0.0 },
-                leaps: b.leaps,
-                worst_step: b.worst.above(floor),
-                total: if b.largest() > 0.0 { b.residual.abs() / b.largest() } else { 0.0 },
-                passive_stepper: c.step.properties.passive,
-                pseudo: region.pseudo,
-                modified: e.modified.map(|_| Modified {
-                    difference: b.modified.0,
-                    max_difference: b.modified.1,
-                    relative: if b.largest() > 0.0 { b.modified.1 / b.largest() } else { 0.0 },
-                    grown: b.grown.1,
-                    grown_relative: b.grown.0,
-                }),
-                sources: list(&e.supplied, &b.sources),
-                resistors: list(&e.dissipated, &b.resistors),
-                produced: e
-                    .produced
-                    .iter()
-                    .zip(&b.produced)
-                    .map(|(p, s)| ElementEntropy { name: p.name.clone(), entropy: s.value() })
-                    .collect(),
-                sunk: b.sunk.above(floor),
-            });
-        }
-        let bars = self
-            .scene
-            .bars
-            .iter()
-            .enumerate()
-            .filter_map(|(i, bar)| {
-                let h = self.held.iter().flatten().find(|h| h.bar == Some(i))?;
-                Some(BarSummary {
-                    name: bar.name.clone(),
-                    holder: h.holder_energy.value(),
-                    other: h.other_energy.value(),
-                    difference: h.difference,
-                })
-            })
+        let runs = self.scene.clusters.iter().zip(&self.runs);
+        let ledgers: Vec<_> = runs.map(|(c, run)| run.ledger_at(c, self.time)).collect();
+        let all = self.runs.iter().zip(&ledgers).flat_map(|(run, l)| run.layout.accounts.iter().map(|p| l.largest(p)));
+        let largest = all.fold(0.0, f64::max);
+        let found: Vec<_> = (0..self.scene.regions.len())
+            .filter_map(|r| self.region(r, &ledgers[self.scene.regions[r].cluster], largest))
             .collect();
         let mut reasons: Vec<String> = self.scene.excluded.clone();
-        for (region, (gained, (giver, least), owed, rounding)) in regions.iter().zip(gained) {
-            if !region.passive_stepper {
-                reasons.push(format!(
-                    "`{}` was stepped by {}, which does not keep the balance",
-                    region.name, region.stepper
-                ));
-            }
-            if !(region.h_initial.is_finite() && region.h_final.is_finite()) {
-                reasons.push(format!("H of `{}` is not a finite number", region.name));
-            }
-            let kept = KEPT.max(KEPT_EACH * region.states as f64);
-            if region.passive_stepper && (region.worst_step > kept || region.worst_step.is_nan()) {
-                reasons
-                    .push(format!("the balance of `{}` was off by {:.1e} in a step", region.name, region.worst_step));
-            }
-            if let Some(m) = region.modified.filter(|m| m.grown_relative > GROWN) {
-                reasons.push(format!(
-                    "H of `{}` was {:.3e} J above what it had been given, {:.1e} of what it had held until then: \
-                    shorter steps keep it near the modified energy",
-                    region.name, m.grown, m.grown_relative
-                ));
-            }
-            if owed > OWED {
-                reasons.push(format!(
-                    "`{}` gave out up to {:.3e} J more than it stored and its tank held",
-                    region.name, region.debt_max
-                ));
-            }
-            if region.sunk > KEPT {
-                reasons.push(format!("entropy fell in `{}`", region.name));
-            }
-            if gained > GAIN {
-                let name = region.resistors.get(giver).map_or("", |r| &r.name);
-                reasons.push(format!("`{name}` in `{}` gave energy, up to {:.1e} J in a step", region.name, -least));
-            } else if let Some(r) = region.resistors.iter().find(|r| -r.energy > rounding) {
-                let (name, energy) = (&r.name, -r.energy);
-                reasons.push(format!("`{name}` in `{}` gave {energy:.3e} J in all", region.name));
-            }
-        }
+        found.iter().for_each(|(region, doubts)| region.judge(doubts, &mut reasons));
+        let regions: Vec<RegionSummary> = found.into_iter().map(|(region, _)| region).collect();
         let passive_ones = || regions.iter().filter(|r| r.passive_stepper);
         Summary {
             time: self.time,
@@ -288,8 +233,93 @@ impl Simulation<'_> {
             reasons,
             worst_step: passive_ones().map(|r| r.worst_step).fold(0.0, f64::max),
             total: passive_ones().map(|r| r.total).fold(0.0, f64::max),
+            bars: self.bars(),
             regions,
-            bars,
         }
+    }
+
+    /// What a region's cluster has booked of it, beside the scene's `largest` energy.
+    fn region(&self, r: usize, ledger: &Ledger, largest: f64) -> Option<(RegionSummary, Doubts)> {
+        let region = &self.scene.regions[r];
+        let (c, run) = (&self.scene.clusters[region.cluster], &self.runs[region.cluster]);
+        let k = c.entries.iter().position(|e| e.region == r)?;
+        let (p, e) = (&run.layout.accounts[k], &c.entries[k]);
+        let d = p.detail.as_ref()?;
+        let number = |at: Place| ledger.get(at);
+        let (control, newton_iterations) = run.kept();
+        let list = |names: &[(String, usize)], sums: Place| {
+            let energy = |(k, (name, _)): (usize, &(String, usize))| ElementEnergy {
+                name: name.clone(),
+                energy: ledger.sum(sums.plus(2 * k)),
+            };
+            names.iter().enumerate().map(energy).collect()
+        };
+        let entropy = |(k, x): (usize, &Produced)| ElementEntropy {
+            name: x.name.clone(),
+            entropy: ledger.sum(d.produced.plus(2 * k)),
+        };
+        let floor = ledger.floor(p).max(FLOOR * largest);
+        let part = |x: f64| if ledger.largest(p) > 0.0 { x / ledger.largest(p) } else { 0.0 };
+        let doubts = Doubts {
+            gained: ledger.error(p.gained, floor.max(THERMAL)),
+            most_negative: (number(d.most_negative_resistor) as usize, number(d.most_negative_resistor.plus(1))),
+            relative_debt: number(d.relative_debt),
+            // Beside heat, which is large, a step may give much before that is seen.
+            rounding: run.steps as f64 * (GAIN * number(p.turnover_max).max(THERMAL) + ROUNDING * ledger.largest(p)),
+        };
+        let summary = RegionSummary {
+            name: region.name.clone(),
+            kind: if region.period.is_some() { "sampled" } else { "continuous" },
+            period: region.period,
+            states: region.states,
+            stepper: c.step.name.clone(),
+            why: c.step.why.clone(),
+            order: c.step.properties.order,
+            hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
+            steps: run.steps,
+            rejected: control.map_or(0, |k| k.rejected),
+            events: control.map_or(0, |k| k.events),
+            newton_iterations,
+            h_initial: number(p.h_initial),
+            h_final: number(p.h),
+            h_max: number(p.h_max),
+            supplied: ledger.sum(p.supplied),
+            dissipated: ledger.sum(p.dissipated),
+            leaked: ledger.sum(p.leaked),
+            debt_max: number(p.debt_max),
+            tank: if region.period.is_some() { number(p.stored) - number(p.h) + e.least } else { 0.0 },
+            leaps: number(d.leaps) as u64,
+            worst_step: ledger.error(p.worst, floor),
+            total: part(number(p.residual).abs()),
+            passive_stepper: c.step.properties.passive,
+            pseudo: region.pseudo,
+            modified: e.modified.map(|_| Modified {
+                difference: number(d.modified),
+                max_difference: number(d.modified.plus(1)),
+                relative: part(number(d.modified.plus(1))),
+                energy_excess: number(d.energy_excess.plus(1)),
+                relative_energy_excess: number(d.energy_excess),
+            }),
+            sources: list(&e.supplied, d.sources),
+            resistors: list(&e.dissipated, d.resistors),
+            produced: e.produced.iter().enumerate().map(entropy).collect(),
+            second_law_violation: ledger.error(d.second_law_violation, floor),
+        };
+        Some((summary, doubts))
+    }
+
+    /// What crossed the double bars.
+    fn bars(&self) -> Vec<BarSummary> {
+        let bar = |bar: &Bar| {
+            let Run { layout, ledger, .. } = &self.runs[bar.holder.0];
+            let counts = layout.held.iter().find(|p| p.port == bar.holder.1)?.counts.as_ref()?;
+            Some(BarSummary {
+                name: bar.name.clone(),
+                holder: ledger.sum(counts.holder),
+                other: ledger.sum(counts.other),
+                difference: ledger.get(counts.difference),
+            })
+        };
+        self.scene.bars.iter().filter_map(bar).collect()
     }
 }

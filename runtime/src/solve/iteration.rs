@@ -1,6 +1,7 @@
 //! Newton's iteration, step by step, for every [`Machine`]; [`super::newton`] says what it does and why.
 
-use super::chord;
+pub mod chord;
+
 use super::norm::Weights;
 use crate::ir::{self, Knee, Unary};
 use crate::machine::{Flow, Machine, Number, Variable};

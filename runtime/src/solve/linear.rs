@@ -1,5 +1,7 @@
 //! Linear systems of a known pattern: chooses between dense and sparse elimination.
 
+pub use crate::ir::Matrix;
+
 use super::dense;
 use super::scalar::Complex;
 use super::sparse::{Numeric, Symbolic};
@@ -29,19 +31,6 @@ enum Method {
     Complex(Symbolic),
     /// Singular whatever the numbers: this row has no pivot.
     Never(usize),
-}
-
-/// What is known of the matrices of a system.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Matrix {
-    /// Each solution is with another one.
-    Changing,
-    /// Most solutions are with that of the one before, for whose factors more may be done.
-    Kept,
-    /// Each solution is with another one, and rows may say the same: what they leave undetermined is 0 then.
-    Undetermined,
-    /// Of complex numbers: of each value and of each entry of a vector first the real part, then the imaginary one.
-    Complex,
 }
 
 /// Memory for a solution.

@@ -1,6 +1,5 @@
 //! Solving systems: linear ones, dense or sparse, and Newton's method on top of them.
 
-pub mod chord;
 pub mod dense;
 pub mod iteration;
 pub mod linear;

@@ -33,8 +33,8 @@
 //!   5. `u = u - d`, then test. Of an unknown that is an exponent ([`ir::Knee`]) the update is limited: made along the
 //!      curve of argument and exponential, in a parameter that is the argument before the knee and the exponential
 //!      beyond it (Newton's method in the voltage of a junction that blocks, in the current of one that conducts;
-//!      Nagel, SPICE2, 1975): else what lies beyond would be overshot, or come back from by one unit of the exponent
-//!      at a time. `d` is what was made of it; up to an eighth of a unit it stays.
+//!      Nagel, SPICE2, 1975): else what lies beyond would be overshot, or come back from by one unit of the exponent at
+//!      a time. `d` is what was made of it; up to an eighth of a unit it stays.
 //! - Where laws may leave `undetermined` how they share a load, so may the matrix ([`super::dense::solve`]): those
 //!   unknowns stay, the residual that comes of such an update is not compared with those before, and from then on one
 //!   that is rounding, as in 2, is enough after `patience` iterations or where the matrix has no pivot: what is the
@@ -55,8 +55,8 @@
 //!   times, and where it is above `1e-28 Σ w_i (u_i² + s_i²)` the iteration goes on; above `1e-24` of it, where it was
 //!   no more than 4 times as large before.
 //!
-//! Few unknowns begin with two updates by one matrix, [`super::chord`], which mostly is all. Where the start was
-//! predicted and the iteration fails from there, it begins anew from the other start that is given.
+//! Few unknowns begin with two updates by one matrix, [`super::iteration::chord`], which mostly is all. Where the start
+//! was predicted and the iteration fails from there, it begins anew from the other start that is given.
 //!
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what
 //! it gave, and fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what

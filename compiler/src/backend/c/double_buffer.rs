@@ -1,13 +1,13 @@
 //! States that change places: an interval finds them where the one before put them, so that nothing is copied.
 
 use crate::backend::code::{Index, Memory, Place, Routine, Stmt, all};
-use crate::backend::unit::{Late, Unit};
+use crate::backend::standalone::{Late, StandaloneModule};
 use rustc_hash::FxHashMap;
 use std::ops::Range;
 
 /// The states that change places: those that wait for an interval to end well, where no statement looks at a list of
 /// numbers of which some are states and some are not.
-pub(super) fn double_buffered(unit: &Unit) -> &[Late] {
+pub(super) fn double_buffered(unit: &StandaloneModule) -> &[Late] {
     let apart = |r: &Routine| {
         let mut look = Look { routine: r, late: &unit.late, ranges: FxHashMap::default() };
         all(&r.body, &mut |s| look.statement(s))

@@ -1,7 +1,8 @@
 //! The header: what a program that uses a scene sees.
 
 use super::{Options, comment, constants};
-use crate::backend::unit::{NAMES, Unit};
+use crate::backend::code::Reason;
+use crate::backend::standalone::{NAMES, StandaloneModule};
 use std::fmt::Write;
 
 /// Of a header for C, and of one for an object.
@@ -16,7 +17,7 @@ pub fn goes_with_object(text: &str) -> Option<bool> {
 }
 
 /// The text of the `.h`.
-pub fn header(unit: &Unit, options: &Options) -> String {
+pub fn header(unit: &StandaloneModule, options: &Options) -> String {
     let p = &options.prefix;
     let upper = p.to_uppercase();
     let mut out = format!(
@@ -53,6 +54,11 @@ pub fn header(unit: &Unit, options: &Options) -> String {
     list(&mut out, "INPUT", "Signals given from outside.", unit.inputs.iter().map(|i| i.name.as_str()).collect());
     list(&mut out, "PROBE", "Probes.", unit.probes.iter().map(String::as_str).collect());
     list(&mut out, "REGION", "Regions, each with a ledger.", unit.regions.iter().map(|r| r.name.as_str()).collect());
+    let mut reasons = String::new();
+    for (k, (name, why)) in Reason::ALL.iter().enumerate() {
+        let comma = if k + 1 < Reason::ALL.len() { "," } else { "" };
+        let _ = writeln!(reasons, "    {upper}_{name} = {}{comma} /* {why} */", k + 1);
+    }
     let _ = writeln!(out, "/* What a ledger holds, J; worst and gained are parts of the energy in a step. */");
     for (i, name) in NAMES.iter().enumerate() {
         let _ = writeln!(out, "#define {upper}_LEDGER_{} {i}", name.to_uppercase());
@@ -66,9 +72,10 @@ typedef struct {p}_state {{
     {p}_real s[{}]; /* scratch: what an interval finds there it could make anew */
 {}}} {p}_state;
 
-/* Why an interval failed: an iteration came to its limit, or met equations without a solution, or a number is not finite, or
-   intervals cannot be counted any more (after 2^53 of them; single numbers end at 2^24). The scene then is as the interval found it. */
-enum {{ {upper}_DONE = 0, {upper}_NO_CONVERGENCE = 1, {upper}_SINGULAR = 2, {upper}_NOT_FINITE = 3, {upper}_CLOCK = 4 }};
+/* Why an interval failed. The scene then is as the interval found it. */
+enum {{
+    {upper}_DONE = 0,
+{reasons}}};
 
 /* Puts a scene at its start, with the first samples taken. */
 void {p}_init({p}_state *b);

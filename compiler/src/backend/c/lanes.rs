@@ -8,7 +8,7 @@ use super::Options;
 use super::print::{LaneWords, Needs, Words, wrapped};
 use crate::backend::code::{Cond, Memory, Op, Stmt, Value};
 use crate::backend::if_conversion::{LaneForm, Line, is_call};
-use crate::backend::unit::Unit;
+use crate::backend::standalone::StandaloneModule;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
@@ -29,7 +29,7 @@ impl Default for LaneOptions {
 }
 
 /// What the header says.
-pub(super) fn header(unit: &Unit, options: &Options) -> String {
+pub(super) fn header(unit: &StandaloneModule, options: &Options) -> String {
     let (p, upper) = (&options.prefix, options.prefix.to_uppercase());
     let numbers = match unit.lane_forms.iter().map(|form| Loops::of(form).room).max() {
         Some(room) => {
@@ -95,7 +95,7 @@ unsigned long {p}_lanes_size(void);
 }
 
 /// The functions.
-pub(super) fn source(unit: &Unit, options: &Options, needs: &mut Needs) -> String {
+pub(super) fn source(unit: &StandaloneModule, options: &Options, needs: &mut Needs) -> String {
     let (p, lanes) = (&options.prefix, format!("{}_LANES", options.prefix.to_uppercase()));
     let ports = unit.open.len();
     let (own, place, gather) = match ports {

@@ -11,7 +11,7 @@ pub use header::{goes_with_object, header};
 pub use source::source;
 
 use super::emitter::{Emitted, Emitter, Request};
-use super::unit::Unit;
+use super::standalone::StandaloneModule;
 
 /// C text.
 pub const EMITTER: Emitter =
@@ -75,7 +75,7 @@ fn comment(text: &str) -> String {
 }
 
 /// How many numbers of scratch the routines need, with those of [`solve`]; where the probes' begin.
-pub(super) fn scratch(unit: &Unit) -> (usize, usize) {
+pub(super) fn scratch(unit: &StandaloneModule) -> (usize, usize) {
     let of = |r: &crate::backend::code::Routine| r.scratch as usize + solve::room(r);
     let (commit, observe) = (of(&unit.commit), of(&unit.observe));
     // Nothing that is in use when the first samples are taken has to stay.

@@ -1,9 +1,9 @@
 //! A routine as a C function, statement by statement.
 
 use super::double_buffer;
-use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value, visit};
+use crate::backend::code::{Cond, Memory, Number, Op, Place, Routine, Stmt, Value, visit};
 use crate::backend::if_conversion::is_comparison;
-use crate::backend::unit::Late;
+use crate::backend::standalone::Late;
 use bond_runtime::ir::{Binary, Unary};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -180,14 +180,8 @@ impl Printer<'_> {
                 // Who runs a scene by itself reads no notes.
                 Stmt::Note(list) => list.iter().for_each(|v| self.unused(depth, *v)),
                 Stmt::Fail(reason) => {
-                    let (code, notes) = match reason {
-                        Reason::NoConvergence(_, a, b) => ("BOND_NO_CONVERGENCE", vec![*a, *b]),
-                        Reason::Singular(a) => ("BOND_SINGULAR", vec![*a]),
-                        Reason::NotFinite => ("BOND_NOT_FINITE", Vec::new()),
-                        Reason::Clock => ("BOND_CLOCK", Vec::new()),
-                    };
-                    notes.into_iter().for_each(|v| self.unused(depth, v));
-                    self.line(depth, &format!("return {code};"));
+                    reason.values().into_iter().for_each(|v| self.unused(depth, v));
+                    self.line(depth, &format!("return BOND_{};", reason.name()));
                 }
             }
         }

@@ -3,8 +3,8 @@
 use super::double_buffer::double_buffered;
 use super::print::{Needs, body, letter, memories, number};
 use super::{Options, comment, scratch, solve};
-use crate::backend::code::{Memory, Number, Routine};
-use crate::backend::unit::{Late, NAMES, Unit};
+use crate::backend::code::{Memory, Number, Reason, Routine};
+use crate::backend::standalone::{Late, NAMES, StandaloneModule};
 use std::fmt::Write;
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use std::ops::Range;
 const HELPERS: &str = include_str!("helpers.c");
 
 /// The text of the `.c`.
-pub fn source(unit: &Unit, options: &Options) -> String {
+pub fn source(unit: &StandaloneModule, options: &Options) -> String {
     let p = &options.prefix;
     let mut needs = Needs::default();
     let (after, double_buffered) = (unit.commit.systems.len(), double_buffered(unit));
@@ -46,16 +46,16 @@ pub fn source(unit: &Unit, options: &Options) -> String {
     out.push_str(
         "typedef double bond_real;\n#define BOND_M(g) g\n#define BOND_SMALL(a, b) ((bond_real)(a))\n\
          #define BOND_EXPONENT 1022\n#endif\n#define BOND_R(x) ((bond_real)(x))\n#define BOND_INFINITY ((bond_real)INFINITY)\n\
-         #define BOND_NAN ((bond_real)NAN)\n#define BOND_NO_CONVERGENCE 1\n#define BOND_SINGULAR 2\n#define BOND_NOT_FINITE 3\n#define BOND_CLOCK 4\n\n",
+         #define BOND_NAN ((bond_real)NAN)\n",
     );
     if options.prefix == "bond" {
         out = out.replace("typedef float bond_real;\n", "").replace("typedef double bond_real;\n", "");
-        for name in ["NO_CONVERGENCE", "SINGULAR", "NOT_FINITE", "CLOCK"] {
-            let start = format!("#define BOND_{name} ");
-            out = out.lines().filter(|l| !l.starts_with(&start)).fold(String::new(), |s, l| s + l + "\n");
+    } else {
+        for (k, (name, _)) in Reason::ALL.iter().enumerate() {
+            let _ = writeln!(out, "#define BOND_{name} {}", k + 1);
         }
-        out.push('\n');
     }
+    out.push('\n');
     for helper in HELPERS.split("/* -- ").skip(1) {
         if let Some((name, text)) = helper.split_once(" */\n")
             && needs.contains(name)
@@ -143,7 +143,7 @@ fn is_declaration(line: &str) -> bool {
 }
 
 /// The numbers that go from interval to interval and are written while an interval may still fail.
-fn early(unit: &Unit) -> impl Iterator<Item = Range<usize>> {
+fn early(unit: &StandaloneModule) -> impl Iterator<Item = Range<usize>> {
     let starts = std::iter::once(0).chain(unit.late.iter().map(|l| l.state.end));
     let ends = unit.late.iter().map(|l| l.state.start).chain([unit.kept]);
     starts.zip(ends).map(|(from, to)| from..to).filter(|r| !r.is_empty())
@@ -155,7 +155,7 @@ fn each(late: &[Late], f: impl Fn(usize, &Late) -> String) -> String {
 }
 
 /// Arguments: every second interval finds states where the one before put them, and puts the new ones where these were.
-fn places(unit: &Unit, double_buffered: &[Late]) -> String {
+fn places(unit: &StandaloneModule, double_buffered: &[Late]) -> String {
     each(double_buffered, |_, l| {
         let (turned, state, next) = (unit.turned, l.state.start, l.next);
         format!(", b->x + (b->x[{turned}] == 0 ? {state} : {next}), b->x + (b->x[{turned}] == 0 ? {next} : {state})")
@@ -163,7 +163,7 @@ fn places(unit: &Unit, double_buffered: &[Late]) -> String {
 }
 
 /// The public functions.
-fn interface(unit: &Unit, double_buffered: &[Late], p: &str) -> String {
+fn interface(unit: &StandaloneModule, double_buffered: &[Late], p: &str) -> String {
     let mut out = String::new();
     let states = places(unit, double_buffered);
     let saved = each(double_buffered, |_, l| {

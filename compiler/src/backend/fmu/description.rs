@@ -1,7 +1,7 @@
 //! What other tools read of a unit: `modelDescription.xml`.
 
 use super::{BOOKED, Causality, Fmu, Variable};
-use crate::backend::unit::Unit;
+use crate::backend::standalone::StandaloneModule;
 use crate::units::Dimension;
 use bond_runtime::scene::Scene;
 use quick_xml::Writer;
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::io;
 
 /// All variables, in the order of their value references, which `slave.c` knows too.
-pub(super) fn variables(scene: &Scene, unit: &Unit) -> Vec<Variable> {
+pub(super) fn variables(scene: &Scene, unit: &StandaloneModule) -> Vec<Variable> {
     let mut taken = Vec::new();
     let mut list = Vec::new();
     let mut add = |name: &str, causality, unit: Option<&str>, about: String, start| {

@@ -8,7 +8,7 @@ mod description;
 use super::c;
 use super::code::Routine;
 use super::emitter::{Archive, Emitted, Emitter, Request};
-use super::unit::Unit;
+use super::standalone::StandaloneModule;
 use bond_runtime::envelope::digest;
 use bond_runtime::scene::Scene;
 use std::fmt::Write;
@@ -76,7 +76,7 @@ struct Variable {
 /// A unit on its way.
 #[derive(Clone, Debug)]
 struct Fmu<'a> {
-    unit: &'a Unit,
+    unit: &'a StandaloneModule,
     /// A name in C.
     identifier: String,
     /// When a simulation would end, s.
@@ -87,7 +87,7 @@ struct Fmu<'a> {
 impl<'a> Fmu<'a> {
     /// Of a scene and its unit. `name` gives the identifier that files of machine code have; `stop`, s, is when a
     /// simulation ends that says nothing else.
-    fn new(scene: &Scene, unit: &'a Unit, name: &str, stop: Option<f64>) -> Self {
+    fn new(scene: &Scene, unit: &'a StandaloneModule, name: &str, stop: Option<f64>) -> Self {
         Self { unit, identifier: identifier(name), stop, variables: description::variables(scene, unit) }
     }
 

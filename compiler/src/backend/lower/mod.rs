@@ -8,7 +8,7 @@ mod eliminate;
 mod fuse;
 mod newton;
 mod options;
-mod recorder;
+pub(super) mod recorder;
 mod reroll;
 pub(super) mod writer;
 

@@ -5,15 +5,15 @@
 )]
 
 use super::functions::{self, SOLVE, TWO};
-use super::translate::{NO_CONVERGENCE, NOT_FINITE, REPORT, SINGULAR, define};
-use crate::backend::code::Routine;
-use crate::backend::unit::{self, Own};
+use super::translate::{REPORT, define};
+use crate::backend::code::{Reason, Routine};
+use crate::backend::standalone::{self, BlockConstants};
 use crate::backend::{is_large, lower};
 use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::{Array, Program, Unary};
 use bond_runtime::kernel::{Backend, Failure, Kernel, Workspace};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{self, Options, Places, Start, Stretch};
+use bond_runtime::simulate::{self, BlockRoutine, Options, Places, Start};
 use bond_runtime::solve::iteration::UNDETERMINED;
 use bond_runtime::solve::linear;
 use cranelift_codegen::settings::{self, Configurable};
@@ -87,13 +87,14 @@ impl Backend for Jit {
         }
     }
 
-    fn stretches(&self) -> Option<simulate::Maker> {
-        let make = |scene: &Scene, options: &Options, start: &Start| -> Option<Box<dyn Stretch>> {
-            let unit::Stretch { mut run, places, table } = unit::stretch(scene, options, start, false)?;
-            let own = Own { places, table, data: std::mem::take(&mut run.data) };
+    fn block_maker(&self) -> Option<simulate::BlockMaker> {
+        let make = |scene: &Scene, options: &Options, start: &Start| -> Option<Box<dyn BlockRoutine>> {
+            let standalone::BlockProgram { mut run, places, table } =
+                standalone::block_program(scene, options, start, false)?;
+            let own = BlockConstants { places, table, data: std::mem::take(&mut run.data) };
             Some(Box::new(Whole::new(Arc::new(Code::new(run)?), own)))
         };
-        Some(simulate::Maker { make: Arc::new(make), worth: WORTH_INTERVALS })
+        Some(simulate::BlockMaker { make: Arc::new(make), worth: WORTH_INTERVALS })
     }
 }
 
@@ -218,13 +219,13 @@ impl Kernel for Compiled {
         );
         work.newton_iterations += report[0] as u64;
         match i64::from(code) {
-            NO_CONVERGENCE => Err(Failure::NoConvergence {
+            Reason::NO_CONVERGENCE => Err(Failure::NoConvergence {
                 iterations: report[1] as u32,
                 unknown: report[2] as usize,
                 change: report[3],
             }),
-            SINGULAR => Err(Failure::Singular { row: report[1] as usize }),
-            NOT_FINITE => match work.check() {
+            Reason::SINGULAR => Err(Failure::Singular { row: report[1] as usize }),
+            Reason::NOT_FINITE => match work.check() {
                 Err(e) => Err(e),
                 Ok(()) => Ok(()),
             },
@@ -242,14 +243,14 @@ impl Kernel for Compiled {
 /// A scene as machine code that goes through many intervals.
 pub(super) struct Whole {
     code: Arc<Code>,
-    own: Own,
+    own: BlockConstants,
     scratch: Vec<f64>,
     systems: Vec<linear::System>,
 }
 
 impl Whole {
     /// With code and numbers that were made for it.
-    pub(super) fn new(code: Arc<Code>, own: Own) -> Self {
+    pub(super) fn new(code: Arc<Code>, own: BlockConstants) -> Self {
         let (scratch, systems) = (vec![0.0; code.scratch], code.systems.clone());
         Self { code, own, scratch, systems }
     }
@@ -276,13 +277,13 @@ impl Whole {
     }
 }
 
-impl Stretch for Whole {
+impl BlockRoutine for Whole {
     fn places(&self) -> &Places {
         &self.own.places
     }
 
     fn run(&mut self, block: &mut [f64], intervals: u64, notes: &mut [f64]) -> (u64, usize) {
-        let each: usize = self.own.places.clusters.iter().map(|c| 2 * c.steps as usize * c.books.len()).sum();
+        let each = self.own.places.notes() as usize;
         let intervals = intervals.min((notes.len() / (4 * each.max(1))) as u64);
         assert!(block.len() >= self.own.places.image.len(), "the block is as long as its image");
         let (gone, good, noted) = self.go(block, intervals, notes);

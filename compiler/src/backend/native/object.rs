@@ -3,7 +3,7 @@
 use super::functions;
 use super::translate::{Made, REPORT, define};
 use crate::backend::code::Memory;
-use crate::backend::unit::{NAMES, Unit};
+use crate::backend::standalone::{NAMES, StandaloneModule};
 use cranelift_codegen::ir::condcodes::IntCC;
 use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, StackSlotData, StackSlotKind, types};
 use cranelift_codegen::settings::{self, Configurable};
@@ -15,7 +15,7 @@ use cranelift_object::{ObjectBuilder, ObjectModule};
 ///
 /// # Errors
 /// In words: iterations too large to be written out, or a machine that is not known.
-pub fn object(unit: &Unit, prefix: &str) -> Result<Vec<u8>, String> {
+pub fn object(unit: &StandaloneModule, prefix: &str) -> Result<Vec<u8>, String> {
     if !unit.commit.systems.is_empty() || !unit.observe.systems.is_empty() {
         return Err("a step of this scene solves for more than 8 unknowns at once, which object files have no form for: take --emit c".into());
     }
@@ -40,7 +40,7 @@ pub fn object(unit: &Unit, prefix: &str) -> Result<Vec<u8>, String> {
 /// An object in the making.
 struct Writer<'a> {
     module: ObjectModule,
-    unit: &'a Unit,
+    unit: &'a StandaloneModule,
     prefix: &'a str,
 }
 

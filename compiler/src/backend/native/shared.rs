@@ -2,13 +2,13 @@
 //! data.
 
 use super::jit::{Code, Compiled, JIT, WORTH_INTERVALS, Whole};
-use crate::backend::unit::{self, Own};
+use crate::backend::standalone::{self, BlockConstants};
 use crate::backend::{is_large, lower_apart};
 use bond_runtime::interpreter::Interpreter;
 use bond_runtime::ir::Program;
 use bond_runtime::kernel::{Backend, Kernel};
 use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{Maker, Options, Places, Start, Stretch};
+use bond_runtime::simulate::{BlockMaker, BlockRoutine, Options, Places, Start};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// At most this many code shapes are known; what comes later is interpreted.
@@ -36,14 +36,19 @@ struct Known {
 type Shapes<K, V> = Mutex<Vec<(K, Option<Arc<V>>)>>;
 
 /// The code for a scene, and its own numbers.
-fn find(list: &Shapes<Vec<u8>, Known>, scene: &Scene, options: &Options, start: &Start) -> Option<(Arc<Known>, Own)> {
+fn find(
+    list: &Shapes<Vec<u8>, Known>,
+    scene: &Scene,
+    options: &Options,
+    start: &Start,
+) -> Option<(Arc<Known>, BlockConstants)> {
     let make = || {
-        let unit::Stretch { mut run, places, .. } = unit::stretch(scene, options, start, true)?;
+        let standalone::BlockProgram { mut run, places, .. } = standalone::block_program(scene, options, start, true)?;
         run.data.clear();
         Some(Known { code: Arc::new(Code::new(run)?), places })
     };
-    let known = known(list, unit::code_shape(scene, options)?, make)?;
-    let own = Own::new(scene, start, &known.places)?;
+    let known = known(list, standalone::code_shape(scene, options)?, make)?;
+    let own = BlockConstants::new(scene, start, &known.places)?;
     Some((known, own))
 }
 
@@ -96,12 +101,12 @@ impl Backend for Shared {
         }
     }
 
-    fn stretches(&self) -> Option<Maker> {
+    fn block_maker(&self) -> Option<BlockMaker> {
         let list = self.stretches.clone();
-        let make = move |scene: &Scene, options: &Options, start: &Start| -> Option<Box<dyn Stretch>> {
+        let make = move |scene: &Scene, options: &Options, start: &Start| -> Option<Box<dyn BlockRoutine>> {
             let (known, own) = find(&list, scene, options, start)?;
             Some(Box::new(Whole::new(known.code.clone(), own)))
         };
-        Some(Maker { make: Arc::new(make), worth: self.worth })
+        Some(BlockMaker { make: Arc::new(make), worth: self.worth })
     }
 }

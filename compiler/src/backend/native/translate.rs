@@ -14,15 +14,6 @@ use rustc_hash::{FxHashMap, FxHashSet};
 /// What Cranelift made, or why it could not.
 pub(super) type Made<T> = Result<T, Box<ModuleError>>;
 
-/// What a compiled function returns, besides 0 for a good end.
-pub(super) const NO_CONVERGENCE: i64 = 1;
-/// See [`NO_CONVERGENCE`].
-pub(super) const SINGULAR: i64 = 2;
-/// See [`NO_CONVERGENCE`].
-pub(super) const NOT_FINITE: i64 = 3;
-/// See [`NO_CONVERGENCE`]; only a whole scene counts intervals.
-const CLOCK: i64 = 4;
-
 /// Where in the report the size of the notes is, bytes.
 const NOTES: i32 = 32;
 /// Size of the report, bytes: iterations, three numbers of a failure, the size of the notes.
@@ -390,20 +381,15 @@ impl<M: Module> Translate<'_, '_, M> {
     }
 
     fn fail(&mut self, reason: Reason) {
-        let (code, told) = match reason {
-            Reason::NoConvergence(limit, unknown, change) => {
-                let limit = self.b.ins().f64const(f64::from(limit));
-                (NO_CONVERGENCE, vec![limit, self.of(unknown), self.of(change)])
-            }
-            Reason::Singular(row) => (SINGULAR, vec![self.of(row)]),
-            Reason::NotFinite => (NOT_FINITE, Vec::new()),
-            Reason::Clock => (CLOCK, Vec::new()),
-        };
+        let mut told: Vec<ir::Value> = reason.values().into_iter().map(|v| self.of(v)).collect();
+        if let Reason::NoConvergence(limit, ..) = reason {
+            told.insert(0, self.b.ins().f64const(f64::from(limit)));
+        }
         let report = self.params[Memory::ALL.len()];
         for (i, x) in told.into_iter().enumerate() {
             self.b.ins().store(MemFlagsData::trusted(), x, report, 8 * (i as i32 + 1));
         }
-        self.leave(code);
+        self.leave(reason.code());
     }
 
     /// The value of a value.

@@ -5,9 +5,9 @@
 
 mod print;
 
-use super::code::{Memory, Reason, Routine};
+use super::code::{Memory, Routine};
 use super::emitter::{Emitted, Emitter, Request};
-use super::unit::{NAMES, Unit};
+use super::standalone::{NAMES, StandaloneModule};
 use bond_runtime::scene::Scene;
 use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
@@ -33,16 +33,6 @@ fn emit(r: &Request<'_>) -> Result<Emitted, String> {
     Ok(Emitted::File(module, size))
 }
 
-/// Why an interval failed, as the header for C has it.
-fn code(reason: Reason) -> i32 {
-    match reason {
-        Reason::NoConvergence(..) => 1,
-        Reason::Singular(_) => 2,
-        Reason::NotFinite => 3,
-        Reason::Clock => 4,
-    }
-}
-
 /// Where things are in the memory, in bytes.
 struct Places {
     /// Constants: the state at the start, then the numbers and tables of each routine.
@@ -65,7 +55,7 @@ struct Places {
 }
 
 impl Places {
-    fn new(unit: &Unit, routines: &[&Routine]) -> Self {
+    fn new(unit: &StandaloneModule, routines: &[&Routine]) -> Self {
         let mut at = 16;
         let mut take = |n: usize| {
             let from = at;
@@ -85,7 +75,8 @@ impl Places {
         Self { start, table, data, tables, state, scratch, backup, moved, held, probed, most, gone, end: take(0) }
     }
 
-    /// The memories of a routine: of [`Unit::commit`], [`Unit::observe`] and [`Unit::run`], in this order.
+    /// The memories of a routine: of [`StandaloneModule::commit`], [`StandaloneModule::observe`] and
+    /// [`StandaloneModule::run`], in this order.
     fn of(&self, routine: usize) -> impl Fn(Memory) -> u64 + '_ {
         move |m| match m {
             Memory::State | Memory::Next => self.state,
@@ -142,7 +133,7 @@ impl Type {
 ///
 /// # Errors
 /// In words: equations too large to be written out, or code beyond what machines take.
-pub fn module(scene: &Scene, unit: &Unit) -> Result<Vec<u8>, String> {
+pub fn module(scene: &Scene, unit: &StandaloneModule) -> Result<Vec<u8>, String> {
     let routines: Vec<&Routine> = [&unit.commit, &unit.observe].into_iter().chain(&unit.run).collect();
     if routines.iter().any(|r| !r.systems.is_empty()) {
         return Err("a step of this scene solves for more than 8 unknowns at once, which modules have no form for: take --emit c and a compiler for WebAssembly".into());
@@ -223,7 +214,7 @@ pub fn module(scene: &Scene, unit: &Unit) -> Result<Vec<u8>, String> {
 }
 
 /// What is in the module, for programs that use it: the section `bond`.
-fn about(scene: &Scene, unit: &Unit) -> Value {
+fn about(scene: &Scene, unit: &StandaloneModule) -> Value {
     let ports = scene.open.iter().zip(&unit.open).map(|(o, p)| {
         let (gives, takes) = if o.takes_flow { ("e", "f") } else { ("f", "e") };
         json!({ "name": o.name, "gives": gives, "unit": o.unit, "takes": takes, "moved": o.moved, "held": p.held })
@@ -320,7 +311,7 @@ impl Writer {
     }
 
     /// What `backend/c/header.rs` declares; `inner` are the routines.
-    fn interface(&mut self, unit: &Unit, places: &Places, inner: &[u32]) {
+    fn interface(&mut self, unit: &StandaloneModule, places: &Places, inner: &[u32]) {
         let copy = |to: u64, from: u64, n: usize| {
             let [to, from, n] = [to, from, 8 * n as u64].map(|x| I::I32Const(x as i32));
             vec![to, from, n, I::MemoryCopy { src_mem: 0, dst_mem: 0 }]

@@ -176,7 +176,7 @@ impl Body<'_> {
             // Who runs a scene by itself reads neither.
             Stmt::Count(_) | Stmt::Note(_) => {}
             Stmt::Fail(reason) => {
-                self.push(I::I32Const(super::code(*reason)));
+                self.push(I::I32Const(reason.code() as i32));
                 self.push(I::Return);
             }
         }

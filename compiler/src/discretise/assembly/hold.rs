@@ -25,12 +25,10 @@ pub(crate) fn write(
     if holds.is_empty() {
         return Ok(None);
     }
-    if hold == Hold::Matched {
-        let (solves, plain) =
-            (respond(c, model, form, hold, holds, is_ray)?, respond(c, model, form, Hold::Predicted, holds, is_ray)?);
-        return Ok(Some(Respond::Matched(solves, plain)));
-    }
-    Ok(Some(Respond::Last(respond(c, model, form, hold, holds, is_ray)?)))
+    let mut program = |hold| respond(c, model, form, hold, holds, is_ray);
+    let first = program(hold)?;
+    let fallback = if hold == Hold::Matched { Some(program(Hold::Predicted)?) } else { None };
+    Ok(Some(Respond { program: first, fallback }))
 }
 
 fn respond(

@@ -13,7 +13,7 @@ use crate::discretise::equations::{discrete_gradient, newton};
 use crate::model::Model;
 use crate::structure::Form;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
-use bond_runtime::solve::chord::MAX_UNKNOWNS;
+use bond_runtime::solve::iteration::chord::MAX_UNKNOWNS;
 
 /// Longest step, in lengths of the last one, over which the last change is carried on.
 const REACH: f64 = 2.5;

@@ -1,55 +1,34 @@
-//! The numbers in which scenes of the same code shape differ, kept apart from the code, so that one routine does for
-//! all of them.
+//! Specialisation constants: the numbers in which scenes of the same code shape differ, kept apart from the code, so
+//! that one routine does for all of them.
 
-use super::programs;
 use bond_runtime::double_double::DoubleDouble;
+use bond_runtime::energy::PortResponse;
 use bond_runtime::exponential::Linear;
 use bond_runtime::ir::Program;
 use bond_runtime::scene::{Cluster, Probes, Properties, Respond, Scene, Stepper};
-use bond_runtime::simulate::{Options, Start, StartCluster};
-
-/// Which numbers of how a cluster's answer depends on what it holds; see [`StartCluster`].
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Answer {
-    Beta,
-    Gamma,
-    Decay,
-}
-
-impl Answer {
-    const ALL: [Answer; 3] = [Answer::Beta, Answer::Gamma, Answer::Decay];
-
-    /// All of them, of a cluster.
-    pub(super) fn of(self, start: &StartCluster) -> &[f64] {
-        match self {
-            Answer::Beta => &start.beta,
-            Answer::Gamma => &start.gamma,
-            Answer::Decay => &start.decay,
-        }
-    }
-}
+use bond_runtime::simulate::{Options, Start};
 
 /// The numbers of a scene that are in `Memory::Data`, and where.
-pub(super) struct Apart<'a> {
+pub(super) struct SpecialisationConstants<'a> {
     /// All of them, in order.
     pub(super) data: Vec<f64>,
     programs: Vec<(&'a Program, u32)>,
     /// By cluster.
-    answers: Vec<[u32; 3]>,
+    responses: Vec<[u32; 3]>,
 }
 
-impl<'a> Apart<'a> {
+impl<'a> SpecialisationConstants<'a> {
     /// Those of a scene.
     pub(super) fn new(scene: &'a Scene, start: &Start) -> Self {
-        let mut it = Self { data: Vec::new(), programs: Vec::new(), answers: Vec::new() };
+        let mut it = Self { data: Vec::new(), programs: Vec::new(), responses: Vec::new() };
         for (c, s) in scene.clusters.iter().zip(&start.clusters) {
             for program in of(c) {
                 it.programs.push((program, it.data.len() as u32));
                 it.data.extend(program.numbers().into_iter().map(|n| n.1));
             }
-            it.answers.push(Answer::ALL.map(|which| {
+            it.responses.push(PortResponse::ALL.map(|which| {
                 let at = it.data.len() as u32;
-                it.data.extend(which.of(s));
+                it.data.extend(s.response(which));
                 at
             }));
         }
@@ -62,14 +41,14 @@ impl<'a> Apart<'a> {
     }
 
     /// Where those of a cluster's answer begin.
-    pub(super) fn answer(&self, cluster: usize, which: Answer) -> u32 {
-        self.answers[cluster][which as usize]
+    pub(super) fn response(&self, cluster: usize, which: PortResponse) -> u32 {
+        self.responses[cluster][which as usize]
     }
 }
 
 /// The programs of a cluster that a routine is made of.
 fn of(c: &Cluster) -> impl Iterator<Item = &Program> {
-    let respond = c.respond.iter().map(programs).flat_map(|(p, q)| [Some(p), q]).flatten();
+    let respond = c.respond.iter().flat_map(Respond::programs);
     [&c.step.program, &c.instant].into_iter().chain(respond)
 }
 
@@ -86,10 +65,9 @@ pub fn code_shape(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
         c.fastest_period = None;
         c.instant = c.instant.code_shape();
         c.entries.iter_mut().for_each(|e| (e.floor, e.least) = (0.0, f64::from(u8::from(e.least != 0.0))));
-        match &mut c.respond {
-            Some(Respond::Last(p)) => *p = p.code_shape(),
-            Some(Respond::Matched(p, q)) => [p, q].into_iter().for_each(|p| *p = p.code_shape()),
-            None => {}
+        if let Some(r) = &mut c.respond {
+            r.program = r.program.code_shape();
+            r.fallback.iter_mut().for_each(|p| *p = p.code_shape());
         }
         c.step.why = "".into();
         // Where there is another stepper to fall back on, there is no routine.

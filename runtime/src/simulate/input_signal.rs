@@ -19,11 +19,11 @@ struct Piece {
 
 /// What a signal is over time. Before the first instant it is what it is there, after the last one too.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Course {
+pub struct InputSignal {
     pieces: Vec<Piece>,
 }
 
-/// Why instants and values are no course.
+/// Why instants and values are no signal.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum Unfit {
     /// There is no row.
@@ -53,7 +53,7 @@ fn slope((at, value): (f64, f64), (t, x): (f64, f64)) -> f64 {
     (0.5 * x - 0.5 * value) / (0.5 * t - 0.5 * at)
 }
 
-impl Course {
+impl InputSignal {
     /// The same at all times.
     pub fn constant(value: f64) -> Self {
         Self { pieces: vec![Piece { at: 0.0, value, slope: 0.0 }] }
@@ -133,64 +133,64 @@ impl Course {
 
 /// How the signals that a cluster reads come to its programs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Feed {
+pub(super) struct ClusterInputs {
     /// First input slot.
     at: usize,
-    courses: Vec<Course>,
+    signals: Vec<InputSignal>,
 }
 
-impl Feed {
+impl ClusterInputs {
     /// The defaults.
-    pub(super) fn new(c: &Cluster, all: &[Course]) -> Self {
-        let courses = c.inputs.iter().filter_map(|i| all.get(*i).cloned()).collect();
-        Self { at: c.given_at(), courses }
+    pub(super) fn new(c: &Cluster, all: &[InputSignal]) -> Self {
+        let signals = c.inputs.iter().filter_map(|i| all.get(*i).cloned()).collect();
+        Self { at: c.given_at(), signals }
     }
 
     /// Whether it feeds as many signals into the same slots, from tables that have rows.
     pub(super) fn alike(&self, other: &Self) -> bool {
         self.at == other.at
-            && self.courses.len() == other.courses.len()
-            && self.courses.iter().all(|c| !c.pieces.is_empty())
+            && self.signals.len() == other.signals.len()
+            && self.signals.iter().all(|c| !c.pieces.is_empty())
     }
 
-    /// Sets a course from now on; the cluster itself has come as far as `past`.
+    /// Sets a signal from now on; the cluster itself has come as far as `past`.
     pub(super) fn set(&mut self, k: usize, now: f64, value: f64, past: f64) {
-        self.courses[k].set(now, value, past);
+        self.signals[k].set(now, value, past);
     }
 
     /// Whether all signals are the same from an instant on.
     pub(super) fn is_settled(&self, t: f64) -> bool {
-        self.courses.iter().all(|c| c.is_settled(t))
+        self.signals.iter().all(|c| c.is_settled(t))
     }
 
     /// The end of the piece of time from `t` on over which each of the signals changes evenly, if it lies before `end`.
     #[inline]
     pub(super) fn cut(&self, t: f64, end: f64) -> Option<f64> {
-        if self.courses.is_empty() {
+        if self.signals.is_empty() {
             return None;
         }
         let slack = slack(t, end);
-        let next = self.courses.iter().filter_map(|c| c.next(t, slack)).min_by(f64::total_cmp)?;
+        let next = self.signals.iter().filter_map(|c| c.next(t, slack)).min_by(f64::total_cmp)?;
         (next < end - slack).then_some(next)
     }
 
     /// Tells the programs what holds from `t` to `end`, between which no piece begins.
     #[inline]
     pub(super) fn aim(&self, input: &mut [f64], t: f64, end: f64) {
-        if self.courses.is_empty() {
+        if self.signals.is_empty() {
             return;
         }
         let middle = t + 0.5 * (end - t);
-        for (slots, course) in input[self.at..].chunks_exact_mut(GIVEN).zip(&self.courses) {
-            let p = course.piece(middle.max(t + slack(t, end)));
+        for (slots, signal) in input[self.at..].chunks_exact_mut(GIVEN).zip(&self.signals) {
+            let p = signal.piece(middle.max(t + slack(t, end)));
             slots.copy_from_slice(&[p.value, p.slope, p.at]);
         }
     }
 
     /// Tells the programs what is at an instant, and holds from then on.
     pub(super) fn latch(&self, input: &mut [f64], t: f64) {
-        for (slots, course) in input[self.at..].chunks_exact_mut(GIVEN).zip(&self.courses) {
-            slots.copy_from_slice(&[course.value(t), 0.0, t]);
+        for (slots, signal) in input[self.at..].chunks_exact_mut(GIVEN).zip(&self.signals) {
+            slots.copy_from_slice(&[signal.value(t), 0.0, t]);
         }
     }
 }
@@ -208,8 +208,8 @@ mod tests {
     #[test]
     fn linear_and_held() -> Result<(), Unfit> {
         let (t, x) = ([1.0, 2.0, 4.0], [10.0, 20.0, 0.0]);
-        let linear = Course::table(&t, &x, false)?;
-        let held = Course::table(&t, &x, true)?;
+        let linear = InputSignal::table(&t, &x, false)?;
+        let held = InputSignal::table(&t, &x, true)?;
         let cases = [
             (0.0, 10.0, 10.0),
             (1.0, 10.0, 10.0),
@@ -227,32 +227,32 @@ mod tests {
     /// Numbers so large that their difference is none are met halfway all the same.
     #[test]
     fn far_rows() -> Result<(), Unfit> {
-        let far = Course::table(&[-1e308, 1e308], &[1.0, 3.0], false)?;
+        let far = InputSignal::table(&[-1e308, 1e308], &[1.0, 3.0], false)?;
         assert_eq!(far.value(0.0), 2.0);
-        let large = Course::table(&[0.0, 2.0], &[-1.5e308, 1.5e308], false)?;
+        let large = InputSignal::table(&[0.0, 2.0], &[-1.5e308, 1.5e308], false)?;
         assert_eq!((large.value(1.0), large.value(2.0)), (0.0, 1.5e308));
-        assert_eq!(Course::table(&[0.0, 1e-3], &[0.0, 1e308], false), Err(Unfit::Steep(0)));
-        assert!(Course::table(&[0.0, 1e-3], &[0.0, 1e308], true).is_ok());
+        assert_eq!(InputSignal::table(&[0.0, 1e-3], &[0.0, 1e308], false), Err(Unfit::Steep(0)));
+        assert!(InputSignal::table(&[0.0, 1e-3], &[0.0, 1e308], true).is_ok());
         Ok(())
     }
 
     #[test]
     fn what_is_no_table_is_refused() {
-        assert_eq!(Course::table(&[], &[], false), Err(Unfit::Empty));
-        assert_eq!(Course::table(&[0.0], &[], false), Err(Unfit::Lengths(1, 0)));
-        assert_eq!(Course::table(&[0.0, 0.0], &[1.0, 2.0], false), Err(Unfit::Order(1)));
-        assert_eq!(Course::table(&[0.0, 1.0], &[1.0, f64::NAN], true), Err(Unfit::NotFinite(1)));
+        assert_eq!(InputSignal::table(&[], &[], false), Err(Unfit::Empty));
+        assert_eq!(InputSignal::table(&[0.0], &[], false), Err(Unfit::Lengths(1, 0)));
+        assert_eq!(InputSignal::table(&[0.0, 0.0], &[1.0, 2.0], false), Err(Unfit::Order(1)));
+        assert_eq!(InputSignal::table(&[0.0, 1.0], &[1.0, f64::NAN], true), Err(Unfit::NotFinite(1)));
     }
 
     #[test]
     fn a_value_set_now_leaves_what_was() {
-        let mut course = Course::constant(1.0);
+        let mut signal = InputSignal::constant(1.0);
         for k in 1..1000 {
             let now = f64::from(k) * 0.1;
-            course.set(now, f64::from(k), now - 0.25);
-            assert_eq!(course.value(now - 0.05), f64::from(k - 1).max(1.0));
-            assert_eq!(course.value(now + 5.0), f64::from(k));
+            signal.set(now, f64::from(k), now - 0.25);
+            assert_eq!(signal.value(now - 0.05), f64::from(k - 1).max(1.0));
+            assert_eq!(signal.value(now + 5.0), f64::from(k));
         }
-        assert!(course.pieces.len() <= PIECES + 1);
+        assert!(signal.pieces.len() <= PIECES + 1);
     }
 }

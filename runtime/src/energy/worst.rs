@@ -9,16 +9,13 @@ const BINS: usize = 32;
 /// The largest of `error / max(scale, floor)`; the floor never falls, and is known for good when the largest is asked
 /// for.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(super) struct Worst {
+pub(crate) struct Worst {
     /// The binary exponent of the floor so far.
     low: i32,
     /// The largest error at a scale below that.
     below: f64,
     /// By the exponent of the scale above `low`: the largest error, and the largest relative one.
     bins: [(f64, f64); BINS],
-    /// Error and relative error of two that were added: the largest by either. What is at most one of them by both adds
-    /// nothing, whatever the floor will be.
-    pub(super) tops: [(f64, f64); 2],
 }
 
 /// The exponent of a number that is not below 0; that of 0 and the subnormal ones is 0.
@@ -27,24 +24,8 @@ fn exponent(x: f64) -> i32 {
 }
 
 impl Worst {
-    /// Adds an error, 0 or above.
-    #[inline]
+    /// Adds an error, 0 or above. One that is at most another by itself and beside its scale may be left out.
     pub(super) fn add(&mut self, error: f64, scale: f64, floor: f64) {
-        if self.tops.iter().any(|(e, r)| error <= *e && error <= r * scale) {
-            return;
-        }
-        let relative = if error > 0.0 { error / scale } else { 0.0 };
-        if error > self.tops[0].0 {
-            self.tops[0] = (error, relative);
-        }
-        if relative > self.tops[1].1 {
-            self.tops[1] = (error, relative);
-        }
-        self.put(error, scale, floor);
-    }
-
-    /// Adds an error that is not below those on top.
-    pub(super) fn put(&mut self, error: f64, scale: f64, floor: f64) {
         let low = exponent(floor);
         if low > self.low {
             let gone = ((low - self.low) as usize).min(BINS);

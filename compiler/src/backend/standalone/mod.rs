@@ -6,35 +6,35 @@
 //! tables of inputs, ledgers of single elements, outsides that are silent. Steps that neither meet the samples nor are
 //! concerned by them are laid between them.
 
-mod apart;
 mod block;
-mod ledger;
-mod more;
+mod block_program;
+mod memory;
 mod places;
 mod sample;
 mod scalar_promotion;
+mod specialisation;
 mod step;
-mod stretch;
 
 use super::code::{Cond, Memory, Place, Reason, Routine, Stmt, Value, size};
 use super::if_conversion::{ConversionOptions, LaneForm, lane_forms};
 use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
-use apart::{Answer, Apart};
 use block::Block;
+use bond_runtime::energy::PortResponse;
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Program};
-use bond_runtime::scene::{GIVEN, Respond, Scene};
+use bond_runtime::scene::{GIVEN, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start, paced};
 use places::Cluster;
 use scalar_promotion::{Promoted, Uses, promote};
+use specialisation::SpecialisationConstants;
 use std::collections::BTreeSet;
 use std::ops::Range;
 
 /// A scene ready to be printed as a program of its own.
 #[derive(Clone, Debug)]
-pub struct Unit {
+pub struct StandaloneModule {
     /// The model's name.
     pub name: String,
     /// Length of an interval, s: the longest time of which all periods are multiples, or the step where nothing is
@@ -108,7 +108,7 @@ pub struct Given {
 pub struct Region {
     /// Its name.
     pub name: String,
-    /// Where its ledger begins: in the order of [`ledger::NAMES`].
+    /// Where its ledger begins: in the order of [`NAMES`].
     pub at: usize,
 }
 
@@ -121,15 +121,15 @@ pub struct Late {
     pub next: usize,
 }
 
-pub use apart::code_shape;
-pub use ledger::NAMES;
-pub use stretch::{Own, Stretch, stretch};
+pub use block_program::{BlockConstants, BlockProgram, block_program};
+pub use bond_runtime::energy::ACCOUNT as NAMES;
+pub use specialisation::code_shape;
 
 /// The unit of a scene, at fixed steps.
 ///
 /// # Errors
 /// In words: what of the scene has no form as a unit, and what to do about it.
-pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
+pub fn module(scene: &Scene, options: &Options) -> Result<StandaloneModule, String> {
     if options.tolerance.is_some() && scene.clusters.iter().any(|c| c.period.is_none() && c.step.linear.is_none()) {
         return Err("a compiled scene takes fixed steps: give one with --step, or in the model's `simulate`".into());
     }
@@ -148,7 +148,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
     let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
     let lane_forms = if whole { lane_forms(&commit, ConversionOptions::default()) } else { Vec::new() };
-    Ok(Unit {
+    Ok(StandaloneModule {
         name: scene.name.clone(),
         interval: plan.interval,
         image: unit.block.image,
@@ -173,7 +173,7 @@ pub fn unit(scene: &Scene, options: &Options) -> Result<Unit, String> {
 /// Routines with more statements than this look into the block: a compiler would not keep so much elsewhere.
 const LARGEST: usize = 20_000;
 
-/// See [`Unit`].
+/// See [`StandaloneModule`].
 struct Routines {
     commit: Routine,
     whole: bool,
@@ -293,7 +293,7 @@ struct Writing<'a> {
     /// Whether all is kept that `bond_runtime::simulate` keeps, for a run within this program.
     full: bool,
     /// Numbers that do not stand in the code.
-    apart: Option<Apart<'a>>,
+    constants: Option<SpecialisationConstants<'a>>,
     clusters: Vec<Cluster>,
     block: Block,
     kept: usize,
@@ -309,7 +309,7 @@ impl<'a> Writing<'a> {
         start: &'a Start,
         plan: &'a Plan,
         full: bool,
-        apart: Option<Apart<'a>>,
+        constants: Option<SpecialisationConstants<'a>>,
     ) -> Result<Self, String> {
         let mut block = Block::default();
         let time = block.take(2); // and how many intervals are over
@@ -325,7 +325,7 @@ impl<'a> Writing<'a> {
             given,
             means,
             full,
-            apart,
+            constants,
             clusters,
             block,
             kept: 0,
@@ -341,7 +341,7 @@ impl Writing<'_> {
     /// Gives everything its place.
     fn lay_out(&mut self) -> Result<(), String> {
         for (i, (c, s)) in self.scene.clusters.iter().zip(&self.start.clusters).enumerate() {
-            let mut place = Cluster::new(&mut self.block, c, s, self.full);
+            let mut place = Cluster::new(&mut self.block, (i, c), s, self.full);
             if let Some(linear) = &c.step.linear {
                 place.table = self.table.len();
                 let table = exponential::table(linear, self.plan.steps[i].h).map_err(|e| e.to_string())?;
@@ -364,8 +364,8 @@ impl Writing<'_> {
         add(self.given, self.scene.inputs.len());
         add(self.means, self.scene.open.len());
         for place in &self.clusters {
-            place.held.iter().for_each(|h| add(h.v, 1));
-            place.books.iter().for_each(|at| add(*at, NAMES.len()));
+            place.layout.held.iter().for_each(|h| add(place.at(h.v), 1));
+            place.layout.accounts.iter().for_each(|p| add(place.at(p.first), NAMES.len()));
         }
         list
     }
@@ -409,8 +409,8 @@ impl Writing<'_> {
     /// What an interval's end and the next one's begin do.
     fn commit(&mut self) -> Result<Writer, String> {
         let mut w = Writer::new();
-        if let Some(apart) = &self.apart {
-            w.data.clone_from(&apart.data);
+        if let Some(constants) = &self.constants {
+            w.data.clone_from(&constants.data);
         }
         let zero = w.number(0.0);
         for (o, open) in self.scene.open.iter().enumerate() {
@@ -429,10 +429,11 @@ impl Writing<'_> {
                 w.keep(place.moved + port, zero);
             } else if let Some(k) = self.start.clusters[cluster].held.iter().position(|h| h.open == Some(o)) {
                 // A period may be several intervals.
-                let (before, sign) = (w.kept(place.held[k].q), w.number(open.sign()));
+                let at = place.at(place.layout.held[k].q);
+                let (before, sign) = (w.kept(at), w.number(open.sign()));
                 let more = w.mul(sign, x);
                 let sum = w.add(before, more);
-                w.keep(place.held[k].q, sum);
+                w.keep(at, sum);
             }
         }
         for i in (0..self.clusters.len()).filter(|i| self.scene.clusters[*i].period.is_none()) {
@@ -544,17 +545,19 @@ impl Writing<'_> {
         let s = |at: usize| (Memory::State, at as u32);
         let table = self.clusters.iter().find(|c| c.state == state && c.next == next).map_or(0, |c| c.table);
         let places = [s(state), s(next), s(input), (Memory::Table, table as u32), (Memory::Scratch, 0), s(output)];
-        let numbers =
-            self.apart.as_ref().map(|apart| apart.program(program).ok_or("a program of none of its clusters"));
+        let numbers = self
+            .constants
+            .as_ref()
+            .map(|constants| constants.program(program).ok_or("a program of none of its clusters"));
         write(w, program, places, numbers.transpose()?)
             .ok_or_else(|| format!("`{of}` has iterations inside iterations, which have no compiled form"))
     }
 
-    /// A number of how a cluster's answer depends on what it holds.
-    fn answer(&self, w: &mut Writer, i: usize, which: Answer, k: usize) -> Value {
-        match &self.apart {
-            Some(apart) => w.load(Place::new(Memory::Data, apart.answer(i, which) + k as u32)),
-            None => w.number(which.of(&self.start.clusters[i])[k]),
+    /// A number of how the other sides respond to what a cluster holds.
+    fn response(&self, w: &mut Writer, i: usize, which: PortResponse, k: usize) -> Value {
+        match &self.constants {
+            Some(constants) => w.load(Place::new(Memory::Data, constants.response(i, which) + k as u32)),
+            None => w.number(self.start.clusters[i].response(which)[k]),
         }
     }
 
@@ -563,15 +566,18 @@ impl Writing<'_> {
         let (cluster, port) = open.port;
         let held = self.start.clusters[cluster].held.iter().position(|h| h.port == port);
         let (at, sign) = match held {
-            Some(k) => (self.clusters[cluster].held[k].v, open.sign()),
+            Some(k) => (self.clusters[cluster].at(self.clusters[cluster].layout.held[k].v), open.sign()),
             None => (self.means + o, open.answers),
         };
         Open { name: open.name.clone(), held: held.is_some(), at, sign }
     }
 
     fn regions(&self) -> Vec<Region> {
-        let books = self.scene.clusters.iter().zip(&self.clusters).flat_map(|(c, p)| c.entries.iter().zip(&p.books));
-        let mut list: Vec<(usize, usize)> = books.map(|(e, at)| (e.region, *at)).collect();
+        let clusters = self.scene.clusters.iter().zip(&self.clusters);
+        let accounts = clusters.flat_map(|(c, place)| {
+            c.entries.iter().zip(&place.layout.accounts).map(|(e, p)| (e.region, place.at(p.first)))
+        });
+        let mut list: Vec<(usize, usize)> = accounts.collect();
         list.sort_unstable();
         list.into_iter().map(|(r, at)| Region { name: self.scene.regions[r].name.clone(), at }).collect()
     }
@@ -602,13 +608,5 @@ impl Writer {
     fn larger(&mut self, a: Value, b: Value) -> Value {
         let more = self.lt(a, b);
         self.select(more, b, a)
-    }
-}
-
-/// Whether a hold is matched, and its programs.
-fn programs(respond: &Respond) -> (&Program, Option<&Program>) {
-    match respond {
-        Respond::Last(p) => (p, None),
-        Respond::Matched(p, q) => (p, Some(q)),
     }
 }

@@ -63,7 +63,7 @@ impl Writing<'_> {
         } else {
             keep(&mut w, place.state..place.state + n, place.next);
         }
-        self.book(&mut w, i);
+        self.book_step(&mut w, i);
         for (k, p) in c.ports.iter().enumerate() {
             let (mean, before) = (w.kept(place.output + p.mean), w.kept(place.moved + k));
             let more = w.mul(length, mean);

@@ -21,7 +21,7 @@
 //!    derivative counts, most so where the second is 0 by chance: so it is done where `|e / d| (|e / d| + |d / z|) |e|`
 //!    is at most an eighth of `left z`, and `|e| <= 1e-11 z`: where a law has a corner none of this is so.
 //! 4. Else, with `|v| = Σ |v_i| / z_i`, where `10 |e| <= |d|` or rounding alone seems to be left, `|e| <= 1e-12`, the
-//!    iteration of [`super::newton`] goes on from `u - e` as after one that made the update `e`.
+//!    iteration of [`crate::solve::newton`] goes on from `u - e` as after one that made the update `e`.
 //! 5. Else it begins anew from the start that was given apart from a predicted one; where there is none, it goes on
 //!    from `u`, as after an iteration that made the update `d`, unless an exponential of an unknown may have taken that
 //!    too far ([`ir::Newton::knees`]). Where `|d|` is not finite it begins anew in any case.
@@ -35,7 +35,7 @@
 //!
 //! Counted is one iteration.
 
-use super::iteration::{DONE, Equations, Iteration, either};
+use super::{DONE, Equations, Iteration, either};
 use crate::ir;
 use crate::machine::{Exit, Flow, Machine, Number, Variable};
 use crate::options::{ChordOptions, NewtonOptions};

@@ -1,0 +1,249 @@
+//! What a sampled cluster knows of its other sides, and how far it may go in what it holds.
+//!
+//! Over an interval the other side of a held port answers `q = a - Y v`: `v` is what is held, `Y` the port admittance
+//! (the step response over one interval), and `a` the free response, which is what it does by itself.
+
+use super::PortResponse::{ArCoefficients, DelayedResponse, PortAdmittance};
+use super::{
+    AR_COEFFICIENTS, AR_ORDER, HeldPlaces, Layout, Memory, Place, Responses, interval, larger, positive, smaller,
+};
+use crate::ir::Unary;
+use crate::machine::{Machine, Number, Variable};
+
+/// What of the worst that a prediction was off by lately still counts after an interval: it is forgotten in some ten.
+const FORGET: f64 = 0.9;
+
+/// A sampled cluster and its places.
+#[derive(Clone, Copy)]
+pub struct Holder<'l> {
+    /// The cluster.
+    pub cluster: usize,
+    /// Its places.
+    pub layout: &'l Layout,
+}
+
+impl Holder<'_> {
+    fn ports(&self) -> usize {
+        self.layout.held.len()
+    }
+
+    /// One of the numbers that predict a port's free response.
+    fn ar<M: Machine, K: Responses<M>>(&self, k: K, port: usize, at: usize) -> M::Number {
+        k.response(self.cluster, ArCoefficients, port * AR_COEFFICIENTS + at)
+    }
+
+    /// How far the other side gives way at a held port where this is held: a row of `Y v`.
+    pub fn yielded<M: Machine, K: Responses<M>>(
+        &self,
+        m: M,
+        k: K,
+        port: usize,
+        held: impl Iterator<Item = M::Number>,
+    ) -> M::Number {
+        let row = port * self.ports();
+        held.enumerate().fold(m.number(-0.0), |sum, (j, v)| sum + k.response(self.cluster, PortAdmittance, row + j) * v)
+    }
+
+    /// The same for what was held over the interval that ends.
+    pub fn yielded_now<M: Machine, K: Responses<M>>(&self, m: M, k: K, port: usize) -> M::Number {
+        self.yielded(m, k, port, self.layout.held.iter().map(|h| k.load(h.v)))
+    }
+
+    /// What the free response of a port in the next interval is predicted to be, from the samples alone: by the
+    /// autoregressive model of what the other side has in it, from one interval to the next. From where enough
+    /// intervals are known it is a model of the changes, so that a constant push drops out; what was held before has
+    /// its own effect. Before there are enough intervals no push is known, and at first no motion but the last.
+    pub fn predicted<M: Machine, K: Responses<M>>(&self, m: M, k: K, port: usize) -> M::Number {
+        let (h, n) = (&self.layout.held[port], self.ports());
+        let known = k.ar_order(self.cluster, port);
+        let weight = |p: usize| self.ar(k, port, p);
+        let order = self.ar(k, port, AR_ORDER + 1);
+        let counts = |p: usize| match known {
+            Some(_) => m.known(true),
+            None => m.number(p as f64).below(order),
+        };
+        // What that which was held will do, by the interval it was held in, or what its changes will.
+        let effect = |p: usize, changes: bool| {
+            let held = self.layout.held.iter().enumerate();
+            held.fold(m.number(-0.0), |sum, (j, h)| {
+                let mut x = k.load(h.before.plus(p));
+                if changes {
+                    x = x - k.load(h.before.plus(p + 1));
+                }
+                sum + k.response(self.cluster, DelayedResponse, (p * n + port) * n + j) * x
+            })
+        };
+        let free = |p: usize| k.load(h.free_response.plus(p));
+        let (zero, intervals, last) = (m.number(0.0), k.load(h.intervals), free(0));
+        let first = effect(0, false);
+        let mut plain = (weight(0) * last, first);
+        let mut later = (last + weight(0) * (last - free(1)), effect(0, true));
+        for p in 1..known.unwrap_or(AR_ORDER) {
+            let counts = counts(p);
+            for (sums, x, changes) in [(&mut plain, free(p), false), (&mut later, free(p) - free(p + 1), true)] {
+                let more = (sums.0 + weight(p) * x, sums.1 + effect(p, changes));
+                *sums = (m.select(counts.clone(), more.0, sums.0), m.select(counts.clone(), more.1, sums.1));
+            }
+        }
+        let mut some = m.select(intervals.equals(order), plain.0 - plain.1, later.0 - later.1);
+        if known != Some(1) {
+            let crude = weight(AR_ORDER) * last - first;
+            some = m.select(intervals.below(order), crude, some);
+        }
+        m.select(intervals.equals(zero), zero, some)
+    }
+
+    /// What the predicted free response may be off by: what predictions were off by lately, and while they do not know
+    /// enough of the motion, the part of the last one that does not outlast an interval.
+    pub fn doubt<M: Machine, K: Responses<M>>(&self, m: M, k: K, port: usize) -> M::Number {
+        let h = &self.layout.held[port];
+        let off = k.load(h.off);
+        if k.ar_order(self.cluster, port) == Some(1) {
+            return off; // before the first interval, the free response is 0
+        }
+        let left = m.number(1.0) - self.ar(k, port, AR_ORDER);
+        let more = off + left * k.load(h.free_response).abs();
+        m.select(k.load(h.intervals).below(self.ar(k, port, AR_ORDER + 1)), more, off)
+    }
+
+    /// Looks what the last prediction was off by; `intervals` were over when it was made. Predictions count from so
+    /// many intervals on, for before they cannot know.
+    pub fn review<M: Machine, K: Responses<M>>(
+        &self,
+        m: M,
+        k: K,
+        port: usize,
+        (free_response, intervals): (M::Number, M::Number),
+    ) {
+        let h = &self.layout.held[port];
+        let last = m.number(FORGET) * k.load(h.off);
+        let error = (free_response - k.load(h.predicted)).abs();
+        let worse = self.ar(k, port, AR_ORDER + 2).below(intervals) & last.below(error);
+        k.store(h.off, m.select(worse, error, last));
+    }
+
+    /// Ends an interval: what is known now of the other side of a port.
+    pub fn learn<M: Machine, K: Responses<M>>(&self, m: M, k: K, port: usize) {
+        let h = &self.layout.held[port];
+        let free_response = k.load(h.q) + self.yielded_now(m, k, port);
+        self.review(m, k, port, (free_response, k.load(h.intervals)));
+        note(m, k, h, free_response, k.load(h.v));
+        k.store(h.last_q, k.load(h.q));
+    }
+
+    /// Scales held variables down to the energy budget: to what the cluster has to give, and what its sources are
+    /// `foreseen` to put in, where each free response may be off by `doubt`; and to what it is trusted with.
+    pub fn within_budget<M: Machine, K: Responses<M>>(
+        &self,
+        m: M,
+        k: K,
+        v: &mut [M::Number],
+        (free_response, doubt): (&[M::Number], &[M::Number]),
+        foreseen: M::Number,
+    ) {
+        let stored = interval::stored(m, k, self.layout);
+        let room = stored - interval::noise(m, k, self.layout) + positive(m, foreseen);
+        let room = positive(m, room);
+        self.keep_within(m, k, v, free_response, None, room);
+        self.keep_within(m, k, v, free_response, Some(doubt), m.number(2.0) * room);
+        self.restrain(m, k, v, (free_response, doubt), stored);
+    }
+
+    /// Scales held variables down until the energy that the interval is predicted to give back is at most `room`, and
+    /// be each free response off by `doubt` of what it is predicted to be, against what is held.
+    ///
+    /// The energy in is v (a - Y v), concave along the ray of v, and 0 at its start.
+    fn keep_within<M: Machine, K: Responses<M>>(
+        &self,
+        m: M,
+        k: K,
+        v: &mut [M::Number],
+        free_response: &[M::Number],
+        doubt: Option<&[M::Number]>,
+        room: M::Number,
+    ) {
+        let nothing = m.number(-0.0);
+        let mut a = v.iter().zip(free_response).fold(nothing, |sum, (v, a)| sum + *v * *a);
+        if let Some(doubt) = doubt {
+            a = a - v.iter().zip(doubt).fold(nothing, |sum, (v, d)| sum + v.abs() * *d);
+        }
+        let b = self.given_way(m, k, v);
+        let part = m.holding(m.number(1.0));
+        m.only(!(-room).at_most(a - b), || {
+            let curved = (a + root(a * a + m.number(4.0) * b * room)) / (m.number(2.0) * b);
+            let straight = room / -a;
+            part.set(fraction(m, m.select(m.number(0.0).below(b), curved, straight)));
+        });
+        let part = part.get();
+        v.iter_mut().for_each(|v| *v = *v * part);
+    }
+
+    /// In debt, or distrusted, scales held variables down until no more is at risk than was repaid since the debt was
+    /// largest (or is stored besides), or than is trusted: of what they put at risk, W(s) = s u + s^2 b at s times
+    /// them, where `doubt` is what each free response may be off by.
+    fn restrain<M: Machine, K: Responses<M>>(
+        &self,
+        m: M,
+        k: K,
+        v: &mut [M::Number],
+        (free_response, doubt): (&[M::Number], &[M::Number]),
+        stored: M::Number,
+    ) {
+        let (p, zero, one) = (&self.layout.passivity, m.number(0.0), m.number(1.0));
+        let sizes = v.iter().zip(free_response).zip(doubt);
+        let u = sizes.fold(m.number(-0.0), |sum, ((v, a), d)| sum + v.abs() * (a.abs() + *d));
+        let b = positive(m, self.given_way(m, k, v));
+        let all = u + b;
+        k.store(p.risk, all);
+        k.raise(m, p.most, all);
+        let part = m.holding(one);
+        m.only(stored.below(zero) | k.load(p.energy_margin).below(one), || {
+            let (trusted, repaid) = (k.load(p.energy_margin) * all, k.load(p.peak) + stored);
+            let most = larger(m, trusted, repaid);
+            m.only(most.below(all), || {
+                let length = root(u * u + m.number(4.0) * b * most);
+                part.set(fraction(m, m.number(2.0) * most / (u + length)));
+                k.store(p.risk, most);
+            });
+        });
+        let part = part.get();
+        v.iter_mut().for_each(|v| *v = *v * part);
+    }
+
+    /// What the other side gives way by itself, v Y v.
+    fn given_way<M: Machine, K: Responses<M>>(&self, m: M, k: K, v: &[M::Number]) -> M::Number {
+        let (mut b, n) = (m.number(0.0), v.len());
+        for i in 0..n {
+            for j in 0..n {
+                b = b + v[i] * k.response(self.cluster, PortAdmittance, i * n + j) * v[j];
+            }
+        }
+        b
+    }
+}
+
+/// Notes an interval that is over: its free response, and what was held.
+pub fn note<M: Machine, K: Memory<M>>(m: M, k: K, h: &HeldPlaces, free_response: M::Number, held: M::Number) {
+    shift::<M, K>(k, h.free_response, free_response);
+    shift::<M, K>(k, h.before, held);
+    k.store(h.intervals, k.load(h.intervals) + m.number(1.0));
+}
+
+/// Puts a number before [`AR_ORDER`] others; the one after them is dropped.
+fn shift<M: Machine, K: Memory<M>>(k: K, at: Place, x: M::Number) {
+    for p in (0..AR_ORDER).rev() {
+        k.store(at.plus(p + 1), k.load(at.plus(p)));
+    }
+    k.store(at, x);
+}
+
+/// The square root.
+fn root<N: Number>(x: N) -> N {
+    x.unary(Unary::Sqrt)
+}
+
+/// A number between 0 and 1; 0 where it is none.
+fn fraction<M: Machine>(m: M, x: M::Number) -> M::Number {
+    let (zero, one) = (m.number(0.0), m.number(1.0));
+    smaller(m, larger(m, m.select(x.is_finite(), x, zero), zero), one)
+}
