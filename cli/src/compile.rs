@@ -10,9 +10,12 @@ use crate::steps::{Steps, StepsInternals};
 use bond_compiler::discretise::Accuracy;
 use bond_compiler::linearize::Linearized;
 use bond_compiler::show::{As, Shown, What};
+use bond_compiler::thresholds::Thresholds;
+use bond_compiler::units::BaseUnits;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
 use bond_runtime::ir::Program;
+use bond_runtime::options::NumericOptions;
 use bond_runtime::scene::Scene;
 use bond_runtime::simulate::InputSignal;
 use std::path::{Path, PathBuf};
@@ -29,6 +32,9 @@ pub struct Options {
     without: Vec<String>,
     powers: bool,
     whole: bool,
+    base_units: BaseUnits,
+    numeric: NumericOptions,
+    thresholds: Thresholds,
 }
 
 impl Options {
@@ -125,6 +131,9 @@ impl Options {
             without: self.without.clone(),
             powers: self.powers,
             whole: self.whole,
+            base_units: self.base_units,
+            numeric: self.numeric,
+            thresholds: self.thresholds,
             ..bond_compiler::Options::default()
         };
         let sources = text.sources.clone();
@@ -146,6 +155,12 @@ pub trait OptionsInternals {
 
     /// Adds probes behind the others: the power into each of [`bond_compiler::reduction::parts`].
     fn powers(self) -> Self;
+
+    /// Sets other base units than those of SI for all numbers, the times of a run included.
+    fn base_units(self, units: BaseUnits) -> Self;
+
+    /// Sets the numbers that numeric methods go by, and that programs are chosen and written by.
+    fn numeric(self, numeric: NumericOptions, thresholds: Thresholds) -> Self;
 }
 
 impl OptionsInternals for Options {
@@ -161,6 +176,16 @@ impl OptionsInternals for Options {
 
     fn powers(mut self) -> Self {
         self.powers = true;
+        self
+    }
+
+    fn base_units(mut self, units: BaseUnits) -> Self {
+        self.base_units = units;
+        self
+    }
+
+    fn numeric(mut self, numeric: NumericOptions, thresholds: Thresholds) -> Self {
+        (self.numeric, self.thresholds) = (numeric, thresholds);
         self
     }
 }

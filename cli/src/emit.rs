@@ -42,7 +42,7 @@ impl Emission<'_> {
             header: &last(&beside),
             stop: compiled.stages().model.settings.stop,
         };
-        let built = match (emitter.emit)(&request).map_err(|why| refused(compiled, why))? {
+        let built = match (emitter.emit)(&request).map_err(Stop::Model)? {
             Emitted::File(bytes, about) => {
                 output::put_bytes(&path, &bytes)?;
                 format!("{} ({about})", path.display())
@@ -200,12 +200,6 @@ const SYSTEM: Option<(&str, &str)> = match (std::env::consts::OS.as_bytes(), std
 
 /// A shared library: the system's folder, the ending, the code.
 type Library = (&'static str, &'static str, Vec<u8>);
-
-/// Why a scene has no form; a method of several stages solves for all of them at once.
-fn refused(compiled: &Compiled, why: String) -> Stop {
-    let fewer = compiled.scene().clusters.iter().any(|c| c.step.properties.couples_stages());
-    Stop::Model(if fewer { format!("{why}; or `--method gonzalez`, which solves for fewer") } else { why })
-}
 
 /// The C compiler that CC names, and its flags, at blanks as make has it; a program whose path has blanks is one.
 fn compiler() -> (OsString, Vec<OsString>) {

@@ -3,16 +3,17 @@
 //!
 //! # Stages
 //!
-//! [`compile`] runs them in this order. Each gives a type of its own, which `bond show` can print.
+//! [`compile`] runs all but the last in this order; between `graph` and `causality`, [`slice`](mod@slice) leaves out
+//! what the scene does not need. `bond show` prints graph, causality, form, regions and programs.
 //!
 //! | module | gives | holds afterwards |
 //! | --- | --- | --- |
 //! | [`elaborate`] | [`Model`] | every instance is expanded, every name resolved, every value an expression in SI, every unit checked; the model owns the [`Pool`](expression::Pool) of expressions |
 //! | [`graph`] | [`BondGraph`] | elements and bonds; cutting the double bars left connected regions, continuous or sampled |
-//! | [`causality`] | [`Causality`] | one stroke per bond, with the reason for it; no two causes conflict |
-//! | [`structure`] | [`Form`] | one *column* per element, which receives one variable and gives the other; D is skew (`Form::validate`); storages in derivative causality are merged into others |
+//! | [`causality`] | [`Causality`] | one stroke per bond, with the reason for it; no two causes conflict. The graph may be another one then: massless inertias are added |
+//! | [`structure`] | [`Form`] | one *column* per element, which receives one variable and gives the other; inputs = D outputs, and D is skew (`Form::validate`); storages in derivative causality are merged into others |
 //! | [`discretise`] | [`Scene`] | step programs of each cluster, verified; ledger entries, probes, schedule |
-//! | [`backend`] | kernels, C, objects, modules | the interpreter's bits, except functions that the host computes |
+//! | [`backend`] | kernels, C, objects, modules | the same operations in the same order as the interpreter's; bits differ only in functions that the host computes |
 //!
 //! Everything runs in the order of declarations, and sums and products are sorted, so the same text gives the same
 //! programs. All errors are [`Diagnostic`]s; no input panics.
@@ -21,16 +22,19 @@
 //!
 //! - *When the model is compiled*: parameters, indices, bounds of loops, initial states, and the start of algebraic
 //!   loops (by Newton's method at t = 0). Expressions are exact fractions as long as possible, and become `f64` once.
-//! - *Before the first step*: tables, such as the matrix exponential of `exact` for a step length.
+//! - *When a step length is new*: tables, such as the matrix exponential of `exact`.
 //! - *In each step*: everything else, by step programs. What a program may assume, and what may be assumed of it, is in
 //!   the documentation of [`bond_runtime`].
 //!
 //! # Where a step is written
 //!
-//! Each step method is a module of [`discretise`]. Its function gets a *cluster* (a sampled region, or the continuous
-//! regions and signal states that read each other's signals) and writes one step of it with a
-//! [`Builder`](bond_runtime::ir::Builder). It sees columns and energies, never bonds. It returns the stepper (a step
-//! program and its properties) and the entries of the ledger.
+//! Each step method is a module of [`discretise`]. Its function gets a *cluster* (what steps as one, see
+//! [`bond_runtime::scene`]) and writes one step of it with a [`Builder`](bond_runtime::ir::Builder). It sees columns
+//! and energies, never bonds. It returns the stepper (a step program and its properties) and the entries of the ledger.
+//!
+//! The interpreter runs the program as it is. For the other back ends `backend/lower` turns it into a
+//! `backend::code::Routine` (statements, loops, branches). `backend/native` gives that to Cranelift; `backend/c` and
+//! `backend/wasm` print it. `backend::standalone` makes routines for a whole scene, with its schedule and ledger.
 //!
 //! # Example
 //!
@@ -64,12 +68,15 @@
 //!
 //! 1. `discretise/steppers/NAME.rs`: a function that writes the step of a `Cluster` with the builder, and returns a
 //!    `Stepper` and the ledger's `Entries`. `discretise/equations/` has the common pieces: inputs, Newton's method,
-//!    error weights, the terms of the ledger. `gonzalez.rs` is the shortest implicit one.
+//!    error weights, the terms of the ledger. `gonzalez.rs` is the shortest implicit one. Where it cannot step a
+//!    cluster it says so in words (`Refusal::Unfit`). It writes each slot of `n` once, in the order states, integrals,
+//!    guesses, carries, memory, and ends with `verified`.
 //! 2. `discretise/steppers/mod.rs`: its `mod`, and a row of the table, with what it is, its name, its
 //!    [`Properties`](bond_runtime::scene::Properties), the regions that it steps, and the function. The runtime and the
-//!    command read the properties and never ask for the name.
-//! 3. A row in `docs/mathematics.md`. If it is to be taken unasked, a rule of `discretise/choice.rs`, with a model on
-//!    which it decides.
+//!    command read the properties and never ask for the name. (The compiler asks for `ray`, in the partition and the
+//!    hold.)
+//! 3. A row in `docs/mathematics.md`, which has the table of methods. If it is to be taken unasked, a rule of
+//!    `discretise/choice.rs`, with a model on which it decides.
 //!
 //! `tests/tests/hard.rs` tries it if it is passive. Its name in `orders.rs`, `backend.rs` and `emitted.rs` beside that
 //! has its order and its bits tested.
@@ -78,6 +85,7 @@
 //!
 //! 1. `backend/NAME/`: a printer of the statements of `backend/code.rs`, each with the meaning that
 //!    [`eval`](bond_runtime::eval) gives its operations (NaN, signed zeros). It looks at nothing else of a program.
+//!    `lower::with_solvers` writes large systems out for it.
 //! 2. `backend/mod.rs`: its module. If `bond build` writes it: an `Emitter` of a
 //!    `backend::standalone::StandaloneModule`, which is a row of [`EMITTERS`](backend::EMITTERS). If it runs inside
 //!    `bond`: a [`Backend`](bond_runtime::kernel::Backend) that makes a `Kernel`, and uses the interpreter for programs
@@ -103,6 +111,10 @@
 //!    and the text of programs have it then.
 //! 2. `expression/unary.rs`: a row with its derivative and what else is known of it.
 //! 3. `docs/language.md`: its name; `elaborate/suggest.rs`: what was suggested in its place.
+//!
+//! C takes the function from the host under this name, and modules import it (`docs/embedding.md`). An instruction, or
+//! an operation of two values, is a row of `binary!` or `unary!` too. Back ends name those: `c/print.rs`,
+//! `wasm/print.rs` and `native/` say how each is written.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
@@ -121,11 +133,13 @@ pub mod reduction;
 pub mod show;
 pub mod slice;
 pub mod structure;
+pub mod thresholds;
 pub mod units;
 
 use bond_grammar::ast::Item;
 use bond_grammar::diagnostic::{Diagnostic, once};
 use bond_grammar::source::{SourceId, Sources};
+use bond_runtime::options::NumericOptions;
 use bond_runtime::scene::{LeftOut, Scene};
 use causality::Causality;
 use elaborate::{Broken, Loader};
@@ -133,7 +147,8 @@ use graph::BondGraph;
 use model::Model;
 use slice::Unneeded;
 use structure::Form;
-use units::Dimension;
+use thresholds::Thresholds;
+use units::{BaseUnits, Dimension};
 
 /// What the user asks for besides the text.
 #[derive(Clone, Debug, Default)]
@@ -158,6 +173,12 @@ pub struct Options {
     pub whole: bool,
     /// Bounds on the size of the model.
     pub limits: elaborate::Limits,
+    /// The base units that all numbers are in: for tests.
+    pub base_units: BaseUnits,
+    /// The numbers that numeric methods go by: for tests, which see what each of them is for.
+    pub numeric: NumericOptions,
+    /// The numbers that step programs are chosen and written by, likewise.
+    pub thresholds: Thresholds,
 }
 
 /// The part of a run that a long one of its fitted steps takes.
@@ -252,6 +273,7 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
     let elaborated = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone());
     let mut model = elaborated.map_err(|broken| all_errors(broken, options))?;
     reduction::leave_out(&mut model, &options.without)?;
+    model.settings.thresholds = options.thresholds;
     model.settings.pace = options.pace(&model.settings);
     model.settings.end = options.stop.or(model.settings.stop).unwrap_or(1.0);
     if options.method.is_some() {
@@ -275,7 +297,7 @@ pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> 
         (left_out, whole) = (names, Some(Box::new(Whole { stages: all, unneeded })));
     }
     let scene = discretise::discretise(&mut stages.model, &stages.form, method, (options.accuracy, options.step))?;
-    Ok(Compiled { stages, whole, scene: Scene { left_out, ..scene } })
+    Ok(Compiled { stages, whole, scene: Scene { left_out, numeric: options.numeric, ..scene } })
 }
 
 /// The strokes and the form; a condition that cannot be told is wrong here too. What is wrong in every round of a loop

@@ -1,10 +1,12 @@
 //! The flat model: every instance made, every name resolved, every value an expression. Elaboration makes it; the
-//! graph, causality and structure read it and never change it.
+//! graph, causality and structure read it. They add expressions to its pool, and causality may add massless inertias;
+//! nothing else of it changes.
 //!
 //! Invariants: a bond's ends are elements (ports of instances are gone); every element has the bonds its kind asks for;
 //! all parameters have values. Absent: causality, regions, matrices.
 
 use crate::expression::{Expr, Pool, Symbol};
+use crate::thresholds::Thresholds;
 use crate::units::Dimension;
 use bond_grammar::ast::Stroke;
 use bond_grammar::source::Span;
@@ -480,6 +482,8 @@ pub struct Settings {
     pub pace: f64,
     /// End of the run that programs are made for, s.
     pub end: f64,
+    /// The numbers that programs are chosen and written by.
+    pub thresholds: Thresholds,
 }
 
 /// A parameter of the scene or of an instance.

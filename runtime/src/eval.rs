@@ -89,6 +89,17 @@ pub fn select(c: f64, a: f64, b: f64) -> f64 {
     if c != 0.0 { a } else { b }
 }
 
+/// A power of two near `1 / x`, so that scaling with it rounds nothing; 1 where `x` is 0 or not finite. `x` is not
+/// below 0.
+pub fn inverse_scale(x: f64) -> f64 {
+    let exponent = (x.to_bits() >> 52) & 0x7ff;
+    if exponent == 0 {
+        // 0 or subnormal
+        return if x == 0.0 { 1.0 } else { f64::from_bits(2045 << 52) };
+    }
+    if exponent == 0x7ff { 1.0 } else { f64::from_bits(2046u64.saturating_sub(exponent).max(1) << 52) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -225,5 +236,15 @@ mod tests {
                 assert!((ours - theirs).abs() <= 2e-14 * theirs, "{a}^{b}");
             }
         }
+    }
+
+    #[test]
+    fn scales_are_inverse_powers_of_two() {
+        for x in [1.0, 1.5, 3e300, 2e-308, f64::MAX, 7e-200] {
+            let s = inverse_scale(x);
+            assert!(s > 0.0 && s.is_finite() && (0.4..4.1).contains(&(x * s)), "{x:e} {s:e}");
+        }
+        assert_eq!(inverse_scale(0.0), 1.0);
+        assert_eq!(inverse_scale(f64::INFINITY), 1.0);
     }
 }

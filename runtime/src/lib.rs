@@ -22,29 +22,38 @@
 //!
 //! # When an expression is evaluated
 //!
-//! A step program is straight code: each instruction runs once per step, in order, except the body of a Newton
-//! iteration, which runs once per iteration. There are no branches: both operands of a [`Select`](ir::Op::Select) are
-//! computed. So a value is evaluated
+//! A step program is straight code, without branches. Its meaning is that of running each instruction once, in order,
+//! and the body of a Newton iteration as often as [`solve::newton`] asks. (That is twice in what counts as the first
+//! iteration of few unknowns.) An operation has no effect and cannot fail. So a back end may skip, move or repeat it,
+//! as long as all bits stay: the order of stores and loads, and of roundings (no fused multiply-add, no other order of
+//! a sum). A value is evaluated
 //!
-//! - *before a run*, if it does not depend on the state: the compiler folds it into a constant;
-//! - *once per step length*, if it is an entry of a table (matrices of `exact`);
+//! - *before a run*, if it depends on no state, input, time or step length: the compiler folds it into a constant;
+//! - *when a step length is new*, if it is an entry of a table (the matrices of `exact`). This may be in the middle of
+//!   a run, and it allocates; a step of a known length allocates nothing;
 //! - *once per step*, outside of an iteration;
-//! - *once per iteration*, inside;
+//! - *in each iteration*, inside;
 //! - *at a look*, in the program of the probes and in a cluster's `instant` (the output equations). A look changes no
 //!   state.
 //!
 //! # What a program may assume
 //!
-//! - State `x`, inputs `u` and table `c` are only read. Inputs are the time, the step length h, ports, signals of other
-//!   clusters, what is given from outside, and traces of states. The state has states, integrals, guesses, carries and
-//!   the stepper's memory. [`scene::Cluster`] says it for each slot.
+//! - State `x`, inputs `u` and table `c` are only read. The inputs of a step are the time, the step length h, ports,
+//!   signals of other clusters, what is given from outside, and traces of states. [`scene::Respond`],
+//!   [`scene::Branch`] and [`scene::Probes`] say which others their programs get. The state has states, integrals,
+//!   guesses, carries and the stepper's memory; [`scene::Cluster`] says it for each slot. Only `exact` has a table.
+//! - Arrays never overlap.
 //! - `w` is scratch with any content. A program writes a slot before it reads it; the verifier does not check this.
 //! - The results, `n` (the next state) and `y` (what the step reports), are used only if the run returns `Ok`. A run
-//!   fails if an iteration without a flag does not converge, or if a number of `n` is not finite.
+//!   fails at the first Newton iteration that does not converge, or linear system without a pivot, if neither it nor an
+//!   iteration around it has a flag; or at the end, if a number of `n` is not finite. With a flag, the flag becomes 0,
+//!   and the program goes on. After a failure nothing in the workspace counts.
 //!
 //! And what may be assumed of a program that [`ir::Program::verify`] accepts:
 //!
-//! - Each value is defined once, before its use, and every slot is inside its array.
+//! - Each value is defined once, before its use, and every slot is inside its array. A value of an iteration's body is
+//!   not used after the iteration.
+//! - A product writes no slot that it reads. The unknowns, the rounding and the flag of an iteration are apart.
 //! - Every slot of `n` is written exactly once, outside of iterations; nothing writes `x`, `u` or `c`.
 //! - Nothing reads `n` or `y`. A slot of `y` may be written several times, and the last one counts.
 //! - The patterns of its matrices are fixed, so that all memory is known before the first step.
@@ -57,11 +66,11 @@
 //! 1. The kernel ran: the workspace holds the next state; the state itself is unchanged. A failed step leaves it
 //!    unchanged too.
 //! 2. The step is accepted (its error, its events and its numbers are good): the state is replaced, and the ledger's
-//!    entries are booked, all of them or none.
+//!    entries are booked, by region all or none. If one is not finite, the run ends.
 //! 3. At a sample, every due region first ends its interval, then each one determines what it holds next. Both sides of
 //!    a double bar have then booked the same energy, bit for bit.
 //!
-//! Nothing in a step allocates, reads a clock or depends on a thread.
+//! Nothing in a step of a known length allocates, reads a clock or depends on a thread.
 //!
 //! # Example
 //!
@@ -95,9 +104,10 @@
 //!
 //! 1. The compiler's `model.rs`: a variant of `Hold`, in `Hold::ALL` and `name`.
 //! 2. The compiler's `discretise/assembly/hold.rs`: its program. A hold that the fields of [`scene::Respond`] do not
-//!    say changes that, `simulate/sampled.rs` and the compiler's `backend/standalone/sample.rs`.
+//!    say changes that, `simulate/sampled.rs`, the compiler's `backend/standalone/sample.rs` and
+//!    [`envelope::FORMAT`]. That file tests for holds by `==`: look at each place, the compiler lists none.
 //! 3. `tests/tests/holds.rs`: passivity under the budget, and order in the period. Budget and tank apply to every hold.
-//!    `docs/language.md` and `docs/mathematics.md` describe it.
+//! 4. `docs/language.md` describes it, `docs/mathematics.md` derives it.
 //!
 //! # How to add a number of the ledger
 //!

@@ -4,17 +4,18 @@
 //! happens at once; the compiler gives it one that writes statements, where a number is a value of a routine and a
 //! condition is decided when the routine runs. So both compute the same operations in the same order.
 //!
-//! Loops whose length is known when a routine is written are ordinary loops of Rust, or [`Machine::each`] where they
-//! may become loops of the routine. Control flow that depends on numbers goes through [`Machine::when`],
-//! [`Machine::branch`] and [`Machine::repeat`]. Their bodies return a [`Flow`]: to leave a loop early, return what
-//! [`Machine::leave`] or [`Machine::again`] gives. In the runtime that is an `Err`, which `?` hands on to the loop. A
-//! machine that writes statements returns `Ok`, and what its caller writes from there on is never reached.
+//! Loops whose length is known when a routine is written are ordinary loops of Rust, or [`Machine::each`] and
+//! [`Machine::span`] where they may become loops of the routine. Control flow that depends on numbers goes through
+//! [`Machine::when`], [`Machine::branch`] and [`Machine::repeat`]. Their bodies return a [`Flow`]: to leave a loop
+//! early, return what [`Machine::leave`] or [`Machine::again`] gives. In the runtime that is an `Err`, which `?` hands
+//! on to the loop. A machine that writes statements returns `Ok`, and what its caller writes from there on is never
+//! reached.
 
 use crate::eval;
 use crate::ir::{Binary, Unary};
 use crate::kernel::Failure;
 use std::cell::Cell;
-use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Range, Sub};
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 /// How code ends that may leave what is around it.
 pub type Flow = Result<(), Exit>;
@@ -71,6 +72,17 @@ pub trait Variable<N> {
     fn set(&self, x: N);
 }
 
+/// Where a [`Machine::span`] begins or ends.
+#[derive(Clone, Copy, Debug)]
+pub enum Bound<M: Machine> {
+    /// Always here.
+    Known(usize),
+    /// So many after a counter.
+    Past(M::Index, usize),
+    /// At the number of a table that has a counter's place.
+    Table(M::Table, M::Index),
+}
+
 /// See the module.
 pub trait Machine: Copy {
     /// A number that is computed once.
@@ -81,8 +93,10 @@ pub trait Machine: Copy {
     type Variable: Variable<Self::Number>;
     /// Some numbers that change, or that are read.
     type Vector: Clone;
-    /// Which of a vector's numbers.
+    /// Which of a vector's numbers: a place that is known, a counter, or what is made of counters.
     type Index: Copy;
+    /// Whole numbers that are known before anything runs.
+    type Table: Copy;
 
     /// A known number.
     fn number(self, x: f64) -> Self::Number;
@@ -131,6 +145,20 @@ pub trait Machine: Copy {
     fn place(self, i: usize) -> Self::Index;
     /// A number of a vector.
     fn at(self, vector: &Self::Vector, i: Self::Index) -> Self::Number;
+    /// A vector without so many of its first numbers.
+    fn tail(self, vector: &Self::Vector, from: usize) -> Self::Vector;
+    /// The place `i * n + j`.
+    fn cell(self, i: Self::Index, n: usize, j: Self::Index) -> Self::Index;
+    /// The place that a table has for a counter.
+    fn through(self, table: Self::Table, counter: Self::Index) -> Self::Index;
+    /// A table without so many of its first numbers.
+    fn rest(self, table: Self::Table, from: usize) -> Self::Table;
+    /// A counter as a number.
+    fn counted(self, counter: Self::Index) -> Self::Number;
+    /// What a place is, where that is known before anything runs.
+    fn known_place(self, i: Self::Index) -> Option<usize>;
+    /// [`eval::inverse_scale`]
+    fn inverse_scale(self, x: Self::Number) -> Self::Number;
     /// Replaces a number of a vector.
     fn put(self, vector: &Self::Vector, i: Self::Index, x: Self::Number);
     /// Does something for each place of a vector of `n` numbers.
@@ -150,19 +178,47 @@ pub trait Machine: Copy {
     /// Whether all numbers of a vector are known to be positive and finite, before anything runs.
     fn is_positive(self, vector: &Self::Vector) -> bool;
 
-    /// Does something with that of some numbers which is equal to `which`, if one is.
-    fn chosen(self, which: Self::Number, of: Range<usize>, mut body: impl FnMut(usize)) {
-        for i in of {
-            self.only(which.equals(self.number(i as f64)), || body(i));
-        }
+    /// Does something for each counter from one bound up to, and without, another.
+    ///
+    /// # Errors
+    /// Where the body leaves.
+    fn span(self, from: Bound<Self>, to: Bound<Self>, body: impl FnMut(Self::Index) -> Flow) -> Flow;
+
+    /// The same, from the last to the first.
+    ///
+    /// # Errors
+    /// Where the body leaves.
+    fn span_back(self, from: Bound<Self>, to: Bound<Self>, body: impl FnMut(Self::Index) -> Flow) -> Flow;
+
+    /// `start`, and then for each counter of a span what `body` makes of it.
+    fn fold_span<const K: usize>(
+        self,
+        from: Bound<Self>,
+        to: Bound<Self>,
+        start: [Self::Number; K],
+        body: impl FnMut(Self::Index, [Self::Number; K]) -> [Self::Number; K],
+    ) -> [Self::Number; K];
+
+    /// Does something for each counter of a span, which leaves nothing around it.
+    fn over(self, from: Bound<Self>, to: Bound<Self>, mut body: impl FnMut(Self::Index)) {
+        // Such a body has nothing to hand on.
+        let _ = self.span(from, to, |i| {
+            body(i);
+            Ok(())
+        });
     }
 
-    /// Takes numbers of a vector times a factor off others of it: so many from two places on.
-    fn take_off(self, vector: &Self::Vector, (to, from): (usize, usize), count: usize, factor: Self::Number) {
-        for k in 0..count {
-            let (to, from) = (self.place(to + k), self.place(from + k));
-            self.put(vector, to, self.at(vector, to) - factor * self.at(vector, from));
-        }
+    /// Does something with that of the counters after `k`, below `n`, which is equal to `which`, if one is.
+    fn chosen(self, which: Self::Number, k: Self::Index, n: usize, mut body: impl FnMut(Self::Index)) {
+        self.over(Bound::Past(k, 1), Bound::Known(n), |i| self.only(which.equals(self.counted(i)), || body(i)));
+    }
+
+    /// Takes row `k` of a matrix of `n` columns times a factor off row `i`, behind column `k`.
+    fn take_off(self, matrix: &Self::Vector, n: usize, (i, k): (Self::Index, Self::Index), factor: Self::Number) {
+        self.over(Bound::Past(k, 1), Bound::Known(n), |j| {
+            let to = self.cell(i, n, j);
+            self.put(matrix, to, self.at(matrix, to) - factor * self.at(matrix, self.cell(k, n, j)));
+        });
     }
 
     /// A variable that is this now.
@@ -252,12 +308,24 @@ impl Variable<f64> for Cell<f64> {
     }
 }
 
+impl Bound<Real<'_>> {
+    #[inline(always)]
+    fn place(self) -> usize {
+        match self {
+            Bound::Known(i) => i,
+            Bound::Past(i, more) => i + more,
+            Bound::Table(table, i) => table[i] as usize,
+        }
+    }
+}
+
 impl<'a> Machine for Real<'a> {
     type Number = f64;
     type Condition = bool;
     type Variable = Cell<f64>;
     type Vector = &'a [Cell<f64>];
     type Index = usize;
+    type Table = &'a [u32];
 
     #[inline(always)]
     fn number(self, x: f64) -> f64 {
@@ -341,16 +409,72 @@ impl<'a> Machine for Real<'a> {
     }
 
     #[inline(always)]
-    fn chosen(self, which: f64, of: Range<usize>, mut body: impl FnMut(usize)) {
-        if of.contains(&(which as usize)) {
+    fn tail(self, vector: &&'a [Cell<f64>], from: usize) -> &'a [Cell<f64>] {
+        &vector[from..]
+    }
+
+    #[inline(always)]
+    fn cell(self, i: usize, n: usize, j: usize) -> usize {
+        i * n + j
+    }
+
+    #[inline(always)]
+    fn through(self, table: &'a [u32], counter: usize) -> usize {
+        table[counter] as usize
+    }
+
+    #[inline(always)]
+    fn rest(self, table: &'a [u32], from: usize) -> &'a [u32] {
+        &table[from..]
+    }
+
+    #[inline(always)]
+    fn counted(self, counter: usize) -> f64 {
+        counter as f64
+    }
+
+    #[inline(always)]
+    fn known_place(self, i: usize) -> Option<usize> {
+        Some(i)
+    }
+
+    #[inline(always)]
+    fn inverse_scale(self, x: f64) -> f64 {
+        eval::inverse_scale(x)
+    }
+
+    #[inline(always)]
+    fn span(self, from: Bound<Self>, to: Bound<Self>, body: impl FnMut(usize) -> Flow) -> Flow {
+        (from.place()..to.place()).try_for_each(body)
+    }
+
+    #[inline(always)]
+    fn span_back(self, from: Bound<Self>, to: Bound<Self>, body: impl FnMut(usize) -> Flow) -> Flow {
+        (from.place()..to.place()).rev().try_for_each(body)
+    }
+
+    #[inline(always)]
+    fn fold_span<const K: usize>(
+        self,
+        from: Bound<Self>,
+        to: Bound<Self>,
+        start: [f64; K],
+        mut body: impl FnMut(usize, [f64; K]) -> [f64; K],
+    ) -> [f64; K] {
+        (from.place()..to.place()).fold(start, |sum, i| body(i, sum))
+    }
+
+    #[inline(always)]
+    fn chosen(self, which: f64, k: usize, n: usize, mut body: impl FnMut(usize)) {
+        if (k + 1..n).contains(&(which as usize)) {
             body(which as usize);
         }
     }
 
     #[inline(always)]
-    fn take_off(self, vector: &&'a [Cell<f64>], (to, from): (usize, usize), count: usize, factor: f64) {
-        let pairs = vector[to..to + count].iter().zip(&vector[from..from + count]);
-        pairs.for_each(|(x, u)| x.set(x.get() - factor * u.get()));
+    fn take_off(self, matrix: &&'a [Cell<f64>], n: usize, (i, k): (usize, usize), factor: f64) {
+        let row = |i: usize| &matrix[i * n + k + 1..(i + 1) * n];
+        row(i).iter().zip(row(k)).for_each(|(x, u)| x.set(x.get() - factor * u.get()));
     }
 
     #[inline(always)]

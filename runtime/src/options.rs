@@ -1,8 +1,219 @@
-//! The numbers that solvers go by, each with its meaning and its scale.
+//! The numbers that a run's methods go by: what each means, and of what it is a part.
+//!
+//! None has a unit. Each is a ratio (of a step to the usual one, of an error to what it is measured against), a count,
+//! or a power of a rounding. So a scene that is written in other units takes the same steps.
+//!
+//! A [`crate::scene::Scene`] carries them, so that the interpreter, machine code and emitted code go by the same ones.
+//! The defaults are what models are tested with. Tests and the ablation (`tests/src/bin/ablation.rs`) set others.
+
+use serde::{Deserialize, Serialize};
+
+/// Those of the steps: what a run can be given. Iterations go by the [`NewtonOptions`] that the
+/// compiler writes into them, eliminations by [`LinearOptions::DEFAULT`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NumericOptions {
+    /// How long steps are that are fitted to a tolerance.
+    pub controller: ControllerOptions,
+    /// What the error of such a step is measured against, and how long the first one is.
+    pub error: ErrorOptions,
+    /// Where in a step a law switches.
+    pub events: EventOptions,
+}
+
+/// The step size controller. The *usual step* is the step that a run takes where nothing else is given: a hundredth of
+/// it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ControllerOptions {
+    /// Part of the controller's best guess that the next step has.
+    pub safety: f64,
+    /// Largest ratio of a step to the one before it.
+    pub max_growth: f64,
+    /// Smallest ratio of a step that is tried again to the one that was refused.
+    pub max_shrink: f64,
+    /// Ratio of the next attempt to a step that failed, as one whose equations have no solution.
+    pub failure_shrink: f64,
+    /// Exponent of the step's own error in the next step's length, times the order (Hairer and Wanner, IV.8).
+    pub error_exponent: f64,
+    /// Exponent of the error of the step before, likewise.
+    pub previous_error_exponent: f64,
+    /// Least error that a step is remembered by, as a part of the tolerance.
+    pub min_previous_error: f64,
+    /// Least error that the next step's length goes by, as a part of the tolerance.
+    pub min_error: f64,
+    /// First step, as a part of the usual one.
+    pub first_step: f64,
+    /// Longest step, as a part of the shortest period of what swings in time.
+    pub period_fraction: f64,
+    /// Shortest step, as a part of the time at which it begins.
+    pub time_resolution: f64,
+    /// Shortest step, as a part of the usual one.
+    pub min_step: f64,
+    /// The same where laws are exponential: where they begin to move things they may be far faster than later.
+    pub min_step_exponential: f64,
+    /// Part of the usual step below which a step from rest, that is off by as much as a longer one, is small enough.
+    pub fresh_step: f64,
+    /// Part of its size over a longer step that a state at rest falls below, where exponential laws move it at all.
+    pub fresh_size: f64,
+    /// Part of the usual step below which steps crawl.
+    pub crawl: f64,
+    /// Steps in a row that may crawl and are met only at another attempt; then the run stops.
+    pub max_crawling: u32,
+    /// How many steps that are met at once make up for one that was not.
+    pub crawl_refund: u32,
+    /// Part of the usual step of which a run has more steps than it will ever come through.
+    pub endless: f64,
+    /// Part of the usual step below which equations without a solution are left to the fallback stepper.
+    pub fallback_step: f64,
+    /// Attempts that fail before the fallback stepper tries.
+    pub max_own_failures: u32,
+    /// Part below which what a balance is off by falls when the step is cut, where a quadrature is why.
+    pub balance_decay: f64,
+    /// First step after an event, as a part of the last phase of the same kind.
+    pub phase_start: f64,
+    /// Least part of itself by which a step to a predicted event is longer, so that it goes past it.
+    pub overshoot_min: f64,
+    /// Largest such part.
+    pub overshoot_max: f64,
+    /// In between, the part of the last change of the prediction by which it is longer.
+    pub overshoot_drift: f64,
+    /// Part of its length below which a step is not cut for a predicted event, unless the guard falls.
+    pub min_event_cut: f64,
+    /// A predicted event that did not come is followed while it is nearer than this many of the steps cut for it.
+    pub retarget_distance: f64,
+    /// Steps cut in vain for a guard that still falls.
+    pub max_missed: u32,
+    /// Part of the usual step below which a step to an event counts whatever its error.
+    pub brief_event_step: f64,
+}
+
+impl Default for ControllerOptions {
+    fn default() -> Self {
+        Self {
+            safety: 0.9,
+            max_growth: 5.0,
+            max_shrink: 0.1,
+            failure_shrink: 0.25,
+            error_exponent: 0.7,
+            previous_error_exponent: 0.4,
+            min_previous_error: 1e-4,
+            min_error: 1e-10,
+            first_step: 1e-2,
+            period_fraction: 1.0 / 16.0,
+            time_resolution: 1e-13,
+            min_step: 1e-12,
+            min_step_exponential: 1e-290,
+            fresh_step: 1e-3,
+            fresh_size: 0.95,
+            crawl: 1e-5,
+            max_crawling: 20_000,
+            crawl_refund: 4,
+            endless: 1e-7,
+            fallback_step: 1e-2,
+            max_own_failures: 6,
+            balance_decay: 1.0 / 16.0,
+            phase_start: 1.0 / 3.0,
+            overshoot_min: 1.0 / 256.0,
+            overshoot_max: 0.5,
+            overshoot_drift: 0.5,
+            min_event_cut: 0.1,
+            retarget_distance: 1.5,
+            max_missed: 3,
+            brief_event_step: 1e-8,
+        }
+    }
+}
+
+/// The error of a step that is fitted to a tolerance, and the first step of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ErrorOptions {
+    /// Least size of a state, as a part of what all energy of its cluster would move it by.
+    pub state_floor: f64,
+    /// Least change of a state or an integral that counts, as a part of its size ([`crate::scene::Cluster::sizes`]).
+    pub faintest_change: f64,
+    /// Largest size of a state after an explicit step, as a multiple of its largest value before.
+    pub max_state_growth: f64,
+    /// Ratio of each step that is looked at before the first one to the one before.
+    pub look_shrink: f64,
+    /// Such looks for a Gauss method of an even number of stages, which lets stay what is far too fast for it.
+    pub looks: i32,
+    /// Further looks where laws are exponential, until no state moves by more than `max_first_move`.
+    pub exponential_looks: i32,
+    /// Largest move of a state in the shortest such step, as a part of its size.
+    pub max_first_move: f64,
+    /// Ratio of a state's move over one look to that over the next, beyond which it is thrown. The square root of the
+    /// time has 16.
+    pub thrown_ratio: f64,
+    /// Part of what a state begins to move by that it may miss in a step after an event.
+    pub missed_move: f64,
+    /// Ratio of each step that is tried for that to the one before.
+    pub missed_shrink: f64,
+    /// How many are tried.
+    pub missed_looks: i32,
+}
+
+impl Default for ErrorOptions {
+    fn default() -> Self {
+        Self {
+            state_floor: 1e-6,
+            faintest_change: 1e-20,
+            max_state_growth: 10.0,
+            look_shrink: 1.0 / 256.0,
+            looks: 4,
+            exponential_looks: 110,
+            max_first_move: 1.0 / 256.0,
+            thrown_ratio: 32.0,
+            missed_move: 0.75,
+            missed_shrink: 0.25,
+            missed_looks: 10,
+        }
+    }
+}
+
+/// How events are located.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EventOptions {
+    /// Part of the usual step within which a change of sign is where the step starts, and no event.
+    pub start: f64,
+    /// Step that tells what the state does not, as a part of the step that is looked at.
+    pub peek: f64,
+    /// Part of the bracket and of the guard that a round may leave; else one of the other kind follows.
+    pub slow_round: f64,
+    /// Part of its largest value below which a guard all but vanishes.
+    pub noise_floor: f64,
+    /// Events in a row of guards below the noise floor, after which these are masked.
+    pub max_chatter: u32,
+    /// Part of its largest value that a guard has at least, where it jumps beyond 0.
+    pub min_jump: f64,
+    /// Time that may be passed over at an event, as a multiple of what two instants are told apart by.
+    pub max_gap: f64,
+    /// Largest part that a guard which comes nearer to 0 leaves in a step.
+    pub approach: f64,
+    /// Part of its value at both ends of a step below which a guard turns that all but touches 0.
+    pub touch: f64,
+    /// Least pivot that tells an unknown, as a part of the largest entries.
+    pub min_pivot: f64,
+}
+
+impl Default for EventOptions {
+    fn default() -> Self {
+        Self {
+            start: 1e-9,
+            peek: 1e-4,
+            slow_round: 0.25,
+            noise_floor: 1e-4,
+            max_chatter: 20,
+            min_jump: 1e-9,
+            max_gap: 1e3,
+            approach: 0.75,
+            touch: 0.5,
+            min_pivot: 1e-9,
+        }
+    }
+}
 
 /// What Newton's method goes by; [`crate::solve::newton`] says where each is used. Norms are the weighted ones of
 /// there, all squared, and so are parts of them.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NewtonOptions {
     /// The part of the unknowns that is rounding.
     pub rounding: f64,
@@ -79,7 +290,7 @@ pub struct NewtonOptions {
 }
 
 /// What the chord start goes by; [`crate::solve::iteration::chord`] says where each is used.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChordOptions {
     /// Bodies of more instructions than this do not begin so: back ends write them anew for it.
     pub instructions: usize,
@@ -104,7 +315,7 @@ pub struct ChordOptions {
 
 /// What linear systems are solved by; [`crate::solve::dense`] and [`crate::solve::sparse`] say where each is used. All
 /// are parts of entries of the matrix, or of products of them.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearOptions {
     /// A pivot below this part of its column's largest entry before elimination is taken for 0.
     pub tiny: f64,

@@ -1,10 +1,12 @@
 //! A compiled scene: the step programs of all its clusters and how they are joined. Made by the compiler, run by
 //! [`crate::simulate`]; it is all that a built environment carries.
 //!
-//! A *cluster* is what steps as one: a sampled region, or the continuous regions that read each other's signals.
+//! A *cluster* is what steps as one: a sampled region, or several that hold alike for the same cluster; the signal
+//! states of a `sampled` block; or the continuous regions and signal states that read each other's signals.
 
 use crate::exponential::Linear;
 use crate::ir::{Array, Program};
+use crate::options::NumericOptions;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -39,6 +41,10 @@ pub struct Scene {
     pub left_out: LeftOut,
     /// What its programs were made for.
     pub made: Made,
+    /// The size of its energies, J; 0 where nothing tells it. Far less is next to nothing in any units.
+    pub energy: f64,
+    /// The numbers that the methods of its runs go by.
+    pub numeric: NumericOptions,
 }
 
 /// What programs were made for besides what they compute: to make the same ones again.
@@ -176,7 +182,7 @@ impl Properties {
     };
 
     /// Whether a step solves for several stages at once.
-    pub fn couples_stages(&self) -> bool {
+    fn couples_stages(&self) -> bool {
         !self.explicit && self.stages > 1
     }
 
@@ -278,6 +284,9 @@ pub struct Entries {
     pub held: Vec<usize>,
     /// The least that H can be, where there is such a level: what a sampled region has to give is counted from there.
     pub least: f64,
+    /// J. What it turned over in a step is counted as at least. Nothing is told of less: of a body that is held at
+    /// rest, rounding is all that moves.
+    pub faintest: f64,
     /// Entropy produced in each field with thermal ports.
     pub produced: Vec<Produced>,
     /// Energy that an energy leap of `ray` missed (created where positive), and 1 where there was one.
@@ -398,6 +407,9 @@ pub struct Cluster {
     pub energies: Vec<(usize, usize)>,
     /// d2H/dx2 of each state, as an output of `stored`; 0 of a signal state.
     pub curvatures: Vec<usize>,
+    /// How large states, and then integrals, are: a part of it that is less than a rounding is none. Those of a state
+    /// by the scene's energy; 0 where nothing drives it.
+    pub sizes: Vec<f64>,
     /// States of storages of heat, on bonds of temperature and entropy.
     pub heats: Vec<usize>,
     /// What dH/dx of each state is uncertain by where the parameter of a curve is rounded at a corner, likewise; 0 of

@@ -50,6 +50,7 @@ fn ladder(n: usize) -> Program {
         cold: Vec::new(),
         small: Vec::new(),
         knees: Vec::new(),
+        options: bond_runtime::options::NewtonOptions::DEFAULT,
         limit: 50,
         update: Vec::new(),
         left: 0.0,

@@ -482,6 +482,7 @@ fn random(n: usize, picks: &[(u8, u8, u8, u8)], numbers: &[f64], weight: bool, o
         cold: Vec::new(),
         small: if picks.len().is_multiple_of(3) { vec![pool[1]] } else { Vec::new() },
         knees,
+        options: NewtonOptions::DEFAULT,
         limit: 40,
         update: if own { update } else { Vec::new() },
         left: if own {

@@ -45,5 +45,6 @@ mod solutions;
 mod steep;
 mod stepped_over;
 mod switching;
+mod units_scaled;
 mod values;
 mod whole;

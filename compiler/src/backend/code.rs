@@ -3,7 +3,7 @@
 //!
 //! Made by [`super::lower`]; each back end says it in its own language and adds nothing. Values are defined once and
 //! before their uses, within the block they are used in or around it; variables are set as often as wanted. There are
-//! no calls but functions of numbers and [`Stmt::Solve`].
+//! no calls but functions of numbers and [`Stmt::Solve`], which [`super::lower`] writes out.
 
 use bond_runtime::ir::{Binary, Unary};
 use bond_runtime::solve::linear::Matrix;
@@ -72,6 +72,10 @@ pub enum Op {
     Load(Place),
     /// What a variable is now.
     Get(Var),
+    /// A counter.
+    Counter(Index),
+    /// `bond_runtime::eval::inverse_scale` of a value.
+    InverseScale(Value),
     /// A function of one value, as `bond_runtime::eval` means it.
     Unary(Unary, Value),
     /// A function of two values, as `bond_runtime::eval` means it.
@@ -84,8 +88,8 @@ impl Op {
     /// The values it looks at.
     pub fn each_value(&self, f: &mut impl FnMut(Value)) {
         match self {
-            Op::Load(_) | Op::Get(_) => {}
-            Op::Unary(_, a) => f(*a),
+            Op::Load(_) | Op::Get(_) | Op::Counter(_) => {}
+            Op::Unary(_, a) | Op::InverseScale(a) => f(*a),
             Op::Binary(_, a, b) => {
                 f(*a);
                 f(*b);
@@ -101,8 +105,8 @@ impl Op {
     /// The same, to be replaced.
     pub fn each_value_mut(&mut self, f: &mut impl FnMut(&mut Value)) {
         match self {
-            Op::Load(_) | Op::Get(_) => {}
-            Op::Unary(_, a) => f(a),
+            Op::Load(_) | Op::Get(_) | Op::Counter(_) => {}
+            Op::Unary(_, a) | Op::InverseScale(a) => f(a),
             Op::Binary(_, a, b) => {
                 f(a);
                 f(b);
@@ -254,6 +258,30 @@ impl std::ops::BitOr for Cond {
     }
 }
 
+/// Where a [`Stmt::Span`] begins or ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bound {
+    /// Always here.
+    Known(u32),
+    /// So many after a counter.
+    Past(Index, u32),
+    /// At the number of [`Routine::tables`] at this place, to which a counter is added.
+    Table(u32, Index),
+}
+
+/// The counters of a [`Stmt::Span`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// The counter.
+    pub index: Index,
+    /// The first.
+    pub from: Bound,
+    /// One after the last.
+    pub to: Bound,
+    /// Whether it goes from the last to the first.
+    pub back: bool,
+}
+
 /// One statement.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Stmt {
@@ -274,6 +302,8 @@ pub enum Stmt {
     /// Counts from the first number up to, and without, the second; `Break` and `Continue` do not stand in it for a
     /// loop around it.
     For(Index, u32, u32, Vec<Stmt>),
+    /// Counts between bounds that other counters tell; `Break` and `Continue` may stand in it for a loop around it.
+    Span(Span, Vec<Stmt>),
     /// Solves the system of [`Routine::systems`] with this number: its matrix entries, in the order of the pattern, and
     /// the right side, which becomes the solution (of complex numbers first the real part, then the imaginary one), are
     /// in [`Memory::Scratch`] from these places on. The variable becomes -1, or the row that has no pivot. Where there
@@ -308,7 +338,7 @@ impl Stmt {
             Stmt::If(c, ..) => c.each_value(f),
             Stmt::Solve { same, .. } => same.iter().for_each(|v| f(*v)),
             Stmt::Fail(reason) => reason.values().into_iter().for_each(f),
-            Stmt::Loop(_) | Stmt::For(..) | Stmt::Break | Stmt::Continue => {}
+            Stmt::Loop(_) | Stmt::For(..) | Stmt::Span(..) | Stmt::Break | Stmt::Continue => {}
         }
     }
 
@@ -354,7 +384,7 @@ impl Stmt {
     pub fn inner(&self) -> [&[Stmt]; 2] {
         match self {
             Stmt::If(_, yes, no) => [yes, no],
-            Stmt::Loop(body) | Stmt::For(_, _, _, body) => [body, &[]],
+            Stmt::Loop(body) | Stmt::For(_, _, _, body) | Stmt::Span(_, body) => [body, &[]],
             _ => [&[], &[]],
         }
     }
@@ -363,7 +393,7 @@ impl Stmt {
     pub fn inner_mut(&mut self) -> impl Iterator<Item = &mut Vec<Stmt>> {
         let (first, second) = match self {
             Stmt::If(_, yes, no) => (Some(yes), Some(no)),
-            Stmt::Loop(body) | Stmt::For(_, _, _, body) => (Some(body), None),
+            Stmt::Loop(body) | Stmt::For(_, _, _, body) | Stmt::Span(_, body) => (Some(body), None),
             _ => (None, None),
         };
         first.into_iter().chain(second)
@@ -397,7 +427,7 @@ pub fn retain(body: &mut Vec<Stmt>, keep: &mut impl FnMut(&Stmt) -> bool) -> boo
     let mut changed = false;
     body.retain_mut(|s| {
         let mut kept = keep(s);
-        if kept && matches!(s, Stmt::If(..) | Stmt::Loop(_) | Stmt::For(..)) {
+        if kept && matches!(s, Stmt::If(..) | Stmt::Loop(_) | Stmt::For(..) | Stmt::Span(..)) {
             s.inner_mut().for_each(|block| changed |= retain(block, keep));
             kept = s.inner().into_iter().any(|block| !block.is_empty());
         }

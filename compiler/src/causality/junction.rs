@@ -273,26 +273,26 @@ fn eliminate<K: Copy + Ord + Hash, A: Coefficients>(
 ) -> Option<Vec<Row<K, A>>> {
     let n = matrix.len();
     let one = a.int(1);
-    // What is rounding of a row's least coefficient is no pivot.
-    let least = |row: &Vec<Option<A::Of>>| {
-        let sizes = row.iter().flatten().map(|x| a.size(*x).1).filter(|x| *x > 0.0);
-        OPTIONS.rounding * sizes.fold(f64::INFINITY, f64::min)
-    };
-    let mut nothing: Vec<f64> = matrix.iter().map(least).collect();
+    let size = |a: &A, x: Option<A::Of>| x.map_or(0.0, |x| a.size(x).1);
+    // What each entry would be if nothing in its sum cancelled.
+    let mut terms: Vec<Vec<f64>> = matrix.iter().map(|row| row.iter().map(|x| size(a, *x)).collect()).collect();
     for k in 0..n {
+        let is_there = |i: usize, x: f64| x > 0.0 && x >= OPTIONS.rounding * terms[i][k];
         // A number before what may pass 0.
         let rank = |i: &usize| {
             let (known, size) = matrix[*i][k].map_or((false, 0.0), |x| a.size(x));
-            (known && size >= nothing[*i], size)
+            (known && is_there(*i, size), size)
         };
         let order = |a: (bool, f64), b: (bool, f64)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1));
         let pivot = (k..n).max_by(|i, j| order(rank(i), rank(j)))?;
-        if rank(&pivot).1 < nothing[pivot] {
+        let divisor = rank(&pivot).1;
+        if !is_there(pivot, divisor) {
             return None;
         }
         matrix.swap(k, pivot);
+        terms.swap(k, pivot);
+        terms[k].iter_mut().for_each(|x| *x /= divisor);
         right.swap(k, pivot);
-        nothing.swap(k, pivot);
         let p = matrix[k][k]?;
         let inverse = a.div(one, p);
         for entry in matrix[k].iter_mut().flatten() {
@@ -302,7 +302,9 @@ fn eliminate<K: Copy + Ord + Hash, A: Coefficients>(
         for i in (0..n).filter(|i| *i != k) {
             let Some(factor) = matrix[i][k].filter(|f| !a.is_zero(*f)) else { continue };
             let minus = a.neg(factor);
+            let part = size(a, Some(factor));
             for j in 0..n {
+                terms[i][j] += part * terms[k][j];
                 if let Some(x) = matrix[k][j] {
                     let t = a.mul(minus, x);
                     matrix[i][j] = Some(matrix[i][j].map_or(t, |y| a.sum(&[y, t])));

@@ -9,6 +9,7 @@ use crate::discretise::steppers::{Method, collocation};
 use crate::expression::{Expr, Node};
 use crate::model::Model;
 use crate::structure::Form;
+use crate::thresholds::ChoiceThresholds;
 use bond_grammar::diagnostic::Diagnostic;
 
 /// What was asked of a run's accuracy besides the method.
@@ -41,43 +42,26 @@ impl Accuracy {
     }
 }
 
-/// The numbers that the choice goes by.
+/// Counts of unknowns that the choice goes by.
 struct Limits {
-    /// A tolerance above this asks for nothing better than order 2.
-    order_2: f64,
-    /// A tolerance of at most this asks for order 8, one between this and `order_2` for order 6. Measured on smooth
-    /// problems: Duffing, pendulum, Kepler. A region with kinks takes order 8 or none above 2: steps to a looser
-    /// tolerance are so long that they may pass over what a kink brings, such as the pulse of a diode.
-    order_8: f64,
-    /// The same of a region with branched laws. One with exponentials, which may be driven hard, takes `radau` above
-    /// this.
-    order_8_non_smooth: f64,
-    /// A tolerance of at most this has large smooth regions stepped with order 6.
-    order_6_large: f64,
     /// Unknowns of a stage up to which collocation is cheap; above, the sparse system of order 2 is known to be.
     unknowns: usize,
     /// The same of a linear region with storages that follow a moving source: its matrix is constant.
     unknowns_linear: usize,
-    /// The same where the tolerance is tight: far fewer steps of order 6 are worth what each costs, and compiling it.
-    /// A region with many diodes would begin far more steps.
+    /// The same where the tolerance is at most `large`, or of a region with kinks `corners` ([`ChoiceThresholds`]): far
+    /// fewer steps of order 6 are worth what each costs, and compiling it. A region with many diodes would begin far
+    /// more steps.
     unknowns_tight: usize,
 }
 
-const LIMITS: Limits = Limits {
-    order_2: 1e-3,
-    order_8: 1e-5,
-    order_8_non_smooth: 1e-7,
-    order_6_large: 1e-6,
-    unknowns: 16,
-    unknowns_linear: 64,
-    unknowns_tight: 512,
-};
+const LIMITS: Limits = Limits { unknowns: 16, unknowns_linear: 64, unknowns_tight: 512 };
 
 /// What the rules ask of a cluster. Facts that take work are found once, when the first rule asks for them.
 struct Facts<'a> {
     c: &'a Cluster,
     model: &'a mut Model,
     form: &'a Form,
+    by: ChoiceThresholds,
     accuracy: Accuracy,
     tolerance: Option<f64>,
     /// The step by the matrix exponential, where there is one.
@@ -202,10 +186,7 @@ const RULES: [Rule; 19] = [
         take: Method::Radau,
         because: "it has exponentials, and a step must see where on them it ends",
         when: |f| {
-            f.damps()
-                && f.accuracy.is_fitted()
-                && !f.is_within(LIMITS.order_8_non_smooth)
-                && !f.c.exponential_arguments().is_empty()
+            f.damps() && f.accuracy.is_fitted() && !f.is_within(f.by.corners) && !f.c.exponential_arguments().is_empty()
         },
     },
     Rule {
@@ -226,12 +207,12 @@ const RULES: [Rule; 19] = [
         because: "it is linear, and large",
         when: |f| !f.is_small() && f.is_linear() && f.all_quadratic(),
     },
-    Rule { take: Method::Gonzalez, because: "it is not linear", when: |f| !f.is_within(LIMITS.order_2) },
+    Rule { take: Method::Gonzalez, because: "it is not linear", when: |f| !f.is_within(f.by.order_2) },
     Rule {
         take: Method::Gonzalez,
         because: "it is not linear, and large",
         when: |f| {
-            let limit = if f.is_kinked() { LIMITS.order_8_non_smooth } else { LIMITS.order_6_large };
+            let limit = if f.is_kinked() { f.by.corners } else { f.by.large };
             let fits =
                 f.unknowns() <= LIMITS.unknowns_tight && f.c.exponential_arguments().is_empty() && !f.is_non_smooth();
             !(f.is_small() || f.is_within(limit) && fits)
@@ -242,7 +223,7 @@ const RULES: [Rule; 19] = [
         take: Method::Gonzalez,
         because: "it is not linear, and not smooth",
         when: |f| {
-            let limit = if f.is_non_smooth() { LIMITS.order_8_non_smooth } else { LIMITS.order_8 };
+            let limit = if f.is_non_smooth() { f.by.corners } else { f.by.order_8 };
             f.is_kinked() && !f.is_within(limit)
         },
     },
@@ -274,7 +255,7 @@ const RULES: [Rule; 19] = [
     Rule {
         take: Method::Collocation8,
         because: "it is smooth, and the tolerance asks for order 8",
-        when: |f| f.is_within(LIMITS.order_8),
+        when: |f| f.is_within(f.by.order_8),
     },
     Rule { take: Method::Collocation6, because: "it is smooth, and the tolerance asks for order 6", when: |_| true },
 ];
@@ -299,7 +280,8 @@ pub(crate) fn choose(
 ) -> Result<Choice, Vec<Diagnostic>> {
     let exact = exact::write(Method::Exact.label(), c, model, form)?;
     let laws = smoothness::laws(c);
-    let mut facts = Facts { c, model, form, accuracy, tolerance, exact, laws, damps: None, kinked: None };
+    let by = model.settings.thresholds.choice;
+    let mut facts = Facts { c, model, form, by, accuracy, tolerance, exact, laws, damps: None, kinked: None };
     let rule = RULES.iter().find(|rule| (rule.when)(&mut facts));
     let (method, because) = rule.map_or((Method::Gonzalez, ""), |rule| (rule.take, rule.because));
     let step = facts.exact.filter(|_| method == Method::Exact).map(|exact| exact.step);

@@ -17,6 +17,7 @@ use crate::expression::Symbol;
 use crate::model::{Model, Variable};
 use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
+use analysis::sizes::sizes;
 use assembly::build::Asked;
 use assembly::{build, probes};
 use bond_grammar::diagnostic::Diagnostic;
@@ -61,6 +62,10 @@ pub fn discretise(
         other => other,
     };
     let mut clusters = partition::partition(model, form, method.is_some_and(|m| !m.is_for_continuous()));
+    for c in &mut clusters {
+        c.thresholds = model.settings.thresholds;
+        c.expansions.get_mut().by = c.thresholds.rest;
+    }
     let wanted = probes::wanted(model, form);
     // Which signals does each cluster have to show to the others and to the probes?
     let mut shows: Vec<Vec<Symbol>> = vec![Vec::new(); clusters.len()];
@@ -78,12 +83,18 @@ pub fn discretise(
     let asked = Asked { method, tolerance, accuracy };
     let place = |s: Symbol| places.get(&s).copied();
     let made = Made { pace: model.settings.pace, tolerance };
-    let mut scene = Scene { name: model.name.clone(), excluded: excluded(model, form), made, ..Scene::default() };
-    for (i, c) in clusters.iter_mut().enumerate() {
+    let sizes = sizes(&clusters, model, form);
+    let energy = sizes.energy;
+    let mut scene =
+        Scene { name: model.name.clone(), excluded: excluded(model, form), made, energy, ..Scene::default() };
+    for (i, (c, sizes)) in clusters.iter_mut().zip(sizes.states).enumerate() {
         let foreign = c.foreign.iter().map(|s| place(*s).ok_or_else(|| cluster::missing(model, *s)));
         let foreign = foreign.collect::<Result<Vec<_>, _>>()?;
         c.fitted = tolerance.is_some();
-        scene.clusters.push(build::build(c, model, form, &asked, &shows[i], foreign)?);
+        let cluster = build::build(c, model, form, &asked, &shows[i], foreign)?;
+        let faintest = model.settings.thresholds.size.faintest_energy * energy;
+        let entries = cluster.entries.into_iter().map(|e| scene::Entries { faintest, ..e }).collect();
+        scene.clusters.push(scene::Cluster { sizes, entries, ..cluster });
     }
     for i in &model.inputs {
         let (name, unit) = (i.name.clone(), i.unit.map(|u| u.to_string()));

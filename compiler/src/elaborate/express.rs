@@ -256,7 +256,8 @@ impl<'a> Elaborator<'a> {
         };
         match units::of(unit) {
             Ok((factor, dimension)) => {
-                let expr = self.pool.numeral(units::in_si(digits, factor).unwrap_or(number));
+                let number = units::in_si(digits, factor).unwrap_or(number) * self.base_units.factor(dimension);
+                let expr = self.pool.numeral(number);
                 Some(Typed { expr, unit: Unit::known(dimension) })
             }
             Err(unknown) => {

@@ -37,7 +37,7 @@ pub(crate) use value::Value;
 use crate::Options;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::{Bond, BondId, Element, ElementId, Integral, Kind, Model, Sampling, Signal};
-use crate::units::Dimension;
+use crate::units::{BaseUnits, Dimension};
 use bond_grammar::ast::{self, Stroke};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
@@ -260,6 +260,7 @@ pub(crate) struct Elaborator<'a> {
     untold: Vec<Diagnostic>,
     /// `--set`, by path.
     overrides: FxHashMap<String, (f64, Option<Dimension>)>,
+    base_units: BaseUnits,
 }
 
 /// What a name is looked up for.
@@ -364,6 +365,7 @@ pub fn elaborate(
         circular: false,
         untold: vec![],
         overrides: FxHashMap::default(),
+        base_units: options.base_units,
     };
     e.scene(scene, options).map_err(|broken| Broken { errors: once(broken.errors), ..broken })
 }

@@ -144,6 +144,6 @@ impl Pool {
     }
 }
 
-fn raise(x: f64, n: Number) -> f64 {
+pub(super) fn raise(x: f64, n: Number) -> f64 {
     if n.is_one() { x } else { eval::binary(Binary::Pow, x, n.to_f64()) }
 }

@@ -114,6 +114,13 @@ impl Dimension {
         Dimension(self.0.map(|e| e.times(above, below)))
     }
 
+    /// The exponents of kg, m, s, A, K, mol and cd, times some numbers, in sum: a whole number, or the one below.
+    pub(super) fn dot(self, with: [i32; 7]) -> i32 {
+        let terms = self.0.iter().zip(with).map(|(e, k)| e.times(k, 1));
+        let sum = terms.fold(Exponent::ZERO, Exponent::add);
+        i32::from(sum.above).div_euclid(i32::from(sum.below))
+    }
+
     /// Of the square root.
     pub fn sqrt(self) -> Dimension {
         self.pow(1, 2)

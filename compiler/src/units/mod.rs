@@ -25,6 +25,24 @@ pub struct UnknownSymbol {
     pub suggestion: Option<String>,
 }
 
+/// Other base units than those of SI, for tests: a scene in them is the same scene, and takes the same steps. By the
+/// powers of two that a kg, m, s, A, K, mol and cd are of them; multiples of 6, so that roots of units have whole ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BaseUnits(pub [i32; 7]);
+
+impl BaseUnits {
+    /// What one SI unit of a dimension is in these.
+    pub fn factor(self, dimension: Dimension) -> Number {
+        let k = dimension.dot(self.0);
+        let power = 1_i64.checked_shl(k.unsigned_abs()).filter(|_| k.abs() < 62);
+        match power {
+            Some(power) if k < 0 => Number::ratio(1, power),
+            Some(power) => Number::from(power),
+            None => Number::float(libm::exp2(f64::from(k))),
+        }
+    }
+}
+
 /// Symbols of angles and angular speeds, in which a rate counts radians, and not turns.
 pub const ANGULAR: [&str; 5] = ["rpm", "rad", "mrad", "deg", "°"];
 

@@ -1,6 +1,6 @@
 //! What a step does to the account of a region.
 
-use super::{AccountPlaces, ErrorPlaces, FAINTEST, Memory, Place, larger, positive};
+use super::{AccountPlaces, ErrorPlaces, Memory, Place, larger, positive};
 use crate::kernel::Failure;
 use crate::machine::{Flow, Machine, Number};
 use crate::scene::Entries;
@@ -80,7 +80,7 @@ pub fn book_step<M: Machine, K: Memory<M>>(
             k.raise(m, d.modified.plus(1), off.abs());
             // What is kept closes the balance: what H is more than that came from nothing. Nothing that comes later
             // excuses it, nor does H itself in this step, but what a source gives does.
-            let excuse = larger(m, larger(m, larger(m, held[0], held[1]), given), m.number(FAINTEST));
+            let excuse = larger(m, larger(m, larger(m, held[0], held[1]), given), m.number(e.faintest));
             let excess = -off;
             m.only((k.load(d.energy_excess) * excuse).below(excess), || {
                 k.store(d.energy_excess, excess / excuse);

@@ -9,10 +9,6 @@ pub const AR_ORDER: usize = 4;
 /// after one interval, how many of the weights count, and after how many intervals the error of a prediction counts.
 pub const AR_COEFFICIENTS: usize = AR_ORDER + 3;
 
-/// J. What a region turned over in a step is counted as at least. Nothing is told of less: of a body that is held at
-/// rest, rounding is all that moves.
-pub const FAINTEST: f64 = 1e-25;
-
 /// The place of a number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
@@ -321,7 +317,7 @@ impl Layout {
                 (p.h_top, h),
                 (p.h_least, e.least),
                 (p.stored, h - e.least),
-                (p.turnover_max, FAINTEST),
+                (p.turnover_max, e.faintest),
             ];
             numbers.into_iter().for_each(|(at, x)| block[at.at] = x);
             if let Some(d) = &p.detail {

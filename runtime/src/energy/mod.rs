@@ -1,7 +1,7 @@
 //! Accounts of energy, holds and their budget: written once, for runs and for the back ends of the compiler.
 //!
 //! What is here is generic over a [`Machine`]. A run gives it numbers, which are in a block of each cluster
-//! ([`Ledger`]); `backend/standalone` of the compiler writes the same operations down as statements, on a block of the
+//! (`Ledger`); `backend/standalone` of the compiler writes the same operations down as statements, on a block of the
 //! same [`Layout`].
 //!
 //! Sums start from -0, which adds nothing to any number, not even to -0.
@@ -14,8 +14,8 @@ mod ledger;
 mod worst;
 
 pub use layout::{
-    ACCOUNT, AR_COEFFICIENTS, AR_ORDER, AccountPlaces, CountPlaces, DetailPlaces, ErrorPlaces, FAINTEST, HeldPlaces,
-    Layout, PassivityPlaces, Place,
+    ACCOUNT, AR_COEFFICIENTS, AR_ORDER, AccountPlaces, CountPlaces, DetailPlaces, ErrorPlaces, HeldPlaces, Layout,
+    PassivityPlaces, Place,
 };
 pub(crate) use ledger::{Booking, Ledger};
 pub(crate) use worst::Worst;

@@ -153,6 +153,7 @@ fn iteration(f: &mut Formatter<'_>, newton: &Newton, depth: usize) -> Result {
 #[cfg(test)]
 mod tests {
     use crate::ir::{Array, Builder, Inst, Newton, Slot, Unary};
+    use crate::options::NewtonOptions;
 
     #[test]
     fn text_of_each_instruction() {
@@ -183,6 +184,7 @@ mod tests {
             cold: Vec::new(),
             small: Vec::new(),
             knees: Vec::new(),
+            options: NewtonOptions::DEFAULT,
             limit: 9,
             update: Vec::new(),
             left: 0.0,

@@ -15,6 +15,7 @@ pub use builder::{Builder, SIDE_BY_SIDE};
 pub use op::{Binary, Unary};
 pub use verify::Invalid;
 
+use crate::options::NewtonOptions;
 use rustc_hash::FxHashSet;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -247,7 +248,7 @@ pub struct Newton {
     /// Jacobian (a simplified Newton method); then there is no `jacobian`. Empty else.
     pub update: Vec<Value>,
     /// The part of the unknowns that the iteration may leave;
-    /// [`NewtonOptions::rounding`](crate::options::NewtonOptions::rounding) of what nobody adds up.
+    /// [`NewtonOptions::rounding`] of what nobody adds up.
     pub left: f64,
     /// One an unknown: energy per square of the unknown; 0 where nothing is known.
     pub weight: Vec<Value>,
@@ -263,6 +264,8 @@ pub struct Newton {
     /// Unknowns that appear as exponents, with the knees beyond which the exponentials dominate; of up to
     /// [`MAX_KNEES`](crate::solve::newton::MAX_KNEES) unknowns.
     pub knees: Vec<Knee>,
+    /// The numbers that the iteration goes by.
+    pub options: NewtonOptions,
     /// Iterations at most.
     pub limit: u32,
     /// Whether the residual is affine in the unknowns: the first update is the solution.
@@ -415,6 +418,7 @@ mod tests {
                 cold: Vec::new(),
                 small: Vec::new(),
                 knees: Vec::new(),
+                options: NewtonOptions::DEFAULT,
                 limit: 200,
                 affine: false,
                 undetermined: false,

@@ -278,6 +278,7 @@ fn apart(to: Slot, written: u32, from: Slot, read: u32) -> Result<(), Invalid> {
 mod tests {
     use super::*;
     use crate::ir::{Binary, Builder, Unary};
+    use crate::options::NewtonOptions;
 
     fn root() -> Program {
         let mut b = Builder::new("root");
@@ -303,6 +304,7 @@ mod tests {
             cold: Vec::new(),
             small: Vec::new(),
             knees: Vec::new(),
+            options: NewtonOptions::DEFAULT,
             limit: 50,
             update: Vec::new(),
             left: 0.0,

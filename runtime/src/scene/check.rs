@@ -207,6 +207,7 @@ impl Check<'_> {
         self.that(c.curvatures.len() == c.states, "there is not one curvature a state")?;
         self.that(c.curvatures.iter().all(|k| *k < stored), "a curvature is not computed")?;
         self.that(c.grains.len() == c.states, "there is not one grain a state")?;
+        self.that(c.sizes.len() == c.states + c.integrals, "there is not one size a state and integral")?;
         self.that(c.grains.iter().all(|k| *k < stored), "a grain is not computed")?;
         let shown = |(k, out): &(usize, usize)| {
             self.scene.clusters.get(*k).is_some_and(|o| *out < o.instant.size(Array::Output))

@@ -7,72 +7,31 @@
 use super::Error;
 use super::attempt::Attempt;
 use super::cluster::{Run, advance_ports, book_step};
-use super::controller::{Control, FIRST, Plan};
-use super::event::{STANDS, noise};
-use crate::eval;
-use crate::ir::Unary;
+use super::controller::{Accepted, Control, Plan, exp, log};
 use crate::kernel::Failure;
 use crate::scene::Cluster;
 
-/// So many steps in a row may be shorter than this part of the usual one and be met only at another attempt; then a run
-/// does not get on, and stops. One that is met at once takes back a part of what such a step counts.
-const CRAWL: (u32, f64) = (20_000, 1e-5);
-const TAKEN_BACK: u32 = 4;
-/// Of steps as short as this part of the usual one a run has more than it will ever come through.
-const ENDLESS: f64 = 1e-7;
-/// No step is shorter than this part of the time that it begins at, nor than that part of the usual step, nor, where
-/// longer ones are not solved, than that part of what was tried first.
-const RESOLVED: f64 = 1e-13;
-const SHORTEST: f64 = 1e-12;
-/// No step of exponential laws is shorter than this part of the usual one, whatever the time: where they begin to move
-/// things they may be far faster than where they go on.
-const AT_ONCE: f64 = 1e-290;
-/// What begins at rest moves by less than this part of what a step of twice the length moves it by.
-const LESS: f64 = 0.95;
-/// What a step is shorter than the controller's best guess.
-const SAFE: f64 = 0.9;
-/// Steps grow and shrink by no more than this at once.
-const GROW: f64 = 5.0;
-const SHRINK: f64 = 0.1;
-/// Where steps of this part of the usual one have no solution that is found, the other stepper takes them.
-const HARD: f64 = 1e-2;
-/// Of a step that fails so much is tried next.
-const CUT: f64 = 0.25;
-/// What a balance is off by should fall below this part when the step is cut.
-const FALLS: f64 = 1.0 / 16.0;
-/// After so many that fail another stepper tries, where there is one.
-const OWN: u32 = 6;
-/// The exponents of the controller in the error of a step and of the one before it (Hairer and Wanner, IV.8), times the
-/// order of the error.
-const PI: (f64, f64) = (0.7, 0.4);
-/// The logarithm of an error over the tolerance that is no smaller to the step after it: that of 1e-4.
-const LITTLE: f64 = -9.210340371976182;
-/// A phase between two switches begins with no more than this part of the last one of its kind: several steps tell
-/// where it ends.
-const PHASE: f64 = 1.0 / 3.0;
-/// A step to a switch that is foretold is longer by at least and at most these parts of itself, so that it rather goes
-/// past it; in between by this part of what was foretold before is off by now.
-const PAST: (f64, f64) = (1.0 / 256.0, 0.5);
-const SHIFT: f64 = 0.5;
-/// One that would be shorter than this part of what it might be is not cut for it, unless the guard falls.
-const WORTH: f64 = 0.1;
-/// What did not come is foretold again where it is nearer than to this many of the step that was cut for it, from its
-/// start.
-const NEARER: f64 = 1.5;
-/// So often, where it does not: while the guard still falls, its parabola says more each time.
-const MISSED: u32 = 3;
-/// A step to a switch that is shorter than this part of the usual one is taken whatever its error seems to be. (What
-/// switches yet sooner is let be.)
-const BRIEF: f64 = 1e-8;
 /// Instants closer to one another than this part of themselves are one.
 const SAME: f64 = 1e-12;
 
-fn exp(x: f64) -> f64 {
-    eval::unary(Unary::Exp, x)
+/// The length of a step from `t` of length `h` as it meets an end, and that end if it does: two steps of like length
+/// rather than one and a splinter.
+fn to_end((t, h): (f64, f64), end: Option<f64>) -> (f64, Option<f64>) {
+    match end {
+        Some(end) if t + h >= end * (1.0 - SAME) => (end - t, Some(end)),
+        Some(end) if t + 2.0 * h > end => (0.5 * (end - t), None),
+        Some(_) | None => (h, None),
+    }
 }
 
-fn log(x: f64) -> f64 {
-    eval::unary(Unary::Log, x)
+/// Steps are so short that the run does not get on: they are good, or else what is off most in the last one says where.
+fn too_short(c: &Cluster, time: f64, step: f64, refused: Option<Attempt>, endless: bool) -> Error {
+    let region = c.name.clone();
+    if endless {
+        return Error::Endless { time, region, step, jumps: c.jumps.clone() };
+    }
+    let state = refused.and_then(|r| c.names.get(r.worst).cloned());
+    Error::TooSmall { time, region, state, at_once: c.has_exponentials, step }
 }
 
 impl Run {
@@ -186,18 +145,22 @@ impl Run {
         }
     }
 
-    /// Tries steps from `t` until one is good: where it ends, and whether the whole counts. The controller is then
-    /// after it.
-    fn fitted(&mut self, c: &Cluster, t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
-        let Some(fit) = &self.fit else { return Ok((t, true)) };
-        let (tolerance, longest, limit, mut control) = (fit.tolerance, fit.longest, fit.limit, fit.control);
-        let order = f64::from(c.step.properties.order + 1);
-        // A law has switched where the step begins. By exponentials things may go far before the time does.
-        let mut begins = t > 0.0 && control.began == t;
+    /// Prepares attempts at a step from `t`: what it must meet, the first length to try, and the guards there. `begins`
+    /// where a law has switched at `t`.
+    fn begin_step(
+        &mut self,
+        c: &Cluster,
+        t: f64,
+        (end, begins): (Option<f64>, bool),
+        control: &mut Control,
+    ) -> Result<Option<f64>, Error> {
+        let Some(fit) = &self.fit else { return Ok(end) };
+        let (longest, limit) = (fit.longest, fit.limit);
+        // By exponentials things may go far before the time does.
         if self.steps == 0 && control.events == 0 || begins && (c.has_exponentials || c.step.properties.l_stable) {
             let first = control.ahead.min(longest);
             let Some(found) = self.first_step(c, t, first) else {
-                let (region, step) = (c.name.clone(), AT_ONCE * first);
+                let (region, step) = (c.name.clone(), self.numeric.controller.min_step_exponential * first);
                 return Err(Error::TooSmall { time: t, region, state: None, at_once: true, step });
             };
             control.ahead = found;
@@ -215,39 +178,34 @@ impl Run {
             // It rose between.
             (control.chatter, control.faint, control.noisy) = (0, None, 0);
         }
+        Ok(end)
+    }
+
+    /// Tries steps from `t` until one is good: where it ends, and whether the whole counts. The controller is then
+    /// after it.
+    fn fitted(&mut self, c: &Cluster, t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
+        let o = self.numeric.controller;
+        let Some(fit) = &self.fit else { return Ok((t, true)) };
+        let (tolerance, longest, mut control) = (fit.tolerance, fit.longest, fit.control);
+        let order = f64::from(c.step.properties.order + 1);
+        let mut begins = t > 0.0 && control.began == t;
+        let end = self.begin_step(c, t, (end, begins), &mut control)?;
         let (mut last_failure, mut refused) = (None, None::<Attempt>);
         let usual = self.default_step;
         let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
         let shortest = match c.has_exponentials {
-            true => AT_ONCE * usual,
-            false => (RESOLVED * t.abs()).max(SHORTEST * usual),
+            true => o.min_step_exponential * usual,
+            false => (o.time_resolution * t.abs()).max(o.min_step * usual),
         };
-        let unsolved = shortest.max(SHORTEST * control.ahead.min(longest).min(usual));
+        let unsolved = shortest.max(o.min_step * control.ahead.min(longest).min(usual));
         let (smallest, result) = loop {
             if let Some(fit) = &mut self.fit {
-                fit.spare = failures >= OWN;
+                fit.spare = failures >= o.max_own_failures;
             }
-            let mut h = control.ahead.min(longest);
-            let near = control.aim - t;
-            let aim = near + (SHIFT * control.shift).min(PAST.1 * near).max(PAST.0 * near);
-            // What is foretold next to the end is met as well; what is next to the start, there the step stands.
-            let least = near * (1.0 + PAST.0);
-            let close = near < h * (1.0 + PAST.0) && near > shortest.max(STANDS * usual) && least <= longest;
-            let to = aim.min(h.max(least));
-            let aims = close && to != h && (to > WORTH * h || control.falls);
-            if aims {
-                h = to;
-            }
-            // Two steps of like length rather than one and a splinter.
-            let mut last = None;
-            if let Some(end) = end {
-                if t + h >= end * (1.0 - SAME) {
-                    h = end - t;
-                    last = Some(end);
-                } else if t + 2.0 * h > end {
-                    h = 0.5 * (end - t);
-                }
-            }
+            let h = control.ahead.min(longest);
+            let aimed = control.aimed((t, h), (shortest.max(self.numeric.events.start * usual), longest), &o);
+            let aims = aimed.is_some();
+            let (h, last) = to_end((t, aimed.unwrap_or(h)), end);
             if h <= if last_failure.is_some() { unsolved } else { shortest } {
                 break (h, None);
             }
@@ -259,15 +217,15 @@ impl Run {
                     // What a quadrature misses falls fast with the step. What does not is a kink, or the rounding of H
                     // near 0.
                     let now = self.fit.as_ref().filter(|_| why == Failure::Balance).map(|f| f.off);
-                    let stuck = off.zip(now).is_some_and(|(off, now)| now > FALLS * off);
+                    let stuck = off.zip(now).is_some_and(|(off, now)| now > o.balance_decay * off);
                     off = now;
                     // Equations that are not solved in steps that short may be in no longer ones than next to nothing.
                     let own = self.fit.as_ref().is_some_and(|f| !f.spare) && self.spare.is_some();
-                    let hard = own && matches!(why, Failure::NoConvergence { .. }) && h < HARD * usual;
+                    let hard = own && matches!(why, Failure::NoConvergence { .. }) && h < o.fallback_step * usual;
                     if stuck || hard {
-                        failures = failures.max(OWN);
+                        failures = failures.max(o.max_own_failures);
                     } else {
-                        control.ahead = CUT * h;
+                        control.ahead = o.failure_shrink * h;
                     }
                     control.rejected += 1;
                     continue;
@@ -277,14 +235,15 @@ impl Run {
             // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small
             // enough; where far shorter ones can be taken, where it moves by less than a longer one.
             let alike = |longer: &Attempt| {
-                let apart = c.has_exponentials && attempt.worst == longer.worst && attempt.size > LESS * longer.size;
+                let apart =
+                    c.has_exponentials && attempt.worst == longer.worst && attempt.size > o.fresh_size * longer.size;
                 attempt.h < 0.5 * longer.h && attempt.error > 0.25 * longer.error && !apart
             };
-            let vain = attempt.fresh && attempt.h < 1e-3 * usual && refused.as_ref().is_some_and(alike);
+            let vain = attempt.fresh && attempt.h < o.fresh_step * usual && refused.as_ref().is_some_and(alike);
             // A method that looks at the end of its step sees what holds beyond the switch, however near that is.
-            let brief = attempt.event && attempt.h < BRIEF * usual;
+            let brief = attempt.event && attempt.h < o.brief_event_step * usual;
             if ratio > 1.0 && !vain && !brief {
-                control.ahead = attempt.h * (SAFE * exp(-log(ratio) / order)).clamp(SHRINK, SAFE);
+                control.ahead = attempt.h * (o.safety * exp(-log(ratio) / order)).max(o.max_shrink).min(o.safety);
                 control.rejected += 1;
                 refused = Some(attempt);
                 continue;
@@ -306,51 +265,23 @@ impl Run {
             let ends = t + stood.map_or(attempt.h, |(_, past)| past);
             control.stood = stood.map(|(guard, _)| guard);
             let hard = refused.is_some() || last_failure.is_some() || attempt.event;
-            control.crawl = match attempt.h < CRAWL.1 * usual && done.is_none() {
-                true if hard || attempt.h < ENDLESS * usual => control.crawl + TAKEN_BACK,
+            control.crawl = match attempt.h < o.crawl * usual && done.is_none() {
+                true if hard || attempt.h < o.endless * usual => control.crawl + o.crawl_refund,
                 true => control.crawl.saturating_sub(1),
                 false => 0,
             };
-            if control.crawl > TAKEN_BACK * CRAWL.0 {
+            if control.crawl > o.crawl_refund * o.max_crawling {
                 endless = !hard;
                 break (h, None);
             }
             if attempt.event {
-                // Beyond the switch another law holds.
-                let most = (GROW * attempt.h).min(PHASE * (ends - control.began));
-                let here = control.ahead.min(most.max(FIRST * usual));
-                (control.ahead, control.other) = (control.other, here);
-                (control.began, control.aim, control.missed) = (ends, f64::INFINITY, 0);
-                control.events += 1;
-                control.chatter = if attempt.faint.is_some() { control.chatter.saturating_add(1) } else { 0 };
-                control.noisy = attempt.faint.map_or(0, |guard| control.noisy | noise(guard));
-                control.faint = attempt.faint;
-                control.last = 0.0;
+                control.after_event((attempt.h, attempt.faint), (ends, usual), &o);
             } else {
                 // What the other stepper took says nothing against longer steps.
                 let other = self.fit.as_ref().is_some_and(|f| f.spare);
-                let most = if refused.is_some() || (last_failure.is_some() && !other) { 1.0 } else { GROW };
-                let now = log(ratio.max(1e-10));
-                let steady = PI.1 * control.last - PI.0 * now;
-                let factor = SAFE * exp(steady / order);
-                let next = h * if vain { 2.0 } else { factor.clamp(2.0 * SHRINK, most) };
-                // A step that an end cut short says little of what comes.
-                let cut = h < SAFE * control.ahead;
-                control.ahead = if cut { next.max(control.ahead) } else { next };
-                control.last = if cut { control.last } else { now.clamp(LITTLE, 0.0) };
-                // What was foretold and did not come may be rounding, or a guard that never gets there, unless it comes
-                // nearer.
-                let (aim, falls) = self.foretold(t, h);
-                let further = aims && aim > t + NEARER * h;
-                control.missed = match (further, aims) {
-                    (true, _) => control.missed.saturating_add(1),
-                    (false, true) => 0,
-                    (false, false) => control.missed,
-                };
-                control.falls = falls && control.missed <= MISSED;
-                let shift = (aim - control.aim).abs();
-                control.shift = if shift.is_finite() { shift } else { 0.0 };
-                control.aim = if further && !control.falls { f64::INFINITY } else { aim };
+                let most = if refused.is_some() || (last_failure.is_some() && !other) { 1.0 } else { o.max_growth };
+                let taken = Accepted { t, h, aims, vain, most, error: ratio, order };
+                control.after_step(taken, self.foretold(t, h), &o);
             }
             break (h, Some((done.unwrap_or(ends), attempt.whole)));
         };
@@ -360,16 +291,8 @@ impl Run {
         }
         match (result, last_failure) {
             (Some(found), _) => Ok(found),
-            (None, Some(why)) if control.crawl <= TAKEN_BACK * CRAWL.0 => Err(self.failure(c, t, why)),
-            (None, _) => {
-                let region = c.name.clone();
-                if endless {
-                    let jumps = c.jumps.clone();
-                    return Err(Error::Endless { time: t, region, step: smallest, jumps });
-                }
-                let state = refused.and_then(|r| c.names.get(r.worst).cloned());
-                Err(Error::TooSmall { time: t, region, state, at_once: c.has_exponentials, step: smallest })
-            }
+            (None, Some(why)) if control.crawl <= o.crawl_refund * o.max_crawling => Err(self.failure(c, t, why)),
+            (None, _) => Err(too_short(c, t, smallest, refused, endless)),
         }
     }
 }

@@ -3,40 +3,16 @@
 use super::cluster::{Run, imbalance};
 use super::controller::Fit;
 use super::trial::{Taken, is_stateless};
-use crate::energy::{AccountPlaces, FAINTEST, Ledger};
+use crate::energy::{AccountPlaces, Ledger};
 use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
 use crate::scene::{Cluster, Entries};
-
-/// A state that is less than this part of what all energy of its cluster would move it by is measured by that part: it
-/// stores less than a balance tells from rounding.
-const APART: f64 = 1e-6;
-/// A state is not beyond so many times all that it was before, by a step that may be wrong altogether.
-const THROWN: f64 = 10.0;
-
-/// Before the first step, so many are looked at, each this part of the one before; where laws have exponentials, up to
-/// so many more, until no state moves by more than this part of its size.
-const LOOKS: i32 = 4;
-const MORE: i32 = 110;
-const MOVES: f64 = 1.0 / 256.0;
-/// What begins to move by the square root of the time moves by a sixteenth of what a step of 256 times the length moves
-/// it by; this many times as much are looked at.
-const ALIKE: f64 = 32.0;
-/// What a state moves by misses no more than this part of what it begins to move by.
-const MISSED: f64 = 0.75;
-/// How much shorter the next step is that is looked at for that, and how many are: to 1e-6 of the first.
-const QUARTER: f64 = 0.25;
-const QUARTERS: i32 = 10;
-const SHORTER: f64 = 1.0 / 256.0;
-/// The power of [`SHORTER`] with the exponent 5/2: states begin to move by no higher power of the time, by its square
-/// where a source begins at 0.
-const BEGINS: f64 = 1.0 / 1_048_576.0;
 
 /// The largest energy so far, above the least that there is, J.
 fn above(ledger: &Ledger, p: &AccountPlaces, e: &Entries) -> f64 {
     // What is counted as turned over at least says nothing of sizes.
     let turnover = ledger.get(p.turnover_max);
-    let turned = if turnover > FAINTEST { turnover } else { 0.0 };
+    let turned = if turnover > e.faintest { turnover } else { 0.0 };
     (ledger.get(p.h_top) - e.floor).max(turned).max(0.0)
 }
 
@@ -128,16 +104,17 @@ impl Run {
     /// by which no state may move by more than its size in the first. None where the shortest of them still moves one
     /// of them so.
     pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
+        let o = self.numeric.error;
         if c.step.properties.explicit {
             return Some(self.first_explicit(c, t, h));
         }
         let stays = c.step.properties.keeps_fast_modes();
-        let least = if stays { LOOKS } else { 0 };
-        let looks = if c.has_exponentials { LOOKS + MORE } else { LOOKS };
+        let least = if stays { o.looks } else { 0 };
+        let looks = if c.has_exponentials { o.looks + o.exponential_looks } else { o.looks };
         let root = self.cool(c, self.above(c)).sqrt();
         let (mut first, mut most, mut thrown) = (h, 0.0f64, false);
         for k in 1..=looks {
-            let short = h * SHORTER.powi(k);
+            let short = h * o.look_shrink.powi(k);
             if self.stride(t, short, Part::Trial).is_err() {
                 continue;
             }
@@ -151,17 +128,17 @@ impl Run {
                     most = most.max(moved / size);
                 } else if moved > 0.0 {
                     // At rest it has no size: what is moved as far by a far shorter step is thrown there.
-                    let part = if k == 1 { 1.0 } else { moved / (ALIKE * *longer) };
-                    thrown |= k > 1 && part >= MOVES;
+                    let part = if k == 1 { 1.0 } else { moved / (o.thrown_ratio * *longer) };
+                    thrown |= k > 1 && part >= o.max_first_move;
                     most = most.max(part);
                 }
                 *longer = moved;
             }
-            if k >= least && most < MOVES {
+            if k >= least && most < o.max_first_move {
                 return Some(if thrown { first.min(short) } else { first });
             }
         }
-        (!c.has_exponentials || most < MOVES).then_some(first.max(h * SHORTER.powi(looks)))
+        (!c.has_exponentials || most < o.max_first_move).then_some(first.max(h * o.look_shrink.powi(looks)))
     }
 
     /// Where a law has switched, and a step of a Gauss method that begins there was found good: how long one may be
@@ -169,13 +146,14 @@ impl Run {
     /// round, and so it does in its halves. None where each moves on as it begins, or in no step that is not far
     /// shorter still.
     pub(super) fn set_off(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
+        let o = self.numeric.error;
         let is_of = !c.is_non_smooth && c.step.properties.repeats_fast_modes();
         if !is_of || self.fit.as_ref().is_none_or(|fit| fit.spare) {
             return None;
         }
         let h_max = self.above(c);
         let root = self.cool(c, h_max).sqrt();
-        let least = h * SHORTER.powi(LOOKS);
+        let least = h * o.look_shrink.powi(o.looks);
         self.stride(t, least, Part::Trial).ok()?;
         let fit = self.fit.as_mut()?;
         let states = self.state.iter().zip(&fit.trial.next).zip(&mut fit.moves);
@@ -183,7 +161,7 @@ impl Run {
         if self.goes_on((h, least), root, |fit| &fit.second.next) {
             return None;
         }
-        (1..=QUARTERS).map(|k| h * QUARTER.powi(k)).find(|length| {
+        (1..=o.missed_looks).map(|k| h * o.missed_shrink.powi(k)).find(|length| {
             let found = self.stride(t, *length, Part::Trial).is_ok();
             found && self.goes_on((*length, least), root, |fit| &fit.trial.next)
         })
@@ -192,28 +170,32 @@ impl Run {
     /// Whether no state moves by far less in a step of a length than it begins to move by, as over the least step.
     fn goes_on(&self, (length, least): (f64, f64), root: f64, end: impl Fn(&Fit) -> &[f64]) -> bool {
         let Some(fit) = &self.fit else { return true };
+        let o = &self.numeric.error;
         let mut states = self.state.iter().zip(end(fit)).zip(&fit.moves).zip(&self.scales).zip(&self.largest);
         states.all(|((((x, y), begins), scale), largest)| {
             let (moved, wanted) = (y - x, begins * (length / least));
-            let size = x.abs().max(*largest).max(APART * root * scale.natural);
+            let size = x.abs().max(*largest).max(o.state_floor * root * scale.natural);
             let off = (moved - wanted).abs();
-            off <= (fit.tolerance * size).max(MISSED * wanted.abs()) || moved.abs() >= wanted.abs()
+            off <= (fit.tolerance * size).max(o.missed_move * wanted.abs()) || moved.abs() >= wanted.abs()
         })
     }
 
     /// The first step of an explicit method, at most `h`: one that is too long for what is stiff moves states by the
     /// power of its length that the method has stages, and not as they begin to move.
     fn first_explicit(&mut self, c: &Cluster, t: f64, h: f64) -> f64 {
+        let o = self.numeric.error;
+        // States begin to move by the 5/2nd power of the time at most: by its square where a source begins at 0.
+        let begins = o.look_shrink.powi(2) * o.look_shrink.sqrt();
         let (mut first, mut looked) = (h, false);
-        for k in 0..=LOOKS {
-            let length = h * SHORTER.powi(k);
+        for k in 0..=o.looks {
+            let length = h * o.look_shrink.powi(k);
             let done = self.stride(t, length, Part::Trial).is_ok();
             let Some(fit) = &mut self.fit else { return h };
             // By how much each was moved by the longer one is kept where halves will be.
             let states = self.state.iter().zip(&fit.trial.next).zip(&mut fit.first.next).take(c.states);
             for ((x, y), longer) in states {
                 let moved = (y - x).abs();
-                if !done || looked && *longer * BEGINS > moved {
+                if !done || looked && *longer * begins > moved {
                     first = length;
                 }
                 *longer = moved;
@@ -255,6 +237,7 @@ impl Run {
     fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<Estimate, Failure> {
         let mut most = Estimate { error: 0.0, fresh: false, size: 0.0, worst: usize::MAX };
         let Some(fit) = &self.fit else { return Ok(most) };
+        let o = &self.numeric.error;
         let h_max = self.above(c);
         let order = if fit.spare {
             c.step.fallback.as_ref().map_or(1, |f| f.properties.order)
@@ -272,7 +255,7 @@ impl Run {
         };
         let (root, cool) = (h_max.sqrt(), self.cool(c, h_max).sqrt());
         // Errors that are rounding beside what is stored are none.
-        let apart = APART.max(8.0 * f64::EPSILON / fit.tolerance);
+        let apart = o.state_floor.max(8.0 * f64::EPSILON / fit.tolerance);
         for (i, scale) in self.scales.iter().enumerate() {
             let (x, off) = match c.step.estimate {
                 Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
@@ -289,7 +272,11 @@ impl Run {
                     let root = if scale.heat { root } else { cool };
                     let before = self.largest[i].max(apart * root * scale.natural);
                     // What an explicit step has thrown far off is no size: beside it, its own error is small.
-                    let most = if c.step.properties.passive || before == 0.0 { f64::INFINITY } else { THROWN * before };
+                    let most = if c.step.properties.passive || before == 0.0 {
+                        f64::INFINITY
+                    } else {
+                        o.max_state_growth * before
+                    };
                     (before, x.abs().min(most).max(before))
                 }
                 // An integral is measured against all that went into it and out of it.

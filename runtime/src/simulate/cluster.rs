@@ -11,7 +11,8 @@ use crate::interpreter::Interpret;
 use crate::ir::{Array, Slot};
 use crate::kernel::{Backend, Failure};
 use crate::machine::{Exit, Real};
-use crate::scene::{Cluster, Entries};
+use crate::options::NumericOptions;
+use crate::scene::{Cluster, Entries, Scene};
 use std::borrow::Cow;
 
 /// How often a fixed step that fails is halved.
@@ -28,6 +29,7 @@ const STORED: &str = "what is stored is not a finite number";
 const TRACES: f64 = 1e-6;
 /// The part of what is looked at that a last step takes, to which nothing happens any more.
 const LAST: f64 = 1.0 / 16.0;
+
 /// A cluster that runs.
 pub(super) struct Run {
     pub(super) step: Ready,
@@ -65,6 +67,7 @@ pub(super) struct Run {
     pub(super) fit: Option<Fit>,
     fixed: Option<f64>,
     pub(super) default_step: f64,
+    pub(super) numeric: NumericOptions,
     pub(super) glanced: Vec<f64>,
     /// What is looked at, while something else is.
     aside: Vec<f64>,
@@ -74,9 +77,10 @@ impl Run {
     pub(super) fn new(
         (index, c): (usize, &Cluster),
         given: &[InputSignal],
-        options: &Options,
+        (options, scene): (&Options, &Scene),
         backend: &dyn Backend,
     ) -> Result<Self, Error> {
+        let numeric = scene.numeric;
         let instant = Look::new(&c.instant, backend);
         let mut stored = Look::new(&c.stored, &Interpret); // looked at once
         let state = c.initial.clone();
@@ -97,9 +101,9 @@ impl Run {
             jumps: Vec::new(),
         })?;
         let out = out.to_vec();
-        let mut scales = Scale::all(c, &out);
+        let mut scales = Scale::all(c, &out, numeric.error.faintest_change);
         if fit.is_some() {
-            Scale::look_further(&mut scales, c, &out, |i, x| {
+            Scale::look_further(&mut scales, c, (&out, scene.energy), |i, x| {
                 let mut moved = state.clone();
                 moved[i] += x;
                 stored.run(&moved, &input).ok().map(|out| out[c.curvatures[i]])
@@ -115,7 +119,7 @@ impl Run {
             glance: c.step.glance.as_deref().map(|s| Ready::new(s, backend)),
             spare: c.step.fallback.as_deref().map(|s| Ready::new(s, backend)),
             instant,
-            guards: c.guards.as_ref().map(|g| Watch::new(g, backend)),
+            guards: c.guards.as_ref().map(|g| Watch::new(g, numeric.events.min_pivot, backend)),
             before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.count)],
             respond: c.respond.as_ref().map(|r| Look::new(&r.program, backend)),
             fallback: c.respond.as_ref().and_then(|r| r.fallback.as_ref()).map(|p| Look::new(p, backend)),
@@ -133,9 +137,10 @@ impl Run {
             base: 0.0,
             count: 0,
             h: options.step.unwrap_or(options.default_step),
-            fit: fit.map(|tolerance| Fit::new(c, tolerance, options)),
+            fit: fit.map(|tolerance| Fit::new(c, tolerance, options, &numeric.controller)),
             fixed: options.step,
             default_step: options.default_step,
+            numeric,
         })
     }
 

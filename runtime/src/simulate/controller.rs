@@ -2,14 +2,19 @@
 
 use super::Options;
 use super::trial::{Taken, copy, is_stateless};
-use crate::ir::Array;
+use crate::eval;
+use crate::ir::{Array, Unary};
+use crate::options::ControllerOptions;
 use crate::scene::Cluster;
 use serde::{Deserialize, Serialize};
 
-/// The longest step, as a part of the shortest period of what swings in time.
-const SWING: f64 = 1.0 / 16.0;
-/// The first step, as a part of the usual one.
-pub(super) const FIRST: f64 = 1e-2;
+pub(super) fn exp(x: f64) -> f64 {
+    eval::unary(Unary::Exp, x)
+}
+
+pub(super) fn log(x: f64) -> f64 {
+    eval::unary(Unary::Log, x)
+}
 
 /// The controller, as it is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,6 +50,100 @@ pub(super) struct Control {
     pub(super) rejected: u64,
     /// Switches of laws that were located.
     pub(super) events: u64,
+}
+
+/// A step that was accepted without an event.
+pub(super) struct Accepted {
+    pub(super) t: f64,
+    pub(super) h: f64,
+    /// It was cut for a predicted event.
+    pub(super) aims: bool,
+    /// A shorter one would be no better.
+    pub(super) vain: bool,
+    /// The most that the next one may be longer by.
+    pub(super) most: f64,
+    /// Its error over the tolerance, and the order of that plus 1.
+    pub(super) error: f64,
+    pub(super) order: f64,
+}
+
+impl Control {
+    /// At the start of a run.
+    pub(super) fn new(ahead: f64) -> Self {
+        Self {
+            ahead,
+            other: ahead,
+            began: 0.0,
+            aim: f64::INFINITY,
+            shift: 0.0,
+            falls: false,
+            missed: 0,
+            last: 0.0,
+            crawl: 0,
+            chatter: 0,
+            faint: None,
+            noisy: 0,
+            stood: None,
+            rejected: 0,
+            events: 0,
+        }
+    }
+
+    /// The length of a step from `t`, in the place of `h`, that goes just past the predicted event; none where that is
+    /// too far, nearer than `least`, or not worth it.
+    pub(super) fn aimed(&self, (t, h): (f64, f64), (least, longest): (f64, f64), o: &ControllerOptions) -> Option<f64> {
+        let near = self.aim - t;
+        let aim = near + (o.overshoot_drift * self.shift).min(o.overshoot_max * near).max(o.overshoot_min * near);
+        // An event predicted next to the end is met as well; one next to the start is where the step stands.
+        let past = near * (1.0 + o.overshoot_min);
+        let close = near < h * (1.0 + o.overshoot_min) && near > least && past <= longest;
+        let to = aim.min(h.max(past));
+        (close && to != h && (to > o.min_event_cut * h || self.falls)).then_some(to)
+    }
+
+    /// Counts a step that an event ends, at `ends`.
+    pub(super) fn after_event(
+        &mut self,
+        (h, faint): (f64, Option<usize>),
+        (ends, usual): (f64, f64),
+        o: &ControllerOptions,
+    ) {
+        // Beyond the switch another law holds.
+        let most = (o.max_growth * h).min(o.phase_start * (ends - self.began));
+        let here = self.ahead.min(most.max(o.first_step * usual));
+        (self.ahead, self.other) = (self.other, here);
+        (self.began, self.aim, self.missed) = (ends, f64::INFINITY, 0);
+        self.events += 1;
+        self.chatter = if faint.is_some() { self.chatter.saturating_add(1) } else { 0 };
+        self.noisy = faint.map_or(0, |guard| self.noisy | noise(guard));
+        self.faint = faint;
+        self.last = 0.0;
+    }
+
+    /// Counts a step without an event; `predicted` is when the next one is, and whether its guard falls.
+    pub(super) fn after_step(&mut self, step: Accepted, (aim, falls): (f64, bool), o: &ControllerOptions) {
+        let Accepted { t, h, aims, vain, most, error, order } = step;
+        let now = log(error.max(o.min_error));
+        let steady = o.previous_error_exponent * self.last - o.error_exponent * now;
+        let factor = o.safety * exp(steady / order);
+        let next = h * if vain { 2.0 } else { factor.max(2.0 * o.max_shrink).min(most) };
+        // A step that an end cut short says little of what comes.
+        let cut = h < o.safety * self.ahead;
+        self.ahead = if cut { next.max(self.ahead) } else { next };
+        self.last = if cut { self.last } else { now.max(log(o.min_previous_error)).min(0.0) };
+        // What was foretold and did not come may be rounding, or a guard that never gets there, unless it comes
+        // nearer.
+        let further = aims && aim > t + o.retarget_distance * h;
+        self.missed = match (further, aims) {
+            (true, _) => self.missed.saturating_add(1),
+            (false, true) => 0,
+            (false, false) => self.missed,
+        };
+        self.falls = falls && self.missed <= o.max_missed;
+        let shift = (aim - self.aim).abs();
+        self.shift = if shift.is_finite() { shift } else { 0.0 };
+        self.aim = if further && !self.falls { f64::INFINITY } else { aim };
+    }
 }
 
 /// A step that was found good.
@@ -103,34 +202,18 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    pub(super) fn new(c: &Cluster, tolerance: f64, options: &Options) -> Self {
-        let ahead = FIRST * options.default_step;
+    pub(super) fn new(c: &Cluster, tolerance: f64, options: &Options, o: &ControllerOptions) -> Self {
+        let ahead = o.first_step * options.default_step;
         let guards = c.guards.as_ref().map_or(0, |g| g.count);
         let integrals = &c.initial[c.states..c.states + c.integrals];
         // What has no state does not slow down where something is about to happen: it is looked at evenly.
         let most = if is_stateless(c) { options.default_step } else { f64::INFINITY };
         // What swings in time is looked at often enough not to be stepped over, though nothing moves by it just now.
-        let most = c.fastest_period.map_or(most, |period| most.min(SWING * period));
+        let most = c.fastest_period.map_or(most, |period| most.min(o.period_fraction * period));
         Self {
             tolerance,
             longest: options.longest.unwrap_or(f64::INFINITY).min(most),
-            control: Control {
-                ahead,
-                other: ahead,
-                began: 0.0,
-                aim: f64::INFINITY,
-                shift: 0.0,
-                falls: false,
-                missed: 0,
-                last: 0.0,
-                crawl: 0,
-                chatter: 0,
-                faint: None,
-                noisy: 0,
-                stood: None,
-                rejected: 0,
-                events: 0,
-            },
+            control: Control::new(ahead),
             limit: 0.0,
             driven: false,
             moved: integrals.iter().map(|x| x.abs()).collect(),
@@ -168,4 +251,9 @@ impl Fit {
         self.midway &= h - self.half.h > least;
         self.midway
     }
+}
+
+/// The bit of a guard in [`Control::noisy`].
+pub(super) fn noise(guard: usize) -> u64 {
+    1 << guard.min(63)
 }

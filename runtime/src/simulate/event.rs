@@ -3,40 +3,18 @@
 
 use super::attempt::Part;
 use super::cluster::Run;
-use super::controller::Control;
+use super::controller::{Control, noise};
 use super::guard::Watch;
 use super::program::Ready;
 use super::trial::copy;
 use crate::kernel::Failure;
+use crate::options::EventOptions;
 use crate::scene::Cluster;
 
-/// A change of sign sooner than this part of the usual step after its start is where the step stands, and is let be.
-pub(super) const STANDS: f64 = 1e-9;
-/// How long a step is that tells what a state does not, as a part of the step there.
-const PEEK: f64 = 1e-4;
-/// So often is a change of sign looked for at most.
-const ROUNDS: u32 = 60;
-/// A round that leaves more than this part of the bracket and of the guard is followed by one of the other kind.
-const SLOW: f64 = 0.25;
-
-/// A guard that stays below this part of its largest all but vanishes: where it goes to and fro there, as the head
-/// between two tanks that are level, by rounding and by what a root makes of it, it is not followed.
-const FAINT: f64 = 1e-4;
-/// After so many switches of such guards.
-const CHATTER: u32 = 20;
-
-/// Switches before one that was located are looked for so often at most; and what changes its sign by less than this
-/// part of its largest is rounding.
-const SOONER: u32 = 16;
-const SLIGHT: f64 = 1e-9;
-
-/// So many times what two instants are told apart by may be passed over at a switch.
-const SHORT: f64 = 1e3;
-
-/// What comes nearer to 0 in a step leaves no more than this part.
-const FALLS: f64 = 0.75;
-/// What turns below this part of what it is at both ends of a step all but touches 0.
-const TOUCHES: f64 = 0.5;
+/// Rounds of a search for a change of sign.
+const MAX_ROUNDS: u32 = 60;
+/// Searches for an event before one that was located.
+const MAX_SOONER: u32 = 16;
 
 /// A point of a guard along the step.
 type Point = (f64, f64);
@@ -99,21 +77,22 @@ impl Run {
     /// Takes down the guards at the start of a step, which will have about this length.
     pub(super) fn guards_before(&mut self, c: &Cluster, t: f64, h: f64) {
         self.free();
+        let o = self.numeric.events;
         let Some(guards) = &mut self.guards else { return };
         self.input[0] = t;
-        self.input[1] = PEEK * h;
+        self.input[1] = o.peek * h;
         look(c, guards, &mut self.step, (&self.state, &mut self.input), None, &mut self.before);
-        let left = |(k, (x, top)): (usize, (&f64, &f64))| x.abs() <= FAINT * top && guards.is_loop(k);
+        let left = |(k, (x, top)): (usize, (&f64, &f64))| x.abs() <= o.noise_floor * top && guards.is_loop(k);
         if let Some(fit) = &self.fit
             && t > 0.0
             && fit.control.began == t
             && self.before.iter().zip(&fit.tops).enumerate().any(left)
         {
-            beyond(c, guards, &mut self.step, (&self.state, &mut self.input), (&fit.tops, &mut self.before));
+            beyond(c, guards, &mut self.step, (&self.state, &mut self.input), (&fit.tops, &mut self.before), &o);
         }
         if let Some(fit) = &mut self.fit {
             fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
-            hush(&fit.control, &fit.tops, &mut self.before);
+            hush(&fit.control, &fit.tops, &mut self.before, &o);
             // The step before this one ended just before its switch.
             if let Some(guard) = fit.control.stood {
                 self.before[guard] = 0.0;
@@ -146,14 +125,16 @@ impl Run {
 
     /// Whether a guard all but vanishes where a step starts.
     pub(super) fn is_low(&self, guard: usize) -> bool {
-        self.fit.as_ref().is_some_and(|fit| self.before[guard].abs() <= FAINT * fit.tops[guard])
+        self.fit
+            .as_ref()
+            .is_some_and(|fit| self.before[guard].abs() <= self.numeric.events.noise_floor * fit.tops[guard])
     }
 
     /// Whether a guard that switched in the step all but vanishes.
     pub(super) fn is_faint(&self, guard: usize) -> bool {
         let Some(fit) = &self.fit else { return false };
         let most = [&self.before, &fit.below, &fit.beyond].iter().fold(0.0f64, |a, list| a.max(list[guard].abs()));
-        most <= FAINT * fit.tops[guard]
+        most <= self.numeric.events.noise_floor * fit.tops[guard]
     }
 
     /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that
@@ -183,13 +164,13 @@ impl Run {
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
         let mut past = self.narrow(c, t, (aim, floor), &mut bracket)?;
         // Another guard may have changed its sign before, and jump back there, as at the end of a turn.
-        for _ in 0..if c.guards.as_ref().is_some_and(|g| g.jumps) { SOONER } else { 0 } {
+        for _ in 0..if c.guards.as_ref().is_some_and(|g| g.jumps) { MAX_SOONER } else { 0 } {
             let Some(sooner) = self.sooner(c, t, (bracket.low.0, bracket.high.0 - 2.0 * past))? else { break };
             bracket = sooner;
             past = self.narrow(c, t, (aim, floor), &mut bracket)?;
         }
         let found = bracket.high.0;
-        if found < STANDS * self.default_step && (t + found <= t || !self.jumped(c)) {
+        if found < self.numeric.events.start * self.default_step && (t + found <= t || !self.jumped(c)) {
             return Ok(Located::Stands(bracket.guard));
         }
         let before = match &c.guards {
@@ -203,7 +184,7 @@ impl Run {
     fn jumped(&self, c: &Cluster) -> bool {
         let (true, Some(fit)) = (c.guards.as_ref().is_some_and(|g| g.jumps), &self.fit) else { return false };
         let mut values = fit.below.iter().zip(&fit.beyond).zip(&fit.tops);
-        values.any(|((from, to), top)| from * to < 0.0 && to.abs() > SLIGHT * top)
+        values.any(|((from, to), top)| from * to < 0.0 && to.abs() > self.numeric.events.min_jump * top)
     }
 
     /// The bracket of a guard that changes its sign between where all are as last seen and another place, if one does.
@@ -214,8 +195,10 @@ impl Run {
         }
         self.stride(t, at, Part::Trial)?;
         self.guards_at(c, t + at, Part::Trial);
+        let o = self.numeric.events;
         let Some(fit) = &mut self.fit else { return Ok(None) };
-        let Some(guard) = earliest(&fit.below, &fit.seen).filter(|g| fit.seen[*g].abs() > SLIGHT * fit.tops[*g]) else {
+        let Some(guard) = earliest(&fit.below, &fit.seen).filter(|g| fit.seen[*g].abs() > o.min_jump * fit.tops[*g])
+        else {
             return Ok(None);
         };
         std::mem::swap(&mut fit.trial, &mut fit.whole);
@@ -225,9 +208,10 @@ impl Run {
 
     /// Narrows a bracket down; how far its end is past the switch.
     fn narrow(&mut self, c: &Cluster, t: f64, (aim, floor): (f64, f64), bracket: &mut Bracket) -> Result<f64, Failure> {
+        let part = self.numeric.events.slow_round;
         let mut past = floor;
         let mut slow = false;
-        for round in 0..ROUNDS {
+        for round in 0..MAX_ROUNDS {
             let (low, high) = (bracket.low.0, bracket.high.0);
             let within = if round == 0 && aim > low && aim < high { aim } else { bracket.within() };
             if high - within <= 4.0 * past || high - low <= floor {
@@ -266,7 +250,7 @@ impl Run {
                 let before = [Some(bracket.low), bracket.past[0]];
                 *bracket = Bracket { low: point, third: Some(bracket.low), past: before, ..*bracket };
             }
-            slow = bracket.high.0 - bracket.low.0 > SLOW * (high - low) && point.1.abs() > SLOW * least;
+            slow = bracket.high.0 - bracket.low.0 > part * (high - low) && point.1.abs() > part * least;
         }
         Ok(past)
     }
@@ -284,7 +268,7 @@ impl Run {
         let mut back = 2.0 * past;
         loop {
             let at = low.max(high - back);
-            if high - at > SHORT * floor || at <= 0.5 * high {
+            if high - at > self.numeric.events.max_gap * floor || at <= 0.5 * high {
                 return Ok(None);
             }
             self.stride(t, at, Part::Trial)?;
@@ -308,9 +292,10 @@ impl Run {
     /// whether that guard came nearer to 0 in the step, by more than what may be rounding.
     pub(super) fn foretold(&self, t: f64, h: f64) -> (f64, bool) {
         let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return (f64::INFINITY, false) };
+        let o = self.numeric.events;
         let values = self.before.iter().zip(&fit.below).zip(&fit.beyond).zip(&fit.tops);
         let roots = values.filter_map(|(((start, middle), end), top)| {
-            let falls = end.abs() < FALLS * start.abs() && start.abs() > FAINT * top;
+            let falls = end.abs() < o.approach * start.abs() && start.abs() > o.noise_floor * top;
             next(*start, *middle, *end).map(|u| (t + h + h * u, falls))
         });
         roots.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, false))
@@ -320,9 +305,10 @@ impl Run {
     /// for a while, and a step whose nodes lie on both sides of a switch is none that its order tells the error of.
     pub(super) fn is_near(&self) -> bool {
         let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return false };
+        let o = self.numeric.events;
         let mut values = self.before.iter().zip(&fit.below).zip(&fit.beyond).zip(&fit.tops);
         values.any(|(((start, middle), end), top)| {
-            start.abs().max(end.abs()) > FAINT * top && touches(*start, *middle, *end)
+            start.abs().max(end.abs()) > o.noise_floor * top && touches([*start, *middle, *end], o.touch)
         })
     }
 
@@ -369,7 +355,8 @@ impl Run {
         }
         // One that changes its sign in the second half, and jumps back right at its end.
         let jumps = c.guards.as_ref().is_some_and(|g| g.jumps);
-        let is_there = |(x, top): (&f64, &f64)| x.abs() <= SLIGHT * top;
+        let min_jump = self.numeric.events.min_jump;
+        let is_there = |(x, top): (&f64, &f64)| x.abs() <= min_jump * top;
         if jumps && self.fit.as_ref().is_some_and(|fit| fit.beyond.iter().zip(&fit.tops).any(is_there)) {
             let at = h - (8.0 * f64::EPSILON * (t + h).abs()).max(1e-13 * h);
             if let Some(bracket) = self.sooner(c, t, (0.5 * h, at))? {
@@ -403,7 +390,7 @@ impl Run {
 
     /// Looks at the guards at the end of a step.
     fn guards_at(&mut self, c: &Cluster, t: f64, part: Part) {
-        self.guards_ahead(c, t, part, PEEK);
+        self.guards_ahead(c, t, part, self.numeric.events.peek);
     }
 
     /// Looks at the guards at the end of a step, and ahead by a part of its length for what the end does not tell.
@@ -420,7 +407,7 @@ impl Run {
         self.input[1] = ahead * taken.h;
         let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
         look(c, guards, step, (&taken.next, &mut self.input), Some(&self.before), &mut fit.seen);
-        hush(&fit.control, &fit.tops, &mut fit.seen);
+        hush(&fit.control, &fit.tops, &mut fit.seen, &self.numeric.events);
         self.branch();
     }
 }
@@ -459,6 +446,7 @@ fn beyond(
     step: &mut Ready,
     (state, input): (&[f64], &mut [f64]),
     (tops, seen): (&[f64], &mut [f64]),
+    o: &EventOptions,
 ) {
     let (t, peek) = (input[0], input[1]);
     if step.run(state, input).is_err() {
@@ -474,22 +462,17 @@ fn beyond(
     }
     let known = |k: usize| times.clone().any(|time| *time == k);
     for (k, ((x, value), top)) in seen.iter_mut().zip(values).zip(tops).enumerate() {
-        if x.abs() <= FAINT * top && value.abs() > FAINT * top && *x * value >= 0.0 && !known(k) {
+        if x.abs() <= o.noise_floor * top && value.abs() > o.noise_floor * top && *x * value >= 0.0 && !known(k) {
             *x = *value;
         }
     }
 }
 
-/// The bit of a guard in [`Control::noisy`].
-pub(super) fn noise(guard: usize) -> u64 {
-    1 << guard.min(63)
-}
-
 /// Has guards that go to and fro about 0 vanish; the others, such as a known time that comes near, stay.
-fn hush(control: &Control, tops: &[f64], seen: &mut [f64]) {
-    if control.chatter > CHATTER {
+fn hush(control: &Control, tops: &[f64], seen: &mut [f64], o: &EventOptions) {
+    if control.chatter > o.max_chatter {
         let list = seen.iter_mut().zip(tops).enumerate().filter(|(guard, _)| control.noisy & noise(*guard) != 0);
-        list.filter(|(_, (x, top))| x.abs() <= FAINT * **top).for_each(|(_, (x, _))| *x = 0.0);
+        list.filter(|(_, (x, top))| x.abs() <= o.noise_floor * **top).for_each(|(_, (x, _))| *x = 0.0);
     }
 }
 
@@ -510,14 +493,14 @@ fn turn(start: f64, middle: f64, end: f64) -> Option<f64> {
 }
 
 /// Whether the parabola through three values of one sign, at 0, 1/2 and 1, turns between them near 0.
-fn touches(start: f64, middle: f64, end: f64) -> bool {
+fn touches([start, middle, end]: [f64; 3], part: f64) -> bool {
     if !(start * middle > 0.0 && middle * end > 0.0) {
         return false;
     }
     let (slope, bend) = (4.0 * middle - 3.0 * start - end, 2.0 * (start - 2.0 * middle + end));
     let at = -0.5 * slope / bend;
     let least = (start + 0.5 * slope * at).abs().min(middle.abs());
-    at > 0.0 && at < 1.0 && bend * start > 0.0 && least < TOUCHES * start.abs().min(end.abs())
+    at > 0.0 && at < 1.0 && bend * start > 0.0 && least < part * start.abs().min(end.abs())
 }
 
 /// How far beyond 1 the parabola through three values of one sign at 0, 1/2 and 1 is 0.
@@ -532,10 +515,11 @@ fn next(start: f64, middle: f64, end: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{next, touches};
+    use super::next;
 
     #[test]
     fn what_all_but_touches_is_seen() {
+        let touches = |start: f64, middle: f64, end: f64| super::touches([start, middle, end], 0.5);
         assert!(touches(-0.0326, -0.0062, -0.0193) && touches(1.0, 0.1, 2.0));
         // What turns away from 0, or far from it, only falls, or goes across.
         assert!(

@@ -11,9 +11,6 @@ use super::program::Look;
 use crate::kernel::{Backend, Failure};
 use crate::scene::Guards;
 
-/// A pivot below this part of the largest entries tells nothing.
-const TINY: f64 = 1e-9;
-
 /// The guards of a cluster.
 pub(super) struct Watch {
     look: Look,
@@ -29,10 +26,11 @@ pub(super) struct Watch {
     /// By column: its largest entry.
     largest: Vec<f64>,
     values: Vec<f64>,
+    min_pivot: f64,
 }
 
 impl Watch {
-    pub(super) fn new(guards: &Guards, backend: &dyn Backend) -> Self {
+    pub(super) fn new(guards: &Guards, min_pivot: f64, backend: &dyn Backend) -> Self {
         let m = guards.loops;
         Self {
             look: Look::new(&guards.program, backend),
@@ -44,6 +42,7 @@ impl Watch {
             pivots: vec![None; m],
             largest: vec![0.0; m],
             values: vec![0.0; guards.count],
+            min_pivot,
         }
     }
 
@@ -80,7 +79,7 @@ impl Watch {
                 row[..m].copy_from_slice(slopes);
                 row[m] = -r;
             }
-            eliminate(m, &mut self.rows, &mut self.pivots, &mut self.largest);
+            eliminate((m, self.min_pivot), &mut self.rows, &mut self.pivots, &mut self.largest);
             let slopes = &self.look.work.output[n + m + m * m..];
             for (value, slopes) in self.values.iter_mut().zip(slopes.chunks_exact(m)) {
                 let moves = self.pivots.iter().zip(self.rows.chunks_exact(m + 1));
@@ -116,7 +115,7 @@ impl Watch {
 
 /// Gauss and Jordan's elimination with complete pivoting of scaled rows, each with its right side at its end; rows and
 /// columns that are left without a pivot have no part in the solution, which stands in the place of the right sides.
-fn eliminate(m: usize, rows: &mut [f64], pivots: &mut [Option<usize>], largest: &mut [f64]) {
+fn eliminate((m, min_pivot): (usize, f64), rows: &mut [f64], pivots: &mut [Option<usize>], largest: &mut [f64]) {
     pivots.fill(None);
     largest.fill(0.0);
     for row in rows.chunks_exact_mut(m + 1) {
@@ -129,7 +128,7 @@ fn eliminate(m: usize, rows: &mut [f64], pivots: &mut [Option<usize>], largest: 
         largest.iter_mut().zip(&*row).for_each(|(a, x)| *a = a.max(x.abs()));
     }
     for _ in 0..m {
-        let mut best = (TINY, 0, 0);
+        let mut best = (min_pivot, 0, 0);
         for (i, row) in rows.chunks_exact(m + 1).enumerate().filter(|(i, _)| pivots[*i].is_none()) {
             for (k, (x, size)) in row[..m].iter().zip(&*largest).enumerate() {
                 let part = if *size > 0.0 { x.abs() / size } else { 0.0 };
@@ -139,7 +138,7 @@ fn eliminate(m: usize, rows: &mut [f64], pivots: &mut [Option<usize>], largest: 
             }
         }
         let (part, i, k) = best;
-        if part <= TINY {
+        if part <= min_pivot {
             break;
         }
         pivots[i] = Some(k);
@@ -163,7 +162,7 @@ mod tests {
         // x + y = 3, 0 = 1, 1e9 y = 2e9, and an unknown that is in none of them.
         let mut rows = vec![1.0, 1.0, 0.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e9, 0.0, 2e9];
         let (mut pivots, mut largest) = (vec![None; 3], vec![0.0; 3]);
-        eliminate(3, &mut rows, &mut pivots, &mut largest);
+        eliminate((3, 1e-9), &mut rows, &mut pivots, &mut largest);
         let mut found = vec![0.0; 3];
         for (p, row) in pivots.iter().zip(rows.chunks_exact(4)) {
             if let Some(k) = p {

@@ -97,7 +97,7 @@ impl<'a> Simulation<'a> {
             }
         }
         let runs = scene.clusters.iter().enumerate();
-        let runs = runs.map(|c| Run::new(c, &given, options, backend)).collect::<Result<Vec<_>, _>>()?;
+        let runs = runs.map(|c| Run::new(c, &given, (options, scene), backend)).collect::<Result<Vec<_>, _>>()?;
         let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
         for (i, c) in scene.clusters.iter().enumerate() {
             for &port in &c.holds {

@@ -19,9 +19,9 @@ const ENERGY_EXCESS: f64 = 0.1;
 const RELATIVE_DEBT: f64 = 1e-11;
 /// What a resistor may give in a step, as a part of the energy there: a loop is solved to about 1e-11.
 const GAIN: f64 = 1e-9;
-/// J, and what that is a part of at least: k T in a room. Where next to nothing moves, rounding of a speed times a
-/// force may have any sign.
-const THERMAL: f64 = 4e-21;
+/// What that is a part of at least, as a part of the size of the scene's energies. Where next to nothing moves,
+/// rounding of a speed times a force may have any sign.
+const STILL: f64 = 4e-21;
 /// What rounding may make of an energy in each step.
 const ROUNDING: f64 = 1e-15;
 
@@ -260,12 +260,13 @@ impl Simulation<'_> {
         };
         let floor = ledger.floor(p).max(FLOOR * largest);
         let part = |x: f64| if ledger.largest(p) > 0.0 { x / ledger.largest(p) } else { 0.0 };
+        let still = STILL * self.scene.energy;
         let doubts = Doubts {
-            gained: ledger.error(p.gained, floor.max(THERMAL)),
+            gained: ledger.error(p.gained, floor.max(still)),
             most_negative: (number(d.most_negative_resistor) as usize, number(d.most_negative_resistor.plus(1))),
             relative_debt: number(d.relative_debt),
             // Beside heat, which is large, a step may give much before that is seen.
-            rounding: run.steps as f64 * (GAIN * number(p.turnover_max).max(THERMAL) + ROUNDING * ledger.largest(p)),
+            rounding: run.steps as f64 * (GAIN * number(p.turnover_max).max(still) + ROUNDING * ledger.largest(p)),
         };
         let summary = RegionSummary {
             name: region.name.clone(),

@@ -1,7 +1,7 @@
 //! Small and middling dense systems: Gauss' elimination with scaled partial pivoting, for every [`Machine`].
 
 use super::iteration::{SOLVED, UNDETERMINED};
-use crate::machine::{Flow, Machine, Number, Real, Variable, cells};
+use crate::machine::{Bound, Flow, Machine, Number, Real, Variable, cells};
 use crate::options::LinearOptions;
 use std::cell::Cell;
 
@@ -26,7 +26,7 @@ pub fn solve(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch, unde
     let places = Places {
         matrix: cells(a),
         right: cells(b),
-        given: undetermined.then(|| (cells(matrix), cells(right))),
+        given: if undetermined { Given::Copied(cells(matrix), cells(right)) } else { Given::There },
         column: cells(column),
         scale: cells(scale),
         inverse: cells(inverse),
@@ -43,14 +43,26 @@ pub fn solve(n: usize, a: &mut [f64], b: &mut [f64], scratch: &mut Scratch, unde
     }
 }
 
+/// Matrix and right side as they are given, which are put in their places first. If something may be left undetermined,
+/// that may be done again.
+pub enum Given<M: Machine> {
+    /// They are in their places.
+    There,
+    /// All numbers of both.
+    Copied(M::Vector, M::Vector),
+    /// So many entries of the matrix, each with its place, all others being 0; and the right side, if it is not in its
+    /// place.
+    Entries(M::Vector, M::Table, usize, Option<M::Vector>),
+}
+
 /// Where the numbers of an elimination of `n` unknowns are.
 pub struct Places<M: Machine> {
     /// The matrix, row by row. It is destroyed.
     pub matrix: M::Vector,
     /// The right side, which becomes the solution.
     pub right: M::Vector,
-    /// The same as they are given, to be copied there first; needed where something may be left undetermined.
-    pub given: Option<(M::Vector, M::Vector)>,
+    /// The same as they are given.
+    pub given: Given<M>,
     /// Room for the largest numbers of the columns.
     pub column: M::Vector,
     /// Room for one over those of the rows.
@@ -114,12 +126,18 @@ impl<M: Machine> Elimination<'_, M> {
         self.m.at(vector, self.m.place(i))
     }
 
-    fn put(&self, vector: &M::Vector, i: usize, x: M::Number) {
-        self.m.put(vector, self.m.place(i), x);
+    fn entry(&self, i: M::Index, j: M::Index) -> M::Number {
+        self.m.at(&self.places.matrix, self.m.cell(i, self.n, j))
     }
 
-    fn entry(&self, i: usize, j: usize) -> M::Number {
-        self.get(&self.places.matrix, i * self.n + j)
+    /// Goes through rows or columns from one on.
+    fn from(&self, first: Bound<M>, body: impl FnMut(M::Index) -> Flow) -> Flow {
+        self.m.span(first, Bound::Known(self.n), body)
+    }
+
+    /// The same, where nothing leaves.
+    fn each_from(&self, first: Bound<M>, body: impl FnMut(M::Index)) {
+        self.m.over(first, Bound::Known(self.n), body);
     }
 
     /// Ends without a solution.
@@ -130,14 +148,43 @@ impl<M: Machine> Elimination<'_, M> {
 
     /// Matrix and right side as they are given.
     fn given(&self) -> (&M::Vector, &M::Vector) {
-        self.places.given.as_ref().map_or((&self.places.matrix, &self.places.right), |(a, b)| (a, b))
+        match &self.places.given {
+            Given::Copied(matrix, right) => (matrix, right),
+            Given::There | Given::Entries(..) => {
+                self.put_in_place();
+                (&self.places.matrix, &self.places.right)
+            }
+        }
+    }
+
+    /// Puts matrix and right side in their places.
+    fn put_in_place(&self) {
+        let (m, places, all) = (self.m, self.places, Bound::Known(0));
+        let put_right = |right: &M::Vector| self.each_from(all, |i| m.put(&places.right, i, m.at(right, i)));
+        match &places.given {
+            Given::There => {}
+            Given::Copied(matrix, right) => {
+                self.each_from(all, |i| {
+                    self.each_from(all, |j| {
+                        let at = m.cell(i, self.n, j);
+                        m.put(&places.matrix, at, m.at(matrix, at));
+                    });
+                });
+                put_right(right);
+            }
+            Given::Entries(values, which, count, right) => {
+                m.each(self.n * self.n, |i| m.put(&places.matrix, i, m.number(0.0)));
+                m.each(*count, |e| m.put(&places.matrix, m.through(*which, e), m.at(values, e)));
+                right.iter().for_each(put_right);
+            }
+        }
     }
 
     fn one(&self) -> Flow {
-        let ((a, b), zero) = (self.given(), self.m.number(0.0));
-        let (a, b) = (self.get(a, 0), self.get(b, 0));
-        self.put(&self.places.right, 0, b / a);
-        self.m.only(a.equals(zero), || self.row.set(zero));
+        let (m, (a, b)) = (self.m, self.given());
+        let (a, b, zero) = (self.get(a, 0), self.get(b, 0), m.number(0.0));
+        m.put(&self.places.right, m.place(0), b / a);
+        m.only(a.equals(zero), || self.row.set(zero));
         Ok(())
     }
 
@@ -155,8 +202,9 @@ impl<M: Machine> Elimination<'_, M> {
             plain,
             || {
                 let inverse = m.number(1.0) / det;
-                self.put(&self.places.right, 0, (b[0] * a[3] - a[1] * b[1]) * inverse);
-                self.put(&self.places.right, 1, (a[0] * b[1] - b[0] * a[2]) * inverse);
+                let right = &self.places.right;
+                m.put(right, m.place(0), (b[0] * a[3] - a[1] * b[1]) * inverse);
+                m.put(right, m.place(1), (a[0] * b[1] - b[0] * a[2]) * inverse);
                 Ok(())
             },
             || self.pivoted(),
@@ -165,61 +213,61 @@ impl<M: Machine> Elimination<'_, M> {
 
     /// With scaled partial pivoting.
     fn pivoted(&self) -> Flow {
-        let m = self.m;
+        let (m, all) = (self.m, Bound::Known(0));
         m.repeat(|| {
-            if let Some((matrix, right)) = &self.places.given {
-                (0..self.n * self.n).for_each(|i| self.put(&self.places.matrix, i, self.get(matrix, i)));
-                (0..self.n).for_each(|i| self.put(&self.places.right, i, self.get(right, i)));
-            }
+            self.put_in_place();
             self.scale()?;
-            (0..self.n).try_for_each(|k| self.column(k))?;
-            (0..self.n).rev().try_for_each(|k| self.substitute(k))?;
+            self.from(all, |k| self.column(k))?;
+            m.span_back(all, Bound::Known(self.n), |k| self.substitute(k))?;
             m.leave()
         })
     }
 
     /// How large rows and columns are.
     fn scale(&self) -> Flow {
-        let (m, zero, places) = (self.m, self.m.number(0.0), self.places);
-        for i in 0..self.n {
-            let largest = (0..self.n).fold(zero, |most, j| larger(m, most, self.entry(i, j).abs()));
+        let (m, zero, places, all) = (self.m, self.m.number(0.0), self.places, Bound::Known(0));
+        self.each_from(all, |j| m.put(&places.column, j, zero));
+        self.from(all, |i| {
+            let [largest] =
+                m.fold_span(all, Bound::Known(self.n), [zero], |j, [most]| [larger(m, most, self.entry(i, j).abs())]);
             let (empty, s) = (largest.equals(zero), m.number(1.0) / largest);
             let (fails, s) = match &self.may {
                 // A row that says nothing is never chosen.
                 Some(may) => (empty.clone() & !may.get().is_set(), m.select(empty, zero, s)),
                 None => (empty, s),
             };
-            m.when(fails, || self.fail(m.number(i as f64)))?;
-            for j in 0..self.n {
-                let before = if i == 0 { zero } else { self.get(&places.column, j) };
-                self.put(&places.column, j, larger(m, before, self.entry(i, j).abs() * s));
-            }
-            self.put(&places.scale, i, s);
-            self.put(&places.order, i, m.number(i as f64));
+            m.when(fails, || self.fail(m.counted(i)))?;
+            let is_first = m.known_place(i) == Some(0);
+            self.each_from(all, |j| {
+                let before = if is_first { zero } else { m.at(&places.column, j) };
+                m.put(&places.column, j, larger(m, before, self.entry(i, j).abs() * s));
+            });
+            m.put(&places.scale, i, s);
+            m.put(&places.order, i, m.counted(i));
             if self.may.is_some() {
-                self.put(&places.sums, i, self.get(&places.right, i).abs());
+                m.put(&places.sums, i, m.at(&places.right, i).abs());
             }
-        }
-        Ok(())
+            Ok(())
+        })
     }
 
     /// Finds the pivot of a column, and takes its row off the later ones.
-    fn column(&self, k: usize) -> Flow {
+    fn column(&self, k: M::Index) -> Flow {
         let (m, n, places, o) = (self.m, self.n, self.places, self.options);
-        let size = |i: usize| self.entry(i, k).abs() * self.get(&places.scale, i);
-        let (mut p, mut best) = (m.number(k as f64), size(k));
-        for i in k + 1..n {
+        let later = Bound::Past(k, 1);
+        let size = |i: M::Index| self.entry(i, k).abs() * m.at(&places.scale, i);
+        let start = [m.counted(k), size(k)];
+        let [mut p, best] = m.fold_span(later, Bound::Known(n), start, |i, [p, best]| {
             let other = size(i);
             let more = best.below(other);
-            p = m.select(more.clone(), m.number(i as f64), p);
-            best = m.select(more, other, best);
-        }
-        let column = self.get(&places.column, k);
+            [m.select(more.clone(), m.counted(i), p), m.select(more, other, best)]
+        });
+        let column = m.at(&places.column, k);
         let mut none = best.at_most(m.number(o.tiny) * column);
         if let Some(may) = &self.may {
             let park = may.get().is_set() & best.at_most(m.tolerance(o.poor) * column);
             let chosen = m.holding(p);
-            self.put(&places.parked, k, m.select(park.clone(), m.number(1.0), m.number(0.0)));
+            m.put(&places.parked, k, m.select(park.clone(), m.number(1.0), m.number(0.0)));
             m.only(park.clone(), || {
                 chosen.set(self.emptiest(k));
                 self.row.set(m.number(UNDETERMINED));
@@ -227,36 +275,36 @@ impl<M: Machine> Elimination<'_, M> {
             p = chosen.get();
             none = !park & none;
         }
-        m.when(none, || self.fail(self.get(&places.order, k)))?;
-        m.chosen(p, k + 1..n, |i| self.exchange(k, i));
+        m.when(none, || self.fail(m.at(&places.order, k)))?;
+        m.chosen(p, k, n, |i| self.exchange(k, i));
         let mut inverse = m.number(1.0) / self.entry(k, k);
         if self.may.is_some() {
-            let parked = self.get(&places.parked, k).is_set();
-            inverse = m.select(parked, self.get(&places.scale, k), inverse);
+            let parked = m.at(&places.parked, k).is_set();
+            inverse = m.select(parked, m.at(&places.scale, k), inverse);
         }
-        self.put(&places.inverse, k, inverse);
-        let right = self.get(&places.right, k);
-        for i in k + 1..n {
+        m.put(&places.inverse, k, inverse);
+        let right = m.at(&places.right, k);
+        self.each_from(later, |i| {
             let l = self.entry(i, k) * inverse;
-            m.take_off(&places.matrix, (i * n + k + 1, k * n + k + 1), n - k - 1, l);
+            m.take_off(&places.matrix, n, (i, k), l);
             let term = l * right;
-            self.put(&places.right, i, self.get(&places.right, i) - term);
+            m.put(&places.right, i, m.at(&places.right, i) - term);
             if self.may.is_some() {
-                self.put(&places.sums, i, self.get(&places.sums, i) + term.abs());
+                m.put(&places.sums, i, m.at(&places.sums, i) + term.abs());
             }
-        }
+        });
         Ok(())
     }
 
     /// Exchanges two rows, of which what is before column `k` counts no more.
-    fn exchange(&self, k: usize, i: usize) {
-        let (n, places) = (self.n, self.places);
-        let swap = |vector: &M::Vector, i: usize, j: usize| {
-            let (x, y) = (self.get(vector, i), self.get(vector, j));
-            self.put(vector, i, y);
-            self.put(vector, j, x);
+    fn exchange(&self, k: M::Index, i: M::Index) {
+        let (m, n, places) = (self.m, self.n, self.places);
+        let swap = |vector: &M::Vector, i: M::Index, j: M::Index| {
+            let (x, y) = (m.at(vector, i), m.at(vector, j));
+            m.put(vector, i, y);
+            m.put(vector, j, x);
         };
-        (k..n).for_each(|j| swap(&places.matrix, k * n + j, i * n + j));
+        self.each_from(Bound::Past(k, 0), |j| swap(&places.matrix, m.cell(k, n, j), m.cell(i, n, j)));
         [&places.right, &places.scale, &places.order].into_iter().for_each(|vector| swap(vector, k, i));
         if self.may.is_some() {
             swap(&places.sums, k, i);
@@ -264,31 +312,33 @@ impl<M: Machine> Elimination<'_, M> {
     }
 
     /// The first of the rows from `k` on of which least is left behind column `k`.
-    fn emptiest(&self, k: usize) -> M::Number {
-        let (m, n) = (self.m, self.n);
-        let left = |i: usize| {
-            let most = (k + 1..n).fold(m.number(0.0), |most, j| larger(m, most, self.entry(i, j).abs()));
-            most * self.get(&self.places.scale, i)
+    fn emptiest(&self, k: M::Index) -> M::Number {
+        let (m, later, end) = (self.m, Bound::Past(k, 1), Bound::Known(self.n));
+        let left = |i: M::Index| {
+            let start = [m.number(0.0)];
+            let [most] = m.fold_span(later, end, start, |j, [most]| [larger(m, most, self.entry(i, j).abs())]);
+            most * m.at(&self.places.scale, i)
         };
-        let (mut p, mut least) = (m.number(k as f64), left(k));
-        for i in k + 1..n {
+        let start = [m.counted(k), left(k)];
+        let [p, _] = m.fold_span(later, end, start, |i, [p, least]| {
             let other = left(i);
             let less = other.below(least);
-            p = m.select(less.clone(), m.number(i as f64), p);
-            least = m.select(less, other, least);
-        }
+            [m.select(less.clone(), m.counted(i), p), m.select(less, other, least)]
+        });
         p
     }
 
     /// Finds an unknown from those after it.
-    fn substitute(&self, k: usize) -> Flow {
+    fn substitute(&self, k: M::Index) -> Flow {
         let (m, n, places) = (self.m, self.n, self.places);
-        let right = |i: usize| self.get(&places.right, i);
-        let rest = (k + 1..n).fold(right(k), |rest, j| rest - self.entry(k, j) * right(j));
-        let mut value = rest * self.get(&places.inverse, k);
+        let right = |i: M::Index| m.at(&places.right, i);
+        let [rest] = m.fold_span(Bound::Past(k, 1), Bound::Known(n), [right(k)], |j, [rest]| {
+            [rest - self.entry(k, j) * right(j)]
+        });
+        let mut value = rest * m.at(&places.inverse, k);
         if let Some(may) = &self.may {
-            let parked = self.get(&places.parked, k).is_set();
-            let bound = m.tolerance(self.options.alike) * self.get(&places.sums, k);
+            let parked = m.at(&places.parked, k).is_set();
+            let bound = m.tolerance(self.options.alike) * m.at(&places.sums, k);
             m.when(parked.clone() & bound.below(rest.abs()), || {
                 self.row.set(m.number(SOLVED));
                 may.set(m.number(0.0));
@@ -296,7 +346,7 @@ impl<M: Machine> Elimination<'_, M> {
             })?;
             value = m.select(parked, m.number(0.0), value);
         }
-        self.put(&places.right, k, value);
+        m.put(&places.right, k, value);
         Ok(())
     }
 }
@@ -333,30 +383,10 @@ impl Scratch {
     }
 }
 
-/// A power of two near `1 / x`, so that scaling with it rounds nothing; 1 where `x` is 0 or not finite.
-pub(super) fn inverse_scale(x: f64) -> f64 {
-    let exponent = (x.to_bits() >> 52) & 0x7ff;
-    if exponent == 0 {
-        // 0 or subnormal
-        return if x == 0.0 { 1.0 } else { f64::from_bits(2045 << 52) };
-    }
-    if exponent == 0x7ff { 1.0 } else { f64::from_bits(2046u64.saturating_sub(exponent).max(1) << 52) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::solve::testing::Random;
-
-    #[test]
-    fn scales_are_inverse_powers_of_two() {
-        for x in [1.0, 1.5, 3e300, 2e-308, f64::MAX, 7e-200] {
-            let s = inverse_scale(x);
-            assert!(s > 0.0 && s.is_finite() && (0.4..4.1).contains(&(x * s)), "{x:e} {s:e}");
-        }
-        assert_eq!(inverse_scale(0.0), 1.0);
-        assert_eq!(inverse_scale(f64::INFINITY), 1.0);
-    }
 
     #[test]
     fn random_systems_with_wild_units() {

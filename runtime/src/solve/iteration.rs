@@ -54,7 +54,7 @@ pub struct Method {
 impl Method {
     /// That of an iteration of a program.
     pub fn of(newton: &ir::Newton) -> Self {
-        let options = NewtonOptions::DEFAULT;
+        let options = newton.options;
         Self {
             n: newton.residual.len(),
             limit: newton.limit,

@@ -24,7 +24,7 @@ pub struct Plan {
 
 /// How systems of a pattern are solved.
 #[derive(Clone, Debug)]
-enum Method {
+pub(super) enum Method {
     Dense,
     Sparse(Symbolic),
     /// Of complex numbers.
@@ -68,12 +68,26 @@ impl Plan {
         self.undetermined
     }
 
-    /// The sparse elimination, where that is what is done; else it is dense.
-    pub fn sparse(&self) -> Option<&Symbolic> {
+    /// How many unknowns.
+    pub fn size(&self) -> usize {
+        self.n
+    }
+
+    /// The elimination, where the unknowns are a line.
+    pub fn line(&self) -> Option<&Symbolic> {
         match &self.method {
-            Method::Sparse(symbolic) | Method::Complex(symbolic) => Some(symbolic),
-            Method::Dense | Method::Never(_) => None,
+            Method::Sparse(symbolic) => symbolic.tables().line.is_some().then_some(symbolic),
+            Method::Dense | Method::Complex(_) | Method::Never(_) => None,
         }
+    }
+
+    /// Whether a sparse elimination that meets a bad pivot is done again densely.
+    pub(super) fn is_dense_again(&self) -> bool {
+        self.n <= AGAIN && matches!(self.method, Method::Sparse(_))
+    }
+
+    pub(super) fn method(&self) -> &Method {
+        &self.method
     }
 
     /// Memory for it.

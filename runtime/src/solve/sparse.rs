@@ -4,9 +4,11 @@
 //! makes little fill. Rows and columns are scaled by powers of two first. That is sound for matrices whose symmetric
 //! part is positive definite after scaling, and for most others; where it is not, the factorisation says so.
 
+mod elimination;
 mod line;
 mod numeric;
 
+pub use elimination::Elimination;
 pub use line::Line;
 pub use numeric::Numeric;
 

@@ -112,7 +112,7 @@ void {p}_save(const {p}_state *b, {p}_real *saved);
 void {p}_restore({p}_state *b, const {p}_real *saved);
 ",
         unit.image.len(),
-        super::scratch(unit).0,
+        unit.scratch,
         if unit.whole {
             String::new()
         } else {

@@ -116,7 +116,7 @@ pub(super) fn source(unit: &StandaloneModule, options: &Options, needs: &mut Nee
     match &unit.lane_forms[..] {
         [first, more @ ..] => {
             let list: Vec<u32> = places.iter().copied().collect();
-            super::solve::numbers(&mut out, "static const unsigned places[]", &list);
+            super::print::table(&mut out, "static const unsigned places[]", &list);
             out.push('\n');
             let data = !unit.commit.data.is_empty();
             out.push_str(&function(first, "lanes", (p, &lanes), data, needs));

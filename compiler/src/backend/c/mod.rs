@@ -8,10 +8,10 @@ mod solve;
 mod source;
 
 pub use header::{goes_with_object, header};
+pub(super) use source::early;
 pub use source::source;
 
 use super::emitter::{Emitted, Emitter, Request};
-use super::standalone::StandaloneModule;
 
 /// C text.
 pub const EMITTER: Emitter =
@@ -72,15 +72,4 @@ fn constants<'n>(names: impl IntoIterator<Item = &'n str>) -> Vec<String> {
 /// Text that may stand in a comment.
 fn comment(text: &str) -> String {
     text.replace("*/", "* /").replace("/*", "/ *").replace(['\n', '\r', '\\'], " ").replace("??", "? ?")
-}
-
-/// How many numbers of scratch the routines need, with those of [`solve`]; where the probes' begin.
-pub(super) fn scratch(unit: &StandaloneModule) -> (usize, usize) {
-    let of = |r: &crate::backend::code::Routine| r.scratch as usize + solve::room(r);
-    let (commit, observe) = (of(&unit.commit), of(&unit.observe));
-    // Nothing that is in use when the first samples are taken has to stay.
-    let commit = commit.max(unit.begin.as_ref().map_or(0, of));
-    // Factors that are kept are not written over.
-    let apart = if unit.commit.systems.is_empty() { 0 } else { commit };
-    (commit.max(apart + observe).max(1), apart)
 }

@@ -1,7 +1,7 @@
 //! A routine as a C function, statement by statement.
 
 use super::double_buffer;
-use crate::backend::code::{Cond, Memory, Number, Op, Place, Routine, Stmt, Value, visit};
+use crate::backend::code::{Bound, Cond, Memory, Number, Op, Place, Routine, Span, Stmt, Value, visit};
 use crate::backend::if_conversion::is_comparison;
 use crate::backend::standalone::Late;
 use bond_runtime::ir::{Binary, Unary};
@@ -36,7 +36,7 @@ pub(super) fn body(routine: &Routine, first: usize, late: &[Late], needs: &mut N
         let _ = writeln!(out, "    unsigned long i{i};");
     }
     let words = Words { numbers: &routine.numbers, lane_words: None, late, tables: &routine.tables, needs };
-    let mut printer = Printer { words, first, out };
+    let mut printer = Printer { words, first, out, loops: Vec::new(), count: 0 };
     printer.block(&routine.body, 1);
     let mut out = printer.out;
     if !matches!(routine.body.last(), Some(Stmt::Fail(_))) {
@@ -69,7 +69,7 @@ impl Used {
                 Stmt::Let(_, Op::Get(var)) => {
                     used.vars.insert(var.0);
                 }
-                Stmt::For(i, ..) => {
+                Stmt::For(i, ..) | Stmt::Span(Span { index: i, .. }, _) => {
                     used.indices.insert(i.0);
                 }
                 Stmt::Solve { .. } => {
@@ -86,6 +86,28 @@ struct Printer<'a> {
     words: Words<'a>,
     first: usize,
     out: String,
+    /// The endless loops around, and how many there were.
+    loops: Vec<Around>,
+    count: u32,
+}
+
+/// An endless loop.
+struct Around {
+    number: u32,
+    /// How many loops that count are around within it.
+    spans: u32,
+    /// What has a label that is asked for.
+    labels: BTreeSet<&'static str>,
+}
+
+/// Where a loop begins or ends.
+fn bound(bound: Bound) -> String {
+    match bound {
+        Bound::Known(i) => i.to_string(),
+        Bound::Past(i, 0) => format!("i{}", i.0),
+        Bound::Past(i, more) => format!("i{} + {more}", i.0),
+        Bound::Table(at, i) => format!("g[{at} + i{}]", i.0),
+    }
 }
 
 /// How values, places and conditions are written.
@@ -158,16 +180,28 @@ impl Printer<'_> {
                     }
                     self.line(depth, "}");
                 }
-                Stmt::Loop(body) => {
-                    self.line(depth, "for (;;) {");
-                    self.block(body, depth + 1);
-                    self.line(depth, "}");
-                }
-                Stmt::Break => self.line(depth, "break;"),
-                Stmt::Continue => self.line(depth, "continue;"),
+                Stmt::Loop(body) => self.repeat(body, depth),
+                Stmt::Break => self.leave(depth, "break", "end"),
+                Stmt::Continue => self.leave(depth, "continue", "next"),
                 Stmt::For(i, from, to, body) => {
                     self.line(depth, &format!("for (i{0} = {from}; i{0} < {to}; ++i{0}) {{", i.0));
                     self.block(body, depth + 1);
+                    self.line(depth, "}");
+                }
+                Stmt::Span(span, body) => {
+                    let (i, from, to) = (span.index.0, bound(span.from), bound(span.to));
+                    let head = match span.back {
+                        false => format!("for (i{i} = {from}; i{i} < {to}; ++i{i}) {{"),
+                        true => format!("for (i{i} = {to}; i{i}-- > {from};) {{"),
+                    };
+                    self.line(depth, &head);
+                    if let Some(around) = self.loops.last_mut() {
+                        around.spans += 1;
+                    }
+                    self.block(body, depth + 1);
+                    if let Some(around) = self.loops.last_mut() {
+                        around.spans -= 1;
+                    }
                     self.line(depth, "}");
                 }
                 Stmt::Solve { system, matrix, vector, row, same } => {
@@ -184,6 +218,33 @@ impl Printer<'_> {
                     self.line(depth, &format!("return BOND_{};", reason.name()));
                 }
             }
+        }
+    }
+
+    fn repeat(&mut self, body: &[Stmt], depth: usize) {
+        self.count += 1;
+        self.loops.push(Around { number: self.count, spans: 0, labels: BTreeSet::new() });
+        self.line(depth, "for (;;) {");
+        self.block(body, depth + 1);
+        let Some(Around { number, labels, .. }) = self.loops.pop() else { return };
+        if labels.contains("next") {
+            self.line(depth, &format!("next{number}:;"));
+        }
+        self.line(depth, "}");
+        if labels.contains("end") {
+            self.line(depth, &format!("end{number}:;"));
+        }
+    }
+
+    /// Leaves the innermost endless loop, from within loops that count inside it by a label.
+    fn leave(&mut self, depth: usize, word: &str, label: &'static str) {
+        match self.loops.last_mut().filter(|around| around.spans > 0) {
+            Some(around) => {
+                around.labels.insert(label);
+                let to = format!("goto {label}{};", around.number);
+                self.line(depth, &to);
+            }
+            None => self.line(depth, &format!("{word};")),
         }
     }
 
@@ -239,6 +300,11 @@ impl Words<'_> {
         match op {
             Op::Load(p) => self.place(p),
             Op::Get(m) => format!("m{}", m.0),
+            Op::Counter(i) => format!("(bond_real)(long)i{}", i.0),
+            Op::InverseScale(x) => {
+                self.needs.insert("bond_scale");
+                format!("bond_scale({})", self.of(*x))
+            }
             Op::Unary(f, x) => {
                 let a = self.of(*x);
                 match f {
@@ -311,7 +377,7 @@ impl Words<'_> {
             Op::Binary(Binary::And, a, b) => self.cond(&Cond::All(all(a, b))),
             Op::Binary(Binary::Or, a, b) => self.cond(&Cond::Any(all(a, b))),
             Op::Binary(_, a, b) => self.cond(&Cond::Eq(*a, *b)),
-            Op::Load(_) | Op::Get(_) => self.cond(&Cond::Known(false)),
+            Op::Load(_) | Op::Get(_) | Op::Counter(_) | Op::InverseScale(_) => self.cond(&Cond::Known(false)),
         }
     }
 
@@ -343,6 +409,19 @@ impl Words<'_> {
             }
         }
     }
+}
+
+/// A table of whole numbers.
+pub(super) fn table(out: &mut String, name: &str, list: &[u32]) {
+    let _ = write!(out, "{name} = {{");
+    if list.is_empty() {
+        out.push_str(" 0");
+    }
+    for (i, x) in list.iter().enumerate() {
+        out.push_str(if i % 24 == 0 { "\n    " } else { " " });
+        let _ = write!(out, "{x},");
+    }
+    out.push_str("\n};\n");
 }
 
 /// A condition in parentheses.

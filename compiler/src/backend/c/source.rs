@@ -1,8 +1,8 @@
 //! The source: the routines, and what the header promises.
 
 use super::double_buffer::double_buffered;
-use super::print::{Needs, body, letter, memories, number};
-use super::{Options, comment, scratch, solve};
+use super::print::{Needs, body, letter, memories, number, table};
+use super::{Options, comment, solve};
 use crate::backend::code::{Memory, Number, Reason, Routine};
 use crate::backend::standalone::{Late, NAMES, StandaloneModule};
 use std::fmt::Write;
@@ -109,7 +109,7 @@ fn function(routine: &Routine, name: &str, first: usize, late: &[Late], needs: &
         numbers(&mut out, &format!("{name}_data"), &routine.data);
     }
     if !routine.tables.is_empty() {
-        solve::numbers(&mut out, &format!("static const unsigned {name}_places[]"), &routine.tables);
+        table(&mut out, &format!("static const unsigned {name}_places[]"), &routine.tables);
     }
     let _ = writeln!(
         out,
@@ -143,7 +143,7 @@ fn is_declaration(line: &str) -> bool {
 }
 
 /// The numbers that go from interval to interval and are written while an interval may still fail.
-fn early(unit: &StandaloneModule) -> impl Iterator<Item = Range<usize>> {
+pub fn early(unit: &StandaloneModule) -> impl Iterator<Item = Range<usize>> {
     let starts = std::iter::once(0).chain(unit.late.iter().map(|l| l.state.end));
     let ends = unit.late.iter().map(|l| l.state.start).chain([unit.kept]);
     starts.zip(ends).map(|(from, to)| from..to).filter(|r| !r.is_empty())
@@ -170,7 +170,7 @@ fn interface(unit: &StandaloneModule, double_buffered: &[Late], p: &str) -> Stri
         let (turned, state, next, n) = (unit.turned, l.state.start, l.next, l.state.len());
         format!("    if (b->x[{turned}] != 0) memcpy(saved + {state}, b->x + {next}, {n} * sizeof *saved);\n")
     });
-    let probes = match scratch(unit).1 {
+    let probes = match unit.observe_scratch {
         0 => String::new(),
         at => format!(" + {at}"),
     };

@@ -67,7 +67,7 @@ pub fn is_call(op: &Op) -> bool {
     match op {
         Op::Unary(f, _) => f.is_library() || matches!(f, Unary::Sqrt | Unary::Floor),
         Op::Binary(f, ..) => matches!(f, Binary::Pow | Binary::Atan2),
-        Op::Load(_) | Op::Get(_) | Op::Select(..) => false,
+        Op::Load(_) | Op::Get(_) | Op::Counter(_) | Op::InverseScale(_) | Op::Select(..) => false,
     }
 }
 
@@ -229,7 +229,12 @@ impl Conversion {
                     number(b);
                 }
                 Op::Binary(Binary::And | Binary::Or, ..) | Op::Unary(Unary::Not, _) => {}
-                op @ (Op::Load(_) | Op::Get(_) | Op::Unary(..) | Op::Binary(..)) => op.each_value(&mut |v| number(&v)),
+                op @ (Op::Load(_)
+                | Op::Get(_)
+                | Op::Counter(_)
+                | Op::InverseScale(_)
+                | Op::Unary(..)
+                | Op::Binary(..)) => op.each_value(&mut |v| number(&v)),
             }
         }
         flags
@@ -265,7 +270,7 @@ pub fn is_comparison(op: &Op) -> bool {
             | Binary::Atan2 => false,
         },
         Op::Unary(f, _) => *f == Unary::Not,
-        Op::Load(_) | Op::Get(_) | Op::Select(..) => false,
+        Op::Load(_) | Op::Get(_) | Op::Counter(_) | Op::InverseScale(_) | Op::Select(..) => false,
     }
 }
 

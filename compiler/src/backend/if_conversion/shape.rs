@@ -5,7 +5,7 @@ use crate::backend::code::{Stmt, all};
 /// Whether a block always comes to what has no form here; one turn of what repeats may have one.
 pub(super) fn is_heavy(body: &[Stmt], turns: bool) -> bool {
     body.iter().any(|s| match s {
-        Stmt::For(..) | Stmt::Solve { .. } | Stmt::Fail(_) | Stmt::Continue => true,
+        Stmt::For(..) | Stmt::Span(..) | Stmt::Solve { .. } | Stmt::Fail(_) | Stmt::Continue => true,
         Stmt::Loop(body) => !turns && repeats(body) || is_heavy(body, turns),
         _ => false,
     })

@@ -43,6 +43,8 @@ impl<'a> Run<'a> {
             Op::Unary(f, a) => eval::unary(*f, self.of(*a)),
             Op::Binary(f, a, b) => eval::binary(*f, self.of(*a), self.of(*b)),
             Op::Select(c, a, b) => self.of(if self.cond(c) { *a } else { *b }),
+            Op::InverseScale(a) => eval::inverse_scale(self.of(*a)),
+            Op::Counter(_) => unreachable!("these routines have no loops over tables"),
         };
     }
 

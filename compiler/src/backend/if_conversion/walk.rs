@@ -40,7 +40,7 @@ impl Conversion {
                     return End::Gone;
                 }
                 // Looked for before blocks with them are gone into.
-                Stmt::Continue | Stmt::For(..) | Stmt::Solve { .. } | Stmt::Fail(_) => {
+                Stmt::Continue | Stmt::For(..) | Stmt::Span(..) | Stmt::Solve { .. } | Stmt::Fail(_) => {
                     self.give_up();
                     return End::Gone;
                 }
@@ -253,12 +253,14 @@ impl Conversion {
                 found.unwrap_or(self.zero)
             }
             Op::Get(var) => self.here_is(self.state.vars[var.0 as usize]),
+            // Only in loops, which have no form here.
+            Op::Counter(_) => self.zero,
             Op::Select(c, a, b) => {
                 let c = self.cond(c);
                 let (a, b) = (self.values[a.0 as usize], self.values[b.0 as usize]);
                 self.select(c, a, b)
             }
-            Op::Unary(..) | Op::Binary(..) => {
+            Op::Unary(..) | Op::Binary(..) | Op::InverseScale(_) => {
                 let mut op = op.clone();
                 op.each_value_mut(&mut |v| *v = self.values[v.0 as usize]);
                 if let Some(count) = self.count(&op) {

@@ -6,6 +6,12 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Takes values, and settings of variables, out of a routine that nothing looks at.
 pub(super) fn remove_dead_code(routine: &mut Routine) {
+    remove_unused(routine);
+    sink(&mut routine.body, &mut routine.vars);
+}
+
+/// The same, where what one branch alone uses stays before it.
+pub(super) fn remove_unused(routine: &mut Routine) {
     // A variable counts as read where anything reads it, so that one round may leave work for the next.
     loop {
         let mut used = Used { values: vec![false; routine.numbers.len()], vars: vec![false; routine.vars as usize] };
@@ -14,7 +20,6 @@ pub(super) fn remove_dead_code(routine: &mut Routine) {
             break;
         }
     }
-    sink(&mut routine.body, &mut routine.vars);
 }
 
 /// Where a value is used.

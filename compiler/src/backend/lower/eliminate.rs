@@ -3,7 +3,7 @@
 use super::recorder::{Changing, Recorder};
 use super::writer::{Vector, Writer};
 use crate::backend::code::{System, Value};
-use bond_runtime::solve::dense::{Places, eliminate};
+use bond_runtime::solve::dense::{Given, Places, eliminate};
 use bond_runtime::solve::linear::Matrix;
 
 impl Writer {
@@ -30,7 +30,7 @@ pub(super) fn solve<'r>(
         Places {
             matrix: vars(n * n),
             right: vars(n),
-            given: Some((Vector::Values(matrix), Vector::Values(right))),
+            given: Given::Copied(Vector::Values(matrix), Vector::Values(right)),
             column: vars(n),
             scale: vars(n),
             inverse: vars(n),

@@ -10,9 +10,11 @@ mod newton;
 mod options;
 pub(super) mod recorder;
 mod reroll;
+mod solvers;
 pub(super) mod writer;
 
 pub(super) use fuse::may_pair;
+pub(super) use solvers::{Solvers, with_solvers};
 
 use super::code::{Index, Memory, Place, Reason, Routine, Stmt, Value, Var};
 use bond_runtime::ir::{self, Array, Inst, Op, Program, Slot};

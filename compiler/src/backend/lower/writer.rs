@@ -35,11 +35,41 @@ pub(in crate::backend) struct Writer {
     pub(in crate::backend) positive: FxHashSet<Value>,
 }
 
-/// Which of some things: a certain one, or that which a counter tells.
+/// Which of some things.
 #[derive(Clone, Copy)]
 pub(in crate::backend) enum At {
+    /// A certain one.
     One(usize),
+    /// That which a counter tells,
     Each(Index),
+    /// or some with their strides, from a place on,
+    Cell(u32, [Option<(Index, u32)>; 2]),
+    /// or a table for a counter.
+    Through(u32, Index),
+}
+
+impl At {
+    /// The counter that it is. Loops go over counters alone.
+    pub(in crate::backend) fn counter(self) -> Index {
+        match self {
+            At::Each(index) | At::Through(_, index) | At::Cell(_, [Some((index, _)), _]) => index,
+            At::Cell(_, [None, Some((index, _))]) => index,
+            At::One(_) | At::Cell(_, [None, None]) => Index(0),
+        }
+    }
+
+    /// This one times `n` and another.
+    pub(in crate::backend) fn cell(self, n: u32, other: At) -> At {
+        let parts = |at: At, stride: u32| match at {
+            At::One(k) => (k as u32 * stride, None),
+            at => (0, Some((at.counter(), stride))),
+        };
+        let ((first, i), (second, j)) = (parts(self, n), parts(other, 1));
+        match (i, j) {
+            (None, None) => At::One((first + second) as usize),
+            along => At::Cell(first + second, along.into()),
+        }
+    }
 }
 
 /// Some numbers.
@@ -74,6 +104,34 @@ impl Writer {
         fuse(&mut routine, self.loops);
         remove_dead_code(&mut routine);
         routine
+    }
+
+    /// Goes on with a routine's numbers, variables and memory, to write statements for it.
+    pub(super) fn resume(routine: &mut Routine) -> Self {
+        Self {
+            blocks: vec![Vec::new()],
+            numbers: std::mem::take(&mut routine.numbers),
+            vars: routine.vars,
+            indices: routine.indices,
+            scratch: routine.scratch,
+            data: std::mem::take(&mut routine.data),
+            tables: std::mem::take(&mut routine.tables),
+            ..Self::default()
+        }
+    }
+
+    /// The routine that was gone on with, of these statements.
+    pub(super) fn resumed(self, routine: Routine, body: Vec<Stmt>) -> Routine {
+        Routine {
+            body,
+            numbers: self.numbers,
+            vars: self.vars,
+            indices: self.indices,
+            scratch: self.scratch,
+            data: self.data,
+            tables: self.tables,
+            ..routine
+        }
     }
 
     pub(in crate::backend) fn push(&mut self, s: Stmt) {
@@ -135,7 +193,7 @@ impl Writer {
         }
     }
 
-    fn define(&mut self, op: Op) -> Value {
+    pub(super) fn define(&mut self, op: Op) -> Value {
         let v = self.fresh(None);
         self.push(Stmt::Let(v, op));
         v
@@ -342,5 +400,10 @@ pub(in crate::backend) fn scratch(base: u32, at: At) -> Place {
     match at {
         At::One(i) => Place::new(Memory::Scratch, base + i as u32),
         At::Each(index) => Place { along: vec![(index, 1)], ..Place::new(Memory::Scratch, base) },
+        At::Cell(first, along) => {
+            let along = along.into_iter().flatten().collect();
+            Place { along, ..Place::new(Memory::Scratch, base + first) }
+        }
+        At::Through(table, index) => Place { through: Some((table, index)), ..Place::new(Memory::Scratch, base) },
     }
 }

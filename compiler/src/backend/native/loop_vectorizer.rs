@@ -27,12 +27,13 @@ fn serial(routine: &Routine, turns: (Index, u32, u32), body: &[Stmt]) -> Option<
         s.each_value(&mut |v| waits |= serial.contains(&v));
         match s {
             Stmt::Let(v, op) => {
-                let calls = match op {
+                let alone = match op {
                     Op::Unary(f, _) => functions::unary(*f).is_some(),
                     Op::Binary(f, ..) => functions::binary(*f).is_some(),
                     Op::Load(_) | Op::Get(_) | Op::Select(..) => false,
+                    Op::Counter(_) | Op::InverseScale(_) => true,
                 };
-                if calls {
+                if alone {
                     return None;
                 }
                 if waits {
@@ -222,6 +223,9 @@ impl<M: Module> Vectorized<'_, '_, '_, M> {
                 let x = self.t.b.use_var(self.t.vars[var.0 as usize]);
                 self.t.b.ins().splat(types::F64X2, x)
             }
+            // Neither is done in vectors: see `serial`.
+            Op::Counter(_) => self.of(v),
+            Op::InverseScale(a) => self.of(*a),
             Op::Unary(f, a) => self.unary(v, *f, *a),
             Op::Binary(f, a, b) => self.binary(v, *f, *a, *b),
             Op::Select(c, a, b) => {

@@ -2,7 +2,9 @@
 
 use super::functions;
 use super::translate::{Made, REPORT, define};
-use crate::backend::code::Memory;
+use crate::backend::c::early;
+use crate::backend::code::{Memory, Routine};
+use crate::backend::lower::{Solvers, with_solvers};
 use crate::backend::standalone::{NAMES, StandaloneModule};
 use cranelift_codegen::ir::condcodes::IntCC;
 use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, StackSlotData, StackSlotKind, types};
@@ -14,17 +16,8 @@ use cranelift_object::{ObjectBuilder, ObjectModule};
 /// The object file of a unit, for machines like this one; its public names begin with `prefix`.
 ///
 /// # Errors
-/// In words: iterations too large to be written out, or a machine that is not known.
+/// In words: a machine that is not known, or code beyond what it takes.
 pub fn object(unit: &StandaloneModule, prefix: &str) -> Result<Vec<u8>, String> {
-    if !unit.commit.systems.is_empty() || !unit.observe.systems.is_empty() {
-        return Err("a step of this scene solves for more than 8 unknowns at once, which object files have no form for: take --emit c".into());
-    }
-    let large = |r: &crate::backend::code::Routine| !r.data.is_empty() || !r.tables.is_empty();
-    if large(&unit.commit) || large(&unit.observe) {
-        return Err(
-            "this scene is large, and its groups of like elements have no form in object files: take --emit c".into()
-        );
-    }
     let text = |e: &dyn std::fmt::Display| e.to_string();
     let mut flags = settings::builder();
     for (name, value) in [("opt_level", "speed"), ("is_pic", "true")] {
@@ -42,6 +35,17 @@ struct Writer<'a> {
     module: ObjectModule,
     unit: &'a StandaloneModule,
     prefix: &'a str,
+}
+
+/// A routine, with what it reads besides the state.
+#[derive(Clone, Copy)]
+struct Callee {
+    function: FuncId,
+    constants: DataId,
+    data: DataId,
+    tables: DataId,
+    /// Where its scratch begins.
+    scratch: usize,
 }
 
 /// What a public function takes and gives.
@@ -62,24 +66,32 @@ impl Writer<'_> {
     fn all(&mut self) -> Made<()> {
         let own = |name: &str| format!("{}_{name}_", self.prefix);
         let (commit, observe, several) = (own("commit"), own("observe"), own("many"));
-        let table = self.numbers("table", &self.unit.table)?;
-        let mut routine =
-            |name: &str, routine| define(&mut self.module, name, routine, Linkage::Local, functions::libm, false);
-        let commit = routine(&commit, &self.unit.commit)?;
-        let many = self.unit.run.as_ref().map(|many| routine(&several, many)).transpose()?;
-        let observe = routine(&observe, &self.unit.observe)?;
+        let constants = self.numbers("table", &self.unit.table)?;
+        let commit = self.routine(&commit, &self.unit.commit, (constants, 0))?;
+        let many = self.unit.run.as_ref().map(|many| self.routine(&several, many, (constants, 0))).transpose()?;
+        let observe = self.routine(&observe, &self.unit.observe, (constants, self.unit.observe_scratch))?;
         self.state_functions()?;
-        self.commit_function(commit, table)?;
+        self.commit_function(commit)?;
         if let Some(many) = many {
-            self.run_function(many, table)?;
+            self.run_function(many)?;
         }
-        self.reading_functions(observe, table)?;
+        self.reading_functions(observe)?;
         self.input_function()
+    }
+
+    /// Defines a routine, with its numbers and tables.
+    fn routine(&mut self, name: &str, routine: &Routine, (constants, scratch): (DataId, usize)) -> Made<Callee> {
+        let routine = &with_solvers(routine.clone(), Solvers::All);
+        let function = define(&mut self.module, name, routine, Linkage::Local, functions::libm, false)?;
+        let data = self.numbers(&format!("{name}data"), &routine.data)?;
+        let tables = routine.tables.iter().flat_map(|x| x.to_ne_bytes()).collect();
+        let tables = self.constant(&format!("{name}tables"), tables)?;
+        Ok(Callee { function, constants, data, tables, scratch })
     }
 
     /// Bytes of the block and the scratch, without what is put back where an interval fails.
     fn kept(&self) -> i64 {
-        8 * (self.unit.image.len() + crate::backend::c::scratch(self.unit).0) as i64
+        8 * (self.unit.image.len() + self.unit.scratch) as i64
     }
 
     /// Begins, saves and restores.
@@ -105,20 +117,27 @@ impl Writer<'_> {
     }
 
     /// Goes an interval on.
-    fn commit_function(&mut self, commit: FuncId, table: DataId) -> Made<()> {
+    fn commit_function(&mut self, commit: Callee) -> Made<()> {
         let pointer = self.module.target_config().pointer_type();
-        let (n, kept) = (self.unit.kept as i64, self.kept());
+        let kept = self.kept();
         self.function(Face::new("commit", &[pointer, pointer], Some(types::I32)), |w, b, args| {
             if w.unit.whole {
-                return Some(w.run(b, commit, table, args[0], &[(Memory::Input, args[1])]));
+                return Some(w.run(b, commit, args[0], &[(Memory::Input, args[1])]));
             }
             let backup = b.ins().iadd_imm_u(args[0], kept);
-            copy(b, backup, args[0], n);
-            let failed = w.run(b, commit, table, args[0], &[(Memory::Input, args[1])]);
+            let unit = w.unit;
+            let some = |b: &mut FunctionBuilder<'_>, to: ir::Value, from: ir::Value| {
+                for r in early(unit) {
+                    let [to, from] = [to, from].map(|x| b.ins().iadd_imm_u(x, 8 * r.start as i64));
+                    copy(b, to, from, r.len() as i64);
+                }
+            };
+            some(b, backup, args[0]);
+            let failed = w.run(b, commit, args[0], &[(Memory::Input, args[1])]);
             let (good, back, end) = (b.create_block(), b.create_block(), b.create_block());
             b.ins().brif(failed, back, &[] as &[BlockArg], good, &[] as &[BlockArg]);
             b.switch_to_block(back);
-            copy(b, args[0], backup, n);
+            some(b, args[0], backup);
             b.ins().jump(end, &[] as &[BlockArg]);
             b.switch_to_block(good);
             for late in &w.unit.late {
@@ -132,7 +151,7 @@ impl Writer<'_> {
     }
 
     /// Goes several intervals on.
-    fn run_function(&mut self, many: FuncId, table: DataId) -> Made<()> {
+    fn run_function(&mut self, many: Callee) -> Made<()> {
         let pointer = self.module.target_config().pointer_type();
         self.function(Face::new("run", &[pointer, types::I64], Some(types::I32)), |w, b, args| {
             let room = b.create_sized_stack_slot(StackSlotData::new(StackSlotKind::ExplicitSlot, 16, 3));
@@ -141,13 +160,13 @@ impl Writer<'_> {
             let count = b.ins().fcvt_from_uint(types::F64, args[1]);
             b.ins().store(MemFlagsData::trusted(), count, most, 0);
             let given = [(Memory::Input, most), (Memory::Output, gone)];
-            let failed = w.run(b, many, table, args[0], &given);
+            let failed = w.run(b, many, args[0], &given);
             let (back, end) = (b.create_block(), b.create_block());
             b.ins().brif(failed, back, &[] as &[BlockArg], end, &[] as &[BlockArg]);
             b.switch_to_block(back);
             let done = load(b, gone, 0);
             b.ins().store(MemFlagsData::trusted(), done, most, 0);
-            w.run(b, many, table, args[0], &given);
+            w.run(b, many, args[0], &given);
             b.ins().jump(end, &[] as &[BlockArg]);
             b.switch_to_block(end);
             Some(failed)
@@ -155,10 +174,10 @@ impl Writer<'_> {
     }
 
     /// Gives probes, what ports hold, the time, and what is stored and booked.
-    fn reading_functions(&mut self, observe: FuncId, table: DataId) -> Made<()> {
+    fn reading_functions(&mut self, observe: Callee) -> Made<()> {
         let pointer = self.module.target_config().pointer_type();
         self.function(Face::new("probes", &[pointer, pointer], Some(types::I32)), |w, b, args| {
-            Some(w.run(b, observe, table, args[0], &[(Memory::Output, args[1])]))
+            Some(w.run(b, observe, args[0], &[(Memory::Output, args[1])]))
         })?;
         self.function(Face::new("output", &[pointer, pointer], None), |w, b, args| {
             for (k, o) in w.unit.open.iter().enumerate() {
@@ -223,9 +242,13 @@ impl Writer<'_> {
 
     /// Constant numbers.
     fn numbers(&mut self, name: &str, list: &[f64]) -> Made<DataId> {
+        self.constant(name, list.iter().flat_map(|x| x.to_ne_bytes()).collect())
+    }
+
+    /// Constants.
+    fn constant(&mut self, name: &str, mut bytes: Vec<u8>) -> Made<DataId> {
         let id = self.module.declare_data(&format!("{}_{name}_", self.prefix), Linkage::Local, false, false)?;
         let mut data = DataDescription::new();
-        let mut bytes: Vec<u8> = list.iter().flat_map(|x| x.to_ne_bytes()).collect();
         bytes.resize(bytes.len().max(8), 0);
         data.define(bytes.into_boxed_slice());
         data.set_align(8);
@@ -244,8 +267,7 @@ impl Writer<'_> {
     fn run(
         &mut self,
         b: &mut FunctionBuilder<'_>,
-        routine: FuncId,
-        table: DataId,
+        callee: Callee,
         state: ir::Value,
         given: &[(Memory, ir::Value)],
     ) -> ir::Value {
@@ -253,21 +275,20 @@ impl Writer<'_> {
         let none = b.ins().iconst(pointer, 0);
         let report = b.create_sized_stack_slot(StackSlotData::new(StackSlotKind::ExplicitSlot, REPORT, 3));
         let report = b.ins().stack_addr(pointer, report, 0);
-        let table = self.data(b, table);
-        let scratch = b.ins().iadd_imm_u(state, 8 * self.unit.image.len() as i64);
+        let [table, data, tables] = [callee.constants, callee.data, callee.tables].map(|id| self.data(b, id));
+        let scratch = b.ins().iadd_imm_u(state, 8 * (self.unit.image.len() + callee.scratch) as i64);
         let mut args: Vec<ir::Value> = Memory::ALL
             .into_iter()
             .map(|m| match m {
                 Memory::State => state,
                 Memory::Table => table,
                 Memory::Scratch => scratch,
-                Memory::Input | Memory::Next | Memory::Output | Memory::Data => {
-                    given.iter().find(|g| g.0 == m).map_or(none, |g| g.1)
-                }
+                Memory::Data => data,
+                Memory::Input | Memory::Next | Memory::Output => given.iter().find(|g| g.0 == m).map_or(none, |g| g.1),
             })
             .collect();
-        args.extend([report, none, none]);
-        let f = self.module.declare_func_in_func(routine, b.func);
+        args.extend([report, none, tables]);
+        let f = self.module.declare_func_in_func(callee.function, b.func);
         let call = b.ins().call(f, &args);
         b.inst_results(call)[0]
     }

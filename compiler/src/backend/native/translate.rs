@@ -3,7 +3,7 @@
 use super::functions;
 use super::slp::{self, Pairs};
 use super::vector::{self, Kind, VectorOptions};
-use crate::backend::code::{Cond, Memory, Number, Op, Place, Reason, Routine, Stmt, Value, visit};
+use crate::backend::code::{Bound, Cond, Index, Memory, Number, Op, Place, Reason, Routine, Span, Stmt, Value, visit};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
 use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, Opcode, types};
@@ -316,6 +316,7 @@ impl<M: Module> Translate<'_, '_, M> {
                 self.b.ins().brif(more, head, &[] as &[BlockArg], end, &[] as &[BlockArg]);
                 self.b.switch_to_block(end);
             }
+            Stmt::Span(span, body) => self.span(span, body),
             Stmt::Solve { system, matrix, vector, row, same } => {
                 self.solve((*system, *matrix, *vector), row.0, *same);
             }
@@ -333,6 +334,82 @@ impl<M: Module> Translate<'_, '_, M> {
             }
         }
         false
+    }
+
+    fn span(&mut self, span: &Span, body: &[Stmt]) {
+        let none: &[BlockArg] = &[];
+        let var = self.indices[span.index.0 as usize];
+        let (from, to) = (self.bound(span.from), self.bound(span.to));
+        self.b.def_var(var, if span.back { to } else { from });
+        let (turn, end) = (self.b.create_block(), self.b.create_block());
+        let any = self.b.ins().icmp(IntCC::UnsignedLessThan, from, to);
+        self.b.ins().brif(any, turn, none, end, none);
+        self.b.switch_to_block(turn);
+        let next = |t: &mut Self, by: i64| {
+            let i = t.b.use_var(var);
+            let by = t.b.ins().iconst(types::I64, by);
+            let i = t.b.ins().iadd(i, by);
+            t.b.def_var(var, i);
+            i
+        };
+        if span.back {
+            next(self, -1);
+        }
+        if !self.block(body) {
+            let more = if span.back {
+                let i = self.b.use_var(var);
+                self.b.ins().icmp(IntCC::UnsignedGreaterThan, i, from)
+            } else {
+                let i = next(self, 1);
+                self.b.ins().icmp(IntCC::UnsignedLessThan, i, to)
+            };
+            self.b.ins().brif(more, turn, none, end, none);
+        }
+        self.b.switch_to_block(end);
+    }
+
+    fn bound(&mut self, bound: Bound) -> ir::Value {
+        match bound {
+            Bound::Known(i) => self.b.ins().iconst(types::I64, i64::from(i)),
+            Bound::Past(i, more) => {
+                let i = self.b.use_var(self.indices[i.0 as usize]);
+                self.b.ins().iadd_imm_u(i, i64::from(more))
+            }
+            Bound::Table(at, i) => self.listed(at, i),
+        }
+    }
+
+    /// A number of the tables.
+    fn listed(&mut self, at: u32, index: Index) -> ir::Value {
+        let (i, tables) = (self.b.use_var(self.indices[index.0 as usize]), self.params[Memory::ALL.len() + 2]);
+        let i = self.b.ins().imul_imm_u(i, 4);
+        let entry = self.b.ins().iadd(tables, i);
+        match i32::try_from(4 * i64::from(at)) {
+            Ok(offset) => self.b.ins().uload32(MemFlagsData::trusted(), entry, offset),
+            Err(_) => {
+                let entry = self.b.ins().iadd_imm_u(entry, 4 * i64::from(at));
+                self.b.ins().uload32(MemFlagsData::trusted(), entry, 0)
+            }
+        }
+    }
+
+    /// `bond_runtime::eval::inverse_scale`, by the exponent's bits.
+    fn inverse_scale(&mut self, x: ir::Value) -> ir::Value {
+        let bits = self.b.ins().bitcast(types::I64, MemFlagsData::new(), x);
+        let shift = self.b.ins().iconst(types::I64, 52);
+        let exponent = self.b.ins().ushr(bits, shift);
+        let (most, least) = (self.b.ins().iconst(types::I64, 2045), self.b.ins().iconst(types::I64, 1));
+        let opposite = self.b.ins().iconst(types::I64, 2046);
+        let opposite = self.b.ins().isub(opposite, exponent);
+        let opposite = self.b.ins().smin(opposite, most);
+        let opposite = self.b.ins().smax(opposite, least);
+        let opposite = self.b.ins().ishl(opposite, shift);
+        let scale = self.b.ins().bitcast(types::F64, MemFlagsData::new(), opposite);
+        let (one, zero) = (self.b.ins().f64const(1.0), self.b.ins().f64const(0.0));
+        let nothing = self.b.ins().fcmp(FloatCC::Equal, x, zero);
+        let endless = self.b.ins().icmp_imm_u(IntCC::UnsignedGreaterThanOrEqual, exponent, 0x7ff);
+        let plain = self.b.ins().bor(nothing, endless);
+        self.b.ins().select(plain, one, scale)
     }
 
     /// Leaves numbers behind those before; how many bytes there are is the report's last entry.
@@ -415,16 +492,7 @@ impl<M: Module> Translate<'_, '_, M> {
             address = self.b.ins().iadd(address, i);
         }
         if let Some((at, index)) = place.through {
-            let (i, tables) = (self.b.use_var(self.indices[index.0 as usize]), self.params[Memory::ALL.len() + 2]);
-            let i = self.b.ins().imul_imm_u(i, 4);
-            let entry = self.b.ins().iadd(tables, i);
-            let entry = match i32::try_from(4 * i64::from(at)) {
-                Ok(offset) => self.b.ins().uload32(MemFlagsData::trusted(), entry, offset),
-                Err(_) => {
-                    let entry = self.b.ins().iadd_imm_u(entry, 4 * i64::from(at));
-                    self.b.ins().uload32(MemFlagsData::trusted(), entry, 0)
-                }
-            };
+            let entry = self.listed(at, index);
             let entry = self.b.ins().imul_imm_u(entry, 8);
             address = self.b.ins().iadd(address, entry);
         }
@@ -441,6 +509,14 @@ impl<M: Module> Translate<'_, '_, M> {
                 self.b.ins().load(types::F64, flags(place.memory), address, offset)
             }
             Op::Get(var) => self.b.use_var(self.vars[var.0 as usize]),
+            Op::Counter(index) => {
+                let i = self.b.use_var(self.indices[index.0 as usize]);
+                self.b.ins().fcvt_from_sint(types::F64, i)
+            }
+            Op::InverseScale(x) => {
+                let x = self.of(*x);
+                self.inverse_scale(x)
+            }
             Op::Unary(f, a) => self.unary(v, *f, *a),
             Op::Binary(f, x, y) => self.binary(v, *f, *x, *y),
             Op::Select(c, x, y) => {

@@ -17,8 +17,8 @@ mod step;
 
 use super::code::{Cond, Memory, Place, Reason, Routine, Stmt, Value, size};
 use super::if_conversion::{ConversionOptions, LaneForm, lane_forms};
-use super::lower::write;
 use super::lower::writer::{At, Writer, scratch};
+use super::lower::{Solvers, with_solvers, write};
 use block::Block;
 use bond_runtime::energy::PortResponse;
 use bond_runtime::exponential;
@@ -68,6 +68,11 @@ pub struct StandaloneModule {
     /// Takes the first samples anew, of a block that is as at the start but for what is given from outside. None where
     /// these do not depend on that.
     pub begin: Option<Routine>,
+    /// How many numbers of scratch the routines take, one after the other, and where those of [`Self::observe`] begin:
+    /// beyond those of [`Self::commit`] where factors stay there.
+    pub scratch: usize,
+    /// See above.
+    pub observe_scratch: usize,
     /// Open ports: name, unit-free place in the block of what is held or given out, and whether a sampled region holds
     /// it.
     pub open: Vec<Open>,
@@ -148,6 +153,15 @@ pub fn module(scene: &Scene, options: &Options) -> Result<StandaloneModule, Stri
     let inputs = scene.inputs.iter().enumerate().map(|(i, s)| Given { name: s.name.clone(), at: given + i }).collect();
     let regions = unit.regions();
     let lane_forms = if whole { lane_forms(&commit, ConversionOptions::default()) } else { Vec::new() };
+    let keeps_factors = !commit.systems.is_empty();
+    let few = |routine| with_solvers(routine, Solvers::AllButLines);
+    let [commit, observe] = [commit, observe].map(few);
+    let [run, begin] = [run, begin].map(|routine| routine.map(few));
+    let size = |routine: &Routine| with_solvers(routine.clone(), Solvers::All).scratch as usize;
+    // Nothing that is in use when the first samples are taken has to stay.
+    let most = [&run, &begin].into_iter().flatten().map(size).fold(size(&commit), usize::max);
+    let observe_scratch = if keeps_factors { most } else { 0 };
+    let scratch = most.max(observe_scratch + size(&observe)).max(1);
     Ok(StandaloneModule {
         name: scene.name.clone(),
         interval: plan.interval,
@@ -162,6 +176,8 @@ pub fn module(scene: &Scene, options: &Options) -> Result<StandaloneModule, Stri
         lane_forms,
         observe,
         begin,
+        scratch,
+        observe_scratch,
         open,
         inputs,
         probes: scene.probes.names.clone(),

@@ -58,7 +58,7 @@ impl Uses {
                     }
                 }
                 // Where a loop is left, nothing of it need have been written.
-                Stmt::Loop(body) | Stmt::For(_, _, _, body) => {
+                Stmt::Loop(body) | Stmt::For(_, _, _, body) | Stmt::Span(_, body) => {
                     self.block(body, &mut known.clone());
                 }
                 s if s.is_exit() => return true,

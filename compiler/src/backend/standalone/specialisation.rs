@@ -57,14 +57,18 @@ fn of(c: &Cluster) -> impl Iterator<Item = &Program> {
 pub fn code_shape(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
     let mut common = scene.clone();
     common.probes = Probes::default();
+    common.energy = 0.0;
     common.inputs.iter_mut().for_each(|i| i.value = 0.0);
     for c in &mut common.clusters {
         c.initial.fill(0.0);
+        c.sizes.fill(0.0);
         c.guards.iter_mut().for_each(|g| (g.program, g.branch) = (Program::default(), None));
         c.stored = Program::default();
         c.fastest_period = None;
         c.instant = c.instant.code_shape();
-        c.entries.iter_mut().for_each(|e| (e.floor, e.least) = (0.0, f64::from(u8::from(e.least != 0.0))));
+        c.entries.iter_mut().for_each(|e| {
+            (e.floor, e.faintest, e.least) = (0.0, 0.0, f64::from(u8::from(e.least != 0.0)));
+        });
         if let Some(r) = &mut c.respond {
             r.program = r.program.code_shape();
             r.fallback.iter_mut().for_each(|p| *p = p.code_shape());

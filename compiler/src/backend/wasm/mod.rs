@@ -7,6 +7,7 @@ mod print;
 
 use super::code::{Memory, Routine};
 use super::emitter::{Emitted, Emitter, Request};
+use super::lower::{Solvers, with_solvers};
 use super::standalone::{NAMES, StandaloneModule};
 use bond_runtime::scene::Scene;
 use rustc_hash::FxHashMap;
@@ -43,6 +44,7 @@ struct Places {
     /// What changes.
     state: u64,
     scratch: u64,
+    observe_scratch: u64,
     /// What the interval began with, to be put back where it fails.
     backup: u64,
     moved: u64,
@@ -67,12 +69,28 @@ impl Places {
         let data = routines.iter().map(|r| take(r.data.len())).collect();
         let tables = routines.iter().map(|r| take(r.tables.len().div_ceil(2))).collect();
         let state = take(unit.image.len());
-        let scratch = take(routines.iter().map(|r| r.scratch as usize).max().unwrap_or(0));
+        let scratch = take(unit.scratch);
+        let observe_scratch = scratch + 8 * unit.observe_scratch as u64;
         let backup = take(if unit.whole { 0 } else { unit.kept });
         let (moved, held) = (take(unit.open.len()), take(unit.open.len()));
         let probed = take(unit.probes.len());
         let (most, gone) = (take(1), take(1));
-        Self { start, table, data, tables, state, scratch, backup, moved, held, probed, most, gone, end: take(0) }
+        Self {
+            start,
+            table,
+            data,
+            tables,
+            state,
+            scratch,
+            observe_scratch,
+            backup,
+            moved,
+            held,
+            probed,
+            most,
+            gone,
+            end: take(0),
+        }
     }
 
     /// The memories of a routine: of [`StandaloneModule::commit`], [`StandaloneModule::observe`] and
@@ -83,7 +101,7 @@ impl Places {
             Memory::Input => [self.moved, self.moved, self.most][routine],
             Memory::Output => [self.probed, self.probed, self.gone][routine],
             Memory::Table => self.table,
-            Memory::Scratch => self.scratch,
+            Memory::Scratch => [self.scratch, self.observe_scratch, self.scratch][routine],
             Memory::Data => self.data[routine],
         }
     }
@@ -132,12 +150,11 @@ impl Type {
 /// The module of a scene's unit.
 ///
 /// # Errors
-/// In words: equations too large to be written out, or code beyond what machines take.
+/// In words: memory or code beyond what machines take.
 pub fn module(scene: &Scene, unit: &StandaloneModule) -> Result<Vec<u8>, String> {
-    let routines: Vec<&Routine> = [&unit.commit, &unit.observe].into_iter().chain(&unit.run).collect();
-    if routines.iter().any(|r| !r.systems.is_empty()) {
-        return Err("a step of this scene solves for more than 8 unknowns at once, which modules have no form for: take --emit c and a compiler for WebAssembly".into());
-    }
+    let routines = [&unit.commit, &unit.observe].into_iter().chain(&unit.run);
+    let routines: Vec<Routine> = routines.map(|r| with_solvers(r.clone(), Solvers::All)).collect();
+    let routines: Vec<&Routine> = routines.iter().collect();
     let places = Places::new(unit, &routines);
     if places.end > 1 << 31 {
         return Err("this scene does not fit into the memory of a module: take --emit c".into());
@@ -163,6 +180,7 @@ pub fn module(scene: &Scene, unit: &StandaloneModule) -> Result<Vec<u8>, String>
         next: imports.len(),
     };
     functions.insert("sign", writer.function(Type::OfOne, sign()));
+    functions.insert("inverse_scale", writer.function(Type::OfOne, inverse_scale()));
     if let Some(pow) = functions.get("pow") {
         let power = power(*pow);
         functions.insert("power", writer.function(Type::OfTwo, power));
@@ -263,6 +281,26 @@ fn sign() -> Function {
     };
     let code: Vec<I> = [choose(I::F64Gt, 1.0), choose(I::F64Lt, -1.0), choose(I::F64Eq, 0.0)].concat();
     written(&[], &[code, vec![I::LocalGet(0)]].concat())
+}
+
+/// `bond_runtime::eval::inverse_scale`, by the exponent's bits.
+fn inverse_scale() -> Function {
+    let exponent = || [I::LocalGet(0), I::I64ReinterpretF64, I::I64Const(52), I::I64ShrU];
+    let bits = |exponent: i64| I::I64Const(exponent << 52);
+    let code = [
+        exponent().to_vec(),
+        vec![I::LocalSet(1)],
+        // 0, and what is not finite.
+        vec![I::LocalGet(0), I::F64Const(0.0.into()), I::F64Eq],
+        vec![I::LocalGet(1), I::I64Const(0x7ff), I::I64GeU, I::I32Or, I::If(BlockType::Empty)],
+        vec![I::F64Const(1.0.into()), I::Return, I::End],
+        // Subnormal numbers, and those whose scale would be one.
+        vec![I::LocalGet(1), I::I64Eqz, I::If(BlockType::Empty), bits(2045), I::F64ReinterpretI64, I::Return, I::End],
+        vec![I::LocalGet(1), I::I64Const(2046), I::I64Eq, I::If(BlockType::Empty)],
+        vec![bits(1), I::F64ReinterpretI64, I::Return, I::End],
+        vec![I::I64Const(2046), I::LocalGet(1), I::I64Sub, I::I64Const(52), I::I64Shl, I::F64ReinterpretI64],
+    ];
+    written(&[(1, ValType::I64)], &code.concat())
 }
 
 /// A power; that of 1, and an infinite one of -1, is 1, which `Math.pow` has otherwise.

@@ -1,6 +1,6 @@
 //! A routine as the body of a function, statement by statement.
 
-use crate::backend::code::{Cond, Memory, Number, Op, Place, Routine, Stmt, Value, visit};
+use crate::backend::code::{Bound, Cond, Index, Memory, Number, Op, Place, Routine, Span, Stmt, Value, visit};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 use std::collections::BTreeSet;
@@ -171,7 +171,8 @@ impl Body<'_> {
                 self.close();
             }
             Stmt::For(..) => {}
-            // Refused before.
+            Stmt::Span(span, body) => self.span(span, body),
+            // Written out before.
             Stmt::Solve { .. } => self.push(I::Unreachable),
             // Who runs a scene by itself reads neither.
             Stmt::Count(_) | Stmt::Note(_) => {}
@@ -180,6 +181,53 @@ impl Body<'_> {
                 self.push(I::Return);
             }
         }
+    }
+
+    fn span(&mut self, span: &Span, body: &[Stmt]) {
+        let counter = span.index.0;
+        self.open(I::Block(BlockType::Empty));
+        self.bound(if span.back { span.to } else { span.from });
+        self.push(I::LocalSet(counter));
+        self.open(I::Loop(BlockType::Empty));
+        self.push(I::LocalGet(counter));
+        self.bound(if span.back { span.from } else { span.to });
+        self.push(if span.back { I::I32LeU } else { I::I32GeU });
+        self.push(I::BrIf(1));
+        let next = |body: &mut Self, by: i32| {
+            let steps = [I::LocalGet(counter), I::I32Const(by), I::I32Add, I::LocalSet(counter)];
+            steps.into_iter().for_each(|i| body.push(i));
+        };
+        if span.back {
+            next(self, -1);
+        }
+        self.block(body);
+        if !span.back {
+            next(self, 1);
+        }
+        self.push(I::Br(0));
+        self.close();
+        self.close();
+    }
+
+    /// Leaves a bound.
+    fn bound(&mut self, bound: Bound) {
+        match bound {
+            Bound::Known(i) => self.push(I::I32Const(i as i32)),
+            Bound::Past(i, more) => {
+                self.push(I::LocalGet(i.0));
+                self.push(I::I32Const(more as i32));
+                self.push(I::I32Add);
+            }
+            Bound::Table(at, i) => self.listed(at, i),
+        }
+    }
+
+    /// Leaves a number of the tables.
+    fn listed(&mut self, at: u32, i: Index) {
+        self.push(I::LocalGet(i.0));
+        self.push(I::I32Const(4));
+        self.push(I::I32Mul);
+        self.push(I::I32Load(place(self.printer.tables + 4 * u64::from(at), 2)));
     }
 
     fn open(&mut self, i: I<'static>) {
@@ -221,10 +269,7 @@ impl Body<'_> {
             any = true;
         }
         if let Some((at, i)) = p.through {
-            self.push(I::LocalGet(i.0));
-            self.push(I::I32Const(4));
-            self.push(I::I32Mul);
-            self.push(I::I32Load(place(self.printer.tables + 4 * u64::from(at), 2)));
+            self.listed(at, i);
             self.push(I::I32Const(8));
             self.push(I::I32Mul);
             if any {
@@ -246,6 +291,14 @@ impl Body<'_> {
                 self.push(I::F64Load(from));
             }
             Op::Get(m) => self.push(I::LocalGet(self.indices + m.0)),
+            Op::Counter(i) => {
+                self.push(I::LocalGet(i.0));
+                self.push(I::F64ConvertI32S);
+            }
+            Op::InverseScale(x) => {
+                self.value(*x);
+                self.call("inverse_scale");
+            }
             Op::Unary(f, x) => {
                 if *f == Unary::Not {
                     self.cond(&Cond::Not(Box::new(Cond::True(*x))));

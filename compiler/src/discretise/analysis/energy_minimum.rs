@@ -4,7 +4,8 @@ use crate::discretise::cluster::{Cluster, Group};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Model;
 
-/// Where the least of an energy is looked for, on both sides of where it is near: powers of ten, in SI units.
+/// Where the least of an energy is looked for, on both sides of where it is near: powers of ten, times what the state
+/// starts at, or where its energy changes its character.
 const DECADES: std::ops::RangeInclusive<i32> = -9..=9;
 
 /// The least energy of a group near where it starts; where there is none, as of heat, which is least at no temperature,
@@ -79,6 +80,14 @@ pub(crate) fn minimum(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
     let pool = &model.pool;
     let energy =
         |x: &dyn Fn(usize) -> f64| pool.eval(g.energy, &|s| start.iter().position(|t| t.0 == s).map_or(0.0, x));
+    let size_of = |k: usize| {
+        let (symbol, start) = start[k];
+        let landmarks = pool.landmarks(&[g.energy], symbol, &|s| {
+            g.states.iter().position(|i| c.states[*i].symbol == s).map_or(0.0, |i| near[i])
+        });
+        let [size, _] = landmarks.extent();
+        if start == 0.0 { size } else { start.abs() }
+    };
     let mut least = f64::INFINITY;
     let mut look = |h: f64| {
         let lower = h < least;
@@ -89,7 +98,8 @@ pub(crate) fn minimum(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
     look(energy(&|i| near[i]));
     for base in [&near, &start.iter().map(|s| s.1).collect()] {
         for (k, x) in base.iter().enumerate() {
-            for off in DECADES.flat_map(|n| [1.0, -1.0].map(|side| side * libm::exp10(f64::from(n)))) {
+            let size = size_of(k);
+            for off in DECADES.flat_map(|n| [1.0, -1.0].map(|side| side * size * libm::exp10(f64::from(n)))) {
                 if look(energy(&|i| if i == k { x + off } else { base[i] }))
                     && let Some(slopes) = slopes
                 {

@@ -20,7 +20,7 @@ const PIECES: usize = 3;
 const WAYS: usize = 729;
 /// What is less than this part of the largest is rounding.
 const NOTHING: f64 = 1e-9;
-/// Instants at which sources are asked whether they move, s.
+/// Instants at which sources are asked whether they move, as parts of the run.
 const INSTANTS: [f64; 6] = [0.0, 0.618e-4, 0.618e-3, 0.618e-2, 0.0618, 0.618];
 
 /// Whether the vertical branch of a law may constrain a storage to a moving source.
@@ -84,7 +84,8 @@ impl Equations {
         };
         let mut unknowns = matrix(&self.unknowns, 0.0);
         let mut states = matrix(&self.states, 0.0);
-        let mut moves: Vec<DMatrix<f64>> = INSTANTS.iter().map(|t| matrix(&self.moves, *t)).collect();
+        let mut moves: Vec<DMatrix<f64>> =
+            INSTANTS.iter().map(|t| matrix(&self.moves, t * model.settings.end)).collect();
         if unknowns.iter().chain(&states).any(|x| !x.is_finite()) {
             return false;
         }

@@ -9,7 +9,6 @@ use crate::expression::{Expr, Symbol};
 use crate::model::{Model, Signal};
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::options::NewtonOptions;
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::FxHashMap;
 
@@ -22,14 +21,9 @@ const ROUNDS: usize = 800;
 /// A residual that is less is 0, in any unit: where rounding hides the slope of a law, as of `exp(x) - 1` at 0, the way
 /// to it has no end.
 const NOTHING: f64 = 1e-60;
-/// Where else to start where nothing is found from 0, which may have no value, as of a temperature: in SI units,
-/// whatever the unknown is.
+/// Where else to start where nothing is found from 0, which may have no value, as of a temperature: so many times what
+/// is known in the equations, whatever the unknown is.
 const ELSEWHERE: [f64; 8] = [1.0, 300.0, 1e-3, 1e3, 1e5, 10.0, 1e-6, -1.0];
-/// Solutions that differ by less are one.
-const SAME: f64 = 1e-6;
-/// An ideal law holds where its parameter, a bare number of the size of what it bears or passes, is off by no more than
-/// this.
-const NEAR: f64 = 1e-7;
 
 struct System<'a> {
     model: &'a Model,
@@ -92,7 +86,7 @@ impl System<'_> {
             let beside = d.iter().zip(z.iter()).filter(|(d, _)| **d != 0.0).map(|(d, z)| (d / z).abs());
             let step = beside.fold(0.0, f64::max);
             (least, stalls) = if step < 0.5 * least { (step, 0) } else { (least, stalls + 1) };
-            if told && stalls >= NewtonOptions::DEFAULT.stalls && step <= 1e-9 && self.isolated(z) {
+            if told && stalls >= self.model.settings.thresholds.newton.stalls && step <= 1e-9 && self.isolated(z) {
                 // What is left of an unknown may be no more than the rounding of what it is a difference of.
                 return true;
             }
@@ -198,7 +192,7 @@ fn is_near(c: &Cluster, model: &mut Model, form: &Form, guesses: &[f64]) -> bool
     let residuals = c.loop_residuals(&mut model.pool);
     c.loop_nodes().iter().zip(residuals).filter(|(n, _)| n.has_branches()).all(|(_, r)| {
         let r = model.pool.substitute(r, &flat);
-        model.pool.eval(r, &|s| at.get(&s).copied().unwrap_or(0.0)).abs() <= NEAR
+        model.pool.eval(r, &|s| at.get(&s).copied().unwrap_or(0.0)).abs() <= model.settings.thresholds.start.ideal
     })
 }
 
@@ -302,6 +296,25 @@ impl Wrong {
 }
 
 impl System<'_> {
+    /// Sizes of the unknowns: by the places nearest to 0 where their laws change their character, and by the farthest.
+    fn sizes(&self) -> [DVector<f64>; 2] {
+        let known = |s: Symbol| self.known.get(&s).copied().unwrap_or(0.0);
+        let pairs = self.unknowns.iter().zip(&self.residuals);
+        let extents: Vec<[f64; 2]> =
+            pairs.map(|(z, r)| self.model.pool.landmarks(&[*r], *z, &known).extent()).collect();
+        [0, 1].map(|k| DVector::from_iterator(extents.len(), extents.iter().map(|e| e[k])))
+    }
+
+    /// The sizes of what is known in the equations; 1 where nothing is.
+    fn known_sizes(&self) -> Vec<f64> {
+        let symbols = self.residuals.iter().flat_map(|r| self.model.pool.symbols(*r));
+        let mut sizes: Vec<f64> =
+            symbols.filter_map(|s| self.known.get(&s)).map(|x| x.abs()).filter(|x| *x > 0.0).collect();
+        sizes.sort_by(f64::total_cmp);
+        sizes.dedup();
+        if sizes.is_empty() { vec![1.0] } else { sizes }
+    }
+
     /// Its solution at the start of a cluster; 0 where it is not known what comes from elsewhere.
     fn solution(&self, c: &Cluster) -> Result<DVector<f64>, Wrong> {
         let n = self.unknowns.len();
@@ -325,10 +338,11 @@ impl System<'_> {
         // Other starts: along the way to where the slopes at 0 point to, which has the units of the unknowns.
         let zero = DVector::zeros(n);
         let mut ways: Vec<DVector<f64>> = Vec::new();
-        for at in [zero.clone(), DVector::from_element(n, 1e-3)] {
+        let [nearest, farthest] = self.sizes();
+        for at in [zero.clone(), &nearest * 1e-3] {
             ways.extend(self.jacobian(&at).lu().solve(&self.residual(&at)).filter(|d| d.iter().all(|x| x.is_finite())));
         }
-        ways.push(DVector::from_element(n, -1.0));
+        ways.extend([-nearest, -farthest]);
         for way in ways {
             for part in [0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.5, -0.5, -2.0] {
                 let mut z = &way * -part;
@@ -338,13 +352,15 @@ impl System<'_> {
             }
         }
         if found.is_empty() {
-            found.extend(ELSEWHERE.iter().find_map(|x| self.follow(DVector::from_element(n, *x))));
+            let known = self.known_sizes();
+            let starts = ELSEWHERE.iter().flat_map(|part| known.iter().map(move |x| part * x));
+            found.extend(starts.into_iter().find_map(|x| self.follow(DVector::from_element(n, x))));
         }
         // Between two solutions that stand alone the slopes turn over (the degree of the map); between two roundings of
         // one they do not.
         let apart = |a: &DVector<f64>, b: &DVector<f64>| {
             let first = self.jacobian(a).determinant().signum();
-            (a - b).amax() > SAME * a.amax().max(b.amax())
+            (a - b).amax() > self.model.settings.thresholds.start.same * a.amax().max(b.amax())
                 && (1..=32).any(|k| {
                     let way = f64::from(k) / 32.0;
                     self.jacobian(&(a * (1.0 - way) + b * way)).determinant().signum() == -first

@@ -8,6 +8,7 @@ pub(crate) mod index2;
 pub(crate) mod initial_loops;
 pub(crate) mod polynomial;
 pub(crate) mod relay;
+pub(crate) mod sizes;
 pub(crate) mod smoothness;
 pub(crate) mod stiff_coupling;
 pub(crate) mod switching_conditions;

@@ -8,21 +8,11 @@
 
 use crate::discretise::analysis::smoothness;
 use crate::discretise::cluster::{Cluster, Node};
-use crate::expression::{Expr, Node as Part, Pool, Symbol};
+use crate::expression::{Expr, Landmarks, Node as Part, Pool, Symbol};
 use crate::model::{Law, Model, Variable};
 use crate::structure::{ColumnId, Form, Output};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
-
-/// A law is relay-like where its slope is less than this part of what it is elsewhere.
-const SWITCH: f64 = 1e-3;
-/// Where what is solved for has at least this part of its slope at rest, whatever it comes to, the rest of the network
-/// holds it, as a resistor in series with a diode does.
-const HELD: f64 = 0.1;
-/// A law ends where its slope is less than this part of that at rest.
-const END: f64 = 1e-12;
-/// Where slopes are looked at, on both sides of rest: powers of ten, in SI units.
-const DECADES: std::ops::RangeInclusive<i32> = -6..=6;
 
 /// At most this many diodes of two pieces are treated as relays.
 const BRIDGE: usize = 4;
@@ -40,9 +30,22 @@ impl Start {
     }
 
     /// The size of an expression, with one symbol put to a value.
-    fn size(&self, pool: &Pool, e: Expr, (z, x): (Symbol, f64)) -> f64 {
-        let value = |s: Symbol| if s == z { x } else { self.0.get(&s).copied().unwrap_or(0.0) };
-        pool.eval_all(&[e], &value)[0].abs()
+    fn size(&self, pool: &Pool, e: Expr, at: (Symbol, f64)) -> f64 {
+        self.eval(pool, e, at).abs()
+    }
+
+    /// The value of an expression, likewise.
+    fn eval(&self, pool: &Pool, e: Expr, (z, x): (Symbol, f64)) -> f64 {
+        pool.eval(e, &|s| if s == z { x } else { self.value(s) })
+    }
+
+    /// Where expressions change their character along a symbol.
+    fn landmarks(&self, pool: &Pool, list: &[Expr], z: Symbol) -> Landmarks {
+        pool.landmarks(list, z, &|s| self.value(s))
+    }
+
+    fn value(&self, s: Symbol) -> f64 {
+        self.0.get(&s).copied().unwrap_or(0.0)
     }
 }
 
@@ -74,11 +77,10 @@ pub(crate) fn relays(c: &Cluster, model: &mut Model, form: &Form) -> Vec<Option<
                 return None;
             }
             let whole = model.pool.substitute(residual, &flat);
-            let slopes = [true, false].map(|side| {
-                let one = branch(&mut model.pool, whole, side, *z);
-                model.pool.derivative(one, *z)
-            });
-            falls(&model.pool, slopes, *z, &start)
+            let laws = [true, false].map(|side| branch(&mut model.pool, whole, side, *z));
+            let slopes = laws.map(|law| model.pool.derivative(law, *z));
+            let landmarks = start.landmarks(&model.pool, &[whole], *z);
+            falls(model, (laws, slopes), (*z, &landmarks), &start)
         })
         .collect()
 }
@@ -111,7 +113,9 @@ pub(crate) fn pieces(c: &Cluster, model: &mut Model, node: &Node) -> Vec<Piece> 
             let e = model.pool.substitute(e, &at);
             start.eval(&model.pool, e)
         });
-        let same = |other: &Piece| slopes.iter().zip(other.slopes).all(|(x, y)| (x - y).abs() <= END * x.abs());
+        let same = |other: &Piece| {
+            slopes.iter().zip(other.slopes).all(|(x, y)| (x - y).abs() <= model.settings.thresholds.relay.end * x.abs())
+        };
         if !found.iter().any(same) {
             found.push(Piece { place, slopes });
         }
@@ -131,7 +135,7 @@ fn leaks(c: &Cluster, model: &mut Model, form: &Form) -> bool {
             let conductance = |p: &Piece| if effort { p.slopes[1] / p.slopes[0] } else { p.slopes[0] / p.slopes[1] };
             let sizes: Vec<f64> = pieces.iter().map(|p| conductance(p).abs()).collect();
             let (least, most) = extent(&sizes);
-            pieces.len() == 2 && least > 0.0 && least < SWITCH * most
+            pieces.len() == 2 && least > 0.0 && least < model.settings.thresholds.relay.slope * most
         })
 }
 
@@ -158,17 +162,35 @@ pub(crate) fn has_state_dependent_switch(c: &Cluster, model: &mut Model, form: &
     laws.into_iter().any(|e| pool.any_node(e, &on_state))
 }
 
-/// A switch, where a slope is less elsewhere than at rest, and differs by orders of magnitude; the choices made either
-/// way.
-fn falls(pool: &Pool, slopes: [Expr; 2], z: Symbol, start: &Start) -> Option<Relay> {
-    let at = |x: f64| slopes.map(|slope| start.size(pool, slope, (z, x)));
-    let rest = [at(1e-6), at(-1e-6)].as_flattened().iter().copied().fold(0.0, f64::max);
+/// A relay, where the mean slope from rest on falls, so that the law saturates, and slopes differ by orders of
+/// magnitude; the choices made either way. A slope that only dips, as between two steep parts of a measured curve, is
+/// no relay's.
+fn falls(
+    model: &Model,
+    (laws, slopes): ([Expr; 2], [Expr; 2]),
+    (z, landmarks): (Symbol, &Landmarks),
+    start: &Start,
+) -> Option<Relay> {
+    let by = model.settings.thresholds.relay;
+    let at = |x: f64| slopes.map(|slope| start.size(&model.pool, slope, (z, x)));
+    let value = |x: f64| laws.map(|law| start.eval(&model.pool, law, (z, x)));
+    let near = landmarks.within();
+    let rest = [at(near), at(-near)].as_flattened().iter().copied().fold(0.0, f64::max);
     if !(rest > 0.0 && rest.is_finite()) {
         return None;
     }
-    let all: Vec<[f64; 2]> = DECADES.flat_map(|k| [1.0, -1.0].map(|side| at(side * 10f64.powi(k)))).collect();
+    let points = landmarks.points();
+    let beside = [value(-near), value(near)];
+    let mean = |x: &f64| {
+        let from = if *x < 0.0 { -near } else { near };
+        let [a, b] = [value(*x), beside[usize::from(*x >= 0.0)]];
+        [0, 1].map(|side| ((a[side] - b[side]) / (x - from)).abs())
+    };
+    let means: Vec<[f64; 2]> = points.iter().map(mean).collect();
+    let all: Vec<[f64; 2]> = points.iter().copied().chain([near, -near]).map(at).collect();
     let (least, most) = extent(all.as_flattened());
-    (least < HELD * rest && least < SWITCH * most).then_some(Relay { rest, ends: least < END * rest })
+    let saturates = extent(means.as_flattened()).0 < by.held * rest;
+    (saturates && least < by.slope * most).then_some(Relay { rest, ends: least < by.end * rest })
 }
 
 /// The least and the most of some sizes.
@@ -195,9 +217,15 @@ fn opens(c: &Cluster, model: &mut Model, form: &Form) -> bool {
                 model.pool.derivative(one, s.symbol)
             });
             let at = |x: f64| slopes.map(|slope| start.size(&model.pool, slope, (s.symbol, x)));
-            let all = [s.initial, 1e-6, -1e-6].map(at);
-            let (least, most) = extent(all.as_flattened());
-            least < SWITCH * most && most.is_finite() && least > 0.0
+            let landmarks = start.landmarks(&model.pool, &[law], s.symbol);
+            let jumps = |[left, right]: [f64; 2]| {
+                let (least, most) = extent(&[left, right]);
+                least < model.settings.thresholds.relay.slope * most && most.is_finite() && least > 0.0
+            };
+            landmarks.beside_breaks().into_iter().any(|sides| {
+                let [left, right] = sides.map(at);
+                (0..2).any(|choice| jumps([left[choice], right[choice]]))
+            })
         })
     })
 }

@@ -12,9 +12,6 @@ use crate::expression::Expr;
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output, Row};
 
-/// Steps longer than this many times R C show the rounding: of a large voltage, the same way in each step.
-pub(crate) const TIGHT: f64 = 30.0;
-
 /// With more unknowns than this, resistors are left as they are.
 const MOST: usize = 8;
 
@@ -29,7 +26,7 @@ impl Cluster {
         for (i, node) in self.nodes.iter().enumerate() {
             let Output::Explicit(_) = node.how else { continue };
             let Some(rate) = self.coupling_rate(model, form, node) else { continue };
-            if start.eval(&model.pool, rate) * start.step > TIGHT {
+            if start.eval(&model.pool, rate) * start.step > model.settings.thresholds.stiffness.tight {
                 coupled.push(i);
             }
         }

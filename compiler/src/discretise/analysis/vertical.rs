@@ -6,10 +6,10 @@ use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form};
 use rustc_hash::FxHashMap;
 
-/// Distance from 0 at which a law is evaluated on both sides.
-const NEAR: f64 = 1e-30;
-/// It jumps where the two differ by more than this part of what it is at 1.
-const PART: f64 = 1e-6;
+/// Two distances from 0 so small that what has no jump there is nothing beside the other, whatever the units.
+const NEAR: [f64; 2] = [f64::from_bits((1023 - 350) << 52), f64::from_bits((1023 - 400) << 52)];
+/// It jumps where of the difference between both sides at the larger one at least this part is left at the smaller one.
+const LEFT: f64 = 0.5;
 
 impl Cluster {
     /// Resistors whose laws jump where their argument passes 0.
@@ -25,8 +25,8 @@ impl Cluster {
                 let law = model.pool.substitute(law, &FxHashMap::from_iter([(argument, x)]));
                 start.eval(&model.pool, law)
             };
-            let (least, usual) = ([at(NEAR), at(-NEAR)], [at(1.0), at(-1.0)]);
-            if (least[0] - least[1]).abs() > PART * usual[0].abs().max(usual[1].abs()) {
+            let [far, near] = NEAR.map(|x| (at(x) - at(-x)).abs());
+            if near > LEFT * far {
                 let id = form.column(column).element;
                 let field = model.element(id).field.and_then(|(f, _)| model.fields.get(f));
                 jumps.push(field.map_or(&model.element(id).name, |f| &f.name).clone());

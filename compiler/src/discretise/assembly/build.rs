@@ -87,6 +87,7 @@ pub(crate) fn build(
         energies: c.regions.iter().enumerate().map(|(i, r)| (r.at(), i)).collect(),
         curvatures: (0..states).map(|i| regions + i).collect(),
         heats: heats(c, model, form),
+        sizes: Vec::new(),
         grains: (0..states).map(|i| regions + states + i).collect(),
         ports: ports(c, form, layout.ports),
         holds,

@@ -2,7 +2,7 @@
 
 use crate::discretise::cluster::{Cluster, Recall, missing, verified};
 use crate::discretise::equations::inputs;
-use crate::discretise::equations::output_equations::{HOLD, Pull, Switched, outputs};
+use crate::discretise::equations::output_equations::{Pull, Switched, outputs};
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::Model;
 use crate::structure::Form;
@@ -45,7 +45,7 @@ pub(crate) fn write(
         true => Switched::AtEnd,
         false => Switched::Midway { last: last_length(c, &mut b) },
     };
-    let pull = Pull { curves: HOLD, switches };
+    let pull = Pull { curves: c.thresholds.regular.pull, switches };
     let mut list: Vec<(String, Expr)> = Vec::new();
     for s in shows {
         list.push((model.pool.name(*s).to_string(), model.pool.var(*s)));

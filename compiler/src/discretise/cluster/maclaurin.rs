@@ -2,6 +2,7 @@
 //! large terms.
 
 use crate::expression::{Expr, Maclaurin as Expansion, Node, Pool, Symbol, extent, is_piecewise_linear, limit, rest};
+use crate::thresholds::RestThresholds;
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 use std::rc::Rc;
@@ -10,14 +11,6 @@ use std::rc::Rc;
 const TERMS: usize = 40;
 /// Terms from which the length of a law is estimated.
 const FEW: usize = 9;
-/// What a closed form may be off by, as a part of itself.
-const EXACT: f64 = 2e-14;
-/// What it is off by at most where a series is good and both are the same function.
-const SAME: f64 = 1e-9;
-/// What a polynomial leaves out, as a part of itself.
-const LEFT: f64 = 1e-17;
-/// A series whose radius is a smaller part of the law's length is of no use.
-const LEAST: f64 = 1e-3;
 /// How often the way to rest is halved in looking where a closed form is good, and where its digits are looked at
 /// first.
 const HALVINGS: i32 = 24;
@@ -30,6 +23,8 @@ const PLACES: [f64; 6] = [1.0, 0.93, 0.87, 0.81, 0.71, 0.59];
 pub(crate) struct Expansions {
     symbol: Option<Symbol>,
     found: FxHashMap<(Expr, Expr), Option<Rc<Series>>>,
+    /// The numbers that it goes by.
+    pub(crate) by: RestThresholds,
 }
 
 /// Coefficients of a law from the constant on, above 0 and below it; the radius of the state within which they replace
@@ -60,7 +55,9 @@ impl Maclaurin {
         let (at, common) = (pool.var(s), pool.var(any));
         let map = std::iter::once((s, common)).collect();
         let [law, energy] = [law, energy].map(|e| pool.substitute(e, &map));
-        let found = known.found.entry((law, energy)).or_insert_with(|| Series::of(pool, any, law, energy).map(Rc::new));
+        let by = known.by;
+        let found =
+            known.found.entry((law, energy)).or_insert_with(|| Series::of(pool, any, (law, energy), by).map(Rc::new));
         found.clone().map(|series| Maclaurin { at, series })
     }
 
@@ -118,7 +115,7 @@ impl Maclaurin {
 }
 
 impl Series {
-    fn of(pool: &Pool, s: Symbol, law: Expr, energy: Expr) -> Option<Series> {
+    fn of(pool: &Pool, s: Symbol, (law, energy): (Expr, Expr), by: RestThresholds) -> Option<Series> {
         let start = pool.eval(energy, &|_| 0.0);
         let radius = |sides: &[(Expansion, f64); 2], of: fn(&[f64]) -> f64| {
             sides.iter().fold(f64::INFINITY, |r, (t, _)| r.min(of(&t.series)).min(t.radius))
@@ -150,12 +147,12 @@ impl Series {
             worst
         };
         let halved = |k: i32| far * libm::exp2(f64::from(-k));
-        if !(far >= LEAST && off(far) <= SAME) || LOOKS.iter().all(|k| off(halved(*k)) <= EXACT) {
+        if !(far >= by.radius && off(far) <= by.same) || LOOKS.iter().all(|k| off(halved(*k)) <= by.closed) {
             return None;
         }
-        let good = (0..HALVINGS).take_while(|k| off(halved(*k)) <= EXACT).last();
+        let good = (0..HALVINGS).take_while(|k| off(halved(*k)) <= by.closed).last();
         let t = halved(good.unwrap_or(0));
-        let [above, below] = sides.map(|(taylor, scale)| coefficients(&taylor.series, t, scale));
+        let [above, below] = sides.map(|(taylor, scale)| coefficients(&taylor.series, (t, by.truncation), scale));
         let all = above.iter().chain(&below);
         all.clone().all(|c| c.is_finite()).then_some(Series { above, below, radius: t * length, start })
     }
@@ -168,9 +165,9 @@ fn sides(pool: &Pool, s: Symbol, law: Expr, (length, count): (f64, usize)) -> Op
 }
 
 /// Coefficients by the state of a series by the state over `scale`, as far as they count up to `t`.
-fn coefficients(series: &[f64], t: f64, scale: f64) -> Vec<f64> {
+fn coefficients(series: &[f64], (t, left): (f64, f64), scale: f64) -> Vec<f64> {
     let Some(m) = series.iter().position(|c| *c != 0.0) else { return Vec::new() };
-    let last = (m + 1..series.len()).find(|k| rest(series, m, *k, t) <= LEFT).unwrap_or(series.len());
+    let last = (m + 1..series.len()).find(|k| rest(series, m, *k, t) <= left).unwrap_or(series.len());
     series[..last].iter().enumerate().map(|(k, c)| c / scale.powi(k as i32)).collect()
 }
 

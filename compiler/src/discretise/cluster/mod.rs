@@ -9,6 +9,7 @@ use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Model, Signal};
 use crate::structure::{Bends, ColumnId, Form, Output, Role};
+use crate::thresholds::Thresholds;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::Program;
 use energy_form::EnergyForm;
@@ -159,6 +160,8 @@ pub(crate) struct Cluster {
     pub(crate) watched: bool,
     /// Whether steps are fitted to a tolerance.
     pub(crate) fitted: bool,
+    /// The numbers that its programs are chosen and written by.
+    pub(crate) thresholds: Thresholds,
     /// The Maclaurin expansions of laws at rest.
     pub(crate) expansions: RefCell<Expansions>,
 }

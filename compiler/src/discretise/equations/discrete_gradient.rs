@@ -180,12 +180,6 @@ pub(crate) fn measures(
 /// Number of states above which exact coefficients are not worth their time, where all is linear.
 const MANY: usize = 64;
 
-/// The largest product of a stiffness and an inverse inertia over the least, from which on a region is stiff.
-const STIFF: f64 = 1e8;
-
-/// The same times the square of a step, from which on the step is long.
-const LONG: f64 = 1e4;
-
 /// Whether the fastest motion of a region is far faster than the slowest, or than a step, as its energies bend at the
 /// start. How far a stiff spring between two bodies is drawn out is a small difference of how far these go in a step:
 /// where it follows from their momenta, the rounding of that is a force that the iteration cannot take back; as an
@@ -203,7 +197,8 @@ pub(crate) fn is_stiff(c: &Cluster, model: &mut Model, form: &Form) -> bool {
         }
     }
     let [(soft, hard), (heavy, light)] = bends;
-    hard * light > STIFF * soft * heavy || hard * light * start.step * start.step > LONG
+    let by = model.settings.thresholds.stiffness;
+    hard * light > by.spread * soft * heavy || hard * light * start.step * start.step > by.long
 }
 
 /// Whether coefficients are taken as they stand. What rounding takes from states and coefficients is seen where nothing

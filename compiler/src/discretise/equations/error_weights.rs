@@ -4,14 +4,12 @@
 use crate::discretise::analysis::at_start::AtStart;
 use crate::discretise::analysis::curvature::curvatures;
 use crate::discretise::analysis::relay;
-use crate::discretise::analysis::stiff_coupling::TIGHT;
 use crate::discretise::cluster::{Cluster, Node, missing, own_gain};
 use crate::expression::{self, Expr, Lowering, Pool, Symbol};
 use crate::model::{Law, Model};
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Binary, Builder, Slot, Unary, Value};
-use bond_runtime::options::NewtonOptions;
 use rustc_hash::FxHashMap;
 
 /// Energy per square of each loop's unknown, in terms of states and loops: h over the slope of its resistor's law; for
@@ -102,7 +100,7 @@ fn held(
         }
     }
     let sum = model.pool.sum(&list);
-    let long = known.start.eval(&model.pool, sum) > TIGHT;
+    let long = known.start.eval(&model.pool, sum) > model.settings.thresholds.stiffness.tight;
     let one = model.pool.int(1);
     long.then(|| model.pool.add(one, sum))
 }
@@ -486,11 +484,11 @@ impl Scaling<'_> {
                     let rest = self.b.number(relay.rest);
                     self.b.binary(Binary::Max, slope, rest)
                 }
-                None => cautious(self.b, slope, rest, forward),
+                None => cautious(self.b, slope, rest, (forward, self.c.thresholds.iteration.steeper)),
             };
             let more = if forward { self.b.mul(given, slope) } else { self.b.div(given, slope) };
             // Where a law rises like a root its slope says nothing.
-            let (most, none) = (self.b.number(NewtonOptions::DEFAULT.chord.range), self.b.number(0.0));
+            let (most, none) = (self.b.number(self.c.thresholds.newton.chord.range), self.b.number(0.0));
             let is_known = self.b.binary(Binary::Lt, more, most);
             let more = self.b.select(is_known, more, none);
             scales.push(self.b.add(size, more));
@@ -585,14 +583,12 @@ fn slope_at_rest(model: &mut Model, form: &Form, column: ColumnId) -> Option<f64
     }
     let slope = model.pool.derivative(output, argument);
     // On the side of a kink that makes the size the smaller one.
-    let sides = [0.0, REST, -REST].map(|x| model.pool.eval(slope, &|_| x).abs());
+    let rest = model.pool.landmarks(&[output], argument, &|_| 0.0).rest();
+    let sides = [0.0, rest, -rest].map(|x| model.pool.eval(slope, &|_| x).abs());
     let rest =
         if forward { sides.into_iter().fold(f64::INFINITY, f64::min) } else { sides.into_iter().fold(0.0, f64::max) };
     Some(rest).filter(|k| k.is_finite())
 }
-
-/// Beside rest, in SI units.
-const REST: f64 = 1e-6;
 
 /// The slope at its knee of a law with an exponential that is run backwards; the least of two.
 fn slope_at_knee(model: &mut Model, form: &Form, node: &Node) -> Option<f64> {
@@ -610,9 +606,9 @@ fn slope_at_knee(model: &mut Model, form: &Form, node: &Node) -> Option<f64> {
 
 /// The slope of a law that is not linear, for sizes: that where it starts, which may be far from what it will be. Too
 /// large a size lets errors pass, one that is too small costs iterations; so the slope at rest goes before, up to
-/// [`STEEPER`] times off.
-fn cautious(b: &mut Builder, here: Value, rest: Option<f64>, forward: bool) -> Value {
-    let part = b.number(if forward { 1.0 / STEEPER } else { STEEPER });
+/// `steeper` times off.
+fn cautious(b: &mut Builder, here: Value, rest: Option<f64>, (forward, steeper): (bool, f64)) -> Value {
+    let part = b.number(if forward { 1.0 / steeper } else { steeper });
     let far = b.mul(here, part);
     let Some(rest) = rest else { return far };
     let (low, high) = if forward { (far, here) } else { (here, far) };
@@ -620,9 +616,6 @@ fn cautious(b: &mut Builder, here: Value, rest: Option<f64>, forward: bool) -> V
     let rest = b.binary(Binary::Max, rest, low);
     b.binary(Binary::Min, rest, high)
 }
-
-/// See [`cautious`].
-const STEEPER: f64 = 1e4;
 
 /// The slope of a resistor's law where it works, in terms of states and loops, and whether it runs forward.
 fn slope(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, node: &Node) -> Option<(Expr, bool)> {

@@ -12,18 +12,9 @@ use crate::model::Model;
 use crate::structure::Bends;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir;
-use bond_runtime::ir::Array;
-use bond_runtime::ir::Builder;
-use bond_runtime::ir::Knee;
-use bond_runtime::ir::Newton;
-use bond_runtime::ir::Slot;
-use bond_runtime::ir::Value;
-use bond_runtime::options::NewtonOptions;
+use bond_runtime::ir::{Array, Builder, Knee, Newton, Slot, Value};
 use bond_runtime::solve::newton::MAX_KNEES;
 use rustc_hash::{FxHashMap, FxHashSet};
-
-/// Largest exponent that an iteration starts with: its exponential is still a number in single precision.
-const STEEP: f64 = 80.0;
 
 /// Of more unknowns than this an affine system is solved once.
 const LARGE: usize = 64;
@@ -156,7 +147,7 @@ fn iterate(
     }
     let rests = (system.rests && !affine).then(|| b.slots(Array::Local, n));
     let knees = if n <= MAX_KNEES { knees(&system) } else { Vec::new() };
-    limit(b, &mut system, &mut cold, &knees);
+    limit(b, &mut system, &mut cold, (&knees, model.settings.thresholds.iteration.max_exponent));
     for (i, v) in system.start.iter().enumerate() {
         b.store(slot(i), *v);
     }
@@ -198,6 +189,7 @@ fn iterate(
     for (i, j, d) in jacobian {
         entries.push((i, j, inside.lower(&model.pool, b, d).map_err(|s| missing(model, s))?));
     }
+    let options = model.settings.thresholds.newton;
     b.close(Newton {
         unknowns: slots.index,
         rounding: rests.map(|r| r.index),
@@ -205,12 +197,13 @@ fn iterate(
         residual,
         jacobian: entries,
         update: Vec::new(),
-        left: system.left.unwrap_or(NewtonOptions::DEFAULT.rounding),
+        left: system.left.unwrap_or(options.rounding),
         weight: system.weight,
         scale: system.scale,
         cold,
         small: system.small,
         knees,
+        options,
         limit: 200,
         affine,
         undetermined: system.undetermined && !affine,
@@ -252,9 +245,9 @@ fn jacobian_of(
     jacobian
 }
 
-/// Has an iteration start no further up an exponential than [`STEEP`], and measures its arguments against their units:
-/// an argument near 0 is known no better than to the rounding of the exponential, which is 1 there.
-fn limit(b: &mut Builder, system: &mut System, cold: &mut [Value], knees: &[Knee]) {
+/// Has an iteration start no further up an exponential than `most` units, and measures its arguments against their
+/// units: an argument near 0 is known no better than to the rounding of the exponential, which is 1 there.
+fn limit(b: &mut Builder, system: &mut System, cold: &mut [Value], (knees, most): (&[Knee], f64)) {
     for knee in knees {
         let one = b.number(1.0 / knee.rate.abs());
         let scale = &mut system.scale[knee.unknown as usize];
@@ -263,7 +256,7 @@ fn limit(b: &mut Builder, system: &mut System, cold: &mut [Value], knees: &[Knee
     for list in [&mut system.start[..], cold] {
         for knee in knees {
             let Some(x) = list.get_mut(knee.unknown as usize) else { continue };
-            let most = b.number(knee.knee + STEEP / knee.rate);
+            let most = b.number(knee.knee + most / knee.rate);
             *x = b.binary(if knee.rate > 0.0 { ir::Binary::Min } else { ir::Binary::Max }, *x, most);
         }
     }

@@ -11,14 +11,7 @@ use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Unary, Value};
-use bond_runtime::options::NewtonOptions;
 use rustc_hash::{FxHashMap, FxHashSet};
-
-/// How strongly the parameter of a curve is held to what the step found, against what the instant determines.
-pub(crate) const HOLD: f64 = 1e-2;
-
-/// The same where a passive step goes by what it gives: next to nothing, so that the law takes power.
-pub(crate) const SLIGHT: f64 = 1e-9;
 
 /// At most this many loops are solved where laws may leave some undetermined.
 const LOOPS: usize = 16;
@@ -37,7 +30,7 @@ pub(crate) struct Pull {
 pub(crate) enum Switched {
     /// The law alone.
     Free,
-    /// What the step found at its end, to [`HOLD`] of the law's slope at rest.
+    /// What the step found at its end, to `pull` ([`crate::thresholds::RegularThresholds`]) of the law's slope at rest.
     AtEnd,
     /// Where the law has an end, what the step found in its middle, as half a step more by the backward Euler method
     /// leaves it: for a current `i` of a coil that a diode stops, `g(u) + k (u - u_middle) = i` with `k = h / (2 L)`. A
@@ -163,7 +156,9 @@ pub(crate) fn outputs(
 fn relay_pulls(c: &Cluster, model: &mut Model, form: &Form, switches: Switched) -> Vec<Option<f64>> {
     match switches {
         Switched::Free => vec![None; c.loops.len()],
-        Switched::AtEnd => relay::relays(c, model, form).into_iter().map(|s| Some(HOLD * s?.rest)).collect(),
+        Switched::AtEnd => {
+            relay::relays(c, model, form).into_iter().map(|s| Some(c.thresholds.regular.pull * s?.rest)).collect()
+        }
         Switched::Midway { .. } => {
             let all = relay::relays(c, model, form);
             let nodes: Vec<_> = c.loop_nodes().into_iter().map(|n| n.resistor()).collect();
@@ -212,7 +207,7 @@ impl Root<'_> {
             let part = b.unary(Unary::Sqrt, part);
             size = b.mul(size, part);
         }
-        let most = b.number(NewtonOptions::DEFAULT.chord.range);
+        let most = b.number(model.settings.thresholds.newton.chord.range);
         let told = b.binary(Binary::Lt, size, most);
         size = b.select(told, size, zero);
         let guess = self.guesses[self.i];

@@ -5,10 +5,6 @@ use crate::expression::{Expr, Symbol};
 use crate::structure::Bends;
 use bond_runtime::ir::{Slot, Value};
 
-/// What is left of the unknowns of a step where nothing takes energy out of it: it is always on the same side, so that
-/// it adds up, and where steps are not fitted there may be 1e7 of them.
-const LEAST: f64 = 1e-20;
-
 /// A system of equations to be solved in a program; the default asks for nothing special.
 #[derive(Default)]
 pub(crate) struct System {
@@ -40,7 +36,8 @@ pub(crate) struct System {
     pub(crate) non_smooth: bool,
 }
 
-/// The part of the unknowns of a step that its iteration may leave.
+/// The part of the unknowns of a step that its iteration may leave. Where nothing takes energy out it is always on the
+/// same side, so that it adds up, and where steps are not fitted there may be 1e7 of them.
 pub(crate) fn left(c: &Cluster) -> Option<f64> {
-    (c.is_lossless() && !c.fitted).then_some(LEAST)
+    (c.is_lossless() && !c.fitted).then_some(c.thresholds.iteration.lossless)
 }

@@ -467,7 +467,7 @@ fn stage(
         lowering,
         (
             guesses,
-            output_equations::Pull { curves: output_equations::HOLD, switches: output_equations::Switched::Free },
+            output_equations::Pull { curves: c.thresholds.regular.pull, switches: output_equations::Switched::Free },
         ),
         None,
     )?;

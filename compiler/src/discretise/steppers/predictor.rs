@@ -15,12 +15,8 @@ use crate::structure::Form;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 use bond_runtime::solve::iteration::chord::MAX_UNKNOWNS;
 
-/// Longest step, in lengths of the last one, over which the last change is carried on.
-const REACH: f64 = 2.5;
 /// Numbers that are kept of each state.
 const KEPT: usize = 4;
-/// The part of the last three changes that the next one is from the last at most. Of a line through 0 it is a half.
-const FAR: f64 = 0.6;
 
 /// The states of a cluster whose changes are predicted: those that its iteration solves for, or all where arguments of
 /// exponentials start at what follows from them. None where its equations are linear, or too many.
@@ -75,7 +71,7 @@ impl Predictor {
         let first = b.slots(Array::State, c.memory).index as usize;
         let slot = |i: usize| Slot::new(Array::State, first + i);
         let [zero, one, four, six] = [0.0, 1.0, 4.0, 6.0].map(|x| b.number(x));
-        let (reach, far) = (b.number(REACH), b.number(FAR));
+        let (reach, far) = (b.number(c.thresholds.predictor.reach), b.number(c.thresholds.predictor.falling));
         let past = b.load(slot(KEPT * n));
         let inverse = b.div(one, h);
         let same = b.binary(Binary::Eq, past, inverse);

@@ -32,7 +32,8 @@ fn write(label: Label, c: &Cluster, model: &mut Model, form: &Form) -> Result<St
     let mut entries = c.reserve(model, &mut b, form);
     let inputs = inputs::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
-    let pull = output_equations::Pull { curves: output_equations::SLIGHT, switches: output_equations::Switched::Free };
+    let pull =
+        output_equations::Pull { curves: c.thresholds.regular.slight_pull, switches: output_equations::Switched::Free };
     let flat = output_equations::outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, pull), None)?;
     ledger::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
     let mut writing = Writing::new((c, model, form), (b, lowering), &inputs, &flat)?;

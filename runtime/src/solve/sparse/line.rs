@@ -14,9 +14,9 @@ use crate::solve::scalar::Scalar;
 /// Lines of fewer unknowns go as all other patterns.
 const LEAST: usize = 16;
 /// How many pairs of factors four unknowns of each end take on the way down,
-const DOWN: usize = 7;
+pub(super) const DOWN: usize = 7;
 /// and on the way up.
-const UP: usize = 11;
+pub(super) const UP: usize = 11;
 
 /// A line of unknowns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,12 +67,12 @@ impl Line {
     }
 
     /// How many are left.
-    fn inner(&self) -> usize {
+    pub(super) fn inner(&self) -> usize {
         self.n / 4
     }
 
     /// How many times four unknowns of each end come by, before those in between.
-    fn pairs(&self) -> usize {
+    pub(super) fn pairs(&self) -> usize {
         (self.inner() - 1) / 2
     }
 
@@ -91,7 +91,7 @@ impl Line {
     }
 
     /// The step at which an unknown is eliminated.
-    fn step(&self, unknown: usize) -> usize {
+    pub(super) fn step(&self, unknown: usize) -> usize {
         let (k, end) = (unknown / 4, self.inner() - 1);
         match unknown % 4 {
             0 | 2 => unknown / 2,
@@ -129,12 +129,20 @@ impl Line {
         }
     }
 
+    /// In which order what is in between goes down, where it begins, in which order it goes up, and where the right end
+    /// begins.
+    pub(super) fn middle_orders(&self) -> (&'static [usize], usize, &'static [usize], usize) {
+        let (down, up): (&[usize], &[usize]) =
+            if self.inner().is_multiple_of(2) { (&[2, 0, 4], &[4, 0, 2, 1, 3]) } else { (&[0], &[0]) };
+        (down, 4 * self.pairs() + 3, up, 4 * self.inner())
+    }
+
     /// A right side becomes the solution.
     ///
     /// # Panics
     /// Where the factors are not those of the line, or `b` is shorter than it.
     pub(super) fn substitute<T: Scalar>(&self, f: Factors<'_, T>, packed: &[[T; 2]], b: &mut [f64]) {
-        let (n, inner, pairs) = (self.n, self.inner(), self.pairs());
+        let (n, pairs) = (self.n, self.pairs());
         let b = &mut b[..n * T::PARTS];
         let (down, up) = packed.split_at(DOWN * pairs);
         let less = |i: usize, b: &mut [f64]| f.take(T::at(b, i), f.lower, self.step(i), b).put(b, i);
@@ -142,11 +150,7 @@ impl Line {
             let step = self.step(i);
             f.take(T::at(b, i).times(f.inverse[step]), f.upper, step, b).put(b, i);
         };
-        // What is at the right end, what is in between, and in which order it goes down and up.
-        let (end, between) = (4 * inner, 4 * pairs + 3);
-        let is_odd = !inner.is_multiple_of(2);
-        let (between_down, between_up): (&[usize], &[usize]) =
-            if is_odd { (&[0], &[0]) } else { (&[2, 0, 4], &[4, 0, 2, 1, 3]) };
+        let (between_down, between, between_up, end) = self.middle_orders();
         less(1, b);
         if end + 1 < n {
             less(end + 1, b);

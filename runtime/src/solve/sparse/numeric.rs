@@ -2,17 +2,17 @@
 
 use super::line::Factors;
 use super::{Run, Symbolic};
-use crate::solve::dense::inverse_scale;
+use crate::eval::inverse_scale;
 use crate::solve::scalar::Scalar;
 
 /// A pivot smaller than this part of an entry below it is refused.
-const TINY: f64 = 1e-13;
+pub(super) const TINY: f64 = 1e-13;
 /// A multiplier above this asks for a step of refinement.
-const SUSPICIOUS: f64 = 1e3;
+pub(super) const SUSPICIOUS: f64 = 1e3;
 /// What a pivot is raised to by [`Numeric::solve_raised`], the largest entries being near 1.
-const RAISED: f64 = 1e-8;
+pub(super) const RAISED: f64 = 1e-8;
 /// How many steps of refinement that is given.
-const STEPS: usize = 8;
+pub(super) const STEPS: usize = 8;
 
 /// The factors of a matrix. Lists of values and vectors have as many numbers for each of theirs as [`Scalar::PARTS`]
 /// says.

@@ -210,6 +210,7 @@ impl Decoupled {
             cold: Vec::new(),
             small: Vec::new(),
             knees: Vec::new(),
+            options: c.thresholds.newton,
             limit: LIMIT,
             affine: false,
             undetermined: false,

@@ -56,9 +56,6 @@ const QUADRATURE: usize = 4;
 /// Nodes of a quadrature at most.
 const NODES: usize = 18;
 
-/// The polynomial of the last step is extrapolated over at most this many of its lengths; beyond, its end is kept.
-const REACH: f64 = 2.5;
-
 /// The unknowns of a stage: what each state changes by if its rate there holds over the step; and the loops.
 struct Stage {
     change: Vec<Symbol>,
@@ -424,7 +421,7 @@ fn guesses(b: &mut Builder, c: &Cluster, tableau: &Tableau, inputs: &Inputs) -> 
     let first = b.slots(Array::State, n * s + 1).index as usize;
     let slot = |i: usize| Slot::new(Array::State, first + i);
     let past = b.load(slot(n * s));
-    let (zero, reach) = (b.number(0.0), b.number(REACH));
+    let (zero, reach) = (b.number(0.0), b.number(c.thresholds.predictor.reach));
     let there = b.binary(Binary::Lt, zero, past);
     let most = b.mul(reach, past);
     let near = b.binary(Binary::Le, inputs.h, most);

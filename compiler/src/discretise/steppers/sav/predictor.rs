@@ -10,9 +10,6 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Value};
 use rustc_hash::FxHashMap;
 
-/// A step that is so much longer than the last one is predicted by that one alone.
-const REACH: f64 = 2.5;
-
 /// What is kept of the last steps, by its place in the memory.
 #[derive(Clone, Copy)]
 pub(crate) struct Layout {
@@ -71,7 +68,7 @@ impl Prediction {
     ) -> Self {
         let first = b.slots(Array::State, layout.len).index as usize;
         let memory: Vec<Value> = (0..layout.len).map(|i| b.load(Slot::new(Array::State, first + i))).collect();
-        let (zero, half, reach) = (b.number(0.0), b.number(0.5), b.number(REACH));
+        let (zero, half, reach) = (b.number(0.0), b.number(0.5), b.number(c.thresholds.predictor.reach));
         let [last, before] = layout.lengths.map(|i| memory[i]);
         let two_done = b.binary(Binary::Lt, zero, before);
         let most = b.mul(reach, last);

@@ -1,0 +1,222 @@
+//! What each numeric threshold is for: sets it to ten times and to a tenth, over the hard cases, random graphs and the
+//! models that are named, and writes a page of those that move a result or the work by more than a twentieth.
+//!
+//! `cargo run --release -p bond-tests --bin ablation -- [--only CONTROLLER] [MODEL.bond...] > docs/thresholds.md`
+//!
+//! The thresholds are those of [`NumericOptions`] and [`Thresholds`], each number of them: a new one is covered by
+//! itself.
+
+use bond::internal::{CompiledInternals, OptionsInternals};
+use bond::{Compiled, Options, Steps};
+use bond_compiler::thresholds::Thresholds;
+use bond_runtime::options::NumericOptions;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// What moves by less than this part does not count.
+const MOVES: f64 = 0.05;
+/// Random graphs.
+const GRAPHS: usize = 300;
+/// A scene that takes more steps and iterations by the defaults is left out, and so is said.
+const MAX_WORK: u64 = 20_000;
+/// Rows that are compared.
+const ROWS: u32 = 20;
+
+/// A scene: its title, its text, the name under which files beside it are found, and its model.
+struct Scene {
+    title: String,
+    path: String,
+    text: String,
+    model: Option<String>,
+    /// Where its model says no end, s.
+    stop: f64,
+}
+
+/// What a run came to.
+#[derive(Default)]
+struct Outcome {
+    rows: Vec<Vec<f64>>,
+    work: [u64; 2],
+    error: bool,
+}
+
+impl Scene {
+    fn compile(&self, (numeric, thresholds): (NumericOptions, Thresholds)) -> Option<Compiled> {
+        let options = Options::new().numeric(numeric, thresholds);
+        let options = self.model.iter().fold(options, |options, model| options.model(model.as_str()));
+        options.compile_str(&self.path, self.text.as_str()).ok()
+    }
+
+    fn run(&self, numbers: (NumericOptions, Thresholds)) -> Outcome {
+        let Some(compiled) = self.compile(numbers) else { return Outcome { error: true, ..Outcome::default() } };
+        let stop = compiled.stages().model.settings.stop.unwrap_or(self.stop);
+        let Ok(mut sim) = compiled.simulate(Steps::new()) else {
+            return Outcome { error: true, ..Outcome::default() };
+        };
+        let mut outcome = Outcome::default();
+        for k in 0..=ROWS {
+            match sim.advance(stop * f64::from(k) / f64::from(ROWS)).and_then(|()| Ok(sim.probes()?.to_vec())) {
+                Ok(mut row) => {
+                    row.extend(sim.states().map(|s| s.1));
+                    outcome.rows.push(row);
+                }
+                Err(_) => {
+                    outcome.error = true;
+                    break;
+                }
+            }
+        }
+        for r in &sim.summary().regions {
+            outcome.work[0] += r.steps + r.rejected;
+            outcome.work[1] += r.newton_iterations;
+        }
+        outcome
+    }
+}
+
+impl Outcome {
+    /// Whether another run's results, or its work, differ by more than a twentieth.
+    fn moved(&self, other: &Outcome) -> [bool; 2] {
+        let columns = self.rows.first().map_or(0, Vec::len);
+        let results = self.error != other.error
+            || self.rows.len() != other.rows.len()
+            || (0..columns).any(|k| {
+                let column = |o: &Outcome| o.rows.iter().map(|r| r[k]).collect::<Vec<f64>>();
+                let (a, b) = (column(self), column(other));
+                let size = a.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+                a.iter().zip(&b).any(|(x, y)| (x - y).abs() > MOVES * size)
+            });
+        let more = |(a, b): (&u64, &u64)| a.abs_diff(*b) as f64 > MOVES * (*a).max(20) as f64;
+        [results, self.work.iter().zip(&other.work).any(more)]
+    }
+}
+
+fn scenes(paths: &[PathBuf]) -> Vec<Scene> {
+    let mut list = Vec::new();
+    for path in paths {
+        let Ok(text) = std::fs::read_to_string(path) else { continue };
+        let title = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        list.push(Scene { title, path: path.to_string_lossy().into_owned(), text, model: None, stop: 1.0 });
+    }
+    for (i, text) in bond_tests::random::graphs(GRAPHS).into_iter().enumerate() {
+        list.push(Scene { title: format!("random {i}"), path: "random.bond".into(), text, model: None, stop: 0.5 });
+    }
+    list
+}
+
+/// The numbers of a value, by path.
+fn leaves(value: &Value, path: &str, list: &mut Vec<(String, f64)>) {
+    match value {
+        Value::Object(map) => {
+            for (key, value) in map {
+                leaves(value, &format!("{path}/{key}"), list);
+            }
+        }
+        Value::Number(x) => list.extend(x.as_f64().map(|x| (path.to_string(), x))),
+        Value::Array(_) | Value::Bool(_) | Value::Null | Value::String(_) => {}
+    }
+}
+
+/// The defaults with one number replaced; None where that is no such number.
+fn with(defaults: &Value, path: &str, x: f64) -> Option<(NumericOptions, Thresholds)> {
+    let mut all = defaults.clone();
+    let place = all.pointer_mut(path)?;
+    *place = if place.is_f64() { Value::from(x) } else { Value::from(x.round() as u64) };
+    let part = |key: &str| all.get(key).cloned().unwrap_or(Value::Null);
+    Some((serde_json::from_value(part("run")).ok()?, serde_json::from_value(part("compile")).ok()?))
+}
+
+/// Does a job for each number below `count`, on all processors.
+fn each(count: usize, job: &(dyn Fn(usize) + Sync)) {
+    let next = AtomicUsize::new(0);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|s| {
+        for _ in 0..threads {
+            s.spawn(|| {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    if i >= count {
+                        break;
+                    }
+                    job(i);
+                }
+            });
+        }
+    });
+}
+
+fn main() {
+    let mut words: Vec<String> = std::env::args().skip(1).collect();
+    let only = words.iter().position(|w| w == "--only").map(|i| {
+        words.remove(i);
+        words.remove(i)
+    });
+    let mut paths: Vec<PathBuf> =
+        std::fs::read_dir("models/hard").into_iter().flatten().flatten().map(|e| e.path()).collect();
+    paths.sort();
+    paths.extend(words.into_iter().map(PathBuf::from));
+    let (numeric, thresholds) = (NumericOptions::default(), Thresholds::default());
+    let defaults = serde_json::json!({ "run": numeric, "compile": thresholds });
+    let all = scenes(&paths);
+    let kept: Mutex<Vec<(usize, Outcome)>> = Mutex::new(Vec::new());
+    let slow: Mutex<Vec<String>> = Mutex::new(Vec::new());
+    each(all.len(), &|i| {
+        let outcome = all[i].run((numeric, thresholds));
+        if outcome.work.iter().sum::<u64>() > MAX_WORK {
+            slow.lock().unwrap_or_else(|e| e.into_inner()).push(all[i].title.clone());
+        } else if !outcome.error {
+            kept.lock().unwrap_or_else(|e| e.into_inner()).push((i, outcome));
+        }
+    });
+    let mut kept = kept.into_inner().unwrap_or_else(|e| e.into_inner());
+    kept.sort_by_key(|k| k.0);
+    let mut slow = slow.into_inner().unwrap_or_else(|e| e.into_inner());
+    slow.sort();
+    let mut numbers = Vec::new();
+    leaves(&defaults, "", &mut numbers);
+    numbers.retain(|(path, _)| only.as_ref().is_none_or(|only| path.contains(only.as_str())));
+    println!("# Thresholds\n");
+    println!(
+        "Made by `cargo run --release -p bond-tests --bin ablation`. Each number of `bond_runtime::options` and \
+         `bond_compiler::thresholds` at ten times and at a tenth of its default, over {} scenes: the hard cases, random \
+         graphs and others. The columns count the scenes in which a result, or the work (steps and iterations), moved by \
+         more than 5 %. An error where there was none counts as a result.\n",
+        kept.len()
+    );
+    println!("| threshold | default | results at 10 | work at 10 | results at 1/10 | work at 1/10 | such as |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    let mut idle = Vec::new();
+    for (path, x) in &numbers {
+        let (mut counts, mut example) = ([0usize; 4], None);
+        for (side, factor) in [10.0, 0.1].into_iter().enumerate() {
+            let Some(changed) = with(&defaults, path, x * factor) else { continue };
+            let moved: Mutex<Vec<(usize, [bool; 2])>> = Mutex::new(Vec::new());
+            each(kept.len(), &|k| {
+                let (i, outcome) = &kept[k];
+                let found = outcome.moved(&all[*i].run(changed));
+                if found != [false; 2] {
+                    moved.lock().unwrap_or_else(|e| e.into_inner()).push((*i, found));
+                }
+            });
+            let mut moved = moved.into_inner().unwrap_or_else(|e| e.into_inner());
+            moved.sort_by_key(|m| m.0);
+            for (_, found) in &moved {
+                counts[2 * side] += usize::from(found[0]);
+                counts[2 * side + 1] += usize::from(found[1]);
+            }
+            example = example.or(moved.first().map(|m| all[m.0].title.clone()));
+        }
+        let name = path.trim_start_matches('/').replace('/', ".");
+        match example {
+            Some(example) => {
+                let [a, b, c, d] = counts;
+                println!("| `{name}` | {x:e} | {a} | {b} | {c} | {d} | {example} |");
+            }
+            None => idle.push(format!("`{name}`")),
+        }
+    }
+    println!("\nThese moved nothing: {}.", if idle.is_empty() { "none".into() } else { idle.join(", ") });
+    println!("\nLeft out, for they take more than {MAX_WORK} steps and iterations: {}.", slow.join(", "));
+}
