@@ -18,7 +18,8 @@ impl<'a> Elaborator<'a> {
         self.domain_of = self.domains();
         self.energies = vec![None; self.elements.len()];
         self.mode = Mode::Signals;
-        let laws = self.laws();
+        let mut laws = self.laws();
+        self.turn_steep_laws(&mut laws);
         // What was wrong where an energy was read, and was told at no other place.
         if self.errors.is_empty() && laws.iter().any(Option::is_none) {
             self.errors.append(&mut self.untold);

@@ -230,13 +230,13 @@ pub(crate) struct Elaborator<'a> {
     /// The texts have errors of their own: what they lack may be what could not be read.
     ruined: bool,
     // known after the bonds are joined
-    bonds: Vec<Bond>,
+    pub(crate) bonds: Vec<Bond>,
     /// The flat bond of each raw one.
     merged: Vec<Option<BondId>>,
     pub(crate) bonds_of: Vec<Vec<BondId>>,
     /// By element: a bond of it could not be made, which is said.
     torn: Vec<bool>,
-    domain_of: Vec<usize>,
+    pub(crate) domain_of: Vec<usize>,
     pub(crate) equations: Vec<Equation>,
     /// The element whose law is being made.
     pub(crate) owner: Option<ElementId>,

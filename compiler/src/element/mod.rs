@@ -5,6 +5,7 @@ mod fields;
 mod integral;
 mod resistor;
 mod source;
+mod steep;
 mod storage;
 mod two_port;
 

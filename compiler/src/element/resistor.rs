@@ -2,19 +2,9 @@
 
 use super::fields::Fields;
 use crate::elaborate::{Elaborator, Typed, Unit, told};
-use crate::expression::{Expr, Node, Symbol};
 use crate::model::{BondId, Curve, ElementId, Resistor, Variable};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir;
-
-/// A law that is this much steeper at one place than at another, and than its inverse (in SI units), is turned about.
-const STEEP: f64 = 1e3;
-
-/// Whether a law with these slopes, the least and the most, is to be turned about.
-fn is_steep(least: f64, most: f64) -> bool {
-    most > STEEP * least && most * least > STEEP
-}
 
 impl<'a> Elaborator<'a> {
     /// The law of a resistor.
@@ -96,60 +86,7 @@ impl<'a> Elaborator<'a> {
             )));
             return None;
         }
-        let written = gives;
-        let turned = match linear {
-            _ if ast.active => None,
-            Some(k) => self.turned_switch(k, argument),
-            None => self.turned(output, argument),
-        };
-        let (gives, output, linear) = match turned {
-            Some(output) => {
-                (gives.other(), output, self.pool.linear(output, argument).map(|l| l.0).filter(|_| linear.is_some()))
-            }
-            None => (gives, output, linear),
-        };
-        Some(Resistor { argument, output, gives, written, curve: None, row: None, linear, dissipative })
-    }
-
-    /// The same of a resistance that is switched from one number to another.
-    fn turned_switch(&mut self, k: Expr, argument: Symbol) -> Option<Expr> {
-        let (mut stack, mut least, mut most) = (vec![k], f64::INFINITY, 0.0f64);
-        while let Some(e) = stack.pop() {
-            match (self.pool.constant(e), self.pool.node(e)) {
-                (Some(k), _) => (least, most) = (least.min(k), most.max(k)),
-                (None, Node::Select(_, a, b)) => stack.extend([*a, *b]),
-                (None, _) => return None,
-            }
-        }
-        let x = self.pool.var(argument);
-        (least > 0.0 && is_steep(least, most)).then(|| self.pool.div(x, k))
-    }
-
-    /// A law that is one line to each side of rest, as that of a diode with a resistance that conducts and one that
-    /// blocks, solved for its argument, where it rises the less so: what is steep makes much of the rounding of what it
-    /// is given.
-    fn turned(&mut self, law: Expr, argument: Symbol) -> Option<Expr> {
-        if self.pool.symbols(law).iter().any(|s| *s != argument) {
-            return None;
-        }
-        let (x, zero) = (self.pool.var(argument), self.pool.zero());
-        let pieces = self.pool.by_pieces(law, argument)?;
-        let Node::Select(test, below, above) = *self.pool.node(pieces) else { return None };
-        if *self.pool.node(test) != Node::Binary(ir::Binary::Lt, x, zero) {
-            return None;
-        }
-        let mut slope = |piece: Expr| {
-            let (k, rest) = self.pool.linear(piece, argument)?;
-            let size = self.pool.constant(k).filter(|k| *k > 0.0 && k.is_finite())?;
-            self.pool.is_zero(rest).then_some((k, size))
-        };
-        let (above, below) = (slope(above)?, slope(below)?);
-        if !is_steep(above.1.min(below.1), above.1.max(below.1)) {
-            return None;
-        }
-        let test = self.pool.binary(ir::Binary::Lt, zero, x);
-        let [above, below] = [above, below].map(|k| self.pool.div(x, k.0));
-        Some(self.pool.select(test, above, below))
+        Some(Resistor { argument, output, gives, written: gives, curve: None, row: None, linear, dissipative })
     }
 
     /// A law that is a curve, `{ e = ...; f = ... }` in a bare number `s`: an ideal diode, a switch, friction that
