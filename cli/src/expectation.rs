@@ -1,7 +1,7 @@
 //! Whether a run did what its model expects.
 
 use crate::summary::short;
-use bond::Summary;
+use bond::{PortPassivity, Summary};
 use bond_compiler::elaborate::told;
 use bond_runtime::scene::{ExpectationKind, Scene};
 use bond_runtime::{Interpreter, Kernel};
@@ -44,7 +44,7 @@ impl<'a> Watch<'a> {
                     ExpectationKind::Holds { extremes, .. } => {
                         extremes.iter().map(|e| if e.1 { f64::NEG_INFINITY } else { f64::INFINITY }).collect()
                     }
-                    ExpectationKind::Passive | ExpectationKind::At { .. } => vec![],
+                    ExpectationKind::Passive | ExpectationKind::PassiveAt(_) | ExpectationKind::At { .. } => vec![],
                 };
                 Seen { value: None, extremes, broken: None, rows: 0 }
             })
@@ -58,7 +58,7 @@ impl<'a> Watch<'a> {
         for (x, seen) in self.scene.probes.expectations.iter().zip(&mut self.seen) {
             seen.rows += 1;
             match &x.kind {
-                ExpectationKind::Passive => {}
+                ExpectationKind::Passive | ExpectationKind::PassiveAt(_) => {}
                 ExpectationKind::At { output, time, .. } => {
                     if (t - time).abs() <= 1e-12 * time.abs() {
                         seen.value = Some(value(*output));
@@ -105,6 +105,7 @@ impl<'a> Watch<'a> {
         match kind {
             ExpectationKind::Passive if summary.passive => Outcome::Held(String::new()),
             ExpectationKind::Passive => Outcome::Broken(summary.reasons.join("; ")),
+            ExpectationKind::PassiveAt(i) => summary.watched.get(*i).map_or_else(unseen, drawn),
             ExpectationKind::At { time, .. } => {
                 Outcome::Broken(format!("the run ends at {} s, before {} s", short(self.stop), short(*time)))
             }
@@ -131,4 +132,25 @@ impl<'a> Watch<'a> {
             }
         }
     }
+}
+
+/// Whether what was drawn at a place was there.
+fn drawn(at: &PortPassivity) -> Outcome {
+    let (drawn, stored) = (short(at.drawn), short(at.stored));
+    match at.broken {
+        None => {
+            Outcome::Held(format!("at most {drawn} J drawn beyond what was put in, and {stored} J stored at the start"))
+        }
+        Some((first, worst)) => Outcome::Broken(format!(
+            "{drawn} J were drawn beyond what was put in, and {stored} J stored at the start: {} J too much at t = {} s, \
+            the first of it at t = {} s",
+            short(at.drawn - at.stored),
+            short(worst),
+            short(first)
+        )),
+    }
+}
+
+fn unseen() -> Outcome {
+    Outcome::Broken("it was not looked at".into())
 }

@@ -99,7 +99,8 @@ fn shut_in(model: &Model, form: &Form, i: usize, r: &Region) -> Option<String> {
     if !(budget && holds) {
         return None;
     }
-    let active = form.columns.iter().filter(own).find(|c| model.element(c.element).active).map(|c| &c.name);
+    let gives = |c: &&Column| model.element(c.element).active && c.role == Role::Resistor;
+    let active = form.columns.iter().filter(own).find(gives).map(|c| &c.name);
     let unbounded = || r.groups.iter().find(|g| !g.bounded).and_then(|g| Some(&r.states.get(*g.states.first()?)?.name));
     let name = active.or_else(unbounded)?;
     Some(format!(

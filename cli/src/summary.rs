@@ -3,9 +3,9 @@
 use crate::bench::Setting;
 use crate::choose::Chosen;
 use crate::stop::Stop;
-use bond::{RegionSummary, RunError, Summary};
+use bond::{RegionSummary, RunError, SteeredSource, Summary};
 use bond_compiler::elaborate::told;
-use bond_runtime::scene::{LeftOut, Scene};
+use bond_runtime::scene::{LeftOut, Scene, Steering};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt::Write;
 
@@ -100,7 +100,11 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         writeln!(out, "{:11} error about {:.1e}, measured against {}", "", c.error, c.against)?;
     }
     if s.passive {
-        writeln!(out, "{:11} yes", "passive")?;
+        let inside = match s.regions.iter().any(|r| r.leaks_much) {
+            true => ": no port gave out more than was put in; a hold changed what is inside (see there)",
+            false => "",
+        };
+        writeln!(out, "{:11} yes{inside}", "passive")?;
     } else {
         for (i, reason) in s.reasons.iter().enumerate() {
             writeln!(
@@ -114,6 +118,9 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
             writeln!(out, "{:11}     hint: {hint}", "")?;
         }
     }
+    for (i, line) in steered(s).iter().enumerate() {
+        writeln!(out, "{:11} {line}", if i == 0 { "steered" } else { "" })?;
+    }
     if s.regions.iter().all(|r| !r.passive_stepper) && !s.regions.is_empty() {
         writeln!(out, "{:11} not measured: no stepper of this run keeps it", "balance")?;
     } else {
@@ -124,6 +131,7 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
     }
     for r in &s.regions {
         region(out, r)?;
+        leak(out, r, o.scene)?;
     }
     for b in &s.bars {
         writeln!(out, "\n{:11} {}", "double bar", b.name)?;
@@ -220,6 +228,59 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     Ok(())
 }
 
+/// What the hold of a sampled region makes of the energy inside, apart from what crosses its ports.
+fn leak(out: &mut String, r: &RegionSummary, scene: &Scene) -> std::fmt::Result {
+    if !r.leaks_much {
+        return Ok(());
+    }
+    let cluster = scene.regions.iter().find(|x| x.name == r.name).and_then(|x| scene.clusters.get(x.cluster));
+    let stays = match cluster.is_some_and(|c| c.budget) {
+        true => "which stay there: no port gives them out",
+        false => "which may come out, under `budget off`",
+    };
+    let (came, size) = (short(r.supplied), short(r.leaked.abs()));
+    let what = match r.leaked > 0.0 {
+        true => format!("{came} J came in, and the hold added {size} J, {stays}"),
+        false => format!("{came} J came in, and the hold took {size} J of that away"),
+    };
+    writeln!(out, "  {:11} {what}", "inside")?;
+    let what = "more than a hundredth of H: the wall felt is not the wall written";
+    let lagging = matches!(r.hold.as_deref(), Some("lagged" | "predicted"));
+    let fix = if lagging {
+        "take `hold matched`, or sample faster"
+    } else {
+        "sample faster, or make it softer or more damped"
+    };
+    writeln!(out, "  {:11} {what}; {fix}", "")
+}
+
+/// Each steered source with what it gave, in words.
+pub fn steered(s: &Summary) -> Vec<String> {
+    let one = |(region, x): (&RegionSummary, &SteeredSource)| {
+        let what = match x.steering {
+            Steering::Drawing => format!("it draws on what was put into `{}`", region.name),
+            Steering::Unbounded => "it counts as a source, under `budget off`".into(),
+            Steering::Active => "it counts as a source, `active`".into(),
+            Steering::Beside => "it counts as a source".into(),
+        };
+        let gave = if x.energy < 0.0 { "took" } else { "gave" };
+        format!("`{}` {gave} {} J: it reads the scene's own signals; {what}", x.name, short(x.energy.abs()))
+    };
+    s.regions.iter().flat_map(|r| r.steered.iter().map(move |x| (r, x))).map(one).collect()
+}
+
+/// The same for programs.
+pub fn steered_json(s: &Summary) -> serde_json::Value {
+    let role = |x: &SteeredSource| match x.steering {
+        Steering::Drawing => "draws on the account",
+        Steering::Unbounded => "unbounded",
+        Steering::Active => "active",
+        Steering::Beside => "source",
+    };
+    let one = |(region, x): (&RegionSummary, &SteeredSource)| serde_json::json!({"name": x.name, "region": region.name, "energy": x.energy, "role": role(x)});
+    s.regions.iter().flat_map(|r| r.steered.iter().map(move |x| (r, x))).map(one).collect()
+}
+
 /// What may help where a run was not passive.
 fn hints(o: &Outcome) -> Vec<String> {
     let regions = &o.summary.regions;
@@ -280,6 +341,7 @@ impl Serialize for Json<'_> {
         map.serialize_entry("wall_seconds", &o.wall)?;
         map.serialize_entry("passive", &s.passive)?;
         map.serialize_entry("reasons", &s.reasons)?;
+        map.serialize_entry("steered", &steered_json(s))?;
         map.serialize_entry("balance", &serde_json::json!({"worst_step": s.worst_step, "total": s.total}))?;
         let left = &o.scene.left_out;
         map.serialize_entry("left_out", &serde_json::json!({"regions": left.regions, "states": left.states}))?;
@@ -343,6 +405,7 @@ impl Serialize for Region<'_> {
         map.serialize_entry("supplied", &r.supplied)?;
         map.serialize_entry("dissipated", &r.dissipated)?;
         map.serialize_entry("leaked", &r.leaked)?;
+        map.serialize_entry("leaks_much", &r.leaks_much)?;
         map.serialize_entry("debt_max", &r.debt_max)?;
         map.serialize_entry("leaps", &r.leaps)?;
         map.serialize_entry("pseudo", &r.pseudo)?;

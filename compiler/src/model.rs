@@ -436,11 +436,22 @@ pub struct Expectation {
     pub span: Span,
 }
 
+/// Where something drives what is behind it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meeting {
+    /// A source or an open port, which puts in what it supplies.
+    Element(ElementId),
+    /// A double bar, where what crosses into the holder is put in.
+    Bar(BondId),
+}
+
 /// What an `expect` asks.
 #[derive(Clone, Debug)]
 pub enum ExpectationKind {
     /// The ledger shows a passive run.
     Passive,
+    /// No more is drawn there than was put in and stored at the start.
+    PassiveAt(Meeting),
     /// A value at an instant.
     At {
         /// What is looked at.

@@ -8,7 +8,7 @@
 use crate::elaborate::nearest;
 use crate::expression::{Expr, Symbol};
 use crate::model::{
-    BondId, ElementId, Expectation, ExpectationKind, Kind, Law, Model, Probe, Resistor, Signal, Variable,
+    BondId, ElementId, Expectation, ExpectationKind, Kind, Law, Meeting, Model, Probe, Resistor, Signal, Variable,
 };
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -261,6 +261,16 @@ impl Removed {
         retain(&mut model.pseudo, &self.bonds);
         retain(&mut model.memories, &self.memories);
         retain(&mut model.integrals, &self.integrals);
+        // What nothing drives any more is not looked at.
+        model.expectations.retain_mut(|e| {
+            let ExpectationKind::PassiveAt(at) = &mut e.kind else { return true };
+            let moved = match *at {
+                Meeting::Element(id) => element(id).map(Meeting::Element),
+                Meeting::Bar(b) => bond(b).map(Meeting::Bar),
+            };
+            *at = moved.unwrap_or(*at);
+            moved.is_some()
+        });
         model.signals = std::mem::take(&mut model.signals)
             .into_iter()
             .filter_map(|(symbol, signal)| {
@@ -283,7 +293,7 @@ impl Removed {
 /// The expressions of an expectation.
 pub(crate) fn of_expectation(e: &Expectation) -> Vec<Expr> {
     match &e.kind {
-        ExpectationKind::Passive => Vec::new(),
+        ExpectationKind::Passive | ExpectationKind::PassiveAt(_) => Vec::new(),
         ExpectationKind::At { value, .. } => vec![*value],
         ExpectationKind::Holds { condition, extremes } => {
             std::iter::once(*condition).chain(extremes.iter().map(|x| x.1)).collect()

@@ -5,7 +5,7 @@
 //! nothing says what is needed, and all is.
 
 use crate::graph::{BondGraph, RegionId};
-use crate::model::{ElementId, ExpectationKind, Kind, Model, Signal};
+use crate::model::{ElementId, ExpectationKind, Kind, Meeting, Model, Signal};
 use crate::reduction::{Removed, of_expectation, of_law};
 use bond_runtime::scene::LeftOut;
 
@@ -41,6 +41,13 @@ impl Unneeded {
         model.probes.iter().for_each(|p| search.read(p.value));
         model.expectations.iter().flat_map(of_expectation).for_each(|e| search.read(e));
         ports.into_iter().for_each(|id| search.element(id));
+        for e in &model.expectations {
+            match e.kind {
+                ExpectationKind::PassiveAt(Meeting::Element(id)) => search.element(id),
+                ExpectationKind::PassiveAt(Meeting::Bar(b)) => search.element(model.bond(b).tail),
+                ExpectationKind::Passive | ExpectationKind::At { .. } | ExpectationKind::Holds { .. } => {}
+            }
+        }
         if whole {
             // What is asserted of the ledger is asserted of all of it.
             (0..graph.regions.len()).for_each(|r| search.need(Part::Region(r)));

@@ -297,6 +297,8 @@ pub struct If {
 pub enum Expect {
     /// `expect passive`
     Passive,
+    /// `expect passive at hand`
+    PassiveAt(Path),
     /// `expect value at time = target within tolerance`
     At {
         /// What is looked at.

@@ -107,6 +107,7 @@ pub(crate) fn head(statement: &Statement, source: &str) -> String {
         StatementKind::State(name, value, _) => sets("state", name, value),
         StatementKind::Simulate(_) => "simulate".to_string(),
         StatementKind::Expect(Expect::Passive) => "expect passive".to_string(),
+        StatementKind::Expect(Expect::PassiveAt(at)) => format!("expect passive at {}", path(at, source)),
         StatementKind::Expect(Expect::Holds(value)) => format!("expect {}", expr(value, source)),
         StatementKind::Expect(Expect::At { value, time, target, tolerance }) => {
             let show = |value| expr(value, source);

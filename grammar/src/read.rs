@@ -296,7 +296,8 @@ impl<'a> Reader<'a> {
     fn expect<'p>(&mut self, mut parts: impl Iterator<Item = Pair<'p, Rule>>) -> Expect {
         let first = next(&mut parts);
         if first.as_rule() == Rule::passive {
-            return Expect::Passive;
+            let Some(at) = parts.next() else { return Expect::Passive };
+            return Expect::PassiveAt(self.path(next(&mut children(at).filter(|pair| pair.as_rule() != Rule::kw_at))));
         }
         let value = self.expr(first);
         let Some(at) = parts.next() else { return Expect::Holds(value) };

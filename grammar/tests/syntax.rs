@@ -169,6 +169,8 @@ fn the_rest_of_the_statements() {
     };
     assert!(next.body.is_empty() && next.otherwise.as_ref().is_some_and(|body| body.len() == 1));
     assert!(matches!(kinds[5], StatementKind::Expect(Expect::Passive)));
+    let at = &body("expect passive at wall.hand[2]\n")[0];
+    assert!(matches!(at, StatementKind::Expect(Expect::PassiveAt(path)) if path.segments.len() == 2), "{at:?}");
     assert!(matches!(&kinds[6], StatementKind::Expect(Expect::Holds(_))));
     let StatementKind::Sampled(sampled) = &kinds[7] else { panic!("{kinds:?}") };
     assert!(matches!(sampled.clock, Clock::Every(_)) && sampled.budget == Some(false) && sampled.method.is_some());

@@ -34,9 +34,11 @@ pub struct Scene {
     pub inputs: Vec<Input>,
     /// What is shown.
     pub probes: Probes,
-    /// Names of elements that may give energy, so that no passivity is claimed for them: active resistors, storages
-    /// whose energy has no lower bound.
-    pub excluded: Vec<String>,
+    /// Elements that may give energy, so that no passivity is claimed: what is active, steered sources of sampled
+    /// regions under `budget off`, storages whose energy has no lower bound.
+    pub excluded: Vec<Excluded>,
+    /// Where `expect passive at` looks.
+    pub watched: Vec<Watched>,
     /// What of the model is not in it, since no probe, open port or expectation depends on it.
     pub left_out: LeftOut,
     /// What its programs were made for.
@@ -45,6 +47,30 @@ pub struct Scene {
     pub energy: f64,
     /// The numbers that the methods of its runs go by.
     pub numeric: NumericOptions,
+}
+
+/// An element for which no passivity is claimed.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Excluded {
+    /// Its name, as the ledger has it.
+    pub element: String,
+    /// Why, in words that name it.
+    pub why: String,
+}
+
+/// A source, open port or double bar at which what is drawn is held against what was put in and stored at the start.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Watched {
+    /// Its name.
+    pub name: String,
+    /// The cluster that books what crosses there.
+    pub cluster: usize,
+    /// Which of the cluster's entries, and which of `supplied` there.
+    pub entry: (usize, usize),
+    /// 1 where that is what was put in, -1 where it is what was drawn.
+    pub sign: f64,
+    /// What is stored behind it at the start, above its least and apart from heat, J.
+    pub stored: f64,
 }
 
 /// What programs were made for besides what they compute: to make the same ones again.
@@ -251,10 +277,35 @@ impl Respond {
     }
 }
 
+/// What a steered source is to the claim of passivity and to its region's account.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Steering {
+    /// Of a sampled region at a double bar or open port, within the budget: it draws on the account as storages do.
+    Drawing,
+    /// The same under `budget off`: it counts as a source, and no passivity is claimed.
+    Unbounded,
+    /// It is said to be meant, `active`: the same.
+    Active,
+    /// It counts as a source, and stands beside the verdict.
+    Beside,
+}
+
 impl Entries {
-    /// Whether energy comes in by more than the ports that a sampled region holds.
+    /// Whether energy comes in by more than the ports that a sampled region holds, and what draws on its account.
     pub fn is_driven(&self) -> bool {
-        self.held.len() < self.supplied.len()
+        self.own().next().is_some()
+    }
+
+    /// What the region's own sources put in, as outputs: all of `supplied` but the ports that it holds, and the
+    /// steered sources that draw on its account.
+    pub fn own(&self) -> impl Iterator<Item = usize> {
+        let counts = |i: &usize| !self.held.contains(i) && !self.steered.contains(&(*i, Steering::Drawing));
+        (0..self.supplied.len()).filter(counts).map(|i| self.supplied[i].1)
+    }
+
+    /// Whether a steered source draws on the region's account.
+    pub fn is_drawn_on(&self) -> bool {
+        self.steered.iter().any(|s| s.1 == Steering::Drawing)
     }
 }
 
@@ -282,6 +333,8 @@ pub struct Entries {
     /// Which of `supplied` are ports that a sampled region holds: what crossed there is booked at the end of the
     /// interval.
     pub held: Vec<usize>,
+    /// Which of `supplied` are steered sources, whose values read the scene's own signals, and what that makes them.
+    pub steered: Vec<(usize, Steering)>,
     /// The least that H can be, where there is such a level: what a sampled region has to give is counted from there.
     pub least: f64,
     /// J. What it turned over in a step is counted as at least. Nothing is told of less: of a body that is held at
@@ -550,6 +603,8 @@ pub struct Expectation {
 pub enum ExpectationKind {
     /// The ledger shows a passive run.
     Passive,
+    /// At this one of the scene's `watched`, no more was drawn than was put in and stored at the start.
+    PassiveAt(usize),
     /// An output of the probes' program at an instant.
     At {
         /// Which output.

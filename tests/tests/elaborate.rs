@@ -176,7 +176,7 @@ fn instants_are_expressions() {
         .iter()
         .filter_map(|e| match e.kind {
             ExpectationKind::At { time, .. } => Some(time),
-            ExpectationKind::Passive | ExpectationKind::Holds { .. } => None,
+            ExpectationKind::Passive | ExpectationKind::PassiveAt(_) | ExpectationKind::Holds { .. } => None,
         })
         .collect();
     assert_eq!(times, [0.7, 1.0, 0.5]);

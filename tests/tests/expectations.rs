@@ -100,6 +100,10 @@ fn check(compiled: &Compiled) -> Vec<String> {
         ExpectationKind::Passive => {
             Err(summary.reasons.join("; ")).or_else(|e| if summary.passive { Ok(()) } else { Err(e) })
         }
+        ExpectationKind::PassiveAt(i) => {
+            let at = &summary.watched[*i];
+            at.broken.map_or(Ok(()), |_| Err(format!("{} J of {} J were drawn", at.drawn, at.stored)))
+        }
         ExpectationKind::At { output, time, target, tolerance } => {
             let row = rows.iter().find(|r| (r.0 - time).abs() <= 1e-12 * time).ok_or("there is no such row")?;
             let off = (row.1[*output] - target).abs();

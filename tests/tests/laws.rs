@@ -226,7 +226,7 @@ fn a_gas_is_as_far_as_its_start_leads() {
     // With the other sign the same scene has none.
     let other = crate::common::text(&text("pa*n*log((V0 + A*x)/n)"));
     let excluded = &other.scene().excluded;
-    assert!(excluded.iter().any(|why| why.contains("no lower bound")), "{excluded:?}");
+    assert!(excluded.iter().any(|x| x.why.contains("no lower bound")), "{excluded:?}");
 }
 
 /// A stiffness that depends on the storage's own state is the law e = k(q) q, whose energy is not k(q) q^2/2.

@@ -47,4 +47,5 @@ mod stepped_over;
 mod switching;
 mod units_scaled;
 mod values;
+mod verdict;
 mod whole;

@@ -235,7 +235,7 @@ fn watched(title: &str, compiled: &Compiled) -> Result<Vec<Outcome>, Stop> {
         .iter()
         .filter_map(|x| match x.kind {
             ExpectationKind::At { time, .. } => Some(time).filter(|t| *t <= stop * (1.0 + 1e-9)),
-            ExpectationKind::Passive | ExpectationKind::Holds { .. } => None,
+            ExpectationKind::Passive | ExpectationKind::PassiveAt(_) | ExpectationKind::Holds { .. } => None,
         })
         .collect();
     let rows = Rows::new(stop, settings.every.map_or(Grid::Parts(1000), Grid::Every), &instants, by)?;

@@ -20,8 +20,8 @@ use promise::Promises;
 use crate::compile::Compiled;
 use crate::failure::RunError;
 use crate::steps::Steps;
-use bond_runtime::scene::Scene;
-use bond_runtime::simulate::{Options, Report, Simulation, Summary};
+use bond_runtime::scene::{Entries, Scene};
+use bond_runtime::simulate::{Options, RegionSummary, Report, Simulation, Summary};
 use thiserror::Error;
 
 /// Why a scene cannot be served.
@@ -88,7 +88,12 @@ pub struct Count {
     pub given_out: f64,
     /// The least energy that the environment could give back at any time, J.
     pub least: f64,
+    /// What the device drew past its limits, J.
+    pub overdrawn: f64,
 }
+
+/// What of the energies there a device may draw past its limits: rounding.
+const OVERDRAWN: f64 = 1e-11;
 
 /// A scene connected to a device.
 pub struct Exchange<'a> {
@@ -196,9 +201,26 @@ impl Exchange<'_> {
         self.taken.q.get(port).copied().unwrap_or(0.0)
     }
 
-    /// The ledger.
+    /// The ledger. Where the device drew past its limits, the verdict says so in the place of what that makes of the
+    /// regions it drew from.
     pub fn summary(&self) -> Summary {
-        self.sim.summary()
+        let mut summary = self.sim.summary();
+        let (c, stored) = (&self.count, summary.regions.iter().map(|r| r.h_max).sum::<f64>());
+        if c.overdrawn <= OVERDRAWN * (c.put_in + c.given_out).max(stored) {
+            return summary;
+        }
+        let ours = |r: &&RegionSummary| {
+            let region = self.scene.regions.iter().find(|x| x.name == r.name);
+            region.is_some_and(|x| self.clusters.contains(&x.cluster))
+        };
+        let debts: Vec<String> = summary.regions.iter().filter(ours).map(RegionSummary::debt).collect();
+        let owed: f64 = summary.regions.iter().filter(ours).map(|r| r.debt_max).sum();
+        if owed <= c.overdrawn * (1.0 + OVERDRAWN) {
+            summary.reasons.retain(|why| !debts.contains(why));
+        }
+        summary.reasons.push(format!("the device drew {:.3e} J more than it was allowed", c.overdrawn));
+        summary.passive = false;
+        summary
     }
 
     /// Receives a measurement.
@@ -242,6 +264,7 @@ impl Exchange<'_> {
                 self.count.late += 1;
                 status |= LATE;
             }
+            self.note_overdrawn();
             let mut net = 0.0;
             for i in 0..self.taken.ports {
                 let (q, w) = (self.newest.q[i] - self.taken.q[i], self.newest.w[i] - self.taken.w[i]);
@@ -270,6 +293,16 @@ impl Exchange<'_> {
         self.sim.advance(self.k as f64 * self.period)?;
         self.speak(status);
         Ok(())
+    }
+
+    /// Counts what the newest measurement has drawn past the limits of the efforts that the device held for it, and not
+    /// before.
+    fn note_overdrawn(&mut self) {
+        for group in 0..self.clusters.len() {
+            let [before, now] = [&self.taken.w, &self.newest.w].map(|w| sum(&self.group, w, group));
+            let limit = self.promises.least_until(group, self.taken.echo, self.newest.echo);
+            self.count.overdrawn += (limit.min(before) - now).max(0.0);
+        }
     }
 
     /// Ends it: 0 is held.
@@ -331,8 +364,9 @@ impl Exchange<'_> {
 /// What a cluster holds at the start, where only open ports give it energy.
 fn alone(scene: &Scene, sim: &Simulation<'_>, cluster: usize) -> Option<f64> {
     let open = scene.open.iter().filter(|o| o.port.0 == cluster).count();
-    let given: usize = scene.clusters[cluster].entries.iter().map(|e| e.supplied.len()).sum();
-    (given == open).then(|| sim.kept(cluster))
+    let own = scene.clusters[cluster].entries.iter().any(Entries::is_driven);
+    let held = scene.clusters[cluster].holds.len();
+    (!own && held == open).then(|| sim.kept(cluster))
 }
 
 /// The sum over a group's ports.

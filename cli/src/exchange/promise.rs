@@ -46,6 +46,14 @@ impl Promises {
         let limit = |k: u64| self.limits[(k % PROMISES_KEPT as u64) as usize * self.groups + group];
         (first..self.next).map(limit).fold(self.older[group], f64::min)
     }
+
+    /// The least limit of a group among the intervals from `from` to `last`.
+    pub(super) fn least_until(&self, group: usize, from: u64, last: u64) -> f64 {
+        let known = self.next.saturating_sub(PROMISES_KEPT as u64);
+        let older = if from < known { self.older[group] } else { f64::INFINITY };
+        let limit = |k: u64| self.limits[(k % PROMISES_KEPT as u64) as usize * self.groups + group];
+        (from.max(known)..self.next.min(last + 1)).map(limit).fold(older, f64::min)
+    }
 }
 
 #[cfg(test)]
@@ -62,6 +70,8 @@ mod tests {
                 assert_eq!(p.least(1, 7), -10.0);
             }
         }
+        assert_eq!(p.least_until(1, 4800, 4900), -4900.0);
+        assert_eq!(p.least_until(1, 3990, 4000), -4000.0);
         let wanted = (4500..5000).map(|k| (f64::from(k) * 0.1).sin()).fold(f64::INFINITY, f64::min);
         assert_eq!(p.least(0, 4500), wanted);
         assert_eq!(p.least(1, 4500), -4999.0);

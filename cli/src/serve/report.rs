@@ -2,7 +2,7 @@
 
 use super::End;
 use crate::stop::Stop;
-use crate::summary::short;
+use crate::summary::{short, steered, steered_json};
 use bond::exchange::Exchange;
 use bond_runtime::scene::Scene;
 use serde_json::{Value, json};
@@ -31,13 +31,7 @@ pub struct Outcome<'a, 'b> {
 impl Outcome<'_, '_> {
     /// Why it was not passive; empty if it was.
     fn reasons(&self) -> Vec<String> {
-        let mut reasons = self.exchange.summary().reasons;
-        let c = self.exchange.count();
-        let scale = (c.put_in + c.given_out).max(self.exchange.summary().regions.iter().map(|r| r.h_max).sum());
-        if c.least < -1e-11 * scale && reasons.is_empty() {
-            reasons.push(format!("the device drew up to {:.3e} J more than it was allowed", -c.least));
-        }
-        reasons
+        self.exchange.summary().reasons
     }
 }
 
@@ -92,6 +86,9 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
     if o.reasons().is_empty() {
         writeln!(out, "{:11} yes", "passive")?;
     }
+    for (i, line) in steered(&o.exchange.summary()).iter().enumerate() {
+        writeln!(out, "{:11} {line}", if i == 0 { "steered" } else { "" })?;
+    }
     for what in o.without {
         writeln!(out, "{:11} {what}", "not granted")?;
     }
@@ -134,9 +131,10 @@ pub fn json(o: &Outcome) -> String {
         "answer": meter(&t.work),
         "round_trip": meter(&t.round),
         // A sum that comes to -0 is 0.
-        "energy": { "put_in": c.put_in, "given_out": c.given_out, "net": o.exchange.energy(), "least_stored": c.least + 0.0 },
+        "energy": { "put_in": c.put_in, "given_out": c.given_out, "net": o.exchange.energy(), "least_stored": c.least + 0.0, "overdrawn": c.overdrawn },
         "passive": reasons.is_empty(),
         "reasons": reasons,
+        "steered": steered_json(&summary),
         "not_granted": o.without,
         "ledger_rows_lost": o.lost,
         "regions": summary.regions.iter().map(region).collect::<Vec<_>>(),

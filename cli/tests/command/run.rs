@@ -798,3 +798,59 @@ fn large_numbers_are_told_by_their_power() {
     here.bond(&["run", "a.bond", "--at", "1,1.00000000000001", "-o", "-"]).is(0, &["\n1,"], &[]);
     here.bond(&["run", "a.bond", "--set", "m[1]=2"]).is(2, &[], &["`m` is a number, and no array", "--set m=VALUE"]);
 }
+
+/// The wall as most controllers write it: a source that reads the place.
+const STEERED: &str = "model Steered(K = 1000 N/m) {
+  I:handle { inertia = 1 kg }  R:own = 3 N*s/m  C:place { H = 0; q0 = 0.01 m }
+  Se:hand = 20*sin(t*(8 s^-1))*(1 N)
+  sampled every 10 ms { Se:wall = -K*place.q }
+  1:v -> handle, own, place
+  hand -> v
+  wall -[bar]||> v
+  probe x = place.q
+  expect passive at hand
+  expect passive at bar
+  simulate { stop = 5 s }
+}
+";
+
+/// Steered sources stand beside the verdict, for people and for programs.
+#[test]
+fn steered_sources_are_listed() {
+    let off = STEERED.replace("10 ms {", "10 ms budget off {");
+    let active = STEERED.replace("Se:wall", "active Se:wall");
+    let here = Folder::new().with("a.bond", STEERED).with("off.bond", &off).with("active.bond", active);
+    let line = "J: it reads the scene's own signals; it";
+    here.bond(&["run", "a.bond"]).is(0, &[&format!("{line} draws on what was put into `wall`")], &[]);
+    here.bond(&["run", "active.bond"]).is(
+        0,
+        &["NO: active `wall`, which gave", &format!("{line} counts as a source, `active`")],
+        &[],
+    );
+    let told = here.bond(&["run", "off.bond", "--summary", "json"]).is(0, &[], &[]);
+    let json: serde_json::Value = serde_json::from_str(&told.out).unwrap();
+    let steered = &json["steered"][0];
+    assert_eq!(
+        (&steered["name"], &steered["region"], &steered["role"]),
+        (&"wall".into(), &"wall".into(), &"unbounded".into())
+    );
+    // Without a budget all that it supplied went out.
+    let [gave, crossed] = [&steered["energy"], &json["bars"][0]["holder"]].map(|x| x.as_f64().unwrap());
+    assert!(gave > 100.0 && (gave + crossed).abs() < 1e-9 * gave, "{json:#}");
+    assert!(
+        json["reasons"][0].as_str().unwrap().starts_with("steered `wall` under `budget off`, which gave"),
+        "{json:#}"
+    );
+    // Where it fails, it says when and by how much.
+    here.bond(&["test", "off.bond"]).is(
+        1,
+        &["FAIL", "expect passive at bar", "J too much at t = ", "the first of it at t = "],
+        &[],
+    );
+    let refused = STEERED.replace("at bar", "at handle");
+    here.with("wrong.bond", refused).bond(&["check", "wrong.bond"]).is(
+        1,
+        &[],
+        &["`handle` is no source, open port or double bar"],
+    );
+}

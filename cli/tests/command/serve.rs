@@ -303,6 +303,31 @@ fn lines_without_an_answer_allow_nothing_more() {
     child.wait().unwrap();
 }
 
+/// A wall that is written as a source stands in the report; whoever draws past what it was given is named.
+#[test]
+fn steered_walls_and_greedy_devices_are_reported() {
+    let text = "model M {
+      port tip { inertia = 0.2 kg }
+      sampled at 500 Hz { C:place { H = 0; q0 = 0.01 m }  Se:wall = -(400 N/m)*place.q  1:w -> place  wall -> w }
+      tip ||> w
+    }";
+    let here = Folder::new().with("a.bond", text);
+    let told =
+        here.fed(&["serve", "a.bond", "--stdio", "--lockstep", "--report", "json"], "1e-3\n-1e-3\n0\n").is(0, &[], &[]);
+    let json: Value = serde_json::from_str(&told.err).unwrap();
+    assert_eq!(
+        (&json["steered"][0]["name"], &json["steered"][0]["role"]),
+        (&"wall".into(), &"draws on the account".into())
+    );
+    // It was put in without an effort, so that nothing was there to be drawn.
+    let energy = |what: &str| json["energy"][what].as_f64().unwrap();
+    assert!(energy("given_out") > 1e-3 && energy("overdrawn") == energy("given_out"), "{json:#}");
+    let reasons = json["reasons"].as_array().unwrap();
+    assert!(reasons.len() == 1 && reasons[0].as_str().unwrap().starts_with("the device drew"), "{json:#}");
+    let told = here.fed(&["serve", "a.bond", "--stdio", "--lockstep"], "1e-3\n0\n").is(0, &[], &[]);
+    assert!(told.err.contains("steered     `wall`") && told.err.contains("passive     yes"), "{}", told.err);
+}
+
 /// Ports of several regions: a line allows what each of them has, and not their sum. How long the device takes to come
 /// is no round trip.
 #[test]

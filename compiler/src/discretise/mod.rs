@@ -19,10 +19,11 @@ use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
 use analysis::sizes::sizes;
 use assembly::build::Asked;
-use assembly::{build, probes};
+use assembly::{build, probes, watched};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::scene::{self, Made, Scene};
+use bond_runtime::scene::{self, Excluded, Made, Scene, Steering};
 use cluster::partition;
+use equations::accounts;
 use rustc_hash::FxHashMap;
 use steppers::{ASKED, NAMED};
 
@@ -145,19 +146,27 @@ pub fn discretise(
         }
     }
     scene.probes = probes::build(model, form, &place);
+    scene.watched = watched::watched(model, form, &clusters)?;
     Ok(scene)
 }
 
 /// Elements for which no passivity can be claimed.
-fn excluded(model: &Model, form: &Form) -> Vec<String> {
+fn excluded(model: &Model, form: &Form) -> Vec<Excluded> {
     // A field is named once.
     let active = model.elements.iter().filter(|e| e.active && e.field.is_none_or(|f| f.1 == 0));
     let name = |e: &crate::model::Element| e.field.map_or(e.name.clone(), |f| model.fields[f.0].name.clone());
-    let mut list: Vec<String> = active.map(|e| format!("active `{}`", name(e))).collect();
+    let excluded = |element: String, why: String| Excluded { element, why };
+    let mut list: Vec<Excluded> = active.map(|e| excluded(name(e), format!("active `{}`", name(e)))).collect();
+    let columns = (0..form.columns.len()).map(|i| ColumnId(i as u32));
+    for source in columns.filter(|c| accounts::steering(model, form, *c) == Some(Steering::Unbounded)) {
+        let name = &form.column(source).name;
+        list.push(excluded(name.clone(), format!("steered `{name}` under `budget off`")));
+    }
     for r in &form.regions {
         for g in r.groups.iter().filter(|g| !g.bounded) {
             for s in &g.states {
-                list.push(format!("`{}`, whose energy has no lower bound", r.states[*s].name));
+                let name = &r.states[*s].name;
+                list.push(excluded(name.clone(), format!("`{name}`, whose energy has no lower bound")));
             }
         }
     }

@@ -434,10 +434,14 @@ impl<'a> Elaborator<'a> {
                 .help(format!("write `{}:{} = value` or `{{ field = value }}`", e.kind.text, e.name.text)),
             );
         }
-        if e.active && kind != Kind::R {
+        if e.active && kind != Kind::R && !kind.is_source() {
             self.errors.push(
-                Diagnostic::error("elaborate::active", e.span, format!("`{name}` cannot be active: only an `R` can"))
-                    .help("a source may supply energy anyway; remove `active`"),
+                Diagnostic::error(
+                    "elaborate::active",
+                    e.span,
+                    format!("`{name}` cannot be active: only an `R` and a source can"),
+                )
+                .help("remove `active`"),
             );
         }
         let id = ElementId(self.elements.len() as u32);

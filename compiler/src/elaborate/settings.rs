@@ -2,7 +2,7 @@
 
 use super::{Elaborator, Entity, Mode, ScopeId, Unit, told};
 use crate::Options;
-use crate::model::{Expectation, ExpectationKind, Settings};
+use crate::model::{BondId, ElementId, Expectation, ExpectationKind, Kind, Meeting, OnePort, Settings};
 use crate::units::Dimension;
 use bond_grammar::ast::{self, ExprKind};
 use bond_grammar::diagnostic::Diagnostic;
@@ -112,6 +112,7 @@ impl<'a> Elaborator<'a> {
                 let text = self.sources.slice(span).split_whitespace().collect::<Vec<_>>().join(" ");
                 let kind = match expect {
                     ast::Expect::Passive => ExpectationKind::Passive,
+                    ast::Expect::PassiveAt(path) => ExpectationKind::PassiveAt(self.meeting(path, scope)?),
                     ast::Expect::At { value, time, target, tolerance: within } => {
                         let (value_, extremes) = self.expected(value, scope)?;
                         if !extremes.is_empty() {
@@ -170,6 +171,48 @@ impl<'a> Elaborator<'a> {
                 Some(Expectation { text, kind, span })
             })
             .collect()
+    }
+
+    /// Where a path says that something drives the scene: a source, an open port or a double bar, by the name of its
+    /// bond or of an element that has no other.
+    fn meeting(&mut self, path: &'a ast::Path, scope: ScopeId) -> Option<Meeting> {
+        let drives = |this: &Self, id: ElementId| {
+            matches!(this.elements[id.at()].kind, Kind::OnePort(OnePort::Source(_) | OnePort::Open))
+        };
+        let of_bond = |this: &Self, b: BondId| {
+            let bond = &this.bonds[b.at()];
+            match [bond.tail, bond.head].into_iter().find(|end| drives(this, *end)) {
+                _ if bond.sampled => Some(Meeting::Bar(b)),
+                end => end.map(Meeting::Element),
+            }
+        };
+        let (_, name, entity, declared) = self.walk(path, scope)?;
+        let found = match entity {
+            Entity::Missing => return None,
+            Entity::Element(id) if drives(self, id) => Some(Meeting::Element(id)),
+            Entity::Element(id) => match self.bonds_of.get(id.at()).map(Vec::as_slice) {
+                Some(&[bond]) => of_bond(self, bond),
+                _ => None,
+            },
+            Entity::Bond(b) => self.merged.get(b).copied().flatten().and_then(|b| of_bond(self, b)),
+            Entity::Instance(_)
+            | Entity::Port(_)
+            | Entity::Field(_)
+            | Entity::Param(_)
+            | Entity::Let(_)
+            | Entity::Function(_)
+            | Entity::Input(_)
+            | Entity::Memory(_) => None,
+        };
+        if found.is_none() {
+            let what = format!("`{name}` is no source, open port or double bar: nothing drives the scene there");
+            let help = "name a source, such as `Se:hand`, an open port, or the bond of a double bar, \
+                `wall -[bar]||> v`";
+            self.errors.push(
+                Diagnostic::error("elaborate::expect", path.span, what).label(declared, "is declared here").help(help),
+            );
+        }
+        found
     }
 
     /// The fix for a value at an instant that is written as a call: `y(5 s) == 0.3 m`.

@@ -3,6 +3,7 @@
 //! Every element that is no junction, TF or GY is a *column*: it gives one variable to the network, its output z, and
 //! receives the other, its input. Power is counted into the element, so that the inputs are D(x) z with D skew.
 
+mod casimir;
 mod change;
 mod curved;
 mod dependence;
@@ -16,6 +17,7 @@ mod resistor;
 mod resolve;
 mod singular;
 mod start;
+mod steered;
 mod storage;
 
 pub use explicit::{Explicit, explicit, inverse};
@@ -26,7 +28,7 @@ use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
 use crate::units::Dimension;
 use bond_grammar::diagnostic::{Diagnostic, once};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::fmt;
 
 /// What counts as rounding in the elimination, and bounds on its work.
@@ -212,6 +214,8 @@ pub struct Group {
     pub coenergy: Vec<Expr>,
     /// Whether H was seen to have a lower bound.
     pub bounded: bool,
+    /// Where H is least on what can be reached, if only that gives it a lower bound: the value of its one state.
+    pub least_at: Option<f64>,
 }
 
 /// A storage in derivative causality that was merged into others.
@@ -295,6 +299,8 @@ pub struct Form {
     pub memories: Vec<Expr>,
     /// The expressions of `expect`, in order: value, or condition and what its extremes are of.
     pub expectations: Vec<Vec<Expr>>,
+    /// Sources whose values read the scene's own signals.
+    pub steered: FxHashSet<ColumnId>,
 }
 
 /// A loop through modulation: a signal that stands in a ratio and comes out of it.
@@ -346,6 +352,7 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         integrals: Vec::new(),
         memories: Vec::new(),
         expectations: Vec::new(),
+        steered: FxHashSet::default(),
     };
     resolve::rows(model, graph, &rows, &mut form)?;
     let eliminated = eliminate::eliminate(model, causality, &mut form).map_err(|errors| {
@@ -354,7 +361,9 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
     })?;
     form.poles.clone_from(&eliminated.poles);
     region::regions(model, graph, &rows, &eliminated, &mut form)?;
+    casimir::bound(model, &mut form);
     form.bars = bars(model, &form);
+    form.steered = steered::steered(model, &form);
     form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;
     Ok(form)
 }

@@ -98,6 +98,7 @@ fn inputs_and_states(
                             energy: s.energy,
                             coenergy: vec![s.coenergy],
                             bounded: s.bounded,
+                            least_at: None,
                         });
                     }
                 }
@@ -162,7 +163,8 @@ fn merged(
         for d in &g.dependent {
             region.dependent.push(super::Dependent { element: d.0, state: d.1, into: into.clone() });
         }
-        region.groups.push(Group { states, energy: g.energy, coenergy: g.coenergy.clone(), bounded: g.bounded });
+        let (energy, coenergy) = (g.energy, g.coenergy.clone());
+        region.groups.push(Group { states, energy, coenergy, bounded: g.bounded, least_at: None });
     }
     for f in &eliminated.following {
         let c = form.column(f.column);
@@ -186,7 +188,7 @@ fn signals(r: &mut Resolver<'_>, form: &mut Form) -> Result<(), Diagnostic> {
     }
     for x in r.model.expectations.clone() {
         let list: Vec<Expr> = match &x.kind {
-            ExpectationKind::Passive => vec![],
+            ExpectationKind::Passive | ExpectationKind::PassiveAt(_) => vec![],
             ExpectationKind::At { value, .. } => vec![*value],
             ExpectationKind::Holds { condition, extremes } => {
                 std::iter::once(*condition).chain(extremes.iter().map(|e| e.1)).collect()

@@ -72,7 +72,9 @@ fn settle_account<M: Machine, K: Memory<M>>(
         called = called + k.load(h.q) * k.output(port.mean);
         crossed = crossed + energy;
         turned = turned + energy.abs();
-        if let (Some(d), Some(source)) = (&p.detail, e.supplied.iter().position(|s| s.0 == port.name)) {
+        // A source beside the port may have the name of what it joins.
+        let source = e.held.iter().copied().find(|i| e.supplied[*i].0 == port.name);
+        if let (Some(d), Some(source)) = (&p.detail, source) {
             k.gather(d.sources.plus(2 * source), energy);
         }
     }
@@ -85,15 +87,15 @@ fn settle_account<M: Machine, K: Memory<M>>(
         }
         stored = stored + crossed;
     }
-    for (_, (_, slot)) in e.supplied.iter().enumerate().filter(|(i, _)| !e.held.contains(i)) {
-        let x = k.output(*slot);
+    for slot in e.own() {
+        let x = k.output(slot);
         own = own + x;
         turned = turned + x.abs();
     }
-    if e.supplied.len() > e.held.len() {
+    if e.is_driven() {
         stored = stored + own;
     }
-    if l.accounts.len() == 1 {
+    if l.accounts.len() == 1 && !e.is_drawn_on() {
         let mut most = k.load(p.h) + cap(m, k, e, p);
         // What was promised is not let go; several regions have no open ports.
         if let Some(reserve) = l.passivity.reserve {
@@ -110,7 +112,8 @@ fn tank<M: Machine, K: Memory<M>>(k: K, p: &AccountPlaces) -> M::Number {
     k.load(p.stored) - k.load(p.h)
 }
 
-/// The most that it may hold: the largest energy above the least seen, likewise counted.
+/// The most that it may hold: the largest energy above the least seen, likewise counted. What a steered source that
+/// draws on the account would store cannot be seen: with such a one, all that was put in may be returned.
 fn cap<M: Machine, K: Memory<M>>(m: M, k: K, e: &Entries, p: &AccountPlaces) -> M::Number {
     if e.least == 0.0 { k.load(p.h_max) } else { k.load(p.h_top) - m.number(2.0) * k.load(p.h_least) }
 }
@@ -136,6 +139,9 @@ fn share<M: Machine, K: Memory<M>>(m: M, k: K, c: &Cluster, l: &Layout) {
             k.store(p.stored, stored - stored * m.select(stored.below(zero), given, taken));
         }
     });
+    if c.entries.iter().any(Entries::is_drawn_on) {
+        return;
+    }
     let (mut over, mut full) = (zero, zero);
     for (p, e) in l.accounts.iter().zip(&c.entries) {
         let tank = tank(k, p);

@@ -1,7 +1,7 @@
 //! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on
 //! that.
 
-use super::{Branch, Cluster, Entries, ExpectationKind, GIVEN, Guards, Scene, Stepper};
+use super::{Branch, Cluster, Entries, ExpectationKind, GIVEN, Guards, Scene, Stepper, Watched};
 use crate::exponential::{Layout, Linear};
 use crate::ir::{Array, Inst, Invalid, Program};
 use thiserror::Error;
@@ -80,9 +80,14 @@ impl Scene {
         if p.units.len() != p.names.len() || p.names.len() > outputs {
             return wrong("there are not as many as there are names");
         }
+        let entry = |w: &Watched| self.clusters.get(w.cluster)?.entries.get(w.entry.0)?.supplied.get(w.entry.1);
+        if self.watched.iter().any(|w| entry(w).is_none()) {
+            return wrong("a place that an expectation looks at is not there");
+        }
         for e in &p.expectations {
             let known = match &e.kind {
                 ExpectationKind::Passive => true,
+                ExpectationKind::PassiveAt(i) => *i < self.watched.len(),
                 ExpectationKind::At { output, .. } => *output < outputs,
                 ExpectationKind::Holds { extremes, output, program } => {
                     if let Some(program) = program {
@@ -286,6 +291,8 @@ impl Check<'_> {
         let mut slots = lists.chain(e.before).chain(e.modified).chain(leap).chain([e.energy, e.size]);
         let outputs = self.c.step.program.size(Array::Output);
         self.that(slots.all(|s| s < outputs), "an entry of its ledger is not computed")?;
+        let sources = e.held.iter().chain(e.steered.iter().map(|s| &s.0));
+        self.that(sources.clone().all(|i| *i < e.supplied.len()), "an entry of its ledger is of no source")?;
         self.that(e.region < self.scene.regions.len(), "an entry of its ledger is of no region")
     }
 }

@@ -109,6 +109,7 @@ impl Run {
                 break;
             }
             end += part.h;
+            self.watched.iter_mut().for_each(|drawn| drawn.look((&self.ledger, &self.layout), end));
             advance_ports(c, &part.output, part.h, moved);
             for ((m, x), before) in fit.moved.iter_mut().zip(&part.next[at.clone()]).zip(&self.state[at.clone()]) {
                 *m += (x - before).abs();

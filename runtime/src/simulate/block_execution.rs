@@ -68,7 +68,9 @@ impl Simulation<'_> {
 
     /// Goes as far towards an instant as can be gone at once; nowhere where something lies between.
     pub(super) fn run_blocks(&mut self, until: f64) {
-        if self.block_execution.maker.is_none() && self.block_execution.routine.is_none() {
+        let none = self.block_execution.maker.is_none() && self.block_execution.routine.is_none();
+        // What is drawn within a block is not seen.
+        if none || !self.scene.watched.is_empty() {
             return;
         }
         let wanted = self.reach(until);

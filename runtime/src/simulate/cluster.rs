@@ -5,6 +5,7 @@ use super::error_scale::Scale;
 use super::guard::Watch;
 use super::input_signal::{ClusterInputs, InputSignal};
 use super::program::{Look, Ready, same_length};
+use super::watched::Drawn;
 use super::{Error, Options};
 use crate::energy::{AccountPlaces, Booking, Layout, Ledger, account};
 use crate::interpreter::Interpret;
@@ -53,6 +54,8 @@ pub(super) struct Run {
     /// Where the numbers of its ledger are.
     pub(super) layout: Layout,
     pub(super) ledger: Ledger,
+    /// What was drawn where an expectation looks.
+    pub(super) watched: Vec<Drawn>,
     pub(super) steps: u64,
     /// Its own time: `base + count * h`.
     pub(super) base: f64,
@@ -133,6 +136,7 @@ impl Run {
             signals,
             layout,
             ledger,
+            watched: Drawn::of(scene, index),
             steps: 0,
             base: 0.0,
             count: 0,
@@ -142,6 +146,11 @@ impl Run {
             default_step: options.default_step,
             numeric,
         })
+    }
+
+    /// Looks at what was drawn where an expectation does, after something was booked.
+    pub(super) fn watch(&mut self, now: f64) {
+        self.watched.iter_mut().for_each(|drawn| drawn.look((&self.ledger, &self.layout), now));
     }
 
     /// Newton iterations so far.
@@ -371,6 +380,7 @@ impl Run {
         // The workspace's numbers mean nothing to the next step.
         std::mem::swap(&mut self.state, &mut self.step.work.next);
         self.steps += 1;
+        self.watch(t + h);
         advance_ports(c, &self.step.work.output, h, moved);
         if self.traced {
             self.track(c);

@@ -22,13 +22,15 @@ mod schedule;
 mod start;
 mod summary;
 mod trial;
+mod watched;
 
 pub use block_routine::{BlockMaker, BlockRoutine, ClusterPlaces, MakeBlock, Places};
 pub use hold::Report;
 pub use input_signal::{InputSignal, Unfit};
 pub use rate_transition::{paced, uneven};
 pub use save::{Refused, made};
-pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, Summary};
+pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, SteeredSource, Summary};
+pub use watched::PortPassivity;
 
 use crate::kernel::Failure;
 use serde::{Deserialize, Serialize};

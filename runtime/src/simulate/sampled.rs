@@ -75,6 +75,7 @@ impl Simulation<'_> {
         result?;
         let layouts = self.scene.clusters.iter().zip(self.runs.iter().map(|run| &run.layout));
         interval::settle(Real::new(), self.sampling(i), i, &self.near[i], layouts);
+        self.runs[i].watch(start + period);
         if self.transitions[i].is_some() {
             self.review_transition(i);
         } else {

@@ -9,6 +9,7 @@ use super::hold::{Held, Report};
 use super::input_signal::{ClusterInputs, InputSignal};
 use super::program::Ready;
 use super::trial::{Taken, copy};
+use super::watched::Most;
 use super::{Error, Options, Simulation};
 use crate::energy::Ledger;
 use crate::envelope::{self, Damaged, Kind};
@@ -66,6 +67,8 @@ struct Part {
     /// Where it is not what the scene was given: of a run whose inputs were set on the way.
     signals: Option<ClusterInputs>,
     ledger: Ledger,
+    /// What was drawn where an expectation looks.
+    watched: Vec<Most>,
     steps: u64,
     iterations: u64,
     base: f64,
@@ -128,6 +131,7 @@ impl Simulation<'_> {
             input: run.input.clone(),
             signals: (run.signals != fed).then(|| run.signals.clone()),
             ledger: run.ledger.clone(),
+            watched: run.watched.iter().map(|d| d.most).collect(),
             steps: run.steps,
             iterations,
             base: run.base,
@@ -203,6 +207,7 @@ impl<'a> Simulation<'a> {
         if !part.ledger.alike(&run.ledger) {
             return Err(Refused::Shape("the ledger"));
         }
+        same("the expectations", &part.watched, &run.watched)?;
         same("the traces", &part.largest, &run.largest)?;
         same("what is held", &part.held, &self.held[i])?;
         if part.held.iter().zip(&self.held[i]).any(|(a, b)| (a.bar, a.open) != (b.bar, b.open)) {
@@ -270,6 +275,7 @@ impl Part {
         run.state.copy_from_slice(&self.state);
         run.input.copy_from_slice(&self.input);
         run.ledger.clone_from(&self.ledger);
+        run.watched.iter_mut().zip(&self.watched).for_each(|(d, most)| d.most = *most);
         run.steps = self.steps;
         run.step.work.newton_iterations = self.iterations;
         run.base = self.base;

@@ -2,8 +2,9 @@
 
 use super::cluster::Run;
 use super::schedule::Simulation;
+use super::watched::PortPassivity;
 use crate::energy::{Ledger, Place};
-use crate::scene::{Bar, Produced};
+use crate::scene::{Bar, Excluded, Produced, Steering, Watched};
 use std::borrow::Cow;
 
 /// What the balance of a step is off by at most, relative, where it is said to be kept.
@@ -22,6 +23,10 @@ const GAIN: f64 = 1e-9;
 /// What that is a part of at least, as a part of the size of the scene's energies. Where next to nothing moves,
 /// rounding of a speed times a force may have any sign.
 const STILL: f64 = 4e-21;
+/// What a hold may make of the energy inside, as a part of the largest H, while the wall felt is the wall written.
+const LEAK: f64 = 0.01;
+/// What of the largest energy that crossed in an interval is rounding, where that is far larger than H.
+const CROSSED: f64 = 1e-9;
 /// What rounding may make of an energy in each step.
 const ROUNDING: f64 = 1e-15;
 
@@ -33,6 +38,18 @@ pub struct ElementEnergy {
     pub name: String,
     /// J
     pub energy: f64,
+}
+
+/// A steered source's share: its value reads the scene's own signals.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct SteeredSource {
+    /// The element.
+    pub name: String,
+    /// What it gave, J; below 0: took.
+    pub energy: f64,
+    /// What it is to the claim of passivity.
+    pub steering: Steering,
 }
 
 /// What a resistor with thermal ports produced.
@@ -102,6 +119,9 @@ pub struct RegionSummary {
     pub dissipated: f64,
     /// Created by holds and leaps.
     pub leaked: f64,
+    /// Whether holds created or lost so much inside, beside H, that who meets it feels something else than what is
+    /// written.
+    pub leaks_much: bool,
     /// Largest debt to the outside.
     pub debt_max: f64,
     /// Energy in the tank.
@@ -120,6 +140,8 @@ pub struct RegionSummary {
     pub modified: Option<Modified>,
     /// By source, port or double bar.
     pub sources: Vec<ElementEnergy>,
+    /// Those of them that are steered.
+    pub steered: Vec<SteeredSource>,
     /// By resistor; below 0 where an active one injected energy.
     pub resistors: Vec<ElementEnergy>,
     /// Entropy produced by each field with thermal ports.
@@ -161,6 +183,8 @@ pub struct Summary {
     pub regions: Vec<RegionSummary>,
     /// The double bars.
     pub bars: Vec<BarSummary>,
+    /// The places at which `expect passive at` looks, in the scene's order.
+    pub watched: Vec<PortPassivity>,
 }
 
 /// What of a region's ledger only the verdict goes by.
@@ -176,6 +200,17 @@ struct Doubts {
 }
 
 impl RegionSummary {
+    /// The reason for a verdict that its debt is, in words.
+    pub fn debt(&self) -> String {
+        format!("`{}` gave out up to {:.3e} J more than it stored and its tank held", self.name, self.debt_max)
+    }
+
+    /// What a steered source or a resistor of the region gave, J.
+    fn given_by(&self, element: &str) -> Option<f64> {
+        let steered = self.steered.iter().find(|x| x.name == element).map(|x| x.energy);
+        steered.or_else(|| self.resistors.iter().find(|x| x.name == element).map(|x| -x.energy))
+    }
+
     /// Adds why the region did not keep the promise.
     fn judge(&self, doubts: &Doubts, reasons: &mut Vec<String>) {
         let name = &self.name;
@@ -197,8 +232,7 @@ impl RegionSummary {
             ));
         }
         if doubts.relative_debt > RELATIVE_DEBT {
-            reasons
-                .push(format!("`{name}` gave out up to {:.3e} J more than it stored and its tank held", self.debt_max));
+            reasons.push(self.debt());
         }
         if self.second_law_violation > KEPT {
             reasons.push(format!("entropy fell in `{name}`"));
@@ -223,7 +257,12 @@ impl Simulation<'_> {
         let found: Vec<_> = (0..self.scene.regions.len())
             .filter_map(|r| self.region(r, &ledgers[self.scene.regions[r].cluster], largest))
             .collect();
-        let mut reasons: Vec<String> = self.scene.excluded.clone();
+        let given = |x: &Excluded| found.iter().find_map(|(region, _)| region.given_by(&x.element));
+        let withdrawn = |x: &Excluded| match given(x) {
+            Some(energy) => format!("{}, which gave {energy:.3e} J", x.why),
+            None => x.why.clone(),
+        };
+        let mut reasons: Vec<String> = self.scene.excluded.iter().map(withdrawn).collect();
         found.iter().for_each(|(region, doubts)| region.judge(doubts, &mut reasons));
         let regions: Vec<RegionSummary> = found.into_iter().map(|(region, _)| region).collect();
         let passive_ones = || regions.iter().filter(|r| r.passive_stepper);
@@ -234,6 +273,7 @@ impl Simulation<'_> {
             worst_step: passive_ones().map(|r| r.worst_step).fold(0.0, f64::max),
             total: passive_ones().map(|r| r.total).fold(0.0, f64::max),
             bars: self.bars(),
+            watched: self.scene.watched.iter().filter_map(|w| self.passivity_at(w)).collect(),
             regions,
         }
     }
@@ -258,6 +298,12 @@ impl Simulation<'_> {
             name: x.name.clone(),
             entropy: ledger.sum(d.produced.plus(2 * k)),
         };
+        let steered = e.steered.iter().map(|(source, steering)| SteeredSource {
+            name: e.supplied[*source].0.clone(),
+            energy: ledger.sum(d.sources.plus(2 * source)),
+            steering: *steering,
+        });
+        let leaked = ledger.sum(p.leaked);
         let floor = ledger.floor(p).max(FLOOR * largest);
         let part = |x: f64| if ledger.largest(p) > 0.0 { x / ledger.largest(p) } else { 0.0 };
         let still = STILL * self.scene.energy;
@@ -286,7 +332,9 @@ impl Simulation<'_> {
             h_max: number(p.h_max),
             supplied: ledger.sum(p.supplied),
             dissipated: ledger.sum(p.dissipated),
-            leaked: ledger.sum(p.leaked),
+            leaked,
+            leaks_much: !c.holds.is_empty()
+                && leaked.abs() > (LEAK * number(p.h_max)).max(CROSSED * number(d.crossed_max)),
             debt_max: number(p.debt_max),
             tank: if region.period.is_some() { number(p.stored) - number(p.h) + e.least } else { 0.0 },
             leaps: number(d.leaps) as u64,
@@ -301,12 +349,19 @@ impl Simulation<'_> {
                 energy_excess: number(d.energy_excess.plus(1)),
                 relative_energy_excess: number(d.energy_excess),
             }),
+            steered: steered.collect(),
             sources: list(&e.supplied, d.sources),
             resistors: list(&e.dissipated, d.resistors),
             produced: e.produced.iter().enumerate().map(entropy).collect(),
             second_law_violation: ledger.error(d.second_law_violation, floor),
         };
         Some((summary, doubts))
+    }
+
+    /// What was drawn at a place at which an expectation looks.
+    fn passivity_at(&self, watched: &Watched) -> Option<PortPassivity> {
+        let Run { watched: list, ledger, layout, .. } = &self.runs[watched.cluster];
+        Some(list.iter().find(|d| d.is_of(watched))?.passivity(ledger, layout))
     }
 
     /// What crossed the double bars.

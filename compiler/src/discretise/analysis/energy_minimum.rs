@@ -16,6 +16,9 @@ pub(crate) fn reference_energy(model: &mut Model, g: &Group, c: &Cluster) -> f64
 
 /// The same, and whether it is a least energy rather than that at the start.
 pub(crate) fn reference(model: &mut Model, g: &Group, c: &Cluster) -> (f64, bool) {
+    if let Some(x) = g.least_at {
+        return (model.pool.eval(g.energy, &|_| x), true);
+    }
     // Of each state its symbol, where the energy is least, and where it starts.
     let at: Vec<(Symbol, f64, f64)> = g
         .states
@@ -33,6 +36,9 @@ pub(crate) fn reference(model: &mut Model, g: &Group, c: &Cluster) -> (f64, bool
 
 /// The state where a storage's energy is least, near where it starts: by walking down and Newton's method.
 pub(crate) fn state_of_minimum(model: &mut Model, g: &Group, c: &Cluster, state: usize) -> f64 {
+    if let Some(x) = g.least_at {
+        return x;
+    }
     if g.states.len() > 1 {
         return descend(model, g, c, state);
     }
@@ -70,6 +76,9 @@ fn walk(pool: &Pool, [energy, slope, curvature]: [Expr; 3], mut x: f64) -> f64 {
 pub(crate) fn minimum(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
     if c.time.is_some_and(|t| model.pool.contains(g.energy, t)) {
         return 0.0;
+    }
+    if let Some(x) = g.least_at {
+        return model.pool.eval(g.energy, &|_| x);
     }
     let start: Vec<(Symbol, f64)> = g.states.iter().map(|s| (c.states[*s].symbol, c.states[*s].initial)).collect();
     let near: Vec<f64> = g.states.iter().map(|s| state_of_minimum(model, g, c, *s)).collect();

@@ -1,16 +1,16 @@
 //! What a sampled region holds at its ports: `lagged`, `predicted`, `matched`.
 
-use crate::discretise::cluster::{Cluster, missing, verified};
+use crate::discretise::cluster::{Cluster, Node, missing, verified};
 use crate::discretise::equations::inputs::{self, Inputs};
 use crate::discretise::equations::system::System;
-use crate::discretise::equations::{discrete_gradient, error_weights, newton};
+use crate::discretise::equations::{accounts, discrete_gradient, error_weights, newton};
 
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::{Hold, Model};
-use crate::structure::Form;
+use crate::structure::{ColumnId, Form};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::ir::{Array, Builder, Program, Slot, Unary};
-use bond_runtime::scene::Respond;
+use bond_runtime::scene::{Respond, Steering};
 use rustc_hash::FxHashMap;
 
 /// Writes the program that finds the held variables; `None` where there are none.
@@ -84,9 +84,11 @@ fn respond(
         let slot = b.named(Array::Output, "solved");
         b.store(slot, v);
     }
-    // What the sources of the region are predicted to put in: the budget may spend it.
+    // What the region's own sources are predicted to put in: the budget may spend it.
     let mut supplied = b.number(0.0);
-    for column in c.nodes.iter().filter_map(|n| n.source()) {
+    let counts = |column: &ColumnId| accounts::steering(model, form, *column) != Some(Steering::Drawing);
+    let own: Vec<ColumnId> = c.nodes.iter().filter_map(Node::source).filter(counts).collect();
+    for column in own {
         let (z, i) = (model.pool.var(form.column(column).out), form.input(&mut model.pool, column));
         let power = model.pool.mul(z, i);
         let power = model.pool.substitute(power, &flat);

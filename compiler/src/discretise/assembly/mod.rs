@@ -7,3 +7,4 @@ pub(crate) mod observation;
 pub(crate) mod probes;
 pub(crate) mod stored_energy;
 pub(crate) mod switching;
+pub(crate) mod watched;

@@ -13,7 +13,7 @@ use rustc_hash::FxHashSet;
 pub(crate) fn wanted(model: &Model, form: &Form) -> Vec<Symbol> {
     let extremes = model.expectations.iter().filter_map(|x| match &x.kind {
         ExpectationKind::Holds { extremes, .. } => Some(extremes.iter().map(|e| e.0)),
-        ExpectationKind::Passive | ExpectationKind::At { .. } => None,
+        ExpectationKind::Passive | ExpectationKind::PassiveAt(_) | ExpectationKind::At { .. } => None,
     });
     let mut seen: FxHashSet<Symbol> = extremes.flatten().collect();
     let mut list = Vec::new();
@@ -84,9 +84,14 @@ pub(crate) fn build(model: &mut Model, form: &Form, place: &dyn Fn(Symbol) -> Op
         probes.names.push(p.name.clone());
         probes.units.push(p.unit.map(|u| u.to_string()));
     }
+    let mut watched = 0;
     for (x, list) in model.expectations.iter().zip(&form.expectations) {
         let kind = match &x.kind {
             ExpectationKind::Passive => scene::ExpectationKind::Passive,
+            ExpectationKind::PassiveAt(_) => {
+                watched += 1;
+                scene::ExpectationKind::PassiveAt(watched - 1)
+            }
             ExpectationKind::At { time, target, tolerance, .. } => {
                 let output = list.first().map_or(0, |e| put(model, &mut b, &mut lowering, &x.text, *e));
                 scene::ExpectationKind::At { output, time: *time, target: *target, tolerance: *tolerance }

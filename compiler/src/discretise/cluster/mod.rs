@@ -42,6 +42,8 @@ pub(crate) struct Group {
     pub(crate) energy_form: OnceCell<EnergyForm>,
     /// Whether it was seen to have a lower bound.
     pub(crate) bounded: bool,
+    /// Where it is least on what can be reached, if only that bounds it: the value of its one state.
+    pub(crate) least_at: Option<f64>,
 }
 
 /// What an output is of.
@@ -190,6 +192,7 @@ impl Cluster {
                 coenergy: g.coenergy.clone(),
                 energy_form: OnceCell::new(),
                 bounded: g.bounded,
+                least_at: g.least_at,
             });
         }
         for &c in &r.inputs {

@@ -5,7 +5,7 @@ use crate::expression::Sign;
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Role};
 use bond_runtime::ir::Builder;
-use bond_runtime::scene::{Entries, Produced};
+use bond_runtime::scene::{Entries, Produced, Steering};
 use rustc_hash::FxHashMap;
 
 /// The columns of a region's entries in the ledger. A field is one entry, of all its ports.
@@ -47,6 +47,7 @@ impl Cluster {
                 e.change = Some((change, exchanged));
             }
             for c in accounts.supplied {
+                e.steered.extend(steering(model, form, c).map(|s| (e.supplied.len(), s)));
                 let name = form.column(c).name.clone();
                 let slot = b.named(Array::Output, format!("supplied({name})"));
                 if holds.contains(&c) {
@@ -89,6 +90,20 @@ impl Cluster {
         let parts = self.regions.iter().map(|r| of.remove(&r.at()).unwrap_or_default());
         parts.map(|(supplied, resistors)| account(model, form, sorted(supplied), sorted(resistors))).collect()
     }
+}
+
+/// What a source that is steered is to the claim of passivity; `None` of one that is not.
+pub(crate) fn steering(model: &Model, form: &Form, source: ColumnId) -> Option<Steering> {
+    form.steered.get(&source)?;
+    let column = form.column(source);
+    let region = &form.regions[column.region.at()];
+    let meets = region.inputs.iter().any(|i| matches!(form.column(*i).role, Role::Bar | Role::Open(_)));
+    Some(match region.sampling.filter(|_| meets) {
+        _ if model.element(column.element).active => Steering::Active,
+        Some(sampling) if model.samplings[sampling].budget => Steering::Drawing,
+        Some(_) => Steering::Unbounded,
+        None => Steering::Beside,
+    })
 }
 
 /// Whether a column's bond is of temperature and entropy.

@@ -60,7 +60,8 @@ impl Stores {
             if let Some(g) = rest {
                 let (energy, start) = energy(c, model, &g);
                 let (least, told) = energy_minimum::reference(model, &g, c);
-                let least = (told && g.bounded).then_some(least);
+                // The steps keep no Casimir to the last bit.
+                let least = (told && g.bounded && g.least_at.is_none()).then_some(least);
                 auxiliaries.push(AuxiliaryEnergy {
                     region,
                     states: g.states,
@@ -128,6 +129,7 @@ fn split(c: &Cluster, pool: &mut Pool, g: &Group) -> Option<(Group, Group)> {
         coenergy,
         energy_form: OnceCell::new(),
         bounded: g.bounded,
+        least_at: g.least_at,
     };
     Some((group(part, even), group(rest, slopes)))
 }
