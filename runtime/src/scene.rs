@@ -296,11 +296,11 @@ impl Entries {
         self.own().next().is_some()
     }
 
-    /// What the region's own sources put in, as outputs: all of `supplied` but the ports that it holds, and the
-    /// steered sources that draw on its account.
+    /// The region's own sources, as places in `supplied`: all but the ports that it holds, and the steered sources that
+    /// draw on its account.
     pub fn own(&self) -> impl Iterator<Item = usize> {
         let counts = |i: &usize| !self.held.contains(i) && !self.steered.contains(&(*i, Steering::Drawing));
-        (0..self.supplied.len()).filter(counts).map(|i| self.supplied[i].1)
+        (0..self.supplied.len()).filter(counts)
     }
 
     /// Whether a steered source draws on the region's account.
@@ -337,6 +337,8 @@ pub struct Entries {
     pub steered: Vec<(usize, Steering)>,
     /// The least that H can be, where there is such a level: what a sampled region has to give is counted from there.
     pub least: f64,
+    /// Where heat is stored, or held for others: what of the energy may be drawn as work.
+    pub work: Option<Work>,
     /// J. What it turned over in a step is counted as at least. Nothing is told of less: of a body that is held at
     /// rest, rounding is all that moves.
     pub faintest: f64,
@@ -346,6 +348,20 @@ pub struct Entries {
     pub leap: Option<(usize, usize)>,
     /// Of a stepper that keeps another energy than H, which then is `energy`: H itself at the end of the step.
     pub modified: Option<usize>,
+}
+
+/// What of a sampled region's energy may be drawn as work: that of the storages that heat has no part in, and of the
+/// others (a gas) what is drawn while each entropy stays. The rest is heat, which bars of temperature alone may draw.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Work {
+    /// It at the end of the step: an output.
+    pub energy: usize,
+    /// It at the start, J.
+    pub initial: f64,
+    /// The least that it can be, J: what there is to give is counted from there.
+    pub least: f64,
+    /// Which of [`Entries::supplied`] supply heat.
+    pub heats: Vec<usize>,
 }
 
 /// What a field with thermal ports produces in a step, as outputs.
@@ -372,6 +388,8 @@ pub struct Port {
     pub mean: usize,
     /// Output of the instant program: what goes out now.
     pub instant: usize,
+    /// Whether its effort is a temperature, so that heat crosses it.
+    pub is_thermal: bool,
 }
 
 /// Input slots of a signal given from outside: value, slope, and the instant at which it has that value. It is

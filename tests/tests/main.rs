@@ -20,6 +20,7 @@ mod expectations;
 mod foretold;
 mod form;
 mod hard;
+mod heat;
 mod holds;
 mod image;
 mod lanes;

@@ -119,6 +119,11 @@ pub fn book_step<M: Machine, K: Memory<M>>(
     if p.detail.is_some() || e.least != 0.0 {
         k.raise(m, p.h_top, h);
     }
+    if let (Some(at), Some(work)) = (&p.work, &e.work) {
+        let energy = k.output(work.energy);
+        k.store(at.energy, energy);
+        k.raise(m, at.top, energy);
+    }
     k.add(p.residual, residual);
     if let Some((slot, count)) = e.leap {
         k.gather(p.leaked, k.output(slot));

@@ -132,7 +132,8 @@ impl Holder<'_> {
     }
 
     /// Scales held variables down to the energy budget: to what the cluster has to give, and what its sources are
-    /// `foreseen` to put in, where each free response may be off by `doubt`; and to what it is trusted with.
+    /// `foreseen` to put in, where each free response may be off by `doubt`; and to what it is trusted with. Bars of
+    /// temperature draw on its heat, all others on what it has to give as work.
     pub fn within_budget<M: Machine, K: Responses<M>>(
         &self,
         m: M,
@@ -141,16 +142,24 @@ impl Holder<'_> {
         (free_response, doubt): (&[M::Number], &[M::Number]),
         foreseen: M::Number,
     ) {
+        let thermal = |i: usize| self.layout.held[i].is_thermal;
+        if (0..v.len()).any(thermal) {
+            let heat = positive(m, interval::heat(m, k, self.layout));
+            self.keep_within(m, k, v, (free_response, None), heat, &thermal);
+            self.keep_within(m, k, v, (free_response, Some(doubt)), m.number(2.0) * heat, &thermal);
+        }
         let stored = interval::stored(m, k, self.layout);
         let room = stored - interval::noise(m, k, self.layout) + positive(m, foreseen);
         let room = positive(m, room);
-        self.keep_within(m, k, v, free_response, None, room);
-        self.keep_within(m, k, v, free_response, Some(doubt), m.number(2.0) * room);
-        self.restrain(m, k, v, (free_response, doubt), stored);
+        let work = |i: usize| !thermal(i);
+        self.keep_within(m, k, v, (free_response, None), room, &work);
+        self.keep_within(m, k, v, (free_response, Some(doubt)), m.number(2.0) * room, &work);
+        self.restrain(m, k, v, (free_response, doubt), interval::balance(m, k, self.layout));
     }
 
-    /// Scales held variables down until the energy that the interval is predicted to give back is at most `room`, and
-    /// be each free response off by `doubt` of what it is predicted to be, against what is held.
+    /// Scales the held variables that are `chosen` down until the energy that the interval is predicted to give back by
+    /// them is at most `room`, and be each free response off by `doubt` of what it is predicted to be, against what is
+    /// held.
     ///
     /// The energy in is v (a - Y v), concave along the ray of v, and 0 at its start.
     fn keep_within<M: Machine, K: Responses<M>>(
@@ -158,16 +167,21 @@ impl Holder<'_> {
         m: M,
         k: K,
         v: &mut [M::Number],
-        free_response: &[M::Number],
-        doubt: Option<&[M::Number]>,
+        (free_response, doubt): (&[M::Number], Option<&[M::Number]>),
         room: M::Number,
+        chosen: &dyn Fn(usize) -> bool,
     ) {
         let nothing = m.number(-0.0);
-        let mut a = v.iter().zip(free_response).fold(nothing, |sum, (v, a)| sum + *v * *a);
+        let picked = || (0..v.len()).filter(|i| chosen(*i));
+        let mut a = picked().fold(nothing, |sum, i| sum + v[i] * free_response[i]);
         if let Some(doubt) = doubt {
-            a = a - v.iter().zip(doubt).fold(nothing, |sum, (v, d)| sum + v.abs() * *d);
+            a = a - picked().fold(nothing, |sum, i| sum + v[i].abs() * doubt[i]);
         }
-        let b = self.given_way(m, k, v);
+        // What the others hold moves these ports, too.
+        for (i, j) in picked().flat_map(|i| (0..v.len()).filter(|j| !chosen(*j)).map(move |j| (i, j))) {
+            a = a - v[i] * k.response(self.cluster, PortAdmittance, i * v.len() + j) * v[j];
+        }
+        let b = self.given_way(m, k, v, chosen);
         let part = m.holding(m.number(1.0));
         m.only(!(-room).at_most(a - b), || {
             let curved = (a + root(a * a + m.number(4.0) * b * room)) / (m.number(2.0) * b);
@@ -175,7 +189,7 @@ impl Holder<'_> {
             part.set(fraction(m, m.select(m.number(0.0).below(b), curved, straight)));
         });
         let part = part.get();
-        v.iter_mut().for_each(|v| *v = *v * part);
+        v.iter_mut().enumerate().filter(|(i, _)| chosen(*i)).for_each(|(_, v)| *v = *v * part);
     }
 
     /// In debt, or distrusted, scales held variables down until no more is at risk than was repaid since the debt was
@@ -192,7 +206,7 @@ impl Holder<'_> {
         let (p, zero, one) = (&self.layout.passivity, m.number(0.0), m.number(1.0));
         let sizes = v.iter().zip(free_response).zip(doubt);
         let u = sizes.fold(m.number(-0.0), |sum, ((v, a), d)| sum + v.abs() * (a.abs() + *d));
-        let b = positive(m, self.given_way(m, k, v));
+        let b = positive(m, self.given_way(m, k, v, &|_| true));
         let all = u + b;
         k.store(p.risk, all);
         k.raise(m, p.most, all);
@@ -210,11 +224,17 @@ impl Holder<'_> {
         v.iter_mut().for_each(|v| *v = *v * part);
     }
 
-    /// What the other side gives way by itself, v Y v.
-    fn given_way<M: Machine, K: Responses<M>>(&self, m: M, k: K, v: &[M::Number]) -> M::Number {
+    /// What the other side gives way by itself to what is `chosen`, v Y v.
+    fn given_way<M: Machine, K: Responses<M>>(
+        &self,
+        m: M,
+        k: K,
+        v: &[M::Number],
+        chosen: &dyn Fn(usize) -> bool,
+    ) -> M::Number {
         let (mut b, n) = (m.number(0.0), v.len());
-        for i in 0..n {
-            for j in 0..n {
+        for i in (0..n).filter(|i| chosen(*i)) {
+            for j in (0..n).filter(|j| chosen(*j)) {
                 b = b + v[i] * k.response(self.cluster, PortAdmittance, i * n + j) * v[j];
             }
         }

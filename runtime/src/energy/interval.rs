@@ -1,6 +1,6 @@
 //! What the end of an interval does to the accounts of a sampled cluster, and to what it is trusted with.
 
-use super::{AccountPlaces, HeldPlaces, Layout, Memory, account, larger, positive, smaller};
+use super::{AccountPlaces, HeldPlaces, Layout, Memory, Place, account, larger, positive, smaller};
 use crate::machine::{Machine, Number};
 use crate::scene::{Cluster, Entries};
 
@@ -49,7 +49,7 @@ pub fn settle<'s, M: Machine, K: Memory<M>>(
     share(m, k, c, l);
     for p in &l.accounts {
         let stored = k.load(p.stored);
-        k.raise(m, p.debt_max, -stored);
+        k.raise(m, p.debt_max, owed(m, k, p));
         if let Some(d) = &p.detail {
             k.raise(m, d.stored_max, stored);
         }
@@ -66,11 +66,15 @@ fn settle_account<M: Machine, K: Memory<M>>(
     (e, p): (&Entries, &AccountPlaces),
     mut turned: M::Number,
 ) -> M::Number {
-    let [mut called, mut crossed, mut own] = [m.number(-0.0); 3];
+    let [mut called, mut crossed, mut heat, mut own, mut warmed] = [m.number(-0.0); 5];
     for h in l.held.iter().filter(|h| c.ports[h.port].region == e.region) {
         let (port, energy) = (&c.ports[h.port], k.load(h.crossed));
         called = called + k.load(h.q) * k.output(port.mean);
-        crossed = crossed + energy;
+        if h.is_thermal {
+            heat = heat + energy;
+        } else {
+            crossed = crossed + energy;
+        }
         turned = turned + energy.abs();
         // A source beside the port may have the name of what it joins.
         let source = e.held.iter().copied().find(|i| e.supplied[*i].0 == port.name);
@@ -80,42 +84,68 @@ fn settle_account<M: Machine, K: Memory<M>>(
     }
     let mut stored = k.load(p.stored);
     if !e.held.is_empty() {
-        k.gather(p.supplied, crossed);
-        k.gather(p.leaked, called - crossed);
+        let all = if e.work.is_some() { crossed + heat } else { crossed };
+        k.gather(p.supplied, all);
+        k.gather(p.leaked, called - all);
         if let Some(d) = &p.detail {
-            k.raise(m, d.crossed_max, crossed.abs());
+            k.raise(m, d.crossed_max, all.abs());
         }
         stored = stored + crossed;
     }
-    for slot in e.own() {
-        let x = k.output(slot);
-        own = own + x;
+    for i in e.own() {
+        let x = k.output(e.supplied[i].1);
+        if e.work.as_ref().is_some_and(|w| w.heats.contains(&i)) {
+            warmed = warmed + x;
+        } else {
+            own = own + x;
+        }
         turned = turned + x.abs();
     }
     if e.is_driven() {
         stored = stored + own;
     }
+    if let Some(w) = &p.work {
+        k.store(w.heat, k.load(w.heat) + heat + warmed);
+    }
     if l.accounts.len() == 1 && !e.is_drawn_on() {
-        let mut most = k.load(p.h) + cap(m, k, e, p);
+        let mut most = k.load(energy(p)) + cap(m, k, e, p);
         // What was promised is not let go; several regions have no open ports.
         if let Some(reserve) = l.passivity.reserve {
             most = larger(m, most, k.load(reserve));
         }
-        stored = smaller(m, stored, most);
+        keep(m, k, p, stored, smaller(m, stored, most));
+    } else {
+        k.store(p.stored, stored);
     }
-    k.store(p.stored, stored);
     turned
 }
 
-/// What the tank holds, and H where it is least, below 0.
+/// Replaces what there is to give. What is no longer there as work became heat.
+fn keep<M: Machine, K: Memory<M>>(_: M, k: K, p: &AccountPlaces, before: M::Number, now: M::Number) {
+    if let Some(w) = &p.work {
+        k.store(w.heat, k.load(w.heat) + (before - now));
+    }
+    k.store(p.stored, now);
+}
+
+/// The energy that what there is to give is counted beside.
+fn energy(p: &AccountPlaces) -> Place {
+    p.work.map_or(p.h, |w| w.energy)
+}
+
+/// What the tank holds, and that energy where it is least, below 0.
 fn tank<M: Machine, K: Memory<M>>(k: K, p: &AccountPlaces) -> M::Number {
-    k.load(p.stored) - k.load(p.h)
+    k.load(p.stored) - k.load(energy(p))
 }
 
 /// The most that it may hold: the largest energy above the least seen, likewise counted. What a steered source that
 /// draws on the account would store cannot be seen: with such a one, all that was put in may be returned.
 fn cap<M: Machine, K: Memory<M>>(m: M, k: K, e: &Entries, p: &AccountPlaces) -> M::Number {
-    if e.least == 0.0 { k.load(p.h_max) } else { k.load(p.h_top) - m.number(2.0) * k.load(p.h_least) }
+    match &p.work {
+        Some(w) => k.load(w.top) - m.number(2.0) * k.load(w.least),
+        None if e.least == 0.0 => k.load(p.h_max),
+        None => k.load(p.h_top) - m.number(2.0) * k.load(p.h_least),
+    }
 }
 
 /// What regions that hold together have to give is one: where one of them is in debt, the others' tanks cover that, and
@@ -152,7 +182,7 @@ fn share<M: Machine, K: Memory<M>>(m: M, k: K, c: &Cluster, l: &Layout) {
         let part = over / full;
         for p in &l.accounts {
             let (stored, tank) = (k.load(p.stored), tank(k, p));
-            k.store(p.stored, m.select(zero.below(tank), stored - tank * part, stored));
+            keep(m, k, p, stored, m.select(zero.below(tank), stored - tank * part, stored));
         }
     });
 }
@@ -169,7 +199,7 @@ fn control<'s, M: Machine, K: Memory<M>>(
     let (zero, one) = (m.number(0.0), m.number(1.0));
     let p = &l.passivity;
     let near = || near.iter().filter_map(|j| clusters.clone().nth(*j)).map(|(_, l)| l);
-    let clear = |l: &Layout| (-stored(m, k, l)).at_most(m.number(LOSS) * k.load(l.passivity.most));
+    let clear = |l: &Layout| (-balance(m, k, l)).at_most(m.number(LOSS) * k.load(l.passivity.most));
     let others = near().fold(m.known(true), |all, l| all & clear(l));
     let easy = k.load(p.peak).equals(zero) & k.load(p.energy_margin).equals(one);
     let free = clear(l) & (easy | others);
@@ -179,7 +209,7 @@ fn control<'s, M: Machine, K: Memory<M>>(
     };
     let owing = || {
         note_relative_debt(m, k, l, clusters.clone());
-        let debt = -stored(m, k, l);
+        let debt = -balance(m, k, l);
         let crossed = l.held.iter().fold(m.number(-0.0), |sum, h| sum + k.load(h.crossed));
         let lost = smaller(m, -crossed, debt);
         m.only((m.number(LOSS) * k.load(p.most)).below(lost), || {
@@ -233,7 +263,7 @@ fn note_relative_debt<'s, M: Machine, K: Memory<M>>(
     for (p, d) in l.accounts.iter().filter_map(|p| Some((p, p.detail.as_ref()?))) {
         let own = [k.load(d.stored_max), k.sum(p.supplied).abs(), k.load(d.crossed_max)];
         let scale = own.into_iter().fold(beside, |most, x| larger(m, most, x));
-        k.raise(m, d.relative_debt, -k.load(p.stored) / scale);
+        k.raise(m, d.relative_debt, owed(m, k, p) / scale);
     }
 }
 
@@ -242,14 +272,31 @@ pub fn stored<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Number {
     l.accounts.iter().fold(m.number(-0.0), |sum, p| sum + k.load(p.stored))
 }
 
+/// What a region drew and was not given, as work or as heat; below 0 where it has something to give of both.
+fn owed<M: Machine, K: Memory<M>>(m: M, k: K, p: &AccountPlaces) -> M::Number {
+    let work = -k.load(p.stored);
+    p.work.map_or(work, |w| larger(m, work, -k.load(w.heat)))
+}
+
+/// The lesser of what a cluster has to give as work and as heat: below 0 where it is in debt.
+pub(super) fn balance<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Number {
+    let stored = stored(m, k, l);
+    if l.accounts.iter().all(|p| p.work.is_none()) { stored } else { smaller(m, stored, heat(m, k, l)) }
+}
+
+/// What a cluster has to give as heat; 0 where it has none.
+pub(super) fn heat<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Number {
+    l.accounts.iter().filter_map(|p| p.work).fold(m.number(-0.0), |sum, w| sum + k.load(w.heat))
+}
+
 /// What of that is rounding.
 pub(super) fn noise<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Number {
-    m.number(NOISE) * l.accounts.iter().fold(m.number(-0.0), |sum, p| sum + k.load(p.h).abs())
+    m.number(NOISE) * l.accounts.iter().fold(m.number(-0.0), |sum, p| sum + k.load(energy(p)).abs())
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Booking, CountPlaces, Ledger, Place};
+    use super::super::{Booking, CountPlaces, Ledger};
     use super::*;
     use crate::machine::Real;
     use std::cell::Cell;
@@ -263,6 +310,7 @@ mod tests {
         let counts = CountPlaces { holder: at(20), other: at(22), difference: at(24) };
         let h = HeldPlaces {
             port: 0,
+            is_thermal: false,
             v: at(0),
             q: at(1),
             w: at(2),

@@ -85,8 +85,23 @@ pub struct AccountPlaces {
     pub h_top: Place,
     /// The least that the energy can be.
     pub h_least: Place,
+    /// Where heat is stored, or held for others: `stored` then is what may be drawn as work.
+    pub work: Option<WorkPlaces>,
     /// What a run keeps besides, and a stand-alone module does not.
     pub detail: Option<DetailPlaces>,
+}
+
+/// Places of what of a region's energy may be drawn as work, and of the rest.
+#[derive(Clone, Copy, Debug)]
+pub struct WorkPlaces {
+    /// The energy that may be drawn as work.
+    pub energy: Place,
+    /// The most that it was.
+    pub top: Place,
+    /// The least that it can be.
+    pub least: Place,
+    /// What the region has to give as heat.
+    pub heat: Place,
 }
 
 /// Where the largest error of the steps is kept.
@@ -132,6 +147,8 @@ pub struct DetailPlaces {
 pub struct HeldPlaces {
     /// The cluster's port.
     pub port: usize,
+    /// Whether what it draws is heat, of a region that counts that by itself.
+    pub is_thermal: bool,
     /// What is held.
     pub v: Place,
     /// The answer since the last sample.
@@ -245,6 +262,12 @@ impl Taking {
             gained,
             h_top: named("h_top"),
             h_least: named("h_least"),
+            work: e.work.as_ref().map(|_| WorkPlaces {
+                energy: self.take(1),
+                top: self.take(1),
+                least: self.take(1),
+                heat: self.take(1),
+            }),
             detail,
         }
     }
@@ -266,9 +289,11 @@ impl Taking {
         }
     }
 
-    fn held(&mut self, port: usize) -> HeldPlaces {
+    fn held(&mut self, c: &Cluster, port: usize) -> HeldPlaces {
+        let own = |e: &&Entries| e.region == c.ports[port].region;
         HeldPlaces {
             port,
+            is_thermal: c.ports[port].is_thermal && c.entries.iter().find(own).is_some_and(|e| e.work.is_some()),
             v: self.take(1),
             q: self.take(1),
             w: self.take(1),
@@ -293,7 +318,7 @@ impl Layout {
     /// does.
     pub fn new(cluster: usize, c: &Cluster, detail: bool) -> Self {
         let mut taking = Taking { cluster, size: 0, logs: 0, detail };
-        let held = c.holds.iter().map(|port| taking.held(*port)).collect();
+        let held = c.holds.iter().map(|port| taking.held(c, *port)).collect();
         let passivity = PassivityPlaces {
             peak: taking.take(1),
             energy_margin: taking.take(1),
@@ -320,8 +345,19 @@ impl Layout {
                 (p.turnover_max, e.faintest),
             ];
             numbers.into_iter().for_each(|(at, x)| block[at.at] = x);
+            if let (Some(at), Some(work)) = (&p.work, &e.work) {
+                let stored = work.initial - work.least;
+                let numbers = [
+                    (at.energy, work.initial),
+                    (at.top, work.initial),
+                    (at.least, work.least),
+                    (at.heat, (h - e.least) - stored),
+                    (p.stored, stored),
+                ];
+                numbers.into_iter().for_each(|(at, x)| block[at.at] = x);
+            }
             if let Some(d) = &p.detail {
-                block[d.stored_max.at] = h - e.least;
+                block[d.stored_max.at] = block[p.stored.at];
             }
         }
         block

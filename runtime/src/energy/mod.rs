@@ -15,7 +15,7 @@ mod worst;
 
 pub use layout::{
     ACCOUNT, AR_COEFFICIENTS, AR_ORDER, AccountPlaces, CountPlaces, DetailPlaces, ErrorPlaces, HeldPlaces, Layout,
-    PassivityPlaces, Place,
+    PassivityPlaces, Place, WorkPlaces,
 };
 pub(crate) use ledger::{Booking, Ledger};
 pub(crate) use worst::Worst;

@@ -336,7 +336,11 @@ impl Simulation<'_> {
             leaks_much: !c.holds.is_empty()
                 && leaked.abs() > (LEAK * number(p.h_max)).max(CROSSED * number(d.crossed_max)),
             debt_max: number(p.debt_max),
-            tank: if region.period.is_some() { number(p.stored) - number(p.h) + e.least } else { 0.0 },
+            tank: match (&p.work, &e.work) {
+                (Some(at), Some(work)) => number(p.stored) - number(at.energy) + work.least,
+                _ if region.period.is_some() => number(p.stored) - number(p.h) + e.least,
+                _ => 0.0,
+            },
             leaps: number(d.leaps) as u64,
             worst_step: ledger.error(p.worst, floor),
             total: part(number(p.residual).abs()),

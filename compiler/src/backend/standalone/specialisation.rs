@@ -68,6 +68,7 @@ pub fn code_shape(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
         c.instant = c.instant.code_shape();
         c.entries.iter_mut().for_each(|e| {
             (e.floor, e.faintest, e.least) = (0.0, 0.0, f64::from(u8::from(e.least != 0.0)));
+            e.work.iter_mut().for_each(|w| (w.initial, w.least) = (0.0, 0.0));
         });
         if let Some(r) = &mut c.respond {
             r.program = r.program.code_shape();

@@ -40,7 +40,8 @@ pub(crate) fn state_of_minimum(model: &mut Model, g: &Group, c: &Cluster, state:
         return x;
     }
     if g.states.len() > 1 {
-        return descend(model, g, c, state);
+        let all = descend(model, g, c, &[]);
+        return g.states.iter().position(|s| *s == state).map_or(0.0, |i| all[i]);
     }
     let symbol = c.states[state].symbol;
     let Some(&slope) = g.coenergy.first() else { return 0.0 };
@@ -71,9 +72,10 @@ fn walk(pool: &Pool, [energy, slope, curvature]: [Expr; 3], mut x: f64) -> f64 {
     x
 }
 
-/// The least that the energy of a group can be, as far as it is seen: near where it starts, and where powers of ten lie
-/// beside that and 0. What a sampled region has to give is counted from there: an energy has no zero of its own.
-pub(crate) fn minimum(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
+/// The least that the energy of a group can be while some of its states stay as they start, as far as it is seen: near
+/// where it starts, and where powers of ten lie beside that and 0. What a sampled region has to give is counted from
+/// there: an energy has no zero of its own.
+pub(crate) fn minimum(model: &mut Model, g: &Group, c: &Cluster, stay: &[usize]) -> f64 {
     if c.time.is_some_and(|t| model.pool.contains(g.energy, t)) {
         return 0.0;
     }
@@ -81,7 +83,10 @@ pub(crate) fn minimum(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
         return model.pool.eval(g.energy, &|_| x);
     }
     let start: Vec<(Symbol, f64)> = g.states.iter().map(|s| (c.states[*s].symbol, c.states[*s].initial)).collect();
-    let near: Vec<f64> = g.states.iter().map(|s| state_of_minimum(model, g, c, *s)).collect();
+    let near: Vec<f64> = match g.states.len() {
+        1 => vec![state_of_minimum(model, g, c, g.states[0])],
+        _ => descend(model, g, c, stay),
+    };
     let slopes = match (&g.coenergy[..], &start[..]) {
         (&[slope], &[(symbol, _)]) => Some([g.energy, slope, model.pool.derivative(slope, symbol)]),
         _ => None,
@@ -106,7 +111,7 @@ pub(crate) fn minimum(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
     look(energy(&|i| start[i].1));
     look(energy(&|i| near[i]));
     for base in [&near, &start.iter().map(|s| s.1).collect()] {
-        for (k, x) in base.iter().enumerate() {
+        for (k, x) in base.iter().enumerate().filter(|(k, _)| !stay.contains(&g.states[*k])) {
             let size = size_of(k);
             for off in DECADES.flat_map(|n| [1.0, -1.0].map(|side| side * size * libm::exp10(f64::from(n)))) {
                 if look(energy(&|i| if i == k { x + off } else { base[i] }))
@@ -121,20 +126,20 @@ pub(crate) fn minimum(model: &mut Model, g: &Group, c: &Cluster) -> f64 {
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// One coordinate of the state of least energy of several: down along one after the other.
-fn descend(model: &mut Model, g: &Group, c: &Cluster, state: usize) -> f64 {
+/// The state of least energy of several, of which some stay: down along one after the other.
+fn descend(model: &mut Model, g: &Group, c: &Cluster, stay: &[usize]) -> Vec<f64> {
     let symbols: Vec<Symbol> = g.states.iter().map(|s| c.states[*s].symbol).collect();
     let mut x: Vec<f64> = vec![0.0; symbols.len()];
     let value = |model: &Model, e: Expr, x: &[f64]| {
         model.pool.eval(e, &|s| symbols.iter().position(|t| *t == s).map_or(0.0, |i| x[i]))
     };
     let flat = |model: &Model, x: &[f64]| g.coenergy.iter().all(|z| value(model, *z, x) == 0.0);
-    if !flat(model, &x) {
+    if !stay.is_empty() || !flat(model, &x) {
         x = g.states.iter().map(|s| c.states[*s].initial).collect();
         let slopes: Vec<Expr> = g.coenergy.iter().zip(&symbols).map(|(z, s)| model.pool.derivative(*z, *s)).collect();
         for _ in 0..500 {
             let before = x.clone();
-            for i in 0..x.len() {
+            for i in (0..x.len()).filter(|i| !stay.contains(&g.states[*i])) {
                 let mut d = value(model, g.coenergy[i], &x) / value(model, slopes[i], &x).abs();
                 let h = value(model, g.energy, &x);
                 let from = x[i];
@@ -152,5 +157,5 @@ fn descend(model: &mut Model, g: &Group, c: &Cluster, state: usize) -> f64 {
             }
         }
     }
-    g.states.iter().position(|s| *s == state).map_or(0.0, |i| if x[i].is_finite() { x[i] } else { 0.0 })
+    x.into_iter().map(|x| if x.is_finite() { x } else { 0.0 }).collect()
 }

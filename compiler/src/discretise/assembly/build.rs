@@ -49,7 +49,8 @@ pub(crate) fn build(
         let groups = c.groups_in(RegionId(e.region as u32)).iter().filter(|g| g.bounded);
         e.floor = groups.clone().map(|g| energy_minimum::reference_energy(model, g, c)).sum();
         if sampling.is_some() {
-            e.least = groups.map(|g| energy_minimum::minimum(model, g, c)).sum();
+            e.least = groups.map(|g| energy_minimum::minimum(model, g, c, &[])).sum();
+            work_at_start(c, model, form, e);
         }
     }
     let is_ray = method == Some(Method::Ray);
@@ -89,7 +90,7 @@ pub(crate) fn build(
         heats: heats(c, model, form),
         sizes: Vec::new(),
         grains: (0..states).map(|i| regions + states + i).collect(),
-        ports: ports(c, form, layout.ports),
+        ports: ports(c, (model, form), layout.ports),
         holds,
         foreign,
         foreign_at: 2 + c.ports.len(),
@@ -99,6 +100,19 @@ pub(crate) fn build(
         fastest_period: fastest,
         jumps: c.vertical_laws(model, form),
     })
+}
+
+/// What may be drawn as work at the start, and the least that it can be.
+fn work_at_start(c: &Cluster, model: &mut Model, form: &Form, e: &mut scene::Entries) {
+    let Some(work) = &mut e.work else { return };
+    for g in c.working_groups(model, form, RegionId(e.region as u32)) {
+        let at = |s: Symbol| c.states.iter().find(|state| state.symbol == s).map_or(0.0, |state| state.initial);
+        work.initial += model.pool.eval(g.energy, &at);
+        if g.bounded {
+            let heats = c.heats(model, form, g);
+            work.least += energy_minimum::minimum(model, g, c, &heats);
+        }
+    }
 }
 
 /// The step of a continuous cluster: by the method that was asked for, else by the one that is chosen.
@@ -155,13 +169,14 @@ fn state(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Vec<f64>, Vec<S
 }
 
 /// Its ports, whose observed variables start at an output.
-fn ports(c: &Cluster, form: &Form, first: usize) -> Vec<scene::Port> {
+fn ports(c: &Cluster, (model, form): (&Model, &Form), first: usize) -> Vec<scene::Port> {
     let port = |(i, column): (usize, &ColumnId)| scene::Port {
         name: form.column(*column).name.clone(),
         region: form.column(*column).region.at(),
         input: 2 + i,
         mean: i,
         instant: first + i,
+        is_thermal: accounts::is_thermal(model, form, *column),
     };
     c.ports.iter().enumerate().map(port).collect()
 }

@@ -4,7 +4,6 @@ use crate::discretise::cluster::{Cluster, Node, missing, verified};
 use crate::discretise::equations::inputs::{self, Inputs};
 use crate::discretise::equations::system::System;
 use crate::discretise::equations::{accounts, discrete_gradient, error_weights, newton};
-
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::{Hold, Model};
 use crate::structure::{ColumnId, Form};
@@ -84,9 +83,12 @@ fn respond(
         let slot = b.named(Array::Output, "solved");
         b.store(slot, v);
     }
-    // What the region's own sources are predicted to put in: the budget may spend it.
+    // What the region's own sources are predicted to put in as work: the budget may spend it.
     let mut supplied = b.number(0.0);
-    let counts = |column: &ColumnId| accounts::steering(model, form, *column) != Some(Steering::Drawing);
+    let counts = |column: &ColumnId| {
+        accounts::steering(model, form, *column) != Some(Steering::Drawing)
+            && !accounts::is_thermal(model, form, *column)
+    };
     let own: Vec<ColumnId> = c.nodes.iter().filter_map(Node::source).filter(counts).collect();
     for column in own {
         let (z, i) = (model.pool.var(form.column(column).out), form.input(&mut model.pool, column));

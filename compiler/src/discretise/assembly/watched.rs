@@ -2,16 +2,13 @@
 
 use crate::discretise::analysis::energy_minimum;
 use crate::discretise::cluster::{Cluster, Group};
-use crate::discretise::equations::accounts;
-use crate::expression::{Expr, Symbol};
+use crate::expression::Symbol;
 use crate::graph::RegionId;
 use crate::model::{ExpectationKind, Meeting, Model};
 use crate::structure::Form;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use bond_runtime::scene::Watched;
-use rustc_hash::FxHashMap;
-use std::cell::OnceCell;
 
 /// One for each such expectation, in their order.
 ///
@@ -89,26 +86,12 @@ fn behind(form: &Form, from: RegionId, at: Meeting) -> Vec<RegionId> {
 /// # Errors
 /// The name of a state whose energy has no lower bound.
 fn available(model: &mut Model, form: &Form, c: &Cluster, g: &Group) -> Result<f64, String> {
-    let is_heat = |s: &usize| c.states[*s].column.is_some_and(|x| accounts::is_thermal(model, form, x));
-    let (heat, moving): (Vec<usize>, Vec<usize>) = g.states.iter().copied().partition(is_heat);
-    let Some(first) = moving.first() else { return Ok(0.0) };
+    let heats = c.heats(model, form, g);
+    let Some(first) = g.states.iter().find(|s| !heats.contains(s)) else { return Ok(0.0) };
     if !g.bounded {
         return Err(c.states[*first].name.clone());
     }
-    let frozen: FxHashMap<Symbol, Expr> =
-        heat.iter().map(|s| (c.states[*s].symbol, model.pool.float(c.states[*s].initial))).collect();
-    let slopes = g.states.iter().zip(&g.coenergy).filter(|(s, _)| moving.contains(s)).map(|(_, z)| *z);
-    let slopes: Vec<Expr> = slopes.collect();
-    let part = Group {
-        region: g.region,
-        energy: model.pool.substitute(g.energy, &frozen),
-        coenergy: slopes.into_iter().map(|z| model.pool.substitute(z, &frozen)).collect(),
-        energy_form: OnceCell::new(),
-        bounded: g.bounded,
-        least_at: g.least_at,
-        states: moving,
-    };
     let start = |s: Symbol| c.states.iter().find(|x| x.symbol == s).map_or(0.0, |x| x.initial);
-    let stored = model.pool.eval(part.energy, &start) - energy_minimum::minimum(model, &part, c);
+    let stored = model.pool.eval(g.energy, &start) - energy_minimum::minimum(model, g, c, &heats);
     Ok(stored.max(0.0))
 }

@@ -2,10 +2,11 @@
 
 use crate::discretise::cluster::{Cluster, Group, Node};
 use crate::expression::Sign;
+use crate::graph::RegionId;
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Role};
 use bond_runtime::ir::Builder;
-use bond_runtime::scene::{Entries, Produced, Steering};
+use bond_runtime::scene::{Entries, Produced, Steering, Work};
 use rustc_hash::FxHashMap;
 
 /// The columns of a region's entries in the ledger. A field is one entry, of all its ports.
@@ -46,6 +47,11 @@ impl Cluster {
                 let exchanged = b.named(Array::Output, format!("exchanged({name})")).index as usize;
                 e.change = Some((change, exchanged));
             }
+            if self.counts_work(model, form, *r) {
+                let energy = b.named(Array::Output, format!("work({name})")).index as usize;
+                let heats = accounts.supplied.iter().enumerate().filter(|(_, c)| is_thermal(model, form, **c));
+                e.work = Some(Work { energy, heats: heats.map(|(i, _)| i).collect(), ..Work::default() });
+            }
             for c in accounts.supplied {
                 e.steered.extend(steering(model, form, c).map(|s| (e.supplied.len(), s)));
                 let name = form.column(c).name.clone();
@@ -72,6 +78,25 @@ impl Cluster {
             list.push(e);
         }
         list
+    }
+
+    /// Whether a region is sampled and has to do with heat, which must not be drawn as work.
+    fn counts_work(&self, model: &Model, form: &Form, region: RegionId) -> bool {
+        let own = |c: ColumnId| form.column(c).region == region && is_thermal(model, form, c);
+        let columns = self.nodes.iter().filter_map(|n| n.source().or(n.resistor())).chain(self.ports.iter().copied());
+        self.sampling.is_some() && columns.chain(self.states.iter().filter_map(|s| s.column)).any(own)
+    }
+
+    /// Which states of a group are heat: their bonds are of temperature and entropy.
+    pub(crate) fn heats(&self, model: &Model, form: &Form, g: &Group) -> Vec<usize> {
+        let is_heat = |s: &usize| self.states[*s].column.is_some_and(|c| is_thermal(model, form, c));
+        g.states.iter().copied().filter(is_heat).collect()
+    }
+
+    /// The groups of a region whose energy is not heat alone.
+    pub(crate) fn working_groups(&self, model: &Model, form: &Form, region: RegionId) -> Vec<&Group> {
+        let works = |g: &&Group| self.heats(model, form, g).len() < g.states.len();
+        self.groups_in(region).iter().filter(works).collect()
     }
 
     /// The columns of the entries of each region of the cluster, in the order in which [`Self::reserve`] lists them.

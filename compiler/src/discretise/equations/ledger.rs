@@ -112,7 +112,7 @@ pub(crate) fn variable(model: &mut Model, form: &Form, column: ColumnId, variabl
 /// counts to first order: else each step's balance would be off by the rounding of the angle or stroke.
 pub(crate) fn energies(
     c: &Cluster,
-    model: &mut Model,
+    (model, form): (&mut Model, &Form),
     b: &mut Builder,
     (states, rests): (&[Value], &[Value]),
     inputs: &Inputs,
@@ -160,6 +160,14 @@ pub(crate) fn energies(
             let mut start = Lowering::new(inputs.env.iter().copied());
             let v = start.lower(&model.pool, b, h).map_err(|s| missing(model, s))?;
             b.store(Slot::new(Array::Output, slot), v);
+        }
+        if let Some(work) = &e.work {
+            let groups = c.working_groups(model, form, *r);
+            let terms: Vec<Expr> = groups.into_iter().map(|g| c.energy_form(&mut model.pool, g).energy).collect();
+            let sum = model.pool.sum(&terms);
+            let later = model.pool.substitute(sum, &end);
+            let v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
+            b.store(Slot::new(Array::Output, work.energy), v);
         }
         if e.size == e.energy {
             continue;

@@ -373,7 +373,7 @@ fn write(
             k += 1;
         }
     }
-    ledger::energies(c, model, &mut b, (&next[..c.states.len()], &[]), &inputs, &entries)?;
+    ledger::energies(c, (model, form), &mut b, (&next[..c.states.len()], &[]), &inputs, &entries)?;
     let estimate = (!error.is_empty()).then(|| {
         let integrals = c.integrals.iter().map(|i| model.pool.name(i.symbol).to_string());
         let names = c.states.iter().map(|s| s.name.clone()).chain(integrals);

@@ -121,7 +121,7 @@ pub(crate) fn write(
         b.store(Slot::new(Array::Next, first + i), *v);
     }
     inputs::store_integrals_and_loops(c, model, (&mut b, &mut lowering), &inputs, &flat)?;
-    ledger::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
+    ledger::energies(c, (model, form), &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     Ok((label.stepper(program), entries))
 }

@@ -42,7 +42,7 @@ fn write(label: Label, c: &Cluster, model: &mut Model, form: &Form) -> Result<St
     let next = writing.next_states(&line, &mirror)?;
     writing.store(&next, &flat)?;
     let Writing { model, mut b, target, total, zero, .. } = writing;
-    ledger::energies(c, model, &mut b, (&next, &[]), &inputs, &entries)?;
+    ledger::energies(c, (model, form), &mut b, (&next, &[]), &inputs, &entries)?;
     // What a leap missed: H+ - target where there was one.
     let mut at = Lowering::new(c.states.iter().map(|s| s.symbol).zip(next.iter().copied()));
     let after = at.lower(&model.pool, &mut b, total).map_err(|s| missing(model, s))?;

@@ -592,7 +592,7 @@ fn write(
     let stages: Vec<(f64, &FxHashMap<Symbol, Expr>)> =
         tableau.weights.iter().map(|w| w.high).zip(&plan.flats).collect();
     ledger::ledger(c, model, form, &mut b, &mut lowering, &stages, &entries, inputs.h)?;
-    ledger::energies(c, model, &mut b, (&next, &rests), &inputs, &entries)?;
+    ledger::energies(c, (model, form), &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     // Linear equations need no other stepper.
     let fallback = label.fallback.filter(|_| linear.is_none());

@@ -105,7 +105,7 @@ fn program(
         b.store(Slot::new(Array::Next, n + c.integrals.len() + i), *z);
     }
     if with_ledger {
-        ledger::energies(c, model, &mut b, (&values, &[]), &inputs, &entries)?;
+        ledger::energies(c, (model, form), &mut b, (&values, &[]), &inputs, &entries)?;
     }
     Ok((verified(model, b.finish())?, plan.linear, entries))
 }

@@ -680,6 +680,6 @@ fn energies(
     }
     let itself: Vec<Entries> =
         entries.iter().map(|e| Entries { energy: e.modified.unwrap_or(e.energy), ..e.clone() }).collect();
-    ledger::energies(c, model, b, (next, rests), inputs, &itself)?;
+    ledger::energies(c, (model, form), b, (next, rests), inputs, &itself)?;
     Ok(sizes)
 }
