@@ -3,7 +3,7 @@
 use crate::code::Code;
 use crate::errors::Errors;
 use crate::failure::RunError;
-use crate::load::{FileLoader, read};
+use crate::load::{CarriedTexts, FileLoader, Use, read};
 use crate::quantity::{Quantity, quantity};
 use crate::simulation::{Simulation, SimulationInternals};
 use crate::steps::{Steps, StepsInternals};
@@ -214,6 +214,7 @@ pub struct Text {
     sources: Sources,
     loaded: bond_compiler::Loaded,
     used: Vec<PathBuf>,
+    uses: Vec<Use>,
 }
 
 impl Text {
@@ -224,7 +225,7 @@ impl Text {
         let main = sources.add(name, text);
         let mut loader = FileLoader::new(name);
         let loaded = bond_compiler::load(&mut sources, main, &mut loader);
-        Self { name: name.to_string(), sources, loaded, used: loader.used() }
+        Self { name: name.to_string(), sources, loaded, used: loader.used(), uses: loader.uses() }
     }
 
     /// The name under which it is shown.
@@ -245,6 +246,31 @@ impl Text {
     /// Where the files are that it uses.
     pub fn used(&self) -> &[PathBuf] {
         &self.used
+    }
+}
+
+/// A text that goes along with a program, away from its files.
+pub trait TextInternals: Sized {
+    /// It and the files that it uses, but for those of the bundled library.
+    fn carry(&self) -> CarriedTexts;
+
+    /// Parses what was carried along.
+    fn carried(texts: &CarriedTexts) -> Self;
+}
+
+impl TextInternals for Text {
+    fn carry(&self) -> CarriedTexts {
+        let is_own = |name: &String| *name == self.name || self.uses.iter().any(|u| u.name == *name);
+        let own = self.sources.list().iter().filter(|s| is_own(&s.name));
+        CarriedTexts { list: own.map(|s| (s.name.clone(), s.text.clone())).collect(), uses: self.uses.clone() }
+    }
+
+    fn carried(texts: &CarriedTexts) -> Self {
+        let (name, text) = texts.list.first().cloned().unwrap_or_default();
+        let mut sources = Sources::new();
+        let main = sources.add(name.clone(), text);
+        let loaded = bond_compiler::load(&mut sources, main, &mut &*texts);
+        Self { name, sources, loaded, used: Vec::new(), uses: texts.uses.clone() }
     }
 }
 

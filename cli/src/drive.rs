@@ -113,16 +113,13 @@ pub fn watched(sim: &mut Simulation<'_>, rows: Rows, stop: f64, watch: &mut dyn 
     }
 }
 
-/// Runs again to an instant, by the same rows and looks as before: when a region's step failed, others had already
-/// gone on, and this finds all of them as they were before.
-pub fn again(sim: &mut Simulation<'_>, rows: Rows, until: f64, looks: bool) {
+/// Runs again to an instant, by the same rows as before: when a region's step failed, others had already gone on, and
+/// this finds all of them as they were before.
+pub fn again(sim: &mut Simulation<'_>, rows: Rows, until: f64) {
     let from = sim.time() * (1.0 - 1e-12);
     for t in rows.filter(|t| *t >= from).take_while(|t| *t < until).chain([until]) {
         // What did not fail then does not fail now.
         let _ = sim.advance(t);
-        if looks {
-            let _ = sim.probes();
-        }
     }
 }
 

@@ -1,14 +1,21 @@
 //! An executable virtual environment: this program with a scene at its end. When it starts it looks at the end of its
 //! own file, and if there is a scene it is that scene's environment, and nothing else.
 //!
+//! Step programs are made for the steps that they take: which steppers there are depends on the tolerance, and some
+//! numbers in them on the length of the steps and of the run. So the scene has the text with it that it was compiled
+//! from, and a run that asks for other steps or another end compiles that: the same options give the same bytes as
+//! those of `bond run`.
+//!
 //! The file is the program, then the scene in its envelope, then the envelope's length (8 bytes, little-endian) and
 //! [`MARK`].
 
 use crate::arguments;
 use crate::attribution::Attribution;
 use crate::commands::{run, serve};
-use crate::report;
+use crate::input;
 use crate::stop::Stop;
+use bond::internal::{CarriedTexts, CompiledInternals, TextInternals};
+use bond::{Compiled, Options, Text};
 use bond_compiler::elaborate;
 use bond_compiler::model::Settings;
 use bond_runtime::envelope::{self, Kind};
@@ -29,10 +36,14 @@ const TAIL: u64 = 16;
 pub struct Environment {
     /// The version that built it.
     pub version: String,
+    /// What it was compiled from.
+    pub texts: CarriedTexts,
+    /// Which of the text's models it is, where that was asked.
+    pub model: Option<String>,
     /// The stepper that was asked for.
     pub method: Option<String>,
-    /// Parameters that were set, as `path = value unit`.
-    pub set: Vec<String>,
+    /// Parameters that were set: path, and value with its unit.
+    pub set: Vec<(String, String)>,
     /// What was left out.
     pub without: Vec<String>,
     /// End of the run, s, as the model says.
@@ -43,7 +54,7 @@ pub struct Environment {
     pub tolerance: Option<f64>,
     /// Distance of rows of output, s.
     pub every: Option<f64>,
-    /// What runs.
+    /// What runs, compiled for the steps and the end that the model says.
     pub scene: Scene,
 }
 
@@ -63,6 +74,23 @@ impl Environment {
     fn settings(&self) -> Settings {
         let (stop, step, tolerance, every) = (self.stop, self.step, self.tolerance, self.every);
         Settings { stop, step, tolerance, every, ..Settings::default() }
+    }
+
+    /// What a run with these options takes, where that is not the scene that is there.
+    ///
+    /// # Errors
+    /// A model that is wrong for these options; a state to be resumed that cannot be read.
+    fn compile(&self, how: &run::How) -> Result<Option<Compiled>, Stop> {
+        if how.is_as_model() {
+            return Ok(None);
+        }
+        let mut options = Options::new();
+        options = self.model.iter().fold(options, |o, model| o.model(model));
+        options = self.method.iter().fold(options, |o, method| o.method(method));
+        options = self.set.iter().fold(options, |o, (path, value)| o.set(path, value));
+        options = self.without.iter().fold(options, |o, path| o.without(path));
+        let text = Text::carried(&self.texts);
+        how.made_for(options)?.compile_text(&text).map(Some).map_err(|e| input::wrong(&e))
     }
 }
 
@@ -234,13 +262,9 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
     match line.command {
         Command::Run(args) => {
             args.fixed.check()?;
-            if e.method.is_none() && args.how.tolerance.is_some_and(|x| Some(x) != e.scene.made.tolerance) {
-                report::say(
-                    "note: the steppers were chosen when this file was built, and do not depend on --tolerance; \
-                    `bond build --method collocation8` takes one of high order",
-                );
-            }
-            run::simulate(&e.scene, &e.settings(), &args.how, Attribution::Model(&e.scene.name))
+            let compiled = e.compile(&args.how)?;
+            let scene = compiled.as_ref().map_or(&e.scene, Compiled::scene);
+            run::simulate(scene, &e.settings(), &args.how, Attribution::Model(&scene.name))
         }
         Command::Serve(args) => {
             args.fixed.check()?;
@@ -278,7 +302,7 @@ fn tell(out: &mut String, e: &Environment) -> std::fmt::Result {
     let input = |i: &Input| format!("{} = {}{} where nothing is given", i.name, i.value, unit(&i.unit));
     section(out, "Inputs", scene.inputs.iter().map(input).collect())?;
     section(out, "Open ports", scene.open.iter().map(|o| port(scene, o)).collect())?;
-    section(out, "Set when it was built", e.set.clone())?;
+    section(out, "Set when it was built", e.set.iter().map(|(path, value)| format!("{path} = {value}")).collect())?;
     section(out, "Left out when it was built", e.without.clone())?;
     let mut fixed: Vec<String> = e.method.iter().map(|m| format!("method {m}")).collect();
     fixed.extend(e.stop.map(|t| format!("stop {} s", elaborate::told(t))));

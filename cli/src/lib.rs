@@ -76,10 +76,10 @@ pub use steps::Steps;
 #[doc(hidden)]
 pub mod internal {
     pub use crate::code::Code;
-    pub use crate::compile::{CompiledInternals, OptionsInternals};
+    pub use crate::compile::{CompiledInternals, OptionsInternals, TextInternals};
     pub use crate::exchange::ExchangeInternals;
     pub use crate::failure::{failure, refusal};
-    pub use crate::load::{FileLoader, ReadError, read, read_bytes, read_table};
+    pub use crate::load::{CarriedTexts, FileLoader, ReadError, read, read_bytes, read_table};
     pub use crate::quantity::{Quantity, quantity, seconds};
     pub use crate::simulation::SimulationInternals;
     pub use crate::steps::StepsInternals;

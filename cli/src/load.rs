@@ -1,6 +1,7 @@
 //! Files of models: reading them, and following `use "path"` from one to the next.
 
 use bond_compiler::elaborate::Loader;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::Read;
@@ -98,6 +99,18 @@ pub struct FileLoader {
     places: HashMap<String, PathBuf>,
     /// The shown name of each, by its true path.
     names: HashMap<PathBuf, String>,
+    uses: Vec<Use>,
+}
+
+/// A use that was followed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Use {
+    /// The shown name of the file that says it.
+    pub from: String,
+    /// The path that it says.
+    pub path: String,
+    /// The shown name of the file that was found there.
+    pub name: String,
 }
 
 impl FileLoader {
@@ -105,7 +118,7 @@ impl FileLoader {
     /// standard input), `use` is relative to the folder that the name stands in.
     pub fn new(name: &str) -> Self {
         let place = std::fs::canonicalize(name).unwrap_or_else(|_| PathBuf::from(name));
-        let mut loader = Self { places: HashMap::new(), names: HashMap::new() };
+        let mut loader = Self { places: HashMap::new(), names: HashMap::new(), uses: Vec::new() };
         loader.places.insert(name.to_string(), place.clone());
         loader.names.insert(place, name.to_string());
         loader
@@ -116,6 +129,26 @@ impl FileLoader {
         let mut list: Vec<PathBuf> = self.places.values().cloned().collect();
         list.sort();
         list
+    }
+
+    /// What was used so far.
+    pub fn uses(self) -> Vec<Use> {
+        self.uses
+    }
+
+    /// The shown name of a file that `from` uses, by its true path.
+    fn name(&mut self, from: &str, path: &str, place: PathBuf) -> String {
+        if let Some(name) = self.names.get(&place) {
+            return name.clone();
+        }
+        let mut name = tidy(&Path::new(from).parent().unwrap_or(Path::new("")).join(path));
+        // Two files never share a name, and none has one of the bundled library's.
+        if self.places.contains_key(&name) || name.starts_with("std/") {
+            name = place.to_string_lossy().into_owned();
+        }
+        self.places.insert(name.clone(), place.clone());
+        self.names.insert(place, name.clone());
+        name
     }
 }
 
@@ -130,17 +163,27 @@ impl Loader for FileLoader {
         };
         let text = read_file(&wanted).map_err(unreadable)?;
         let place = std::fs::canonicalize(&wanted).unwrap_or(wanted);
-        if let Some(name) = self.names.get(&place) {
-            return Ok((name.clone(), text));
-        }
-        let mut name = tidy(&Path::new(from).parent().unwrap_or(Path::new("")).join(path));
-        // Two files never share a name, and none has one of the bundled library's.
-        if self.places.contains_key(&name) || name.starts_with("std/") {
-            name = place.to_string_lossy().into_owned();
-        }
-        self.places.insert(name.clone(), place.clone());
-        self.names.insert(place, name.clone());
+        let name = self.name(from, path, place);
+        self.uses.push(Use { from: from.into(), path: path.into(), name: name.clone() });
         Ok((name, text))
+    }
+}
+
+/// Texts that were read before, to be compiled where their files are not: the name and the text of each, the main one
+/// first, and which of them uses which.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CarriedTexts {
+    /// Names and texts.
+    pub list: Vec<(String, String)>,
+    /// The uses between them.
+    pub uses: Vec<Use>,
+}
+
+impl Loader for &CarriedTexts {
+    fn load(&mut self, from: &str, path: &str) -> Result<(String, String), String> {
+        let used = self.uses.iter().find(|u| u.from == from && u.path == path);
+        let found = used.and_then(|u| self.list.iter().find(|(name, _)| *name == u.name));
+        found.cloned().ok_or_else(|| "it is not among the texts that were carried along".to_string())
     }
 }
 

@@ -1,5 +1,5 @@
 //! A compiled scene: the step programs of all its clusters and how they are joined. Made by the compiler, run by
-//! [`crate::simulate`]; it is all that a built environment carries.
+//! [`crate::simulate`].
 //!
 //! A *cluster* is what steps as one: a sampled region, or several that hold alike for the same cluster; the signal
 //! states of a `sampled` block; or the continuous regions and signal states that read each other's signals.

@@ -72,6 +72,29 @@ fn every_scene_goes_on_bit_for_bit() {
     }
 }
 
+/// Whoever looks, and wherever within the steps, the run goes on with the same bits.
+#[test]
+fn looking_changes_no_scene() {
+    for (title, path, scene) in all_scenes() {
+        let compiled = file(&path, Options::new().model(&scene));
+        let settings = &compiled.stages().model.settings;
+        let options =
+            Steps::new().resolve(settings, stop(&compiled), settings.every).unwrap_or_else(|e| panic!("{title}: {e}"));
+        let end = 0.03 * stop(&compiled);
+        let run = |looks: bool| {
+            let mut sim = Simulation::with(compiled.scene(), &options, []).ok()?;
+            for k in 1..=37 {
+                sim.advance(f64::from(k) * end / 37.0).ok()?;
+                if looks {
+                    row(&mut sim);
+                }
+            }
+            sim.save().ok()
+        };
+        assert!(run(true) == run(false), "{title}");
+    }
+}
+
 /// Scenes of every kind: exact and not, sampled at several rates, every hold.
 const KINDS: [(&str, &str); 12] = [
     ("virtual_wall", "VirtualWall"),

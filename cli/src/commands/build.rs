@@ -6,8 +6,8 @@ use crate::input::{self, Set, Which};
 use crate::output;
 use crate::report;
 use crate::stop::Stop;
-use bond::internal::{CompiledInternals, OptionsInternals, StepsInternals};
-use bond::{Compiled, Steps};
+use bond::internal::{CompiledInternals, OptionsInternals, StepsInternals, TextInternals};
+use bond::{Compiled, Steps, Text};
 use bond_compiler::backend::EMITTERS;
 use bond_compiler::discretise::{Accuracy, Method};
 use clap::builder::{PossibleValue, PossibleValuesParser};
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
     after_help = "Examples:\n  bond build wall.bond\n  ./wall run --stop 2s -o wall.csv\n  bond build device.bond -o wall --set \
                   wall.k=2e3\n  ./wall serve --udp 127.0.0.1:7000 --duration 60s\n  ./wall --help\n  bond build device.bond --emit c -o wall.c\n  bond build device.bond --emit object \
                   --prefix wall -o wall_object.o\n  bond build device.bond --emit fmu -o wall.fmu\n  bond build device.bond --emit wasm -o wall.wasm\n\nAn executable is a copy of this program with the compiled \
-                  scene appended: it runs on machines like this one. Its parameters and\nmethods are fixed. C source and objects come with a header that documents their use. They, and FMI 2.0\nunits and WebAssembly modules, take fixed steps."
+                  scene and the text of the model appended: it runs on machines like this one,\nwith the same numbers as bond run. Its parameters and methods are fixed. C source and objects come with a header that documents their use. They, and FMI 2.0\nunits and WebAssembly modules, take fixed steps."
 )]
 pub struct Args {
     /// A model; `-` is standard input
@@ -72,13 +72,14 @@ pub fn build(args: &Args) -> Result<(), Stop> {
     if emitter.is_some() {
         options = options.accuracy(Accuracy::Uncut);
     }
-    let compiled = input::compile(&args.file, &options)?;
+    let text = Text::new(&input::name(&args.file), input::read(&args.file)?);
+    let compiled = options.compile_text(&text).map_err(|e| input::wrong(&e))?;
     let emission = Emission { file: &args.file, output: args.output.as_deref(), step: args.step, prefix: &args.prefix };
     match emitter {
         None if args.step.is_some() || args.prefix != "bond" => Err(Stop::Usage(
             "--step and --prefix are not for executables; an executable takes --step when it runs".into(),
         )),
-        None => executable(args, &compiled),
+        None => executable(args, &text, &compiled),
         Some(emitter) if !emitter.has_header && args.prefix != "bond" => {
             let named: Vec<&str> = EMITTERS.iter().filter(|e| e.has_header).map(|e| e.name).collect();
             Err(Stop::Usage(format!("--prefix is for --emit {}; other names are fixed", named.join(" and "))))
@@ -99,8 +100,8 @@ fn place(args: &Args, name: &str, ending: &str) -> PathBuf {
     }
 }
 
-/// The program itself with the scene at its end.
-fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
+/// The program itself with the scene and its text at its end.
+fn executable(args: &Args, text: &Text, compiled: &Compiled) -> Result<(), Stop> {
     let scene = compiled.scene();
     let out = place(args, &scene.name, std::env::consts::EXE_SUFFIX);
     if out == Path::new("-") {
@@ -113,9 +114,11 @@ fn executable(args: &Args, compiled: &Compiled) -> Result<(), Stop> {
     let settings = &compiled.stages().model.settings;
     // Report invalid settings now, and not when it runs.
     Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
-    let set = args.set.written().map(|(path, value)| format!("{path} = {value}"));
+    let set = args.set.written().map(|(path, value)| (path.to_string(), value));
     let carried = environment::Environment {
         version: env!("CARGO_PKG_VERSION").into(),
+        texts: text.carry(),
+        model: args.which.model.clone(),
         method: args.method.clone(),
         set: set.collect(),
         without: args.set.without(),

@@ -43,7 +43,8 @@ use std::time::Instant;
                   was passive, the worst balance, and why it failed. With --every or --at it has rows over time. Finished instances \
                   are kept in FILE.part until the table is written; after an interruption the same command continues.\nWith --error or --budget, the steppers that keep the balance (or the one of --method) are tried \
                   first and compared with a far more exact run; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
-                  seconds, and for each column the path of an `input`, in SI units.\nTimes are in seconds or have a unit.\nA resumed run gives the same bits as an uninterrupted one, if both have the same rows and the same steps. \
+                  seconds, and for each column the path of an `input`, in SI units.\nTimes are in seconds or have a unit.\nA resumed run gives the same bits as an uninterrupted one, if both have the same steps, whatever is written of \
+                  either. \
                   If neither --step nor --longest is given, some step lengths depend on --stop: those of `exact`, a\n\
                   thousandth of the run, and the first adaptive one. A resumed run keeps the lengths with which it began. \
                   To resume a state that was saved with --error or --budget,\n\
@@ -137,6 +138,38 @@ enum Format {
     Json,
 }
 
+impl How {
+    /// Whether it runs what is compiled without any of these options.
+    pub fn is_as_model(&self) -> bool {
+        let Self { step, longest, stop, tolerance, .. } = self;
+        [step, longest, stop, tolerance].iter().all(|x| x.is_none()) && self.resume.is_none()
+    }
+
+    /// To compile for the accuracy, the steps and the end of this run; where a state is resumed, for those that the
+    /// scene was compiled for then.
+    ///
+    /// # Errors
+    /// A state that cannot be read.
+    pub fn made_for(&self, options: bond::Options) -> Result<bond::Options, Stop> {
+        if let Some(made) = self.resume.as_deref().map(checkpoint::made).transpose()?.flatten() {
+            let accuracy = made.tolerance.map_or(Accuracy::Fixed, Accuracy::Tolerance);
+            return Ok(options.accuracy(accuracy).step(made.pace));
+        }
+        let accuracy = match (self.step, self.tolerance) {
+            (_, Some(x)) => Accuracy::Tolerance(x),
+            (Some(_), None) => Accuracy::Fixed,
+            (None, None) => Accuracy::AsModel,
+        };
+        Ok(self.long(options.accuracy(accuracy)))
+    }
+
+    /// To compile for the length of the steps, or of the longest, and for the end of the run, if given.
+    fn long(&self, options: bond::Options) -> bond::Options {
+        let options = self.step.or(self.longest).into_iter().fold(options, bond::Options::step);
+        self.stop.into_iter().fold(options, bond::Options::stop)
+    }
+}
+
 /// A tolerance.
 pub fn tolerance(text: &str) -> Result<f64, String> {
     match bond::internal::quantity(text)? {
@@ -160,10 +193,9 @@ pub fn run(args: &Args) -> Result<(), Stop> {
     if let Some(method) = &args.method {
         options = options.method(method);
     }
-    options = options.accuracy(accuracy(&args.how));
     ensembles(args)?;
     if args.ensemble.asked() {
-        return many(args, ready(options, lengths(&args.how)));
+        return many(args, args.how.made_for(options)?);
     }
     let target = match (args.error, args.budget) {
         (Some(e), _) => Some(Target::Error(e)),
@@ -171,9 +203,9 @@ pub fn run(args: &Args) -> Result<(), Stop> {
         (None, None) => None,
     };
     if let Some(target) = target {
-        return chosen(args, ready(options, lengths(&args.how)), target);
+        return chosen(args, args.how.made_for(options)?, target);
     }
-    let compiled = compile(args, options)?;
+    let compiled = input::compile(&args.file, &args.how.made_for(options)?)?;
     unused(&args.how, compiled.used())?;
     lints(&compiled).iter().for_each(|r| report::say(&format!("note: {r}")));
     let by = Attribution::Text(&compiled).or_command_line(!args.set.set.is_empty());
@@ -204,7 +236,7 @@ fn chosen(args: &Args, options: bond::Options, target: Target) -> Result<(), Sto
     let ask = Ask {
         target,
         text: &text,
-        options: ready(input::options(&args.which, &args.set)?, lengths(how)),
+        options: how.long(input::options(&args.which, &args.set)?),
         method: args.method.as_deref(),
         stop,
         rows,
@@ -311,7 +343,7 @@ fn go(
     let kept = unsaved.map_or(Ok(()), Err).and(files.commit(failed.unwrap_or(f64::INFINITY)));
     if let Some(until) = failed.filter(|t| *t < sim.time()) {
         sim = begin()?;
-        drive::again(&mut sim, rows, until, args.output.is_some() || args.plot.is_some());
+        drive::again(&mut sim, rows, until);
     }
     if early.is_none() && matches!(kept, Err(Stop::Pipe)) {
         return kept;
@@ -551,42 +583,6 @@ fn asked(args: &How, settings: &Settings) -> (Steps, f64, Option<f64>) {
     (steps(args), stop, args.every.or(settings.every))
 }
 
-/// What the command line asks of the accuracy.
-fn accuracy(args: &How) -> Accuracy {
-    match (args.step, args.tolerance) {
-        (_, Some(x)) => Accuracy::Tolerance(x),
-        (Some(_), None) => Accuracy::Fixed,
-        (None, None) => Accuracy::AsModel,
-    }
-}
-
-/// Length of the steps, or of the longest, and the end of the run, s, if given.
-type Lengths = (Option<f64>, Option<f64>);
-
-/// Those that the command line gives.
-fn lengths(args: &How) -> Lengths {
-    (args.step.or(args.longest), args.stop)
-}
-
-/// To compile for these.
-fn ready(options: bond::Options, (step, stop): Lengths) -> bond::Options {
-    let options = step.into_iter().fold(options, bond::Options::step);
-    stop.into_iter().fold(options, bond::Options::stop)
-}
-
-/// Compiles a scene; one whose state was saved for the accuracy and the steps that it was compiled for then.
-fn compile(args: &Args, options: bond::Options) -> Result<bond::Compiled, Stop> {
-    let made = args.how.resume.as_deref().map(checkpoint::made).transpose()?.flatten();
-    let options = match made {
-        Some(made) => {
-            let accuracy = made.tolerance.map_or(Accuracy::Fixed, Accuracy::Tolerance);
-            options.accuracy(accuracy).step(made.pace)
-        }
-        None => ready(options, lengths(&args.how)),
-    };
-    input::compile(&args.file, &options)
-}
-
 /// The steps that the command line asks for.
 fn steps(args: &How) -> Steps {
     let steps = match (args.step, args.tolerance) {
@@ -637,16 +633,11 @@ impl Files {
     }
 
     fn row(&mut self, sim: &mut Simulation<'_>, t: f64) -> Result<(), Halt> {
-        let looks = self.rows.is_some() || self.plot.is_some();
         if self.resumed.is_some_and(|from| t <= from * (1.0 + 1e-12)) {
-            // Looking makes tables that later steps may take: the run that was never stopped looked here too.
-            if looks {
-                sim.probes().map_err(Halt::Numerics)?;
-            }
             return Ok(());
         }
         let sure = sim.settled();
-        if looks {
+        if self.rows.is_some() || self.plot.is_some() {
             let values = sim.probes().map_err(Halt::Numerics)?;
             let values = values.iter().copied().take(self.shown);
             put(&mut self.rows, t, values.clone(), sure)?;

@@ -42,15 +42,68 @@ fn what_is_built_runs_as_the_model_does() {
     assert_eq!(here.read("wanted.csv"), here.read("found.csv"));
     let found =
         environment(&here, "a", &["run", "--stop", "0.1", "--at", "0.05", "-o", "-"]).is(0, &["t,x,v\n0.05,"], &[]);
-    environment(&here, "a", &["run", "--tolerance", "1e-9"]).is(
-        0,
-        &[],
-        &["steppers were chosen when this file was built"],
-    );
     assert_eq!(found.out.lines().count(), 2);
     // Nothing is left beside it.
     let suffix = std::env::consts::EXE_SUFFIX;
     assert_eq!(here.list(), [format!("a{suffix}"), "found.csv".into(), "wanted.csv".into()]);
+}
+
+/// Step programs are made for the steps and the end of a run, and it takes part in the choice of steppers whether there
+/// is a tolerance.
+#[test]
+fn the_same_options_give_the_same_bytes() {
+    let part = "model Swing(E = 1 J) { port tip  C:s { H = E*(1 - cos(q)); q0 = 1 rad }  tip -> s }";
+    let scene = "use \"parts/swing.bond\"
+model Swinging(r = 1 kohm) {
+  Swing:swing
+  I:m = 1 kg*m^2
+  swing.tip -> 1:w -> m
+  // What a step goes over decides how its resistor is solved.
+  C:c1 { compliance = 1 uF; q0 = 1e-6 C }
+  C:c2 = 2 uF
+  R:tight = r
+  I:l = 1 H
+  R:d { e = 1 Ohm * f + 0.1 Ohm/A^2 * f^3 }
+  0:a -> c1
+  a -> 1:u -> tight
+  u -> 0:b -> c2
+  b -> 1:n -> l, d
+  probe angle = swing.s.q
+  probe voltage = c1.e
+  simulate { stop = 50 ms; tolerance = 1e-8 }
+}
+model Other { C:c = 1 F }
+";
+    let here = Folder::new().with("models/a.bond", scene).with("models/parts/swing.bond", part);
+    let choice = ["--model", "Swinging", "--set", "swing.E=2 N*m", "--set", "r=1 mOhm"];
+    here.bond(&[&["build", "models/a.bond", "-o", "here"][..], &choice].concat()).is(0, &[], &[]);
+    let cases: [&[&str]; 7] = [
+        &[],
+        &["--step", "50us"],
+        &["--step", "1us"],
+        &["--tolerance", "1e-4"],
+        &["--tolerance", "1e-9", "--longest", "1ms"],
+        &["--stop", "20ms"],
+        &["--stop", "20ms", "--step", "100us", "--every", "1ms"],
+    ];
+    let steady = |text: String| text.lines().filter(|l| !l.contains("simulated")).map(String::from).collect::<Vec<_>>();
+    let rest = ["-o", "-", "--checkpoint", "s"];
+    let wanted: Vec<_> = cases
+        .iter()
+        .map(|case| {
+            let run = [&["run", "models/a.bond"], &choice[..], case, &rest].concat();
+            let done = here.bond(&run).is(0, &[], &[]);
+            (done.out, steady(done.err), std::fs::read(here.0.join("s")).unwrap())
+        })
+        .collect();
+    std::fs::remove_dir_all(here.0.join("models")).unwrap();
+    for (case, wanted) in cases.iter().zip(wanted) {
+        let done = environment(&here, "here", &[&["run"], *case, &rest].concat()).is(0, &[], &[]);
+        let found = (done.out, steady(done.err), std::fs::read(here.0.join("s")).unwrap());
+        assert!(found == wanted, "{case:?}: {:?} and {:?}", found.1, wanted.1);
+        let on = ["run", "--resume", "s", "--stop", "60ms"];
+        environment(&here, "here", &on).is(0, &["to 0.06 s"], &[]);
+    }
 }
 
 #[test]

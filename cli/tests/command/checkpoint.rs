@@ -82,6 +82,25 @@ fn what_is_resumed_is_as_if_it_had_never_stopped() {
     }
 }
 
+/// Nobody looks at the first leg: what is resumed is the same.
+#[test]
+fn looking_changes_nothing() {
+    let here = Folder::new();
+    let model = super::model("examples/virtual_wall.bond");
+    let run = |args: &[&str]| {
+        here.bond(&[&["run", model.to_str().unwrap(), "--every", "10ms"], args].concat()).is(0, &[], &[]);
+    };
+    run(&["--stop", "3s", "--longest", "10ms", "-o", "whole.csv", "--checkpoint", "seen"]);
+    run(&["--stop", "3s", "--longest", "10ms", "--checkpoint", "unseen"]);
+    assert!(std::fs::read(here.0.join("seen")).unwrap() == std::fs::read(here.0.join("unseen")).unwrap());
+    run(&["--stop", "1s", "--longest", "10ms", "--checkpoint", "first"]);
+    run(&["--stop", "3s", "--resume", "first", "-o", "rest.csv"]);
+    let (whole, rest) = (here.read("whole.csv"), here.read("rest.csv"));
+    let (whole, rest): (Vec<&str>, Vec<&str>) = (whole.lines().collect(), rest.lines().collect());
+    assert_eq!(rest.len(), 201);
+    assert_eq!(whole[whole.len() - 200..], rest[1..]);
+}
+
 /// What a step goes over decides how tight resistors are solved: a run goes on as it began, to whatever end.
 #[test]
 fn tight_resistors_go_on_as_they_began() {

@@ -4,7 +4,7 @@ use super::controller::Fit;
 use super::error_scale::Scale;
 use super::guard::Watch;
 use super::input_signal::{ClusterInputs, InputSignal};
-use super::program::{Look, Ready, same_length};
+use super::program::{Look, Ready, rounded_length, same_length};
 use super::watched::Drawn;
 use super::{Error, Options};
 use crate::energy::{AccountPlaces, Booking, Layout, Ledger, account};
@@ -288,8 +288,7 @@ impl Run {
             let cut = self.signals.cut(at, end);
             let piece = cut.unwrap_or(end);
             if cut.is_some() || at > t {
-                // Rows that lie evenly leave steps that differ by rounding alone.
-                rest = self.step.known(piece - at, end);
+                rest = rounded_length(piece - at, at);
             }
             self.signals.aim(&mut self.input, at, piece);
             while let Some(part) = self.switch(c, at, rest) {
@@ -522,7 +521,7 @@ impl Run {
         let iterations = self.step.work.newton_iterations;
         let other = self.spare.as_mut().filter(|_| depth >= OWN).or(self.glance.as_mut());
         let ready = other.unwrap_or(&mut self.step);
-        let h = ready.known(h, at + h);
+        let h = rounded_length(h, at);
         self.input[0] = at;
         self.input[1] = h;
         if let Err(why) = ready.prepare(h) {

@@ -13,14 +13,25 @@ pub(super) fn same_length(a: f64, b: f64, instant: f64) -> bool {
     (a - b).abs() <= (4.0 * f64::EPSILON * instant.abs()).min(1e-6 * a.abs())
 }
 
-/// A stepper ready to run, with its tables by step length.
+/// The bits of a number that say which power of two it reaches.
+const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
+
+/// A length of time from the instant `t` on, without the digits that are rounding of that instant: rows that lie evenly
+/// leave lengths that differ by these alone. It depends on nothing that was done before, so that what is looked at
+/// changes no other number.
+pub(super) fn rounded_length(h: f64, t: f64) -> f64 {
+    let last = 4.0 * f64::EPSILON * f64::from_bits(t.to_bits() & EXPONENT);
+    if last > 0.0 && last <= 1e-6 * h { (h / last).round() * last } else { h }
+}
+
+/// A stepper ready to run, with its tables by step length: they are made again where they are not there.
 pub(super) struct Ready {
     kernel: Box<dyn Kernel>,
     pub(super) work: Workspace,
     linear: Option<exponential::Linear>,
     /// Tables by step length; the lengths are in order of making.
     tables: Vec<Vec<f64>>,
-    pub(super) lengths: Vec<f64>,
+    lengths: Vec<f64>,
     /// The table that was taken last.
     last: usize,
 }
@@ -36,11 +47,6 @@ impl Ready {
         Self { kernel, work, linear, tables: Vec::new(), lengths: Vec::new(), last: 0 }
     }
 
-    /// A length that there is a table for, where one is the same but for the rounding of the instant `t`.
-    pub(super) fn known(&self, h: f64, t: f64) -> f64 {
-        self.lengths.iter().copied().find(|l| same_length(h, *l, t)).unwrap_or(h)
-    }
-
     /// Makes the table for a step length, if the stepper needs one, and takes it from now on.
     pub(super) fn prepare(&mut self, h: f64) -> Result<(), String> {
         let Some(linear) = &self.linear else { return Ok(()) };
@@ -53,18 +59,13 @@ impl Ready {
         }
         let table = exponential::table(linear, h).map_err(|e| e.to_string())?;
         if self.tables.len() >= TABLES {
-            self.forget();
+            self.tables.clear();
+            self.lengths.clear();
         }
         self.last = self.tables.len();
         self.tables.push(table);
         self.lengths.push(h);
         Ok(())
-    }
-
-    /// Drops all tables.
-    pub(super) fn forget(&mut self) {
-        self.tables.clear();
-        self.lengths.clear();
     }
 
     /// Runs a step of the length that was prepared last.
@@ -90,5 +91,25 @@ impl Look {
     pub(super) fn run(&mut self, state: &[f64], input: &[f64]) -> Result<&[f64], Failure> {
         self.kernel.run(state, input, &[], &mut self.work)?;
         Ok(&self.work.output)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounded_length;
+
+    #[test]
+    fn lengths_between_even_instants_are_one() {
+        let mut lengths: Vec<f64> = (64..128).map(|k| f64::from(k) * 0.1).map(|t| rounded_length((t + 0.1) - t, t)).collect();
+        assert!(lengths.iter().all(|h| (h - 0.1).abs() < 4e-15), "{lengths:?}");
+        lengths.dedup();
+        assert!(lengths.len() <= 2, "{lengths:?}");
+    }
+
+    #[test]
+    fn lengths_that_are_told_apart_stay() {
+        for (h, t) in [(0.1, 0.0), (1e-12, 1.0), (f64::from_bits(1), 1e300), (1.0, f64::from_bits(1))] {
+            assert_eq!(rounded_length(h, t), h);
+        }
     }
 }

@@ -1,13 +1,12 @@
 //! The whole state of a run as bytes, and a run that goes on from them, bit for bit.
 //!
-//! What is kept is all that a later step reads: states, what is held and predicted, the ledger, the grids of steps and
-//! the lengths that tables were made for. Workspaces are not, for nothing in them is read by the next run.
+//! What is kept is all that a later step reads: states, what is held and predicted, the ledger, and the grids of steps.
+//! Workspaces and tables are not: the next run reads nothing of the first, and makes the second again.
 
 use super::cluster::Run;
 use super::controller::Control;
 use super::hold::{Held, Report};
 use super::input_signal::{ClusterInputs, InputSignal};
-use super::program::Ready;
 use super::trial::{Taken, copy};
 use super::watched::Most;
 use super::{Error, Options, Simulation};
@@ -83,8 +82,6 @@ struct Part {
     /// The first half of the step within which was looked last, where that was looked at from its end.
     half: Option<Taken>,
     largest: Vec<f64>,
-    lengths: Vec<f64>,
-    glance: Vec<f64>,
     held: Vec<Held>,
     port_admittance: Vec<f64>,
     delayed_response: Vec<f64>,
@@ -143,8 +140,6 @@ impl Simulation<'_> {
             tops: run.fit.as_ref().map(|f| f.tops.clone()).unwrap_or_default(),
             half: run.fit.as_ref().filter(|f| f.shown == Some(self.time) && f.midway).map(|f| f.half.clone()),
             largest: run.largest.clone(),
-            lengths: run.step.lengths.clone(),
-            glance: run.glance.as_ref().map(|g| g.lengths.clone()).unwrap_or_default(),
             held: self.held[i].clone(),
             port_admittance: self.port_admittance[i].clone(),
             delayed_response: self.delayed_response[i].clone(),
@@ -244,12 +239,6 @@ impl<'a> Simulation<'a> {
             same("the steps", &half.next, &fit.half.next)?;
             same("the steps", &half.output, &fit.half.output)?;
         }
-        tables(&mut run.step, &part.lengths)?;
-        match &mut run.glance {
-            Some(glance) => tables(glance, &part.glance)?,
-            None if part.glance.is_empty() => {}
-            None => return Err(Refused::Shape("the tables")),
-        }
         part.fill(run);
         self.held[i] = part.held;
         self.port_admittance[i] = part.port_admittance;
@@ -296,14 +285,4 @@ impl Part {
 /// Lists of one length.
 fn same<A, B>(what: &'static str, saved: &[A], own: &[B]) -> Result<(), Refused> {
     if saved.len() == own.len() { Ok(()) } else { Err(Refused::Shape(what)) }
-}
-
-/// Makes the tables for the lengths that there were, in their order: a step that differs from one by rounding takes its
-/// table.
-fn tables(ready: &mut Ready, lengths: &[f64]) -> Result<(), Refused> {
-    ready.forget();
-    for h in lengths {
-        ready.prepare(*h).map_err(|_| Refused::Shape("the tables"))?;
-    }
-    if ready.lengths == lengths { Ok(()) } else { Err(Refused::Shape("the tables")) }
 }

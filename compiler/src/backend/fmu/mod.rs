@@ -6,7 +6,7 @@
 mod description;
 
 use super::c;
-use super::code::Routine;
+use super::code::{Reason, Routine};
 use super::emitter::{Archive, Emitted, Emitter, Request};
 use super::standalone::StandaloneModule;
 use bond_runtime::envelope::digest;
@@ -110,7 +110,9 @@ impl<'a> Fmu<'a> {
         let start = self.variables.iter().filter_map(|v| v.start).map(|x| format!("{x:?}"));
         let start: Vec<String> = start.collect();
         let start = if start.is_empty() { "0".to_string() } else { start.join(", ") };
-        let _ = writeln!(out, "static const double start_of[] = {{ {start} }};\n");
+        let _ = writeln!(out, "static const double start_of[] = {{ {start} }};");
+        let why: Vec<String> = Reason::ALL.iter().map(|(_, why)| format!("{why:?}")).collect();
+        let _ = writeln!(out, "/* Why a commit failed. */\nstatic const char *const why[] = {{ {} }};\n", why.join(", "));
         out + SLAVE
     }
 }

@@ -265,8 +265,6 @@ EXPORT fmi2Status FMI(fmi2SetReal)(fmi2Component c, const fmi2ValueReference vr[
 }
 
 EXPORT fmi2Status FMI(fmi2DoStep)(fmi2Component c, fmi2Real from, fmi2Real length, fmi2Boolean no_way_back) {
-    static const char *const why[] = { "", "its equations were not solved", "its equations have no solution that is one",
-                                       "a number was not finite", "it cannot count further intervals" };
     slave *s = c;
     double left, slack;
     (void)no_way_back;
@@ -302,9 +300,9 @@ EXPORT fmi2Status FMI(fmi2DoStep)(fmi2Component c, fmi2Real from, fmi2Real lengt
             }
         }
         if (failed) {
-            char text[160];
+            char text[256];
             sprintf(text, "fmi2DoStep: the interval that begins at t = %.17g s failed: %s", (double)bond_time(&s->scene),
-                    why[failed > 0 && failed < 5 ? failed : 0]);
+                    failed > 0 && failed <= (int)(sizeof why / sizeof *why) ? why[failed - 1] : "");
             return tell(s, fmi2Discard, text);
         }
     }
@@ -381,26 +379,44 @@ EXPORT fmi2Status FMI(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *state) {
     return fmi2OK;
 }
 
+/* How many bytes come before those of a state: a digest (FNV-1a) of them and of the GUID. What another unit or nobody
+   wrote does not have it. */
+enum { SEAL = 8 };
+
+static void seal(const fmi2Byte state[], fmi2Byte to[SEAL]) {
+    const char *c;
+    unsigned long long digest = 0xcbf29ce484222325ull;
+    size_t i;
+    for (c = FMU_GUID; *c; ++c) digest = (digest ^ (unsigned char)*c) * 0x100000001b3ull;
+    for (i = 0; i < sizeof(memory); ++i) digest = (digest ^ (unsigned char)state[i]) * 0x100000001b3ull;
+    for (i = 0; i < SEAL; ++i) to[i] = (fmi2Byte)(digest >> 8 * i & 0xff);
+}
+
 EXPORT fmi2Status FMI(fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t *size) {
     if (!c || !state || !size) return fmi2Error;
-    *size = sizeof(memory);
+    *size = SEAL + sizeof(memory);
     return fmi2OK;
 }
 
 EXPORT fmi2Status FMI(fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     if (!c || !state || !bytes) return fmi2Error;
-    if (size < sizeof(memory)) return tell(c, fmi2Error, "fmi2SerializeFMUstate: the state does not fit");
-    memcpy(bytes, state, sizeof(memory));
+    if (size < SEAL + sizeof(memory)) return tell(c, fmi2Error, "fmi2SerializeFMUstate: the state does not fit");
+    seal(state, bytes);
+    memcpy(bytes + SEAL, state, sizeof(memory));
     return fmi2OK;
 }
 
 EXPORT fmi2Status FMI(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
+    static const char *const other = "fmi2DeSerializeFMUstate: these bytes are no state of this unit, or were changed";
     slave *s = c;
+    fmi2Byte own[SEAL];
     if (!s || !bytes || !state) return fmi2Error;
-    if (size != sizeof(memory)) return tell(s, fmi2Error, "fmi2DeSerializeFMUstate: these bytes are no state of this unit");
+    if (size != SEAL + sizeof(memory)) return tell(s, fmi2Error, other);
+    seal(bytes + SEAL, own);
+    if (memcmp(bytes, own, SEAL) != 0) return tell(s, fmi2Error, other);
     if (!*state) *state = take(&s->call, sizeof(memory));
     if (!*state) return tell(s, fmi2Error, "fmi2DeSerializeFMUstate: no memory");
-    memcpy(*state, bytes, sizeof(memory));
+    memcpy(*state, bytes + SEAL, sizeof(memory));
     return fmi2OK;
 }
 
